@@ -1,0 +1,1 @@
+"""The nouns every builder and solver shares: models, friction laws, mode sequences, gaits."""

@@ -1,0 +1,256 @@
+"""Friction laws of one contact: a smooth force for ODE solvers, set-valued facts for the others."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import casadi as ca
+
+__all__ = ["Coulomb", "Law", "Spike", "Stribeck", "Viscous"]
+
+Expression = ca.SX | float
+
+
+@runtime_checkable
+class Law(Protocol):
+    """What a solver may ask of a friction law; forces act on the worm, velocities are its own.
+
+    A law is told once and read in two ways: ``smooth`` is the regularised force, ``slip_force``
+    and ``stick_interval`` are the set-valued law itself. Each is the limit of the other as
+    ``v_reg`` tends to 0.
+    """
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """Signs of the velocities at which the contact may slide."""
+        ...
+
+    @property
+    def stick_interval(self) -> tuple[float, float]:
+        """Smallest and largest force that the contact can hold at rest."""
+        ...
+
+    def slip_force(self, v: Expression, direction: int) -> Expression:
+        """Force while sliding with velocity ``v`` in ``direction`` (+1 or -1)."""
+        ...
+
+    def smooth(self, v: Expression, v_reg: float) -> Expression:
+        """Regularised force at velocity ``v``, steep over the width ``v_reg``."""
+        ...
+
+
+def _blend(v: Expression, v_reg: float, ahead: Expression, behind: Expression) -> Expression:
+    """Join the forces of both directions by tanh (chapter 2.4, the smooth stand-in)."""
+    return (ahead + behind) / 2 + (ahead - behind) / 2 * ca.tanh(v / v_reg)
+
+
+@dataclass(frozen=True)
+class Coulomb:
+    """Anisotropic dry friction with stiction, equation (9).
+
+    Parameters
+    ----------
+    forward : float
+        Sliding force F+ that opposes forward motion, in force units, not negative.
+    backward : float
+        Sliding force F- that opposes backward motion.
+    stick_forward, stick_backward : float, optional
+        Largest resistance at rest against being moved forward and backward (stiction). They
+        default to the sliding forces.
+
+    Raises
+    ------
+    ValueError
+        If a force is negative or a stiction force is below its sliding force.
+
+    Examples
+    --------
+    >>> law = Coulomb(forward=1.0, backward=10.0)
+    >>> law.slip_force(0.3, +1), law.slip_force(-0.3, -1), law.stick_interval
+    (-1.0, 10.0, (-1.0, 10.0))
+    """
+
+    forward: float
+    backward: float
+    stick_forward: float | None = None
+    stick_backward: float | None = None
+
+    def __post_init__(self) -> None:
+        low, high = self.stick_interval
+        if min(self.forward, self.backward) < 0 or -low < self.forward or high < self.backward:
+            raise ValueError("friction forces must satisfy 0 <= sliding force <= stiction force")
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """Both directions are possible."""
+        return (1, -1)
+
+    @property
+    def stick_interval(self) -> tuple[float, float]:
+        """Forces from ``-stick_forward`` to ``+stick_backward``."""
+        ahead = self.forward if self.stick_forward is None else self.stick_forward
+        behind = self.backward if self.stick_backward is None else self.stick_backward
+        return -ahead, behind
+
+    def slip_force(self, v: Expression, direction: int) -> Expression:
+        """Constant force against ``direction``; ``v`` does not matter."""
+        return -self.forward if direction > 0 else self.backward
+
+    def smooth(self, v: Expression, v_reg: float) -> Expression:
+        """Blend of both sliding forces by tanh(v / v_reg); stiction is lost."""
+        return _blend(v, v_reg, self.slip_force(v, 1), self.slip_force(v, -1))
+
+
+@dataclass(frozen=True)
+class Stribeck:
+    """Dry friction whose sliding force falls from stiction to Coulomb's value.
+
+    The force in a direction is F + (Fs - F) exp(-(v / v_stribeck)^2).
+
+    Parameters
+    ----------
+    forward, backward : float
+        Sliding forces F+ and F- at high speed.
+    stick_forward, stick_backward : float
+        Stiction forces, at least the sliding forces.
+    v_stribeck : float
+        Velocity over which the force falls, positive.
+
+    Raises
+    ------
+    ValueError
+        If the forces are out of order or ``v_stribeck`` is not positive.
+
+    Examples
+    --------
+    >>> law = Stribeck(1.0, 2.0, stick_forward=1.5, stick_backward=4.0, v_stribeck=0.1)
+    >>> float(law.slip_force(0.0, 1)), round(float(law.slip_force(-9.0, -1)), 12)
+    (-1.5, 2.0)
+    """
+
+    forward: float
+    backward: float
+    stick_forward: float
+    stick_backward: float
+    v_stribeck: float
+
+    def __post_init__(self) -> None:
+        ordered = 0 <= self.forward <= self.stick_forward
+        if not (ordered and 0 <= self.backward <= self.stick_backward):
+            raise ValueError("friction forces must satisfy 0 <= sliding force <= stiction force")
+        if self.v_stribeck <= 0:
+            raise ValueError("v_stribeck must be positive")
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """Both directions are possible."""
+        return (1, -1)
+
+    @property
+    def stick_interval(self) -> tuple[float, float]:
+        """Forces from ``-stick_forward`` to ``+stick_backward``."""
+        return -self.stick_forward, self.stick_backward
+
+    def slip_force(self, v: Expression, direction: int) -> Expression:
+        """Velocity-weakening force against ``direction``."""
+        decay = ca.exp(-((v / self.v_stribeck) ** 2))
+        if direction > 0:
+            return -(self.forward + (self.stick_forward - self.forward) * decay)
+        return self.backward + (self.stick_backward - self.backward) * decay
+
+    def smooth(self, v: Expression, v_reg: float) -> Expression:
+        """Blend of both sliding forces by tanh(v / v_reg)."""
+        return _blend(v, v_reg, self.slip_force(v, 1), self.slip_force(v, -1))
+
+
+@dataclass(frozen=True)
+class Viscous:
+    """Linear drag -k v, which never sticks.
+
+    Parameters
+    ----------
+    drag : float
+        Coefficient k in force per velocity, not negative.
+
+    Raises
+    ------
+    ValueError
+        If ``drag`` is negative.
+
+    Examples
+    --------
+    >>> Viscous(2.0).slip_force(0.5, 1)
+    -1.0
+    """
+
+    drag: float
+
+    def __post_init__(self) -> None:
+        if self.drag < 0:
+            raise ValueError("drag must not be negative")
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """Both directions are possible."""
+        return (1, -1)
+
+    @property
+    def stick_interval(self) -> tuple[float, float]:
+        """At rest the force is zero."""
+        return 0.0, 0.0
+
+    def slip_force(self, v: Expression, direction: int) -> Expression:
+        """Force -k v in either direction."""
+        return -self.drag * v
+
+    def smooth(self, v: Expression, v_reg: float) -> Expression:
+        """Force -k v: there is nothing to regularise."""
+        return -self.drag * v
+
+
+@dataclass(frozen=True)
+class Spike:
+    """Unilateral spike, equation (4): v >= 0, load >= 0, v * load = 0.
+
+    It is the limit of dry friction without forward resistance as F- grows beyond bounds.
+
+    Parameters
+    ----------
+    scale : float, optional
+        Load that the smooth stand-in carries at v = -v_reg / 2 (roughly); a size, not a limit.
+
+    Examples
+    --------
+    >>> Spike().directions, Spike().stick_interval
+    ((1,), (0.0, inf))
+    """
+
+    scale: float = 1.0
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """Only forward."""
+        return (1,)
+
+    @property
+    def stick_interval(self) -> tuple[float, float]:
+        """Any force that pushes forward."""
+        return 0.0, math.inf
+
+    def slip_force(self, v: Expression, direction: int) -> Expression:
+        """No force forward; backward sliding does not exist.
+
+        Raises
+        ------
+        ValueError
+            If ``direction`` is backward.
+        """
+        if direction < 0:
+            raise ValueError("a spike does not slide backward")
+        return 0.0
+
+    def smooth(self, v: Expression, v_reg: float) -> Expression:
+        """Hyperbola scale (sqrt(v^2 + v_reg^2) - v) / (2 v_reg), steep for v < 0."""
+        return self.scale * (ca.sqrt(v**2 + v_reg**2) - v) / (2 * v_reg)

@@ -1,0 +1,221 @@
+"""Model: what a worm is and where it touches the ground, as CasADi expressions and no more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from wormopt.core.friction import Law
+
+__all__ = ["Contact", "Model", "Output", "Signal", "Switch"]
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """A named vector of symbols: a state, an input, an algebraic variable or a parameter.
+
+    Parameters
+    ----------
+    name : str
+        Field's standard name, for instance ``"length"``.
+    symbol : casadi.SX
+        Column of symbols.
+    unit : str, optional
+        Quantity it measures, for instance ``"length"`` or ``"speed"``.
+    nominal : float, optional
+        Usual size, by which solvers scale it.
+    lower, upper : float, optional
+        Bounds that hold by the model's own nature.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> Signal("length", ca.SX.sym("l", 2), unit="length").size
+    2
+    """
+
+    name: str
+    symbol: ca.SX
+    unit: str = "1"
+    nominal: float = 1.0
+    lower: float = -math.inf
+    upper: float = math.inf
+
+    @property
+    def size(self) -> int:
+        """Number of scalars."""
+        return self.symbol.numel()
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """A named expression of the model's symbols (a column), with its quantity as unit."""
+
+    name: str
+    expression: ca.SX
+    unit: str = "1"
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """One point where the worm touches the ground.
+
+    Parameters
+    ----------
+    name : str
+        Which point, for instance ``"mass 0"``.
+    velocity : casadi.SX
+        Tangential velocity, a scalar expression of the states.
+    force : casadi.SX
+        Scalar symbol of the tangential force; the model's ``ode`` is affine in it.
+    law : Law
+        Friction law.
+    nominal_force, nominal_speed : float, optional
+        Usual sizes, by which solvers scale force and velocity.
+    gap, normal_force : casadi.SX, optional
+        Distance to a wall and the symbol of the normal force, for unilateral walls.
+    """
+
+    name: str
+    velocity: ca.SX
+    force: ca.SX
+    law: Law
+    nominal_force: float = 1.0
+    nominal_speed: float = 1.0
+    gap: ca.SX | None = None
+    normal_force: ca.SX | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Switch:
+    """A discrete event of the model itself: when ``guard`` rises through 0, x becomes ``reset``."""
+
+    name: str
+    guard: ca.SX
+    reset: ca.SX
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A worm as a differential(-algebraic) system with contacts.
+
+    x' = ode(t, x, z, u, p, contact forces), 0 = alg(t, x, z, u, p). The ode is affine in the
+    contact forces. Which treatment the contacts get is the solver's choice, never the model's.
+
+    Parameters
+    ----------
+    name : str
+        What it is.
+    x : sequence of Signal
+        States.
+    ode : casadi.SX
+        Column of the states' time derivatives, in the order of ``x``.
+    u, z, p : sequence of Signal, optional
+        Inputs, algebraic variables, parameters.
+    alg : casadi.SX, optional
+        Column of algebraic equations for ``z``.
+    t : casadi.SX, optional
+        Symbol of time, where the model depends on it.
+    outputs : sequence of Output, optional
+        What a user wants to see or bound.
+    contacts : sequence of Contact, optional
+        Where it touches the ground.
+    switches : sequence of Switch, optional
+        Discrete events.
+
+    Raises
+    ------
+    ValueError
+        If the ode's length is not the number of states, or two signals share a name.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> v, f = ca.SX.sym("v"), ca.SX.sym("f")
+    >>> block = Model("block", x=[Signal("velocity", v)], ode=f - 1)
+    >>> block.n_x
+    1
+    """
+
+    name: str
+    x: Sequence[Signal]
+    ode: ca.SX
+    u: Sequence[Signal] = ()
+    z: Sequence[Signal] = ()
+    p: Sequence[Signal] = ()
+    alg: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    t: ca.SX = field(default_factory=lambda: ca.SX.sym("t"))  # type: ignore[no-any-return]
+    outputs: Sequence[Output] = ()
+    contacts: Sequence[Contact] = ()
+    switches: Sequence[Switch] = ()
+
+    def __post_init__(self) -> None:
+        if self.ode.numel() != self.n_x:
+            raise ValueError(f"model {self.name}: {self.ode.numel()} equations, {self.n_x} states")
+        names = [s.name for s in (*self.x, *self.z, *self.u, *self.p)]
+        if len(set(names)) < len(names):
+            raise ValueError(f"model {self.name}: two signals share a name in {names}")
+
+    @property
+    def n_x(self) -> int:
+        """Number of scalar states."""
+        return sum(s.size for s in self.x)
+
+    @property
+    def forces(self) -> ca.SX:
+        """Column of the contacts' force symbols."""
+        return ca.vertcat(ca.SX(0, 1), *(c.force for c in self.contacts))
+
+    @property
+    def contact_velocities(self) -> ca.SX:
+        """Column of the contacts' velocities."""
+        return ca.vertcat(ca.SX(0, 1), *(c.velocity for c in self.contacts))
+
+    @property
+    def contact_accelerations(self) -> ca.SX:
+        """Column of the time derivatives of the contact velocities along the ode."""
+        v = self.contact_velocities
+        return ca.jtimes(v, pack(self.x), self.ode) + ca.jacobian(v, self.t)
+
+    @property
+    def delassus(self) -> ca.SX:
+        """Matrix d(contact accelerations) / d(contact forces), by which rest is decided."""
+        return ca.jacobian(self.contact_accelerations, self.forces)
+
+    def output(self, name: str) -> ca.SX:
+        """Expression of the output called ``name``.
+
+        Raises
+        ------
+        KeyError
+            If there is none; the message lists those there are.
+        """
+        for output in self.outputs:
+            if output.name == name:
+                return output.expression
+        raise KeyError(f"{self.name} has no output {name!r}; it has {[o.name for o in self.outputs]}")
+
+
+def pack(signals: Sequence[Signal]) -> ca.SX:
+    """Stack the signals' symbols into one column.
+
+    Parameters
+    ----------
+    signals : sequence of Signal
+        In the order in which solvers shall see them.
+
+    Returns
+    -------
+    casadi.SX
+        Column, empty for no signals.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> pack([Signal("a", ca.SX.sym("a", 2)), Signal("b", ca.SX.sym("b"))]).shape
+    (3, 1)
+    """
+    return ca.vertcat(ca.SX(0, 1), *(s.symbol for s in signals))

@@ -1,0 +1,1 @@
+"""Gait design: constructed gaits, the search over mode sequences, and its polish."""

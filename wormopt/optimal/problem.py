@@ -1,0 +1,112 @@
+"""What to optimise: a Model, an objective over its ends and integrals, and bounds along the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from wormopt.core.model import Model, Signal
+
+__all__ = ["Bound", "Ends", "Problem"]
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """Interval for an expression: ``lower <= expression <= upper``, row by row.
+
+    Parameters
+    ----------
+    name : str
+        What it limits, as a user would say it; infeasible problems are explained by it.
+    expression : casadi.SX
+        Scalar or column of the problem's symbols.
+    lower, upper : float, optional
+        The interval; equal values make an equality.
+    nominal : float, optional
+        Usual size of the expression, by which it is scaled.
+    """
+
+    name: str
+    expression: ca.SX
+    lower: float = -float("inf")
+    upper: float = float("inf")
+    nominal: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """Symbols for what a whole motion amounts to: its two ends, its duration, its integrals."""
+
+    start: ca.SX
+    end: ca.SX
+    duration: ca.SX
+    integrals: ca.SX
+
+    @classmethod
+    def of(cls, model: Model, n_integrals: int = 0) -> Ends:
+        """Make the symbols for a model and a number of integrals."""
+        return cls(
+            ca.SX.sym("x_start", model.n_x),
+            ca.SX.sym("x_end", model.n_x),
+            ca.SX.sym("duration"),
+            ca.SX.sym("integral", n_integrals),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """An optimal-control problem; it knows nothing of meshes, modes or solvers.
+
+    Parameters
+    ----------
+    model : Model
+        The system.
+    ends : Ends
+        Symbols used in ``minimise`` and ``at_ends``.
+    minimise : casadi.SX
+        Scalar in the symbols of ``ends`` and the design parameters.
+    duration : tuple of float
+        Shortest and longest duration, positive.
+    periodic : sequence of str, optional
+        Names of the states that return to their start.
+    integrands : casadi.SX, optional
+        Column of expressions along the way; their integrals are ``ends.integrals``.
+    along : sequence of Bound, optional
+        Bounds at every instant, in states, inputs, slacks, contact forces, parameters.
+    at_ends : sequence of Bound, optional
+        Bounds in the symbols of ``ends``.
+    slacks : sequence of Signal, optional
+        Free functions of time without equations (epigraphs of max and absolute value).
+    design : sequence of Signal, optional
+        Constants to choose along with the motion; bounded by their Signal.
+    sharing : casadi.SX, optional
+        Column, one row per contact, that vanishes where a statically indeterminate contact
+        shares as it should; used only for contacts whose force the motion leaves open.
+    impulses : bool, optional
+        Whether inputs and sticking contacts may act by impulses at the start of each arc.
+
+    Raises
+    ------
+    ValueError
+        If the range of durations is empty or not positive.
+    """
+
+    model: Model
+    ends: Ends
+    minimise: ca.SX
+    duration: tuple[float, float]
+    periodic: Sequence[str] = ()
+    integrands: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    along: Sequence[Bound] = ()
+    at_ends: Sequence[Bound] = ()
+    slacks: Sequence[Signal] = ()
+    design: Sequence[Signal] = ()
+    sharing: ca.SX | None = None
+    impulses: bool = False
+
+    def __post_init__(self) -> None:
+        shortest, longest = self.duration
+        if not 0 < shortest <= longest:
+            raise ValueError(f"duration must be a positive range, not {self.duration}")

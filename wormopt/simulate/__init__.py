@@ -1,0 +1,1 @@
+"""Time integration: any Model or gait in, an event-located motion out."""

@@ -1,0 +1,1 @@
+"""Physical systems, one per file: each builder returns a Model and knows no solver."""
