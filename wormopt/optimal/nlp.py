@@ -27,6 +27,8 @@ class Ipopt:
         First barrier parameter; small for warm starts.
     expand : bool, optional
         Expand to scalar (SX) expressions: faster for small programs.
+    warm : bool, optional
+        Start where told, however close to a bound.
     """
 
     tolerance: float = 1e-9
@@ -34,9 +36,13 @@ class Ipopt:
     mu_init: float = 0.1
     expand: bool = True
 
+    warm: bool = False
+
     def as_casadi(self) -> dict[str, object]:
         """Translate into the options of nlpsol."""
-        return {
+        pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
+        start = {f"ipopt.{push}": 1e-8 for push in pushes} if self.warm else {}
+        return start | {
             "expand": self.expand,
             "print_time": False,
             "error_on_fail": False,
@@ -125,8 +131,10 @@ class NonlinearProgram:
             seconds=time.perf_counter() - start,
         )
 
-    def linear_step(self, w: np.ndarray, bounds: Bounds, radius: np.ndarray) -> np.ndarray | None:
-        """Best step of the program linearised at ``w`` within |step| <= radius.
+    def linear_step(
+        self, w: np.ndarray, bounds: Bounds, radius: np.ndarray
+    ) -> tuple[np.ndarray, float] | None:
+        """Take the best step of the program linearised at ``w`` within |step| <= radius.
 
         The program is scaled by the radius, so that HiGHS's tolerance of 1e-10 is relative to it.
 
@@ -141,8 +149,9 @@ class NonlinearProgram:
 
         Returns
         -------
-        ndarray or None
-            The new point, or None where the linear program has no solution.
+        (ndarray, float) or None
+            The new point and the change of the objective that the linear program promises, or
+            None where that has no solution.
         """
         _, gradient, g, jacobian = self._linearise(w, bounds.p)
         finite = radius[np.isfinite(radius) & (radius > 0)]
@@ -163,24 +172,73 @@ class NonlinearProgram:
             method="highs",
             options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
         )
-        return None if answer.x is None else w + scale * answer.x
+        if answer.x is None:
+            return None
+        return np.clip(w + scale * answer.x, bounds.lbw, bounds.ubw), scale * float(answer.fun)
 
-    def finish(self, solution: Solution, bounds: Bounds, first_radius: float = 1e-4) -> Solution:
-        """Take linear steps in ever smaller boxes: exact active set, errors near round-off.
+    def start(self, w: np.ndarray, bounds: Bounds) -> Solution:
+        """Evaluate a point as if it were a solution."""
+        objective = float(self._evaluate(w, bounds.p)[0])
+        return Solution(w, objective, self.violation(w, bounds), "not solved", False, 0, 0.0)
+
+    def improve(self, solution: Solution, bounds: Bounds) -> Solution:
+        """Optimise on from a feasible point; cheap where there is nothing to gain.
+
+        A linear step tells whether the point is optimal to first order. If not, IPOPT starts
+        right there, close to the bounds, and `finish` follows.
+        """
+        step = self.linear_step(solution.w, bounds, np.full(solution.w.shape, 1e-2))
+        if solution.violation < 1e-9 and step is not None and step[1] > -1e-10:
+            return solution
+        options = Ipopt(tolerance=1e-8, mu_init=1e-6, warm=True, iterations=300)
+        answer = self.finish(self.solve(solution.w, bounds, options), bounds)
+        return answer if _merit(answer) < _merit(solution) else solution
+
+    def finish(self, solution: Solution, bounds: Bounds, radius: float = 1e-3) -> Solution:
+        """Take linear steps in shrinking boxes: exact active set, errors near round-off.
 
         An interior point stays about its barrier parameter inside every active bound; the
-        vertices of these linear programs lie on them. A step is kept only if it does not lose.
+        vertices of these linear programs lie on them. Where the optimum is a vertex this
+        converges quadratically; elsewhere it removes the barrier's bias and no more.
+
+        Parameters
+        ----------
+        solution : Solution
+            Near an optimum.
+        bounds : Bounds
+            Bounds of the program.
+        radius : float, optional
+            First box, in scaled variables.
+
+        Returns
+        -------
+        Solution
+            No worse in ``objective + 10 violation``.
         """
-        best = solution
-        radius = first_radius
-        while radius > 1e-10:
-            w = self.linear_step(best.w, bounds, np.full(best.w.shape, radius))
-            if w is None:
-                break
-            w = np.clip(w, bounds.lbw, bounds.ubw)
-            violation = self.violation(w, bounds)
-            objective = float(self._evaluate(w, bounds.p)[0])
-            if violation <= max(1e-12, best.violation, 10 * radius**2):
-                best = replace(best, w=w, objective=objective, violation=violation)
-            radius /= 30
-        return best
+        start = time.perf_counter()
+        best, steps = solution, 0
+        while radius > 1e-8 and steps < 60:
+            steps += 1
+            candidate = self._step(best, bounds, radius)
+            gain = 0.0 if candidate is None else _merit(best) - _merit(candidate)
+            if candidate is not None and gain > 1e-14:
+                best = candidate
+            else:
+                radius /= 3
+        for radius in (1e-5, 1e-7):  # what is left is a violation of second order in the box
+            candidate = self._step(best, bounds, radius)
+            if candidate is not None and candidate.violation <= best.violation:
+                best = candidate
+        return replace(best, seconds=best.seconds + time.perf_counter() - start)
+
+    def _step(self, solution: Solution, bounds: Bounds, radius: float) -> Solution | None:
+        step = self.linear_step(solution.w, bounds, np.full(solution.w.shape, radius))
+        if step is None:
+            return None
+        objective = float(self._evaluate(step[0], bounds.p)[0])
+        violation = self.violation(step[0], bounds)
+        return replace(solution, w=step[0], objective=objective, violation=violation)
+
+
+def _merit(solution: Solution) -> float:
+    return solution.objective + 10 * solution.violation

@@ -71,15 +71,18 @@ class Arcs:
     """A motion as it left the optimiser, arc by arc, in the model's own units.
 
     ``duration`` (N,), ``start`` and ``end`` states (n_x, N), ``inputs`` as Bernstein
-    coefficients (n_u, input_degree + 1, N), contact ``forces`` (contacts, degree, N) at the
-    collocation points, ``design`` (n_p,), ``phase`` (N,).
+    coefficients (n_u, input_degree + 1, N), states ``points`` (n_x, degree, N), ``slacks``
+    (n_s, degree, N) and contact ``forces`` (contacts, degree, N) at the collocation points,
+    ``jumps`` (impulses, N), ``design`` (n_p,), ``phase`` (N,).
     """
 
     duration: np.ndarray
     start: np.ndarray
-    end: np.ndarray
+    points: np.ndarray
     inputs: np.ndarray
+    slacks: np.ndarray
     forces: np.ndarray
+    jumps: np.ndarray
     design: np.ndarray
     phase: np.ndarray
 
@@ -201,7 +204,7 @@ class PhaseProgram:
         symbols = self._symbols()
         acceleration = model.contact_accelerations
         slide = ca.vertcat(ca.SX(0, 1), *(self._slide_force(i, direction) for i in range(n_c)))
-        sharing = problem.sharing if problem.sharing is not None else acceleration
+        sharing = problem.sharing(stick) if problem.sharing is not None else acceleration
         scaled = acceleration / self._v_nominal * self.time_nominal
         closure = (1 - stick) * (model.forces - slide) / self._f_nominal + stick * (
             (1 - follow) * scaled + follow * sharing / self._f_nominal
@@ -413,14 +416,14 @@ class PhaseProgram:
         held = held if n_following else np.zeros((n, 0))
         n_exact = n_x * (n - 1) + len(self._periodic_rows())
         shortest, longest = self.problem.duration
-        ends = [b for b in self.problem.at_ends]
+        ends = [b.scaled for b in self.problem.at_ends]
         parts_low = [
             np.zeros(n_equal * n),
             -held.ravel(),
             *(low for low, _ in rows),
             np.zeros(n_exact),
             [shortest / self.time_nominal],
-            *(np.full(b.expression.numel(), b.lower / b.nominal) for b in ends),
+            *(low for low, _ in ends),
         ]
         parts_high = [
             np.zeros(n_equal * n),
@@ -428,7 +431,7 @@ class PhaseProgram:
             *(high for _, high in rows),
             np.zeros(n_exact),
             [longest / self.time_nominal],
-            *(np.full(b.expression.numel(), b.upper / b.nominal) for b in ends),
+            *(high for _, high in ends),
         ]
         assert sum(len(r[0]) for r in rows) == n_rows * n
         return np.concatenate(parts_low), np.concatenate(parts_high)
@@ -443,7 +446,8 @@ class PhaseProgram:
         low = np.full((len(now), d + 1), -np.inf)
         high = np.full((len(now), d + 1), np.inf)
         low[now > 0], high[now < 0] = 0.0, 0.0
-        fresh = (now == 0) & ((before != 0) | first | self.problem.impulses)
+        always = (states == 0).all(axis=0) & (k == 0)
+        fresh = (now == 0) & ((before != 0) | first | always | self.problem.impulses)
         low[fresh, 0] = high[fresh, 0] = 0.0
         settled = (now != 0) & (before == 0) & (not first) & (not self.problem.impulses)
         low[settled, 0], high[settled, 0] = -np.inf, np.inf
@@ -456,33 +460,137 @@ class PhaseProgram:
         lows = [low.ravel(order="F"), np.tile(force_low, d)]
         highs = [high.ravel(order="F"), np.tile(force_high, d)]
         for bound, state_only in zip(self.problem.along, self._along_state_only(), strict=True):
-            columns = d + 1 if state_only else d
-            box = np.empty((bound.expression.numel(), columns))
-            for value, out in ((bound.lower, lows), (bound.upper, highs)):
-                box[:] = value / bound.nominal
+            for value, out, free in zip(bound.scaled, (lows, highs), (-np.inf, np.inf), strict=True):
+                box = np.repeat(value[:, None], d + 1 if state_only else d, axis=1)
                 if state_only and not own_end:
-                    box[:, d] = np.inf if out is highs else -np.inf
-                out.append(box.ravel(order="F").copy())
+                    box[:, d] = free
+                out.append(box.ravel(order="F"))
         return np.concatenate(lows), np.concatenate(highs)
 
     # -- variables in and out --------------------------------------------------------------
 
     def unpack(self, w: np.ndarray) -> Arcs:
-        """Read the variables back in the model's units."""
-        mesh, at, model = self.mesh, self._layout, self.problem.model
-        n, d = mesh.total, mesh.collocation.degree
+        """Read the program's variables back in the model's units."""
+        at, n, d = self._layout, self.mesh.total, self.mesh.collocation.degree
         y = w[: at.size * n].reshape((at.size, n), order="F")
-        n_u, n_c = len(self._u_nominal), len(model.contacts)
-        start = y[at.start] * self._x_nominal[:, None]
-        ends = np.roll(start, -1, axis=1)
-        inputs = y[at.inputs].reshape((n_u, mesh.input_degree + 1, n), order="F")
-        forces = y[at.forces].reshape((n_c, d, n), order="F")
+
+        def block(rows: slice, nominal: np.ndarray, columns: int) -> np.ndarray:
+            shape = (len(nominal), columns, n)
+            return y[rows].reshape(shape, order="F") * nominal[:, None, None]
+
         return Arcs(
             duration=y[0] * self.time_nominal,
-            start=start,
-            end=ends,
-            inputs=inputs * self._u_nominal[:, None, None],
-            forces=forces * self._f_nominal[:, None, None],
+            start=y[at.start] * self._x_nominal[:, None],
+            points=block(at.points, self._x_nominal, d),
+            inputs=block(at.inputs, self._u_nominal, self.mesh.input_degree + 1),
+            slacks=block(at.slacks, self._s_nominal, d),
+            forces=block(at.forces, self._f_nominal, d),
+            jumps=y[at.jumps],
             design=w[at.size * n :] * self._p_nominal,
+            phase=np.repeat(np.arange(self.mesh.phases), self.mesh.arcs),
+        )
+
+    def pack(self, arcs: Arcs) -> np.ndarray:
+        """Write a motion on this mesh into the program's variables; the inverse of `unpack`."""
+
+        def block(values: np.ndarray, nominal: np.ndarray) -> np.ndarray:
+            scaled = values / nominal[:, None, None]
+            return scaled.reshape((-1, self.mesh.total), order="F")
+
+        y = np.vstack(
+            [
+                arcs.duration / self.time_nominal,
+                arcs.start / self._x_nominal[:, None],
+                block(arcs.points, self._x_nominal),
+                block(arcs.inputs, self._u_nominal),
+                block(arcs.slacks, self._s_nominal),
+                block(arcs.forces, self._f_nominal),
+                arcs.jumps,
+            ]
+        )
+        return np.concatenate([y.ravel(order="F"), arcs.design / self._p_nominal])
+
+    def rest(self, durations: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Variables of a worm that does not move, on arcs of given durations.
+
+        Parameters
+        ----------
+        durations : ndarray, shape (arcs,)
+            Duration of every arc.
+        start : ndarray, shape (n_x,)
+            State at which it rests.
+
+        Returns
+        -------
+        ndarray, shape (n_w,)
+            A start from which `NonlinearProgram.linear_step` finds the best motion with these
+            durations, where the model is linear.
+        """
+        at, n = self._layout, self.mesh.total
+        y = np.zeros((at.size, n))
+        y[0] = durations / self.time_nominal
+        y[at.start] = (start / self._x_nominal)[:, None]
+        y[at.points] = np.tile(start / self._x_nominal, self.mesh.collocation.degree)[:, None]
+        return np.concatenate([y.ravel(order="F"), np.zeros(len(self._p_nominal))])
+
+    def hold_durations(self, free: float = np.inf) -> np.ndarray:
+        """Radius of `NonlinearProgram.linear_step` that fixes all durations."""
+        radius = np.full((self._layout.size, self.mesh.total), free)
+        radius[0] = 0.0
+        return np.concatenate([radius.ravel(order="F"), np.full(len(self._p_nominal), free)])
+
+    def refine(self, arcs: Arcs, mesh: Mesh) -> Arcs:
+        """Represent a motion of this mesh on a finer one: more arcs of equal parts, higher degrees.
+
+        Parameters
+        ----------
+        arcs : Arcs
+            Motion on this program's mesh.
+        mesh : Mesh
+            As many phases, a multiple of the arcs, no lower degrees.
+
+        Returns
+        -------
+        Arcs
+            The same motion.
+        """
+        split = mesh.arcs // self.mesh.arcs
+        with_start = np.concatenate([[0.0], self.mesh.collocation.tau])
+        states = np.concatenate([arcs.start[:, None], arcs.points], axis=1)
+        parts = [(np.arange(split) + offset) / split for offset in (0.0, 1.0)]
+
+        def on(nodes: np.ndarray, values: np.ndarray, targets: np.ndarray) -> np.ndarray:
+            """Values of the interpolant at targets within each part: (rows, targets, N split)."""
+            at = parts[0][:, None] + (parts[1] - parts[0])[:, None] * targets
+            matrix = _interpolation(nodes, at.ravel())
+            fine = np.einsum("tk,rkn->rnt", matrix, values)
+            shape = (values.shape[0], values.shape[2] * split, len(targets))
+            return np.swapaxes(fine.reshape(shape), 1, 2)
+
+        old, new = self.mesh.collocation.tau, mesh.collocation.tau
+        inputs = np.einsum(
+            "tk,rkn->rtn", np.linalg.inv(bernstein_matrix(self.mesh.input_nodes)), arcs.inputs
+        )
+        fine_inputs = on(self.mesh.input_nodes, inputs, mesh.input_nodes)
+        jumps = np.zeros((arcs.jumps.shape[0], mesh.total))
+        jumps[:, ::split] = arcs.jumps
+        return Arcs(
+            duration=np.repeat(arcs.duration / split, split),
+            start=on(with_start, states, np.zeros(1))[:, 0],
+            points=on(with_start, states, new),
+            inputs=np.einsum("tk,rkn->rtn", bernstein_matrix(mesh.input_nodes), fine_inputs),
+            slacks=on(old, arcs.slacks, new),
+            forces=on(old, arcs.forces, new),
+            jumps=jumps,
+            design=arcs.design,
             phase=np.repeat(np.arange(mesh.phases), mesh.arcs),
         )
+
+
+def _interpolation(nodes: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Matrix from values at nodes to values of the interpolating polynomial at targets."""
+    degree = len(nodes) - 1
+    basis = np.polynomial.legendre.legvander(2 * nodes - 1, degree)
+    return np.linalg.solve(
+        basis.T, np.polynomial.legendre.legvander(2 * targets - 1, degree).T
+    ).T

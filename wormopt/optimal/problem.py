@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
+import numpy as np
 
 from wormopt.core.model import Model, Signal
 
@@ -22,17 +23,24 @@ class Bound:
         What it limits, as a user would say it; infeasible problems are explained by it.
     expression : casadi.SX
         Scalar or column of the problem's symbols.
-    lower, upper : float, optional
-        The interval; equal values make an equality.
+    lower, upper : float or sequence of float, optional
+        The interval, alike for all rows or one per row; equal values make an equality.
     nominal : float, optional
         Usual size of the expression, by which it is scaled.
     """
 
     name: str
     expression: ca.SX
-    lower: float = -float("inf")
-    upper: float = float("inf")
+    lower: float | Sequence[float] = -float("inf")
+    upper: float | Sequence[float] = float("inf")
     nominal: float = 1.0
+
+    @property
+    def scaled(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bound of every row, divided by ``nominal``."""
+        shape = (self.expression.numel(),)
+        low, high = (np.broadcast_to(np.asarray(v, float), shape) for v in (self.lower, self.upper))
+        return low / self.nominal, high / self.nominal
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +89,10 @@ class Problem:
         Free functions of time without equations (epigraphs of max and absolute value).
     design : sequence of Signal, optional
         Constants to choose along with the motion; bounded by their Signal.
-    sharing : casadi.SX, optional
-        Column, one row per contact, that vanishes where a statically indeterminate contact
-        shares as it should; used only for contacts whose force the motion leaves open.
+    sharing : callable, optional
+        Maps the column of sticking flags (0 or 1 per contact) to a column, one row per contact,
+        that vanishes where statically indeterminate contacts share as they should; used only
+        for contacts whose force the motion leaves open.
     impulses : bool, optional
         Whether inputs and sticking contacts may act by impulses at the start of each arc.
 
@@ -103,7 +112,7 @@ class Problem:
     at_ends: Sequence[Bound] = ()
     slacks: Sequence[Signal] = ()
     design: Sequence[Signal] = ()
-    sharing: ca.SX | None = None
+    sharing: Callable[[ca.SX], ca.SX] | None = None
     impulses: bool = False
 
     def __post_init__(self) -> None:

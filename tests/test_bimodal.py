@@ -1,0 +1,288 @@
+"""The event-located integration of (7) against theory.md, section 1, and motions solved by hand."""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import root_scalar
+
+from wormopt.core.gait import Gait
+from wormopt.errors import SolveError
+from wormopt.simulate.bimodal import BimodalMotion, integrate
+
+# Gait (15) with l0 = 2, e = 0.15, T = 1: W0 = AMPLITUDE |sin(3 pi t)|
+AMPLITUDE = 0.6 * math.pi
+THRESHOLD = 17.765288
+
+
+def fast_gait(period: float = 1.0, rest_length: float = 2.0, elongation: float = 0.15) -> Gait:
+    """Gait (15); on each third the angle 3 pi t / T starts again at 0."""
+    c = elongation * rest_length
+    mean = rest_length + np.array([[c, -c], [c, -2 * c], [0, -c]])
+    cosine = np.array([[-c, c], [c, 0], [0, -c]])
+    breaks = np.array([0, 1 / 3, 2 / 3, 1]) * period
+    omega = np.full(3, 3 * np.pi / period)
+    return Gait(breaks, mean[:, :, None], omega, cosine, np.zeros((3, 2)))
+
+
+def sawtooth(rate: float, period: float) -> Gait:
+    """One link that grows for half a period and shrinks for the other, with corners."""
+    half = period / 2
+    lengths = [[[1.0, rate]], [[1.0 + rate * half, -rate]]]
+    return Gait(np.array([0.0, half, period]), np.array(lengths))
+
+
+def trapezoid(acceleration: float, ramp: float) -> Gait:
+    """One link speeds up, slows down, and the same backwards, each for a time `ramp`."""
+    a, stroke = acceleration / 2, acceleration * ramp**2
+    rate = acceleration * ramp
+    pieces = [
+        [1.0, 0.0, a],
+        [1.0 + stroke / 2, rate, -a],
+        [1.0 + stroke, 0.0, -a],
+        [1.0 + stroke / 2, -rate, a],
+    ]
+    return Gait(np.arange(5) * ramp, np.array(pieces)[:, None, :])
+
+
+def harmonics(amplitudes: Sequence[complex], period: float = 1.0) -> Gait:
+    """Every link swings about 3 with one phasor each."""
+    phasors = np.array([amplitudes])
+    omega = np.array([2 * np.pi / period])
+    lengths = np.full((1, len(amplitudes), 1), 3.0)
+    return Gait(np.array([0.0, period]), lengths, omega, np.real(phasors), np.imag(phasors))
+
+
+def test_gait_15_is_ruled_by_kinematics():
+    motion = integrate(fast_gait(), [1.0] * 3, drag=1.0, load=20.0)
+    assert motion.advance == pytest.approx(1.2, abs=1e-12)
+    assert motion.lambda_min == pytest.approx(20 - 1.8 * math.pi**2, abs=1e-9)
+    assert motion.lambda_min == pytest.approx(2.234712, abs=1e-6)
+    assert motion.lambda_max == pytest.approx(37.865008, abs=1e-6)
+    assert motion.lambda_mean == pytest.approx(21.2, abs=1e-12)
+    assert motion.glides == ()
+    assert motion.impulses == ()
+    assert motion.resting_min == 1
+    assert [resting for _, resting in motion.switches] == [{1}, {0}, {2}]
+    assert [time for time, _ in motion.switches] == pytest.approx([0, 1 / 3, 2 / 3])
+    assert motion.time[-1] == 1.0
+    assert motion.position[-1] == motion.advance
+
+
+@pytest.mark.parametrize("drag", [0.0, 1.0])
+@pytest.mark.parametrize(("mass", "period"), [(1.0, 1.0), (2.5, 0.7)])
+def test_threshold_of_gliding(drag: float, mass: float, period: float):
+    threshold = THRESHOLD * mass / period**2
+    above, below = (
+        integrate(fast_gait(period), [mass] * 3, drag, threshold * factor)
+        for factor in (1 + 1e-6, 1 - 1e-4)
+    )
+    assert above.glides == ()
+    assert above.lambda_min >= 0
+    assert len(below.glides) == 3
+    assert below.lambda_min == pytest.approx(0, abs=1e-12)
+
+
+def root(function: Callable[[float], float], a: float, b: float) -> float:
+    return float(root_scalar(function, bracket=(a, b), method="brentq", xtol=1e-16).root)
+
+
+def glide_by_hand(drag: float, load: float) -> tuple[float, float, float]:
+    """Start, end and gain in advance of the first glide of gait (15), masses 1.
+
+    The worm lets go where sigma = 0; the centre of mass then obeys W' + k W + Gamma = 0 until it
+    is as slow as W0 again, in the next third of the period.
+    """
+    omega, drift = 3 * math.pi, load / drag
+
+    def sigma(t: float) -> float:
+        return AMPLITUDE * (omega * math.cos(omega * t) + drag * math.sin(omega * t)) + load
+
+    start = root(sigma, 1 / 6, 1 / 3)
+    speed = AMPLITUDE * math.sin(omega * start)
+
+    def surplus(t: float) -> float:
+        fallen = (speed + drift) * math.exp(-drag * (t - start)) - drift
+        return fallen + AMPLITUDE * math.sin(omega * t)  # W0 = -AMPLITUDE sin in this third
+
+    end = root(surplus, 1 / 3, 1 / 2)
+    way = (speed + drift) * -math.expm1(-drag * (end - start)) / drag - drift * (end - start)
+    way_of_w0 = AMPLITUDE / omega * (2 + math.cos(omega * start) + math.cos(omega * end))
+    return start, end, way - way_of_w0
+
+
+@pytest.mark.parametrize(("drag", "load"), [(1.0, 17.0), (0.1, 17.0), (0.3, 9.0)])
+def test_glides_agree_with_those_solved_by_hand(drag: float, load: float):
+    motion = integrate(fast_gait(), [1.0] * 3, drag, load)
+    start, end, gain = glide_by_hand(drag, load)
+    assert len(motion.glides) == 3
+    for third, glide in enumerate(motion.glides):
+        expected = np.mod([start + third / 3, end + third / 3], 1.0)
+        assert glide == pytest.approx(expected, abs=1e-11)
+    assert motion.advance == pytest.approx(1.2 + 3 * gain, abs=1e-11)
+    assert motion.lambda_mean == pytest.approx(drag * motion.speed + load, abs=1e-11)
+    assert motion.resting_min == 0
+
+
+def test_the_end_of_a_glide_converges_with_the_tolerance():
+    end = glide_by_hand(1.0, 9.0)[1]
+    errors = [
+        abs(integrate(fast_gait(), [1.0] * 3, 1.0, 9.0, rtol=rtol).glides[0][1] - end)
+        for rtol in (1e-5, 1e-8, 1e-11)
+    ]
+    assert errors[0] < 1e-4
+    assert errors[1] < 1e-7
+    assert errors[2] < 1e-10
+    assert errors[2] <= errors[1] <= errors[0]
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.8])
+def test_corners_give_an_impulse_and_a_glide(drag: float):
+    """Masses 1 and 3: their mean momentum jumps up at T/2 and down at T."""
+    rate, period, load = 1.2, 2.0, 1.5
+    light, heavy = 1.0, 3.0
+    motion = integrate(sawtooth(rate, period), [light, heavy], drag, load)
+    mass, w = (light + heavy) / 2, (heavy - light) * rate / (light + heavy)
+    pull = drag * rate / 2 + load
+    if drag:
+        end = mass / drag * math.log(1 + drag * w / pull)
+        slide = (w * mass - pull * end) / drag
+    else:
+        end = mass * w / load
+        slide = w * end / 2
+    assert motion.impulses == ((1.0, pytest.approx((heavy - light) * rate, abs=1e-12)),)
+    assert motion.glides == (pytest.approx((0.0, end), abs=1e-11),)
+    assert motion.advance == pytest.approx(rate * period / 2 + slide, abs=1e-11)
+    assert motion.lambda_mean == pytest.approx(drag * motion.speed + load, abs=1e-11)
+    assert motion.glide[-1] == pytest.approx(w, abs=1e-12)
+    assert [resting for _, resting in motion.switches] == [set(), {1}, {0}]
+
+
+def test_corners_without_a_jump_of_momentum_leave_the_worm_on_its_spikes():
+    motion = integrate(sawtooth(1.0, 2.0), [1.0, 1.0], 0.0, 0.0)
+    assert (motion.glides, motion.impulses) == ((), ())
+    assert motion.advance == pytest.approx(1.0, abs=1e-13)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-13])
+def test_a_gait_that_rides_on_sigma_0_does_not_flicker(noise: float):
+    """While the link slows down at 2 Gamma / m, sigma = Gamma - m l''/2 is 0 up to round-off."""
+    load, ramp = 0.3, 0.7
+    gait = trapezoid(2 * load, ramp)
+    wobble = np.random.default_rng(0).normal(0.0, noise, (4, 1, 3))
+    gait = Gait(gait.breaks, gait.polynomial * (1 + wobble))
+    motion = integrate(gait, [1.0, 1.0], 0.0, load)
+    assert motion.glides == ()
+    assert len(motion.time) <= 6
+    assert motion.lambda_min == pytest.approx(0, abs=1e-9)
+    assert motion.advance == pytest.approx(2 * load * ramp**2, abs=1e-11)
+
+
+def test_a_short_dip_of_sigma_is_not_missed():
+    """A millionth below the threshold sigma is negative for 1/2000 of the period."""
+    gait = harmonics([0.3], 1.0)
+    depth = 0.15 * 4 * math.pi**2
+    assert integrate(gait, [1.0, 1.0], 0.0, depth * (1 + 1e-7)).glides == ()
+    for shortfall in (1e-2, 1e-4, 1e-6):
+        glides = integrate(gait, [1.0, 1.0], 0.0, depth * (1 - shortfall)).glides
+        assert len(glides) == 2
+        start = math.acos(1 - shortfall) / (2 * math.pi)
+        assert glides[-1][0] == pytest.approx(1 - start, abs=1e-7)
+
+
+def test_masses_that_move_alike_rest_together():
+    """The middle of three links keeps its length: masses 1 and 2 always move alike."""
+    motion = integrate(harmonics([0.2, 0.0, 0.2j]), [1.0] * 4, 0.0, 30.0)
+    sets = {resting for _, resting in motion.switches}
+    assert sets == {frozenset({0}), frozenset({1, 2}), frozenset({3})}
+    assert motion.resting_min == 1
+
+
+def by_time_stepping(
+    gait: Gait, masses: Sequence[float], drag: float, load: float, steps: int = 40_000
+) -> tuple[float, float]:
+    """Advance and mean lambda by Moreau's time stepping, first order, no events at all."""
+    t = np.linspace(0, gait.period, steps + 1)
+    spans = np.vstack([np.zeros(len(t)), np.cumsum(gait(t, 1), axis=0)])
+    velocities, mass = spans.max(axis=0) - spans, np.array(masses)
+    momentum, mean = mass @ velocities / len(mass), velocities.mean(axis=0)
+    dt, m, w = t[1], mass.mean(), 0.0
+    advance = impulse = 0.0
+    for _ in range(3):
+        advance, impulse = 0.0, 0.0
+        for k in range(steps):
+            free = m * w + momentum[k] - momentum[k + 1] - dt * (load + drag * mean[k + 1])
+            push = max(0.0, -free)
+            w = (free + push) / (m + drag * dt)
+            impulse += push
+            advance += dt * (spans[:, k + 1].max() + w)
+    return advance, impulse / gait.period
+
+
+@pytest.mark.parametrize("load", [0.5, 8.0, 60.0])
+def test_unequal_masses_against_time_stepping(load: float):
+    gait = harmonics([0.3, 0.2 + 0.1j, -0.2j, 0.1 - 0.2j])
+    mass = [1.0, 0.4, 2.0, 0.7, 1.6]
+    motion = integrate(gait, mass, 0.7, load)
+    advance, mean = by_time_stepping(gait, mass, 0.7, load)
+    assert motion.advance == pytest.approx(advance, rel=1e-3)
+    assert motion.lambda_mean == pytest.approx(mean, rel=1e-3)
+
+
+def resting_by_sampling(gait: Gait, motion: BimodalMotion) -> float:
+    """Share of sample times at which the motion names another resting mass than argmax S_i'."""
+    t = (np.arange(2000) + 0.5) / 2000 * gait.period
+    spans = np.vstack([np.zeros(len(t)), np.cumsum(gait(t, 1), axis=0)])
+    starts = [time for time, _ in motion.switches]
+    which = np.searchsorted(starts, t, side="right") - 1
+    wrong = [
+        motion.switches[w][1] != {lead} for w, lead in zip(which, spans.argmax(0), strict=True)
+    ]
+    return float(np.mean(wrong))
+
+
+parts = st.floats(-0.3, 0.3).map(lambda value: round(value, 3))
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    phasors=st.lists(st.builds(complex, parts, parts), min_size=1, max_size=4),
+    data=st.data(),
+    drag=st.floats(0, 3),
+    load=st.floats(0.1, 40),
+    period=st.floats(0.3, 3),
+)
+def test_impulse_balance_over_a_period(
+    phasors: list[complex], data: st.DataObject, drag: float, load: float, period: float
+):
+    count = len(phasors) + 1
+    mass = data.draw(st.lists(st.floats(0.2, 3), min_size=count, max_size=count))
+    gait = harmonics(phasors, period)
+    motion = integrate(gait, mass, drag, load)
+    scale = motion.lambda_max + load
+    assert motion.lambda_mean == pytest.approx(drag * motion.speed + load, abs=1e-10 * scale)
+    assert motion.lambda_min >= -1e-9 * scale
+    assert motion.speed >= 0
+    if all(len(resting) == 1 for _, resting in motion.switches):
+        assert resting_by_sampling(gait, motion) < 0.005
+
+
+def test_without_load_and_drag_the_worm_glides_on():
+    """Its momentum grows to the largest that the spikes can give: W = the maximum of W0."""
+    motion = integrate(fast_gait(), [1.0] * 3, 0.0, 0.0)
+    assert motion.speed == pytest.approx(AMPLITUDE, abs=1e-8)
+
+
+def test_a_gait_that_stands_still():
+    motion = integrate(harmonics([0.0, 0.0]), [1.0] * 3, 1.0, 2.0)
+    assert (motion.advance, motion.lambda_min, motion.resting_min) == (0.0, 2.0, 3)
+
+
+def test_refusals():
+    with pytest.raises(ValueError, match="2 masses on 2 links"):
+        integrate(fast_gait(), [1.0, 1.0], 0.0, 1.0)
+    with pytest.raises(SolveError, match=r"not periodic after 1 periods.*allow more"):
+        integrate(fast_gait(), [1.0] * 3, 1.0, 5.0, max_periods=1)

@@ -1,0 +1,407 @@
+"""The command line: what it prints, what it writes, what it refuses. The study is a stand-in."""
+
+import dataclasses
+import json
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wormopt.cli import main
+from wormopt.errors import Interrupted, SceneError, SolveError
+from wormopt.kinds import KINDS
+from wormopt.progress import Report
+from wormopt.result import Result, Scalar, Variable
+from wormopt.scenes import Scene
+
+Study = Callable[[Scene[Any], Report], Result]
+Install = Callable[[Study], None]
+
+PICTURES = {"gait.png", "motion.png", "spikes.png"}
+NUMBERS = {"result.nc", "summary.json"}
+
+
+def found(scene: Scene[Any], **changes: Any) -> Result:
+    result = Result(
+        scene=scene.name,
+        kind=scene.table.kind,
+        title=scene.title,
+        scalars={
+            "speed": Scalar(scene.table.worm.load / 10, "m s-1"),
+            "gap": Scalar(float("nan")),
+            "mode_sequence": Scalar([[0], [1, 2]]),
+        },
+        variables=(Variable("time", "s", ("time",), np.linspace(0, 1, 3)),),
+        trust={"passed": True},
+        timings_s={"solve": 0.5},
+        scene_text=scene.text,
+    )
+    return dataclasses.replace(result, **changes)
+
+
+def solve(scene: Scene[Any], report: Report) -> Result:
+    report("solving", None)
+    report("solving", 0.5)
+    return found(scene)
+
+
+def never(scene: Scene[Any], report: Report) -> Result:
+    raise AssertionError("the study was started")
+
+
+@pytest.fixture(autouse=True)
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
+    """Stand-ins for the study of kind "gait" and for the drawing, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    module, plot = ModuleType("stand_in_study"), ModuleType("wormopt.plot")
+    plot.__dict__["draw"] = lambda result, name, path: path.write_text(name)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setitem(sys.modules, plot.__name__, plot)
+    monkeypatch.setitem(KINDS, "gait", dataclasses.replace(KINDS["gait"], study=module.__name__))
+
+    def install(function: Study) -> None:
+        module.__dict__["run"] = function
+
+    install(solve)
+    return install
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def speed_in(folder: Path) -> float:
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert Result.load(folder).scalars["speed"].value == summary["scalars"]["speed"]["value"]
+    return summary["scalars"]["speed"]["value"]
+
+
+def test_run_writes_numbers_and_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["run", "fast_gait"]) == 0
+    folder = tmp_path / "results" / "fast_gait"
+    assert names(folder) == NUMBERS | PICTURES
+    assert names(tmp_path / "results") == {"fast_gait"}
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "Fast gait (15)" in out
+    assert "speed          2              m s-1" in out
+    assert "gap            unknown" in out
+    assert str(folder) in out
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert summary["table"]["gait"]["elongation"] == 0.15
+    assert summary["title"] == "Fast gait (15) of a three-mass worm"
+
+
+def test_json_prints_one_object_and_no_nan(capsys: pytest.CaptureFixture[str]):
+    assert main(["run", "fast_gait", "--json"]) == 0
+    out, _ = capsys.readouterr()
+    printed = json.loads(out)
+    assert printed.keys() == {"scene", "kind", "status", "scalars", "trust", "timings_s"}
+    assert (printed["scene"], printed["kind"], printed["status"]) == ("fast_gait", "gait", "ok")
+    assert printed["scalars"] == {
+        "speed": {"value": 2.0, "unit": "m s-1"},
+        "gap": {"value": None, "unit": "1"},
+        "mode_sequence": {"value": [[0], [1, 2]], "unit": "1"},
+    }
+    assert printed["timings_s"].keys() == {"load", "solve", "study"}
+
+
+def test_set_changes_the_scene_and_o_the_folder(tmp_path: Path):
+    change = ["--set", "worm.load=30", "--set", 'want=["animation"]']
+    assert main(["run", "fast_gait", "-o", "a/b", *change]) == 0
+    assert names(tmp_path / "a" / "b") == NUMBERS | {"animation.gif"}
+    assert speed_in(tmp_path / "a" / "b") == 3.0
+
+
+def test_no_plots_draws_nothing(tmp_path: Path):
+    assert main(["run", "fast_gait", "--no-plots"]) == 0
+    assert names(tmp_path / "results" / "fast_gait") == NUMBERS
+
+
+def test_a_rerun_replaces_its_own_files_and_keeps_others(tmp_path: Path):
+    folder = tmp_path / "results" / "fast_gait"
+    assert main(["run", "fast_gait"]) == 0
+    (folder / "notes.txt").write_text("mine")
+    (folder / "sub").mkdir()
+    assert main(["run", "fast_gait", "--set", "worm.load=30", "--set", 'want=["gait"]']) == 0
+    assert names(folder) == NUMBERS | {"gait.png", "notes.txt", "sub"}
+    assert speed_in(folder) == 3.0
+
+
+def make_file(path: Path) -> None:
+    path.write_text("mine")
+
+
+def make_foreign_folder(path: Path) -> None:
+    path.mkdir()
+    (path / "notes.txt").write_text("mine")
+
+
+def make_other_result(path: Path) -> None:
+    main(["run", "uphill_gait", "-o", str(path)])
+
+
+def make_foreign_summary(path: Path) -> None:
+    path.mkdir()
+    (path / "summary.json").write_text('{"scene": "fast_gait"}')
+
+
+def make_broken_summary(path: Path) -> None:
+    path.mkdir()
+    (path / "summary.json").write_text('[["scene"')
+
+
+def make_result_with_own_picture(path: Path) -> None:
+    main(["run", "fast_gait", "--no-plots", "-o", str(path)])
+    (path / "gait.png").write_text("mine")
+
+
+OBSTACLES = [
+    make_file,
+    make_foreign_folder,
+    make_other_result,
+    make_foreign_summary,
+    make_broken_summary,
+    make_result_with_own_picture,
+]
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    files = [path] if path.is_file() else path.rglob("*")
+    return {str(file): file.read_bytes() for file in files if file.is_file()}
+
+
+@pytest.mark.parametrize("make", OBSTACLES)
+def test_what_is_in_the_way_is_refused_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install, make: Callable[[Path], None]
+):
+    path = tmp_path / "out"
+    make(path)
+    capsys.readouterr()
+    before = contents(path)
+    study(never)
+    assert main(["run", "fast_gait", "-o", str(path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert str(path) in err
+    assert "--force" in err
+    assert contents(path) == before
+    assert names(tmp_path) == {"out"}
+
+
+@pytest.mark.parametrize("make", OBSTACLES)
+def test_force_writes_over_it_and_keeps_other_files(tmp_path: Path, make: Callable[[Path], None]):
+    path = tmp_path / "out"
+    make(path)
+    assert main(["run", "fast_gait", "-o", str(path), "--force"]) == 0
+    assert speed_in(path) == 2.0
+    assert names(path) - {"notes.txt"} == NUMBERS | PICTURES
+    if make is make_foreign_folder:
+        assert (path / "notes.txt").read_text() == "mine"
+
+
+def test_nothing_is_removed_that_wormopt_cannot_have_written(tmp_path: Path):
+    folder = tmp_path / "out"
+    assert main(["run", "fast_gait", "-o", "out"]) == 0
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    (folder / "notes.txt").write_text("mine")
+    (tmp_path / "outside.png").write_text("mine")
+    summary["files"] += ["notes.txt", "../outside.png", str(tmp_path / "outside.png"), 3]
+    (folder / "summary.json").write_text(json.dumps(summary))
+    assert main(["run", "fast_gait", "-o", "out"]) == 0
+    assert (folder / "notes.txt").exists()
+    assert (tmp_path / "outside.png").exists()
+
+
+def test_a_folder_where_a_file_must_go_is_refused_even_by_force(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install
+):
+    (tmp_path / "out" / "result.nc").mkdir(parents=True)
+    study(never)
+    assert main(["run", "fast_gait", "-o", "out", "--force"]) == 2
+    assert "result.nc: is a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("output", ["file/out", "file/deeper/out", "loop", "a\0b", "x" * 300])
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install, output: str
+):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "loop").symlink_to("loop")
+    study(never)
+    assert main(["run", "fast_gait", "-o", output]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "cannot be written" in err
+    assert names(tmp_path) == {"file", "loop"}
+
+
+def test_a_link_to_a_folder_is_followed(tmp_path: Path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to("real")
+    assert main(["run", "fast_gait", "-o", "link"]) == 0
+    assert (tmp_path / "link").is_symlink()
+    assert names(tmp_path / "real") == NUMBERS | PICTURES
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "reason"),
+    [
+        (
+            SolveError("no gait keeps gait.spike_load", "allow 15"),
+            3,
+            "keeps gait.spike_load; allow",
+        ),
+        (Interrupted(), 130, "interrupted"),
+    ],
+)
+@pytest.mark.parametrize("with_partial", [True, False])
+def test_what_was_found_before_a_failure_is_saved(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    study: Install,
+    error: Any,
+    code: int,
+    reason: str,
+    with_partial: bool,
+):
+    def stop(scene: Scene[Any], report: Report) -> Result:
+        error.partial = found(scene) if with_partial else None
+        raise error
+
+    study(stop)
+    assert main(["run", "fast_gait", "--json"]) == code
+    out, err = capsys.readouterr()
+    printed = json.loads(out)
+    assert printed["status"] == "failed"
+    assert reason in printed["reason"]
+    assert reason in err
+    loaded = Result.load(tmp_path / "results" / "fast_gait")
+    assert (loaded.status, loaded.reason) == ("failed", printed["reason"])
+    assert ("speed" in loaded.scalars) == with_partial
+
+
+def test_a_result_that_is_not_trusted_ends_with_three(
+    capsys: pytest.CaptureFixture[str], study: Install
+):
+    study(lambda scene, report: found(scene, status="failed", reason="recheck off by 1e-3"))
+    assert main(["run", "fast_gait"]) == 3
+    assert "failed: recheck off by 1e-3" in capsys.readouterr().err
+
+
+def test_a_failed_run_may_be_run_again(tmp_path: Path, study: Install):
+    study(lambda scene, report: found(scene, status="failed", reason="no"))
+    assert main(["run", "fast_gait"]) == 3
+    study(solve)
+    assert main(["run", "fast_gait"]) == 0
+    assert Result.load(tmp_path / "results" / "fast_gait").status == "ok"
+
+
+def test_a_picture_without_data_is_left_out_of_a_failed_result(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    study: Install,
+):
+    def draw(result: Result, name: str, path: Path) -> None:
+        result["spike_load"]
+
+    monkeypatch.setattr(sys.modules["wormopt.plot"], "draw", draw)
+    study(lambda scene, report: found(scene, status="failed", reason="no"))
+    assert main(["run", "fast_gait"]) == 3
+    assert "gait.png left out" in capsys.readouterr().err
+    assert names(tmp_path / "results" / "fast_gait") == NUMBERS
+
+
+def test_a_drawing_that_breaks_costs_no_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def draw(result: Result, name: str, path: Path) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(sys.modules["wormopt.plot"], "draw", draw)
+    with pytest.raises(ZeroDivisionError):
+        main(["run", "fast_gait"])
+    assert speed_in(tmp_path / "results" / "fast_gait") == 2.0
+
+
+def test_ctrl_c_without_anything_to_keep(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install
+):
+    def stop(scene: Scene[Any], report: Report) -> Result:
+        raise KeyboardInterrupt
+
+    study(stop)
+    assert main(["run", "fast_gait"]) == 130
+    assert "nothing saved" in capsys.readouterr().err
+    assert not names(tmp_path / "results")
+
+
+def test_bad_input_that_only_the_study_sees(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install
+):
+    def refuse(scene: Scene[Any], report: Report) -> Result:
+        raise SceneError("scene.toml", [("gait.file", "has 3 columns; write 4")])
+
+    study(refuse)
+    assert main(["run", "fast_gait"]) == 2
+    assert capsys.readouterr().err == "scene.toml: gait.file: has 3 columns; write 4\n"
+    assert not names(tmp_path / "results")
+
+
+def test_a_disk_that_fills_up_is_reported(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    def save(self: Result, folder: Path, pictures: tuple[str, ...]) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Result, "save", save)
+    assert main(["run", "fast_gait"]) == 2
+    assert "No space left" in capsys.readouterr().err
+
+
+def test_a_scene_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    from wormopt.scenes import packaged_scenes
+
+    path = tmp_path / "mein λ.toml"
+    shutil.copy(packaged_scenes()["fast_gait"], path)
+    assert main(["run", str(path), "--set", 'title="Größe λ — 1"']) == 0
+    assert "Größe λ — 1" in capsys.readouterr().out
+    loaded = Result.load(tmp_path / "results" / "mein λ")
+    assert (loaded.scene, loaded.title) == ("mein λ", "Größe λ — 1")
+
+
+def test_list_names_scenes_and_kinds(capsys: pytest.CaptureFixture[str]):
+    assert main(["list"]) == 0
+    out, _ = capsys.readouterr()
+    assert "design_fast_gait" in out
+    assert "Fast gait (15) of a three-mass worm" in out
+    for kind in KINDS:
+        assert kind in out
+
+
+def test_check_looks_at_every_scene(capsys: pytest.CaptureFixture[str]):
+    assert main(["check", "no_such", "fast_gait"]) == 2
+    out, err = capsys.readouterr()
+    assert out == "fast_gait: ok (gait)\n"
+    assert err.startswith("no_such: ")
+
+
+@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "fast_gait", "--jso"]])
+def test_wrong_usage_ends_with_two(arguments: list[str]):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+
+
+def test_progress_is_drawn_on_a_terminal_only(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    assert main(["run", "fast_gait", "--json"]) == 0
+    json.loads(capsys.readouterr().out)
+    assert main(["run", "fast_gait", "--json", "--quiet"]) == 0
+    assert capsys.readouterr().err == ""

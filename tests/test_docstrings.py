@@ -1,0 +1,84 @@
+"""Every public thing says what it is, names all its parameters, and its examples run."""
+
+import doctest
+import importlib
+import inspect
+import os
+import pkgutil
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import wormopt
+
+MODULES = [
+    "wormopt",
+    *(info.name for info in pkgutil.walk_packages(wormopt.__path__, "wormopt.")),
+]
+MODULES.remove("wormopt.__main__")
+
+
+def public_things(module: ModuleType) -> Iterator[tuple[str, Any]]:
+    """Functions and classes defined in a module, and the public methods of these classes."""
+    for name, thing in vars(module).items():
+        if name.startswith("_") or getattr(thing, "__module__", None) != module.__name__:
+            continue
+        if inspect.isfunction(thing):
+            yield name, thing
+        elif inspect.isclass(thing):
+            yield name, thing
+            yield from (
+                (f"{name}.{key}", getattr(value, "__func__", value))
+                for key, value in vars(thing).items()
+                if not key.startswith("_") and inspect.isfunction(getattr(value, "__func__", value))
+            )
+
+
+def documented_names(thing: Any) -> set[str]:
+    """Names that open an entry of a numpydoc list: "name : type", or "a, b : type"."""
+    lines = re.findall(r"^(\w+(?:, \w+)*) :", inspect.getdoc(thing) or "", re.MULTILINE)
+    return {name for line in lines for name in line.split(", ")}
+
+
+def parameters(thing: Any) -> list[str]:
+    try:
+        names = inspect.signature(thing).parameters
+    except ValueError:  # a class without a constructor of its own
+        return []
+    return [
+        name
+        for name, parameter in names.items()
+        if name not in ("self", "cls")
+        and not name.startswith("_")
+        and parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
+    ]
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_everything_public_is_documented(name: str):
+    module = importlib.import_module(name)
+    assert module.__doc__, f"{name} has no docstring"
+    for label, thing in public_things(module):
+        # A class takes over the docstring of its base otherwise.
+        assert thing.__doc__, f"{name}.{label} has no docstring"
+        if inspect.isclass(thing) and not takes_own_parameters(thing):
+            continue
+        missing = set(parameters(thing)) - documented_names(thing)
+        assert not missing, f"{name}.{label} does not document {sorted(missing)}"
+
+
+def takes_own_parameters(thing: type) -> bool:
+    return not issubclass(thing, BaseException) or "__init__" in vars(thing)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    os.environ.setdefault("MPLBACKEND", "agg")
+    module = importlib.import_module(name)
+    flags = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+    assert doctest.testmod(module, optionflags=flags).failed == 0

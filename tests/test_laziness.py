@@ -1,0 +1,49 @@
+"""Nothing is loaded that is not needed. Each check runs in a process of its own."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HEAVY = {"casadi", "numpy", "scipy", "matplotlib", "rich", "xarray", "control"}
+
+
+def modules_after(code: str, folder: Path) -> set[str]:
+    """Top-level names in sys.modules after some code has run."""
+    script = (
+        "import contextlib, io, json, sys\n"
+        "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):\n"
+        f"    exec({code!r})\n"
+        "print(json.dumps(sorted({name.split('.')[0] for name in sys.modules})))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=True
+    )
+    return set(json.loads(done.stdout))
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import wormopt",
+        "from wormopt.cli import main; main(['--help'])",
+        "from wormopt.cli import main; main(['run', '--help'])",
+        "from wormopt.cli import main; assert main(['list']) == 0",
+        "from wormopt.cli import main; assert main(['check', 'design_fast_gait']) == 0",
+        "from wormopt.cli import main; assert main(['check', 'no_such_scene']) == 2",
+        "from wormopt.cli import main; assert main(['run', 'no_such_scene']) == 2",
+        "import wormopt as wo; wo.load_scene('pareto_speed_load')",
+    ],
+)
+def test_reading_and_checking_load_no_numerics(code: str, tmp_path: Path):
+    assert modules_after(code, tmp_path) & HEAVY == set()
+
+
+def test_the_check_would_see_a_heavy_module(tmp_path: Path):
+    assert "numpy" in modules_after("import wormopt; wormopt.Result", tmp_path)
+
+
+def test_a_result_is_held_without_scipy(tmp_path: Path):
+    assert "scipy" not in modules_after("import wormopt; wormopt.Result('a', 'gait')", tmp_path)

@@ -1,0 +1,211 @@
+"""The command line: ``wormopt run``, ``check`` and ``list``.
+
+Exit codes: 0 done; 2 bad input; 3 the solver did not reach an accepted result; 130 interrupted.
+Results go to stdout, everything else to stderr.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import io
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from wormopt.errors import Interrupted, OutputError, SceneError, SolveError
+from wormopt.files import RESULT_FILE, SUMMARY_FILE, picture_file
+from wormopt.kinds import KINDS
+from wormopt.output import check_output, output_folder
+from wormopt.progress import Report, shown_on_terminal
+from wormopt.runner import run
+from wormopt.scenes import Scene, load_scene, packaged_scenes
+from wormopt.version import VERSION
+
+if TYPE_CHECKING:
+    from wormopt.result import Result
+
+DONE, BAD_INPUT, NOT_SOLVED, INTERRUPTED = 0, 2, 3, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        What to run it with; the arguments of the process if left out.
+
+    Returns
+    -------
+    int
+        The exit code.
+
+    Raises
+    ------
+    SystemExit
+        After ``--help`` and on arguments that cannot be understood.
+
+    Examples
+    --------
+    >>> main(["check", "fast_gait"])
+    fast_gait: ok (gait)
+    0
+    """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A terminal that knows no λ shall show its code instead of ending the program.
+        sys.stdout.reconfigure(errors="backslashreplace")
+    options = _parser().parse_args(arguments)
+    try:
+        return options.command(options)
+    except (SceneError, OutputError) as error:
+        _say(str(error))
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        _say("interrupted; nothing saved")
+        return INTERRUPTED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="wormopt",
+        description="Design, simulation and optimal control of worm-like locomotion systems.",
+        epilog="exit codes: 0 done, 2 bad input, 3 no accepted result, 130 interrupted",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"wormopt {VERSION}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+
+    command = commands.add_parser("run", help="compute a scene", allow_abbrev=False)
+    command.set_defaults(command=_run)
+    command.add_argument("scene", metavar="SCENE", help="a TOML file, or the name of a scene")
+    command.add_argument("-o", "--output", metavar="DIR", help="where results go (results/<scene>)")
+    command.add_argument(
+        "--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene"
+    )
+    command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+    command.add_argument("--no-plots", action="store_true", help="draw no pictures")
+    command.add_argument("--quiet", action="store_true", help="show no progress")
+    command.add_argument("--force", action="store_true", help="write over what is in the way")
+
+    command = commands.add_parser("list", help="list the scenes that come with the package")
+    command.set_defaults(command=_list)
+
+    command = commands.add_parser("check", help="check scenes without computing them")
+    command.set_defaults(command=_check)
+    command.add_argument("scenes", metavar="SCENE", nargs="+")
+    return parser
+
+
+def _list(_: argparse.Namespace) -> int:
+    scenes = [load_scene(name) for name in packaged_scenes()]
+    print("Scenes, to run by name:")
+    _print_table([(scene.name, scene.table.kind, scene.title) for scene in scenes])
+    print("\nKinds of scene:")
+    _print_table([(name, kind.summary) for name, kind in KINDS.items()])
+    return DONE
+
+
+def _check(options: argparse.Namespace) -> int:
+    code = DONE
+    for source in options.scenes:
+        try:
+            print(f"{source}: ok ({load_scene(source).table.kind})")
+        except SceneError as error:
+            _say(str(error))
+            code = BAD_INPUT
+    return code
+
+
+def _run(options: argparse.Namespace) -> int:
+    scene = load_scene(options.scene, options.set)
+    pictures = {} if options.no_plots else _pictures(scene)
+    folder = Path(options.output) if options.output else Path("results") / scene.name
+    files = [RESULT_FILE, SUMMARY_FILE, *pictures.values()]
+    folder = check_output(folder, scene.name, files, options.force)
+    with shown_on_terminal(options.quiet) as report:
+        result, code = _attempt(scene, report)
+    with output_folder(folder) as staging:
+        result.save(staging, tuple(pictures.values()))
+        _draw(result, pictures, staging)
+    if options.json:
+        print(json.dumps(result.summary(), allow_nan=False))
+    else:
+        _print_result(result, folder)
+    if result.status == "failed":
+        _say(f"{scene.name}: failed: {result.reason}")
+    return code
+
+
+def _attempt(scene: Scene[Any], report: Report) -> tuple[Result, int]:
+    """Run a scene; what it found before it failed or was stopped is a result too."""
+    try:
+        result = run(scene, report)
+    except SolveError as error:
+        return _failed(scene, error.partial, str(error)), NOT_SOLVED
+    except Interrupted as error:
+        return _failed(scene, error.partial, "interrupted"), INTERRUPTED
+    return result, DONE if result.status == "ok" else NOT_SOLVED
+
+
+def _failed(scene: Scene[Any], partial: Result | None, reason: str) -> Result:
+    from wormopt.result import Result
+
+    if partial is None:
+        partial = Result(scene.name, scene.table.kind, scene.title, scene_text=scene.text)
+    return dataclasses.replace(partial, status="failed", reason=reason)
+
+
+def _pictures(scene: Scene[Any]) -> dict[str, str]:
+    """Wanted pictures and the files they go to."""
+    drawable = KINDS[scene.table.kind].pictures
+    return {name: picture_file(name) for name in scene.table.want if name in drawable}
+
+
+def _draw(result: Result, pictures: dict[str, str], folder: Path) -> None:
+    if not pictures or not result.variables:
+        return
+    from wormopt.plot import draw
+
+    for name, file in pictures.items():
+        try:
+            draw(result, name, folder / file)
+        except KeyError as error:
+            if result.status == "ok":
+                raise
+            _say(f"{file} left out: the unfinished result has no {error}")
+
+
+def _print_result(result: Result, folder: Path) -> None:
+    print(result.title)
+    _print_table(
+        [
+            (name, _text(scalar.value), "" if scalar.unit == "1" else scalar.unit)
+            for name, scalar in result.scalars.items()
+        ]
+    )
+    if result.trust:
+        print("Trust:")
+        _print_table([(name, _text(value)) for name, value in result.trust.items()])
+    print(f"Saved in {folder}")
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "unknown"
+    if isinstance(value, float):
+        return f"{value:.12g}"
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def _print_table(rows: Sequence[tuple[str, ...]]) -> None:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        print("  " + "  ".join(cells).rstrip())
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr)

@@ -1,0 +1,130 @@
+"""Smooth functions of one variable as Chebyshev series: their roots, extrema and integrals.
+
+Roots come from the colleague matrix, all of them at once, so nothing is lost between samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+__all__ = ["Series", "resolve"]
+
+Vectorised = Callable[[np.ndarray], np.ndarray]
+
+
+@lru_cache(maxsize=16)
+def _nodes_and_transform(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    nodes = chebyshev.chebpts1(degree + 1)
+    return nodes, np.linalg.inv(chebyshev.chebvander(nodes, degree)).T
+
+
+@dataclass(frozen=True)
+class Series:
+    """Several functions on [a, b] as Chebyshev series, one row of coefficients each.
+
+    Parameters
+    ----------
+    a, b : float
+        Ends of the interval, a < b.
+    coefficients : ndarray, shape (rows, degree + 1)
+        Chebyshev coefficients of each function.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> s = resolve(lambda t: np.array([np.cos(t)]), 0.0, 4.0)
+    >>> [float(round(r, 12)) for r in s.roots(0)]
+    [1.570796326795]
+    """
+
+    a: float
+    b: float
+    coefficients: np.ndarray
+
+    def __call__(self, s: np.ndarray) -> np.ndarray:
+        """Evaluate all rows at times ``s``; shape (rows, len(s))."""
+        return chebyshev.chebval(self._local(np.asarray(s, dtype=float)), self.coefficients.T)
+
+    def derivative(self) -> Series:
+        """Derivative of every row."""
+        inner = chebyshev.chebder(self.coefficients, axis=1) * 2 / (self.b - self.a)
+        return Series(self.a, self.b, inner)
+
+    def primitive(self) -> Series:
+        """Integral of every row from ``a``."""
+        inner = chebyshev.chebint(self.coefficients, lbnd=-1, axis=1) * (self.b - self.a) / 2
+        return Series(self.a, self.b, inner)
+
+    def integral(self) -> np.ndarray:
+        """Integral of every row over [a, b], shape (rows,)."""
+        return self.primitive()(np.array([self.b]))[:, 0]
+
+    def roots(self, row: int, zero: float = 1e-13) -> np.ndarray:
+        """Roots of one row in [a, b], ascending; none where the row is smaller than ``zero``."""
+        c = self.coefficients[row]
+        size = np.abs(c).max()
+        if size <= zero:
+            return np.zeros(0)
+        keep = np.flatnonzero(np.abs(c) > 1e-15 * size)
+        c = c[: keep[-1] + 1]
+        if len(c) < 2 or abs(c[0]) > np.abs(c[1:]).sum():  # |T_k| <= 1: no sign change possible
+            return np.zeros(0)
+        found = chebyshev.chebroots(c)
+        real = found.real[(np.abs(found.imag) < 1e-7) & (np.abs(found.real) < 1 + 1e-9)]
+        real = self._polish(np.clip(real, -1, 1), c)
+        return np.sort(self.a + (real + 1) / 2 * (self.b - self.a))
+
+    def extremes(self, row: int) -> tuple[float, float]:
+        """Smallest and largest value of one row on [a, b]."""
+        slope = self.derivative()
+        points = np.concatenate([[self.a, self.b], slope.roots(row, zero=0.0)])
+        values = Series(self.a, self.b, self.coefficients[row : row + 1])(points)[0]
+        return float(values.min()), float(values.max())
+
+    def _local(self, s: np.ndarray) -> np.ndarray:
+        return 2 * (s - self.a) / (self.b - self.a) - 1
+
+    @staticmethod
+    def _polish(x: np.ndarray, c: np.ndarray) -> np.ndarray:
+        slope = chebyshev.chebval(x, chebyshev.chebder(c))
+        safe = np.abs(slope) > 1e-9 * np.abs(c).max()
+        step = np.where(safe, chebyshev.chebval(x, c) / np.where(safe, slope, 1.0), 0.0)
+        return np.clip(x - np.where(np.abs(step) < 1e-6, step, 0.0), -1, 1)
+
+
+def resolve(function: Vectorised, a: float, b: float, degree: int | None = None) -> Series:
+    """Interpolate a vector function on [a, b], to round-off where it is smooth.
+
+    Parameters
+    ----------
+    function : callable
+        Maps times (m,) to values (rows, m).
+    a, b : float
+        Ends of the interval.
+    degree : int, optional
+        Degree, where the function is known to be a polynomial; found by doubling otherwise.
+
+    Returns
+    -------
+    Series
+        With at most 257 coefficients a row.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> resolve(lambda t: np.array([t**2]), 0.0, 1.0, degree=2).integral().round(12)
+    array([0.33333333])
+    """
+    for n in [degree] if degree is not None else [16, 32, 64, 128, 256]:
+        nodes, transform = _nodes_and_transform(max(n, 1))
+        values = function(a + (nodes + 1) / 2 * (b - a))
+        coefficients = values @ transform
+        tail = np.abs(coefficients[:, -2:]).max(initial=0.0)
+        if tail <= 1e-14 * np.abs(coefficients).max(initial=1e-300):
+            break
+    return Series(a, b, coefficients)

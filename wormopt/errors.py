@@ -1,0 +1,95 @@
+"""What can go wrong, said so that the reader knows what to change.
+
+All errors that a user can cause or must act on derive from `WormoptError`; anything else that
+escapes is a defect of the package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+Fault = tuple[str, str]
+"""Key path in the scene ("gait.period", or "" for the whole file) and what is wrong there."""
+
+
+class WormoptError(Exception):
+    """Base of every error the package raises on purpose."""
+
+
+class SceneError(WormoptError):
+    """A scene that cannot be used, with everything that is wrong with it.
+
+    Parameters
+    ----------
+    file : str
+        The scene as the user named it.
+    faults : iterable of (str, str)
+        Key path and message of each fault; the key path is "" where the file as a whole is meant.
+
+    Examples
+    --------
+    >>> print(SceneError("a.toml", [("worm.mass", "-1 is not allowed; write a positive number")]))
+    a.toml: worm.mass: -1 is not allowed; write a positive number
+    """
+
+    def __init__(self, file: str, faults: Iterable[Fault]) -> None:
+        self.file = file
+        self.faults: tuple[Fault, ...] = tuple(faults)
+        super().__init__(file, self.faults)
+
+    def __str__(self) -> str:
+        return "\n".join(
+            f"{self.file}: {key}: {message}" if key else f"{self.file}: {message}"
+            for key, message in self.faults
+        )
+
+
+class OutputError(WormoptError):
+    """The output folder cannot be used; the message says what stands in the way."""
+
+
+class SolveError(WormoptError):
+    """The solver did not reach an accepted result.
+
+    Parameters
+    ----------
+    reason : str
+        What failed, in words of the scene (never a bare solver message).
+    suggestion : str
+        What to change.
+    partial : Result, optional
+        What was found all the same; it is saved, marked as failed.
+
+    Examples
+    --------
+    >>> print(SolveError("no gait meets gait.spike_load", "allow at least 15.2"))
+    no gait meets gait.spike_load; allow at least 15.2
+    """
+
+    # `Any`, because errors are the lowest room and may not import the Result above them.
+    def __init__(self, reason: str, suggestion: str = "", partial: Any = None) -> None:
+        self.reason = reason
+        self.suggestion = suggestion
+        self.partial = partial
+        super().__init__(reason, suggestion, partial)
+
+    def __str__(self) -> str:
+        return f"{self.reason}; {self.suggestion}" if self.suggestion else self.reason
+
+
+class Interrupted(WormoptError):
+    """The user stopped a study that had something to keep.
+
+    Parameters
+    ----------
+    partial : Result, optional
+        What was found so far; it is saved, marked as failed.
+    """
+
+    def __init__(self, partial: Any = None) -> None:
+        self.partial = partial
+        super().__init__(partial)
+
+    def __str__(self) -> str:
+        return "interrupted"

@@ -1,0 +1,225 @@
+"""The gait-design problem of a scene, in the terms of optimal control."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from wormopt.core.model import Model, Signal
+from wormopt.optimal.problem import Bound, Ends, Problem
+from wormopt.scenes.gait_design import GaitLimits, Objective
+from wormopt.scenes.worm import WormTable
+from wormopt.worms.spiked import spiked_worm
+
+__all__ = ["gait_problem", "loads_matter", "rate_bounds"]
+
+
+def rate_bounds(limits: GaitLimits, links: int) -> tuple[np.ndarray, np.ndarray]:
+    """Largest contraction and extension rates, given or implied by length and acceleration.
+
+    A link that swings within a range R with acceleration at most a is never faster than
+    sqrt(a R): it starts from and returns to rate 0 within that range.
+
+    Parameters
+    ----------
+    limits : GaitLimits
+        With a rate or an acceleration limit.
+    links : int
+        Number of links n.
+
+    Returns
+    -------
+    contraction, extension : ndarray, shape (n,)
+    """
+    implied = np.full(links, np.inf)
+    if limits.acceleration is not None:
+        ranges = np.ptp(np.array(limits.length_ranges(links)), axis=1)
+        implied = np.sqrt(np.broadcast_to(limits.acceleration, links) * ranges)
+    given = limits.rate_limits(links)
+    if given is None:
+        return implied, implied
+    return np.minimum(given[0], implied), np.minimum(given[1], implied)
+
+
+def loads_matter(limits: GaitLimits, objective: Objective) -> bool:
+    """Whether it matters how resting masses share the load: a limit or the cost depends on it."""
+    costs = ("peak_spike_load", "peak_actuator_force", "energy_per_distance")
+    limited = limits.spike_load is not None or limits.actuator_force is not None
+    return limited or objective.minimise in costs
+
+
+@dataclass(frozen=True, eq=False)
+class _Cost:
+    """What an objective adds to the problem."""
+
+    minimise: ca.SX
+    along: tuple[Bound, ...] = ()
+    slacks: tuple[Signal, ...] = ()
+    design: tuple[Signal, ...] = ()
+    integrand: ca.SX | None = None
+
+
+def gait_problem(worm: WormTable, limits: GaitLimits, objective: Objective) -> Problem:
+    """State the design of a kinematic gait as an optimal-control problem.
+
+    Parameters
+    ----------
+    worm : WormTable
+        Masses, drag, load.
+    limits : GaitLimits
+        What the gait must keep to; the number of resting masses is left to the mode sequence.
+    objective : Objective
+        What to seek.
+
+    Returns
+    -------
+    Problem
+        Periodic up to the advance; its model is that of (1)-(7).
+    """
+    n, shortest_longest = worm.links, limits.period_range
+    ranges = np.array(limits.length_ranges(n))
+    model = spiked_worm(
+        worm.masses,
+        worm.drag,
+        worm.load,
+        length_nominal=float(ranges.max()),
+        time_nominal=shortest_longest[1],
+    )
+    ends = Ends.of(model, 1)
+    advance = ends.end[0] - ends.start[0]
+    speed_nominal = float(np.max(rate_bounds(limits, n)))
+    cost = _COSTS[objective.minimise or "speed"](model, ends, advance, speed_nominal)
+    at_ends = []
+    if objective.speed is not None:
+        speed = Bound(
+            "objective.speed", advance / ends.duration, objective.speed, nominal=speed_nominal
+        )
+        at_ends.append(speed)
+    return Problem(
+        model=model,
+        ends=ends,
+        minimise=cost.minimise,
+        duration=shortest_longest,
+        periodic=["length", "velocity", "rate"],
+        integrands=cost.integrand if cost.integrand is not None else ca.SX(0),
+        along=[*_limits_along(model, limits, n, ranges), *cost.along],
+        at_ends=at_ends,
+        slacks=cost.slacks,
+        design=cost.design,
+        sharing=_sharing(model, limits, objective),
+        impulses=limits.impulses,
+    )
+
+
+def _limits_along(
+    model: Model, limits: GaitLimits, links: int, ranges: np.ndarray
+) -> list[Bound]:
+    x = {s.name: s for s in model.x}
+    bounds = [
+        Bound("gait.length", x["length"].symbol, ranges[:, 0], ranges[:, 1], x["length"].nominal)
+    ]
+    rates = limits.rate_limits(links)
+    if rates is not None:
+        size = float(np.max(rates))
+        bounds.append(
+            Bound("gait.rate", x["rate"].symbol, -np.array(rates[0]), np.array(rates[1]), size)
+        )
+    if limits.acceleration is not None:
+        most = np.broadcast_to(limits.acceleration, links)
+        bounds.append(
+            Bound("gait.acceleration", model.u[0].symbol, -most, most, float(most.max()))
+        )
+    if limits.spike_load is not None:
+        most = np.broadcast_to(limits.spike_load, links + 1)
+        bounds.append(Bound("gait.spike_load", model.forces, upper=most, nominal=float(most.max())))
+    if limits.actuator_force is not None:
+        most = np.broadcast_to(limits.actuator_force, links)
+        force = model.output("actuator_force")
+        bounds.append(Bound("gait.actuator_force", force, -most, most, float(most.max())))
+    if limits.sigma_margin > 0:
+        sigma = model.output("reaction_mean")
+        bounds.append(
+            Bound("gait.sigma_margin", sigma, limits.sigma_margin, nominal=limits.sigma_margin)
+        )
+    return bounds
+
+
+def _sharing(
+    model: Model, limits: GaitLimits, objective: Objective
+) -> Callable[[ca.SX], ca.SX] | None:
+    """Residual of the sharing rule, for contacts whose load the motion leaves open."""
+    if limits.resting == 1 and not loads_matter(limits, objective):
+        return None
+
+    def equal(stick: ca.SX) -> ca.SX:
+        return model.forces - ca.dot(stick, model.forces) / ca.sum1(stick)
+
+    def least_actuation(stick: ca.SX) -> ca.SX:
+        # Stationarity: between neighbouring resting masses the actuator forces sum to zero.
+        force = ca.vertcat(0, model.output("actuator_force"))
+        rows = [ca.SX(0)]
+        for i in range(1, stick.numel()):
+            rows.append(force[i] + (1 - stick[i - 1]) * rows[-1])
+        return ca.vertcat(*rows)
+
+    if limits.sharing == "equal" or not loads_matter(limits, objective):
+        return equal
+    return least_actuation
+
+
+Builder = Callable[[Model, Ends, ca.SX, float], _Cost]
+
+
+def _speed(model: Model, ends: Ends, advance: ca.SX, speed_nominal: float) -> _Cost:
+    return _Cost(-advance / ends.duration / speed_nominal)
+
+
+def _peak(model: Model, expression: ca.SX, name: str) -> _Cost:
+    """Smallest upper bound of an expression at all times."""
+    nominal = float(sum(c.nominal_force for c in model.contacts))
+    peak = Signal("peak", ca.SX.sym("peak"), "force", nominal, 0.0)
+    bound = Bound(name, expression - peak.symbol, upper=0.0, nominal=nominal)
+    return _Cost(peak.symbol / nominal, along=(bound,), design=(peak,))
+
+
+def _peak_spike_load(model: Model, ends: Ends, advance: ca.SX, speed_nominal: float) -> _Cost:
+    return _peak(model, model.forces, "peak_spike_load")
+
+
+def _peak_actuator_force(model: Model, ends: Ends, advance: ca.SX, speed_nominal: float) -> _Cost:
+    force = model.output("actuator_force")
+    return _peak(model, ca.vertcat(force, -force), "peak_actuator_force")
+
+
+def _energy(model: Model, ends: Ends, advance: ca.SX, speed_nominal: float) -> _Cost:
+    power = model.output("power")
+    nominal = float(sum(c.nominal_force for c in model.contacts))
+    spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", nominal * speed_nominal, 0)
+    above = Bound("power", spent.symbol - power, 0.0, nominal=nominal * speed_nominal)
+    positive = Bound("power", spent.symbol, 0.0, nominal=nominal * speed_nominal)
+    return _Cost(
+        ends.integrals[0] / advance / nominal,
+        along=(above, positive),
+        slacks=(spent,),
+        integrand=ca.sum1(spent.symbol),
+    )
+
+
+def _effort(model: Model, ends: Ends, advance: ca.SX, speed_nominal: float) -> _Cost:
+    u = model.u[0]
+    return _Cost(
+        ends.integrals[0] / ends.duration / u.nominal**2,
+        integrand=ca.sumsqr(u.symbol),
+    )
+
+
+_COSTS: dict[str, Builder] = {
+    "speed": _speed,
+    "peak_spike_load": _peak_spike_load,
+    "peak_actuator_force": _peak_actuator_force,
+    "energy_per_distance": _energy,
+    "acceleration_effort": _effort,
+}

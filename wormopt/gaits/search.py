@@ -1,0 +1,429 @@
+"""Search over the order in which masses rest: enumerate, bound, try, and vary the best.
+
+The order decides the optimum and local optimisation does not change it. Sequences are one if
+rotation in time maps them on each other, or, where the limits are symmetric, the mirror image.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import combinations, product
+
+import numpy as np
+
+from wormopt.core.modes import ModeSequence, ceiling
+from wormopt.gaits.construct import block_wave_sequence
+from wormopt.gaits.problem import gait_problem, loads_matter, rate_bounds
+from wormopt.optimal.collocation import Collocation
+from wormopt.optimal.nlp import Ipopt
+from wormopt.optimal.phases import Arcs, Mesh, PhaseProgram
+from wormopt.progress import Report
+from wormopt.scenes.gait_design import GaitLimits, Objective, Search
+from wormopt.scenes.worm import WormTable
+
+__all__ = [
+    "Candidate",
+    "Effort",
+    "Job",
+    "Survey",
+    "Task",
+    "attempts",
+    "effort_of",
+    "mesh_of",
+    "program_of",
+    "search",
+    "sequences",
+    "start_of",
+    "workers_of",
+]
+
+Resting = tuple[int, ...]
+Sequence_ = tuple[Resting, ...]
+
+
+@dataclass(frozen=True)
+class Task:
+    """The part of a scene that the search needs."""
+
+    worm: WormTable
+    limits: GaitLimits
+    objective: Objective
+
+    @property
+    def rest(self) -> np.ndarray:
+        """State of a worm at rest with its links in the middle of their ranges."""
+        lengths = np.mean(self.limits.length_ranges(self.worm.links), axis=1)
+        return np.concatenate([[0.0], lengths, [0.0], 0.0 * lengths])
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is tried.
+
+    Parameters
+    ----------
+    enumerated : int
+        Most sequences tried in the systematic part, best ceilings first.
+    starts : int
+        Random starts of each.
+    rounds : int
+        Rounds in which the best sequences are varied.
+    varied : int
+        Most variations tried in a round.
+    polished : int
+        Sequences handed on to be polished.
+    """
+
+    enumerated: int
+    starts: int
+    rounds: int
+    varied: int
+    polished: int
+
+
+_EFFORTS = {
+    "quick": Effort(enumerated=12, starts=2, rounds=0, varied=0, polished=1),
+    "normal": Effort(enumerated=36, starts=3, rounds=2, varied=10, polished=2),
+    "thorough": Effort(enumerated=300, starts=6, rounds=4, varied=40, polished=4),
+}
+
+
+def workers_of(settings: Search) -> int:
+    """Number of processes: as asked for, or one per processor."""
+    return settings.workers or os.cpu_count() or 1
+
+
+def effort_of(settings: Search) -> Effort:
+    """Effort that a scene's search table asks for."""
+    return _EFFORTS[settings.effort]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A gait found for one sequence on the search's coarse mesh."""
+
+    sequence: Sequence_
+    objective: float
+    arcs: Arcs
+    mesh: Mesh
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a search found and how much of the space it saw.
+
+    Parameters
+    ----------
+    candidates : tuple of Candidate
+        Best of each sequence, best first.
+    phases : int
+        Sequences of 2 to so many phases were enumerated.
+    space : int
+        How many there are, up to rotation (and mirror image).
+    excluded : int
+        Of these, proven not to be best by their ceiling.
+    tried : int
+        Of these, tried.
+    varied : int
+        Variations tried beyond them.
+    starts : int
+        Optimisations in all.
+    """
+
+    candidates: tuple[Candidate, ...]
+    phases: int
+    space: int
+    excluded: int
+    tried: int
+    varied: int
+    starts: int
+
+
+def sequences(masses: int, resting: int, phases: int, *, mirror: bool) -> list[Sequence_]:
+    """List the cyclic sequences of resting sets, each class once.
+
+    Parameters
+    ----------
+    masses : int
+        Number of masses.
+    resting : int
+        Masses in each set.
+    phases : int
+        Length of the sequences.
+    mirror : bool
+        Whether i -> n - i gives the same gait.
+
+    Returns
+    -------
+    list of tuple of tuple of int
+        Neighbouring sets differ, and no mass rests for ever.
+
+    Examples
+    --------
+    >>> sequences(3, 1, 3, mirror=True)
+    [((0,), (1,), (2,))]
+    """
+    letters = list(combinations(range(masses), resting))
+    found = set()
+    for word in product(letters, repeat=phases):
+        if word[0] == min(word) and _is_gait(word):
+            found.add(_canonical(word, masses, mirror=mirror))
+    return sorted(found)
+
+
+def _is_gait(word: Sequence_) -> bool:
+    changes = all(word[i] != word[i - 1] for i in range(len(word)))
+    return changes and not set.intersection(*(set(s) for s in word))
+
+
+def _canonical(word: Sequence_, masses: int, *, mirror: bool) -> Sequence_:
+    images = [word]
+    if mirror:
+        images.append(tuple(tuple(sorted(masses - 1 - i for i in s)) for s in word))
+    return min(image[k:] + image[:k] for image in images for k in range(len(word)))
+
+
+def _is_mirror_symmetric(task: Task) -> bool:
+    """Whether i -> n - i with l_j -> shortest + longest - l_{n+1-j} maps gaits on gaits."""
+    n, limits = task.worm.links, task.limits
+    contraction, extension = rate_bounds(limits, n)
+    per_thing = [
+        task.worm.masses,
+        contraction,
+        np.broadcast_to(limits.acceleration or 0.0, n),
+        np.broadcast_to(limits.spike_load or 0.0, n + 1),
+        np.broadcast_to(limits.actuator_force or 0.0, n),
+        np.ptp(np.array(limits.length_ranges(n)), axis=1),
+    ]
+    return np.array_equal(contraction, extension) and all(np.array_equal(v, np.asarray(v)[::-1]) for v in per_thing)
+
+
+def mesh_of(sequence: Sequence_, arcs: int, degree: int = 2) -> Mesh:
+    """Mesh with as many phases as the sequence."""
+    return Mesh(len(sequence), arcs, Collocation(degree), degree - 2)
+
+
+@lru_cache(maxsize=32)
+def program_of(task: Task, mesh: Mesh) -> PhaseProgram:
+    return PhaseProgram(gait_problem(task.worm, task.limits, task.objective), mesh)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One optimisation: a sequence from one random start."""
+
+    task: Task
+    sequence: Sequence_
+    seed: tuple[int, ...]
+    arcs: int
+
+
+def attempt(job: Job) -> Candidate | None:
+    """Optimise one sequence from one random start; None where that fails.
+
+    With durations fixed at random the program is linear, but for drag and power: its linear
+    solution is a far better start than any guess.
+    """
+    mesh = mesh_of(job.sequence, job.arcs)
+    program = program_of(job.task, mesh)
+    bounds = program.bounds(ModeSequence.of_resting(job.sequence, job.task.worm.links + 1))
+    random = np.random.default_rng(job.seed)
+    phases = random.dirichlet(np.full(mesh.phases, 8.0))
+    durations = np.repeat(phases, job.arcs) * random.uniform(0.7, 1.3, mesh.total)
+    durations *= random.uniform(*job.task.limits.period_range) / durations.sum()
+    w = program.rest(durations, job.task.rest)
+    linear = program.nlp.linear_step(w, bounds, program.hold_durations())
+    start = w if linear is None else linear[0]
+    found = program.nlp.solve(start, bounds, Ipopt(tolerance=1e-6))
+    if found.violation > 1e-5:
+        return None
+    return Candidate(job.sequence, found.objective, program.unpack(found.w), mesh)
+
+
+def attempts(jobs: Sequence[Job], workers: int) -> dict[Sequence_, Candidate | None]:
+    """Best candidate of every sequence, from jobs run in so many processes."""
+    best: dict[Sequence_, Candidate | None] = dict.fromkeys(job.sequence for job in jobs)
+    for job, candidate in zip(jobs, _run(jobs, workers), strict=True):
+        record = best[job.sequence]
+        if candidate and (record is None or candidate.objective < record.objective):
+            best[job.sequence] = candidate
+    return best
+
+
+def _run(jobs: Sequence[Job], workers: int) -> Iterator[Candidate | None]:
+    if workers == 1 or len(jobs) <= 1:
+        yield from map(attempt, jobs)
+        return
+    # CasADi holds the interpreter's lock, so threads would not help; loky's processes need no
+    # main guard in the user's script.
+    from loky import get_reusable_executor
+
+    executor = get_reusable_executor(max_workers=workers, timeout=20)
+    try:
+        yield from executor.map(attempt, jobs)
+    except KeyboardInterrupt:
+        executor.shutdown(wait=False, kill_workers=True)
+        raise
+
+
+@dataclass
+class _Log:
+    """Best candidate of every sequence tried so far."""
+
+    best: dict[Sequence_, Candidate | None] = field(default_factory=dict)
+    starts: int = 0
+
+    @property
+    def ranking(self) -> list[Candidate]:
+        found = [c for c in self.best.values() if c is not None]
+        return sorted(found, key=lambda c: (c.objective, len(c.sequence), c.sequence))
+
+    @property
+    def record(self) -> float:
+        return self.ranking[0].objective if self.ranking else np.inf
+
+
+def search(task: Task, settings: Search, report: Report) -> Survey:
+    """Find the sequences that are worth polishing.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    settings : Search
+        Seed, effort, phases, the user's own sequence, processes.
+    report : callable
+        Told what goes on: text and the fraction done.
+
+    Returns
+    -------
+    Survey
+        The same for any number of workers.
+    """
+    effort = effort_of(settings)
+    workers = workers_of(settings)
+    masses = task.worm.links + 1
+    log = _Log()
+    if settings.sequence is not None:
+        own = tuple(tuple(sorted(s)) for s in settings.sequence)
+        _try(task, [own], effort, settings.seed, workers, log)
+        return Survey(tuple(log.ranking), len(own), 1, 0, 1, 0, log.starts)
+    mirror = _is_mirror_symmetric(task)
+    phases = settings.phases or _default_phases(masses, task.limits.resting)
+    space = [
+        s
+        for p in range(2, phases + 1)
+        for s in sequences(masses, task.limits.resting, p, mirror=mirror)
+    ]
+    bounds = {s: _ceiling_of(task, frozenset(s)) for s in space}
+    constructed = [_canonical(s, masses, mirror=mirror) for s in start_of(task)]
+    # Constructed gaits first, so that none of them is ever better; then the highest ceilings.
+    order = sorted(space, key=lambda s: (s not in constructed, -bounds[s], len(s), s))
+    order = [*[s for s in constructed if s not in bounds], *order]
+    excluded = tried = 0
+    while order and tried < effort.enumerated:
+        batch: list[Sequence_] = []
+        most = len(constructed) if tried == 0 else 6
+        while order and len(batch) < most and tried + len(batch) < effort.enumerated:
+            sequence = order.pop(0)
+            if _cannot_win(task, bounds.get(sequence, np.inf), log.record):
+                excluded += 1
+            else:
+                batch.append(sequence)
+        report("searching mode sequences", 0.6 * tried / effort.enumerated)
+        _try(task, batch, effort, settings.seed, workers, log)
+        tried += len(batch)
+    excluded += sum(_cannot_win(task, bounds[s], log.record) for s in order)
+    varied = _vary(task, settings, effort, workers, log, report, mirror=mirror)
+    return Survey(
+        tuple(log.ranking), phases, len(space), excluded, tried, varied, log.starts
+    )
+
+
+def _default_phases(masses: int, resting: int) -> int:
+    """Phases up to which enumeration stays small; the rest is left to variation."""
+    letters = len(list(combinations(range(masses), resting)))
+    return 4 if letters <= 7 else 3 if letters <= 21 else 2
+
+
+@lru_cache(maxsize=4096)
+def _ceiling_of(task: Task, sets: frozenset[Resting]) -> float:
+    contraction, extension = rate_bounds(task.limits, task.worm.links)
+    return ceiling(contraction.tolist(), extension.tolist(), task.limits.resting, sets)
+
+
+def _cannot_win(task: Task, bound: float, record: float) -> bool:
+    """Whether a sequence's ceiling rules it out."""
+    if task.objective.speed is not None:
+        return bound < task.objective.speed
+    speed_nominal = float(np.max(rate_bounds(task.limits, task.worm.links)))
+    return bound <= -record * speed_nominal
+
+
+def start_of(task: Task) -> list[Sequence_]:
+    """Sequences of the constructed gaits that keep enough masses at rest."""
+    n, a = task.worm.links, task.limits.resting
+    found = [tuple(block_wave_sequence(n, a))]
+    if a == 1:
+        found.append(((0,), (n,)))
+    return found
+
+
+def _try(
+    task: Task, batch: list[Sequence_], effort: Effort, seed: int, workers: int, log: _Log
+) -> None:
+    jobs = [Job(task, s, (seed, k), 6) for s in batch for k in range(effort.starts)]
+    log.best |= attempts(jobs, workers)
+    log.starts += len(jobs)
+
+
+def _vary(
+    task: Task,
+    settings: Search,
+    effort: Effort,
+    workers: int,
+    log: _Log,
+    report: Report,
+    *,
+    mirror: bool,
+) -> int:
+    """Insert, drop and exchange resting sets in the best sequences while that helps."""
+    masses, varied = task.worm.links + 1, 0
+    most = settings.phases or 2 * masses
+    for turn in range(effort.rounds):
+        record = log.record
+        fresh: list[Sequence_] = []
+        for candidate in log.ranking[:3]:
+            for word in _neighbours(candidate.sequence, task, most):
+                word = _canonical(word, masses, mirror=mirror)
+                if word not in log.best and word not in fresh:
+                    fresh.append(word)
+        random = np.random.default_rng((settings.seed, turn))
+        order = random.permutation(len(fresh))[: effort.varied]
+        batch = [
+            fresh[k]
+            for k in order
+            if not _cannot_win(task, _ceiling_of(task, frozenset(fresh[k])), log.record)
+        ]
+        report("varying the best sequences", 0.6 + 0.2 * turn / effort.rounds)
+        _try(task, batch, effort, settings.seed, workers, log)
+        varied += len(batch)
+        if log.record >= record - 1e-7:
+            break
+    return varied
+
+
+def _neighbours(word: Sequence_, task: Task, most: int) -> Iterable[Sequence_]:
+    masses, a = task.worm.links + 1, task.limits.resting
+    # More resting masses than asked for only help where they share a load.
+    sizes = range(a, masses) if loads_matter(task.limits, task.objective) else [a]
+    letters = [s for size in sizes for s in combinations(range(masses), size)]
+    for k in range(len(word)):
+        edits = [word[:k] + word[k + 1 :]]
+        for letter in letters:
+            edits.append(word[:k] + (letter,) + word[k + 1 :])
+            edits.append(word[:k] + (letter,) + word[k:])
+        yield from (e for e in edits if 2 <= len(e) <= most and _is_gait(e))

@@ -1,0 +1,64 @@
+"""Registry of scene kinds: which table a kind is read into and which study computes it.
+
+Modules are named as text and loaded on use, so that reading or checking a scene loads no
+numerics and running one loads those of its own kind only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of scene.
+
+    Parameters
+    ----------
+    summary : str
+        What a scene of this kind computes, in one line.
+    table : str
+        "module:Class" of the typed table its scenes are read into.
+    study : str
+        Module whose ``run(scene, report)`` computes the Result.
+    pictures : tuple of str
+        The words of ``want`` that stand for a picture.
+    """
+
+    summary: str
+    table: str
+    study: str
+    pictures: tuple[str, ...]
+
+    def load_table(self) -> Any:
+        """Load the class that scenes of this kind are read into."""
+        module, name = self.table.split(":")
+        return getattr(import_module(module), name)
+
+    def load_study(self) -> Any:
+        """Load the module that computes scenes of this kind."""
+        return import_module(self.study)
+
+
+KINDS: dict[str, Kind] = {
+    "gait": Kind(
+        summary="what a given gait does: speed, resting masses, spike loads, forces, energy",
+        table="wormopt.scenes.gait:GaitScene",
+        study="wormopt.studies.gait",
+        pictures=("gait", "motion", "spikes", "animation"),
+    ),
+    "gait-design": Kind(
+        summary="the best gait within limits on links, spikes and actuators",
+        table="wormopt.scenes.gait_design:GaitDesignScene",
+        study="wormopt.studies.gait_design",
+        pictures=("gait", "motion", "spikes", "animation"),
+    ),
+    "gait-pareto": Kind(
+        summary="front of the best gaits between speed and a second objective",
+        table="wormopt.scenes.gait_pareto:GaitParetoScene",
+        study="wormopt.studies.gait_pareto",
+        pictures=("front", "gait", "motion", "spikes"),
+    ),
+}

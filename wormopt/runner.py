@@ -1,0 +1,55 @@
+"""The verb `run`: a scene in, its Result out."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from wormopt.kinds import KINDS
+from wormopt.progress import Report, silent
+from wormopt.scenes import Scene, load_scene
+
+if TYPE_CHECKING:
+    from wormopt.result import Result
+
+
+def run(scene: Scene[Any] | str | Path, report: Report = silent) -> Result:
+    """Compute what a scene asks for. Nothing is written.
+
+    Parameters
+    ----------
+    scene : Scene, str or path
+        The scene, or what `load_scene` finds it by.
+    report : callable
+        Is told what is being done and the fraction done, see `wormopt.progress`.
+
+    Returns
+    -------
+    Result
+        Its status is "failed" where the trust report does not hold.
+
+    Raises
+    ------
+    SceneError
+        If the scene is wrong.
+    SolveError
+        If the solver did not reach an accepted result.
+    Interrupted
+        If the user stopped a study that had something to keep.
+
+    Examples
+    --------
+    >>> result = run("fast_gait")
+    >>> round(result.scalars["advance"].value, 9)
+    1.2
+    """
+    if not isinstance(scene, Scene):
+        scene = load_scene(scene)
+    start = perf_counter()
+    study = KINDS[scene.table.kind].load_study()
+    loaded = perf_counter()
+    result = study.run(scene, report)
+    timings = {"load": loaded - start, **result.timings_s, "study": perf_counter() - loaded}
+    return dataclasses.replace(result, timings_s=timings)
