@@ -27,6 +27,8 @@ UNITS = {
     "time": "s",
     "speed": "m s-1",
     "acceleration": "m s-2",
+    "acceleration_squared": "m2 s-4",
+    "angular_frequency": "rad s-1",
     "mass": "kg",
     "force": "N",
     "impulse": "N s",

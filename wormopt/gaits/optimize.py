@@ -35,8 +35,8 @@ from wormopt.scenes.gait_design import Search
 
 __all__ = ["Design", "design", "gait_of_arcs"]
 
-# Refinement stops when halving every arc changes the scaled objective by less than this.
-_RESOLVED = 1e-8
+# Refinement stops when halving every arc changes the objective by less than this, relatively.
+_RESOLVED = 3e-8
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,8 @@ class Design:
         Resting masses, phase after phase.
     ceiling : float
         Bound on the speed by rates and modes alone.
-    discretisation_error : float
-        Change of the objective when every arc is halved and the gait optimised again, relative
-        to the objective's nominal size.
+    relative_error : float
+        Relative change of the objective when every arc is halved and the gait optimised again.
     survey : Survey
         What was searched.
     solution : Solution
@@ -62,16 +61,19 @@ class Design:
         The final mesh.
     timings_s : dict of str to float
         Seconds of each stage.
+    interrupted : bool
+        Whether the user stopped it before it was done.
     """
 
     gait: Gait
     sequence: Sequence_
     ceiling: float
-    discretisation_error: float
+    relative_error: float
     survey: Survey
     solution: Solution
     mesh: Mesh
     timings_s: dict[str, float]
+    interrupted: bool = False
 
 
 def design(task: Task, settings: Search, report: Report) -> Design:
@@ -110,16 +112,25 @@ def design(task: Task, settings: Search, report: Report) -> Design:
         report("looking for the limits in conflict", 0.8)
         raise _conflict(task, settings)
     searched = time.perf_counter()
-    report("polishing", 0.8)
-    candidate = _polish(task, settings, survey)
-    report("refining", 0.9)
-    program, solution, error = _refine(task, candidate)
+    candidate, interrupted = survey.candidates[0], survey.interrupted
+    try:
+        if not interrupted:
+            report("polishing", 0.8)
+            candidate = _polish(task, settings, survey)
+            report("refining", 0.9)
+            program, solution, error = _refine(task, candidate)
+    except KeyboardInterrupt:
+        interrupted = True
+    if interrupted:
+        program, solution = _as_found(task, candidate)
+        error = np.nan
     refined = time.perf_counter()
     return Design(
         gait=gait_of_arcs(program.unpack(solution.w), program.mesh, task.worm.links),
         sequence=candidate.sequence,
         ceiling=bound,
-        discretisation_error=error,
+        relative_error=error,
+        interrupted=interrupted,
         survey=survey,
         solution=solution,
         mesh=program.mesh,
@@ -135,16 +146,16 @@ def _ceiling(task: Task) -> float:
 def _polish(task: Task, settings: Search, survey: Survey) -> Candidate:
     """Try the best sequences again, with more arcs and more starts."""
     effort = effort_of(settings)
-    close = survey.candidates[0].objective + 5e-3 * abs(survey.candidates[0].objective)
+    close = survey.candidates[0].objective + 1e-2 * abs(survey.candidates[0].objective)
     best = [c for c in survey.candidates[: effort.polished] if c.objective <= close]
     jobs = [
         Job(task, c.sequence, (settings.seed, 1000 + k), 8)
         for c in best
-        for k in range(2 * effort.starts)
+        for k in range(effort.starts + 1)
     ]
     found = [c for c in attempts(jobs, workers_of(settings)).values() if c is not None]
     # Coarse and fine candidates carry the barrier's bias; a tie goes to the finer mesh.
-    return min([*found, *best], key=lambda c: (round(c.objective, 5), -c.mesh.arcs, c.objective))
+    return min([*found, *best], key=lambda c: (round(c.objective, 4), -c.mesh.arcs, c.objective))
 
 
 def _bounds(task: Task, program: PhaseProgram, sequence: Sequence_) -> Bounds:
@@ -160,16 +171,21 @@ def _refine(task: Task, candidate: Candidate) -> tuple[PhaseProgram, Solution, f
     for mesh in _finer(candidate.mesh):
         halved = replace(program.mesh, arcs=2 * program.mesh.arcs)
         fine, better = _transfer(task, candidate.sequence, program, solution, halved)
-        error = abs(better.objective - solution.objective)
-        if better.objective < solution.objective - 1e-12:
-            # keep what is better; on success it differs in the last digits only
-            pass
+        error = abs(better.objective - solution.objective) / abs(better.objective)
         if error <= _RESOLVED or mesh is None:
             break
         program, solution = _transfer(task, candidate.sequence, program, solution, mesh)
     if better.objective < solution.objective - 1e-12:
         program, solution = fine, better
     return program, solution, error
+
+
+def _as_found(task: Task, candidate: Candidate) -> tuple[PhaseProgram, Solution]:
+    """Bring a candidate onto its limits without optimising on."""
+    program = program_of(task, candidate.mesh)
+    bounds = _bounds(task, program, candidate.sequence)
+    start = program.nlp.start(program.pack(candidate.arcs), bounds)
+    return program, program.nlp.finish(start, bounds, radius=1e-7)
 
 
 def _finer(mesh: Mesh) -> Iterator[Mesh | None]:

@@ -131,6 +131,8 @@ class Survey:
         Variations tried beyond them.
     starts : int
         Optimisations in all.
+    interrupted : bool
+        Whether the user stopped the search.
     """
 
     candidates: tuple[Candidate, ...]
@@ -140,6 +142,7 @@ class Survey:
     tried: int
     varied: int
     starts: int
+    interrupted: bool = False
 
 
 def sequences(masses: int, resting: int, phases: int, *, mirror: bool) -> list[Sequence_]:
@@ -237,8 +240,9 @@ def attempt(job: Job) -> Candidate | None:
     w = program.rest(durations, job.task.rest)
     linear = program.nlp.linear_step(w, bounds, program.hold_durations())
     start = w if linear is None else linear[0]
-    found = program.nlp.solve(start, bounds, Ipopt(tolerance=1e-6))
-    if found.violation > 1e-5:
+    # Loose: ranking needs three digits, the polish finds the rest.
+    found = program.nlp.solve(start, bounds, Ipopt(tolerance=1e-4, mu_init=1e-2, iterations=200))
+    if found.violation > 1e-3:
         return None
     return Candidate(job.sequence, found.objective, program.unpack(found.w), mesh)
 
@@ -323,23 +327,26 @@ def search(task: Task, settings: Search, report: Report) -> Survey:
     # Constructed gaits first, so that none of them is ever better; then the highest ceilings.
     order = sorted(space, key=lambda s: (s not in constructed, -bounds[s], len(s), s))
     order = [*[s for s in constructed if s not in bounds], *order]
-    excluded = tried = 0
-    while order and tried < effort.enumerated:
-        batch: list[Sequence_] = []
-        most = len(constructed) if tried == 0 else 6
-        while order and len(batch) < most and tried + len(batch) < effort.enumerated:
-            sequence = order.pop(0)
-            if _cannot_win(task, bounds.get(sequence, np.inf), log.record):
-                excluded += 1
-            else:
-                batch.append(sequence)
-        report("searching mode sequences", 0.6 * tried / effort.enumerated)
-        _try(task, batch, effort, settings.seed, workers, log)
-        tried += len(batch)
+    excluded = tried = varied = 0
+    interrupted = False
+    try:
+        while order and tried < effort.enumerated:
+            most = len(constructed) if tried == 0 else 6
+            open_ = [s for s in order if not _cannot_win(task, bounds.get(s, np.inf), log.record)]
+            excluded += len(order) - len(open_)
+            batch, order = open_[:most], open_[most:]
+            report("searching mode sequences", 0.6 * tried / effort.enumerated)
+            _try(task, batch, effort, settings.seed, workers, log)
+            tried += len(batch)
+        varied = _vary(task, settings, effort, workers, log, report, mirror=mirror)
+    except KeyboardInterrupt:
+        if not log.ranking:
+            raise
+        interrupted = True
     excluded += sum(_cannot_win(task, bounds[s], log.record) for s in order)
-    varied = _vary(task, settings, effort, workers, log, report, mirror=mirror)
+    ranking = tuple(log.ranking)
     return Survey(
-        tuple(log.ranking), phases, len(space), excluded, tried, varied, log.starts
+        ranking, phases, len(space), excluded, tried, varied, log.starts, interrupted
     )
 
 
@@ -411,7 +418,7 @@ def _vary(
         report("varying the best sequences", 0.6 + 0.2 * turn / effort.rounds)
         _try(task, batch, effort, settings.seed, workers, log)
         varied += len(batch)
-        if log.record >= record - 1e-7:
+        if log.record >= record - 1e-4 * abs(record):
             break
     return varied
 

@@ -216,28 +216,34 @@ class NonlinearProgram:
             No worse in ``objective + 10 violation``.
         """
         start = time.perf_counter()
-        best, steps = solution, 0
-        while radius > 1e-8 and steps < 60:
-            steps += 1
-            candidate = self._step(best, bounds, radius)
-            gain = 0.0 if candidate is None else _merit(best) - _merit(candidate)
+        best = solution
+        for _ in range(60):
+            candidate, promised = self._step(best, bounds, radius)
+            gain = -np.inf if candidate is None else _merit(best) - _merit(candidate)
             if candidate is not None and gain > 1e-14:
                 best = candidate
-            else:
-                radius /= 3
-        for radius in (1e-5, 1e-7):  # what is left is a violation of second order in the box
-            candidate = self._step(best, bounds, radius)
+            if promised > -1e-12 and best.violation < 1e-12:
+                break
+            if gain < 0.25 * abs(promised):
+                radius /= 4
+            if radius < 1e-8:
+                break
+        for small in (1e-5, 1e-7):  # what is left is a violation of second order in the box
+            candidate, _ = self._step(best, bounds, small)
             if candidate is not None and candidate.violation <= best.violation:
                 best = candidate
         return replace(best, seconds=best.seconds + time.perf_counter() - start)
 
-    def _step(self, solution: Solution, bounds: Bounds, radius: float) -> Solution | None:
+    def _step(
+        self, solution: Solution, bounds: Bounds, radius: float
+    ) -> tuple[Solution | None, float]:
+        """Take a linear step; also what it promised, minus infinity where there is none."""
         step = self.linear_step(solution.w, bounds, np.full(solution.w.shape, radius))
         if step is None:
-            return None
+            return None, -np.inf
         objective = float(self._evaluate(step[0], bounds.p)[0])
         violation = self.violation(step[0], bounds)
-        return replace(solution, w=step[0], objective=objective, violation=violation)
+        return replace(solution, w=step[0], objective=objective, violation=violation), step[1]
 
 
 def _merit(solution: Solution) -> float:

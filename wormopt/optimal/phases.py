@@ -179,6 +179,19 @@ class PhaseProgram:
         others = ca.vertcat(*self._symbols()[1:4])
         return [not ca.depends_on(b.expression, others) for b in self.problem.along]
 
+    @cached_property
+    def _keeps_ends(self) -> bool:
+        """Whether an arc's end must be bounded by itself: else the next arc's start says it all."""
+        problem = self.problem
+        open_states = [s.symbol for s in problem.model.x if s.name not in problem.periodic]
+        state_only = [
+            bound.expression
+            for bound, yes in zip(problem.along, self._along_state_only(), strict=True)
+            if yes
+        ]
+        bounded = ca.vertcat(problem.model.contact_velocities, *state_only)
+        return problem.impulses or any(ca.depends_on(bounded, s) for s in open_states)
+
     def _arc_function(self) -> ca.Function:
         """Map one arc's variables, modes and the design to residuals, bounded rows, end, integrals.
 
@@ -221,7 +234,7 @@ class PhaseProgram:
         defect = (x - ca.repmat(start, 1, d)) - h * ca.mtimes(ode, ca.DM(mesh.collocation.A.T))
         defect = defect / ca.repmat(ca.DM(self._x_nominal), 1, d)
         following = ca.vec(held[:, :n_k]) if problem.sharing is not None else ca.SX(0, 1)
-        rows = ca.vertcat(*self._bounded_rows(start, x, u, s, f, p, coefficients))
+        rows = ca.vertcat(*self._bounded_rows(start, x, u, s, f, p, stick))
         jump = self._jump(y[at.jumps], start, p)
         return ca.Function(
             "arc",
@@ -255,9 +268,9 @@ class PhaseProgram:
         return ca.mtimes(effect(start, *zero, p), impulses * nominal)
 
     def _bounded_rows(
-        self, start: ca.SX, x: ca.SX, u: ca.SX, s: ca.SX, f: ca.SX, p: ca.SX, inputs: ca.SX
+        self, start: ca.SX, x: ca.SX, u: ca.SX, s: ca.SX, f: ca.SX, p: ca.SX, stick: ca.SX
     ) -> list[ca.SX]:
-        """Bernstein coefficients of contact velocities, contact forces, and bounds along the arc."""
+        """Bernstein coefficients of contact velocities or forces, and of bounds along the arc."""
         model, d = self.problem.model, self.mesh.collocation.degree
         tau = self.mesh.collocation.tau
         to_coefficients = ca.DM(bernstein_matrix(tau).T)
@@ -273,9 +286,14 @@ class PhaseProgram:
 
         speeds = coefficients(model.contact_velocities / self._v_nominal, True)
         forces = coefficients(model.forces / self._f_nominal, False)
-        rows = [ca.vec(speeds), ca.vec(forces)]
+        # A sliding contact has a bounded speed, a sticking one a bounded force: one row for both.
+        stuck = ca.repmat(stick, 1, d)
+        rows = [speeds[:, 0], ca.vec((1 - stuck) * speeds[:, :d] + stuck * forces)]
+        if self._keeps_ends:
+            rows.append(speeds[:, d])
         for bound, state_only in zip(self.problem.along, self._along_state_only(), strict=True):
-            rows.append(ca.vec(coefficients(bound.expression / bound.nominal, state_only)))
+            row = coefficients(bound.expression / bound.nominal, state_only)
+            rows.append(ca.vec(row[:, :d] if state_only and not self._keeps_ends else row))
         return rows
 
     # -- all arcs --------------------------------------------------------------------------
@@ -440,29 +458,27 @@ class PhaseProgram:
         """Bounds of arc k's bounded rows; nothing is stated twice, nor beside an equality."""
         model, d = self.problem.model, self.mesh.collocation.degree
         now, before = states[k], states[k - 1]
-        closed = bool(self.problem.periodic)
-        first, last = k == 0 and not closed, k == self.mesh.total - 1 and not closed
-        own_end = last or self.problem.impulses  # else the next arc's start says it
-        low = np.full((len(now), d + 1), -np.inf)
-        high = np.full((len(now), d + 1), np.inf)
-        low[now > 0], high[now < 0] = 0.0, 0.0
+        begins = k == 0 and not self.problem.periodic
+        ends = self.problem.impulses or k == self.mesh.total - 1
         always = (states == 0).all(axis=0) & (k == 0)
-        fresh = (now == 0) & ((before != 0) | first | always | self.problem.impulses)
-        low[fresh, 0] = high[fresh, 0] = 0.0
-        settled = (now != 0) & (before == 0) & (not first) & (not self.problem.impulses)
-        low[settled, 0], high[settled, 0] = -np.inf, np.inf
-        if not own_end:
-            low[:, d], high[:, d] = -np.inf, np.inf
+        fresh = (now == 0) & ((before != 0) | begins | always | self.problem.impulses)
+        start = np.where(fresh, 0.0, np.inf)
         intervals = np.array([c.law.stick_interval for c in model.contacts]).reshape(-1, 2)
-        hold = (intervals / self._f_nominal[:, None]).T
-        force_low = np.where(now == 0, hold[0], -np.inf)
-        force_high = np.where(now == 0, hold[1], np.inf)
-        lows = [low.ravel(order="F"), np.tile(force_low, d)]
-        highs = [high.ravel(order="F"), np.tile(force_high, d)]
+        hold = intervals / self._f_nominal[:, None]
+        low = np.repeat(np.where(now == 0, hold[:, 0], np.where(now > 0, 0, -np.inf))[:, None], d, 1)
+        high = np.repeat(np.where(now == 0, hold[:, 1], np.where(now > 0, np.inf, 0))[:, None], d, 1)
+        if not (begins or self.problem.impulses):  # it stuck until now: its speed starts at 0
+            low[(now != 0) & (before == 0), 0] = -np.inf
+            high[(now != 0) & (before == 0), 0] = np.inf
+        lows, highs = [-start, low.ravel(order="F")], [start, high.ravel(order="F")]
+        if self._keeps_ends:
+            lows.append(np.where((now > 0) & ends, 0.0, -np.inf))
+            highs.append(np.where((now < 0) & ends, 0.0, np.inf))
         for bound, state_only in zip(self.problem.along, self._along_state_only(), strict=True):
+            columns = d + (state_only and self._keeps_ends)
             for value, out, free in zip(bound.scaled, (lows, highs), (-np.inf, np.inf), strict=True):
-                box = np.repeat(value[:, None], d + 1 if state_only else d, axis=1)
-                if state_only and not own_end:
+                box = np.repeat(value[:, None], columns, axis=1)
+                if columns > d and not ends:
                     box[:, d] = free
                 out.append(box.ravel(order="F"))
         return np.concatenate(lows), np.concatenate(highs)

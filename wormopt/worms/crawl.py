@@ -264,6 +264,11 @@ class Crawl:
         return float(self.integral("velocity")[0])
 
     @property
+    def force_scale(self) -> float:
+        """Size of the forces at play: load, inertia and drag."""
+        return self.drive.force_scale
+
+    @property
     def speed(self) -> float:
         """Mean speed."""
         return self.advance / self.gait.period
@@ -312,6 +317,16 @@ class Crawl:
                 total += float(work[work > 0].sum())
         return total
 
+    @property
+    def effort(self) -> float:
+        """Mean over time of the sum of squared link accelerations."""
+        total = 0.0
+        rows = self._rows()["acceleration"]
+        for _, series in self.parts:
+            links = Series(series.a, series.b, series.coefficients[rows])
+            total += _integral_of_squares(links)
+        return total / self.gait.period
+
     @cached_property
     def net_work(self) -> float:
         """Net work of all actuators per period."""
@@ -324,12 +339,7 @@ class Crawl:
         lost = 0.0
         for _, series in self.parts:
             velocities = Series(series.a, series.b, series.coefficients[rows])
-            degree = 2 * (velocities.coefficients.shape[1] - 1)
-
-            def squared(s: np.ndarray, velocities: Series = velocities) -> np.ndarray:
-                return (velocities(s) ** 2).sum(axis=0, keepdims=True)
-
-            lost += float(resolve(squared, series.a, series.b, max(degree, 1)).integral()[0])
+            lost += _integral_of_squares(velocities)
         return drive.drag * lost + len(drive.mass) * drive.load * self.advance
 
     @cached_property
@@ -417,6 +427,12 @@ class Crawl:
             "resting": np.concatenate(resting, axis=1),
             "position": np.concatenate(head) - spans,
         }
+
+
+def _integral_of_squares(series: Series) -> float:
+    degree = max(2 * (series.coefficients.shape[1] - 1), 1)
+    squares = resolve(lambda s: (series(s) ** 2).sum(axis=0)[None], series.a, series.b, degree)
+    return float(squares.integral()[0])
 
 
 def crawl(

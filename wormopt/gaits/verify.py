@@ -1,0 +1,85 @@
+"""Hold a gait against the limits of its scene, over all time and not by sampling."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wormopt.scenes.gait_design import GaitLimits
+from wormopt.worms.crawl import Crawl
+
+__all__ = ["violations"]
+
+
+def violations(motion: Crawl, limits: GaitLimits) -> dict[str, float]:
+    """Excess over every limit, relative to the limit's own size; not positive where it holds.
+
+    Extremes come from the roots of derivatives of the gait's polynomials.
+
+    Parameters
+    ----------
+    motion : Crawl
+        Motion under the gait.
+    limits : GaitLimits
+        Limits of the scene.
+
+    Returns
+    -------
+    dict of str to float
+        By the scene's keys, and ``closed`` for the gait's return to its start; ``sigma`` is
+        the requirement that no mass glides, relative to the size of the forces.
+
+    Examples
+    --------
+    >>> from wormopt.gaits.construct import block_wave
+    >>> from wormopt.worms.crawl import crawl
+    >>> motion = crawl(block_wave(2, 1, 1.0, (0.8, 1.2)), [1.0] * 3, 0.0, 50.0)
+    >>> found = violations(motion, GaitLimits(period=1.0, length=(0.7, 1.2), rate=1.0))
+    >>> {key: round(value, 3) for key, value in found.items() if value > 0}
+    {'gait.rate': 0.885}
+    """
+    n = motion.gait.links
+    ranges = np.array(limits.length_ranges(n))
+    found = {"gait.length": _excess(motion, "length", ranges[:, 0], ranges[:, 1])}
+    rates = limits.rate_limits(n)
+    if rates is not None:
+        found["gait.rate"] = _excess(motion, "rate", -np.array(rates[0]), np.array(rates[1]))
+    if limits.acceleration is not None:
+        most = np.broadcast_to(limits.acceleration, n)
+        found["gait.acceleration"] = _excess(motion, "acceleration", -most, most)
+    if limits.spike_load is not None:
+        most = np.broadcast_to(limits.spike_load, n + 1)
+        found["gait.spike_load"] = _excess(motion, "reaction", -most, most)
+        if motion.impulses:
+            found["gait.spike_load"] = np.inf
+    if limits.actuator_force is not None:
+        most = np.broadcast_to(limits.actuator_force, n)
+        found["gait.actuator_force"] = _excess(motion, "actuator_force", -most, most)
+    low = float(motion.extremes("sigma")[0][0])
+    if limits.sigma_margin > 0:
+        found["gait.sigma_margin"] = (limits.sigma_margin - low) / limits.sigma_margin
+    found["sigma"] = -low / motion.force_scale
+    found["gait.resting"] = float(limits.resting - motion.resting_min)
+    shortest, longest = limits.period_range
+    period = motion.gait.period
+    found["gait.period"] = max(shortest - period, period - longest) / longest
+    found["closed"] = _gap(motion, limits)
+    return found
+
+
+def _excess(motion: Crawl, signal: str, low: np.ndarray, high: np.ndarray) -> float:
+    least, most = motion.extremes(signal)
+    size = np.maximum(np.abs(low), np.abs(high))
+    return float(np.max(np.maximum(low - least, most - high) / size))
+
+
+def _gap(motion: Crawl, limits: GaitLimits) -> float:
+    """Largest jump of lengths, and of rates unless impulses are allowed, between pieces."""
+    gait = motion.gait
+    widths = np.diff(gait.breaks)
+    gap = 0.0
+    for derivative in (0,) if limits.impulses else (0, 1):
+        ends = [gait.on_piece(q, widths[q : q + 1], derivative)[:, 0] for q in range(gait.pieces)]
+        starts = [gait.on_piece(q, np.zeros(1), derivative)[:, 0] for q in range(gait.pieces)]
+        size = max(float(np.abs(starts).max()), 1e-300)
+        gap = max(gap, float(np.abs(np.roll(starts, -1, axis=0) - ends).max()) / size)
+    return gap

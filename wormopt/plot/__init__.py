@@ -1,0 +1,175 @@
+"""Pictures of results; all they know is the names of a Result's variables and scalars.
+
+One file per family of pictures, and a line in `PICTURES` for each picture.
+"""
+
+from __future__ import annotations
+
+import textwrap
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib import rc_context
+from matplotlib.animation import PillowWriter
+from matplotlib.figure import Figure
+
+from wormopt.plot import gaits
+from wormopt.plot.parts import RED, STYLE
+from wormopt.result import Result
+
+__all__ = ["PICTURES", "Picture", "draw", "figure"]
+
+_DPI, _FILM_DPI = 150, 80
+_FRAMES_PER_SECOND = 12
+
+
+@dataclass(frozen=True)
+class Picture:
+    """How to draw one kind of picture.
+
+    Parameters
+    ----------
+    compose : callable
+        Gives the Figure of a Result, still without its title.
+    needs : tuple of str
+        Variables the Result must have.
+    pose : callable, optional
+        Of an animation, turns the Figure into that of another frame.
+    frames : int
+        Number of frames.
+    """
+
+    compose: Callable[[Result], Figure]
+    needs: tuple[str, ...]
+    pose: Callable[[Figure, Result, int], None] | None = None
+    frames: int = 1
+
+
+_CYCLE = ("time", "resting")
+PICTURES: dict[str, Picture] = {
+    "gait": Picture(gaits.gait, (*_CYCLE, "length", "rate")),
+    "motion": Picture(gaits.motion, (*_CYCLE, "position")),
+    "spikes": Picture(
+        gaits.spikes, (*_CYCLE, "reaction", "reaction_mean", "sigma", "actuator_force")
+    ),
+    "front": Picture(gaits.front, ("front_speed", "front_value", "front_accepted")),
+    "animation": Picture(gaits.first_frame, (*_CYCLE, "position"), gaits.pose, gaits.FRAMES),
+}
+"""Every picture by its name, the word in a scene's ``want``."""
+
+
+def figure(result: Result, picture: str) -> Figure:
+    """Compose a picture, with the title of the result and a mark if the result failed.
+
+    Parameters
+    ----------
+    result : Result
+        What to show.
+    picture : str
+        A key of `PICTURES`; of an animation this is the first frame.
+
+    Returns
+    -------
+    Figure
+        Bound to no window.
+
+    Raises
+    ------
+    ValueError
+        If there is no such picture.
+    KeyError
+        Naming the variables that the picture needs and the result lacks.
+
+    Examples
+    --------
+    >>> from wormopt.result import Variable
+    >>> columns = {"front_speed": [0.5, 0.7], "front_value": [12.0, 20.0], "front_accepted": [1, 0]}
+    >>> points = [Variable(name, "1", ("point",), column) for name, column in columns.items()]
+    >>> front = Result("trade", "gait-pareto", variables=tuple(points))
+    >>> figure(front, "front").axes[0].get_xlabel()
+    'mean speed $v$'
+    """
+    if picture not in PICTURES:
+        raise ValueError(f"no picture {picture!r}; there are {', '.join(PICTURES)}")
+    missing = [name for name in PICTURES[picture].needs if name not in result]
+    if missing:
+        error = KeyError(", ".join(missing))
+        error.add_note(f"the picture {picture!r} is drawn from these variables of the result")
+        raise error
+    with rc_context(STYLE):
+        drawn = PICTURES[picture].compose(result)
+        _entitle(drawn, result)
+    return drawn
+
+
+def draw(result: Result, picture: str, path: str | Path) -> None:
+    """Write a picture to a file, which appears only when it is complete.
+
+    Parameters
+    ----------
+    result : Result
+        What to show.
+    picture : str
+        A key of `PICTURES`.
+    path : path
+        A name in a folder that exists, with a suffix matplotlib knows; ``.gif`` for an animation.
+
+    Raises
+    ------
+    ValueError
+        If there is no such picture.
+    KeyError
+        Naming the variables that the picture needs and the result lacks.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from wormopt.result import Variable
+    >>> columns = {"front_speed": [0.5, 0.7], "front_value": [12.0, 20.0], "front_accepted": [1, 0]}
+    >>> points = [Variable(name, "1", ("point",), column) for name, column in columns.items()]
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "front.png"
+    ...     draw(Result("trade", "gait-pareto", variables=tuple(points)), "front", path)
+    ...     path.stat().st_size > 10_000
+    True
+    """
+    path = Path(path)
+    unfinished = path.with_name(f".unfinished-{path.name}")
+    drawn = figure(result, picture)
+    try:
+        with rc_context(STYLE), warnings.catch_warnings():
+            # a title may hold letters that the font lacks; the picture is good all the same
+            warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+            if PICTURES[picture].pose:
+                _film(result, PICTURES[picture], drawn, unfinished)
+            else:
+                drawn.savefig(unfinished, dpi=_DPI)
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _entitle(drawn: Figure, result: Result) -> None:
+    title = "\n".join(textwrap.wrap(result.title or result.scene, 66))
+    drawn.suptitle(title, fontsize=12, weight="bold", parse_math=False)
+    if result.status == "failed":
+        reason = textwrap.wrap(f"failed: {result.reason or 'no reason given'}", 84)
+        drawn.axes[0].set_title(
+            "\n".join(reason), loc="left", color=RED, weight="bold", parse_math=False
+        )
+        drawn.set_facecolor("#FDF0EC")
+
+
+def _film(result: Result, picture: Picture, drawn: Figure, path: Path) -> None:
+    drawn.draw_without_rendering()
+    drawn.set_layout_engine("none")  # laid out once: nothing shifts from frame to frame
+    writer = PillowWriter(fps=_FRAMES_PER_SECOND)
+    with writer.saving(drawn, path, dpi=_FILM_DPI):
+        for frame in range(picture.frames):
+            if picture.pose:
+                picture.pose(drawn, result, frame)
+            writer.grab_frame()

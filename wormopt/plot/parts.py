@@ -1,0 +1,143 @@
+"""What the pictures share: colours, style, labels, legends and limits.
+
+Limits are scalars of a result, or attributes, that may be missing: ``length_limits`` ([low, high]
+or one such pair per link), ``rate_limit`` (a number, one per link, or [contraction, extension]
+with one list each), ``spike_load_limit`` (a number or one per mass) and ``actuator_force_limit``
+(a number or one per link).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.typing import RcKeyType
+
+from wormopt.result import Result
+
+# Colour-blind-safe: masses by Tol ("muted"), links by Okabe and Ito, dashed from the fifth on.
+MASSES = ("#332288", "#CC6677", "#117733", "#DDAA33", "#4BA3D3",
+           "#882255", "#44AA99", "#999933", "#AA4499")  # fmt: skip
+LINKS = ("#0072B2", "#E69F00", "#009E73", "#D55E00") * 2
+GREY, RED, GLIDE = "#666666", "#B22222", "#F3E3C3"
+STYLE: dict[RcKeyType, Any] = {
+    "font.size": 10.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#E6E6E6",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "axes.titlesize": 10,
+    "axes.titlecolor": GREY,
+    "legend.frameon": False,
+    "legend.fontsize": 9.5,
+    "lines.solid_capstyle": "butt",
+    "mathtext.fontset": "dejavusans",
+}
+
+
+def draw_limits(
+    axes: Axes, limits: Sequence[tuple[float, ...]], colours: Sequence[str] = LINKS
+) -> None:
+    """Thin dashed lines: grey where all share them, in their own colours otherwise."""
+    shared = len(set(limits)) == 1
+    for values, colour in zip(limits[:1] if shared else limits, colours, strict=False):
+        for value in values:
+            axes.axhline(value, color=GREY if shared else colour, linestyle=(0, (5, 3)),
+                         linewidth=1, zorder=1.5)  # fmt: skip
+
+
+def ranges(limits: Any, count: int) -> list[tuple[float, ...]]:
+    """Give the limits of a length as one pair per link."""
+    if limits is None:
+        return []
+    pairs = limits if isinstance(limits[0], list) else [limits] * count
+    return [(low, high) for low, high in pairs]
+
+
+def rate_ranges(limit: Any, count: int) -> list[tuple[float, ...]]:
+    """Give the limits of a rate as one pair per link."""
+    if isinstance(limit, list) and isinstance(limit[0], list):
+        return [(-contraction, extension) for contraction, extension in zip(*limit, strict=True)]
+    return symmetric(limit, count)
+
+
+def symmetric(limit: Any, count: int) -> list[tuple[float, ...]]:
+    """Give the limits of an absolute value as one pair each."""
+    return [(-value, value) for (value,) in ceilings(limit, count)]
+
+
+def ceilings(limit: Any, count: int) -> list[tuple[float, ...]]:
+    """Give upper limits as one tuple each."""
+    if limit is None:
+        return []
+    return [(value,) for value in (limit if isinstance(limit, list) else [limit] * count)]
+
+
+def stretches(time: np.ndarray, holds: np.ndarray) -> list[tuple[float, float]]:
+    """Intervals of time throughout which something holds."""
+    steps = np.concatenate([[False], holds[:-1] & holds[1:], [False]])
+    edges = np.flatnonzero(steps[:-1] != steps[1:])
+    return [(float(time[a]), float(time[b])) for a, b in edges.reshape(-1, 2) if time[b] > time[a]]
+
+
+def link_handles(count: int) -> list[Line2D]:
+    """Lines for a legend of links."""
+    return [
+        Line2D([], [], color=LINKS[j], linestyle="-" if j < 4 else (0, (2, 1)), linewidth=1.8,
+               label=f"link {j + 1}")
+        for j in range(count)
+    ]  # fmt: skip
+
+
+def mass_handles(count: int) -> list[Line2D]:
+    """Lines for a legend of masses."""
+    ends = {0: " (head)", count - 1: " (tail)"}
+    return [
+        Line2D([], [], color=MASSES[i], linewidth=1.8, label=f"mass {i}{ends.get(i, '')}")
+        for i in range(count)
+    ]
+
+
+def legend(axes: Axes, handles: list[Line2D]) -> None:
+    """Beside the axes, where it covers nothing."""
+    axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.01, 0.5))
+
+
+def label(text: str, unit: str) -> str:
+    """Axis label; 'm s-1' appears as m s with a raised -1, and '1' not at all."""
+    return text if unit == "1" else f"{text} ({_raised(unit)})"
+
+
+def _raised(unit: str) -> str:
+    return re.sub(r"(?<=[A-Za-z])(-?[0-9]+)", r"$^{\1}$", "" if unit == "1" else unit)
+
+
+def scalar(result: Result, name: str) -> Any:
+    """Value of a scalar or attribute, None where the result has neither."""
+    if name in result.scalars:
+        return result.scalars[name].value
+    return result.attributes.get(name)
+
+
+def facts(result: Result, *names: str) -> str:
+    """Give the scalars of those names that the result has, as one line."""
+    found = [(name.replace("_", " "), result.scalars.get(name)) for name in names]
+    return "    ".join(
+        f"{name} {number.value:.6g} {_raised(number.unit)}".rstrip()
+        for name, number in found
+        if number and isinstance(number.value, int | float)
+    )
+
+
+def sheet(width: float, height: float) -> Figure:
+    """Give an empty figure with some room at its edges."""
+    layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.1)
+    return Figure(figsize=(width, height), layout=layout)

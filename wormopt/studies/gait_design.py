@@ -1,0 +1,194 @@
+"""Scenes of kind ``gait-design``: construct the best gait within limits, and prove it."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from wormopt.errors import Interrupted, SolveError
+from wormopt.gaits.optimize import Design, design
+from wormopt.gaits.problem import rate_bounds
+from wormopt.gaits.search import Task
+from wormopt.gaits.verify import violations
+from wormopt.progress import Report
+from wormopt.result import Result, Scalar, unit_of
+from wormopt.scenes.gait_design import DesignTable, GaitDesignScene, Objective
+from wormopt.scenes.scene import Scene
+from wormopt.studies.motion import motion_scalars, motion_trust, motion_variables, recheck
+from wormopt.worms.crawl import Crawl, crawl
+
+__all__ = ["design_result", "run"]
+
+# A gait is accepted if no limit is exceeded by more, and the second route agrees to this.
+_ACCEPTED = 1e-9
+
+
+def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
+    """Design the scene's gait.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of kind ``gait-design``.
+    report : callable
+        Told what goes on.
+
+    Returns
+    -------
+    Result
+        Status "failed" where the trust report does not hold.
+
+    Raises
+    ------
+    SolveError
+        If no gait meets the limits; its partial result says so.
+    Interrupted
+        If the user stops it; the best gait so far is its partial result.
+    """
+    table = scene.table
+    try:
+        found = design(Task(table.worm, table.gait, table.objective), table.search, report)
+    except SolveError as error:
+        raise SolveError(error.reason, error.suggestion, _nothing(scene, str(error))) from None
+    result = design_result(scene, found, table.objective)
+    if found.interrupted:
+        raise Interrupted(_failed(result, "interrupted: the best gait so far, not polished"))
+    return result
+
+
+def _nothing(scene: Scene[Any], reason: str) -> Result:
+    return Result(
+        scene.name, scene.table.kind, scene.title, "failed", reason=reason, scene_text=scene.text
+    )
+
+
+def _failed(result: Result, reason: str) -> Result:
+    from dataclasses import replace
+
+    return replace(result, status="failed", reason=reason)
+
+
+def design_result(scene: Scene[Any], found: Design, objective: Objective) -> Result:
+    """Result of a designed gait with its trust report.
+
+    Parameters
+    ----------
+    scene : Scene
+        Whose table is a DesignTable.
+    found : Design
+        The designed gait.
+    objective : Objective
+        What was sought.
+
+    Returns
+    -------
+    Result
+    """
+    table: DesignTable = scene.table
+    worm, limits = table.worm, table.gait
+    clock = time.perf_counter()
+    motion = crawl(found.gait, worm.masses, worm.drag, worm.load, limits.sharing)
+    again = recheck(motion, worm)
+    excess = violations(motion, limits)
+    if objective.speed is not None:
+        excess["objective.speed"] = 1.0 - motion.speed / objective.speed
+    scalars = motion_scalars(motion, table.units) | _design_scalars(table, found, motion, objective)
+    error = abs(again.speed - motion.speed)
+    scalars["worst_violation"] = Scalar(max(0.0, *excess.values()))
+    scalars["recheck_speed_error"] = Scalar(error, unit_of("speed", table.units))
+    trust = dict(motion_trust(motion, worm, again)) | _design_trust(found, excess)
+    faults = _faults(excess, error, motion)
+    return Result(
+        scene=scene.name,
+        kind=table.kind,
+        title=scene.title,
+        status="failed" if faults else "ok",
+        reason="; ".join(faults),
+        scalars=scalars,
+        variables=tuple(motion_variables(motion, table.units)),
+        trust=trust,
+        timings_s=found.timings_s | {"prove": time.perf_counter() - clock},
+        scene_text=scene.text,
+    )
+
+
+def objective_value(motion: Crawl, objective: Objective) -> tuple[float, str]:
+    """Value of an objective and the quantity it is measured in."""
+    match objective.minimise:
+        case None:
+            return motion.speed, "speed"
+        case "peak_spike_load":
+            return float(motion.extremes("reaction")[1].max()), "force"
+        case "peak_actuator_force":
+            return max(float(abs(v).max()) for v in motion.extremes("actuator_force")), "force"
+        case "energy_per_distance":
+            return motion.energy / motion.advance, "energy_per_distance"
+        case "acceleration_effort":
+            return motion.effort, "acceleration_squared"
+
+
+def _design_scalars(
+    table: DesignTable, found: Design, motion: Crawl, objective: Objective
+) -> dict[str, Scalar]:
+    units, limits, links = table.units, table.gait, table.worm.links
+    value, quantity = objective_value(motion, objective)
+    unit = unit_of(quantity, units)
+    scalars = {
+        "objective": Scalar(value, unit),
+        "ceiling": Scalar(found.ceiling, unit_of("speed", units)),
+        "gap": Scalar((found.ceiling - motion.speed) / found.ceiling),
+        "mode_sequence": Scalar(found.sequence),
+        "discretisation_error": Scalar(found.relative_error * abs(value), unit),
+        "length_limits": Scalar(limits.length_ranges(links), unit_of("length", units)),
+        "rate_limit": Scalar(
+            float(np.max(rate_bounds(limits, links))), unit_of("speed", units)
+        ),
+    }
+    if limits.spike_load is not None:
+        scalars["spike_load_limit"] = Scalar(limits.spike_load, unit_of("force", units))
+    if limits.actuator_force is not None:
+        scalars["actuator_force_limit"] = Scalar(limits.actuator_force, unit_of("force", units))
+    return scalars
+
+
+def _design_trust(found: Design, excess: dict[str, float]) -> dict[str, Any]:
+    survey, mesh = found.survey, found.mesh
+    warnings = []
+    if found.relative_error > 1e-6:
+        warnings.append("halving the arcs still changes the objective: see discretisation_error")
+    return {
+        "violations": {k: max(0.0, v) for k, v in excess.items()},
+        "solver": {
+            "status": found.solution.status,
+            "violation": found.solution.violation,
+            "arcs_per_phase": mesh.arcs,
+            "degree": mesh.collocation.degree,
+        },
+        "search": {
+            "phases_enumerated": survey.phases,
+            "sequences": survey.space,
+            "excluded_by_ceiling": survey.excluded,
+            "tried": survey.tried,
+            "variations_tried": survey.varied,
+            "starts": survey.starts,
+            "best": [
+                {"sequence": c.sequence, "scaled_objective": c.objective}
+                for c in survey.candidates[:5]
+            ],
+        },
+        "ceiling": "upper bound on the speed by link rates and resting masses alone",
+        "warnings": warnings,
+    }
+
+
+def _faults(excess: dict[str, float], error: float, motion: Crawl) -> list[str]:
+    faults = [
+        f"{key} is exceeded by {value:.2g} of its size"
+        for key, value in excess.items()
+        if value > _ACCEPTED
+    ]
+    if error > _ACCEPTED * max(1.0, motion.speed):
+        faults.append(f"the second route finds a speed that differs by {error:.2g}")
+    return faults

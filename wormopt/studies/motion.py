@@ -1,0 +1,172 @@
+"""What every gait study says of a crawling motion: scalars, signals, and its re-check."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from wormopt.gaits.files import gait_variables
+from wormopt.result import Scalar, Variable, unit_of
+from wormopt.scenes.worm import WormTable
+from wormopt.simulate.bimodal import BimodalMotion, integrate
+from wormopt.worms.crawl import Crawl
+
+__all__ = ["motion_scalars", "motion_trust", "motion_variables", "recheck"]
+
+_SIGNALS = {
+    "time": ("time", ("time",), "time"),
+    "length": ("length", ("link", "time"), "link length"),
+    "rate": ("speed", ("link", "time"), "rate of the link length"),
+    "acceleration": ("acceleration", ("link", "time"), "acceleration of the link length"),
+    "position": ("length", ("mass", "time"), "position of the mass"),
+    "velocity": ("speed", ("mass", "time"), "velocity of the mass"),
+    "reaction": ("force", ("mass", "time"), "load on the spike"),
+    "reaction_mean": ("force", ("time",), "mean spike load lambda of (7)"),
+    "sigma": ("force", ("time",), "driving term sigma of (7)"),
+    "glide": ("speed", ("time",), "common velocity w of (7)"),
+    "actuator_force": ("force", ("link", "time"), "actuator force"),
+    "resting": ("count", ("mass", "time"), "1 where the mass rests"),
+}
+
+
+def motion_scalars(motion: Crawl, units: str) -> dict[str, Scalar]:
+    """Scalars that every gait result carries.
+
+    Parameters
+    ----------
+    motion : Crawl
+        The motion.
+    units : {"dimensionless", "SI"}
+        Units of the scene.
+
+    Returns
+    -------
+    dict of str to Scalar
+    """
+
+    def scalar(value: Any, quantity: str) -> Scalar:
+        return Scalar(value, unit_of(quantity, units))
+
+    low, high = motion.extremes("reaction_mean")
+    period, advance = motion.gait.period, motion.advance
+    # Energy is finite and complete only where no velocity jumps.
+    spent = motion.energy / advance if advance > 0 and not _jumps(motion) else None
+    mass = float(motion.drive.mass.sum())
+    return {
+        "speed": scalar(motion.speed, "speed"),
+        "advance": scalar(advance, "length"),
+        "period": scalar(period, "time"),
+        "resting_min": scalar(motion.resting_min, "count"),
+        "lambda_min": scalar(low[0], "force"),
+        "lambda_max": scalar(high[0], "force"),
+        "lambda_mean": scalar(_lambda_mean(motion), "force"),
+        "spike_load_max": scalar(motion.extremes("reaction")[1].max(), "force"),
+        "actuator_force_max": scalar(
+            max(abs(v).max() for v in motion.extremes("actuator_force")), "force"
+        ),
+        "energy_per_distance": scalar(spent, "energy_per_distance"),
+        "cost_of_transport": scalar(None if spent is None else spent / mass, "acceleration"),
+        "mode_sequence": scalar(motion.resting_sequence, "count"),
+        "glides": scalar(motion.glides, "time"),
+        "impulses": scalar(motion.impulses, "impulse"),
+        "smallest_load": scalar(motion.smallest_load, "force"),
+        "smallest_period": scalar(motion.smallest_period, "time"),
+    }
+
+
+def _jumps(motion: Crawl) -> bool:
+    return bool(motion.impulses or motion.drops)
+
+
+def _lambda_mean(motion: Crawl) -> float:
+    """Mean of lambda over the period; impulses count with their share."""
+    period, masses = motion.gait.period, len(motion.drive.mass)
+    pushed = sum(size for _, size in motion.impulses) / masses
+    return (float(motion.integral("reaction_mean")[0]) + pushed) / period
+
+
+def motion_variables(motion: Crawl, units: str) -> list[Variable]:
+    """Signals over one period and the gait itself.
+
+    Parameters
+    ----------
+    motion : Crawl
+        The motion.
+    units : {"dimensionless", "SI"}
+        Units of the scene.
+
+    Returns
+    -------
+    list of Variable
+    """
+    sampled = motion.sample()
+    signals = [
+        Variable(
+            name,
+            unit_of(quantity, units),
+            dims,
+            sampled[name].reshape(-1) if len(dims) == 1 else sampled[name],
+            long_name,
+        )
+        for name, (quantity, dims, long_name) in _SIGNALS.items()
+    ]
+    return [*signals, *gait_variables(motion.gait, units)]
+
+
+def recheck(motion: Crawl, worm: WormTable) -> BimodalMotion:
+    """Integrate (7) for the same gait by the second, event-located route.
+
+    Parameters
+    ----------
+    motion : Crawl
+        The motion to check.
+    worm : WormTable
+        The worm.
+
+    Returns
+    -------
+    BimodalMotion
+    """
+    return integrate(motion.gait, worm.masses, worm.drag, worm.load)
+
+
+def motion_trust(motion: Crawl, worm: WormTable, again: BimodalMotion) -> Mapping[str, Any]:
+    """Residuals of a motion and its agreement with the second route.
+
+    Parameters
+    ----------
+    motion : Crawl
+        The motion.
+    worm : WormTable
+        The worm.
+    again : BimodalMotion
+        From `recheck`.
+
+    Returns
+    -------
+    mapping
+        ``force_balance`` mu_{n+1} = 0 of the recursion (largest over time), ``impulse_balance``
+        mean lambda - k speed - Gamma, ``energy_balance`` (net work - dissipation) / force scale
+        and distance, and what the second route found.
+    """
+    low, high = motion.extremes("closure")
+    # drag acts on the mean velocity of the masses, which over a period is the speed
+    balance = _lambda_mean(motion) - worm.drag * motion.speed - worm.load
+    trust: dict[str, Any] = {
+        "force_balance": max(abs(low[0]), abs(high[0])),
+        "impulse_balance": abs(balance),
+        "ruled_by_kinematics": not motion.glides and not motion.drops,
+        "recheck": {
+            "method": "event-located integration of (7)",
+            "speed": again.speed,
+            "lambda_min": again.lambda_min,
+            "lambda_max": again.lambda_max,
+            "resting_min": again.resting_min,
+        },
+    }
+    if not _jumps(motion) and motion.advance > 0:
+        gap = motion.net_work - motion.dissipation
+        trust["energy_balance"] = abs(gap) / (motion.force_scale * motion.advance)
+    else:
+        trust["energy_balance"] = None
+    return trust
