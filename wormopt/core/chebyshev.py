@@ -65,7 +65,21 @@ class Series:
         return self.primitive()(np.array([self.b]))[:, 0]
 
     def roots(self, row: int, zero: float = 1e-13) -> np.ndarray:
-        """Roots of one row in [a, b], ascending; none where the row is smaller than ``zero``."""
+        """Roots of one row in [a, b], ascending.
+
+        Parameters
+        ----------
+        row : int
+            Which function.
+        zero : float, optional
+            A function whose coefficients are all below this size counts as zero: no roots.
+
+        Returns
+        -------
+        ndarray
+            A multiple root may appear once for each of its multiplicity, or not at all where
+            round-off keeps the function from reaching zero.
+        """
         c = self.coefficients[row]
         size = np.abs(c).max()
         if size <= zero:
@@ -80,7 +94,17 @@ class Series:
         return np.sort(self.a + (real + 1) / 2 * (self.b - self.a))
 
     def extremes(self, row: int) -> tuple[float, float]:
-        """Smallest and largest value of one row on [a, b]."""
+        """Smallest and largest value of one row on [a, b].
+
+        Parameters
+        ----------
+        row : int
+            Which function.
+
+        Returns
+        -------
+        low, high : float
+        """
         slope = self.derivative()
         points = np.concatenate([[self.a, self.b], slope.roots(row, zero=0.0)])
         values = Series(self.a, self.b, self.coefficients[row : row + 1])(points)[0]

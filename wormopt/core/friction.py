@@ -33,11 +33,37 @@ class Law(Protocol):
         ...
 
     def slip_force(self, v: Expression, direction: int) -> Expression:
-        """Force while sliding with velocity ``v`` in ``direction`` (+1 or -1)."""
+        """Force while sliding with velocity ``v`` in ``direction`` (+1 or -1).
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        direction : {+1, -1}
+            Forward or backward.
+
+        Returns
+        -------
+        casadi.SX or float
+            Force on the worm.
+        """
         ...
 
     def smooth(self, v: Expression, v_reg: float) -> Expression:
-        """Regularised force at velocity ``v``, steep over the width ``v_reg``."""
+        """Regularised force at velocity ``v``, steep over the width ``v_reg``.
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        v_reg : float
+            Width of the steep part, positive.
+
+        Returns
+        -------
+        casadi.SX or float
+            Force on the worm.
+        """
         ...
 
 
@@ -95,11 +121,37 @@ class Coulomb:
         return -ahead, behind
 
     def slip_force(self, v: Expression, direction: int) -> Expression:
-        """Constant force against ``direction``; ``v`` does not matter."""
+        """Constant force against ``direction``; ``v`` does not matter.
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        direction : {+1, -1}
+            Forward or backward.
+
+        Returns
+        -------
+        casadi.SX or float
+            Force on the worm.
+        """
         return -self.forward if direction > 0 else self.backward
 
     def smooth(self, v: Expression, v_reg: float) -> Expression:
-        """Blend of both sliding forces by tanh(v / v_reg); stiction is lost."""
+        """Blend of both sliding forces by tanh(v / v_reg); stiction is lost.
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        v_reg : float
+            Width of the steep part, positive.
+
+        Returns
+        -------
+        casadi.SX or float
+            Force on the worm.
+        """
         return _blend(v, v_reg, self.slip_force(v, 1), self.slip_force(v, -1))
 
 
@@ -154,14 +206,40 @@ class Stribeck:
         return -self.stick_forward, self.stick_backward
 
     def slip_force(self, v: Expression, direction: int) -> Expression:
-        """Velocity-weakening force against ``direction``."""
+        """Velocity-weakening force against ``direction``.
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        direction : {+1, -1}
+            Forward or backward.
+
+        Returns
+        -------
+        casadi.SX or float
+            Force on the worm.
+        """
         decay = ca.exp(-((v / self.v_stribeck) ** 2))
         if direction > 0:
             return -(self.forward + (self.stick_forward - self.forward) * decay)
         return self.backward + (self.stick_backward - self.backward) * decay
 
     def smooth(self, v: Expression, v_reg: float) -> Expression:
-        """Blend of both sliding forces by tanh(v / v_reg)."""
+        """Blend of both sliding forces by tanh(v / v_reg).
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        v_reg : float
+            Width of the steep part, positive.
+
+        Returns
+        -------
+        casadi.SX or float
+            Force on the worm.
+        """
         return _blend(v, v_reg, self.slip_force(v, 1), self.slip_force(v, -1))
 
 
@@ -202,11 +280,37 @@ class Viscous:
         return 0.0, 0.0
 
     def slip_force(self, v: Expression, direction: int) -> Expression:
-        """Force -k v in either direction."""
+        """Force -k v in either direction.
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        direction : {+1, -1}
+            Forward or backward; both are alike.
+
+        Returns
+        -------
+        casadi.SX or float
+            Force on the worm.
+        """
         return -self.drag * v
 
     def smooth(self, v: Expression, v_reg: float) -> Expression:
-        """Force -k v: there is nothing to regularise."""
+        """Force -k v: there is nothing to regularise.
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        v_reg : float
+            Without effect.
+
+        Returns
+        -------
+        casadi.SX or float
+            Force on the worm.
+        """
         return -self.drag * v
 
 
@@ -242,6 +346,18 @@ class Spike:
     def slip_force(self, v: Expression, direction: int) -> Expression:
         """No force forward; backward sliding does not exist.
 
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        direction : {+1}
+            Forward.
+
+        Returns
+        -------
+        float
+            Zero.
+
         Raises
         ------
         ValueError
@@ -252,5 +368,18 @@ class Spike:
         return 0.0
 
     def smooth(self, v: Expression, v_reg: float) -> Expression:
-        """Hyperbola scale (sqrt(v^2 + v_reg^2) - v) / (2 v_reg), steep for v < 0."""
+        """Hyperbola scale (sqrt(v^2 + v_reg^2) - v) / (2 v_reg), steep for v < 0.
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        v_reg : float
+            Width of the bend, positive.
+
+        Returns
+        -------
+        casadi.SX or float
+            Load on the spike, never negative.
+        """
         return self.scale * (ca.sqrt(v**2 + v_reg**2) - v) / (2 * v_reg)

@@ -136,7 +136,18 @@ class Gait:
         return values
 
     def with_period(self, period: float) -> Gait:
-        """Return the same shape run through in another period."""
+        """Return the same shape run through in another period.
+
+        Parameters
+        ----------
+        period : float
+            New period, positive.
+
+        Returns
+        -------
+        Gait
+            Rates change by the factor old period / new period, accelerations by its square.
+        """
         factor = period / self.period
         powers = factor ** -np.arange(self.polynomial.shape[2], dtype=float)
         omega = None if self.omega is None else self.omega / factor

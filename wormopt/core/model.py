@@ -52,7 +52,17 @@ class Signal:
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """A named expression of the model's symbols (a column), with its quantity as unit."""
+    """A named expression of the model's symbols.
+
+    Parameters
+    ----------
+    name : str
+        For instance ``"actuator_force"``.
+    expression : casadi.SX
+        Column of the model's symbols.
+    unit : str, optional
+        Quantity it measures, for instance ``"force"``.
+    """
 
     name: str
     expression: ca.SX
@@ -91,7 +101,17 @@ class Contact:
 
 @dataclass(frozen=True, eq=False)
 class Switch:
-    """A discrete event of the model itself: when ``guard`` rises through 0, x becomes ``reset``."""
+    """A discrete event of the model itself: when ``guard`` rises through 0, x becomes ``reset``.
+
+    Parameters
+    ----------
+    name : str
+        What happens.
+    guard : casadi.SX
+        Scalar expression that rises through 0 at the event.
+    reset : casadi.SX
+        Column of the states after it.
+    """
 
     name: str
     guard: ca.SX
@@ -187,6 +207,15 @@ class Model:
 
     def output(self, name: str) -> ca.SX:
         """Expression of the output called ``name``.
+
+        Parameters
+        ----------
+        name : str
+            Name of an output.
+
+        Returns
+        -------
+        casadi.SX
 
         Raises
         ------

@@ -109,8 +109,8 @@ def block_wave(
     --------
     >>> import numpy as np
     >>> block_wave(2, 1, 1.0, (1.4, 2.0))(np.array([0.0, 1 / 3, 2 / 3])).round(12)
-    array([[2. , 1.4, 2. ],
-           [1.4, 2. , 2. ]])
+    array([[1.4, 1.4, 2. ],
+           [1.4, 2. , 1.4]])
     """
     short, long = length
     # A mass that moves in a phase gains, relative to one that rests, one stroke.
@@ -138,7 +138,9 @@ def accordion(
         Period T, split into halves.
     length : tuple of float
         Short and long length of every link.
-    profile, ramp
+    profile : {"cosine", "quintic", "trapezoid"}, optional
+        How a length changes within a phase.
+    ramp : float, optional
         As for `block_wave`.
 
     Returns

@@ -1,42 +1,26 @@
-"""Design a gait: search the sequence, polish it, and refine it until halving arcs changes nothing."""
+"""Design a gait: search the sequence of resting masses, polish it, refine it; or say why not."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from wormopt.core.gait import Gait
 from wormopt.core.modes import ModeSequence, ceiling
 from wormopt.errors import SolveError
+from wormopt.gaits.polish import as_found, polish, refine
 from wormopt.gaits.problem import gait_problem, rate_bounds
-from wormopt.gaits.search import (
-    Candidate,
-    Job,
-    Sequence_,
-    Survey,
-    Task,
-    attempts,
-    effort_of,
-    mesh_of,
-    program_of,
-    search,
-    start_of,
-    workers_of,
-)
-from wormopt.optimal.collocation import Collocation, bernstein_matrix
+from wormopt.gaits.search import Sequence_, Survey, Task, mesh_of, search, start_of
+from wormopt.optimal.collocation import bernstein_matrix
 from wormopt.optimal.elastic import elastic
-from wormopt.optimal.nlp import Bounds, Ipopt, Solution
+from wormopt.optimal.nlp import Ipopt, Solution
 from wormopt.optimal.phases import Arcs, Mesh, PhaseProgram
 from wormopt.progress import Report
 from wormopt.scenes.gait_design import Search
 
 __all__ = ["Design", "design", "gait_of_arcs"]
-
-# Refinement stops when halving every arc changes the objective by less than this, relatively.
-_RESOLVED = 3e-8
 
 
 @dataclass(frozen=True)
@@ -52,7 +36,7 @@ class Design:
     ceiling : float
         Bound on the speed by rates and modes alone.
     relative_error : float
-        Relative change of the objective when every arc is halved and the gait optimised again.
+        Relative gain in the objective that is left, to first order, when every arc is halved.
     survey : Survey
         What was searched.
     solution : Solution
@@ -110,100 +94,39 @@ def design(task: Task, settings: Search, report: Report) -> Design:
     survey = search(task, settings, report)
     if not survey.candidates:
         report("looking for the limits in conflict", 0.8)
-        raise _conflict(task, settings)
+        raise _conflict(task)
     searched = time.perf_counter()
-    candidate, interrupted = survey.candidates[0], survey.interrupted
+    interrupted, error = survey.interrupted, np.nan
+    found = as_found(task, survey.candidates[0]) if interrupted else None
     try:
-        if not interrupted:
+        if found is None:
             report("polishing", 0.8)
-            candidate = _polish(task, settings, survey)
+            found = polish(task, settings, survey)
             report("refining", 0.9)
-            program, solution, error = _refine(task, candidate)
+            found, error = refine(task, found)
     except KeyboardInterrupt:
+        found = found or as_found(task, survey.candidates[0])
         interrupted = True
-    if interrupted:
-        program, solution = _as_found(task, candidate)
-        error = np.nan
-    refined = time.perf_counter()
+    mesh = found.program.mesh
     return Design(
-        gait=gait_of_arcs(program.unpack(solution.w), program.mesh, task.worm.links),
-        sequence=candidate.sequence,
+        gait=gait_of_arcs(found.program.unpack(found.solution.w), mesh, task.worm.links),
+        sequence=found.sequence,
         ceiling=bound,
         relative_error=error,
-        interrupted=interrupted,
         survey=survey,
-        solution=solution,
-        mesh=program.mesh,
-        timings_s={"search": searched - clock, "polish_and_refine": refined - searched},
+        solution=found.solution,
+        mesh=mesh,
+        timings_s={
+            "search": searched - clock,
+            "polish_and_refine": time.perf_counter() - searched,
+        },
+        interrupted=interrupted,
     )
 
 
 def _ceiling(task: Task) -> float:
     contraction, extension = rate_bounds(task.limits, task.worm.links)
     return ceiling(contraction.tolist(), extension.tolist(), task.limits.resting)
-
-
-def _polish(task: Task, settings: Search, survey: Survey) -> Candidate:
-    """Try the best sequences again, with more arcs and more starts."""
-    effort = effort_of(settings)
-    close = survey.candidates[0].objective + 1e-2 * abs(survey.candidates[0].objective)
-    best = [c for c in survey.candidates[: effort.polished] if c.objective <= close]
-    jobs = [
-        Job(task, c.sequence, (settings.seed, 1000 + k), 8)
-        for c in best
-        for k in range(effort.starts + 1)
-    ]
-    found = [c for c in attempts(jobs, workers_of(settings)).values() if c is not None]
-    # Coarse and fine candidates carry the barrier's bias; a tie goes to the finer mesh.
-    return min([*found, *best], key=lambda c: (round(c.objective, 4), -c.mesh.arcs, c.objective))
-
-
-def _bounds(task: Task, program: PhaseProgram, sequence: Sequence_) -> Bounds:
-    return program.bounds(ModeSequence.of_resting(sequence, task.worm.links + 1))
-
-
-def _refine(task: Task, candidate: Candidate) -> tuple[PhaseProgram, Solution, float]:
-    """Raise the degree, then halve arcs, until halving every arc changes nothing."""
-    program = program_of(task, candidate.mesh)
-    bounds = _bounds(task, program, candidate.sequence)
-    start = program.nlp.start(program.pack(candidate.arcs), bounds)
-    solution = program.nlp.improve(start, bounds)
-    for mesh in _finer(candidate.mesh):
-        halved = replace(program.mesh, arcs=2 * program.mesh.arcs)
-        fine, better = _transfer(task, candidate.sequence, program, solution, halved)
-        error = abs(better.objective - solution.objective) / abs(better.objective)
-        if error <= _RESOLVED or mesh is None:
-            break
-        program, solution = _transfer(task, candidate.sequence, program, solution, mesh)
-    if better.objective < solution.objective - 1e-12:
-        program, solution = fine, better
-    return program, solution, error
-
-
-def _as_found(task: Task, candidate: Candidate) -> tuple[PhaseProgram, Solution]:
-    """Bring a candidate onto its limits without optimising on."""
-    program = program_of(task, candidate.mesh)
-    bounds = _bounds(task, program, candidate.sequence)
-    start = program.nlp.start(program.pack(candidate.arcs), bounds)
-    return program, program.nlp.finish(start, bounds, radius=1e-7)
-
-
-def _finer(mesh: Mesh) -> Iterator[Mesh | None]:
-    """Meshes to go to one after another; None ends the list."""
-    for degree in (4, 6):
-        yield replace(mesh, collocation=Collocation(degree), input_degree=degree - 2)
-    yield replace(mesh, arcs=2 * mesh.arcs, collocation=Collocation(6), input_degree=4)
-    yield None
-
-
-def _transfer(
-    task: Task, sequence: Sequence_, program: PhaseProgram, solution: Solution, mesh: Mesh
-) -> tuple[PhaseProgram, Solution]:
-    """Carry a solution to a finer mesh and optimise on from there."""
-    fine = program_of(task, mesh)
-    bounds = _bounds(task, fine, sequence)
-    w = fine.pack(program.refine(program.unpack(solution.w), mesh))
-    return fine, fine.nlp.improve(fine.nlp.start(w, bounds), bounds)
 
 
 def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
@@ -239,14 +162,14 @@ def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
     return Gait(np.concatenate([[0.0], np.cumsum(arcs.duration[kept])]), pieces)
 
 
-def _conflict(task: Task, settings: Search) -> SolveError:
+def _conflict(task: Task) -> SolveError:
     """Say which limits stand against each other, by the least slack that lets a gait exist."""
     problem = elastic(gait_problem(task.worm, task.limits, task.objective))
     n = len(problem.design)
     least, where = np.inf, np.zeros(n)
     for sequence in start_of(task):
         program = PhaseProgram(problem, mesh_of(sequence, 4))
-        bounds = _bounds(task, program, sequence)
+        bounds = program.bounds(ModeSequence.of_resting(sequence, task.worm.links + 1))
         total = program.mesh.total
         w = program.rest(np.full(total, np.mean(task.limits.period_range) / total), task.rest)
         w[-n:] = 10.0
@@ -254,8 +177,6 @@ def _conflict(task: Task, settings: Search) -> SolveError:
         if answer.violation < 1e-5 and answer.objective < least:
             least, where = answer.objective, program.unpack(answer.w).design
     names = {s.name: k for k, s in enumerate(problem.design) if s.name.startswith("slack ")}
-    nominal = {b.name: b.nominal for b in (*problem.along, *problem.at_ends)}
-    del nominal
     given = [
         f"{name.removeprefix('slack ')} (by {where[k]:.3g} of its size)"
         for name, k in names.items()

@@ -91,9 +91,12 @@ _EFFORTS = {
 }
 
 
-def workers_of(settings: Search) -> int:
-    """Number of processes: as asked for, or one per processor."""
-    return settings.workers or os.cpu_count() or 1
+def workers_of(settings: Search, links: int) -> int:
+    """Number of processes: as asked for, else one per processor where that pays.
+
+    Up to two links a whole search takes about as long as starting processes.
+    """
+    return settings.workers or (1 if links <= 2 else os.cpu_count() or 1)
 
 
 def effort_of(settings: Search) -> Effort:
@@ -308,7 +311,7 @@ def search(task: Task, settings: Search, report: Report) -> Survey:
         The same for any number of workers.
     """
     effort = effort_of(settings)
-    workers = workers_of(settings)
+    workers = workers_of(settings, task.worm.links)
     masses = task.worm.links + 1
     log = _Log()
     if settings.sequence is not None:
@@ -403,7 +406,8 @@ def _vary(
     for turn in range(effort.rounds):
         record = log.record
         fresh: list[Sequence_] = []
-        for candidate in log.ranking[:3]:
+        close = [c for c in log.ranking[:3] if c.objective <= record + 0.02 * abs(record)]
+        for candidate in close:
             for word in _neighbours(candidate.sequence, task, most):
                 word = _canonical(word, masses, mirror=mirror)
                 if word not in log.best and word not in fresh:

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from scipy import sparse
 from scipy.optimize import linprog
+from scipy.sparse.linalg import splu
 
 __all__ = ["Bounds", "Ipopt", "NonlinearProgram", "Solution"]
 
@@ -181,19 +182,6 @@ class NonlinearProgram:
         objective = float(self._evaluate(w, bounds.p)[0])
         return Solution(w, objective, self.violation(w, bounds), "not solved", False, 0, 0.0)
 
-    def improve(self, solution: Solution, bounds: Bounds) -> Solution:
-        """Optimise on from a feasible point; cheap where there is nothing to gain.
-
-        A linear step tells whether the point is optimal to first order. If not, IPOPT starts
-        right there, close to the bounds, and `finish` follows.
-        """
-        step = self.linear_step(solution.w, bounds, np.full(solution.w.shape, 1e-2))
-        if solution.violation < 1e-9 and step is not None and step[1] > -1e-10:
-            return solution
-        options = Ipopt(tolerance=1e-8, mu_init=1e-6, warm=True, iterations=300)
-        answer = self.finish(self.solve(solution.w, bounds, options), bounds)
-        return answer if _merit(answer) < _merit(solution) else solution
-
     def finish(self, solution: Solution, bounds: Bounds, radius: float = 1e-3) -> Solution:
         """Take linear steps in shrinking boxes: exact active set, errors near round-off.
 
@@ -233,6 +221,26 @@ class NonlinearProgram:
             if candidate is not None and candidate.violation <= best.violation:
                 best = candidate
         return replace(best, seconds=best.seconds + time.perf_counter() - start)
+
+    def restore(self, solution: Solution, bounds: Bounds) -> Solution:
+        """Remove what violation an interior point left, by the shortest Newton steps."""
+        best = solution
+        for _ in range(3):
+            _, _, g, jacobian = self._linearise(best.w, bounds.p)
+            g = np.asarray(g).ravel()
+            low, high = g - bounds.lbg, g - bounds.ubg
+            wrong = (bounds.lbg == bounds.ubg) | (low < 0) | (high > 0)
+            residual = np.where(low < 0, low, np.maximum(high, 0.0))[wrong]
+            matrix = sparse.csr_matrix(jacobian.sparse())[wrong]
+            normal = matrix @ matrix.T + 1e-13 * sparse.eye(matrix.shape[0])
+            step = -matrix.T @ splu(normal.tocsc()).solve(residual)
+            w = np.clip(best.w + step, bounds.lbw, bounds.ubw)
+            violation = self.violation(w, bounds)
+            if violation >= best.violation:
+                break
+            objective = float(self._evaluate(w, bounds.p)[0])
+            best = replace(best, w=w, objective=objective, violation=violation)
+        return best
 
     def _step(
         self, solution: Solution, bounds: Bounds, radius: float

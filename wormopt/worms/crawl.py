@@ -120,8 +120,18 @@ class _Drive:
 class Stretch:
     """An interval on which the same masses rest, or all glide, and everything is smooth.
 
-    ``start`` and ``stop`` are times since ``piece`` of the gait began; ``resting`` is empty in a
-    glide; ``common`` is w with its derivative as a Series, None in mode 2.
+    Parameters
+    ----------
+    piece : int
+        Piece of the gait.
+    start, stop : float
+        Times since the piece began.
+    resting : tuple of int
+        Masses at rest, ascending; empty in a glide.
+    leader : int
+        Mass that rests in mode 2, and would rest if the worm did not glide.
+    common : Series, optional
+        Velocity w in a glide; None in mode 2.
     """
 
     piece: int
@@ -466,7 +476,7 @@ def crawl(
     Examples
     --------
     >>> import numpy as np
-    >>> gait = Gait(np.array([0.0, 1.0, 2.0]), np.array([[[1.0, 0, 0.5]], [[1.5, 0, -0.5]]]))
+    >>> gait = Gait(np.array([0.0, 2.0, 4.0]), np.array([[[1.0, 1, -0.5]], [[1.0, -1, 0.5]]]))
     >>> motion = crawl(gait, [1.0, 1.0], drag=0.0, load=2.0)
     >>> round(motion.speed, 12), motion.resting_sequence
     (0.25, [[1], [0]])
