@@ -77,8 +77,8 @@ class Series:
         Returns
         -------
         ndarray
-            A multiple root may appear once for each of its multiplicity, or not at all where
-            round-off keeps the function from reaching zero.
+            A multiple root appears at most as often as its multiplicity, at least once where
+            the sign changes; a root at which it does not may be lost in round-off.
         """
         c = self.coefficients[row]
         size = np.abs(c).max()
@@ -144,11 +144,16 @@ def resolve(function: Vectorised, a: float, b: float, degree: int | None = None)
     >>> resolve(lambda t: np.array([t**2]), 0.0, 1.0, degree=2).integral().round(12)
     array([0.33333333])
     """
-    for n in [degree] if degree is not None else [16, 32, 64, 128, 256]:
-        nodes, transform = _nodes_and_transform(max(n, 1))
-        values = function(a + (nodes + 1) / 2 * (b - a))
-        coefficients = values @ transform
-        tail = np.abs(coefficients[:, -2:]).max(initial=0.0)
-        if tail <= 1e-14 * np.abs(coefficients).max(initial=1e-300):
-            break
-    return Series(a, b, coefficients)
+    if degree is not None:
+        return _interpolate(function, a, b, max(degree, 1))
+    for n in (16, 32, 64, 128):
+        series = _interpolate(function, a, b, n)
+        tail = np.abs(series.coefficients[:, -2:]).max(initial=0.0)
+        if tail <= 1e-14 * np.abs(series.coefficients).max(initial=1e-300):
+            return series
+    return _interpolate(function, a, b, 256)
+
+
+def _interpolate(function: Vectorised, a: float, b: float, degree: int) -> Series:
+    nodes, transform = _nodes_and_transform(degree)
+    return Series(a, b, function(a + (nodes + 1) / 2 * (b - a)) @ transform)

@@ -17,7 +17,8 @@ class Gait:
     """Periodic link lengths l_1..l_n, on each piece a polynomial plus one harmonic.
 
     On piece q, with s the time since it began,
-    l_j(s) = sum_k polynomial[q, j, k] s^k + cosine[q, j] cos(omega[q] s) + sine[q, j] sin(omega[q] s).
+    l_j(s) = sum_k polynomial[q, j, k] s^k
+             + cosine[q, j] cos(omega[q] s) + sine[q, j] sin(omega[q] s).
 
     Parameters
     ----------
@@ -50,12 +51,18 @@ class Gait:
     sine: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        breaks, pieces = self.breaks, self.polynomial.shape[0]
-        if breaks.shape != (pieces + 1,) or breaks[0] != 0 or np.any(np.diff(breaks) <= 0):
+        if self.polynomial.ndim != 3:
+            raise ValueError("polynomial must have the shape (pieces, n, degree + 1)")
+        breaks, (pieces, links, _) = self.breaks, self.polynomial.shape
+        ascending = np.all(np.isfinite(breaks)) and np.all(np.diff(breaks) > 0)
+        if breaks.shape != (pieces + 1,) or breaks[0] != 0 or not ascending:
             raise ValueError("breaks must ascend from 0, one more than there are pieces")
         harmonic = (self.omega, self.cosine, self.sine)
         if any(h is None for h in harmonic) and any(h is not None for h in harmonic):
             raise ValueError("omega, cosine and sine go together")
+        shapes = [h.shape for h in harmonic if h is not None]
+        if shapes and shapes != [(pieces,), (pieces, links), (pieces, links)]:
+            raise ValueError("omega must have the shape (pieces,), cosine and sine (pieces, n)")
 
     @property
     def period(self) -> float:
@@ -193,17 +200,25 @@ class Gait:
         Raises
         ------
         ValueError
-            If the table is not numeric, has fewer than 4 rows, its times do not ascend from 0,
-            a length is not positive, or the last row does not repeat the first.
+            If the table is not text in UTF-8, has no header, is not numeric, has fewer than 4
+            rows or rows of different lengths, its times do not ascend from 0, a length is not
+            positive, or the last row does not repeat the first.
         """
-        with Path(path).open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if row]
+        try:
+            with Path(path).open(newline="", encoding="utf-8-sig") as stream:
+                rows = [row for row in csv.reader(stream) if row]
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise ValueError(f"a gait table must be CSV text in UTF-8 ({error})") from None
+        needs = "a gait table needs a header t,l_1,...,l_n and at least 4 rows"
+        if len(rows) < 5 or len(rows[0]) < 2 or _is_number(rows[0][0]):
+            raise ValueError(needs)
+        for number, row in enumerate(rows[1:], start=1):
+            if len(row) != len(rows[0]):
+                raise ValueError(f"row {number} has {len(row)} entries, the header {len(rows[0])}")
         try:
             table = np.array([[float(v) for v in row] for row in rows[1:]])
         except ValueError as error:
             raise ValueError(f"every row after the header must hold numbers ({error})") from None
-        if table.ndim != 2 or table.shape[0] < 4 or table.shape[1] < 2:
-            raise ValueError("a gait table needs a header t,l_1,...,l_n and at least 4 rows")
         t, lengths = table[:, 0], table[:, 1:]
         if not np.all(np.isfinite(table)) or t[0] != 0 or np.any(np.diff(t) <= 0):
             raise ValueError("times must be finite and ascend from 0")
@@ -214,3 +229,11 @@ class Gait:
         lengths[-1] = lengths[0]
         spline = CubicSpline(t, lengths, bc_type="periodic")
         return cls(t.copy(), np.transpose(spline.c[::-1], (1, 2, 0)))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -225,7 +225,9 @@ class Model:
         for output in self.outputs:
             if output.name == name:
                 return output.expression
-        raise KeyError(f"{self.name} has no output {name!r}; it has {[o.name for o in self.outputs]}")
+        raise KeyError(
+            f"{self.name} has no output {name!r}; it has {[o.name for o in self.outputs]}"
+        )
 
 
 def pack(signals: Sequence[Signal]) -> ca.SX:

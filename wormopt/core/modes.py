@@ -115,7 +115,7 @@ def ceiling(
     change[np.arange(n), np.arange(n) + 2] = -1.0
     too_long, too_short = change.copy(), -change
     too_long[:, 0], too_short[:, 0] = -np.asarray(extension), -np.asarray(contraction)
-    rates = sparse.kron(sparse.eye(len(modes)), sparse.csr_matrix(np.vstack([too_long, too_short])))
+    rates = sparse.kron(np.eye(len(modes)), np.vstack([too_long, too_short]), format="csr")
     shares = np.tile(np.eye(1, width), len(modes))
     closed = sparse.csr_matrix(np.tile(change, len(modes)))
     upper = np.full((len(modes), width), np.inf)
@@ -126,7 +126,7 @@ def ceiling(
     answer = linprog(
         head.ravel(),
         A_ub=rates,
-        b_ub=np.zeros(rates.shape[0]),
+        b_ub=np.zeros(2 * n * len(modes)),
         A_eq=sparse.vstack([sparse.csr_matrix(shares), closed]),
         b_eq=np.concatenate([[1.0], np.zeros(n)]),
         bounds=np.column_stack([np.zeros(total), upper.ravel()]),

@@ -182,7 +182,7 @@ def _strokes(
     breaks = [0.0]
     pieces = []
     for q in range(phases):
-        for start, stop, shape in rows:
+        for _, stop, shape in rows:
             powers = np.arange(len(shape))
             piece = changes[q][:, None] * shape * width ** -powers.astype(float)
             piece[:, 0] += before[q]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,7 +61,7 @@ class Design:
     interrupted: bool = False
 
 
-def design(task: Task, settings: Search, report: Report) -> Design:
+def design(task: Task, settings: Search, report: Report, hints: Sequence[Sequence_] = ()) -> Design:
     """Design the best gait that a scene asks for.
 
     Parameters
@@ -71,6 +72,8 @@ def design(task: Task, settings: Search, report: Report) -> Design:
         How to search.
     report : callable
         Told what goes on.
+    hints : sequence of sequences, optional
+        Sequences of resting masses to try first.
 
     Returns
     -------
@@ -91,7 +94,7 @@ def design(task: Task, settings: Search, report: Report) -> Design:
             f"require less than {bound:.6g}, or raise gait.rate",
         )
     clock = time.perf_counter()
-    survey = search(task, settings, report)
+    survey = search(task, settings, report, hints)
     if not survey.candidates:
         report("looking for the limits in conflict", 0.8)
         raise _conflict(task)

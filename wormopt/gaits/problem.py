@@ -52,6 +52,20 @@ def loads_matter(limits: GaitLimits, objective: Objective) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
+class _Terms:
+    """What costs are made of: the way per period, and nominal sizes."""
+
+    model: Model
+    ends: Ends
+    way: ca.SX
+    speed_nominal: float
+
+    @property
+    def force_nominal(self) -> float:
+        return float(sum(c.nominal_force for c in self.model.contacts))
+
+
+@dataclass(frozen=True, eq=False)
 class _Cost:
     """What an objective adds to the problem."""
 
@@ -91,13 +105,17 @@ def gait_problem(worm: WormTable, limits: GaitLimits, objective: Objective) -> P
     ends = Ends.of(model, 1)
     advance = ends.end[0] - ends.start[0]
     speed_nominal = float(np.max(rate_bounds(limits, n)))
-    cost = _COSTS[objective.minimise or "speed"](model, ends, advance, speed_nominal)
-    at_ends = []
+    at_ends = [Bound("start", ends.start[0], 0.0, 0.0)]
+    way = advance
     if objective.speed is not None:
-        speed = Bound(
-            "objective.speed", advance / ends.duration, objective.speed, nominal=speed_nominal
+        at_ends.append(
+            Bound(
+                "objective.speed", advance / ends.duration, objective.speed, nominal=speed_nominal
+            )
         )
-        at_ends.append(speed)
+        # Costs per distance stay finite at rest, where every start begins.
+        way = ca.fmax(advance, objective.speed * ends.duration / 2)
+    cost = _COSTS[objective.minimise or "speed"](_Terms(model, ends, way, speed_nominal))
     return Problem(
         model=model,
         ends=ends,
@@ -114,9 +132,7 @@ def gait_problem(worm: WormTable, limits: GaitLimits, objective: Objective) -> P
     )
 
 
-def _limits_along(
-    model: Model, limits: GaitLimits, links: int, ranges: np.ndarray
-) -> list[Bound]:
+def _limits_along(model: Model, limits: GaitLimits, links: int, ranges: np.ndarray) -> list[Bound]:
     x = {s.name: s for s in model.x}
     bounds = [
         Bound("gait.length", x["length"].symbol, ranges[:, 0], ranges[:, 1], x["length"].nominal)
@@ -129,9 +145,7 @@ def _limits_along(
         )
     if limits.acceleration is not None:
         most = np.broadcast_to(limits.acceleration, links)
-        bounds.append(
-            Bound("gait.acceleration", model.u[0].symbol, -most, most, float(most.max()))
-        )
+        bounds.append(Bound("gait.acceleration", model.u[0].symbol, -most, most, float(most.max())))
     if limits.spike_load is not None:
         most = np.broadcast_to(limits.spike_load, links + 1)
         bounds.append(Bound("gait.spike_load", model.forces, upper=most, nominal=float(most.max())))
@@ -170,53 +184,50 @@ def _sharing(
     return least_actuation
 
 
-Builder = Callable[[Model, Ends, ca.SX, float], _Cost]
+def _speed(terms: _Terms) -> _Cost:
+    return _Cost(-terms.way / terms.ends.duration / terms.speed_nominal)
 
 
-def _speed(model: Model, ends: Ends, advance: ca.SX, speed_nominal: float) -> _Cost:
-    return _Cost(-advance / ends.duration / speed_nominal)
-
-
-def _peak(model: Model, expression: ca.SX, name: str) -> _Cost:
+def _peak(terms: _Terms, expression: ca.SX, name: str) -> _Cost:
     """Smallest upper bound of an expression at all times."""
-    nominal = float(sum(c.nominal_force for c in model.contacts))
-    peak = Signal("peak", ca.SX.sym("peak"), "force", nominal, 0.0)
-    bound = Bound(name, expression - peak.symbol, upper=0.0, nominal=nominal)
-    return _Cost(peak.symbol / nominal, along=(bound,), design=(peak,))
+    peak = Signal("peak", ca.SX.sym("peak"), "force", terms.force_nominal, 0.0)
+    bound = Bound(name, expression - peak.symbol, upper=0.0, nominal=peak.nominal)
+    return _Cost(peak.symbol / peak.nominal, along=(bound,), design=(peak,))
 
 
-def _peak_spike_load(model: Model, ends: Ends, advance: ca.SX, speed_nominal: float) -> _Cost:
-    return _peak(model, model.forces, "peak_spike_load")
+def _peak_spike_load(terms: _Terms) -> _Cost:
+    return _peak(terms, terms.model.forces, "peak_spike_load")
 
 
-def _peak_actuator_force(model: Model, ends: Ends, advance: ca.SX, speed_nominal: float) -> _Cost:
-    force = model.output("actuator_force")
-    return _peak(model, ca.vertcat(force, -force), "peak_actuator_force")
+def _peak_actuator_force(terms: _Terms) -> _Cost:
+    force = terms.model.output("actuator_force")
+    return _peak(terms, ca.vertcat(force, -force), "peak_actuator_force")
 
 
-def _energy(model: Model, ends: Ends, advance: ca.SX, speed_nominal: float) -> _Cost:
-    power = model.output("power")
-    nominal = float(sum(c.nominal_force for c in model.contacts))
-    spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", nominal * speed_nominal, 0)
-    above = Bound("power", spent.symbol - power, 0.0, nominal=nominal * speed_nominal)
-    positive = Bound("power", spent.symbol, 0.0, nominal=nominal * speed_nominal)
+def _energy(terms: _Terms) -> _Cost:
+    power = terms.model.output("power")
+    nominal = terms.force_nominal * terms.speed_nominal
+    spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", nominal, 0)
     return _Cost(
-        ends.integrals[0] / advance / nominal,
-        along=(above, positive),
+        terms.ends.integrals[0] / terms.way / terms.force_nominal,
+        along=(
+            Bound("power", spent.symbol - power, 0.0, nominal=nominal),
+            Bound("power", spent.symbol, 0.0, nominal=nominal),
+        ),
         slacks=(spent,),
         integrand=ca.sum1(spent.symbol),
     )
 
 
-def _effort(model: Model, ends: Ends, advance: ca.SX, speed_nominal: float) -> _Cost:
-    u = model.u[0]
+def _effort(terms: _Terms) -> _Cost:
+    u = terms.model.u[0]
     return _Cost(
-        ends.integrals[0] / ends.duration / u.nominal**2,
+        terms.ends.integrals[0] / terms.ends.duration / u.nominal**2,
         integrand=ca.sumsqr(u.symbol),
     )
 
 
-_COSTS: dict[str, Builder] = {
+_COSTS: dict[str, Callable[[_Terms], _Cost]] = {
     "speed": _speed,
     "peak_spike_load": _peak_spike_load,
     "peak_actuator_force": _peak_actuator_force,

@@ -204,7 +204,9 @@ def _is_mirror_symmetric(task: Task) -> bool:
         np.broadcast_to(limits.actuator_force or 0.0, n),
         np.ptp(np.array(limits.length_ranges(n)), axis=1),
     ]
-    return np.array_equal(contraction, extension) and all(np.array_equal(v, np.asarray(v)[::-1]) for v in per_thing)
+    return np.array_equal(contraction, extension) and all(
+        np.array_equal(v, np.asarray(v)[::-1]) for v in per_thing
+    )
 
 
 def mesh_of(sequence: Sequence_, arcs: int, degree: int = 2) -> Mesh:
@@ -293,7 +295,7 @@ class _Log:
         return self.ranking[0].objective if self.ranking else np.inf
 
 
-def search(task: Task, settings: Search, report: Report) -> Survey:
+def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequence_] = ()) -> Survey:
     """Find the sequences that are worth polishing.
 
     Parameters
@@ -304,6 +306,8 @@ def search(task: Task, settings: Search, report: Report) -> Survey:
         Seed, effort, phases, the user's own sequence, processes.
     report : callable
         Told what goes on: text and the fraction done.
+    hints : sequence of sequences, optional
+        Tried first, with those of the constructed gaits.
 
     Returns
     -------
@@ -326,7 +330,8 @@ def search(task: Task, settings: Search, report: Report) -> Survey:
         for s in sequences(masses, task.limits.resting, p, mirror=mirror)
     ]
     bounds = {s: _ceiling_of(task, frozenset(s)) for s in space}
-    constructed = [_canonical(s, masses, mirror=mirror) for s in start_of(task)]
+    first = [_canonical(s, masses, mirror=mirror) for s in (*hints, *start_of(task))]
+    constructed = list(dict.fromkeys(first))
     # Constructed gaits first, so that none of them is ever better; then the highest ceilings.
     order = sorted(space, key=lambda s: (s not in constructed, -bounds[s], len(s), s))
     order = [*[s for s in constructed if s not in bounds], *order]
@@ -348,9 +353,7 @@ def search(task: Task, settings: Search, report: Report) -> Survey:
         interrupted = True
     excluded += sum(_cannot_win(task, bounds[s], log.record) for s in order)
     ranking = tuple(log.ranking)
-    return Survey(
-        ranking, phases, len(space), excluded, tried, varied, log.starts, interrupted
-    )
+    return Survey(ranking, phases, len(space), excluded, tried, varied, log.starts, interrupted)
 
 
 def _default_phases(masses: int, resting: int) -> int:
@@ -435,6 +438,6 @@ def _neighbours(word: Sequence_, task: Task, most: int) -> Iterable[Sequence_]:
     for k in range(len(word)):
         edits = [word[:k] + word[k + 1 :]]
         for letter in letters:
-            edits.append(word[:k] + (letter,) + word[k + 1 :])
-            edits.append(word[:k] + (letter,) + word[k:])
+            edits.append((*word[:k], letter, *word[k + 1 :]))
+            edits.append((*word[:k], letter, *word[k:]))
         yield from (e for e in edits if 2 <= len(e) <= most and _is_gait(e))

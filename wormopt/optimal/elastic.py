@@ -14,7 +14,7 @@ __all__ = ["elastic"]
 
 
 def elastic(problem: Problem) -> Problem:
-    """Let every named bound give way at a price, and ask for the least giving way in all.
+    """Let every inequality give way at a price, and ask for the least giving way in all.
 
     Parameters
     ----------
@@ -41,10 +41,12 @@ def elastic(problem: Problem) -> Problem:
     >>> [s.name for s in elastic(problem).design]
     ['slack distance', 'slack speed']
     """
-    names = sorted({b.name for b in (*problem.along, *problem.at_ends)})
+    names = sorted({b.name for b in (*problem.along, *problem.at_ends) if not _is_equality(b)})
     slack = {name: Signal(f"slack {name}", ca.SX.sym("slack"), "1", 1.0, 0.0) for name in names}
 
     def give(bound: Bound) -> list[Bound]:
+        if _is_equality(bound):
+            return [bound]
         low, high = bound.scaled
         size = slack[bound.name].symbol
         expression = bound.expression / bound.nominal
@@ -62,3 +64,8 @@ def elastic(problem: Problem) -> Problem:
         at_ends=[part for b in problem.at_ends for part in give(b)],
         design=[*problem.design, *slack.values()],
     )
+
+
+def _is_equality(bound: Bound) -> bool:
+    low, high = bound.scaled
+    return bool(np.all(low == high))

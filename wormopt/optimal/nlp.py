@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -39,7 +40,7 @@ class Ipopt:
 
     warm: bool = False
 
-    def as_casadi(self) -> dict[str, object]:
+    def as_casadi(self) -> dict[str, Any]:
         """Translate into the options of nlpsol."""
         pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
         start = {f"ipopt.{push}": 1e-8 for push in pushes} if self.warm else {}
@@ -87,16 +88,20 @@ class NonlinearProgram:
 
     Parameters
     ----------
-    w, p : casadi symbol
+    w, p : casadi.MX
         Variables and parameters, columns.
-    objective, constraints : casadi expression
+    objective, constraints : casadi.MX
         Scalar f and column g.
     """
 
     def __init__(
-        self, w: ca.MX | ca.SX, p: ca.MX | ca.SX, objective: ca.MX | ca.SX, constraints: ca.MX | ca.SX
+        self,
+        w: ca.MX,
+        p: ca.MX,
+        objective: ca.MX,
+        constraints: ca.MX,
     ) -> None:
-        self._nlp = {"x": w, "p": p, "f": objective, "g": constraints}
+        self._nlp: dict[str, Any] = {"x": w, "p": p, "f": objective, "g": constraints}
         self._evaluate = ca.Function("evaluate", [w, p], [objective, constraints])
         self._linearise = ca.Function(
             "linearise",

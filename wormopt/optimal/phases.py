@@ -56,8 +56,10 @@ class Mesh:
         nodes = self.input_nodes
         powers = np.arange(self.input_degree + 1)
         to_values = self.collocation.tau[:, None] ** powers
-        return to_values @ np.linalg.inv(nodes[:, None] ** powers) @ np.linalg.inv(
-            bernstein_matrix(nodes)
+        return (
+            to_values
+            @ np.linalg.inv(nodes[:, None] ** powers)
+            @ np.linalg.inv(bernstein_matrix(nodes))
         )
 
     @property
@@ -208,7 +210,9 @@ class PhaseProgram:
         start = y[at.start] * self._x_nominal
         x = ca.reshape(y[at.points], n_x, d) * ca.repmat(ca.DM(self._x_nominal), 1, d)
         n_u, n_k = len(self._u_nominal), mesh.input_degree + 1
-        coefficients = ca.reshape(y[at.inputs], n_u, n_k) * ca.repmat(ca.DM(self._u_nominal), 1, n_k)
+        coefficients = ca.reshape(y[at.inputs], n_u, n_k) * ca.repmat(
+            ca.DM(self._u_nominal), 1, n_k
+        )
         u = ca.mtimes(coefficients, ca.DM(mesh.inputs_at_points.T))
         s = ca.reshape(y[at.slacks], -1, d) * ca.repmat(ca.DM(self._s_nominal), 1, d)
         f = ca.reshape(y[at.forces], n_c, d) * ca.repmat(ca.DM(self._f_nominal), 1, d)
@@ -381,7 +385,13 @@ class PhaseProgram:
     def _delassus(self) -> np.ndarray:
         model = self.problem.model
         function = ca.Function("delassus", self._symbols(), [model.delassus])
-        nominal = [self._x_nominal, self._u_nominal, self._s_nominal, self._f_nominal, self._p_nominal]
+        nominal = [
+            self._x_nominal,
+            self._u_nominal,
+            self._s_nominal,
+            self._f_nominal,
+            self._p_nominal,
+        ]
         return np.asarray(function(*nominal))
 
     def _followers(self, stick: np.ndarray) -> np.ndarray:
@@ -404,13 +414,10 @@ class PhaseProgram:
         upper[0] = self.problem.duration[1] / self.time_nominal
         x_low, x_high = _limits(tuple(self.problem.model.x))
         lower[at.start], upper[at.start] = x_low[:, None], x_high[:, None]
-        lower[1, 0] = upper[1, 0] = 0.0  # the first state is where the worm is: start at 0
         n_u = len(self._u_nominal)
         u_low, u_high = _limits(tuple(self.problem.model.u))
         repeats = self.mesh.input_degree + 1
-        lower[at.inputs], upper[at.inputs] = (
-            np.tile(v, repeats)[:, None] for v in (u_low, u_high)
-        )
+        lower[at.inputs], upper[at.inputs] = (np.tile(v, repeats)[:, None] for v in (u_low, u_high))
         d = self.mesh.collocation.degree
         if self.problem.impulses:
             contact_rows = slice(at.jumps.start + n_u, at.jumps.stop)
@@ -461,22 +468,29 @@ class PhaseProgram:
         begins = k == 0 and not self.problem.periodic
         ends = self.problem.impulses or k == self.mesh.total - 1
         always = (states == 0).all(axis=0) & (k == 0)
-        fresh = (now == 0) & ((before != 0) | begins | always | self.problem.impulses)
+        turns = (now * before == -1) & (not begins)
+        fresh = (now == 0) & ((before != 0) | begins | always | self.problem.impulses) | turns
         start = np.where(fresh, 0.0, np.inf)
         intervals = np.array([c.law.stick_interval for c in model.contacts]).reshape(-1, 2)
         hold = intervals / self._f_nominal[:, None]
-        low = np.repeat(np.where(now == 0, hold[:, 0], np.where(now > 0, 0, -np.inf))[:, None], d, 1)
-        high = np.repeat(np.where(now == 0, hold[:, 1], np.where(now > 0, np.inf, 0))[:, None], d, 1)
-        if not (begins or self.problem.impulses):  # it stuck until now: its speed starts at 0
-            low[(now != 0) & (before == 0), 0] = -np.inf
-            high[(now != 0) & (before == 0), 0] = np.inf
+        low = np.repeat(
+            np.where(now == 0, hold[:, 0], np.where(now > 0, 0, -np.inf))[:, None], d, 1
+        )
+        high = np.repeat(
+            np.where(now == 0, hold[:, 1], np.where(now > 0, np.inf, 0))[:, None], d, 1
+        )
+        if not (begins or self.problem.impulses):  # its speed starts at 0 by an equality
+            settled = (now != 0) & ((before == 0) | turns)
+            low[settled, 0], high[settled, 0] = -np.inf, np.inf
         lows, highs = [-start, low.ravel(order="F")], [start, high.ravel(order="F")]
         if self._keeps_ends:
             lows.append(np.where((now > 0) & ends, 0.0, -np.inf))
             highs.append(np.where((now < 0) & ends, 0.0, np.inf))
         for bound, state_only in zip(self.problem.along, self._along_state_only(), strict=True):
             columns = d + (state_only and self._keeps_ends)
-            for value, out, free in zip(bound.scaled, (lows, highs), (-np.inf, np.inf), strict=True):
+            for value, out, free in zip(
+                bound.scaled, (lows, highs), (-np.inf, np.inf), strict=True
+            ):
                 box = np.repeat(value[:, None], columns, axis=1)
                 if columns > d and not ends:
                     box[:, d] = free
@@ -607,6 +621,4 @@ def _interpolation(nodes: np.ndarray, targets: np.ndarray) -> np.ndarray:
     """Matrix from values at nodes to values of the interpolating polynomial at targets."""
     degree = len(nodes) - 1
     basis = np.polynomial.legendre.legvander(2 * nodes - 1, degree)
-    return np.linalg.solve(
-        basis.T, np.polynomial.legendre.legvander(2 * targets - 1, degree).T
-    ).T
+    return np.linalg.solve(basis.T, np.polynomial.legendre.legvander(2 * targets - 1, degree).T).T

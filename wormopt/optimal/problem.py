@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from wormopt.core.model import Model, Signal
 
@@ -23,7 +24,7 @@ class Bound:
         What it limits, as a user would say it; infeasible problems are explained by it.
     expression : casadi.SX
         Scalar or column of the problem's symbols.
-    lower, upper : float or sequence of float, optional
+    lower, upper : array_like, optional
         The interval, alike for all rows or one per row; equal values make an equality.
     nominal : float, optional
         Usual size of the expression, by which it is scaled.
@@ -31,8 +32,8 @@ class Bound:
 
     name: str
     expression: ca.SX
-    lower: float | Sequence[float] = -float("inf")
-    upper: float | Sequence[float] = float("inf")
+    lower: ArrayLike = -np.inf
+    upper: ArrayLike = np.inf
     nominal: float = 1.0
 
     @property

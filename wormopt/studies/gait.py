@@ -97,7 +97,9 @@ def _gait_from_file(scene: Scene[GaitScene], shape: GaitFile) -> Gait:
     return gait if shape.period is None else gait.with_period(shape.period)
 
 
-def _warnings(glides: list[object] | list[tuple[float, float]], ruled: bool, impulses: object) -> list[str]:
+def _warnings(
+    glides: list[object] | list[tuple[float, float]], ruled: bool, impulses: object
+) -> list[str]:
     found = []
     if glides:
         found.append("the worm glides: for a while no mass rests, so forward motion is not held")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,12 @@ from wormopt.gaits.search import Task
 from wormopt.gaits.verify import violations
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, unit_of
-from wormopt.scenes.gait_design import DesignTable, GaitDesignScene, Objective
+from wormopt.scenes.gait_design import Cost, DesignTable, GaitDesignScene, Objective
 from wormopt.scenes.scene import Scene
 from wormopt.studies.motion import motion_scalars, motion_trust, motion_variables, recheck
 from wormopt.worms.crawl import Crawl, crawl
 
-__all__ = ["design_result", "run"]
+__all__ = ["cost_scalar", "design_result", "objective_value", "run"]
 
 # A gait is accepted if no limit is exceeded by more, and the second route agrees to this.
 _ACCEPTED = 1e-9
@@ -54,7 +55,8 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
         raise SolveError(error.reason, error.suggestion, _nothing(scene, str(error))) from None
     result = design_result(scene, found, table.objective)
     if found.interrupted:
-        raise Interrupted(_failed(result, "interrupted: the best gait so far, not polished"))
+        reason = "interrupted: the best gait so far, not polished"
+        raise Interrupted(replace(result, status="failed", reason=reason))
     return result
 
 
@@ -64,13 +66,9 @@ def _nothing(scene: Scene[Any], reason: str) -> Result:
     )
 
 
-def _failed(result: Result, reason: str) -> Result:
-    from dataclasses import replace
-
-    return replace(result, status="failed", reason=reason)
-
-
-def design_result(scene: Scene[Any], found: Design, objective: Objective) -> Result:
+def design_result(
+    scene: Scene[Any], found: Design, objective: Objective, cost: Cost | None = None
+) -> Result:
     """Result of a designed gait with its trust report.
 
     Parameters
@@ -81,6 +79,8 @@ def design_result(scene: Scene[Any], found: Design, objective: Objective) -> Res
         The designed gait.
     objective : Objective
         What was sought.
+    cost : str, optional
+        A cost to state besides.
 
     Returns
     -------
@@ -95,6 +95,9 @@ def design_result(scene: Scene[Any], found: Design, objective: Objective) -> Res
     if objective.speed is not None:
         excess["objective.speed"] = 1.0 - motion.speed / objective.speed
     scalars = motion_scalars(motion, table.units) | _design_scalars(table, found, motion, objective)
+    if cost is not None:
+        value, quantity = objective_value(motion, cost)
+        scalars[cost_scalar(cost)] = Scalar(value, unit_of(quantity, table.units))
     error = abs(again.speed - motion.speed)
     scalars["worst_violation"] = Scalar(max(0.0, *excess.values()))
     scalars["recheck_speed_error"] = Scalar(error, unit_of("speed", table.units))
@@ -114,9 +117,42 @@ def design_result(scene: Scene[Any], found: Design, objective: Objective) -> Res
     )
 
 
-def objective_value(motion: Crawl, objective: Objective) -> tuple[float, str]:
-    """Value of an objective and the quantity it is measured in."""
-    match objective.minimise:
+def cost_scalar(cost: Cost) -> str:
+    """Name of the scalar that holds a cost.
+
+    Parameters
+    ----------
+    cost : str
+        As written in a scene.
+
+    Examples
+    --------
+    >>> cost_scalar("peak_spike_load")
+    'spike_load_max'
+    """
+    return {
+        "peak_spike_load": "spike_load_max",
+        "peak_actuator_force": "actuator_force_max",
+        "energy_per_distance": "energy_per_distance",
+        "acceleration_effort": "acceleration_effort",
+    }[cost]
+
+
+def objective_value(motion: Crawl, minimise: Cost | None) -> tuple[float, str]:
+    """Value of an objective and the quantity it is measured in.
+
+    Parameters
+    ----------
+    motion : Crawl
+        The motion.
+    minimise : str, optional
+        The cost; None for the speed.
+
+    Returns
+    -------
+    (float, str)
+    """
+    match minimise:
         case None:
             return motion.speed, "speed"
         case "peak_spike_load":
@@ -133,7 +169,7 @@ def _design_scalars(
     table: DesignTable, found: Design, motion: Crawl, objective: Objective
 ) -> dict[str, Scalar]:
     units, limits, links = table.units, table.gait, table.worm.links
-    value, quantity = objective_value(motion, objective)
+    value, quantity = objective_value(motion, objective.minimise)
     unit = unit_of(quantity, units)
     scalars = {
         "objective": Scalar(value, unit),
@@ -142,9 +178,7 @@ def _design_scalars(
         "mode_sequence": Scalar(found.sequence),
         "discretisation_error": Scalar(found.relative_error * abs(value), unit),
         "length_limits": Scalar(limits.length_ranges(links), unit_of("length", units)),
-        "rate_limit": Scalar(
-            float(np.max(rate_bounds(limits, links))), unit_of("speed", units)
-        ),
+        "rate_limit": Scalar(float(np.max(rate_bounds(limits, links))), unit_of("speed", units)),
     }
     if limits.spike_load is not None:
         scalars["spike_load_limit"] = Scalar(limits.spike_load, unit_of("force", units))

@@ -7,14 +7,14 @@ solution is one integral. Nothing is stepped through time.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations, pairwise
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from wormopt.core.chebyshev import Series, resolve
 from wormopt.core.gait import Gait
@@ -186,7 +186,19 @@ class Crawl:
         return {k: slice(int(a), int(b)) for k, a, b in zip(sizes, edges, edges[1:], strict=False)}
 
     def quantities(self, stretch: Stretch, s: np.ndarray) -> np.ndarray:
-        """All signals at times ``s`` (since the piece began), stacked in the order of _rows."""
+        """All signals of a stretch, stacked in the order of _rows.
+
+        Parameters
+        ----------
+        stretch : Stretch
+            One of ``stretches``.
+        s : ndarray, shape (m,)
+            Times since its piece began.
+
+        Returns
+        -------
+        ndarray, shape (rows, m)
+        """
         drive, gait = self.drive, self.gait
         v, a = drive.kinematic(stretch.piece, stretch.leader, s)
         sigma = drive.sigma(v, a)
@@ -374,19 +386,15 @@ class Crawl:
             fast *= 4
         if fast >= 1e9:
             return 0.0
+        slow = 0.0
         if self.drive.load == 0:
-            slowest = self._slowest_without_load()
-            return slowest
-        return self.gait.period / float(brentq(least, 0.0, fast, xtol=1e-15, rtol=1e-14))
-
-    def _slowest_without_load(self) -> float:
-        # Without load, sigma = A q^2 + B q with quickness q: one sign of A q + B for all times.
-        def least(quickness: float) -> float:
-            return min(self._inertia_and_drag(quickness)) / quickness
-
-        if least(1e-9) < -1e-9 * self.drive.force_scale:
-            return float("inf")
-        return self.gait.period / float(brentq(least, 1e-9, 1e9, xtol=1e-15, rtol=1e-14))
+            # Only drag can hold the worm then, and where W0 comes to rest no slowness is enough.
+            slow = 1.0
+            while least(slow) < 0:
+                slow /= 4
+                if slow < 1e-6:
+                    return float("inf")
+        return self.gait.period / _root(least, slow, fast)
 
     def _inertia_and_drag(self, quickness: float) -> Iterator[float]:
         """Smallest values of sigma - Gamma, stretch by stretch, when the gait runs quicker."""
@@ -439,6 +447,10 @@ class Crawl:
         }
 
 
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(root_scalar(function, bracket=(low, high), xtol=1e-15, rtol=1e-14).root)
+
+
 def _integral_of_squares(series: Series) -> float:
     degree = max(2 * (series.coefficients.shape[1] - 1), 1)
     squares = resolve(lambda s: (series(s) ** 2).sum(axis=0)[None], series.a, series.b, degree)
@@ -472,6 +484,11 @@ def crawl(
         If the number of masses is not that of the links plus one.
     SolveError
         If no periodic motion is reached: the worm glides faster from period to period.
+
+    Notes
+    -----
+    Without load and drag nothing stops a glide, and every faster one is a motion too; found is
+    the one that starts from w = 0.
 
     Examples
     --------
@@ -522,7 +539,9 @@ def _cells(drive: _Drive, piece: int) -> list[Stretch]:
         values = spans(a + (b - a) * np.array([0.1, 0.5, 0.9]))
         ahead = (values >= values.max(axis=0) - tie).all(axis=1)
         # Where curves only touch, round-off may not choose the leader: keep the one before.
-        leader = cells[-1].leader if cells and ahead[cells[-1].leader] else int(values[:, 1].argmax())
+        leader = (
+            cells[-1].leader if cells and ahead[cells[-1].leader] else int(values[:, 1].argmax())
+        )
         resting = tuple(sorted(alike[leader]))
         if cells and cells[-1].resting == resting:
             cells[-1] = replace(cells[-1], stop=b)

@@ -1,4 +1,4 @@
-"""The worm with spikes and rigidly driven links, (1)-(7), as a Model with link accelerations as inputs."""
+"""The worm with spikes, (1)-(7), as a Model driven by its link accelerations."""
 
 from __future__ import annotations
 

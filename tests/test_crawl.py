@@ -1,0 +1,464 @@
+"""The closed-form crawl of a worm with spikes, (1)-(7): formulas, hand-solved cases, invariants."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq, nnls
+
+from wormopt.core.gait import Gait
+from wormopt.gaits.construct import Profile, accordion, block_wave, fast_gait
+from wormopt.simulate.bimodal import integrate
+from wormopt.worms.crawl import Crawl, Sharing, crawl, share_load
+
+PROFILES: tuple[Profile, ...] = ("cosine", "quintic", "trapezoid")
+RULES: tuple[Sharing, ...] = ("equal", "least_actuation")
+
+
+def hermite_gait(widths: Sequence[float], values: np.ndarray, slopes: np.ndarray) -> Gait:
+    """Periodic C1 cubics through given lengths and rates, shape (pieces, n) each."""
+    h = np.array(widths)[:, None]
+    d, e = slopes, np.roll(slopes, -1, axis=0)
+    rise = np.roll(values, -1, axis=0) - values
+    cubic = np.stack(
+        [values, d, (3 * rise / h - 2 * d - e) / h, (d + e - 2 * rise / h) / h**2], axis=2
+    )
+    return Gait(np.concatenate([[0.0], np.cumsum(widths)]), cubic)
+
+
+@st.composite
+def smooth_gaits(draw: st.DrawFn, max_links: int = 4) -> Gait:
+    """Random periodic C1 piecewise cubics."""
+    links, pieces = draw(st.integers(1, max_links)), draw(st.integers(2, 4))
+    widths = draw(st.lists(st.floats(0.2, 1.0), min_size=pieces, max_size=pieces))
+    random = np.random.default_rng(draw(st.integers(0, 10**6)))
+    shape = (pieces, links)
+    return hermite_gait(widths, random.uniform(0.7, 1.3, shape), random.uniform(-1, 1, shape))
+
+
+def safe_load(gait: Gait, mass: Sequence[float]) -> float:
+    """A load that holds any gait in mode 2: |mean of m_i v_i'| <= mean mass * sum_j |l_j''|."""
+    widths = np.diff(gait.breaks)
+    ends = [gait.on_piece(q, np.array([0.0, h]), 2) for q, h in enumerate(widths)]
+    return max(float(np.abs(e).sum(axis=0).max()) for e in ends) * float(np.mean(mass))
+
+
+def mean_load(motion: Crawl) -> float:
+    """Mean of lambda over the period, impulses included."""
+    pushes = sum(size for _, size in motion.impulses) / (motion.gait.links + 1)
+    return (float(motion.integral("reaction_mean")[0]) + pushes) / motion.gait.period
+
+
+def closed_glides(motion: Crawl) -> list[tuple[float, float]]:
+    """Glides with one that passes the end of the period joined, its end before its start."""
+    glides, period = list(motion.glides), motion.gait.period
+    if len(glides) > 1 and glides[0][0] == 0 and abs(glides[-1][1] - period) < 1e-12 * period:
+        glides = [*glides[1:-1], (glides[-1][0], glides[0][1])]
+    return glides
+
+
+# --- Gait (15) ---------------------------------------------------------------------------
+
+
+def test_gait_15_has_the_loads_of_theory():
+    """Numbers of the corrected theory for m = 1, k = 1, Gamma = 20, T = 1, l0 = 2, e = 0.15."""
+    motion = crawl(fast_gait(1.0), [1.0] * 3, 1.0, 20.0)
+    low, high = motion.extremes("reaction_mean")
+    assert motion.advance == pytest.approx(1.2, abs=1e-12)
+    assert (low[0], high[0]) == pytest.approx((2.234712, 37.865008), abs=1e-6)
+    assert mean_load(motion) == pytest.approx(21.2, abs=1e-12)
+    assert motion.extremes("reaction")[1] == pytest.approx([113.595024] * 3, abs=1e-6)
+    assert motion.integral("reaction").sum() == pytest.approx(63.6, abs=1e-11)
+    sample = motion.sample()
+    carried = sample["reaction"][sample["resting"] == 1]
+    assert carried.min() == pytest.approx(6.704136, abs=1e-6)
+    assert motion.resting_sequence == [[1], [0], [2]]
+    assert (motion.resting_min, motion.glides) == (1, [])
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    mass=st.floats(0.1, 5),
+    drag=st.floats(0, 4),
+    period=st.floats(0.2, 5),
+    rest_length=st.floats(0.5, 3),
+    elongation=st.floats(0.02, 0.4),
+    excess=st.floats(0.001, 2),
+)
+def test_loads_of_gait_15_follow_their_formulas(
+    mass: float, drag: float, period: float, rest_length: float, elongation: float, excess: float
+):
+    """lambda_min and lambda_max in general, and the thresholds of gliding that follow."""
+    stroke = elongation * rest_length
+    threshold = 6 * math.pi**2 * stroke * mass / period**2
+    load = threshold * (1 + excess)
+    motion = crawl(fast_gait(period, rest_length, elongation), [mass] * 3, drag, load)
+    top = 2 * math.pi * stroke / period * math.hypot(3 * math.pi * mass / period, drag)
+    low, high = motion.extremes("reaction_mean")
+    assert low[0] == pytest.approx(load - threshold, abs=1e-10 * load)
+    assert high[0] == pytest.approx(load + top, rel=1e-11)
+    assert motion.advance == pytest.approx(4 * stroke, rel=1e-12)
+    # Where W0 = 0 drag does nothing, and there lambda is smallest: k plays no part in either.
+    assert motion.smallest_load == pytest.approx(threshold, rel=1e-10)
+    shortest = math.pi * math.sqrt(6 * stroke * mass / load)
+    assert motion.smallest_period == pytest.approx(shortest, rel=1e-10)
+
+
+def test_the_smallest_load_of_gait_15_is_that_of_theory():
+    motion = crawl(fast_gait(1.0), [1.0] * 3, 1.0, 20.0)
+    assert motion.smallest_load == pytest.approx(17.765288, abs=1e-6)
+
+
+def glide_by_hand(drag: float, load: float) -> tuple[float, float, float]:
+    """Start, end and gained way of the first glide of gait (15), masses 1.
+
+    Free of the spikes, the centre of mass obeys W' + k W + Gamma = 0 from the instant at which
+    sigma vanishes until W falls on W0 of the next third.
+    """
+    top, omega = 0.6 * math.pi, 3 * math.pi
+    phase = math.atan2(omega, drag)  # sigma = load + top * hypot * sin(omega t + phase)
+    start = (math.pi + math.asin(load / (top * math.hypot(omega, drag))) - phase) / omega
+    speed, drift = top * math.sin(omega * start), load / drag
+
+    def free(t: float) -> float:
+        return (speed + drift) * math.exp(-drag * (t - start)) - drift
+
+    end = brentq(lambda t: free(t) + top * math.sin(omega * t), 1 / 3, 0.5, xtol=1e-15)
+    way = (speed - free(end)) / drag - drift * (end - start)
+    return start, end, way - top / omega * (2 + math.cos(omega * start) + math.cos(omega * end))
+
+
+@pytest.mark.parametrize(("drag", "load"), [(1.0, 17.0), (0.2, 17.5), (2.0, 12.0)])
+def test_glides_of_gait_15_agree_with_two_independent_solutions(drag: float, load: float):
+    motion = crawl(fast_gait(1.0), [1.0] * 3, drag, load)
+    start, end, gain = glide_by_hand(drag, load)
+    by_hand = [(start + q / 3, (end + q / 3) % 1.0) for q in range(3)]
+    stepped = integrate(fast_gait(1.0), [1.0] * 3, drag, load)
+    found = np.array(closed_glides(motion))
+    assert found == pytest.approx(np.array(by_hand), abs=1e-9)
+    assert found == pytest.approx(np.array(stepped.glides), abs=1e-9)
+    assert motion.advance == pytest.approx(1.2 + 3 * gain, abs=1e-11)
+    assert mean_load(motion) == pytest.approx(drag * motion.speed + load, abs=1e-11)
+    assert motion.resting_min == 0
+    assert motion.extremes("reaction_mean")[0][0] >= -1e-9
+
+
+# --- Constructed gaits -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_block_waves_and_accordions_have_their_speed(profile: Profile):
+    """Speed (n + 1 - a) D / T and a masses at rest; n D / T for the accordion."""
+    period, short, long = 1.3, 1.0, 1.35
+    unit = (long - short) / period
+    for links in range(1, 6):
+        mass = [1.0] * (links + 1)
+        for resting in range(1, links + 1):
+            gait = block_wave(links, resting, period, (short, long), profile)
+            motion = crawl(gait, mass, 0.4, safe_load_of_wave(links, unit / period))
+            assert motion.speed == pytest.approx((links + 1 - resting) * unit, rel=1e-12)
+            assert motion.resting_min == resting
+            assert {len(s) for s in motion.resting_sequence} == {resting}
+            assert len(motion.resting_sequence) == links + 1
+        gait = accordion(links, period, (short, long), profile)
+        motion = crawl(gait, mass, 0.4, safe_load_of_wave(links, unit / period))
+        assert motion.speed == pytest.approx(links * unit, rel=1e-12)
+        assert motion.resting_sequence == [[0], [links]]
+
+
+def safe_load_of_wave(links: int, acceleration: float) -> float:
+    """No profile's link acceleration exceeds 6 D / (phase duration)^2 by any means."""
+    return 6 * (links + 1) ** 2 * acceleration * links
+
+
+# --- Invariants of any smooth gait -------------------------------------------------------
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    gait=smooth_gaits(),
+    drag=st.sampled_from([0.0, 0.3, 2.0]),
+    share=st.floats(0.02, 1.1),
+    rule=st.sampled_from(RULES),
+    data=st.data(),
+)
+def test_laws_of_motion_hold_for_any_smooth_gait(
+    gait: Gait, drag: float, share: float, rule: Sharing, data: st.DataObject
+):
+    """Impulse balance, spikes' law, actuator recursion and work; with and without glides."""
+    count = gait.links + 1
+    mass = data.draw(st.lists(st.floats(0.3, 3), min_size=count, max_size=count))
+    enough = safe_load(gait, mass)
+    load = share * enough
+    motion = crawl(gait, mass, drag, load, rule)
+    assert (motion.impulses, motion.drops) == ((), ())
+    if share > 1:
+        assert motion.glides == []
+        assert motion.smallest_load <= enough
+    scale = enough + load + drag
+    assert mean_load(motion) == pytest.approx(drag * motion.speed + load, abs=1e-9 * scale)
+    low, high = motion.extremes("closure")
+    assert max(-low[0], high[0]) < 1e-9 * scale
+    assert motion.net_work == pytest.approx(motion.dissipation, abs=1e-9 * scale)
+    assert motion.energy >= motion.net_work - 1e-12 * scale
+    assert motion.extremes("velocity")[0].min() >= -1e-9
+    assert motion.extremes("reaction")[0].min() >= -1e-8 * scale
+    signals = motion.sample(200)
+    assert np.abs(signals["velocity"] * signals["reaction"]).max() < 1e-8 * scale
+    x = signals["position"]
+    assert x[:, -1] - x[:, 0] == pytest.approx(np.full(count, motion.advance), abs=1e-12)
+    assert np.diff(x, axis=1).min() >= -1e-12
+    assert x[:-1] - x[1:] == pytest.approx(gait(signals["time"] - 1e-300), abs=1e-12)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    gait=smooth_gaits(3),
+    drag=st.floats(0, 3),
+    share=st.floats(0.05, 0.9),
+    ratio=st.floats(0.2, 5),
+)
+def test_time_stepping_over_events_finds_the_same_motion(
+    gait: Gait, drag: float, share: float, ratio: float
+):
+    """Unequal masses, gliding and not, against the event-located integration."""
+    mass = np.geomspace(1.0, ratio, gait.links + 1).tolist()
+    load = share * safe_load(gait, mass)
+    motion, stepped = crawl(gait, mass, drag, load), integrate(gait, mass, drag, load)
+    assert motion.advance == pytest.approx(stepped.advance, abs=1e-9)
+    low, high = motion.extremes("reaction_mean")
+    size = stepped.lambda_max
+    assert (low[0], high[0]) == pytest.approx(
+        (stepped.lambda_min, stepped.lambda_max), abs=1e-8 * size
+    )
+    long = [g for g in closed_glides(motion) if abs(g[1] - g[0]) > 1e-3]
+    expected = [g for g in stepped.glides if abs(g[1] - g[0]) > 1e-3]
+    assert np.array(long) == pytest.approx(np.array(expected), abs=1e-7)
+
+
+@settings(max_examples=15, deadline=None)
+@given(gait=smooth_gaits(3), factor=st.floats(0.1, 10), share=st.floats(0.05, 1))
+def test_a_slower_clock_with_weaker_forces_gives_the_same_motion(
+    gait: Gait, factor: float, share: float
+):
+    """With t -> c t, k -> k / c, Gamma -> Gamma / c^2 every force falls by c^2."""
+    mass, drag = [1.0] * (gait.links + 1), 0.7
+    load = share * safe_load(gait, mass)
+    one = crawl(gait, mass, drag, load)
+    slow = gait.with_period(factor * gait.period)
+    two = crawl(slow, mass, drag / factor, load / factor**2)
+    assert two.advance == pytest.approx(one.advance, rel=1e-10)
+    assert two.speed * factor == pytest.approx(one.speed, rel=1e-10)
+    assert two.energy * factor**2 == pytest.approx(one.energy, rel=1e-9)
+    assert two.effort * factor**4 == pytest.approx(one.effort, rel=1e-10)
+    assert two.smallest_load * factor**2 == pytest.approx(one.smallest_load, rel=1e-9)
+    assert two.smallest_period == pytest.approx(factor * one.smallest_period, rel=1e-9)
+
+
+@settings(max_examples=5, deadline=None)
+@given(gait=smooth_gaits(3), drag=st.floats(0.1, 3), load=st.floats(0.5, 20))
+def test_thresholds_part_gliding_from_crawling(gait: Gait, drag: float, load: float):
+    mass = [1.0] * (gait.links + 1)
+    motion = crawl(gait, mass, drag, load)
+    least = motion.smallest_load
+    assume(least > 0)
+    for factor, glides in ((1 + 1e-6, False), (1 - 1e-4, True)):
+        assert bool(crawl(gait, mass, drag, least * factor).glides) is glides
+        paced = gait.with_period(motion.smallest_period * factor)
+        assert bool(crawl(paced, mass, drag, load).glides) is glides
+
+
+# --- Sharing rules -----------------------------------------------------------------------
+
+# Actuator forces without spikes, total, resting masses, and the split with the least sum of
+# squares of mu_j + (loads of masses 0..j-1), found by hand.
+SPLITS = [
+    # Ends of three masses: both links carry load_0 besides, so it is minus the mean force.
+    ([-1.0, -4.0, -6.0], 6.0, [0, 2], [2.5, 0.0, 3.5]),
+    # As much as the head wants is more than there is: it carries all.
+    ([-9.0, -9.0, -6.0], 6.0, [0, 2], [6.0, 0.0, 0.0]),
+    # The head would have to pull: the tail carries all.
+    ([2.0, 1.0, -6.0], 6.0, [0, 2], [0.0, 0.0, 6.0]),
+    # Only the first actuator lies between masses 0 and 1; the second is bound.
+    ([-2.0, 0.0, -6.0], 6.0, [0, 1], [2.0, 4.0, 0.0]),
+    # Three at rest, first link wants 1, second 3: loads 1, 2 and what is left.
+    ([-1.0, -3.0, -5.0, -8.0], 8.0, [0, 1, 2], [1.0, 2.0, 5.0, 0.0]),
+    # First link wants 3, second 1: they must agree on 2, and mass 1 carries nothing.
+    ([-3.0, -1.0, -5.0, -8.0], 8.0, [0, 1, 2], [2.0, 0.0, 6.0, 0.0]),
+]
+
+
+@pytest.mark.parametrize(("unloaded", "total", "resting", "loads"), SPLITS)
+def test_least_actuation_splits_as_solved_by_hand(
+    unloaded: list[float], total: float, resting: list[int], loads: list[float]
+):
+    bare, sums = np.array(unloaded)[:, None], np.array([total])
+    assert share_load(sums, bare, resting, "least_actuation").ravel() == pytest.approx(loads)
+    even = share_load(sums, bare, resting, "equal").ravel()
+    assert even[resting] == pytest.approx([total / len(resting)] * len(resting))
+    assert even.sum() == pytest.approx(total)
+
+
+@settings(max_examples=150, deadline=None)
+@given(links=st.integers(1, 8), total=st.floats(0.01, 20), seed=st.integers(0, 10**6))
+def test_least_actuation_is_the_constrained_least_squares_solution(
+    links: int, total: float, seed: int
+):
+    """Against non-negative least squares, the sum held by a heavily weighted row."""
+    random = np.random.default_rng(seed)
+    unloaded = np.append(random.normal(0, 5, links), -total)
+    count = int(random.integers(1, links + 2))
+    resting = sorted(random.choice(links + 1, count, replace=False).tolist())
+    found = share_load(np.array([total]), unloaded[:, None], resting, "least_actuation").ravel()
+    assert found.sum() == pytest.approx(total, rel=1e-12)
+    assert found.min() >= -1e-12 * total
+    carried = np.array([[float(i < j) for i in resting] for j in range(1, links + 1)])
+    weight = 1e6
+    rows = np.vstack([carried, np.full(count, weight)])
+    best, _ = nnls(rows, np.append(-unloaded[:links], weight * total))
+    forces = unloaded[:links] + carried @ found[resting]
+    others = unloaded[:links] + carried @ (best * total / best.sum())
+    assert forces @ forces <= others @ others + 1e-7 * (1 + others @ others)
+
+
+def test_sharing_rules_in_motion():
+    """The load mean is the rule's own affair; least actuation never needs more force."""
+    gait = block_wave(4, 3, 1.0, (0.9, 1.2), "quintic")
+    even, least = (crawl(gait, [1.0] * 5, 0.5, 30.0, rule) for rule in RULES)
+    assert least.advance == pytest.approx(even.advance, abs=1e-13)
+    assert mean_load(least) == pytest.approx(mean_load(even), abs=1e-10)
+    squares = [(m.sample(400)["actuator_force"] ** 2).sum(axis=0) for m in (even, least)]
+    times = [m.sample(400)["time"] for m in (even, least)]
+    inside = np.linspace(0.003, 0.997, 200)
+    values = [np.interp(inside, t, s) for t, s in zip(times, squares, strict=True)]
+    assert np.all(values[1] <= values[0] * (1 + 1e-3))
+    assert values[1].mean() < 0.9 * values[0].mean()
+
+
+# --- Work --------------------------------------------------------------------------------
+
+
+def test_energy_of_a_gait_solved_by_hand():
+    """One link with rate 1 - s, then s - 1, each for two time units.
+
+    The mass that speeds up needs the power (k v + Gamma + m) v, the one that slows down
+    (k v + Gamma - m) v, which is negative for v < (m - Gamma) / k; dt = dv in both.
+    """
+    mass, drag, load = 1.0, 0.8, 0.7
+    gait = Gait(np.array([0.0, 2.0, 4.0]), np.array([[[1.0, 1, -0.5]], [[1.0, -1, 0.5]]]))
+    motion = crawl(gait, [mass, mass], drag, load)
+    turn = (mass - load) / drag
+    braking = drag * (1 - turn**3) / 3 + (load - mass) * (1 - turn**2) / 2
+    assert motion.energy == pytest.approx(2 * (drag / 3 + (load + mass) / 2 + braking), rel=1e-13)
+    assert motion.net_work == pytest.approx(4 * drag / 3 + 2 * load, rel=1e-13)
+    assert motion.dissipation == pytest.approx(4 * drag / 3 + 2 * load, rel=1e-13)
+    assert motion.energy > motion.net_work * 1.005
+    assert motion.effort == pytest.approx(1.0, rel=1e-13)
+    low, high = motion.extremes("actuator_force")
+    top = drag + load + mass
+    assert (low[0], high[0]) == pytest.approx((-top, top), rel=1e-13)
+
+
+@pytest.mark.parametrize("drag", [0.0, 1.5])
+def test_gait_15_spends_its_net_work_on_drag_and_height(drag: float):
+    """In each third two masses move; the swing of one link, or of both together, moves them.
+
+    Rests 1: mass 0 leaves it by l_1' and mass 2 follows by -l_2', each an arch r sin over a
+    third with r = 3 pi e l0 (T = 1). The other thirds, rests 0 and rests 2, are such arches of
+    two masses as well, so that the integral of sum v_i^2 is 3 * 2 * r^2 / 6.
+    """
+    rate = 3 * math.pi * 0.15 * 2
+    net = drag * rate**2 + 3 * 20.0 * 1.2
+    motion = crawl(fast_gait(1.0), [1.0] * 3, drag, 20.0)
+    assert motion.net_work == pytest.approx(net, rel=1e-12)
+    assert motion.dissipation == pytest.approx(net, rel=1e-12)
+
+
+# --- Corners -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.9])
+@pytest.mark.parametrize("mass", [1.0, 2.5])
+def test_corners_solved_by_hand(drag: float, mass: float):
+    """One link waits, grows at rate r, shrinks at rate r, each for one time unit.
+
+    W0 jumps from 0 to r/2 at 1: an impulse 2 m r/2. At 2 the masses swap their velocities, W0
+    stays. At 3 = 0 it falls to 0, so the worm is thrown forward with w = r/2, and
+    m w' + k w + Gamma = 0 brings it to rest.
+    """
+    rate, load = 0.8, 3.0
+    gait = Gait(
+        np.array([0.0, 1.0, 2.0, 3.0]),
+        np.array([[[1.0, 0.0]], [[1.0, rate]], [[1.0 + rate, -rate]]]),
+    )
+    motion = crawl(gait, [mass, mass], drag, load)
+    w = rate / 2
+    if drag:
+        stop = mass / drag * math.log1p(drag * w / load)
+        slide = (mass * w - load * stop) / drag
+    else:
+        stop = mass * w / load
+        slide = w * stop / 2
+    assert motion.impulses == (pytest.approx((1.0, mass * rate), abs=1e-12),)
+    assert motion.drops == (0.0,)
+    assert motion.glides == [pytest.approx((0.0, stop), abs=1e-11)]
+    assert motion.advance == pytest.approx(rate + slide, abs=1e-12)
+    assert mean_load(motion) == pytest.approx(drag * motion.speed + load, abs=1e-12)
+    assert motion.resting_sequence == [[], [0, 1], [1], [0]]
+    assert (motion.smallest_load, motion.smallest_period) == (math.inf, math.inf)
+
+
+# --- Limits of the method ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_a_wrong_number_of_masses_is_refused(count: int):
+    with pytest.raises(ValueError, match=f"2 links join 3 masses, not {count}"):
+        crawl(fast_gait(1.0), [1.0] * count, 0.0, 20.0)
+
+
+def test_without_load_and_drag_the_worm_glides_on_at_the_top_of_w0():
+    """Nothing stops it, and spikes push until W is the largest W0 = 2 pi e l0 / T."""
+    motion = crawl(fast_gait(1.0), [1.0] * 3, 0.0, 0.0)
+    assert motion.speed == pytest.approx(0.6 * math.pi, rel=1e-8)
+    assert motion.smallest_period == math.inf
+
+
+def test_without_load_only_drag_can_hold_the_worm_and_gait_15_always_glides():
+    """Where W0 returns to 0 with a slope nothing can hold the worm, however slow the gait."""
+    motion = crawl(fast_gait(1.0), [1.0] * 3, 1.0, 0.0)
+    assert motion.glides
+    assert motion.smallest_period == math.inf
+
+
+def test_without_load_drag_holds_a_worm_that_never_stops():
+    """Two links swing a quarter period apart: with x, y the rates, W0 = max(0, x, x + y) - mean.
+
+    W0 > 0 at all times, so sigma = m W0' q^2 + k W0 q has a threshold, found here by sampling.
+    """
+    amplitude, drag, mass = 0.2, 1.3, 0.7
+    swing = np.array([[amplitude, 0.0]])
+    gait = Gait(
+        np.array([0.0, 1.0]), np.full((1, 2, 1), 2.0), np.array([2 * np.pi]), swing, swing[:, ::-1]
+    )
+    motion = crawl(gait, [mass] * 3, drag, 0.0)
+    t = np.linspace(0, 1, 200_001)
+    spans, bends = (np.vstack([0 * t, np.cumsum(gait(t, d), axis=0)]) for d in (1, 2))
+    leader = spans.argmax(axis=0)
+    speed = spans[leader, np.arange(len(t))] - spans.mean(axis=0)
+    slope = bends[leader, np.arange(len(t))] - bends.mean(axis=0)
+    assert speed.min() > 0
+    assert motion.smallest_period == pytest.approx(float((-mass * slope / drag / speed).max()))
+    for factor, glides in ((1 + 1e-6, False), (1 - 1e-4, True)):
+        paced = gait.with_period(motion.smallest_period * factor)
+        assert bool(crawl(paced, [mass] * 3, drag, 0.0).glides) is glides
+
+
+def test_a_gait_that_stands_still_rests_on_all_masses():
+    motion = crawl(Gait(np.array([0.0, 1.0]), np.ones((1, 2, 1))), [1.0] * 3, 1.0, 2.0)
+    assert (motion.advance, motion.resting_min, motion.energy) == (0.0, 3, 0.0)
+    assert motion.resting_sequence == [[0, 1, 2]]
+    assert (motion.smallest_load, motion.smallest_period) == (0.0, 0.0)

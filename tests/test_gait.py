@@ -1,0 +1,291 @@
+"""Gaits: printed formulas, derivatives, profiles, and the way through files and back."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wormopt.core.gait import Gait
+from wormopt.gaits.construct import (
+    Profile,
+    accordion,
+    block_wave,
+    block_wave_sequence,
+    fast_gait,
+)
+from wormopt.gaits.files import gait_of_result, gait_variables, load_gait
+from wormopt.result import Result
+
+# How many derivatives of the lengths are continuous.
+SMOOTHNESS: dict[Profile, int] = {"cosine": 1, "quintic": 2, "trapezoid": 1}
+# Largest rate and acceleration of a unit stroke in unit time, from the profile's definition:
+# (1 - cos pi s)/2, 10 s^3 - 15 s^4 + 6 s^5, and a rate that rises and falls for a quarter each.
+PEAKS: dict[Profile, tuple[float, float]] = {
+    "cosine": (math.pi / 2, math.pi**2 / 2),
+    "quintic": (15 / 8, 10 / math.sqrt(3)),
+    "trapezoid": (4 / 3, 16 / 3),
+}
+
+
+def printed_gait(t: float, l0: float, e: float) -> tuple[float, float]:
+    """Gait (15) as printed, its components parted, t in periods."""
+    t = t % 1.0
+    c = math.cos(3 * math.pi * t)
+    first = l0 * (1 - e * (-1 + c)) if t < 2 / 3 else l0
+    if t < 1 / 3:
+        return first, l0 * (1 - e * (1 - c))
+    return first, l0 * (1 - 2 * e) if t < 2 / 3 else l0 * (1 - e * (1 + c))
+
+
+@settings(max_examples=300)
+@given(t=st.floats(0, 1, exclude_max=True), e=st.floats(0, 0.5), l0=st.floats(0.1, 3))
+def test_gait_15_is_the_printed_formula(t: float, e: float, l0: float):
+    found = fast_gait(1.0, l0, e)(np.array([t]))[:, 0]
+    assert found == pytest.approx(printed_gait(t, l0, e), abs=1e-14)
+
+
+@given(t=st.floats(-20, 20), period=st.floats(0.1, 10))
+def test_gait_15_repeats(t: float, period: float):
+    """Three half turns of 3 pi t fill a period, an odd number: t itself must be wrapped."""
+    found = fast_gait(period)(np.array([t * period]))[:, 0]
+    assert found == pytest.approx(printed_gait(t, 2.0, 0.15), abs=1e-12)
+
+
+def jumps(gait: Gait, derivative: int) -> np.ndarray:
+    """Jumps of a derivative at all breaks, the period's end with its start among them."""
+    widths = np.diff(gait.breaks)
+    ends = [gait.on_piece(q, widths[q : q + 1], derivative) for q in range(gait.pieces)]
+    starts = [gait.on_piece(q, np.zeros(1), derivative) for q in range(gait.pieces)]
+    return np.array([e - s for e, s in zip(ends, starts[1:] + starts[:1], strict=True)])
+
+
+@pytest.mark.parametrize("profile", SMOOTHNESS)
+@pytest.mark.parametrize(("links", "resting"), [(1, 1), (2, 1), (2, 2), (5, 1), (5, 3), (5, 5)])
+def test_profiles_join_smoothly_and_keep_their_peaks(profile: Profile, links: int, resting: int):
+    period, short, long = 1.7, 0.8, 1.3
+    gaits = [(links + 1, block_wave(links, resting, period, (short, long), profile))]
+    if resting == 1:
+        gaits.append((2, accordion(links, period, (short, long), profile)))
+    for phases, gait in gaits:
+        for derivative in range(SMOOTHNESS[profile] + 1):
+            assert np.abs(jumps(gait, derivative)).max() < 1e-11
+        if profile != "cosine" or phases > 2:  # two half swings make one whole harmonic
+            assert np.abs(jumps(gait, SMOOTHNESS[profile] + 1)).max() > 1
+        t = np.union1d(np.linspace(0, period, 20_001), gait.breaks)
+        lengths = gait(t)
+        assert lengths.min(axis=1) == pytest.approx([short] * links, abs=1e-12)
+        assert lengths.max(axis=1) == pytest.approx([long] * links, abs=1e-12)
+        for derivative, peak in enumerate(PEAKS[profile], start=1):
+            size = (long - short) * (phases / period) ** derivative
+            assert np.abs(gait(t, derivative)).max() == pytest.approx(peak * size, rel=1e-3)
+
+
+def test_a_trapezoid_with_steep_or_full_ramps():
+    """No ramp leaves a constant rate with corners, ramps of a half a triangle of twice that."""
+    t = np.linspace(0, 1, 1001)[:-1] + 5e-4
+    rates = {
+        ramp: block_wave(1, 1, 1.0, (1.0, 1.5), "trapezoid", ramp)(t, 1) for ramp in (0.0, 0.5)
+    }
+    assert np.abs(rates[0.0]) == pytest.approx(np.ones((1, 1000)))
+    assert np.abs(rates[0.5]).max() == pytest.approx(2.0, rel=3e-3)
+    assert rates[0.5].sum() / 1000 == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("links", range(1, 9))
+def test_a_block_of_neighbours_runs_from_tail_to_head(links: int):
+    for resting in range(1, links + 1):
+        sequence = block_wave_sequence(links, resting)
+        assert len(set(sequence)) == links + 1
+        assert all(len(phase) == resting for phase in sequence)
+        for phase, following in zip(sequence, sequence[1:] + sequence[:1], strict=True):
+            assert {(i - 1) % (links + 1) for i in phase} == set(following)
+    assert block_wave_sequence(2, 1) == [(2,), (1,), (0,)]
+
+
+def sample_gait(seed: int = 0, links: int = 3) -> Gait:
+    """Three pieces of degree 4 with harmonics; not continuous, which derivatives do not need."""
+    random = np.random.default_rng(seed)
+    return Gait(
+        np.array([0.0, 0.4, 1.0, 1.5]),
+        random.normal(size=(3, links, 5)),
+        random.uniform(1, 7, 3),
+        random.normal(size=(3, links)),
+        random.normal(size=(3, links)),
+    )
+
+
+@pytest.mark.parametrize("derivative", range(4))
+def test_each_derivative_is_the_slope_of_the_one_before(derivative: int):
+    """Central differences of step h are wrong by h^2: slope 2 between two steps."""
+    gait = sample_gait()
+    errors = []
+    for h in (2e-2, 1e-2):
+        worst = 0.0
+        for piece in range(3):
+            s = np.linspace(0, 0.5, 23)
+            ahead, behind = (gait.on_piece(piece, s + d, derivative) for d in (h, -h))
+            slope = gait.on_piece(piece, s, derivative + 1)
+            worst = max(worst, float(np.abs((ahead - behind) / (2 * h) - slope).max()))
+        errors.append(worst / (1 + np.abs(slope).max()))
+    assert 1.9 < math.log2(errors[0] / errors[1]) < 2.1
+    assert errors[1] < 0.1
+
+
+@given(t=st.floats(0, 1.49), factor=st.floats(0.05, 20), derivative=st.integers(0, 3))
+def test_another_period_runs_through_the_same_shape(t: float, factor: float, derivative: int):
+    gait = sample_gait()
+    slow = gait.with_period(1.5 * factor)
+    assert slow.period == 1.5 * factor
+    piece = int(np.searchsorted(gait.breaks, t, side="right")) - 1
+    s = np.array([t - gait.breaks[piece]])
+    expected = gait.on_piece(piece, s, derivative) / factor**derivative
+    found = slow.on_piece(piece, s * factor, derivative)
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-11 / factor**derivative)
+
+
+def test_at_a_break_the_later_piece_counts():
+    gait = sample_gait()
+    for piece, t in enumerate(gait.breaks[:-1]):
+        assert np.array_equal(gait(np.array([t])), gait.on_piece(piece, np.zeros(1)))
+    assert np.array_equal(gait(np.array([1.5])), gait.on_piece(0, np.zeros(1)))
+
+
+@pytest.mark.parametrize(
+    ("breaks", "extra", "message"),
+    [
+        ([0.0, 1.0, 2.0], {}, "one more than there are pieces"),
+        ([0.5, 1.0], {}, "ascend from 0"),
+        ([0.0, 0.0], {}, "ascend from 0"),
+        ([0.0, -1.0], {}, "ascend from 0"),
+        ([0.0, float("nan")], {}, "ascend from 0"),
+        ([0.0, 1.0], {"omega": np.ones(1)}, "go together"),
+        (
+            [0.0, 1.0],
+            {"omega": np.ones(1), "cosine": np.ones((1, 3)), "sine": np.ones((1, 2))},
+            "shape",
+        ),
+    ],
+)
+def test_gaits_that_make_no_sense_are_refused(breaks: list[float], extra: dict, message: str):
+    with pytest.raises(ValueError, match=message):
+        Gait(np.array(breaks), np.ones((1, 2, 1)), **extra)
+
+
+# --- Files -------------------------------------------------------------------------------
+
+
+def wave_of_harmonics() -> Gait:
+    """Smooth in all derivatives: two links swing a third of a turn apart."""
+    cosine = np.array([[0.3, -0.15]])
+    sine = np.array([[0.0, 0.3 * math.sqrt(3) / 2]])
+    return Gait(
+        np.array([0.0, 1.6]), np.ones((1, 2, 1)), np.array([2 * math.pi / 1.6]), cosine, sine
+    )
+
+
+def test_a_table_of_a_smooth_gait_converges_with_order_four(tmp_path: Path):
+    gait, t = wave_of_harmonics(), np.linspace(0, 1.6, 3001)
+    errors = []
+    for samples in (21, 41, 81, 161):
+        gait.to_csv(tmp_path / "gait.csv", samples)
+        back = load_gait(tmp_path / "gait.csv")
+        assert back.period == 1.6
+        for derivative in range(3):
+            assert np.abs(jumps(back, derivative)).max() < 1e-9
+        errors.append(np.abs(back(t) - gait(t)).max())
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all((slopes > 3.8) & (slopes < 4.2))
+    assert errors[-1] < 1e-8
+
+
+def test_the_rows_of_a_table_come_back_exactly(tmp_path: Path):
+    gait = block_wave(3, 2, 0.7, (1.0, 1.4), "quintic")
+    gait.to_csv(tmp_path / "gait.csv", 29)
+    t = np.linspace(0, 0.7, 29)[:-1]
+    assert Gait.from_csv(tmp_path / "gait.csv")(t) == pytest.approx(gait(t), abs=1e-15)
+
+
+GOOD = ["t,l_1,l_2", "0,1,1", "0.3,1.2,1", "0.6,1.1,0.9", "1,1,1"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\n".join(GOOD),
+        "\r\n".join(GOOD) + "\r\n",
+        "\ufeff" + "\n".join(GOOD) + "\n\n",
+        "\n\n".join(GOOD).replace(",", ", "),
+    ],
+    ids=["plain", "crlf", "byte order mark", "blanks"],
+)
+def test_tables_from_any_editor_are_read(tmp_path: Path, text: str):
+    path = tmp_path / "gait.CSV"
+    path.write_bytes(text.encode())
+    gait = load_gait(path)
+    assert (gait.links, gait.period) == (2, 1.0)
+    assert gait(np.array([0.3, 1.6])) == pytest.approx(np.array([[1.2, 1.1], [1.0, 0.9]]))
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ([], "header"),
+        (GOOD[:1], "at least 4 rows"),
+        (GOOD[:1] + GOOD[1:3] + GOOD[-1:], "at least 4 rows"),
+        (["t", "0", "1", "2", "3"], "header"),
+        (GOOD[1:] + ["2,1,1"], "header"),
+        (GOOD[:2] + ["0.3,fast,1"] + GOOD[3:], "numbers"),
+        (GOOD[:2] + ["0.3,,1"] + GOOD[3:], "numbers"),
+        (GOOD[:2] + ["0.3,1.2"] + GOOD[3:], "row 2 has 2 entries"),
+        (GOOD[:2] + ["0.3,nan,1"] + GOOD[3:], "finite"),
+        (GOOD[:2] + ["0.3,inf,1"] + GOOD[3:], "finite"),
+        (GOOD[:2] + ["nan,1.2,1"] + GOOD[3:], "finite"),
+        (GOOD[:-1] + ["1,1,1.01"], "closed period"),
+        (GOOD[:1] + GOOD[:0:-1], "ascend from 0"),
+        (GOOD[:2] + ["0,1.2,1"] + GOOD[3:], "ascend"),
+        (["t,l_1,l_2", "0.1,1,1", *GOOD[2:]], "ascend from 0"),
+        (GOOD[:2] + ["0.3,-1.2,1"] + GOOD[3:], "positive"),
+        (GOOD[:2] + ["0.3,0,1"] + GOOD[3:], "positive"),
+        (["t;l_1;l_2", "0;1;1", "0.3;1.2;1", "0.6;1;1", "1;1;1"], "header t,l_1"),
+        (GOOD[:2] + ["0.3," + "1" * 200_000 + ",1"] + GOOD[3:], "CSV text"),
+    ],
+)
+def test_hostile_tables_are_refused_with_a_reason(tmp_path: Path, rows: list[str], message: str):
+    path = tmp_path / "gait.csv"
+    path.write_text("\n".join(rows), encoding="utf-8")
+    with pytest.raises(ValueError, match=message):
+        load_gait(path)
+
+
+@pytest.mark.parametrize(
+    "content", [b"t,l_1\n0,\xff\xfe1\n", b"\x00\x01\x02" * 40, "t,l_1\n0,1".encode("utf-16")]
+)
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path, content: bytes):
+    path = tmp_path / "gait.csv"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"CSV text in UTF-8|header"):
+        load_gait(path)
+
+
+def test_a_file_that_is_not_there_is_an_oserror(tmp_path: Path):
+    for name in ("gait.csv", "result.nc", "folder"):
+        with pytest.raises(OSError, match=name):
+            load_gait(tmp_path / name)
+
+
+@pytest.mark.parametrize("gait", [fast_gait(0.7), block_wave(3, 2, 1.1, (0.9, 1.3), "quintic")])
+def test_a_gait_comes_back_from_a_saved_result_bit_by_bit(tmp_path: Path, gait: Gait):
+    Result("walk", "gait", variables=tuple(gait_variables(gait, "SI"))).save(tmp_path)
+    for path in (tmp_path, tmp_path / "result.nc"):
+        back = load_gait(path)
+        assert back.arrays().keys() == gait.arrays().keys()
+        for name, values in gait.arrays().items():
+            assert np.array_equal(back.arrays()[name], values)
+
+
+def test_a_result_without_a_gait_is_refused():
+    with pytest.raises(ValueError, match="'walk' holds no gait"):
+        gait_of_result(Result("walk", "gait"))

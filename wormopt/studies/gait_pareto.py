@@ -1,0 +1,177 @@
+"""Scenes of kind ``gait-pareto``: the front of the best gaits between speed and a cost."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+
+import msgspec
+import numpy as np
+from platformdirs import user_cache_path
+
+from wormopt.errors import Interrupted, SolveError
+from wormopt.gaits.optimize import design
+from wormopt.gaits.search import Sequence_, Task
+from wormopt.progress import Report
+from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.scenes.gait_design import Objective
+from wormopt.scenes.gait_pareto import GaitParetoScene
+from wormopt.scenes.scene import Scene
+from wormopt.studies.gait_design import cost_scalar, design_result
+
+__all__ = ["run"]
+
+
+def run(scene: Scene[GaitParetoScene], report: Report) -> Result:
+    """Find the fastest gait, then the cheapest one at each of several lower speeds.
+
+    The search at lower speeds starts from the sequence of the next faster gait.
+
+    Every point is saved in the user's cache folder as soon as it is found, under the scene's
+    content, so that a run that was stopped goes on where it was.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of kind ``gait-pareto``.
+    report : callable
+        Told what goes on.
+
+    Returns
+    -------
+    Result
+        The front, with the gait at its knee.
+
+    Raises
+    ------
+    SolveError
+        If not even a fastest gait is found.
+    Interrupted
+        If the user stops it; the points so far are its partial result.
+    """
+    clock = perf_counter()
+    saved = user_cache_path("wormopt") / "checkpoints" / scene.key
+    points, lost = [], []
+    total = scene.table.pareto.points
+    try:
+        points.append(_point(scene, saved, total, None, [], report))
+        fastest = points[0].speed
+        for k in range(total - 1, 0, -1):
+            try:
+                hints = [points[-1].sequence]
+                points.append(_point(scene, saved, k, fastest * k / total, hints, report))
+            except SolveError as error:
+                lost.append(f"no gait at speed {fastest * k / total:.6g}: {error}")
+    except KeyboardInterrupt:
+        if not points:
+            raise
+        partial = _front(scene, points, lost, perf_counter() - clock)
+        reason = f"interrupted after {len(points)} of {total} points; run again to go on"
+        raise Interrupted(replace(partial, status="failed", reason=reason)) from None
+    shutil.rmtree(saved, ignore_errors=True)
+    return _front(scene, points, lost, perf_counter() - clock)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """One designed gait of the front."""
+
+    result: Result
+    cost: str
+
+    @property
+    def speed(self) -> float:
+        return float(self.result.scalars["speed"].value)
+
+    @property
+    def sequence(self) -> Sequence_:
+        return tuple(tuple(phase) for phase in self.result.scalars["mode_sequence"].value)
+
+    @property
+    def value(self) -> float:
+        return float(self.result.scalars[self.cost].value)
+
+
+def _point(
+    scene: Scene[GaitParetoScene],
+    saved: Path,
+    index: int,
+    speed: float | None,
+    hints: list[Sequence_],
+    report: Report,
+) -> _Point:
+    """Design one gait, or read it back from an earlier run of the same scene."""
+    table = scene.table
+    against, total = table.pareto.against, table.pareto.points
+    name = cost_scalar(against)
+    folder = saved / f"point_{index}"
+    done = (total - index) / total
+    if folder.is_dir():
+        return _Point(Result.load(folder), name)
+
+    def on(text: str, fraction: float | None) -> None:
+        report(f"point {total - index + 1} of {total}: {text}", done + (fraction or 0.0) / total)
+
+    goal = (
+        Objective(maximise="speed") if speed is None else Objective(minimise=against, speed=speed)
+    )
+    settings = table.search
+    if speed is not None and settings.effort == "normal":
+        settings = msgspec.structs.replace(settings, effort="quick")
+    found = design(Task(table.worm, table.gait, goal), settings, on, hints)
+    if found.interrupted:
+        raise KeyboardInterrupt
+    result = design_result(scene, found, goal, against)
+    unfinished = folder.with_suffix(".part")
+    shutil.rmtree(unfinished, ignore_errors=True)
+    unfinished.mkdir(parents=True)
+    result.save(unfinished)
+    unfinished.rename(folder)
+    return _Point(result, name)
+
+
+def _front(
+    scene: Scene[GaitParetoScene], points: list[_Point], lost: list[str], seconds: float
+) -> Result:
+    """Result of the whole front: a point counts if it is accepted and none dominates it."""
+    against, units = scene.table.pareto.against, scene.table.units
+    points = sorted(points, key=lambda p: p.speed)
+    ok = np.array([p.result.status == "ok" for p in points])
+    speed, value = np.array([p.speed for p in points]), np.array([p.value for p in points])
+    beaten = [bool(np.any(value[i + 1 :] < value[i] * (1 - 1e-9))) for i in range(len(points))]
+    accepted = ok & ~np.array(beaten)
+    knee = points[_knee(speed, value, accepted)].result
+    unit = knee.scalars[points[0].cost].unit
+    failed = not accepted.any()
+    kept = {k: v for k, v in knee.scalars.items() if k != "objective"}
+    return replace(
+        knee,
+        status="failed" if failed else "ok",
+        reason="no point of the front was accepted" if failed else "",
+        scalars=kept
+        | {
+            "front_objective": Scalar(against),
+            "front_points": Scalar(int(accepted.sum())),
+            "speed_max": Scalar(float(speed.max()), unit_of("speed", units)),
+        },
+        variables=(
+            *knee.variables,
+            Variable("front_speed", unit_of("speed", units), ("point",), speed, "mean speed"),
+            Variable("front_value", unit, ("point",), value, against.replace("_", " ")),
+            Variable("front_accepted", "1", ("point",), accepted, "1 where the point counts"),
+        ),
+        trust=dict(knee.trust) | {"lost": lost, "dominated": int(np.sum(beaten))},
+        timings_s={"front": seconds},
+    )
+
+
+def _knee(speed: np.ndarray, value: np.ndarray, accepted: np.ndarray) -> int:
+    """Index of the accepted point farthest below the line that joins the front's ends."""
+    candidates = np.flatnonzero(accepted) if accepted.any() else np.arange(len(speed))
+    if len(candidates) < 3:
+        return int(candidates[-1])
+    x, y = speed[candidates], value[candidates]
+    x, y = (x - x[0]) / (np.ptp(x) or 1.0), (y - y[0]) / (np.ptp(y) or 1.0)
+    return int(candidates[np.argmax(x * y[-1] - y)])
