@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scipy.optimize import brentq, nnls
+from scipy.optimize import nnls, root_scalar
 
 from wormopt.core.gait import Gait
 from wormopt.gaits.construct import Profile, accordion, block_wave, fast_gait
@@ -126,7 +126,10 @@ def glide_by_hand(drag: float, load: float) -> tuple[float, float, float]:
     def free(t: float) -> float:
         return (speed + drift) * math.exp(-drag * (t - start)) - drift
 
-    end = brentq(lambda t: free(t) + top * math.sin(omega * t), 1 / 3, 0.5, xtol=1e-15)
+    def surplus(t: float) -> float:
+        return free(t) + top * math.sin(omega * t)
+
+    end = float(root_scalar(surplus, bracket=(1 / 3, 0.5), method="brentq", xtol=1e-15).root)
     way = (speed - free(end)) / drag - drift * (end - start)
     return start, end, way - top / omega * (2 + math.cos(omega * start) + math.cos(omega * end))
 

@@ -60,6 +60,7 @@ def test_the_smooth_spike_lets_go_with_first_order_and_holds_in_the_limit(scale:
     assert ahead == pytest.approx([scale * r / (4 * v) for r in v_regs], rel=1e-2)
     behind = np.array([evaluate(law, -v, r) for r in v_regs])
     assert behind == pytest.approx([scale * v / r for r in v_regs], rel=1e-2)
+    assert evaluate(law, -0.75 * 0.1, 0.1) == pytest.approx(scale)  # what scale means
     # The velocity at which it carries a given load tends to 0: the spike is rigid in the limit.
     load = 7.0
     for v_reg in v_regs:
@@ -69,9 +70,7 @@ def test_the_smooth_spike_lets_go_with_first_order_and_holds_in_the_limit(scale:
 
 
 @given(v=st.floats(-1, 1), v_reg=st.floats(1e-3, 1))
-def test_smooth_laws_are_monotone_bounded_and_passive_where_they_should_be(
-    v: float, v_reg: float
-):
+def test_smooth_laws_are_monotone_bounded_and_passive_where_they_should_be(v: float, v_reg: float):
     for law in (DRY[0], DRY[1]):
         force = evaluate(law, v, v_reg)
         low, high = law.slip_force(v, 1), law.slip_force(v, -1)

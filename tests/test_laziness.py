@@ -47,3 +47,36 @@ def test_the_check_would_see_a_heavy_module(tmp_path: Path):
 
 def test_a_result_is_held_without_scipy(tmp_path: Path):
     assert "scipy" not in modules_after("import wormopt; wormopt.Result('a', 'gait')", tmp_path)
+
+
+def loaded_by_a_run(arguments: list[str], folder: Path) -> set[str]:
+    """Full names of the modules in sys.modules after `wormopt run`."""
+    script = (
+        "import json, sys\n"
+        "from wormopt.cli import main\n"
+        f"assert main({arguments!r}) == 0\n"
+        "print(json.dumps(sorted(sys.modules)), file=sys.stderr)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=True
+    )
+    return set(json.loads(done.stderr.splitlines()[-1]))
+
+
+def test_a_kinematic_scene_loads_no_nonlinear_programming(tmp_path: Path):
+    loaded = loaded_by_a_run(["run", "fast_gait", "--json", "--no-plots"], tmp_path)
+    assert {name for name in loaded if name.startswith("wormopt.optimal")} == set()
+    assert "casadi" not in loaded
+    assert "wormopt.gaits.search" not in loaded
+
+
+def test_a_run_without_plots_loads_no_matplotlib(tmp_path: Path):
+    loaded = loaded_by_a_run(["run", "fast_gait", "--json", "--no-plots"], tmp_path)
+    assert "matplotlib" not in loaded
+    assert "rich" not in loaded
+
+
+def test_a_run_with_plots_leaves_pyplot_alone(tmp_path: Path):
+    loaded = loaded_by_a_run(["run", "fast_gait", "--quiet"], tmp_path)
+    assert "matplotlib" in loaded
+    assert "matplotlib.pyplot" not in loaded

@@ -26,9 +26,7 @@ CASES = [(n, a, Fraction(v)) for n, row in TABLE.items() for a, v in enumerate(r
 
 @pytest.mark.parametrize(("links", "resting", "value"), CASES)
 @pytest.mark.parametrize("rate", [1.0, 0.02, 350.0])
-def test_the_ceiling_has_its_known_values(
-    links: int, resting: int, value: Fraction, rate: float
-):
+def test_the_ceiling_has_its_known_values(links: int, resting: int, value: Fraction, rate: float):
     limits = [rate] * links
     assert ceiling(limits, limits, resting) == pytest.approx(rate * value, rel=1e-9)
 
@@ -60,7 +58,7 @@ def all_sets(links: int, least: int) -> list[tuple[int, ...]]:
     return [s for size in range(least, links + 2) for s in combinations(masses, size)]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(data=st.data(), links=st.integers(1, 4))
 def test_limits_only_lower_the_ceiling(data: st.DataObject, links: int):
     """Fewer modes or slower links never raise it; more resting masses in a mode change nothing."""
@@ -76,8 +74,8 @@ def test_limits_only_lower_the_ceiling(data: st.DataObject, links: int):
     assert -slack <= part <= whole + slack
     slower = [c * data.draw(st.floats(0.1, 1)) for c in contraction]
     assert ceiling(slower, extension, resting) <= whole + slack
-    # Run backwards and seen from the tail, contraction stays contraction.
-    mirrored = ceiling(contraction[::-1], extension[::-1], resting)
+    # Run backwards and seen from behind, the worm crawls as well; what contracted now extends.
+    mirrored = ceiling(extension[::-1], contraction[::-1], resting)
     assert mirrored == pytest.approx(whole, abs=slack)
 
 

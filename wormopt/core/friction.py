@@ -105,7 +105,7 @@ class Coulomb:
 
     def __post_init__(self) -> None:
         low, high = self.stick_interval
-        if min(self.forward, self.backward) < 0 or -low < self.forward or high < self.backward:
+        if not (0 <= self.forward <= -low and 0 <= self.backward <= high):  # refuses NaN too
             raise ValueError("friction forces must satisfy 0 <= sliding force <= stiction force")
 
     @property
@@ -192,7 +192,7 @@ class Stribeck:
         ordered = 0 <= self.forward <= self.stick_forward
         if not (ordered and 0 <= self.backward <= self.stick_backward):
             raise ValueError("friction forces must satisfy 0 <= sliding force <= stiction force")
-        if self.v_stribeck <= 0:
+        if not self.v_stribeck > 0:
             raise ValueError("v_stribeck must be positive")
 
     @property
@@ -266,7 +266,7 @@ class Viscous:
     drag: float
 
     def __post_init__(self) -> None:
-        if self.drag < 0:
+        if not self.drag >= 0:
             raise ValueError("drag must not be negative")
 
     @property
@@ -323,7 +323,13 @@ class Spike:
     Parameters
     ----------
     scale : float, optional
-        Load that the smooth stand-in carries at v = -v_reg / 2 (roughly); a size, not a limit.
+        Load that the smooth stand-in carries at v = -3/4 v_reg; a size, not a limit. At rest it
+        carries half of it.
+
+    Raises
+    ------
+    ValueError
+        If ``scale`` is not positive.
 
     Examples
     --------
@@ -332,6 +338,10 @@ class Spike:
     """
 
     scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not self.scale > 0:
+            raise ValueError("scale must be positive")
 
     @property
     def directions(self) -> tuple[int, ...]:

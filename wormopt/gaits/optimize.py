@@ -35,9 +35,10 @@ class Design:
     sequence : tuple of tuple of int
         Resting masses, phase after phase.
     ceiling : float
-        Bound on the speed by rates and modes alone.
+        Bound on the speed by rates and modes alone, for any sequence.
     relative_error : float
-        Relative gain in the objective that is left, to first order, when every arc is halved.
+        Relative gain in the objective that is left, to first order, when every arc is halved;
+        NaN if that was not reached.
     survey : Survey
         What was searched.
     solution : Solution
@@ -64,6 +65,9 @@ class Design:
 def design(task: Task, settings: Search, report: Report, hints: Sequence[Sequence_] = ()) -> Design:
     """Design the best gait that a scene asks for.
 
+    Search, polish and refinement in turn. A required speed above the ceiling of rates and modes
+    is refused at once; where nothing is found, `elastic` names the limits in conflict.
+
     Parameters
     ----------
     task : Task
@@ -84,6 +88,22 @@ def design(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
     ------
     SolveError
         If no gait meets the limits; the message names those in conflict.
+    KeyboardInterrupt
+        If the user stops it before the search found a gait.
+
+    Examples
+    --------
+    >>> from wormopt.progress import silent
+    >>> from wormopt.scenes.gait_design import GaitLimits, Objective
+    >>> from wormopt.scenes.worm import WormTable
+    >>> worm = WormTable(links=2, mass=1.0, load=5.0)
+    >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> fastest = Task(worm, limits, Objective(maximise="speed"))
+    >>> found = design(fastest, Search(effort="quick"), silent)  # doctest: +SKIP
+    >>> too_fast = Task(worm, limits, Objective(minimise="peak_spike_load", speed=2.0))
+    >>> design(too_fast, Search(effort="quick"), silent)
+    Traceback (most recent call last):
+    wormopt.errors.SolveError: objective.speed = 2 is above the ceiling 1 that ...
     """
     bound = _ceiling(task)
     required = task.objective.speed
@@ -149,7 +169,7 @@ def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
     Gait
         Piecewise polynomial; arcs without duration are left out.
     """
-    kept = np.flatnonzero(arcs.duration > 1e-12 * arcs.duration.sum())
+    kept = np.flatnonzero(arcs.duration > 1e-15 * arcs.duration.sum())
     nodes, m = mesh.input_nodes, mesh.input_degree
     to_powers = np.linalg.inv(nodes[:, None] ** np.arange(m + 1)) @ np.linalg.inv(
         bernstein_matrix(nodes)

@@ -60,6 +60,8 @@ class Solved:
 def polish(task: Task, settings: Search, survey: Survey) -> Solved:
     """Try the best sequences again with more arcs, and solve each to the end.
 
+    Taken are sequences within 1 % of the best, at most as many as the effort allows.
+
     Parameters
     ----------
     task : Task
@@ -72,7 +74,7 @@ def polish(task: Task, settings: Search, survey: Survey) -> Solved:
     Returns
     -------
     Solved
-        The best; of sequences that tie, the shortest.
+        The best, on a mesh of degree 2; of sequences that tie to 1e-7, the shortest.
     """
     effort = effort_of(settings)
     record = survey.candidates[0].objective
@@ -110,13 +112,16 @@ def as_found(task: Task, candidate: Candidate) -> Solved:
     Returns
     -------
     Solved
+        After Newton steps onto the constraints, see `NonlinearProgram.restore`.
     """
     program, bounds, start = _start(task, candidate)
     return Solved(candidate.sequence, program, bounds, program.nlp.restore(start, bounds))
 
 
 def refine(task: Task, solved: Solved) -> tuple[Solved, float]:
-    """Raise the degree, then halve arcs, until halving every arc changes nothing.
+    """Raise the degree, then halve arcs, until halving every arc gains less than 1e-7.
+
+    A finer mesh is kept only if it lowers the objective.
 
     Parameters
     ----------
@@ -130,7 +135,8 @@ def refine(task: Task, solved: Solved) -> tuple[Solved, float]:
     solved : Solved
         On the last mesh.
     error : float
-        Relative gain that is left, to first order, when every arc is halved.
+        Relative gain that is left, to first order, when every arc is halved; infinite where the
+        linear program that tells has no solution.
     """
     error = _left_by_halving(task, solved)
     for mesh in _finer(solved.program.mesh):

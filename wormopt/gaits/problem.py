@@ -33,6 +33,12 @@ def rate_bounds(limits: GaitLimits, links: int) -> tuple[np.ndarray, np.ndarray]
     Returns
     -------
     contraction, extension : ndarray, shape (n,)
+
+    Examples
+    --------
+    >>> limits = GaitLimits(period=1.0, length=(0.75, 1.0), acceleration=16.0)
+    >>> rate_bounds(limits, 1)
+    (array([2.]), array([2.]))
     """
     implied = np.full(links, np.inf)
     if limits.acceleration is not None:
@@ -45,7 +51,25 @@ def rate_bounds(limits: GaitLimits, links: int) -> tuple[np.ndarray, np.ndarray]
 
 
 def loads_matter(limits: GaitLimits, objective: Objective) -> bool:
-    """Whether it matters how resting masses share the load: a limit or the cost depends on it."""
+    """Whether it matters how resting masses share the load: a limit or the cost depends on it.
+
+    Parameters
+    ----------
+    limits : GaitLimits
+        Limits of the scene.
+    objective : Objective
+        What is sought.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, impulses=True)
+    >>> loads_matter(limits, Objective(maximise="speed"))
+    False
+    """
     costs = ("peak_spike_load", "peak_actuator_force", "energy_per_distance")
     limited = limits.spike_load is not None or limits.actuator_force is not None
     return limited or objective.minimise in costs
@@ -79,6 +103,10 @@ class _Cost:
 def gait_problem(worm: WormTable, limits: GaitLimits, objective: Objective) -> Problem:
     """State the design of a kinematic gait as an optimal-control problem.
 
+    Costs are scaled to about 1: a speed by the largest rate, forces by the worm's inertia over a
+    period. A peak becomes a design constant that bounds the force from above at all times; the
+    positive part of a power becomes a slack (epigraph form), so that all stays smooth.
+
     Parameters
     ----------
     worm : WormTable
@@ -91,7 +119,16 @@ def gait_problem(worm: WormTable, limits: GaitLimits, objective: Objective) -> P
     Returns
     -------
     Problem
-        Periodic up to the advance; its model is that of (1)-(7).
+        Periodic up to the advance; its model is that of (1)-(7). Its bounds have the names of
+        the scene's keys, by which `elastic` explains a conflict.
+
+    Examples
+    --------
+    >>> worm = WormTable(links=2, mass=1.0, load=5.0)
+    >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> problem = gait_problem(worm, limits, Objective(maximise="speed"))
+    >>> [bound.name for bound in problem.along]
+    ['gait.length', 'gait.rate', 'gait.acceleration']
     """
     n, shortest_longest = worm.links, limits.period_range
     ranges = np.array(limits.length_ranges(n))

@@ -46,7 +46,17 @@ Sequence_ = tuple[Resting, ...]
 
 @dataclass(frozen=True)
 class Task:
-    """The part of a scene that the search needs."""
+    """The part of a scene that the search needs; hashable, so that programs are cached by it.
+
+    Parameters
+    ----------
+    worm : WormTable
+        Masses, drag, load.
+    limits : GaitLimits
+        What the gait must keep to.
+    objective : Objective
+        What to seek.
+    """
 
     worm: WormTable
     limits: GaitLimits
@@ -54,7 +64,7 @@ class Task:
 
     @property
     def rest(self) -> np.ndarray:
-        """State of a worm at rest with its links in the middle of their ranges."""
+        """State of `spiked_worm` at rest, links in the middle of their ranges, shape (2n + 2,)."""
         lengths = np.mean(self.limits.length_ranges(self.worm.links), axis=1)
         return np.concatenate([[0.0], lengths, [0.0], 0.0 * lengths])
 
@@ -95,18 +105,57 @@ def workers_of(settings: Search, links: int) -> int:
     """Number of processes: as asked for, else one per processor where that pays.
 
     Up to two links a whole search takes about as long as starting processes.
+
+    Parameters
+    ----------
+    settings : Search
+        With or without ``workers``.
+    links : int
+        Number of links n.
+
+    Returns
+    -------
+    int
+        At least 1.
     """
     return settings.workers or (1 if links <= 2 else os.cpu_count() or 1)
 
 
 def effort_of(settings: Search) -> Effort:
-    """Effort that a scene's search table asks for."""
+    """Effort that a scene's search table asks for.
+
+    Parameters
+    ----------
+    settings : Search
+        Its ``effort`` is "quick", "normal" or "thorough".
+
+    Returns
+    -------
+    Effort
+
+    Examples
+    --------
+    >>> effort_of(Search(effort="quick")).starts
+    2
+    """
     return _EFFORTS[settings.effort]
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A gait found for one sequence on the search's coarse mesh."""
+    """A gait found for one sequence on the search's coarse mesh.
+
+    Parameters
+    ----------
+    sequence : tuple of tuple of int
+        Resting masses, phase after phase.
+    objective : float
+        Scaled objective as minimised; of a speed, minus speed / largest rate.
+    arcs : Arcs
+        The motion.
+    mesh : Mesh
+        Its mesh.
+    """
 
     sequence: Sequence_
     objective: float
@@ -210,18 +259,63 @@ def _is_mirror_symmetric(task: Task) -> bool:
 
 
 def mesh_of(sequence: Sequence_, arcs: int, degree: int = 2) -> Mesh:
-    """Mesh with as many phases as the sequence."""
+    """Mesh with as many phases as the sequence.
+
+    Parameters
+    ----------
+    sequence : tuple of tuple of int
+        Resting masses, phase after phase.
+    arcs : int
+        Arcs per phase.
+    degree : int, optional
+        Degree of the states. Accelerations have degree - 2, so that lengths are exact; 2 makes
+        them piecewise constant.
+
+    Returns
+    -------
+    Mesh
+
+    Examples
+    --------
+    >>> mesh_of(((0,), (2,), (1,)), arcs=6).total
+    18
+    """
     return Mesh(len(sequence), arcs, Collocation(degree), degree - 2)
 
 
 @lru_cache(maxsize=32)
 def program_of(task: Task, mesh: Mesh) -> PhaseProgram:
+    """Program of a task on a mesh, built once per process and kept.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    mesh : Mesh
+        The mesh; sequences of as many phases share a program.
+
+    Returns
+    -------
+    PhaseProgram
+    """
     return PhaseProgram(gait_problem(task.worm, task.limits, task.objective), mesh)
 
 
 @dataclass(frozen=True)
 class Job:
-    """One optimisation: a sequence from one random start."""
+    """One optimisation: a sequence from one random start.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    sequence : tuple of tuple of int
+        Resting masses, phase after phase.
+    seed : tuple of int
+        Seeds the start's durations, whichever process runs the job.
+    arcs : int
+        Arcs per phase.
+    """
 
     task: Task
     sequence: Sequence_
@@ -230,10 +324,20 @@ class Job:
 
 
 def attempt(job: Job) -> Candidate | None:
-    """Optimise one sequence from one random start; None where that fails.
+    """Optimise one sequence from one random start.
 
     With durations fixed at random the program is linear, but for drag and power: its linear
     solution is a far better start than any guess.
+
+    Parameters
+    ----------
+    job : Job
+        What to optimise.
+
+    Returns
+    -------
+    Candidate or None
+        Optimal to about three digits; None where constraints stay violated by more than 1e-3.
     """
     mesh = mesh_of(job.sequence, job.arcs)
     program = program_of(job.task, mesh)
@@ -253,7 +357,26 @@ def attempt(job: Job) -> Candidate | None:
 
 
 def attempts(jobs: Sequence[Job], workers: int) -> dict[Sequence_, Candidate | None]:
-    """Best candidate of every sequence, from jobs run in so many processes."""
+    """Best candidate of every sequence, from jobs run in so many processes.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+        Several of one sequence compete.
+    workers : int
+        Number of processes; 1 runs the jobs here.
+
+    Returns
+    -------
+    dict of sequence to Candidate or None
+        In the order of the jobs and the same for any number of workers; None where every start
+        failed.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If the user stops it; worker processes are ended.
+    """
     best: dict[Sequence_, Candidate | None] = dict.fromkeys(job.sequence for job in jobs)
     for job, candidate in zip(jobs, _run(jobs, workers), strict=True):
         record = best[job.sequence]
@@ -298,6 +421,10 @@ class _Log:
 def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequence_] = ()) -> Survey:
     """Find the sequences that are worth polishing.
 
+    Sequences are tried in order of their `ceiling`, those of constructed gaits first. One whose
+    ceiling is below the best speed found is left out: it cannot win. Then the best ones are
+    varied by inserting, dropping and exchanging resting sets.
+
     Parameters
     ----------
     task : Task
@@ -313,6 +440,25 @@ def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
     -------
     Survey
         The same for any number of workers.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If the user stops it before anything is found; later the survey is marked interrupted.
+
+    Examples
+    --------
+    One link and two masses that rest in turn. Without the time that acceleration takes the speed
+    would be half the rate.
+
+    >>> from wormopt.progress import silent
+    >>> worm = WormTable(links=1, mass=1.0, load=5.0)
+    >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> task = Task(worm, limits, Objective(maximise="speed"))
+    >>> settings = Search(sequence=((0,), (1,)), effort="quick", workers=1)
+    >>> survey = search(task, settings, silent)
+    >>> round(-survey.candidates[0].objective, 2), survey.starts
+    (0.42, 2)
     """
     effort = effort_of(settings)
     workers = workers_of(settings, task.worm.links)
@@ -377,7 +523,18 @@ def _cannot_win(task: Task, bound: float, record: float) -> bool:
 
 
 def start_of(task: Task) -> list[Sequence_]:
-    """Sequences of the constructed gaits that keep enough masses at rest."""
+    """Sequences of the constructed gaits that keep enough masses at rest.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+
+    Returns
+    -------
+    list of tuple of tuple of int
+        That of `block_wave`, and of `accordion` where one mass at rest is enough.
+    """
     n, a = task.worm.links, task.limits.resting
     found = [tuple(block_wave_sequence(n, a))]
     if a == 1:

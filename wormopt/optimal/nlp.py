@@ -41,7 +41,7 @@ class Ipopt:
     warm: bool = False
 
     def as_casadi(self) -> dict[str, Any]:
-        """Translate into the options of nlpsol."""
+        """Translate into the options of CasADi's nlpsol, IPOPT's own with prefix "ipopt."."""
         pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
         start = {f"ipopt.{push}": 1e-8 for push in pushes} if self.warm else {}
         return start | {
@@ -61,7 +61,17 @@ class Ipopt:
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds on variables and constraints, and the values of the program's parameters."""
+    """Bounds on variables and constraints, and the values of the program's parameters.
+
+    Parameters
+    ----------
+    lbw, ubw : ndarray, shape (n_w,)
+        Lower and upper bounds of the variables, infinite where there is none.
+    lbg, ubg : ndarray, shape (n_g,)
+        Lower and upper bounds of the constraints; equal ones make an equality.
+    p : ndarray, shape (n_p,)
+        Parameters.
+    """
 
     lbw: np.ndarray
     ubw: np.ndarray
@@ -72,7 +82,25 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Solution:
-    """What a solver left: point, objective, violation as recomputed here, and how it ended."""
+    """What a solver left: point, objective, violation as recomputed here, and how it ended.
+
+    Parameters
+    ----------
+    w : ndarray, shape (n_w,)
+        The point, clipped to its bounds.
+    objective : float
+        Objective there.
+    violation : float
+        Largest violation of any bound, in the program's scaled units; never the solver's word.
+    status : str
+        IPOPT's return status, or "not solved".
+    success : bool
+        Whether IPOPT calls it solved. Judge by ``violation`` all the same.
+    iterations : int
+        Iterations of IPOPT.
+    seconds : float
+        Wall-clock time.
+    """
 
     w: np.ndarray
     objective: float
@@ -92,6 +120,18 @@ class NonlinearProgram:
         Variables and parameters, columns.
     objective, constraints : casadi.MX
         Scalar f and column g.
+
+    Examples
+    --------
+    The point nearest to the origin with w_0 + w_1 >= p, for p = 1.
+
+    >>> w, p = ca.MX.sym("w", 2), ca.MX.sym("p")
+    >>> nlp = NonlinearProgram(w, p, ca.sumsqr(w), ca.sum1(w) - p)
+    >>> one, free = np.ones(1), np.full(2, np.inf)
+    >>> bounds = Bounds(-free, free, 0 * one, np.inf * one, p=one)
+    >>> found = nlp.solve(np.zeros(2), bounds, Ipopt())
+    >>> found.w.round(6), found.violation < 1e-9
+    (array([0.5, 0.5]), True)
     """
 
     def __init__(
@@ -111,13 +151,43 @@ class NonlinearProgram:
         self._solvers: dict[Ipopt, ca.Function] = {}
 
     def violation(self, w: np.ndarray, bounds: Bounds) -> float:
-        """Largest violation of any bound on w or g, recomputed from the expressions."""
+        """Largest violation of any bound on w or g, recomputed from the expressions.
+
+        Parameters
+        ----------
+        w : ndarray, shape (n_w,)
+            Point.
+        bounds : Bounds
+            Bounds of the program.
+
+        Returns
+        -------
+        float
+            Absolute; 0 where all hold.
+        """
         g = np.asarray(self._evaluate(w, bounds.p)[1]).ravel()
         excess = (bounds.lbw - w, w - bounds.ubw, bounds.lbg - g, g - bounds.ubg)
         return max(0.0, *(float(e.max(initial=0.0)) for e in excess))
 
     def solve(self, w0: np.ndarray, bounds: Bounds, options: Ipopt) -> Solution:
-        """Run IPOPT from ``w0``; its answer counts only with the violation found here."""
+        """Run IPOPT from ``w0``; its answer counts only with the violation found here.
+
+        Nothing is raised where IPOPT fails. A solver is built on the first call with given
+        options, and kept.
+
+        Parameters
+        ----------
+        w0 : ndarray, shape (n_w,)
+            Start.
+        bounds : Bounds
+            Bounds and parameters.
+        options : Ipopt
+            Options.
+
+        Returns
+        -------
+        Solution
+        """
         if options not in self._solvers:
             self._solvers[options] = ca.nlpsol("solver", "ipopt", self._nlp, options.as_casadi())
         solver = self._solvers[options]
@@ -183,12 +253,25 @@ class NonlinearProgram:
         return np.clip(w + scale * answer.x, bounds.lbw, bounds.ubw), scale * float(answer.fun)
 
     def start(self, w: np.ndarray, bounds: Bounds) -> Solution:
-        """Evaluate a point as if it were a solution."""
+        """Evaluate a point as if it were a solution.
+
+        Parameters
+        ----------
+        w : ndarray, shape (n_w,)
+            Point.
+        bounds : Bounds
+            Bounds of the program.
+
+        Returns
+        -------
+        Solution
+            With status "not solved", as `finish` and `restore` take it.
+        """
         objective = float(self._evaluate(w, bounds.p)[0])
         return Solution(w, objective, self.violation(w, bounds), "not solved", False, 0, 0.0)
 
     def finish(self, solution: Solution, bounds: Bounds, radius: float = 1e-3) -> Solution:
-        """Take linear steps in shrinking boxes: exact active set, errors near round-off.
+        """Take linear steps in shrinking boxes (SLP): exact active set, errors near round-off.
 
         An interior point stays about its barrier parameter inside every active bound; the
         vertices of these linear programs lie on them. Where the optimum is a vertex this
@@ -228,7 +311,23 @@ class NonlinearProgram:
         return replace(best, seconds=best.seconds + time.perf_counter() - start)
 
     def restore(self, solution: Solution, bounds: Bounds) -> Solution:
-        """Remove what violation an interior point left, by the shortest Newton steps."""
+        """Remove what violation an interior point left, by the shortest Newton steps.
+
+        At most three Gauss-Newton steps of least norm on the equalities and on the constraints
+        violated; unlike `finish` this leaves the active set as it is.
+
+        Parameters
+        ----------
+        solution : Solution
+            Close to feasible.
+        bounds : Bounds
+            Bounds of the program.
+
+        Returns
+        -------
+        Solution
+            Of no larger violation; its objective may be a little worse.
+        """
         best = solution
         for _ in range(3):
             _, _, g, jacobian = self._linearise(best.w, bounds.p)

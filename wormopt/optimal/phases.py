@@ -72,10 +72,30 @@ class Mesh:
 class Arcs:
     """A motion as it left the optimiser, arc by arc, in the model's own units.
 
-    ``duration`` (N,), ``start`` and ``end`` states (n_x, N), ``inputs`` as Bernstein
-    coefficients (n_u, input_degree + 1, N), states ``points`` (n_x, degree, N), ``slacks``
-    (n_s, degree, N) and contact ``forces`` (contacts, degree, N) at the collocation points,
-    ``jumps`` (impulses, N), ``design`` (n_p,), ``phase`` (N,).
+    Shapes are in the number of arcs N, of scalars in each group of signals and of the mesh's
+    degrees. Columns of points are the collocation points of an arc in order.
+
+    Parameters
+    ----------
+    duration : ndarray, shape (N,)
+        Duration of each arc, 0 allowed.
+    start : ndarray, shape (n_x, N)
+        States at the start of each arc, after its impulses.
+    points : ndarray, shape (n_x, degree, N)
+        States at the collocation points.
+    inputs : ndarray, shape (n_u, input_degree + 1, N)
+        Bernstein coefficients of the inputs.
+    slacks : ndarray, shape (n_s, degree, N)
+        Slacks at the collocation points.
+    forces : ndarray, shape (contacts, degree, N)
+        Contact forces at the collocation points.
+    jumps : ndarray, shape (n_u + contacts, N)
+        Impulses of inputs and contacts at the start of each arc, in nominal sizes times nominal
+        time; no rows where the problem allows none.
+    design : ndarray, shape (n_p,)
+        Design constants.
+    phase : ndarray of int, shape (N,)
+        Phase of each arc.
     """
 
     duration: np.ndarray
@@ -132,6 +152,37 @@ class PhaseProgram:
     ------
     NotImplementedError
         If the model depends on time explicitly or has algebraic equations.
+
+    Notes
+    -----
+    Attributes ``problem`` and ``mesh`` are those given, ``nlp`` is the NonlinearProgram. Its
+    variables are scaled by nominal sizes: arc after arc duration, start, points, inputs, slacks,
+    forces and jumps, then the design constants.
+
+    Examples
+    --------
+    A cart of unit mass travels a unit way from rest to rest with forces up to 1. The fastest way
+    takes 2: full force forward, then full force back.
+
+    >>> from wormopt.core.model import Model
+    >>> from wormopt.optimal.nlp import Ipopt
+    >>> from wormopt.optimal.problem import Bound, Ends
+    >>> q, v, u = (ca.SX.sym(name) for name in "qvu")
+    >>> x = [Signal("position", q), Signal("velocity", v)]
+    >>> cart = Model("cart", x=x, ode=ca.vertcat(v, u), u=[Signal("force", u)])
+    >>> ends = Ends.of(cart)
+    >>> origin = Bound("start", ends.start, 0.0, 0.0)
+    >>> target = Bound("target", ends.end, [1.0, 0.0], [1.0, 0.0])
+    >>> force = Bound("force", u, -1.0, 1.0)
+    >>> problem = Problem(
+    ...     cart, ends, ends.duration, (0.1, 10.0), along=[force], at_ends=[origin, target]
+    ... )
+    >>> program = PhaseProgram(problem, Mesh(phases=1, arcs=2, collocation=Collocation(2)))
+    >>> bounds = program.bounds(ModeSequence(((),)))  # one phase, no contacts
+    >>> start = program.rest(np.ones(2), np.zeros(2))
+    >>> arcs = program.unpack(program.nlp.solve(start, bounds, Ipopt()).w)
+    >>> arcs.duration.round(6), arcs.inputs.ravel().round(6)
+    (array([1., 1.]), array([ 1., -1.]))
     """
 
     def __init__(self, problem: Problem, mesh: Mesh) -> None:
@@ -162,7 +213,7 @@ class PhaseProgram:
 
     @cached_property
     def time_nominal(self) -> float:
-        """Usual duration of the whole motion."""
+        """Usual duration of the whole motion, by which time is scaled: the longest allowed."""
         return self.problem.duration[1]
 
     # -- one arc ---------------------------------------------------------------------------
@@ -364,7 +415,8 @@ class PhaseProgram:
         Returns
         -------
         Bounds
-            For ``nlp.solve``.
+            For ``nlp.solve``. A contact that sticks keeps its force in the law's interval, one
+            that slides keeps its speed from changing sign.
 
         Raises
         ------
@@ -500,7 +552,17 @@ class PhaseProgram:
     # -- variables in and out --------------------------------------------------------------
 
     def unpack(self, w: np.ndarray) -> Arcs:
-        """Read the program's variables back in the model's units."""
+        """Read the program's variables back in the model's units.
+
+        Parameters
+        ----------
+        w : ndarray, shape (n_w,)
+            Variables of ``nlp``.
+
+        Returns
+        -------
+        Arcs
+        """
         at, n, d = self._layout, self.mesh.total, self.mesh.collocation.degree
         y = w[: at.size * n].reshape((at.size, n), order="F")
 
@@ -521,7 +583,17 @@ class PhaseProgram:
         )
 
     def pack(self, arcs: Arcs) -> np.ndarray:
-        """Write a motion on this mesh into the program's variables; the inverse of `unpack`."""
+        """Write a motion on this mesh into the program's variables; the inverse of `unpack`.
+
+        Parameters
+        ----------
+        arcs : Arcs
+            Motion on this program's mesh; `refine` brings it there from a coarser one.
+
+        Returns
+        -------
+        ndarray, shape (n_w,)
+        """
 
         def block(values: np.ndarray, nominal: np.ndarray) -> np.ndarray:
             scaled = values / nominal[:, None, None]
@@ -564,7 +636,18 @@ class PhaseProgram:
         return np.concatenate([y.ravel(order="F"), np.zeros(len(self._p_nominal))])
 
     def hold_durations(self, free: float = np.inf) -> np.ndarray:
-        """Radius of `NonlinearProgram.linear_step` that fixes all durations."""
+        """Radius of `NonlinearProgram.linear_step` that fixes all durations.
+
+        Parameters
+        ----------
+        free : float, optional
+            Radius of all other variables, scaled.
+
+        Returns
+        -------
+        ndarray, shape (n_w,)
+            0 for durations, ``free`` elsewhere.
+        """
         radius = np.full((self._layout.size, self.mesh.total), free)
         radius[0] = 0.0
         return np.concatenate([radius.ravel(order="F"), np.full(len(self._p_nominal), free)])
@@ -582,7 +665,7 @@ class PhaseProgram:
         Returns
         -------
         Arcs
-            The same motion.
+            The same motion; impulses stay at the start of the first part of their arc.
         """
         split = mesh.arcs // self.mesh.arcs
         with_start = np.concatenate([[0.0], self.mesh.collocation.tau])

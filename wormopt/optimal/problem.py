@@ -46,7 +46,17 @@ class Bound:
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """Symbols for what a whole motion amounts to: its two ends, its duration, its integrals."""
+    """Symbols for what a whole motion amounts to: its two ends, its duration, its integrals.
+
+    Parameters
+    ----------
+    start, end : casadi.SX, shape (n_x, 1)
+        States at both ends.
+    duration : casadi.SX
+        Duration of the motion, scalar.
+    integrals : casadi.SX, shape (n_integrals, 1)
+        Integrals of the problem's integrands over the motion.
+    """
 
     start: ca.SX
     end: ca.SX
@@ -55,7 +65,25 @@ class Ends:
 
     @classmethod
     def of(cls, model: Model, n_integrals: int = 0) -> Ends:
-        """Make the symbols for a model and a number of integrals."""
+        """Make the symbols for a model and a number of integrals.
+
+        Parameters
+        ----------
+        model : Model
+            The system.
+        n_integrals : int, optional
+            Rows of the problem's ``integrands``.
+
+        Returns
+        -------
+        Ends
+
+        Examples
+        --------
+        >>> v = ca.SX.sym("v")
+        >>> Ends.of(Model("cart", x=[Signal("position", ca.SX.sym("q"))], ode=v), 2).integrals.shape
+        (2, 1)
+        """
         return cls(
             ca.SX.sym("x_start", model.n_x),
             ca.SX.sym("x_end", model.n_x),
@@ -101,6 +129,28 @@ class Problem:
     ------
     ValueError
         If the range of durations is empty or not positive.
+
+    Examples
+    --------
+    Travel a unit way from rest to rest in the shortest time, with forces up to 1.
+
+    >>> q, v, u = (ca.SX.sym(name) for name in "qvu")
+    >>> x = [Signal("position", q), Signal("velocity", v)]
+    >>> cart = Model("cart", x=x, ode=ca.vertcat(v, u), u=[Signal("force", u)])
+    >>> ends = Ends.of(cart)
+    >>> problem = Problem(
+    ...     model=cart,
+    ...     ends=ends,
+    ...     minimise=ends.duration,
+    ...     duration=(0.1, 10.0),
+    ...     along=[Bound("force", u, -1.0, 1.0)],
+    ...     at_ends=[
+    ...         Bound("start", ends.start, 0.0, 0.0),
+    ...         Bound("target", ends.end, [1.0, 0.0], [1.0, 0.0]),
+    ...     ],
+    ... )
+    >>> [bound.name for bound in problem.at_ends]
+    ['start', 'target']
     """
 
     model: Model

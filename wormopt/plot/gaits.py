@@ -50,7 +50,18 @@ _OBJECTIVES = {
 
 
 def gait(result: Result) -> Figure:
-    """Link lengths and rates over a period with their limits, and which mass rests when."""
+    """Link lengths and rates over a period with their limits, and which mass rests when.
+
+    Parameters
+    ----------
+    result : Result
+        With the variables ``time``, ``resting``, ``length`` and ``rate``.
+
+    Returns
+    -------
+    Figure
+        Rows from above: lengths, rates, resting masses; glides shaded. No title yet.
+    """
     masses = len(result["resting"].values)
     heights = (3.0, 2.0, 0.25 + 0.17 * masses)
     drawn = sheet(8, 2.0 + sum(heights))
@@ -69,7 +80,18 @@ def gait(result: Result) -> Figure:
 
 
 def motion(result: Result) -> Figure:
-    """Way of every mass, time upward as in figure 3 of the chapter."""
+    """Way of every mass over two periods, time upward as in figure 3 of the chapter.
+
+    Parameters
+    ----------
+    result : Result
+        With the variables ``time``, ``resting`` and ``position``.
+
+    Returns
+    -------
+    Figure
+        Heavy lines where a mass rests; glides of the whole worm shaded.
+    """
     time, position = result["time"].values, result["position"].values
     period, advance = time[-1], position[0, -1] - position[0, 0]
     drawn = sheet(7.5, 7)
@@ -106,7 +128,19 @@ def _heavy(x: np.ndarray, t: np.ndarray, rests: np.ndarray, colour: str) -> Line
 
 
 def spikes(result: Result) -> Figure:
-    """Spike loads and actuator forces over a period with their limits."""
+    """Spike loads and actuator forces over a period with their limits.
+
+    Parameters
+    ----------
+    result : Result
+        With the variables ``time``, ``resting``, ``reaction``, ``reaction_mean``, ``sigma`` and
+        ``actuator_force``.
+
+    Returns
+    -------
+    Figure
+        Rows from above: load of each spike, lambda and sigma of (7), actuator forces.
+    """
     masses, links = len(result["reaction"].values), len(result["actuator_force"].values)
     time = result["time"].values
     drawn = sheet(8, 8.5)
@@ -134,7 +168,18 @@ def spikes(result: Result) -> Figure:
 
 
 def front(result: Result) -> Figure:
-    """Pareto front of speed and a cost."""
+    """Pareto front of speed and a cost.
+
+    Parameters
+    ----------
+    result : Result
+        With the variables ``front_speed``, ``front_value`` and ``front_accepted``.
+
+    Returns
+    -------
+    Figure
+        Accepted points joined by a line, the others hollow.
+    """
     speed, value = result["front_speed"], result["front_value"]
     accepted = result["front_accepted"].values.astype(bool)
     drawn = sheet(7.5, 5.5)
@@ -159,7 +204,18 @@ def front(result: Result) -> Figure:
 
 
 def first_frame(result: Result) -> Figure:
-    """Give the worm on the ground as the animation begins."""
+    """Give the worm on the ground as the animation begins.
+
+    Parameters
+    ----------
+    result : Result
+        With the variables ``time``, ``resting`` and ``position``.
+
+    Returns
+    -------
+    Figure
+        What `pose` changes from frame to frame.
+    """
     drawn = sheet(8, 2.6)
     _stage(drawn.subplots(), result)
     pose(drawn, result, 0)
@@ -181,7 +237,17 @@ def _stage(axes: Axes, result: Result) -> None:
 
 
 def pose(drawn: Figure, result: Result, frame: int) -> None:
-    """Put the worm where it is in a frame; what rests is filled and has its spikes out."""
+    """Put the worm where it is in a frame; what rests is filled and has its spikes out.
+
+    Parameters
+    ----------
+    drawn : Figure
+        From `first_frame`; it is changed.
+    result : Result
+        The same as there.
+    frame : int
+        0 to ``FRAMES - 1``.
+    """
     axes = drawn.axes[0]
     for old in [*axes.lines[1:], *axes.texts]:  # the first line is the ground
         old.remove()

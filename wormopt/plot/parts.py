@@ -46,7 +46,17 @@ STYLE: dict[RcKeyType, Any] = {
 def draw_limits(
     axes: Axes, limits: Sequence[tuple[float, ...]], colours: Sequence[str] = LINKS
 ) -> None:
-    """Thin dashed lines: grey where all share them, in their own colours otherwise."""
+    """Thin dashed lines: grey where all share them, in their own colours otherwise.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    limits : sequence of tuple of float
+        Levels, one tuple per curve; empty draws nothing.
+    colours : sequence of str, optional
+        Colours of the curves.
+    """
     shared = len(set(limits)) == 1
     for values, colour in zip(limits[:1] if shared else limits, colours, strict=False):
         for value in values:
@@ -55,7 +65,25 @@ def draw_limits(
 
 
 def ranges(limits: Any, count: int) -> list[tuple[float, ...]]:
-    """Give the limits of a length as one pair per link."""
+    """Give the limits of a length as one pair per link.
+
+    Parameters
+    ----------
+    limits : list or None
+        [low, high] for all, or one such pair per link.
+    count : int
+        Number of links.
+
+    Returns
+    -------
+    list of (float, float)
+        Empty without limits.
+
+    Examples
+    --------
+    >>> ranges([0.7, 1.3], 2)
+    [(0.7, 1.3), (0.7, 1.3)]
+    """
     if limits is None:
         return []
     pairs = limits if isinstance(limits[0], list) else [limits] * count
@@ -63,33 +91,103 @@ def ranges(limits: Any, count: int) -> list[tuple[float, ...]]:
 
 
 def rate_ranges(limit: Any, count: int) -> list[tuple[float, ...]]:
-    """Give the limits of a rate as one pair per link."""
+    """Give the limits of a rate as one pair per link.
+
+    Parameters
+    ----------
+    limit : number, list or None
+        As for `symmetric`, or [contractions, extensions] with one list each.
+    count : int
+        Number of links.
+
+    Returns
+    -------
+    list of (float, float)
+
+    Examples
+    --------
+    >>> rate_ranges([[1.0, 2.0], [3.0, 4.0]], 2)
+    [(-1.0, 3.0), (-2.0, 4.0)]
+    """
     if isinstance(limit, list) and isinstance(limit[0], list):
         return [(-contraction, extension) for contraction, extension in zip(*limit, strict=True)]
     return symmetric(limit, count)
 
 
 def symmetric(limit: Any, count: int) -> list[tuple[float, ...]]:
-    """Give the limits of an absolute value as one pair each."""
+    """Give the limits of an absolute value as one pair each.
+
+    Parameters
+    ----------
+    limit : number, list or None
+        One for all, or one per curve.
+    count : int
+        Number of curves.
+
+    Returns
+    -------
+    list of (float, float)
+    """
     return [(-value, value) for (value,) in ceilings(limit, count)]
 
 
 def ceilings(limit: Any, count: int) -> list[tuple[float, ...]]:
-    """Give upper limits as one tuple each."""
+    """Give upper limits as one tuple each.
+
+    Parameters
+    ----------
+    limit : number, list or None
+        One for all, or one per curve.
+    count : int
+        Number of curves.
+
+    Returns
+    -------
+    list of (float,)
+        Empty without a limit.
+    """
     if limit is None:
         return []
     return [(value,) for value in (limit if isinstance(limit, list) else [limit] * count)]
 
 
 def stretches(time: np.ndarray, holds: np.ndarray) -> list[tuple[float, float]]:
-    """Intervals of time throughout which something holds."""
+    """Intervals of time throughout which something holds.
+
+    Parameters
+    ----------
+    time : ndarray, shape (m,)
+        Ascending; a time may stand twice, before and after a jump.
+    holds : ndarray of bool, shape (m,)
+        Whether it holds at each of them.
+
+    Returns
+    -------
+    list of (float, float)
+        Between neighbours at which it holds; single instants are left out.
+
+    Examples
+    --------
+    >>> stretches(np.array([0.0, 1.0, 1.0, 2.0]), np.array([True, True, False, False]))
+    [(0.0, 1.0)]
+    """
     steps = np.concatenate([[False], holds[:-1] & holds[1:], [False]])
     edges = np.flatnonzero(steps[:-1] != steps[1:])
     return [(float(time[a]), float(time[b])) for a, b in edges.reshape(-1, 2) if time[b] > time[a]]
 
 
 def link_handles(count: int) -> list[Line2D]:
-    """Lines for a legend of links."""
+    """Lines for a legend of links.
+
+    Parameters
+    ----------
+    count : int
+        Number of links, at most 8.
+
+    Returns
+    -------
+    list of Line2D
+    """
     return [
         Line2D([], [], color=LINKS[j], linestyle="-" if j < 4 else (0, (2, 1)), linewidth=1.8,
                label=f"link {j + 1}")
@@ -98,7 +196,17 @@ def link_handles(count: int) -> list[Line2D]:
 
 
 def mass_handles(count: int) -> list[Line2D]:
-    """Lines for a legend of masses."""
+    """Lines for a legend of masses.
+
+    Parameters
+    ----------
+    count : int
+        Number of masses, at most 9; 0 is the head.
+
+    Returns
+    -------
+    list of Line2D
+    """
     ends = {0: " (head)", count - 1: " (tail)"}
     return [
         Line2D([], [], color=MASSES[i], linewidth=1.8, label=f"mass {i}{ends.get(i, '')}")
@@ -107,12 +215,37 @@ def mass_handles(count: int) -> list[Line2D]:
 
 
 def legend(axes: Axes, handles: list[Line2D]) -> None:
-    """Beside the axes, where it covers nothing."""
+    """Put a legend beside the axes, where it covers nothing.
+
+    Parameters
+    ----------
+    axes : Axes
+        Whose legend it is.
+    handles : list of Line2D
+        Its entries.
+    """
     axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.01, 0.5))
 
 
 def label(text: str, unit: str) -> str:
-    """Axis label; 'm s-1' appears as m s with a raised -1, and '1' not at all."""
+    """Axis label; 'm s-1' appears as m s with a raised -1, and '1' not at all.
+
+    Parameters
+    ----------
+    text : str
+        What the axis shows.
+    unit : str
+        UDUNITS text.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> label("speed", "m s-1"), label("ratio", "1")
+    ('speed (m s$^{-1}$)', 'ratio')
+    """
     return text if unit == "1" else f"{text} ({_raised(unit)})"
 
 
@@ -121,14 +254,38 @@ def _raised(unit: str) -> str:
 
 
 def scalar(result: Result, name: str) -> Any:
-    """Value of a scalar or attribute, None where the result has neither."""
+    """Value of a scalar or attribute, None where the result has neither.
+
+    Parameters
+    ----------
+    result : Result
+        Where to look.
+    name : str
+        Its name.
+
+    Returns
+    -------
+    number, text, list or None
+    """
     if name in result.scalars:
         return result.scalars[name].value
     return result.attributes.get(name)
 
 
 def facts(result: Result, *names: str) -> str:
-    """Give the scalars of those names that the result has, as one line."""
+    """Give the scalars of those names that the result has, as one line.
+
+    Parameters
+    ----------
+    result : Result
+        Where to look.
+    *names : str
+        Scalars; those that are missing or no numbers are left out.
+
+    Returns
+    -------
+    str
+    """
     found = [(name.replace("_", " "), result.scalars.get(name)) for name in names]
     return "    ".join(
         f"{name} {number.value:.6g} {_raised(number.unit)}".rstrip()
@@ -138,6 +295,16 @@ def facts(result: Result, *names: str) -> str:
 
 
 def sheet(width: float, height: float) -> Figure:
-    """Give an empty figure with some room at its edges."""
+    """Give an empty figure with some room at its edges, bound to no window.
+
+    Parameters
+    ----------
+    width, height : float
+        Size in inches.
+
+    Returns
+    -------
+    Figure
+    """
     layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.1)
     return Figure(figsize=(width, height), layout=layout)

@@ -85,6 +85,9 @@ def design_result(
     Returns
     -------
     Result
+        Everything in it is computed anew from the gait alone, in closed form, and rechecked by
+        integration. Status "failed" where a limit is exceeded by more than 1e-9 of its size, or
+        the two routes differ in speed by more than that.
     """
     table: DesignTable = scene.table
     worm, limits = table.worm, table.gait
@@ -125,6 +128,10 @@ def cost_scalar(cost: Cost) -> str:
     cost : str
         As written in a scene.
 
+    Returns
+    -------
+    str
+
     Examples
     --------
     >>> cost_scalar("peak_spike_load")
@@ -150,7 +157,15 @@ def objective_value(motion: Crawl, minimise: Cost | None) -> tuple[float, str]:
 
     Returns
     -------
-    (float, str)
+    value : float
+        In the scene's units.
+    quantity : str
+        As `unit_of` takes it.
+
+    Raises
+    ------
+    ZeroDivisionError
+        For an energy per distance where the worm does not advance.
     """
     match minimise:
         case None:
@@ -160,7 +175,7 @@ def objective_value(motion: Crawl, minimise: Cost | None) -> tuple[float, str]:
         case "peak_actuator_force":
             return max(float(abs(v).max()) for v in motion.extremes("actuator_force")), "force"
         case "energy_per_distance":
-            return motion.energy / motion.advance, "energy_per_distance"
+            return motion.energy / motion.advance if motion.advance else np.inf, "energy_per_distance"
         case "acceleration_effort":
             return motion.effort, "acceleration_squared"
 

@@ -42,6 +42,8 @@ def motion_scalars(motion: Crawl, units: str) -> dict[str, Scalar]:
     Returns
     -------
     dict of str to Scalar
+        Extremes are over all time, not over samples. Energies are None, unknown, where a
+        velocity jumps or the worm does not advance.
     """
 
     def scalar(value: Any, quantity: str) -> Scalar:
@@ -98,6 +100,7 @@ def motion_variables(motion: Crawl, units: str) -> list[Variable]:
     Returns
     -------
     list of Variable
+        Times at which a signal jumps stand twice.
     """
     sampled = motion.sample()
     signals = [
@@ -126,6 +129,11 @@ def recheck(motion: Crawl, worm: WormTable) -> BimodalMotion:
     Returns
     -------
     BimodalMotion
+
+    Raises
+    ------
+    SolveError
+        If that route finds no periodic motion.
     """
     return integrate(motion.gait, worm.masses, worm.drag, worm.load)
 

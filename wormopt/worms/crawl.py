@@ -276,7 +276,17 @@ class Crawl:
         return values[:, :, 0].min(axis=0), values[:, :, 1].max(axis=0)
 
     def integral(self, signal: str) -> np.ndarray:
-        """Integral of every row of a signal over the period."""
+        """Integral of every row of a signal over the period.
+
+        Parameters
+        ----------
+        signal : str
+            As for `extremes`.
+
+        Returns
+        -------
+        ndarray, shape (rows,)
+        """
         rows = self._rows()[signal]
         return np.sum([s.integral()[rows] for _, s in self.parts], axis=0)
 

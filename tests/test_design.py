@@ -1,0 +1,347 @@
+"""Designed gaits: the benchmarks, the bounds they may not pass, and what happens when none exists."""
+
+import json
+from math import comb, gcd, sqrt
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.core.modes import ceiling
+from wormopt.errors import Interrupted, SolveError
+from wormopt.gaits import search
+from wormopt.gaits.construct import accordion, block_wave
+from wormopt.gaits.files import gait_of_result
+from wormopt.gaits.optimize import design
+from wormopt.gaits.search import Task, sequences
+from wormopt.gaits.verify import violations
+from wormopt.progress import silent
+from wormopt.scenes.gait_design import GaitLimits, Objective, RateLimits, Search
+from wormopt.scenes.worm import WormTable
+from wormopt.simulate.bimodal import integrate
+from wormopt.worms.crawl import crawl
+
+G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1
+
+
+def run(*overrides: str):
+    return wo.run(wo.load_scene("design_fast_gait", overrides))
+
+
+def value(result, name: str):
+    return result.scalars[name].value
+
+
+@pytest.fixture(scope="module")
+def fast_gait():
+    return run()
+
+
+def test_g1_is_exact_and_proven(fast_gait):
+    assert fast_gait.status == "ok"
+    assert value(fast_gait, "speed") == pytest.approx(G1, abs=1e-9)
+    assert value(fast_gait, "worst_violation") <= 1e-9
+    assert value(fast_gait, "recheck_speed_error") <= 1e-9
+    assert value(fast_gait, "ceiling") == pytest.approx(1.0, abs=1e-9)
+    assert value(fast_gait, "gap") == pytest.approx(1 - G1, abs=1e-8)
+    assert value(fast_gait, "resting_min") == 1
+
+
+def test_g1_gait_crawls_alike_by_a_second_route(fast_gait):
+    again = integrate(gait_of_result(fast_gait), [1.0] * 3, 0.0, 5.0)
+    assert again.speed == pytest.approx(G1, abs=1e-9)
+    assert again.lambda_min >= -1e-9
+    assert again.lambda_max == pytest.approx(value(fast_gait, "lambda_max"), abs=1e-9)
+    assert again.resting_min == 1
+
+
+def test_every_scalar_a_gait_result_carries_is_there(fast_gait):
+    names = (
+        "speed advance period ceiling gap resting_min lambda_min lambda_max lambda_mean "
+        "spike_load_max actuator_force_max energy_per_distance mode_sequence worst_violation "
+        "discretisation_error recheck_speed_error"
+    )
+    assert set(names.split()) <= set(fast_gait.scalars)
+
+
+def test_without_drag_net_work_per_distance_is_the_load_for_every_gait(fast_gait):
+    """Spikes do no work: what is recovered or not ranks gaits, the net work does not."""
+    motion = crawl(gait_of_result(fast_gait), [1.0] * 3, 0.0, 5.0)
+    assert motion.net_work / motion.advance == pytest.approx(15.0, abs=1e-9)
+    assert motion.energy >= motion.net_work
+
+
+def test_spike_limit_binds():
+    result = run("gait.spike_load=27.0")
+    assert value(result, "speed") == pytest.approx(0.7666666666666667, abs=1e-7)
+    assert value(result, "spike_load_max") == pytest.approx(27.0, abs=1e-7)
+    assert value(result, "lambda_max") == pytest.approx(9.0, abs=1e-7)
+    assert result.status == "ok"
+
+
+def test_the_order_of_rest_decides():
+    """Head then tail alone reaches only about 0.805: local search cannot leave it."""
+    result = run("search.sequence=[[0],[2]]")
+    assert 0.80 < value(result, "speed") < 0.806
+
+
+@pytest.mark.slow
+def test_drag_bends_the_arcs_and_they_are_resolved():
+    result = run("worm.drag=0.5")
+    assert value(result, "discretisation_error") < 1e-6
+    assert value(result, "lambda_mean") == pytest.approx(0.5 * value(result, "speed") + 5, abs=1e-9)
+    assert result.status == "ok"
+
+
+def test_uphill_gait_keeps_two_masses_at_rest():
+    result = run("gait.resting=2", 'search.effort="quick"')
+    assert value(result, "resting_min") == 2
+    assert value(result, "speed") < 1 / 3
+    assert value(result, "speed") > best_wave(2, 2) + 1e-6
+    assert result.status == "ok"
+
+
+def trapezoid_stroke(width: float, rate: float, acceleration: float) -> tuple[float, float]:
+    """Longest stroke from rest to rest within a time, and the share of the time spent in a ramp."""
+    ramp = min(rate / acceleration, width / 2)
+    return acceleration * ramp * (width - ramp), ramp / width
+
+
+def best_wave(links: int, resting: int) -> float:
+    """Speed of the fastest block-rest wave within the limits of G1."""
+    stroke, ramp = trapezoid_stroke(1 / (links + 1), 1.0, 20.0)
+    low = 1.0 - min(stroke, 0.6) / 2
+    gait = block_wave(links, resting, 1.0, (low, 2 - low), "trapezoid", ramp)
+    limits = GaitLimits(
+        period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0, resting=resting
+    )
+    motion = crawl(gait, [1.0] * (links + 1), 0.0, 5.0)
+    assert max(v for k, v in violations(motion, limits).items() if k != "sigma") < 1e-9
+    return motion.speed if violations(motion, limits)["sigma"] < 1e-9 else 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("links", "resting"), [(3, 1), (3, 2), (5, 1)])
+def test_designed_gaits_beat_the_constructed_ones(links, resting):
+    result = run(f"worm.links={links}", f"gait.resting={resting}", 'search.effort="quick"')
+    assert result.status == "ok"
+    assert value(result, "speed") > best_wave(links, resting) + 1e-6
+    if resting == 1:
+        stroke, ramp = trapezoid_stroke(0.5, 1.0, 20.0)
+        low = 1.0 - min(stroke, 0.6) / 2
+        folded = crawl(
+            accordion(links, 1.0, (low, 2 - low), "trapezoid", ramp), [1.0] * (links + 1), 0, 500.0
+        )
+        assert value(result, "speed") <= value(result, "ceiling") + 1e-9
+        assert folded.speed <= value(result, "ceiling")
+
+
+@pytest.mark.parametrize(
+    "cost",
+    ["peak_spike_load", "peak_actuator_force", "energy_per_distance", "acceleration_effort"],
+)
+def test_a_cost_is_no_higher_than_that_of_the_fastest_gait(cost, fast_gait):
+    from wormopt.studies.gait_design import objective_value
+
+    result = run(
+        f'objective={{minimise="{cost}",speed=0.7}}',
+        "search.sequence=[[0],[2],[1]]",
+        'search.effort="quick"',
+    )
+    fastest = crawl(gait_of_result(fast_gait), [1.0] * 3, 0.0, 5.0)
+    assert result.status == "ok", result.reason
+    assert value(result, "speed") >= 0.7 - 1e-9
+    assert value(result, "objective") < objective_value(fastest, cost)[0]
+
+
+limits_ = st.builds(
+    dict,
+    shortest=st.floats(0.3, 0.9),
+    room=st.floats(0.2, 1.0),
+    contraction=st.floats(0.3, 2.0),
+    extension=st.floats(0.3, 2.0),
+    acceleration=st.floats(5.0, 50.0),
+    load=st.floats(1.0, 20.0),
+    period=st.floats(0.5, 2.0),
+    sequence=st.sampled_from([((0,), (2,)), ((0,), (2,), (1,)), ((0,), (1,), (2,))]),
+)
+
+
+@settings(
+    max_examples=8, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
+@given(limits_)
+def test_no_designed_gait_passes_the_ceiling(given_):
+    """Random limits: the ceiling holds, no limit is exceeded, and the second route agrees."""
+    limits = GaitLimits(
+        period=given_["period"],
+        length=(given_["shortest"], given_["shortest"] + given_["room"]),
+        rate=RateLimits(contraction=given_["contraction"], extension=given_["extension"]),
+        acceleration=given_["acceleration"],
+    )
+    worm = WormTable(links=2, mass=1.0, load=given_["load"])
+    task = Task(worm, limits, Objective(maximise="speed"))
+    own = Search(sequence=given_["sequence"], effort="quick", workers=1)
+    found = design(task, own, silent)
+    motion = crawl(found.gait, worm.masses, 0.0, worm.load)
+    assert motion.speed <= found.ceiling + 1e-9
+    assert max(violations(motion, limits).values()) <= 1e-9
+    again = integrate(found.gait, worm.masses, 0.0, worm.load)
+    assert again.speed == pytest.approx(motion.speed, abs=1e-9)
+
+
+# -- the search over sequences ---------------------------------------------------------------
+
+
+def proper_necklaces(letters: int, beads: int) -> int:
+    """Cyclic words without equal neighbours: Burnside over the chromatic polynomial of a ring."""
+
+    def rings(k: int) -> int:
+        return (letters - 1) ** k + (-1) ** k * (letters - 1) if k > 1 else 0
+
+    turns = [rings(gcd(beads, k)) for k in range(beads)]
+    return sum(turns) // beads
+
+
+@pytest.mark.parametrize(("masses", "phases"), [(2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (5, 4)])
+def test_single_rest_sequences_are_all_there_once(masses, phases):
+    found = sequences(masses, 1, phases, mirror=False)
+    assert len(found) == len(set(found)) == proper_necklaces(masses, phases)
+
+
+def test_mirror_images_and_masses_that_rest_for_ever_are_left_out():
+    whole = sequences(4, 2, 3, mirror=False)
+    half = sequences(4, 2, 3, mirror=True)
+    assert len(whole) / 2 <= len(half) < len(whole)
+    assert all(not set.intersection(*map(set, word)) for word in whole)
+    assert comb(4, 2) == len({s for word in whole for s in word})
+
+
+def test_mirror_images_really_are_equally_fast():
+    speeds = [
+        value(run(f"search.sequence={order}", 'search.effort="normal"'), "speed")
+        for order in ("[[0],[2],[1]]", "[[0],[1],[2]]")
+    ]
+    assert speeds == pytest.approx([G1, G1], abs=1e-9)
+
+
+def test_a_sequence_is_never_faster_than_its_own_ceiling(fast_gait):
+    for candidate in fast_gait.trust["search"]["best"]:
+        bound = ceiling([1.0, 1.0], [1.0, 1.0], 1, candidate["sequence"])
+        # speed is scaled by the rate limit, which is 1 here
+        assert -candidate["scaled_objective"] <= bound + 1e-3
+
+
+# -- no gait, interruptions ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("overrides", "named"),
+    [
+        (['objective={minimise="peak_spike_load",speed=1.5}'], ["objective.speed", "ceiling"]),
+        (["gait.spike_load=14.0"], ["gait.spike_load"]),
+        (["gait.sigma_margin=6.0"], ["gait.sigma_margin"]),
+        (["gait.actuator_force=2.0"], ["gait.actuator_force"]),
+    ],
+)
+def test_an_impossible_request_names_the_limits(overrides, named, tmp_path: Path, capsys):
+    sets = [part for override in overrides for part in ("--set", override)]
+    quick = ["--set", 'search.effort="quick"', "--set", "search.phases=3"]
+    code = main(
+        ["run", "design_fast_gait", "--json", "--no-plots", "-o", str(tmp_path / "o"), *sets, *quick]
+    )
+    out, err = capsys.readouterr()
+    answer = json.loads(out)
+    assert code == 3
+    assert answer["status"] == "failed"
+    for name in named:
+        assert name in answer["reason"]
+    assert "Traceback" not in err
+    assert (tmp_path / "o" / "summary.json").is_file()
+
+
+def test_an_interrupted_search_leaves_the_best_gait_so_far(monkeypatch):
+    calls = []
+
+    def interrupted_later(*args):
+        calls.append(args)
+        if len(calls) > 1:
+            raise KeyboardInterrupt
+        return original(*args)
+
+    original = search.attempts
+    monkeypatch.setattr(search, "attempts", interrupted_later)
+    with pytest.raises(Interrupted) as stopped:
+        run()
+    partial = stopped.value.partial
+    assert partial.status == "failed"
+    assert "interrupted" in partial.reason
+    assert 0.3 < value(partial, "speed") < 1.0
+
+
+def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
+    from wormopt.studies import gait_pareto
+
+    monkeypatch.setattr(gait_pareto, "user_cache_path", lambda _: tmp_path)
+    scene = wo.load_scene(
+        "pareto_speed_load",
+        ["pareto.points=3", 'search.effort="quick"', "search.sequence=[[0],[2],[1]]"],
+    )
+    original, seen = gait_pareto.design, []
+
+    def stop_at_the_third(*args):
+        seen.append(args)
+        if len(seen) == 3:
+            raise KeyboardInterrupt
+        return original(*args)
+
+    monkeypatch.setattr(gait_pareto, "design", stop_at_the_third)
+    with pytest.raises(Interrupted) as stopped:
+        wo.run(scene)
+    assert len(stopped.value.partial["front_speed"].values) == 2
+    result = wo.run(scene)
+    assert len(seen) == 4  # two points were read back
+    order = np.argsort(result["front_speed"].values)
+    assert np.all(np.diff(result["front_value"].values[order]) > -1e-9)
+    assert result["front_value"].values.min() >= 15.0 - 1e-9  # mean lambda = Gamma, one spike
+    assert not list(tmp_path.rglob("point_*"))
+
+
+def test_impulses_reach_what_accelerations_cannot():
+    """Without an acceleration limit rates may jump; momentum then still falls no faster than the load."""
+    limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, impulses=True)
+    worm = WormTable(links=2, mass=1.0, load=5.0)
+    own = Search(sequence=((0,), (2,), (1,)), workers=1)
+    found = design(Task(worm, limits, Objective(maximise="speed")), own, silent)
+    motion = crawl(found.gait, worm.masses, 0.0, 5.0)
+    assert G1 < motion.speed <= 1.0 + 1e-9
+    assert not motion.glides
+    assert max(violations(motion, limits).values()) <= 1e-9
+    assert integrate(found.gait, worm.masses, 0.0, 5.0).speed == pytest.approx(motion.speed)
+
+
+def test_limits_survive_being_sent_to_another_process():
+    import pickle
+
+    task = Task(
+        WormTable(links=2, mass=1.0),
+        GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0),
+        Objective(maximise="speed"),
+    )
+    assert pickle.loads(pickle.dumps(task)) == task
+    assert hash(task) == hash(msgspec.structs.replace(task.worm) and task)
+
+
+def test_a_required_speed_above_the_ceiling_is_refused_before_any_search():
+    task = Task(
+        WormTable(links=2, mass=1.0, load=5.0),
+        GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0),
+        Objective(minimise="energy_per_distance", speed=1.1),
+    )
+    with pytest.raises(SolveError, match=r"objective\.speed = 1\.1 is above the ceiling 1"):
+        design(task, Search(), lambda *_: pytest.fail("it searched"))

@@ -1,0 +1,150 @@
+"""The Model and the spiked worm as one, against the closed-form crawl and Newton's laws."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wormopt.core.friction import Spike, Viscous
+from wormopt.core.gait import Gait
+from wormopt.core.model import Contact, Model, Output, Signal, pack
+from wormopt.gaits.construct import block_wave, fast_gait
+from wormopt.worms.crawl import crawl
+from wormopt.worms.spiked import spiked_worm
+
+masses = st.lists(st.floats(0.1, 5), min_size=2, max_size=9)
+
+
+def functions(model: Model) -> ca.Function:
+    """ode, contact velocities and accelerations and outputs from states, inputs and forces."""
+    outputs = [o.expression for o in model.outputs]
+    return ca.Function(
+        "model",
+        [pack(model.x), pack(model.u), model.forces],
+        [model.ode, model.contact_velocities, model.contact_accelerations, *outputs],
+    )
+
+
+@given(mass=masses, drag=st.floats(0, 3), load=st.floats(0, 9))
+def test_a_force_on_any_mass_moves_the_rigidly_driven_chain_as_one(
+    mass: list[float], drag: float, load: float
+):
+    """With prescribed link accelerations every force accelerates all masses by force / sum m."""
+    model = spiked_worm(mass, drag, load)
+    delassus = ca.evalf(model.delassus)
+    count = len(mass)
+    assert np.array(delassus) == pytest.approx(np.full((count, count), 1 / sum(mass)))
+
+
+@pytest.mark.parametrize(
+    ("gait", "mass", "drag", "load"),
+    [
+        (fast_gait(1.0), [1.0, 1.0, 1.0], 1.0, 20.0),
+        (fast_gait(1.0), [1.0, 2.0, 0.5], 0.7, 8.0),  # glides
+        (block_wave(4, 2, 1.3, (0.9, 1.2), "quintic"), [1.0, 0.4, 2.0, 1.1, 0.7], 0.0, 30.0),
+        (block_wave(1, 1, 0.8, (0.9, 1.2), "trapezoid"), [1.0, 3.0], 2.0, 4.0),
+    ],
+)
+def test_the_symbolic_worm_moves_as_the_closed_form_crawl(
+    gait: Gait, mass: list[float], drag: float, load: float
+):
+    """The crawl's links and loads put into the model give the crawl's accelerations and forces.
+
+    Accelerations of the crawl are slopes of its velocities, found by central differences.
+    """
+    motion = crawl(gait, mass, drag, load, "least_actuation")
+    model = functions(spiked_worm(mass, drag, load))
+    n, checked = gait.links, 0
+    for stretch in motion.stretches:
+        if stretch.stop - stretch.start < 0.02:
+            continue
+        rows = motion._rows()
+        h = 1e-4
+        middle = np.linspace(stretch.start + 0.005, stretch.stop - 0.005, 7)
+        now, ahead, behind = (motion.quantities(stretch, middle + d) for d in (0.0, h, -h))
+        slopes = (ahead - behind)[rows["velocity"]] / (2 * h)
+        for k in range(len(middle)):
+            part = {name: now[row, k] for name, row in rows.items()}
+            x = np.concatenate([[0.0], part["length"], part["velocity"][:1], part["rate"]])
+            ode, velocities, accelerations, mean, force, power = (
+                np.array(value).ravel()
+                for value in model(x, part["acceleration"], part["reaction"])
+            )
+            size = np.abs(part["actuator_force"]).max() + load
+            assert ode[: n + 1] == pytest.approx([part["velocity"][0], *part["rate"]])
+            assert ode[n + 2 :] == pytest.approx(part["acceleration"])
+            assert velocities == pytest.approx(part["velocity"], abs=1e-11)
+            assert accelerations == pytest.approx(slopes[:, k], abs=1e-4 * size)
+            assert ode[n + 1] == pytest.approx(accelerations[0])
+            assert mean == pytest.approx(part["reaction_mean"], abs=1e-10 * size)
+            assert force == pytest.approx(part["actuator_force"], abs=1e-9 * size)
+            assert power == pytest.approx(part["power"], abs=1e-9 * size)
+            checked += 1
+    assert checked >= 7 * min(2, len(motion.stretches))
+
+
+@settings(max_examples=50, deadline=None)
+@given(mass=masses, drag=st.floats(0, 3), load=st.floats(0, 9), seed=st.integers(0, 10**6))
+def test_newtons_law_holds_for_every_mass(mass: list[float], drag: float, load: float, seed: int):
+    """m_i v_i' = reaction_i - k v_i - Gamma + mu_i - mu_{i+1}, mu_0 = mu_{n+1} = 0."""
+    n, random = len(mass) - 1, np.random.default_rng(seed)
+    x, ddl = random.normal(size=2 * n + 2), random.normal(size=n)
+    reaction = random.uniform(0, 5, n + 1)
+    values = functions(spiked_worm(mass, drag, load))(x, ddl, reaction)
+    _, v, a, mean, mu, power = (np.array(value).ravel() for value in values)
+    mu_closed = np.concatenate([[0.0], mu, [0.0]])
+    external = reaction - drag * v - load + mu_closed[:-1] - mu_closed[1:]
+    assert np.array(mass) * a == pytest.approx(external, abs=1e-11 * (1 + n) * sum(mass))
+    assert v[:-1] - v[1:] == pytest.approx(x[n + 2 :], abs=1e-12)  # (2): l_j' = v_{j-1} - v_j
+    assert a[:-1] - a[1:] == pytest.approx(ddl, abs=1e-12)
+    assert mean[0] == pytest.approx(reaction.mean())
+    # Power of actuators and external forces makes the kinetic energy.
+    kinetic = np.array(mass) @ (v * a)
+    given_in = power.sum() + (reaction - drag * v - load) @ v
+    assert kinetic == pytest.approx(given_in, abs=1e-11 * (1 + n) * sum(mass) * 10)
+
+
+def test_the_spiked_worm_tells_what_it_is():
+    worm = spiked_worm([1.0, 2.0, 3.0], 0.1, 4.0, length_nominal=0.5, time_nominal=0.1)
+    names = {s.name: (s.size, s.unit, s.nominal) for s in (*worm.x, *worm.u)}
+    assert names["length"] == (2, "length", 0.5)
+    assert names["velocity"] == (1, "speed", pytest.approx(5.0))
+    assert names["acceleration"] == (2, "acceleration", pytest.approx(50.0))
+    assert worm.n_x == 6
+    assert [c.name for c in worm.contacts] == ["mass 0", "mass 1", "mass 2"]
+    for contact in worm.contacts:
+        assert isinstance(contact.law, Spike)
+        assert contact.nominal_force == pytest.approx(100.0)  # mean mass 2 times 50
+        assert contact.law.scale == contact.nominal_force
+    with pytest.raises(KeyError, match=r"no output 'speed'.*reaction_mean.*actuator_force.*power"):
+        worm.output("speed")
+
+
+def test_time_in_a_contact_velocity_is_differentiated_too():
+    """A block on a belt of velocity t^2: relative acceleration force / m - 2 t."""
+    v, f, t = ca.SX.sym("v"), ca.SX.sym("f"), ca.SX.sym("t")
+    belt = Contact("sole", v - t**2, f, Viscous(1.0))
+    model = Model("block", [Signal("velocity", v)], f / 2, t=t, contacts=[belt])
+    slope = ca.Function("slope", [t, f], [model.contact_accelerations])
+    assert float(slope(3.0, 4.0)) == pytest.approx(4.0 / 2 - 6.0)
+    assert float(ca.evalf(model.delassus)) == 0.5
+
+
+def test_a_model_without_contacts_has_empty_columns():
+    v = ca.SX.sym("v", 2)
+    model = Model("free", [Signal("velocity", v)], -v, outputs=[Output("twice", 2 * v)])
+    assert (model.n_x, pack(model.u).shape, model.forces.shape) == (2, (0, 1), (0, 1))
+    assert model.contact_velocities.shape == (0, 1)
+    assert model.delassus.shape == (0, 0)
+    assert ca.is_equal(model.output("twice"), 2 * v, 2)
+
+
+def test_models_that_do_not_fit_together_are_refused():
+    v, w = ca.SX.sym("v", 2), ca.SX.sym("w")
+    with pytest.raises(ValueError, match="model cart: 1 equations, 2 states"):
+        Model("cart", [Signal("velocity", v)], w)
+    for other in ("u", "z", "p"):
+        signals = {other: [Signal("velocity", w)]}
+        with pytest.raises(ValueError, match="two signals share a name"):
+            Model("cart", [Signal("velocity", v)], v, **signals)  # type: ignore[arg-type]

@@ -1,0 +1,214 @@
+"""One transcription for any Model: exact optima, convergence, and bounds that hold inside arcs."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from wormopt.core.friction import Coulomb
+from wormopt.core.model import Contact, Model, Signal
+from wormopt.core.modes import ModeSequence
+from wormopt.optimal.collocation import Collocation
+from wormopt.optimal.elastic import elastic
+from wormopt.optimal.nlp import Ipopt
+from wormopt.optimal.phases import Mesh, PhaseProgram
+from wormopt.optimal.problem import Bound, Ends, Problem
+
+ROOT_ONE_AND_A_HALF = 1.224744871391589
+
+
+def block(force: float = 3.0) -> Model:
+    """A block on dry ground, F+ = 1 and F- = 2, driven by a bounded force."""
+    x, v, u, f = (ca.SX.sym(name) for name in ("x", "v", "u", "f"))
+    return Model(
+        "block",
+        x=[Signal("position", x), Signal("velocity", v)],
+        ode=ca.vertcat(v, u + f),
+        u=[Signal("drive", u, lower=-force, upper=force)],
+        contacts=[Contact("sole", v, f, Coulomb(1.0, 2.0))],
+    )
+
+
+def fastest(model: Model, start: tuple[float, ...], end: tuple[float, float]) -> Problem:
+    """Time-optimal transfer; of the start as many states are given as ``start`` is long."""
+    ends = Ends.of(model)
+    begin = ends.start[: len(start)]
+    return Problem(
+        model,
+        ends,
+        ends.duration,
+        (0.01, 10.0),
+        at_ends=[Bound("start", begin, start, start), Bound("end", ends.end, end, end)],
+    )
+
+
+def solved(program: PhaseProgram, modes: list[int], speed: float = 0.1):
+    bounds = program.bounds(ModeSequence(tuple((m,) for m in modes)))
+    w = program.rest(np.full(program.mesh.total, 0.5), np.array([0.0, speed]))
+    return program.nlp.finish(program.nlp.solve(w, bounds, Ipopt()), bounds), bounds
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "modes", "exact"),
+    [
+        # Accelerate with 3 - 1, brake with 3 + 1: T = sqrt(2 L (1/2 + 1/4)).
+        ((0.0, 0.0), (1.0, 0.0), [1], ROOT_ONE_AND_A_HALF),
+        # Brake from 1 with 4 (0.25 s, 0.125 m), go back with 3 - 2, brake with 3 + 2.
+        ((0.0, 1.0), (0.0, 0.0), [1, -1], 0.25 + np.sqrt(0.25 * (1 + 1 / 5))),
+    ],
+)
+def test_time_optimal_block_on_dry_ground_is_exact(start, end, modes, exact):
+    program = PhaseProgram(fastest(block(), start, end), Mesh(len(modes), 2, Collocation(2)))
+    solution, _ = solved(program, modes)
+    assert solution.objective == pytest.approx(exact, abs=1e-9)
+    assert solution.violation <= 1e-12
+
+
+def test_a_sticking_contact_does_not_move_and_its_force_stays_in_the_interval():
+    # the sticking mode itself says that it starts at rest: only the position is given
+    program = PhaseProgram(
+        fastest(block(), (0.0,), (1.0, 0.0)), Mesh(2, 2, Collocation(3), input_degree=1)
+    )
+    solution, _ = solved(program, [0, 1])
+    arcs = program.unpack(solution.w)
+    assert np.abs(arcs.points[1][:, arcs.phase == 0]).max() < 1e-9
+    assert np.all(arcs.forces[0][:, arcs.phase == 0] <= 2.0 + 1e-9)
+    assert np.all(arcs.forces[0][:, arcs.phase == 0] >= -1.0 - 1e-9)
+    assert solution.objective == pytest.approx(ROOT_ONE_AND_A_HALF, abs=1e-7)
+
+
+def oscillator(scheme, degree: int, arcs: int) -> float:
+    """Error of the cheapest swing of x'' = -x + u from 0 to (1, 0) in time 1, known in closed form.
+
+    The optimal u is lambda' exp(A (1 - t)) B with the controllability Gramian G of (A, B), and
+    the cost is half of x_f' G^{-1} x_f.
+    """
+    x, v, u = (ca.SX.sym(name) for name in "xvu")
+    model = Model(
+        "oscillator",
+        x=[Signal("position", x), Signal("velocity", v)],
+        ode=ca.vertcat(v, u - x),
+        u=[Signal("drive", u)],
+    )
+    ends = Ends.of(model, 1)
+    problem = Problem(
+        model,
+        ends,
+        ends.integrals[0],
+        (1.0, 1.0),
+        integrands=u**2 / 2,
+        at_ends=[
+            Bound("start", ends.start, [0, 0], [0, 0]),
+            Bound("end", ends.end, [1, 0], [1, 0]),
+        ],
+    )
+    program = PhaseProgram(problem, Mesh(1, arcs, Collocation(degree, scheme), degree - 1))
+    bounds = program.bounds(ModeSequence(((),)))
+    # equal arcs, so that the error is one of the step alone
+    rows = np.arange(program.mesh.total) * ((len(bounds.lbw)) // program.mesh.total)
+    bounds.lbw[rows] = bounds.ubw[rows] = 1 / arcs
+    w = program.rest(np.full(arcs, 1 / arcs), np.zeros(2))
+    solution = program.nlp.solve(w, bounds, Ipopt(tolerance=1e-12))
+    s2, c2 = np.sin(2.0), np.cos(2.0)
+    gramian = np.array([[0.5 - s2 / 4, (1 - c2) / 4], [(1 - c2) / 4, 0.5 + s2 / 4]])
+    exact = 0.5 * np.linalg.inv(gramian)[0, 0]
+    return abs(solution.objective - exact)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "order", "most"), [("legendre", 4, 2e-5), ("radau", 3, 5e-4)]
+)
+def test_the_optimum_converges_at_the_order_of_the_scheme(scheme, order, most):
+    arcs = np.array([2, 4, 8])
+    errors = np.array([oscillator(scheme, 2, n) for n in arcs])
+    slope = -np.polyfit(np.log(arcs), np.log(errors), 1)[0]
+    assert order - 0.4 < slope < order + 0.7
+    assert errors[-1] < most
+
+
+def test_bounds_hold_inside_arcs_not_only_at_nodes():
+    """A ball thrown up under a ceiling: with one arc the peak lies between all nodes."""
+    y, v, u = (ca.SX.sym(name) for name in "yvu")
+    model = Model(
+        "ball",
+        x=[Signal("height", y), Signal("speed", v)],
+        ode=ca.vertcat(v, u - 1),
+        u=[Signal("gust", u, lower=0.0, upper=0.1)],
+    )
+    ends = Ends.of(model)
+    problem = Problem(
+        model,
+        ends,
+        -ends.duration,
+        (0.1, 10.0),
+        along=[Bound("ceiling", y, upper=0.5)],
+        at_ends=[Bound("start", ends.start[0], 0, 0), Bound("end", ends.end[0], 0, 0)],
+    )
+    program = PhaseProgram(problem, Mesh(1, 4, Collocation(2)))
+    bounds = program.bounds(ModeSequence(((),)))
+    w = program.rest(np.full(4, 0.2), np.array([0.0, 0.5]))
+    solution = program.nlp.finish(program.nlp.solve(w, bounds, Ipopt()), bounds)
+    arcs = program.unpack(solution.w)
+    s = np.linspace(0, 1, 201)[:, None] * arcs.duration
+    height = arcs.start[0] + arcs.start[1] * s + (arcs.inputs[0, 0] - 1) * s**2 / 2
+    assert height.max() <= 0.5 + 1e-9
+    # The gust bears it up both ways: twice sqrt(2 * 0.5 / 0.9).
+    assert arcs.duration.sum() == pytest.approx(2 * np.sqrt(1 / 0.9), abs=1e-6)
+
+
+def test_refining_a_mesh_keeps_the_motion():
+    problem = fastest(block(), (0.0, 0.0), (1.0, 0.0))
+    coarse = PhaseProgram(problem, Mesh(1, 2, Collocation(2)))
+    solution, _ = solved(coarse, [1])
+    mesh = Mesh(1, 6, Collocation(5), input_degree=3)
+    fine = PhaseProgram(problem, mesh)
+    bounds = fine.bounds(ModeSequence(((1,),)))
+    carried = fine.nlp.start(
+        fine.pack(coarse.refine(coarse.unpack(solution.w), mesh)), bounds
+    )
+    assert carried.violation < 1e-12
+    assert carried.objective == pytest.approx(solution.objective, abs=1e-13)
+
+
+def test_pack_is_the_inverse_of_unpack():
+    program = PhaseProgram(fastest(block(), (0, 0), (1, 0)), Mesh(2, 3, Collocation(3), 1))
+    w = np.random.default_rng(0).normal(size=len(program.rest(np.ones(6), np.zeros(2))))
+    assert program.pack(program.unpack(w)) == pytest.approx(w, abs=1e-14)
+
+
+def test_an_impossible_problem_is_explained_by_the_limits_in_conflict():
+    model = block()
+    ends = Ends.of(model)
+    problem = Problem(
+        model,
+        ends,
+        ca.SX(0),
+        (1.0, 1.0),
+        along=[Bound("speed limit", model.x[1].symbol, -0.5, 0.5)],
+        at_ends=[
+            Bound("start", ends.start, [0, 0], [0, 0]),
+            Bound("distance", ends.end[0], 2.0),
+        ],
+    )
+    program = PhaseProgram(elastic(problem), Mesh(1, 4, Collocation(2)))
+    bounds = program.bounds(ModeSequence(((1,),)))
+    w = program.rest(np.full(4, 0.25), np.zeros(2))
+    w[-2:] = 3.0
+    solution = program.nlp.solve(w, bounds, Ipopt())
+    slack = dict(zip([s.name for s in program.problem.design], solution.w[-2:], strict=True))
+    assert solution.success
+    assert solution.objective > 0.1
+    assert set(slack) == {"slack distance", "slack speed limit"}
+
+
+def test_wrong_number_of_phases_is_refused():
+    program = PhaseProgram(fastest(block(), (0, 0), (1, 0)), Mesh(2, 1, Collocation(2)))
+    with pytest.raises(ValueError, match="1 phases given, the mesh has 2"):
+        program.bounds(ModeSequence(((1,),)))
+
+
+def test_a_model_that_depends_on_time_is_refused():
+    x, t = ca.SX.sym("x"), ca.SX.sym("t")
+    model = Model("clock", x=[Signal("x", x)], ode=t, t=t)
+    ends = Ends.of(model)
+    with pytest.raises(NotImplementedError, match="autonomous"):
+        PhaseProgram(Problem(model, ends, ends.duration, (1, 1)), Mesh(1, 1, Collocation(2)))
