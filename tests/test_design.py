@@ -1,4 +1,4 @@
-"""Designed gaits: the benchmarks, the bounds they may not pass, and what happens when none exists."""
+"""Designed gaits: benchmarks, the bounds they may not pass, and what happens when none exists."""
 
 import json
 from math import comb, gcd, sqrt
@@ -15,7 +15,7 @@ from wormopt.cli import main
 from wormopt.core.modes import ceiling
 from wormopt.errors import Interrupted, SolveError
 from wormopt.gaits import search
-from wormopt.gaits.construct import accordion, block_wave
+from wormopt.gaits.construct import block_wave
 from wormopt.gaits.files import gait_of_result
 from wormopt.gaits.optimize import design
 from wormopt.gaits.search import Task, sequences
@@ -77,7 +77,7 @@ def test_without_drag_net_work_per_distance_is_the_load_for_every_gait(fast_gait
 
 
 def test_spike_limit_binds():
-    result = run("gait.spike_load=27.0")
+    result = run("gait.spike_load=27.0", 'search.effort="quick"')
     assert value(result, "speed") == pytest.approx(0.7666666666666667, abs=1e-7)
     assert value(result, "spike_load_max") == pytest.approx(27.0, abs=1e-7)
     assert value(result, "lambda_max") == pytest.approx(9.0, abs=1e-7)
@@ -102,7 +102,7 @@ def test_uphill_gait_keeps_two_masses_at_rest():
     result = run("gait.resting=2", 'search.effort="quick"')
     assert value(result, "resting_min") == 2
     assert value(result, "speed") < 1 / 3
-    assert value(result, "speed") > best_wave(2, 2) + 1e-6
+    assert value(result, "speed") > best_wave(2, 2) + 1e-6 > 0.05
     assert result.status == "ok"
 
 
@@ -117,9 +117,7 @@ def best_wave(links: int, resting: int) -> float:
     stroke, ramp = trapezoid_stroke(1 / (links + 1), 1.0, 20.0)
     low = 1.0 - min(stroke, 0.6) / 2
     gait = block_wave(links, resting, 1.0, (low, 2 - low), "trapezoid", ramp)
-    limits = GaitLimits(
-        period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0, resting=resting
-    )
+    limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0, resting=resting)
     motion = crawl(gait, [1.0] * (links + 1), 0.0, 5.0)
     assert max(v for k, v in violations(motion, limits).items() if k != "sigma") < 1e-9
     return motion.speed if violations(motion, limits)["sigma"] < 1e-9 else 0.0
@@ -131,19 +129,17 @@ def test_designed_gaits_beat_the_constructed_ones(links, resting):
     result = run(f"worm.links={links}", f"gait.resting={resting}", 'search.effort="quick"')
     assert result.status == "ok"
     assert value(result, "speed") > best_wave(links, resting) + 1e-6
-    if resting == 1:
-        stroke, ramp = trapezoid_stroke(0.5, 1.0, 20.0)
-        low = 1.0 - min(stroke, 0.6) / 2
-        folded = crawl(
-            accordion(links, 1.0, (low, 2 - low), "trapezoid", ramp), [1.0] * (links + 1), 0, 500.0
-        )
-        assert value(result, "speed") <= value(result, "ceiling") + 1e-9
-        assert folded.speed <= value(result, "ceiling")
+    assert value(result, "speed") <= value(result, "ceiling") + 1e-9
 
 
 @pytest.mark.parametrize(
     "cost",
-    ["peak_spike_load", "peak_actuator_force", "energy_per_distance", "acceleration_effort"],
+    [
+        "peak_spike_load",
+        "peak_actuator_force",
+        pytest.param("energy_per_distance", marks=pytest.mark.slow),
+        "acceleration_effort",
+    ],
 )
 def test_a_cost_is_no_higher_than_that_of_the_fastest_gait(cost, fast_gait):
     from wormopt.studies.gait_design import objective_value
@@ -173,7 +169,7 @@ limits_ = st.builds(
 
 
 @settings(
-    max_examples=8, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+    max_examples=5, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
 )
 @given(limits_)
 def test_no_designed_gait_passes_the_ceiling(given_):
@@ -224,7 +220,7 @@ def test_mirror_images_and_masses_that_rest_for_ever_are_left_out():
 
 def test_mirror_images_really_are_equally_fast():
     speeds = [
-        value(run(f"search.sequence={order}", 'search.effort="normal"'), "speed")
+        value(run(f"search.sequence={order}"), "speed")
         for order in ("[[0],[2],[1]]", "[[0],[1],[2]]")
     ]
     assert speeds == pytest.approx([G1, G1], abs=1e-9)
@@ -253,7 +249,16 @@ def test_an_impossible_request_names_the_limits(overrides, named, tmp_path: Path
     sets = [part for override in overrides for part in ("--set", override)]
     quick = ["--set", 'search.effort="quick"', "--set", "search.phases=3"]
     code = main(
-        ["run", "design_fast_gait", "--json", "--no-plots", "-o", str(tmp_path / "o"), *sets, *quick]
+        [
+            "run",
+            "design_fast_gait",
+            "--json",
+            "--no-plots",
+            "-o",
+            str(tmp_path / "o"),
+            *sets,
+            *quick,
+        ]
     )
     out, err = capsys.readouterr()
     answer = json.loads(out)
@@ -313,7 +318,7 @@ def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
 
 
 def test_impulses_reach_what_accelerations_cannot():
-    """Without an acceleration limit rates may jump; momentum then still falls no faster than the load."""
+    """Rates may jump without an acceleration limit; momentum still falls no faster than by load."""
     limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, impulses=True)
     worm = WormTable(links=2, mass=1.0, load=5.0)
     own = Search(sequence=((0,), (2,), (1,)), workers=1)

@@ -29,6 +29,9 @@ __all__ = ["Solved", "as_found", "polish", "refine"]
 # Refinement stops when halving every arc changes the objective by less than this, relatively.
 _RESOLVED = 1e-7
 
+# A solution counts as feasible if its scaled constraints are violated by no more.
+_FEASIBLE = 1e-10
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -139,18 +142,21 @@ def refine(task: Task, solved: Solved) -> tuple[Solved, float]:
         linear program that tells has no solution.
     """
     error = _left_by_halving(task, solved)
-    for mesh in _finer(solved.program.mesh):
+    for mesh in _finer(task, solved.program.mesh):
         if error <= _RESOLVED:
             break
         finer = _optimise_on(task, solved, mesh)
-        if finer.objective < solved.objective:
+        if finer.objective < solved.objective and finer.solution.violation <= _FEASIBLE:
             solved, error = finer, _left_by_halving(task, finer)
     return solved, error
 
 
-def _finer(mesh: Mesh) -> Iterator[Mesh]:
-    for arcs in (mesh.arcs, 2 * mesh.arcs):
-        yield replace(mesh, arcs=arcs, collocation=Collocation(5), input_degree=3)
+def _finer(task: Task, mesh: Mesh) -> Iterator[Mesh]:
+    """Higher degrees, then for the speed also more arcs: costs converge slowly at their kinks."""
+    for degree in (3, 5):
+        yield replace(mesh, collocation=Collocation(degree), input_degree=degree - 2)
+    if task.objective.minimise is None:
+        yield replace(mesh, arcs=2 * mesh.arcs, collocation=Collocation(5), input_degree=3)
 
 
 def _left_by_halving(task: Task, solved: Solved) -> float:
@@ -200,5 +206,9 @@ def _optimise(program: PhaseProgram, start: Solution, bounds: Bounds) -> Solutio
     if program.mesh.collocation.degree == 2:
         options = Ipopt(tolerance=1e-8, mu_init=1e-6, warm=True, iterations=300)
         return nlp.finish(nlp.solve(start.w, bounds, options), bounds)
-    options = Ipopt(tolerance=1e-10, mu_init=1e-6, warm=True, iterations=300)
-    return nlp.restore(nlp.solve(start.w, bounds, options), bounds)
+    for tolerance, barrier in ((1e-10, 1e-6), (1e-8, 1e-4)):
+        options = Ipopt(tolerance=tolerance, mu_init=barrier, warm=True, iterations=300)
+        solution = nlp.restore(nlp.solve(start.w, bounds, options), bounds)
+        if solution.violation <= _FEASIBLE:
+            break
+    return solution

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import combinations, product
 
@@ -18,7 +18,7 @@ from wormopt.core.modes import ModeSequence, ceiling
 from wormopt.gaits.construct import block_wave_sequence
 from wormopt.gaits.problem import gait_problem, loads_matter, rate_bounds
 from wormopt.optimal.collocation import Collocation
-from wormopt.optimal.nlp import Ipopt
+from wormopt.optimal.nlp import Bounds, Ipopt
 from wormopt.optimal.phases import Arcs, Mesh, PhaseProgram
 from wormopt.progress import Report
 from wormopt.scenes.gait_design import GaitLimits, Objective, Search
@@ -61,6 +61,11 @@ class Task:
     worm: WormTable
     limits: GaitLimits
     objective: Objective
+
+    @property
+    def speed_nominal(self) -> float:
+        """Usual size of the speed, by which the objective is scaled."""
+        return float(np.max(rate_bounds(self.limits, self.worm.links)))
 
     @property
     def rest(self) -> np.ndarray:
@@ -337,23 +342,47 @@ def attempt(job: Job) -> Candidate | None:
     Returns
     -------
     Candidate or None
-        Optimal to about three digits; None where constraints stay violated by more than 1e-3.
+        Optimal to about three digits; None where no durations tried admit a motion, or
+        constraints stay violated by more than 1e-3.
     """
     mesh = mesh_of(job.sequence, job.arcs)
     program = program_of(job.task, mesh)
     bounds = program.bounds(ModeSequence.of_resting(job.sequence, job.task.worm.links + 1))
-    random = np.random.default_rng(job.seed)
-    phases = random.dirichlet(np.full(mesh.phases, 8.0))
-    durations = np.repeat(phases, job.arcs) * random.uniform(0.7, 1.3, mesh.total)
-    durations *= random.uniform(*job.task.limits.period_range) / durations.sum()
-    w = program.rest(durations, job.task.rest)
-    linear = program.nlp.linear_step(w, bounds, program.hold_durations())
-    start = w if linear is None else linear[0]
+    start = _start(job, program, bounds)
+    if start is None:
+        return None
     # Loose: ranking needs three digits, the polish finds the rest.
     found = program.nlp.solve(start, bounds, Ipopt(tolerance=1e-4, mu_init=1e-2, iterations=200))
     if found.violation > 1e-3:
         return None
     return Candidate(job.sequence, found.objective, program.unpack(found.w), mesh)
+
+
+def _start(job: Job, program: PhaseProgram, bounds: Bounds) -> np.ndarray | None:
+    """Where to start: for a cost, at a fast gait of the same sequence; None if it is too slow."""
+    required = job.task.objective.speed
+    if required is None:
+        return _linear_start(job, program, bounds)
+    fastest = replace(job.task, objective=Objective(maximise="speed"))
+    fast = attempt(replace(job, task=fastest))
+    if fast is None or -fast.objective * job.task.speed_nominal < required * (1 - 1e-3):
+        return None
+    return program.pack(replace(fast.arcs, **program.nominal_extras()))
+
+
+def _linear_start(job: Job, program: PhaseProgram, bounds: Bounds) -> np.ndarray | None:
+    """Best motion with durations drawn at random, to first order from rest; None if none fits."""
+    random = np.random.default_rng(job.seed)
+    mesh = program.mesh
+    for _ in range(6):
+        phases = random.dirichlet(np.full(mesh.phases, 8.0))
+        durations = np.repeat(phases, job.arcs) * random.uniform(0.7, 1.3, mesh.total)
+        durations *= random.uniform(*job.task.limits.period_range) / durations.sum()
+        w = program.rest(durations, job.task.rest)
+        linear = program.nlp.linear_step(w, bounds, program.hold_durations())
+        if linear is not None:
+            return linear[0]
+    return None
 
 
 def attempts(jobs: Sequence[Job], workers: int) -> dict[Sequence_, Candidate | None]:
@@ -518,8 +547,7 @@ def _cannot_win(task: Task, bound: float, record: float) -> bool:
     """Whether a sequence's ceiling rules it out."""
     if task.objective.speed is not None:
         return bound < task.objective.speed
-    speed_nominal = float(np.max(rate_bounds(task.limits, task.worm.links)))
-    return bound <= -record * speed_nominal
+    return bound <= -record * task.speed_nominal
 
 
 def start_of(task: Task) -> list[Sequence_]:

@@ -635,6 +635,20 @@ class PhaseProgram:
         y[at.points] = np.tile(start / self._x_nominal, self.mesh.collocation.degree)[:, None]
         return np.concatenate([y.ravel(order="F"), np.zeros(len(self._p_nominal))])
 
+    def nominal_extras(self) -> dict[str, np.ndarray]:
+        """Slacks and design constants at their nominal sizes: what a motion does not tell.
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``slacks`` (n_s, degree, arcs) and ``design`` (n_p,), to put into `Arcs`.
+        """
+        shape = (1, self.mesh.collocation.degree, self.mesh.total)
+        return {
+            "slacks": np.tile(self._s_nominal[:, None, None], shape),
+            "design": self._p_nominal.copy(),
+        }
+
     def hold_durations(self, free: float = np.inf) -> np.ndarray:
         """Radius of `NonlinearProgram.linear_step` that fixes all durations.
 

@@ -110,4 +110,3 @@ def _warnings(
     if impulses:
         found.append("corners of the gait load the spikes with impulses; energy is not counted")
     return found
-

@@ -161,11 +161,6 @@ def objective_value(motion: Crawl, minimise: Cost | None) -> tuple[float, str]:
         In the scene's units.
     quantity : str
         As `unit_of` takes it.
-
-    Raises
-    ------
-    ZeroDivisionError
-        For an energy per distance where the worm does not advance.
     """
     match minimise:
         case None:
@@ -175,7 +170,10 @@ def objective_value(motion: Crawl, minimise: Cost | None) -> tuple[float, str]:
         case "peak_actuator_force":
             return max(float(abs(v).max()) for v in motion.extremes("actuator_force")), "force"
         case "energy_per_distance":
-            return motion.energy / motion.advance if motion.advance else np.inf, "energy_per_distance"
+            return (
+                motion.energy / motion.advance if motion.advance else np.inf,
+                "energy_per_distance",
+            )
         case "acceleration_effort":
             return motion.effort, "acceleration_squared"
 
