@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 __all__ = ["Gait"]
 
@@ -227,6 +226,8 @@ class Gait:
         if np.abs(lengths[-1] - lengths[0]).max() > 1e-9 * np.abs(lengths).max():
             raise ValueError("the last row must repeat the first: one closed period")
         lengths[-1] = lengths[0]
+        from scipy.interpolate import CubicSpline  # loads for half a second, for tables only
+
         spline = CubicSpline(t, lengths, bc_type="periodic")
         return cls(t.copy(), np.transpose(spline.c[::-1], (1, 2, 0)))
 

@@ -83,7 +83,7 @@ class Effort:
     enumerated : int
         Most sequences tried in the systematic part, best ceilings first.
     starts : int
-        Random starts of each.
+        Random starts of each, and as many again of those that come close to the best.
     rounds : int
         Rounds in which the best sequences are varied.
     varied : int
@@ -100,8 +100,8 @@ class Effort:
 
 
 _EFFORTS = {
-    "quick": Effort(enumerated=12, starts=2, rounds=0, varied=0, polished=1),
-    "normal": Effort(enumerated=36, starts=3, rounds=2, varied=10, polished=2),
+    "quick": Effort(enumerated=12, starts=1, rounds=0, varied=0, polished=1),
+    "normal": Effort(enumerated=36, starts=2, rounds=2, varied=10, polished=2),
     "thorough": Effort(enumerated=300, starts=6, rounds=4, varied=40, polished=4),
 }
 
@@ -431,11 +431,25 @@ def _run(jobs: Sequence[Job], workers: int) -> Iterator[Candidate | None]:
 
 
 @dataclass
-class _Log:
-    """Best candidate of every sequence tried so far."""
+class _Trials:
+    """Best candidate of every sequence tried so far, and how to try more."""
 
+    task: Task
+    effort: Effort
+    seed: int
+    workers: int
     best: dict[Sequence_, Candidate | None] = field(default_factory=dict)
     starts: int = 0
+
+    def run(self, batch: list[Sequence_], first: int = 0) -> None:
+        """Try every sequence of a batch from the effort's number of starts."""
+        seeds = range(first, first + self.effort.starts)
+        jobs = [Job(self.task, s, (self.seed, k), 6) for s in batch for k in seeds]
+        self.starts += len(jobs)
+        for sequence, found in attempts(jobs, self.workers).items():
+            old = self.best.get(sequence)
+            if old is None or (found is not None and found.objective < old.objective):
+                self.best[sequence] = found
 
     @property
     def ranking(self) -> list[Candidate]:
@@ -445,6 +459,17 @@ class _Log:
     @property
     def record(self) -> float:
         return self.ranking[0].objective if self.ranking else np.inf
+
+    def close(self, share: float) -> list[Sequence_]:
+        """Sequences whose objective comes within this share of the best."""
+        reach = self.record + share * abs(self.record)
+        return [c.sequence for c in self.ranking if c.objective <= reach]
+
+    def cannot_win(self, bound: float) -> bool:
+        """Whether a ceiling on the speed rules a sequence out."""
+        if self.task.objective.speed is not None:
+            return bound < self.task.objective.speed
+        return bound <= -self.record * self.task.speed_nominal
 
 
 def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequence_] = ()) -> Survey:
@@ -489,14 +514,12 @@ def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
     >>> round(-survey.candidates[0].objective, 2), survey.starts
     (0.42, 2)
     """
-    effort = effort_of(settings)
-    workers = workers_of(settings, task.worm.links)
-    masses = task.worm.links + 1
-    log = _Log()
+    effort, masses = effort_of(settings), task.worm.links + 1
+    trials = _Trials(task, effort, settings.seed, workers_of(settings, task.worm.links))
     if settings.sequence is not None:
         own = tuple(tuple(sorted(s)) for s in settings.sequence)
-        _try(task, [own], effort, settings.seed, workers, log)
-        return Survey(tuple(log.ranking), len(own), 1, 0, 1, 0, log.starts)
+        trials.run([own])
+        return Survey(tuple(trials.ranking), len(own), 1, 0, 1, 0, trials.starts)
     mirror = _is_mirror_symmetric(task)
     phases = settings.phases or _default_phases(masses, task.limits.resting)
     space = [
@@ -504,31 +527,29 @@ def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
         for p in range(2, phases + 1)
         for s in sequences(masses, task.limits.resting, p, mirror=mirror)
     ]
-    bounds = {s: _ceiling_of(task, frozenset(s)) for s in space}
-    first = [_canonical(s, masses, mirror=mirror) for s in (*hints, *start_of(task))]
-    constructed = list(dict.fromkeys(first))
     # Constructed gaits first, so that none of them is ever better; then the highest ceilings.
-    order = sorted(space, key=lambda s: (s not in constructed, -bounds[s], len(s), s))
-    order = [*[s for s in constructed if s not in bounds], *order]
-    excluded = tried = varied = 0
-    interrupted = False
+    first = [_canonical(s, masses, mirror=mirror) for s in (*hints, *start_of(task))]
+    order = sorted(set(space) - set(first), key=lambda s: (-_ceiling_of(task, s), len(s), s))
+    order = [*dict.fromkeys(first), *order]
+    head, excluded, varied, interrupted = len(set(first)), 0, 0, False
     try:
-        while order and tried < effort.enumerated:
-            most = len(constructed) if tried == 0 else 6
-            open_ = [s for s in order if not _cannot_win(task, bounds.get(s, np.inf), log.record)]
-            excluded += len(order) - len(open_)
-            batch, order = open_[:most], open_[most:]
-            report("searching mode sequences", 0.6 * tried / effort.enumerated)
-            _try(task, batch, effort, settings.seed, workers, log)
-            tried += len(batch)
-        varied = _vary(task, settings, effort, workers, log, report, mirror=mirror)
+        while order and len(trials.best) < effort.enumerated:
+            possible = [s for s in order if not trials.cannot_win(_ceiling_of(task, s))]
+            excluded += len(order) - len(possible)
+            size = head if not trials.best else 6
+            batch, order = possible[:size], possible[size:]
+            report("searching mode sequences", 0.6 * len(trials.best) / effort.enumerated)
+            trials.run(batch)
+        trials.run(trials.close(0.01), first=effort.starts)
+        tried = len(trials.best)
+        varied = _vary(trials, settings, report, mirror=mirror)
     except KeyboardInterrupt:
-        if not log.ranking:
+        if not trials.ranking:
             raise
-        interrupted = True
-    excluded += sum(_cannot_win(task, bounds[s], log.record) for s in order)
-    ranking = tuple(log.ranking)
-    return Survey(ranking, phases, len(space), excluded, tried, varied, log.starts, interrupted)
+        tried, interrupted = len(trials.best), True
+    excluded += sum(trials.cannot_win(_ceiling_of(task, s)) for s in order)
+    ranking, space_size = tuple(trials.ranking), len(set(space) | set(first))
+    return Survey(ranking, phases, space_size, excluded, tried, varied, trials.starts, interrupted)
 
 
 def _default_phases(masses: int, resting: int) -> int:
@@ -537,17 +558,14 @@ def _default_phases(masses: int, resting: int) -> int:
     return 4 if letters <= 7 else 3 if letters <= 21 else 2
 
 
+def _ceiling_of(task: Task, sequence: Sequence_) -> float:
+    return _ceiling_of_sets(task, frozenset(sequence))
+
+
 @lru_cache(maxsize=4096)
-def _ceiling_of(task: Task, sets: frozenset[Resting]) -> float:
+def _ceiling_of_sets(task: Task, sets: frozenset[Resting]) -> float:
     contraction, extension = rate_bounds(task.limits, task.worm.links)
     return ceiling(contraction.tolist(), extension.tolist(), task.limits.resting, sets)
-
-
-def _cannot_win(task: Task, bound: float, record: float) -> bool:
-    """Whether a sequence's ceiling rules it out."""
-    if task.objective.speed is not None:
-        return bound < task.objective.speed
-    return bound <= -record * task.speed_nominal
 
 
 def start_of(task: Task) -> list[Sequence_]:
@@ -570,47 +588,26 @@ def start_of(task: Task) -> list[Sequence_]:
     return found
 
 
-def _try(
-    task: Task, batch: list[Sequence_], effort: Effort, seed: int, workers: int, log: _Log
-) -> None:
-    jobs = [Job(task, s, (seed, k), 6) for s in batch for k in range(effort.starts)]
-    log.best |= attempts(jobs, workers)
-    log.starts += len(jobs)
-
-
-def _vary(
-    task: Task,
-    settings: Search,
-    effort: Effort,
-    workers: int,
-    log: _Log,
-    report: Report,
-    *,
-    mirror: bool,
-) -> int:
+def _vary(trials: _Trials, settings: Search, report: Report, *, mirror: bool) -> int:
     """Insert, drop and exchange resting sets in the best sequences while that helps."""
-    masses, varied = task.worm.links + 1, 0
+    task, effort, varied = trials.task, trials.effort, 0
+    masses = task.worm.links + 1
     most = settings.phases or 2 * masses
     for turn in range(effort.rounds):
-        record = log.record
-        fresh: list[Sequence_] = []
-        close = [c for c in log.ranking[:3] if c.objective <= record + 0.02 * abs(record)]
-        for candidate in close:
-            for word in _neighbours(candidate.sequence, task, most):
-                word = _canonical(word, masses, mirror=mirror)
-                if word not in log.best and word not in fresh:
-                    fresh.append(word)
-        random = np.random.default_rng((settings.seed, turn))
-        order = random.permutation(len(fresh))[: effort.varied]
-        batch = [
-            fresh[k]
-            for k in order
-            if not _cannot_win(task, _ceiling_of(task, frozenset(fresh[k])), log.record)
-        ]
+        record = trials.record
+        words = {
+            _canonical(word, masses, mirror=mirror)
+            for sequence in trials.close(0.02)[:3]
+            for word in _neighbours(sequence, task, most)
+        }
+        fresh = sorted(words - trials.best.keys())
+        order = np.random.default_rng((settings.seed, turn)).permutation(len(fresh))
+        chosen = [fresh[k] for k in order[: effort.varied]]
+        batch = [s for s in chosen if not trials.cannot_win(_ceiling_of(task, s))]
         report("varying the best sequences", 0.6 + 0.2 * turn / effort.rounds)
-        _try(task, batch, effort, settings.seed, workers, log)
+        trials.run(batch)
         varied += len(batch)
-        if log.record >= record - 1e-4 * abs(record):
+        if trials.record >= record - 1e-4 * abs(record):
             break
     return varied
 
