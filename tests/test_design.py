@@ -102,25 +102,22 @@ def test_uphill_gait_keeps_two_masses_at_rest():
     result = run("gait.resting=2", 'search.effort="quick"')
     assert value(result, "resting_min") == 2
     assert value(result, "speed") < 1 / 3
-    assert value(result, "speed") > best_wave(2, 2) + 1e-6 > 0.05
+    assert value(result, "speed") > best_wave(2, 2) + 1e-6
+    assert best_wave(2, 2) > 0.05
     assert result.status == "ok"
 
 
-def trapezoid_stroke(width: float, rate: float, acceleration: float) -> tuple[float, float]:
-    """Longest stroke from rest to rest within a time, and the share of the time spent in a ramp."""
-    ramp = min(rate / acceleration, width / 2)
-    return acceleration * ramp * (width - ramp), ramp / width
-
-
 def best_wave(links: int, resting: int) -> float:
-    """Speed of the fastest block-rest wave within the limits of G1."""
-    stroke, ramp = trapezoid_stroke(1 / (links + 1), 1.0, 20.0)
-    low = 1.0 - min(stroke, 0.6) / 2
-    gait = block_wave(links, resting, 1.0, (low, 2 - low), "trapezoid", ramp)
+    """Speed of the fastest block-rest wave of trapezoidal rate within the limits of G1."""
     limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0, resting=resting)
-    motion = crawl(gait, [1.0] * (links + 1), 0.0, 5.0)
-    assert max(v for k, v in violations(motion, limits).items() if k != "sigma") < 1e-9
-    return motion.speed if violations(motion, limits)["sigma"] < 1e-9 else 0.0
+    for stroke in np.linspace(0.6, 0.02, 30):
+        for ramp in (0.15, 0.3, 0.5):
+            length = (1 - stroke / 2, 1 + stroke / 2)
+            gait = block_wave(links, resting, 1.0, length, "trapezoid", ramp)
+            motion = crawl(gait, [1.0] * (links + 1), 0.0, 5.0)
+            if not motion.glides and max(violations(motion, limits).values()) < 1e-9:
+                return motion.speed
+    return 0.0
 
 
 @pytest.mark.slow

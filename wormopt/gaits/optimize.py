@@ -117,7 +117,8 @@ def design(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
     survey = search(task, settings, report, hints)
     if not survey.candidates:
         report("looking for the limits in conflict", 0.8)
-        raise _conflict(task)
+        own = settings.sequence and tuple(tuple(sorted(s)) for s in settings.sequence)
+        raise _conflict(task, [own] if own else start_of(task))
     searched = time.perf_counter()
     interrupted, error = survey.interrupted, np.nan
     found = as_found(task, survey.candidates[0]) if interrupted else None
@@ -185,25 +186,24 @@ def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
     return Gait(np.concatenate([[0.0], np.cumsum(arcs.duration[kept])]), pieces)
 
 
-def _conflict(task: Task) -> SolveError:
+def _conflict(task: Task, sequences: Sequence[Sequence_]) -> SolveError:
     """Say which limits stand against each other, by the least slack that lets a gait exist."""
     problem = elastic(gait_problem(task.worm, task.limits, task.objective))
-    n = len(problem.design)
-    least, where = np.inf, np.zeros(n)
-    for sequence in start_of(task):
+    least, slack = np.inf, np.zeros(len(problem.design))
+    for sequence in sequences:
         program = PhaseProgram(problem, mesh_of(sequence, 4))
         bounds = program.bounds(ModeSequence.of_resting(sequence, task.worm.links + 1))
         total = program.mesh.total
         w = program.rest(np.full(total, np.mean(task.limits.period_range) / total), task.rest)
-        w[-n:] = 10.0
+        w[-len(slack) :] = 10.0
         answer = program.nlp.solve(w, bounds, Ipopt(tolerance=1e-7))
         if answer.violation < 1e-5 and answer.objective < least:
-            least, where = answer.objective, program.unpack(answer.w).design
-    names = {s.name: k for k, s in enumerate(problem.design) if s.name.startswith("slack ")}
+            least, slack = answer.objective, program.unpack(answer.w).design
+    nominal = {b.name: b.nominal for b in (*problem.along, *problem.at_ends)}
     given = [
-        f"{name.removeprefix('slack ')} (by {where[k]:.3g} of its size)"
-        for name, k in names.items()
-        if where[k] > 1e-5
+        f"{name} by {size * nominal[name]:.4g}"
+        for signal, size in zip(problem.design, slack, strict=True)
+        if (name := signal.name.removeprefix("slack ")) in nominal and size > 1e-5
     ]
     if not given:
         return SolveError(
@@ -212,6 +212,6 @@ def _conflict(task: Task) -> SolveError:
         )
     return SolveError(
         "no gait meets these limits together; the least that has to give way is "
-        + ", ".join(given),
-        "relax one of them, or lower objective.speed or gait.resting",
+        + " and ".join(given),
+        "relax that, or lower objective.speed or gait.resting",
     )

@@ -86,7 +86,7 @@ def polish(task: Task, settings: Search, survey: Survey) -> Solved:
     jobs = [
         Job(task, c.sequence, (settings.seed, 1000 + k), 8)
         for c in best
-        for k in range(effort.starts + 2)
+        for k in range(effort.starts + 1)
     ]
     again = attempts(jobs, workers_of(settings, task.worm.links))
     solved = []

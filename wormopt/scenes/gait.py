@@ -21,9 +21,9 @@ class FastGait(Table, frozen=True, kw_only=True, tag_field="shape", tag="fast"):
     period : float
         Period of the gait.
     rest_length : float
-        Length l0 of a link at its longest.
+        Length l0: link 1 is l0 at its shortest, link 2 at its longest.
     elongation : float
-        e of (15), above 0 and below 1/2: links shorten by 2 e l0.
+        e of (15), above 0 and below 1/2: each link changes by 2 e l0.
     sharing : {"equal", "least_actuation"}
         How several resting masses share the spike load.
     """

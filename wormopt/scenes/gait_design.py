@@ -29,8 +29,6 @@ from wormopt.scenes.worm import WormTable
 Cost = Literal[
     "peak_spike_load", "peak_actuator_force", "energy_per_distance", "acceleration_effort"
 ]
-# Costs that have no finite value where velocities jump.
-_BROKEN_BY_IMPULSES = ("peak_actuator_force", "acceleration_effort")
 
 
 class RateLimits(Table, frozen=True, kw_only=True):
@@ -183,11 +181,12 @@ class GaitLimits(Table, frozen=True, kw_only=True):
                 "gait.impulses",
                 "gait.acceleration forbids the jumps that impulses allow; leave one out",
             )
-        if self.actuator_force is not None:
-            yield (
-                "gait.impulses",
-                "an impulse exceeds any gait.actuator_force; give gait.acceleration instead",
-            )
+        for key in ("actuator_force", "spike_load"):
+            if getattr(self, key) is not None:
+                yield (
+                    "gait.impulses",
+                    f"an impulse exceeds any gait.{key}; give gait.acceleration instead",
+                )
 
 
 class Objective(Table, frozen=True, kw_only=True):
@@ -284,6 +283,8 @@ class Search(Table, frozen=True, kw_only=True):
                 yield key, f"fewer resting masses than gait.resting = {resting}; name more"
             if count > 1 and set(masses) == set(self.sequence[index - 1]):
                 yield key, "the same masses rest as in the phase before (round the period)"
+        for mass in sorted(set.intersection(*map(set, self.sequence)) if self.sequence else ()):
+            yield "search.sequence", f"mass {mass} rests in every phase; let it move in one"
 
 
 class DesignTable(SceneTable, frozen=True, kw_only=True):
@@ -336,8 +337,8 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
         cost : str, optional
             The cost.
         """
-        if self.gait.impulses and cost in _BROKEN_BY_IMPULSES:
-            yield key, f"{cost} is infinite with gait.impulses; give gait.acceleration instead"
+        if self.gait.impulses and cost is not None:
+            yield key, f"{cost} has no finite value with gait.impulses; give gait.acceleration"
 
 
 class GaitDesignScene(DesignTable, frozen=True, kw_only=True):

@@ -10,7 +10,6 @@ import numpy as np
 
 from wormopt.errors import Interrupted, SolveError
 from wormopt.gaits.optimize import Design, design
-from wormopt.gaits.problem import rate_bounds
 from wormopt.gaits.search import Task
 from wormopt.gaits.verify import violations
 from wormopt.progress import Report
@@ -191,8 +190,10 @@ def _design_scalars(
         "mode_sequence": Scalar(found.sequence),
         "discretisation_error": Scalar(found.relative_error * abs(value), unit),
         "length_limits": Scalar(limits.length_ranges(links), unit_of("length", units)),
-        "rate_limit": Scalar(float(np.max(rate_bounds(limits, links))), unit_of("speed", units)),
     }
+    rates = limits.rate_limits(links)
+    if rates is not None:
+        scalars["rate_limit"] = Scalar(rates, unit_of("speed", units))
     if limits.spike_load is not None:
         scalars["spike_load_limit"] = Scalar(limits.spike_load, unit_of("force", units))
     if limits.actuator_force is not None:

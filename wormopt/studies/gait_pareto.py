@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -20,6 +21,7 @@ from wormopt.scenes.gait_design import Objective
 from wormopt.scenes.gait_pareto import GaitParetoScene
 from wormopt.scenes.scene import Scene
 from wormopt.studies.gait_design import cost_scalar, design_result
+from wormopt.version import VERSION
 
 __all__ = ["run"]
 
@@ -52,21 +54,21 @@ def run(scene: Scene[GaitParetoScene], report: Report) -> Result:
         If the user stops it; the points so far are its partial result.
     """
     clock = perf_counter()
-    saved = user_cache_path("wormopt") / "checkpoints" / scene.key
+    saved = user_cache_path("wormopt") / "checkpoints" / f"{VERSION}-{scene.key}"
     points, lost = [], []
     total = scene.table.pareto.points
     try:
         points.append(_point(scene, saved, total, None, [], report))
-        fastest = points[0].speed
-        for k in range(total - 1, 0, -1):
+        # The fastest gait need not be the cheapest of its speed: the next point is almost as fast.
+        speeds = points[0].speed * np.array([0.999, *np.arange(total - 2, 0, -1) / (total - 1)])
+        for k, speed in zip(range(total - 1, 0, -1), speeds.tolist(), strict=True):
             try:
-                hints = [points[-1].sequence]
-                points.append(_point(scene, saved, k, fastest * k / total, hints, report))
+                points.append(_point(scene, saved, k, speed, [points[-1].sequence], report))
             except SolveError as error:
-                lost.append(f"no gait at speed {fastest * k / total:.6g}: {error}")
+                lost.append(f"no gait at speed {speed:.6g}: {error}")
     except KeyboardInterrupt:
         if not points:
-            raise
+            raise Interrupted from None
         partial = _front(scene, points, lost, perf_counter() - clock)
         reason = f"interrupted after {len(points)} of {total} points; run again to go on"
         raise Interrupted(replace(partial, status="failed", reason=reason)) from None
@@ -108,7 +110,7 @@ def _point(
     name = cost_scalar(against)
     folder = saved / f"point_{index}"
     done = (total - index) / total
-    if folder.is_dir():
+    with suppress(OSError, ValueError):  # not there, or damaged: design it again
         return _Point(Result.load(folder), name)
 
     def on(text: str, fraction: float | None) -> None:
@@ -128,6 +130,7 @@ def _point(
     shutil.rmtree(unfinished, ignore_errors=True)
     unfinished.mkdir(parents=True)
     result.save(unfinished)
+    shutil.rmtree(folder, ignore_errors=True)
     unfinished.rename(folder)
     return _Point(result, name)
 
