@@ -322,24 +322,32 @@ def test_all_faults_across_keys_are_found_at_once(tmp_path: Path):
     }
 
 
-@pytest.mark.parametrize("cost", ["peak_actuator_force", "acceleration_effort"])
-@pytest.mark.parametrize("text", [DESIGN, PARETO])
-def test_impulses_exclude_costs_they_make_infinite(tmp_path: Path, text: str, cost: str):
-    text = text.replace("acceleration = 20.0", "impulses = true")
-    change = (
-        f'pareto.against="{cost}"'
-        if text.count("pareto")
-        else f'objective={{minimise="{cost}", speed=0.1}}'
-    )
+@pytest.mark.parametrize(
+    "change",
+    [
+        'objective={minimise="peak_spike_load", speed=0.1}',
+        'objective={minimise="peak_actuator_force", speed=0.1}',
+        'objective={minimise="energy_per_distance", speed=0.1}',
+        'objective={minimise="acceleration_effort", speed=0.1}',
+        "gait.actuator_force=10",
+        "gait.spike_load=30",
+    ],
+)
+def test_impulses_exclude_what_they_make_infinite(tmp_path: Path, change: str):
+    text = DESIGN.replace("acceleration = 20.0", "impulses = true")
     load(tmp_path, text)
-    with pytest.raises(SceneError, match="infinite"):
+    with pytest.raises(SceneError, match="impulse"):
         load(tmp_path, text, change)
 
 
-def test_impulses_exclude_a_limit_on_force(tmp_path: Path):
-    text = DESIGN.replace("acceleration = 20.0", "impulses = true")
-    with pytest.raises(SceneError, match="impulse exceeds"):
-        load(tmp_path, text, "gait.actuator_force=10")
+def test_a_front_over_a_cost_needs_finite_forces(tmp_path: Path):
+    with pytest.raises(SceneError, match="no finite value"):
+        load(tmp_path, PARETO.replace("acceleration = 20.0", "impulses = true"))
+
+
+def test_a_mass_that_never_moves_is_refused(tmp_path: Path):
+    with pytest.raises(SceneError, match="mass 0 rests in every phase"):
+        load(tmp_path, DESIGN, "search.sequence=[[0,1],[0,2]]")
 
 
 def test_links_of_no_limit_are_refused(tmp_path: Path):
