@@ -15,10 +15,11 @@ from wormopt.cli import main
 from wormopt.core.modes import ceiling
 from wormopt.errors import Interrupted, SolveError
 from wormopt.gaits import search
+from wormopt.gaits.attempt import Task
 from wormopt.gaits.construct import block_wave
 from wormopt.gaits.files import gait_of_result
 from wormopt.gaits.optimize import design
-from wormopt.gaits.search import Task, sequences
+from wormopt.gaits.sequences import sequences
 from wormopt.gaits.verify import violations
 from wormopt.progress import silent
 from wormopt.scenes.gait_design import GaitLimits, Objective, RateLimits, Search

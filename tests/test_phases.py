@@ -9,8 +9,9 @@ from wormopt.core.model import Contact, Model, Signal
 from wormopt.core.modes import ModeSequence
 from wormopt.optimal.collocation import Collocation
 from wormopt.optimal.elastic import elastic
+from wormopt.optimal.mesh import Mesh, on_finer_mesh
 from wormopt.optimal.nlp import Ipopt
-from wormopt.optimal.phases import Mesh, PhaseProgram
+from wormopt.optimal.phases import PhaseProgram
 from wormopt.optimal.problem import Bound, Ends, Problem
 
 ROOT_ONE_AND_A_HALF = 1.224744871391589
@@ -160,7 +161,9 @@ def test_refining_a_mesh_keeps_the_motion():
     mesh = Mesh(1, 6, Collocation(5), input_degree=3)
     fine = PhaseProgram(problem, mesh)
     bounds = fine.bounds(ModeSequence(((1,),)))
-    carried = fine.nlp.start(fine.pack(coarse.refine(coarse.unpack(solution.w), mesh)), bounds)
+    carried = fine.nlp.start(
+        fine.pack(on_finer_mesh(coarse.unpack(solution.w), coarse.mesh, mesh)), bounds
+    )
     assert carried.violation < 1e-12
     assert carried.objective == pytest.approx(solution.objective, abs=1e-13)
 

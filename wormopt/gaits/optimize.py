@@ -11,13 +11,16 @@ import numpy as np
 from wormopt.core.gait import Gait
 from wormopt.core.modes import ModeSequence, ceiling
 from wormopt.errors import SolveError
+from wormopt.gaits.attempt import Task, mesh_of
 from wormopt.gaits.polish import as_found, polish, refine
 from wormopt.gaits.problem import gait_problem, rate_bounds
-from wormopt.gaits.search import Sequence_, Survey, Task, mesh_of, search, start_of
+from wormopt.gaits.search import Survey, constructed_sequences, search
+from wormopt.gaits.sequences import Sequence_
 from wormopt.optimal.collocation import bernstein_matrix
 from wormopt.optimal.elastic import elastic
+from wormopt.optimal.mesh import Arcs, Mesh
 from wormopt.optimal.nlp import Ipopt, Solution
-from wormopt.optimal.phases import Arcs, Mesh, PhaseProgram
+from wormopt.optimal.phases import PhaseProgram
 from wormopt.progress import Report
 from wormopt.scenes.gait_design import Search
 
@@ -118,7 +121,7 @@ def design(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
     if not survey.candidates:
         report("looking for the limits in conflict", 0.8)
         own = settings.sequence and tuple(tuple(sorted(s)) for s in settings.sequence)
-        raise _conflict(task, [own] if own else start_of(task))
+        raise _conflict(task, [own] if own else constructed_sequences(task))
     searched = time.perf_counter()
     interrupted, error = survey.interrupted, np.nan
     found = as_found(task, survey.candidates[0]) if interrupted else None

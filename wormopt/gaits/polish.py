@@ -8,20 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wormopt.core.modes import ModeSequence
-from wormopt.gaits.search import (
-    Candidate,
-    Job,
-    Sequence_,
-    Survey,
-    Task,
-    attempts,
-    effort_of,
-    program_of,
-    workers_of,
-)
+from wormopt.gaits.attempt import Candidate, Job, Task, attempts, program_of
+from wormopt.gaits.search import Survey, effort_of, workers_of
+from wormopt.gaits.sequences import Sequence_
 from wormopt.optimal.collocation import Collocation
+from wormopt.optimal.mesh import Mesh, on_finer_mesh
 from wormopt.optimal.nlp import Bounds, Ipopt, Solution
-from wormopt.optimal.phases import Mesh, PhaseProgram
+from wormopt.optimal.phases import PhaseProgram
 from wormopt.scenes.gait_design import Search
 
 __all__ = ["Solved", "as_found", "polish", "refine"]
@@ -181,7 +174,8 @@ def _optimise_on(task: Task, solved: Solved, mesh: Mesh) -> Solved:
 def _carry(task: Task, solved: Solved, mesh: Mesh) -> tuple[PhaseProgram, Bounds, Solution]:
     fine = program_of(task, mesh)
     bounds = fine.bounds(ModeSequence.of_resting(solved.sequence, task.worm.links + 1))
-    w = fine.pack(solved.program.refine(solved.program.unpack(solved.solution.w), mesh))
+    coarse = solved.program
+    w = fine.pack(on_finer_mesh(coarse.unpack(solved.solution.w), coarse.mesh, mesh))
     return fine, bounds, fine.nlp.start(w, bounds)
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from wormopt.errors import Interrupted, SolveError
+from wormopt.gaits.attempt import Task
 from wormopt.gaits.optimize import Design, design
-from wormopt.gaits.search import Task
 from wormopt.gaits.verify import violations
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, unit_of

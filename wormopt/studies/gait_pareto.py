@@ -13,8 +13,9 @@ import numpy as np
 from platformdirs import user_cache_path
 
 from wormopt.errors import Interrupted, SolveError
+from wormopt.gaits.attempt import Task
 from wormopt.gaits.optimize import design
-from wormopt.gaits.search import Sequence_, Task
+from wormopt.gaits.sequences import Sequence_
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.gait_design import Objective
