@@ -21,6 +21,7 @@ from wormopt.gaits.files import gait_of_result
 from wormopt.gaits.optimize import design
 from wormopt.gaits.sequences import sequences
 from wormopt.gaits.verify import violations
+from wormopt.optimal.collocation import Collocation
 from wormopt.progress import silent
 from wormopt.scenes.gait_design import GaitLimits, Objective, RateLimits, Search
 from wormopt.scenes.worm import WormTable
@@ -97,6 +98,32 @@ def test_drag_bends_the_arcs_and_they_are_resolved():
     assert value(result, "discretisation_error") < 1e-6
     assert value(result, "lambda_mean") == pytest.approx(0.5 * value(result, "speed") + 5, abs=1e-9)
     assert result.status == "ok"
+
+
+@pytest.mark.slow
+def test_halving_every_arc_confirms_the_discretisation_error():
+    """The gain promised by the linear program against optimising on halved arcs for real."""
+    from dataclasses import replace
+
+    from wormopt.gaits import attempt, polish
+
+    task = Task(
+        WormTable(links=2, mass=1.0, drag=0.5, load=5.0),
+        GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0),
+        Objective(maximise="speed"),
+    )
+    order = ((0,), (1,), (2,))
+    jobs = [attempt.Job(task, order, (0, 1000 + k), 8) for k in range(4)]
+    coarse = attempt.attempts(jobs, 1)[order]
+    assert coarse is not None
+    solved = polish._solve(task, coarse)
+    meshes = [
+        replace(coarse.mesh, arcs=arcs, collocation=Collocation(5), input_degree=3)
+        for arcs in (8, 16)
+    ]
+    once, halved = (polish._optimise_on(task, solved, mesh) for mesh in meshes)
+    assert halved.objective == pytest.approx(once.objective, abs=1e-7)
+    assert polish._left_by_halving(task, once) < 1e-6
 
 
 def test_uphill_gait_keeps_two_masses_at_rest():
