@@ -1,10 +1,10 @@
 """Designed gaits: benchmarks, the bounds they may not pass, and what happens when none exists."""
 
 import json
+from itertools import combinations
 from math import comb, gcd, sqrt
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -84,6 +84,15 @@ def test_spike_limit_binds():
     assert value(result, "spike_load_max") == pytest.approx(27.0, abs=1e-7)
     assert value(result, "lambda_max") == pytest.approx(9.0, abs=1e-7)
     assert result.status == "ok"
+
+
+def test_a_tight_spike_limit_is_met_by_letting_more_masses_share():
+    """12 is below the 15 that one spike must bear at rest; two bear it, as with resting = 2."""
+    result = run("gait.spike_load=12.0", 'search.effort="quick"')
+    assert result.status == "ok"
+    assert value(result, "speed") > 0.2
+    assert value(result, "spike_load_max") <= 12.0 * (1 + 1e-9)
+    assert value(result, "resting_min") >= 1
 
 
 def test_the_order_of_rest_decides():
@@ -231,13 +240,14 @@ def proper_necklaces(letters: int, beads: int) -> int:
 
 @pytest.mark.parametrize(("masses", "phases"), [(2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (5, 4)])
 def test_single_rest_sequences_are_all_there_once(masses, phases):
-    found = sequences(masses, 1, phases, mirror=False)
+    found = sequences(masses, [(i,) for i in range(masses)], phases, mirror=False)
     assert len(found) == len(set(found)) == proper_necklaces(masses, phases)
 
 
 def test_mirror_images_and_masses_that_rest_for_ever_are_left_out():
-    whole = sequences(4, 2, 3, mirror=False)
-    half = sequences(4, 2, 3, mirror=True)
+    pairs = list(combinations(range(4), 2))
+    whole = sequences(4, pairs, 3, mirror=False)
+    half = sequences(4, pairs, 3, mirror=True)
     assert len(whole) / 2 <= len(half) < len(whole)
     assert all(not set.intersection(*map(set, word)) for word in whole)
     assert comb(4, 2) == len({s for word in whole for s in word})
@@ -265,8 +275,8 @@ def test_a_sequence_is_never_faster_than_its_own_ceiling(fast_gait):
     ("overrides", "named"),
     [
         (['objective={minimise="peak_spike_load",speed=1.5}'], ["objective.speed", "ceiling"]),
-        (["gait.spike_load=14.0"], ["gait.spike_load"]),
-        (["gait.sigma_margin=6.0"], ["gait.sigma_margin"]),
+        (["gait.spike_load=7.0"], ["gait.spike_load by 0.5"]),
+        (["gait.sigma_margin=6.0"], ["gait.sigma_margin by 1;"]),
         (["gait.actuator_force=2.0"], ["gait.actuator_force"]),
     ],
 )
@@ -364,7 +374,6 @@ def test_limits_survive_being_sent_to_another_process():
         Objective(maximise="speed"),
     )
     assert pickle.loads(pickle.dumps(task)) == task
-    assert hash(task) == hash(msgspec.structs.replace(task.worm) and task)
 
 
 def test_a_required_speed_above_the_ceiling_is_refused_before_any_search():

@@ -64,7 +64,7 @@ class Series:
         """Integral of every row over [a, b], shape (rows,)."""
         return self.primitive()(np.array([self.b]))[:, 0]
 
-    def roots(self, row: int, zero: float = 1e-13) -> np.ndarray:
+    def roots(self, row: int, zero: float = 0.0) -> np.ndarray:
         """Roots of one row in [a, b], ascending.
 
         Parameters

@@ -117,7 +117,7 @@ def ceiling(
     from scipy import sparse
     from scipy.optimize import linprog
 
-    n = len(contraction)
+    n, scale = len(contraction), float(max(*contraction, *extension))
     modes = [frozenset(s) for s in (sets or combinations(range(n + 1), resting))]
     # Columns per mode: share of the period, then the distance of every mass.
     width, total = n + 2, (n + 2) * len(modes)
@@ -125,7 +125,8 @@ def ceiling(
     change[np.arange(n), np.arange(n) + 1] = 1.0
     change[np.arange(n), np.arange(n) + 2] = -1.0
     too_long, too_short = change.copy(), -change
-    too_long[:, 0], too_short[:, 0] = -np.asarray(extension), -np.asarray(contraction)
+    too_long[:, 0] = -np.asarray(extension) / scale  # tolerances of the solver are absolute
+    too_short[:, 0] = -np.asarray(contraction) / scale
     rates = sparse.kron(np.eye(len(modes)), np.vstack([too_long, too_short]), format="csr")
     shares = np.tile(np.eye(1, width), len(modes))
     closed = sparse.csr_matrix(np.tile(change, len(modes)))
@@ -146,4 +147,4 @@ def ceiling(
     )
     if answer.status != 0:
         raise ArithmeticError(f"the mode linear program failed: {answer.message}")
-    return float(-answer.fun)
+    return float(-answer.fun) * scale

@@ -191,7 +191,8 @@ def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
 
 def _conflict(task: Task, sequences: Sequence[Sequence_]) -> SolveError:
     """Say which limits stand against each other, by the least slack that lets a gait exist."""
-    problem = elastic(gait_problem(task.worm, task.limits, task.objective))
+    rigid = gait_problem(task.worm, task.limits, task.objective)
+    problem = elastic(rigid)
     least, slack = np.inf, np.zeros(len(problem.design))
     for sequence in sequences:
         program = PhaseProgram(problem, mesh_of(sequence, 4))
@@ -202,7 +203,7 @@ def _conflict(task: Task, sequences: Sequence[Sequence_]) -> SolveError:
         answer = program.nlp.solve(w, bounds, Ipopt(tolerance=1e-7))
         if answer.violation < 1e-5 and answer.objective < least:
             least, slack = answer.objective, program.unpack(answer.w).design
-    nominal = {b.name: b.nominal for b in (*problem.along, *problem.at_ends)}
+    nominal = {b.name: b.nominal for b in (*rigid.along, *rigid.at_ends)}
     given = [
         f"{name} by {size * nominal[name]:.4g}"
         for signal, size in zip(problem.design, slack, strict=True)
@@ -216,5 +217,5 @@ def _conflict(task: Task, sequences: Sequence[Sequence_]) -> SolveError:
     return SolveError(
         "no gait meets these limits together; the least that has to give way is "
         + " and ".join(given),
-        "relax that, or lower objective.speed or gait.resting",
+        "relax that, or what stands against it",
     )

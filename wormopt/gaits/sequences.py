@@ -7,7 +7,7 @@ the mirror image.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations, product
+from itertools import product
 
 __all__ = ["Resting", "Sequence_", "canonical", "is_gait", "neighbours", "sequences"]
 
@@ -15,15 +15,17 @@ Resting = tuple[int, ...]
 Sequence_ = tuple[Resting, ...]
 
 
-def sequences(masses: int, resting: int, phases: int, *, mirror: bool) -> list[Sequence_]:
+def sequences(
+    masses: int, letters: Sequence[Resting], phases: int, *, mirror: bool
+) -> list[Sequence_]:
     """List the cyclic sequences of resting sets, each class once.
 
     Parameters
     ----------
     masses : int
         Number of masses.
-    resting : int
-        Masses in each set.
+    letters : sequence of tuple of int
+        Resting sets that may occur.
     phases : int
         Length of the sequences.
     mirror : bool
@@ -36,10 +38,9 @@ def sequences(masses: int, resting: int, phases: int, *, mirror: bool) -> list[S
 
     Examples
     --------
-    >>> sequences(3, 1, 3, mirror=True)
+    >>> sequences(3, [(0,), (1,), (2,)], 3, mirror=True)
     [((0,), (1,), (2,))]
     """
-    letters = list(combinations(range(masses), resting))
     found = set()
     for word in product(letters, repeat=phases):
         if word[0] == min(word) and is_gait(word):

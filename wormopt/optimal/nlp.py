@@ -12,6 +12,9 @@ from scipy import sparse
 from scipy.optimize import linprog
 from scipy.sparse.linalg import splu
 
+# CasADi takes an interrupt for a failed solve; these are its names for one.
+_STOPPED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
+
 __all__ = ["Bounds", "Ipopt", "NonlinearProgram", "Solution"]
 
 
@@ -167,7 +170,8 @@ class NonlinearProgram:
         """
         g = np.asarray(self._evaluate(w, bounds.p)[1]).ravel()
         excess = (bounds.lbw - w, w - bounds.ubw, bounds.lbg - g, g - bounds.ubg)
-        return max(0.0, *(float(e.max(initial=0.0)) for e in excess))
+        worst = max(float(np.max(e, initial=0.0)) for e in excess)
+        return worst if np.all(np.isfinite(w)) and np.all(np.isfinite(g)) else np.inf
 
     def solve(self, w0: np.ndarray, bounds: Bounds, options: Ipopt) -> Solution:
         """Run IPOPT from ``w0``; its answer counts only with the violation found here.
@@ -196,6 +200,8 @@ class NonlinearProgram:
             x0=w0, p=bounds.p, lbx=bounds.lbw, ubx=bounds.ubw, lbg=bounds.lbg, ubg=bounds.ubg
         )
         stats = solver.stats()
+        if stats["return_status"] in _STOPPED:
+            raise KeyboardInterrupt
         w = np.clip(np.asarray(answer["x"]).ravel(), bounds.lbw, bounds.ubw)
         return Solution(
             w=w,

@@ -185,7 +185,8 @@ class GaitLimits(Table, frozen=True, kw_only=True):
             if getattr(self, key) is not None:
                 yield (
                     "gait.impulses",
-                    f"an impulse exceeds any gait.{key}; give gait.acceleration instead",
+                    f"an impulse exceeds any gait.{key}; leave gait.impulses out and give "
+                    "gait.acceleration",
                 )
 
 
@@ -338,7 +339,10 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
             The cost.
         """
         if self.gait.impulses and cost is not None:
-            yield key, f"{cost} has no finite value with gait.impulses; give gait.acceleration"
+            yield (
+                key,
+                f"{cost} has no finite value with gait.impulses; leave that out and give gait.acceleration",
+            )
 
 
 class GaitDesignScene(DesignTable, frozen=True, kw_only=True):

@@ -14,9 +14,15 @@ from wormopt.gaits.optimize import Design, design
 from wormopt.gaits.verify import violations
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, unit_of
-from wormopt.scenes.gait_design import Cost, DesignTable, GaitDesignScene, Objective
+from wormopt.scenes.gait_design import Cost, DesignTable, GaitDesignScene, GaitLimits, Objective
 from wormopt.scenes.scene import Scene
-from wormopt.studies.motion import motion_scalars, motion_trust, motion_variables, recheck
+from wormopt.studies.motion import (
+    disagreements,
+    motion_scalars,
+    motion_trust,
+    motion_variables,
+    recheck,
+)
 from wormopt.worms.crawl import Crawl, crawl
 
 __all__ = ["cost_scalar", "design_result", "objective_value", "run"]
@@ -103,8 +109,8 @@ def design_result(
     error = abs(again.speed - motion.speed)
     scalars["worst_violation"] = Scalar(max(0.0, *excess.values()))
     scalars["recheck_speed_error"] = Scalar(error, unit_of("speed", table.units))
-    trust = dict(motion_trust(motion, worm, again)) | _design_trust(found, excess)
-    faults = _faults(excess, error, motion)
+    trust = dict(motion_trust(motion, worm, again)) | _design_trust(found, excess, limits)
+    faults = [*_faults(excess, motion, found.ceiling), *disagreements(motion, again)]
     return Result(
         scene=scene.name,
         kind=table.kind,
@@ -187,7 +193,6 @@ def _design_scalars(
         "objective": Scalar(value, unit),
         "ceiling": Scalar(found.ceiling, unit_of("speed", units)),
         "gap": Scalar((found.ceiling - motion.speed) / found.ceiling),
-        "mode_sequence": Scalar(found.sequence),
         "discretisation_error": Scalar(found.relative_error * abs(value), unit),
         "length_limits": Scalar(limits.length_ranges(links), unit_of("length", units)),
     }
@@ -201,15 +206,18 @@ def _design_scalars(
     return scalars
 
 
-def _design_trust(found: Design, excess: dict[str, float]) -> dict[str, Any]:
+def _design_trust(found: Design, excess: dict[str, float], limits: GaitLimits) -> dict[str, Any]:
     survey, mesh = found.survey, found.mesh
     warnings = []
-    if found.relative_error > 1e-6:
+    if not found.relative_error <= 1e-7:
         warnings.append("halving the arcs still changes the objective: see discretisation_error")
+    if limits.sharing == "least_actuation" and limits.resting > 1:
+        warnings.append("only motions in which every resting spike is loaded were considered")
     return {
         "violations": {k: max(0.0, v) for k, v in excess.items()},
         "solver": {
             "status": found.solution.status,
+            "sequence": found.sequence,
             "violation": found.solution.violation,
             "arcs_per_phase": mesh.arcs,
             "degree": mesh.collocation.degree,
@@ -231,12 +239,12 @@ def _design_trust(found: Design, excess: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def _faults(excess: dict[str, float], error: float, motion: Crawl) -> list[str]:
+def _faults(excess: dict[str, float], motion: Crawl, ceiling: float) -> list[str]:
     faults = [
         f"{key} is exceeded by {value:.2g} of its size"
         for key, value in excess.items()
-        if value > _ACCEPTED
+        if not value <= _ACCEPTED
     ]
-    if error > _ACCEPTED * max(1.0, motion.speed):
-        faults.append(f"the second route finds a speed that differs by {error:.2g}")
+    if motion.speed > ceiling * (1 + _ACCEPTED):
+        faults.append("the speed is above its ceiling, which cannot be; please report this scene")
     return faults

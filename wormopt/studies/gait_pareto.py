@@ -60,8 +60,8 @@ def run(scene: Scene[GaitParetoScene], report: Report) -> Result:
     total = scene.table.pareto.points
     try:
         points.append(_point(scene, saved, total, None, [], report))
-        # The fastest gait need not be the cheapest of its speed: the next point is almost as fast.
-        speeds = points[0].speed * np.array([0.999, *np.arange(total - 2, 0, -1) / (total - 1)])
+        # The fastest gait need not be the cheapest of its speed: the next is almost as fast.
+        speeds = points[0].speed * np.array([0.99, *np.arange(total - 2, 0, -1) / (total - 1)])
         for k, speed in zip(range(total - 1, 0, -1), speeds.tolist(), strict=True):
             try:
                 points.append(_point(scene, saved, k, speed, [points[-1].sequence], report))
@@ -90,7 +90,7 @@ class _Point:
 
     @property
     def sequence(self) -> Sequence_:
-        return tuple(tuple(phase) for phase in self.result.scalars["mode_sequence"].value)
+        return tuple(tuple(phase) for phase in self.result.trust["solver"]["sequence"])
 
     @property
     def value(self) -> float:
@@ -144,7 +144,10 @@ def _front(
     points = sorted(points, key=lambda p: p.speed)
     ok = np.array([p.result.status == "ok" for p in points])
     speed, value = np.array([p.speed for p in points]), np.array([p.value for p in points])
-    beaten = [bool(np.any(value[i + 1 :] < value[i] * (1 - 1e-9))) for i in range(len(points))]
+    beaten = [
+        bool(np.any(value[i + 1 :][ok[i + 1 :]] < value[i] * (1 - 1e-9)))
+        for i in range(len(points))
+    ]
     accepted = ok & ~np.array(beaten)
     knee = points[_knee(speed, value, accepted)].result
     unit = knee.scalars[points[0].cost].unit
@@ -166,7 +169,11 @@ def _front(
             Variable("front_value", unit, ("point",), value, against.replace("_", " ")),
             Variable("front_accepted", "1", ("point",), accepted, "1 where the point counts"),
         ),
-        trust=dict(knee.trust) | {"lost": lost, "dominated": int(np.sum(beaten))},
+        trust=dict(knee.trust)
+        | {
+            "warnings": [*knee.trust["warnings"], *lost],
+            "dominated": int(np.sum(beaten)),
+        },
         timings_s={"front": seconds},
     )
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from wormopt.gaits.files import gait_variables
 from wormopt.result import Scalar, Variable, unit_of
 from wormopt.scenes.worm import WormTable
 from wormopt.simulate.bimodal import BimodalMotion, integrate
 from wormopt.worms.crawl import Crawl
 
-__all__ = ["motion_scalars", "motion_trust", "motion_variables", "recheck"]
+__all__ = ["disagreements", "motion_scalars", "motion_trust", "motion_variables", "recheck"]
 
 _SIGNALS = {
     "time": ("time", ("time",), "time"),
@@ -51,8 +53,8 @@ def motion_scalars(motion: Crawl, units: str) -> dict[str, Scalar]:
 
     low, high = motion.extremes("reaction_mean")
     period, advance = motion.gait.period, motion.advance
-    # Energy is finite and complete only where no velocity jumps.
-    spent = motion.energy / advance if advance > 0 and not _jumps(motion) else None
+    # Forces and energy are finite and complete only where no velocity jumps.
+    spent = motion.energy / advance if advance > 0 and not motion.corners else None
     mass = float(motion.drive.mass.sum())
     return {
         "speed": scalar(motion.speed, "speed"),
@@ -64,7 +66,10 @@ def motion_scalars(motion: Crawl, units: str) -> dict[str, Scalar]:
         "lambda_mean": scalar(_lambda_mean(motion), "force"),
         "spike_load_max": scalar(motion.extremes("reaction")[1].max(), "force"),
         "actuator_force_max": scalar(
-            max(abs(v).max() for v in motion.extremes("actuator_force")), "force"
+            None
+            if motion.corners
+            else max(abs(v).max() for v in motion.extremes("actuator_force")),
+            "force",
         ),
         "energy_per_distance": scalar(spent, "energy_per_distance"),
         "cost_of_transport": scalar(None if spent is None else spent / mass, "acceleration"),
@@ -74,10 +79,6 @@ def motion_scalars(motion: Crawl, units: str) -> dict[str, Scalar]:
         "smallest_load": scalar(motion.smallest_load, "force"),
         "smallest_period": scalar(motion.smallest_period, "time"),
     }
-
-
-def _jumps(motion: Crawl) -> bool:
-    return bool(motion.impulses or motion.drops)
 
 
 def _lambda_mean(motion: Crawl) -> float:
@@ -172,9 +173,41 @@ def motion_trust(motion: Crawl, worm: WormTable, again: BimodalMotion) -> Mappin
             "resting_min": again.resting_min,
         },
     }
-    if not _jumps(motion) and motion.advance > 0:
+    if not motion.corners and motion.advance > 0:
         gap = motion.net_work - motion.dissipation
         trust["energy_balance"] = abs(gap) / (motion.force_scale * motion.advance)
     else:
         trust["energy_balance"] = None
     return trust
+
+
+def disagreements(motion: Crawl, again: BimodalMotion) -> list[str]:
+    """Say where the second route finds something else, and which balance does not close.
+
+    Parameters
+    ----------
+    motion : Crawl
+        The motion.
+    again : BimodalMotion
+        From `recheck`.
+
+    Returns
+    -------
+    list of str
+        Empty where all agree: speeds to 1e-9 of the link rates, loads to 1e-7 and balances to
+        1e-9 of the forces at play.
+    """
+    rate, force = motion.drive.rate_scale, motion.force_scale
+    low, high = motion.extremes("reaction_mean")
+    closure = max(float(np.abs(v).max()) for v in motion.extremes("closure"))
+    balance = abs(_lambda_mean(motion) - motion.drive.drag * motion.speed - motion.drive.load)
+    checks = {
+        "speed": abs(again.speed - motion.speed) / rate / 1e-9,
+        "smallest load": abs(max(again.lambda_min, 0.0) - max(low[0], 0.0)) / force / 1e-7,
+        "largest load": abs(again.lambda_max - high[0]) / force / 1e-7,
+        "number of resting masses": 2.0 * (again.resting_min != motion.resting_min),
+    }
+    found = [f"the second route finds another {k}" for k, size in checks.items() if not size <= 1]
+    if not max(closure, balance) <= 1e-9 * len(motion.drive.mass) * force:
+        found.append("forces do not balance")
+    return found

@@ -215,6 +215,15 @@ class Crawl:
                 found.append((begin + stretch.start, begin + stretch.stop))
         return found
 
+    @property
+    def corners(self) -> list[float]:
+        """Times at which a link rate jumps: actuator forces are impulses there."""
+        gait, widths = self.gait, np.diff(self.gait.breaks)
+        starts = [gait.on_piece(q, np.zeros(1), 1)[:, 0] for q in range(gait.pieces)]
+        ends = [gait.on_piece(q, widths[q : q + 1], 1)[:, 0] for q in range(gait.pieces)]
+        jumps = np.abs(np.array(starts) - np.roll(ends, 1, axis=0)).max(axis=1)
+        return gait.breaks[:-1][jumps > 1e-9 * self.drive.rate_scale].tolist()
+
     @cached_property
     def energy(self) -> float:
         """Energy the actuators spend per period, nothing recovered."""
