@@ -341,7 +341,8 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
         if self.gait.impulses and cost is not None:
             yield (
                 key,
-                f"{cost} has no finite value with gait.impulses; leave that out and give gait.acceleration",
+                f"{cost} has no finite value with gait.impulses; leave that out and give "
+                "gait.acceleration",
             )
 
 
