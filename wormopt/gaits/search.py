@@ -33,7 +33,7 @@ class Effort:
     enumerated : int
         Most sequences tried in the systematic part, best ceilings first.
     starts : int
-        Random starts of each, and as many again of those that come close to the best.
+        Random starts, after a first look, of each sequence that comes close to the best.
     rounds : int
         Rounds in which the best sequences are varied.
     varied : int
@@ -158,9 +158,8 @@ class _Trials:
     best: dict[Sequence_, Candidate | None] = field(default_factory=dict)
     starts: int = 0
 
-    def run(self, batch: list[Sequence_], first: int = 0) -> None:
-        """Try every sequence of a batch from the effort's number of starts."""
-        seeds = range(first, first + self.effort.starts)
+    def run(self, batch: list[Sequence_], seeds: Sequence[int]) -> None:
+        """Try every sequence of a batch from random starts of these seeds."""
         jobs = [Job(self.task, s, (self.seed, k), 6) for s in batch for k in seeds]
         self.starts += len(jobs)
         for sequence, found in attempts(jobs, self.workers).items():
@@ -238,7 +237,7 @@ def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
     trials = _Trials(task, effort, settings.seed, workers_of(settings, task.worm.links))
     if settings.sequence is not None:
         own = tuple(tuple(sorted(s)) for s in settings.sequence)
-        trials.run([own])
+        trials.run([own], range(effort.starts))
         return Survey(tuple(trials.ranking), len(own), 1, 0, 1, 0, trials.starts)
     mirror = _is_mirror_symmetric(task)
     letters = _letters(task)
@@ -256,8 +255,8 @@ def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
             size = head if not trials.best else 6
             batch, order = possible[:size], possible[size:]
             report("searching mode sequences", 0.6 * len(trials.best) / effort.enumerated)
-            trials.run(batch)
-        trials.run(trials.close(0.01), first=effort.starts)
+            trials.run(batch, [0])  # a first look; what comes close gets more starts
+        trials.run(trials.close(0.02), range(1, 1 + effort.starts))
         tried = len(trials.best)
         varied = _vary(trials, settings, report, mirror=mirror)
     except KeyboardInterrupt:
@@ -338,7 +337,7 @@ def _vary(trials: _Trials, settings: Search, report: Report, *, mirror: bool) ->
         chosen = [fresh[k] for k in order[: effort.varied]]
         batch = [s for s in chosen if not trials.cannot_win(_ceiling_of(task, s))]
         report("varying the best sequences", 0.6 + 0.2 * turn / effort.rounds)
-        trials.run(batch)
+        trials.run(batch, range(effort.starts))
         varied += len(batch)
         if trials.record >= record - 1e-4 * abs(record):
             break
