@@ -187,7 +187,9 @@ def front(result: Result) -> Figure:
     order = np.argsort(speed.values)
     line = order[accepted[order]]
     x, y = speed.values, value.values
-    axes.plot(x[line], y[line], "o-", color=LINKS[0], linewidth=1.6, markersize=7, label="best found")
+    axes.plot(
+        x[line], y[line], "o-", color=LINKS[0], linewidth=1.6, markersize=7, label="best found"
+    )
     if not accepted.all():
         axes.plot(x[~accepted], y[~accepted], "o", color=RED, markerfacecolor="none",
                   markeredgewidth=1.6, markersize=8, label="not accepted")  # fmt: skip
