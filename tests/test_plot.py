@@ -93,7 +93,9 @@ def test_every_picture_is_written(picture: str, tmp_path: Path):
 @pytest.mark.parametrize("links", range(1, 9))
 def test_pictures_for_every_number_of_links(links: int):
     for picture in ("gait", "motion", "spikes", "animation"):
-        figure(shuffle(links), picture).draw_without_rendering()
+        drawn = figure(shuffle(links), picture)
+        drawn.draw_without_rendering()
+        assert drawn.axes
 
 
 @pytest.mark.parametrize("picture", PICTURES)
@@ -191,6 +193,7 @@ def test_the_animation_moves(tmp_path: Path):
 
 def test_letters_without_a_glyph_do_no_harm(tmp_path: Path):
     draw(dataclasses.replace(front(), title="蠕虫 λ"), "front", tmp_path / "front.png")
+    assert (tmp_path / "front.png").stat().st_size > 1000
 
 
 def test_no_pyplot_state():
