@@ -11,7 +11,7 @@ from scipy.optimize import nnls, root_scalar
 
 from wormopt.core.gait import Gait
 from wormopt.gaits.construct import Profile, accordion, block_wave, fast_gait
-from wormopt.simulate.bimodal import integrate
+from wormopt.simulation.bimodal import integrate
 from wormopt.worms.crawl import Crawl, crawl
 from wormopt.worms.sharing import Sharing, share_load
 

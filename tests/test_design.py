@@ -25,7 +25,7 @@ from wormopt.optimal.collocation import Collocation
 from wormopt.progress import silent
 from wormopt.scenes.gait_design import GaitLimits, Objective, RateLimits, Search
 from wormopt.scenes.worm import WormTable
-from wormopt.simulate.bimodal import integrate
+from wormopt.simulation.bimodal import integrate
 from wormopt.worms.crawl import crawl
 
 G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
+import numpy as np
 
 from wormopt.core.friction import Law
 
-__all__ = ["Contact", "Model", "Output", "Signal", "Switch"]
+__all__ = ["Contact", "Model", "Output", "Schedule", "Signal", "Switch"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,9 @@ class Signal:
         Usual size, by which solvers scale it.
     lower, upper : float, optional
         Bounds that hold by the model's own nature.
+    value : float or sequence of float, optional
+        What a state starts from and what a parameter or input is, unless a solver is told
+        otherwise.
 
     Examples
     --------
@@ -43,6 +47,7 @@ class Signal:
     nominal: float = 1.0
     lower: float = -math.inf
     upper: float = math.inf
+    value: float | Sequence[float] | None = None
 
     @property
     def size(self) -> int:
@@ -119,6 +124,68 @@ class Switch:
 
 
 @dataclass(frozen=True, eq=False)
+class Schedule:
+    """Symbols that are constant on pieces of time: coefficients of a reference, a random stiffness.
+
+    On piece k, from ``start + breaks[k]`` until the next break, ``symbol`` is ``values[k]`` and
+    ``begin`` the time at which the piece began. Solvers stop at every break, so that formulas of
+    t - begin and symbol may differ from piece to piece without any branch in them.
+
+    Parameters
+    ----------
+    name : str
+        What is scheduled, for instance ``"reference"``.
+    symbol : casadi.SX
+        Column of m symbols.
+    begin : casadi.SX
+        Scalar symbol.
+    breaks : ndarray, shape (pieces + 1,)
+        Times from 0 on, ascending; the last one is the end of the last piece, which is the
+        period where there is one.
+    values : ndarray, shape (pieces, m)
+        Value of ``symbol`` on each piece.
+    periodic : bool, optional
+        Whether the pieces repeat, before and after. Otherwise the first and the last piece go on
+        for ever.
+    start : float, optional
+        Time of the first break.
+
+    Raises
+    ------
+    ValueError
+        If shapes disagree or the breaks do not ascend from 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> c, begin = ca.SX.sym("c"), ca.SX.sym("begin")
+    >>> Schedule("stiffness", c, begin, np.array([0.0, 1.0, 2.0]), np.array([[9.0], [11.0]])).pieces
+    2
+    """
+
+    name: str
+    symbol: ca.SX
+    begin: ca.SX
+    breaks: np.ndarray
+    values: np.ndarray
+    periodic: bool = False
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        ascending = np.all(np.isfinite(self.breaks)) and np.all(np.diff(self.breaks) > 0)
+        if self.breaks.ndim != 1 or self.breaks[0] != 0 or not ascending:
+            raise ValueError(f"schedule {self.name}: breaks must ascend from 0")
+        shape = (len(self.breaks) - 1, self.symbol.numel())
+        if self.values.shape != shape:
+            raise ValueError(f"schedule {self.name}: values have {self.values.shape}, not {shape}")
+
+    @property
+    def pieces(self) -> int:
+        """Number of pieces."""
+        return len(self.breaks) - 1
+
+
+@dataclass(frozen=True, eq=False)
 class Model:
     """A worm as a differential(-algebraic) system with contacts.
 
@@ -145,6 +212,8 @@ class Model:
         Where it touches the ground.
     switches : sequence of Switch, optional
         Discrete events.
+    schedules : sequence of Schedule, optional
+        Symbols that are constant on pieces of time.
 
     Raises
     ------
@@ -171,6 +240,7 @@ class Model:
     outputs: Sequence[Output] = ()
     contacts: Sequence[Contact] = ()
     switches: Sequence[Switch] = ()
+    schedules: Sequence[Schedule] = ()
 
     def __post_init__(self) -> None:
         if self.ode.numel() != self.n_x:

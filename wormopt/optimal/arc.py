@@ -100,7 +100,7 @@ class Arc:
 
     def __init__(self, problem: Problem, mesh: Mesh) -> None:
         model = problem.model
-        if ca.depends_on(model.ode, model.t) or model.alg.numel():
+        if ca.depends_on(model.ode, model.t) or model.alg.numel() or model.schedules:
             raise NotImplementedError("phases take autonomous models without algebraic equations")
         self.problem, self.mesh = problem, mesh
         self.x_nominal = _nominals(model.x)

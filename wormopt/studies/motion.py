@@ -10,7 +10,7 @@ import numpy as np
 from wormopt.gaits.files import gait_variables
 from wormopt.result import Scalar, Variable, unit_of
 from wormopt.scenes.worm import WormTable
-from wormopt.simulate.bimodal import BimodalMotion, integrate
+from wormopt.simulation.bimodal import BimodalMotion, integrate
 from wormopt.worms.crawl import Crawl
 
 __all__ = ["disagreements", "motion_scalars", "motion_trust", "motion_variables", "recheck"]

@@ -17,7 +17,7 @@ from scipy.optimize import fminbound
 
 from wormopt.core.gait import Gait
 from wormopt.errors import SolveError
-from wormopt.simulate.arcs import TIE, Arc, DrivenWorm, Spell, Vectorised, cut_piece
+from wormopt.simulation.arcs import TIE, Arc, DrivenWorm, Spell, Vectorised, cut_piece
 
 __all__ = ["BimodalMotion", "integrate"]
 

@@ -1,0 +1,89 @@
+"""What a simulation may be told: how contact is treated, and how exact the motion shall be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["Exact", "Route", "Smooth", "Tolerance", "Treatment"]
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """Contact forces by the regularised law, steep over the width ``v_reg`` of velocities.
+
+    Parameters
+    ----------
+    v_reg : float, optional
+        Width, positive. The chapter's is 1/40.
+
+    Raises
+    ------
+    ValueError
+        If ``v_reg`` is not positive.
+
+    Examples
+    --------
+    >>> Smooth().v_reg
+    0.025
+    """
+
+    v_reg: float = 1 / 40
+
+    def __post_init__(self) -> None:
+        if not self.v_reg > 0:
+            raise ValueError("v_reg must be positive; for the limit v_reg = 0 take Exact()")
+
+
+@dataclass(frozen=True)
+class Exact:
+    """Set-valued contact laws: reversals, sticking and release are located as events.
+
+    Examples
+    --------
+    >>> Exact()
+    Exact()
+    """
+
+
+Treatment = Smooth | Exact
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How exact each step shall be, and how much work may be spent.
+
+    Parameters
+    ----------
+    relative : float, optional
+        Error of a step against the size of a state.
+    absolute : float, optional
+        The same against the state's nominal size.
+    max_steps : int, optional
+        Steps after which the run is given up.
+
+    Raises
+    ------
+    ValueError
+        If a tolerance is not positive, or ``relative`` is below what double precision can tell.
+
+    Examples
+    --------
+    >>> Tolerance(relative=1e-8).absolute
+    1e-12
+    """
+
+    relative: float = 1e-11
+    absolute: float = 1e-12
+    max_steps: int = 10_000_000
+
+    def __post_init__(self) -> None:
+        if not (1e-14 <= self.relative < 1 and 0 < self.absolute):
+            raise ValueError("tolerances must be positive, relative between 1e-14 and 1")
+        if self.max_steps < 1:
+            raise ValueError("max_steps must be at least 1")
+
+
+Route = Literal["auto", "native", "python", "cvodes"]
+"""How to integrate: compiled, the same steps in Python, CasADi's implicit integrators; "auto" picks
+the first that can."""
