@@ -10,6 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
+from wormopt.core.lift import lift
+from wormopt.core.model import pack
 
 DRY = [
     Coulomb(1.0, 10.0),
@@ -125,6 +127,52 @@ def test_sliding_takes_energy_away(law: Law):
             assert float(law.slip_force(direction * v, direction)) * direction * v <= 0
 
 
+@pytest.mark.parametrize("v", [-0.23, 0.0, 0.23])
+def test_lifted_laws_are_the_laws_once_their_numbers_are_put_in(v: float):
+    laws, parameters = lift(LAWS)
+    velocity, width, symbols = ca.SX.sym("v"), ca.SX.sym("v_reg"), pack(parameters)
+    numbers = np.concatenate([np.array(p.value) for p in parameters])
+    for law, lifted in zip(LAWS, laws, strict=True):
+        assert isinstance(lifted, Law)
+        assert lifted.directions == law.directions
+        expressions = [lifted.smooth(velocity, width), *lifted.stick_interval]
+        expressions += [lifted.slip_force(velocity, d) for d in law.directions]
+        found = ca.Function("f", [velocity, width, symbols], expressions)(v, 0.1, numbers)
+        by_number = [law.smooth(v, 0.1), *law.stick_interval]
+        by_number += [law.slip_force(v, d) for d in law.directions]
+        assert [float(f) for f in found] == [float(b) for b in by_number]
+
+
+def test_lifting_names_every_number_and_leaves_everything_else():
+    class Odd:
+        pass
+
+    odd, symbol = Odd(), ca.SX.sym("F")
+    laws, parameters = lift([odd, Coulomb(symbol, 3.0), Coulomb(1.0, 2.0, stick_backward=4)])
+    assert laws[0] is odd
+    assert isinstance(laws[1], Coulomb)
+    assert ca.is_equal(laws[1].forward, symbol)
+    assert laws[1].stick_forward is None
+    assert {p.name: p.value for p in parameters} == {
+        "friction_backward": (3.0, 2.0),
+        "friction_forward": (1.0,),
+        "friction_stick_backward": (4.0,),
+    }
+    _, parameters = lift([Stribeck(1.0, 2.0, 1.5, 4.0, 0.3), Viscous(1.0), Spike()])
+    assert {p.name.removeprefix("friction_"): p.unit for p in parameters} == {
+        "forward": "force",
+        "backward": "force",
+        "stick_forward": "force",
+        "stick_backward": "force",
+        "v_stribeck": "speed",
+        "drag": "drag",
+        "scale": "force",
+    }
+    assert lift([]) == ((), ())
+
+
+SYMBOL = ca.SX.sym("F")
+
 NAN = float("nan")
 
 
@@ -142,6 +190,12 @@ NAN = float("nan")
         (lambda: Stribeck(-1.0, 1.0, 1.0, 1.0, 0.1), "0 <= sliding"),
         (lambda: Stribeck(1.0, 1.0, 1.0, 1.0, 0.0), "v_stribeck must be positive"),
         (lambda: Stribeck(1.0, 1.0, 1.0, 1.0, NAN), "v_stribeck must be positive"),
+        # Numbers beside symbols are checked all the same.
+        (lambda: Coulomb(SYMBOL, -1.0), "0 <= sliding"),
+        (lambda: Coulomb(SYMBOL, 1.0, stick_forward=-0.5), "0 <= sliding"),
+        (lambda: Coulomb(SYMBOL, 1.0, stick_backward=0.5), "0 <= sliding"),
+        (lambda: Stribeck(1.0, 1.0, SYMBOL, 0.5, 0.1), "0 <= sliding"),
+        (lambda: Stribeck(SYMBOL, SYMBOL, SYMBOL, SYMBOL, -0.1), "v_stribeck must be positive"),
         (lambda: Viscous(-0.1), "must not be negative"),
         (lambda: Viscous(NAN), "must not be negative"),
         (lambda: Spike().slip_force(-0.1, -1), "does not slide backward"),

@@ -58,8 +58,10 @@ class SolveError(WormoptError):
         What failed, in words of the scene (never a bare solver message).
     suggestion : str
         What to change.
-    partial : Result, optional
-        What was found all the same; it is saved, marked as failed.
+    partial : Result or Trajectory, optional
+        What was found all the same; a Result is saved, marked as failed.
+    code : str, optional
+        The reason in one word for programs, "step_too_small" say.
 
     Examples
     --------
@@ -68,11 +70,14 @@ class SolveError(WormoptError):
     """
 
     # `Any`, because errors are the lowest room and may not import the Result above them.
-    def __init__(self, reason: str, suggestion: str = "", partial: Any = None) -> None:
+    def __init__(
+        self, reason: str, suggestion: str = "", partial: Any = None, code: str = ""
+    ) -> None:
         self.reason = reason
         self.suggestion = suggestion
         self.partial = partial
-        super().__init__(reason, suggestion, partial)
+        self.code = code
+        super().__init__(reason, suggestion, partial, code)
 
     def __str__(self) -> str:
         return f"{self.reason}; {self.suggestion}" if self.suggestion else self.reason

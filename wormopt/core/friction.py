@@ -1,9 +1,14 @@
-"""Friction laws of one contact: a smooth force for ODE solvers, set-valued facts for the others."""
+"""Friction laws of one contact: a smooth force for ODE solvers, set-valued facts for the others.
+
+The numbers of a law may be CasADi symbols, so that they can be swept in one compiled model; what
+is symbolic is not checked.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Protocol, runtime_checkable
 
 import casadi as ca
@@ -28,7 +33,7 @@ class Law(Protocol):
         ...
 
     @property
-    def stick_interval(self) -> tuple[float, float]:
+    def stick_interval(self) -> tuple[Expression, Expression]:
         """Smallest and largest force that the contact can hold at rest."""
         ...
 
@@ -49,14 +54,14 @@ class Law(Protocol):
         """
         ...
 
-    def smooth(self, v: Expression, v_reg: float) -> Expression:
+    def smooth(self, v: Expression, v_reg: Expression) -> Expression:
         """Regularised force at velocity ``v``, steep over the width ``v_reg``.
 
         Parameters
         ----------
         v : casadi.SX or float
             Velocity.
-        v_reg : float
+        v_reg : float or casadi.SX
             Width of the steep part, positive.
 
         Returns
@@ -67,22 +72,63 @@ class Law(Protocol):
         ...
 
 
-def _blend(v: Expression, v_reg: float, ahead: Expression, behind: Expression) -> Expression:
-    """Join the forces of both directions by tanh (chapter 2.4, the smooth stand-in)."""
-    return (ahead + behind) / 2 + (ahead - behind) / 2 * ca.tanh(v / v_reg)
+def _ascend(*values: Expression) -> bool:
+    """Whether the numbers among the values ascend, weakly; NaN never does."""
+    numbers = [v for v in values if not isinstance(v, ca.SX)]
+    return all(low <= high for low, high in pairwise(numbers))
+
+
+def _positive(value: Expression) -> bool:
+    return True if isinstance(value, ca.SX) else value > 0
+
+
+class _TwoWay:
+    """What laws share that let a contact slide in both directions."""
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """Both directions are possible."""
+        return (1, -1)
+
+    def smooth(self, v: Expression, v_reg: Expression) -> Expression:
+        """Blend of both sliding forces by tanh(v / v_reg), as in chapter 2.4; stiction is lost.
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        v_reg : float or casadi.SX
+            Width of the steep part, positive.
+
+        Returns
+        -------
+        casadi.SX or float
+            Force on the worm.
+        """
+        ahead, behind = self.slip_force(v, 1), self.slip_force(v, -1)
+        return (ahead + behind) / 2 + (ahead - behind) / 2 * ca.tanh(v / v_reg)
+
+    def slip_force(self, v: Expression, direction: int) -> Expression:
+        raise NotImplementedError
+
+
+def _check_forces(law: Law, forward: Expression, backward: Expression) -> None:
+    low, high = law.stick_interval
+    if not (_ascend(0.0, forward, -low) and _ascend(0.0, backward, high)):
+        raise ValueError("friction forces must satisfy 0 <= sliding force <= stiction force")
 
 
 @dataclass(frozen=True)
-class Coulomb:
+class Coulomb(_TwoWay):
     """Anisotropic dry friction with stiction, equation (9).
 
     Parameters
     ----------
-    forward : float
+    forward : float or casadi.SX
         Sliding force F+ that opposes forward motion, in force units, not negative.
-    backward : float
+    backward : float or casadi.SX
         Sliding force F- that opposes backward motion.
-    stick_forward, stick_backward : float, optional
+    stick_forward, stick_backward : float or casadi.SX, optional
         Largest resistance at rest against being moved forward and backward (stiction). They
         default to the sliding forces.
 
@@ -98,23 +144,16 @@ class Coulomb:
     (-1.0, 10.0, (-1.0, 10.0))
     """
 
-    forward: float
-    backward: float
-    stick_forward: float | None = None
-    stick_backward: float | None = None
+    forward: Expression
+    backward: Expression
+    stick_forward: Expression | None = None
+    stick_backward: Expression | None = None
 
     def __post_init__(self) -> None:
-        low, high = self.stick_interval
-        if not (0 <= self.forward <= -low and 0 <= self.backward <= high):  # refuses NaN too
-            raise ValueError("friction forces must satisfy 0 <= sliding force <= stiction force")
+        _check_forces(self, self.forward, self.backward)
 
     @property
-    def directions(self) -> tuple[int, ...]:
-        """Both directions are possible."""
-        return (1, -1)
-
-    @property
-    def stick_interval(self) -> tuple[float, float]:
+    def stick_interval(self) -> tuple[Expression, Expression]:
         """Forces from ``-stick_forward`` to ``+stick_backward``."""
         ahead = self.forward if self.stick_forward is None else self.stick_forward
         behind = self.backward if self.stick_backward is None else self.stick_backward
@@ -137,37 +176,20 @@ class Coulomb:
         """
         return -self.forward if direction > 0 else self.backward
 
-    def smooth(self, v: Expression, v_reg: float) -> Expression:
-        """Blend of both sliding forces by tanh(v / v_reg); stiction is lost.
-
-        Parameters
-        ----------
-        v : casadi.SX or float
-            Velocity.
-        v_reg : float
-            Width of the steep part, positive.
-
-        Returns
-        -------
-        casadi.SX or float
-            Force on the worm.
-        """
-        return _blend(v, v_reg, self.slip_force(v, 1), self.slip_force(v, -1))
-
 
 @dataclass(frozen=True)
-class Stribeck:
+class Stribeck(_TwoWay):
     """Dry friction whose sliding force falls from stiction to Coulomb's value.
 
     The force in a direction is F + (Fs - F) exp(-(v / v_stribeck)^2).
 
     Parameters
     ----------
-    forward, backward : float
+    forward, backward : float or casadi.SX
         Sliding forces F+ and F- at high speed.
-    stick_forward, stick_backward : float
+    stick_forward, stick_backward : float or casadi.SX
         Stiction forces, at least the sliding forces.
-    v_stribeck : float
+    v_stribeck : float or casadi.SX
         Velocity over which the force falls, positive.
 
     Raises
@@ -182,26 +204,19 @@ class Stribeck:
     (-1.5, 2.0)
     """
 
-    forward: float
-    backward: float
-    stick_forward: float
-    stick_backward: float
-    v_stribeck: float
+    forward: Expression
+    backward: Expression
+    stick_forward: Expression
+    stick_backward: Expression
+    v_stribeck: Expression
 
     def __post_init__(self) -> None:
-        ordered = 0 <= self.forward <= self.stick_forward
-        if not (ordered and 0 <= self.backward <= self.stick_backward):
-            raise ValueError("friction forces must satisfy 0 <= sliding force <= stiction force")
-        if not self.v_stribeck > 0:
+        _check_forces(self, self.forward, self.backward)
+        if not _positive(self.v_stribeck):
             raise ValueError("v_stribeck must be positive")
 
     @property
-    def directions(self) -> tuple[int, ...]:
-        """Both directions are possible."""
-        return (1, -1)
-
-    @property
-    def stick_interval(self) -> tuple[float, float]:
+    def stick_interval(self) -> tuple[Expression, Expression]:
         """Forces from ``-stick_forward`` to ``+stick_backward``."""
         return -self.stick_forward, self.stick_backward
 
@@ -225,31 +240,14 @@ class Stribeck:
             return -(self.forward + (self.stick_forward - self.forward) * decay)
         return self.backward + (self.stick_backward - self.backward) * decay
 
-    def smooth(self, v: Expression, v_reg: float) -> Expression:
-        """Blend of both sliding forces by tanh(v / v_reg).
-
-        Parameters
-        ----------
-        v : casadi.SX or float
-            Velocity.
-        v_reg : float
-            Width of the steep part, positive.
-
-        Returns
-        -------
-        casadi.SX or float
-            Force on the worm.
-        """
-        return _blend(v, v_reg, self.slip_force(v, 1), self.slip_force(v, -1))
-
 
 @dataclass(frozen=True)
-class Viscous:
+class Viscous(_TwoWay):
     """Linear drag -k v, which never sticks.
 
     Parameters
     ----------
-    drag : float
+    drag : float or casadi.SX
         Coefficient k in force per velocity, not negative.
 
     Raises
@@ -263,16 +261,11 @@ class Viscous:
     -1.0
     """
 
-    drag: float
+    drag: Expression
 
     def __post_init__(self) -> None:
-        if not self.drag >= 0:
+        if not _ascend(0.0, self.drag):
             raise ValueError("drag must not be negative")
-
-    @property
-    def directions(self) -> tuple[int, ...]:
-        """Both directions are possible."""
-        return (1, -1)
 
     @property
     def stick_interval(self) -> tuple[float, float]:
@@ -296,14 +289,14 @@ class Viscous:
         """
         return -self.drag * v
 
-    def smooth(self, v: Expression, v_reg: float) -> Expression:
+    def smooth(self, v: Expression, v_reg: Expression) -> Expression:
         """Force -k v: there is nothing to regularise.
 
         Parameters
         ----------
         v : casadi.SX or float
             Velocity.
-        v_reg : float
+        v_reg : float or casadi.SX
             Without effect.
 
         Returns
@@ -322,7 +315,7 @@ class Spike:
 
     Parameters
     ----------
-    scale : float, optional
+    scale : float or casadi.SX, optional
         Load that the smooth stand-in carries at v = -3/4 v_reg; a size, not a limit. At rest it
         carries half of it.
 
@@ -337,10 +330,10 @@ class Spike:
     ((1,), (0.0, inf))
     """
 
-    scale: float = 1.0
+    scale: Expression = 1.0
 
     def __post_init__(self) -> None:
-        if not self.scale > 0:
+        if not _positive(self.scale):
             raise ValueError("scale must be positive")
 
     @property
@@ -377,14 +370,14 @@ class Spike:
             raise ValueError("a spike does not slide backward")
         return 0.0
 
-    def smooth(self, v: Expression, v_reg: float) -> Expression:
+    def smooth(self, v: Expression, v_reg: Expression) -> Expression:
         """Hyperbola scale (sqrt(v^2 + v_reg^2) - v) / (2 v_reg), steep for v < 0.
 
         Parameters
         ----------
         v : casadi.SX or float
             Velocity.
-        v_reg : float
+        v_reg : float or casadi.SX
             Width of the bend, positive.
 
         Returns

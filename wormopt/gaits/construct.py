@@ -1,4 +1,4 @@
-"""Constructed gaits: gait (15), block-rest waves and the accordion, with a profile of choice."""
+"""Constructed gaits: gait (15), travelling sines, block-rest waves and the accordion."""
 
 from __future__ import annotations
 
@@ -8,7 +8,14 @@ import numpy as np
 
 from wormopt.core.gait import Gait
 
-__all__ = ["Profile", "accordion", "block_wave", "block_wave_sequence", "fast_gait"]
+__all__ = [
+    "Profile",
+    "accordion",
+    "block_wave",
+    "block_wave_sequence",
+    "fast_gait",
+    "travelling_sine",
+]
 
 Profile = Literal["cosine", "quintic", "trapezoid"]
 
@@ -47,6 +54,56 @@ def fast_gait(period: float, rest_length: float = 2.0, elongation: float = 0.15)
         np.full(3, 3 * np.pi / period),
         cosine.astype(float),
         np.zeros((3, 2)),
+    )
+
+
+def travelling_sine(
+    links: int,
+    period: float,
+    rest_length: float = 2.0,
+    amplitude: float = 0.6,
+    lag: float = 1 / 3,
+) -> Gait:
+    """Sine that runs from link to link, l_j = l0 + A sin(2 pi (t/T - j lag)), chapter 2.4.
+
+    Parameters
+    ----------
+    links : int
+        Number of links n.
+    period : float
+        Period T.
+    rest_length, amplitude : float, optional
+        Mean length l0 and amplitude A of every link.
+    lag : float, optional
+        By how much of a period each link is behind the one ahead of it; link 1 itself lags by
+        as much.
+
+    Returns
+    -------
+    Gait
+        Of one piece, smooth.
+
+    Raises
+    ------
+    ValueError
+        If there is no link.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> travelling_sine(2, 1.0, 2.0, 0.5, lag=0.25)(np.array([0.0, 0.25, 0.5])).round(12)
+    array([[1.5, 2. , 2.5],
+           [2. , 1.5, 2. ]])
+    """
+    if links < 1:
+        raise ValueError("a worm has at least one link")
+    behind = 2 * np.pi * lag * np.arange(1, links + 1)
+    return Gait(
+        np.array([0.0, period]),
+        np.full((1, links, 1), float(rest_length)),
+        np.array([2 * np.pi / period]),
+        -amplitude * np.sin(behind)[None, :],
+        amplitude * np.cos(behind)[None, :],
     )
 
 

@@ -78,7 +78,7 @@ class Tolerance:
     max_steps: int = 10_000_000
 
     def __post_init__(self) -> None:
-        if not (1e-14 <= self.relative < 1 and 0 < self.absolute):
+        if not (1e-14 <= self.relative < 1 and self.absolute > 0):
             raise ValueError("tolerances must be positive, relative between 1e-14 and 1")
         if self.max_steps < 1:
             raise ValueError("max_steps must be at least 1")

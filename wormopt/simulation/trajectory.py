@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from wormopt.core.model import Model
-from wormopt.simulation.options import Treatment
+from wormopt.core.model import Schedule
+from wormopt.simulation.functions import System
 
 __all__ = ["Dense", "Event", "Trajectory"]
 
@@ -81,35 +81,41 @@ class Trajectory:
 
     Parameters
     ----------
-    model : Model
-        What moves.
-    treatment : Smooth or Exact
-        How contact was treated.
+    system : System
+        What moved, and how its contacts were treated.
     route : str
         What integrated it: "native", "python", "cvodes" or "idas".
-    p : ndarray, shape (n_p + n_u,)
-        Parameters, then inputs.
+    p : ndarray
+        Parameters, from `System.parameters`.
+    schedules : tuple of Schedule
+        Those of the model, with the values they had.
     time : ndarray, shape (m,)
-        Sample times asked for; without any, start and end.
+        Sample times; without any asked for, start and end.
     states : ndarray, shape (n_x, m)
         States then; after a jump where one happens at that time.
+    end_time : float
+        How far the motion goes.
+    end : ndarray, shape (n_x,)
+        State there.
     events : tuple of Event
         In order of time.
     modes : ndarray, shape (1 + changes, 1 + contacts)
-        Each row a time and the contacts' modes (+1, -1, 0) from then on. Empty where contact was
-        treated as smooth.
+        Each row a time and the modes (+1, -1, 0) of ``system.contacts`` from then on. Empty where
+        contact was treated as smooth.
     n_steps, n_rejected, n_evaluations : int
         Accepted and rejected steps, evaluations of the ode.
     dense : Dense, optional
         The whole motion, where it was asked for.
     """
 
-    model: Model
-    treatment: Treatment
+    system: System
     route: str
     p: np.ndarray
+    schedules: tuple[Schedule, ...]
     time: np.ndarray
     states: np.ndarray
+    end_time: float
+    end: np.ndarray
     events: tuple[Event, ...] = ()
     modes: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
     n_steps: int = 0
@@ -117,15 +123,11 @@ class Trajectory:
     n_evaluations: int = 0
     dense: Dense | None = None
 
-    @property
-    def end(self) -> np.ndarray:
-        """Last state, shape (n_x,)."""
-        return self.states[:, -1]
-
     @cached_property
     def _rows(self) -> dict[str, slice]:
-        ends = np.cumsum([0, *(s.size for s in self.model.x)]).tolist()
-        return {s.name: slice(a, b) for s, a, b in zip(self.model.x, ends, ends[1:], strict=False)}
+        signals = self.system.model.x
+        ends = np.cumsum([s.size for s in signals]).tolist()
+        return {s.name: slice(e - s.size, e) for s, e in zip(signals, ends, strict=True)}
 
     def state(self, name: str) -> np.ndarray:
         """Samples of one state signal.
@@ -145,3 +147,78 @@ class Trajectory:
             If there is none of that name.
         """
         return self.states[self._rows[name]]
+
+    def at(self, t: np.ndarray) -> Trajectory:
+        """Sample the motion anew, at any times within it.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            Times, ascending.
+
+        Returns
+        -------
+        Trajectory
+
+        Raises
+        ------
+        ValueError
+            If the motion was simulated without ``dense = True``.
+        """
+        if self.dense is None:
+            raise ValueError("simulate with dense=True to sample the motion afterwards")
+        t = np.asarray(t, dtype=float)
+        return replace(self, time=t, states=self.dense(t))
+
+    def modes_at(self, t: np.ndarray) -> np.ndarray:
+        """Modes of the contacts that may rest, at any times.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            Times; at an event the mode after it counts.
+
+        Returns
+        -------
+        ndarray, shape (contacts, m)
+            Of no rows where contact was treated as smooth.
+        """
+        if len(self.modes) == 0:
+            return np.zeros((0, len(t)))
+        row = np.searchsorted(self.modes[:, 0], t, side="right") - 1
+        return self.modes[np.maximum(row, 0), 1:].T
+
+    def observe(self, expression: ca.SX) -> np.ndarray:
+        """Value of any expression of the model's symbols at the sample times.
+
+        Parameters
+        ----------
+        expression : casadi.SX
+            Column of k entries; contact forces may stand in it.
+
+        Returns
+        -------
+        ndarray, shape (k, m)
+        """
+        function = self.system.observe(expression)
+        p = self.system.scheduled(self.p, self.schedules, self.time)
+        return np.array(function(self.time[None, :], self.states, p, self.modes_at(self.time)))
+
+    def output(self, name: str) -> np.ndarray:
+        """Samples of an output of the model.
+
+        Parameters
+        ----------
+        name : str
+            Name of an output.
+
+        Returns
+        -------
+        ndarray, shape (size, m)
+
+        Raises
+        ------
+        KeyError
+            If there is none of that name.
+        """
+        return self.observe(self.system.model.output(name))

@@ -1,0 +1,261 @@
+"""The chain (8)-(12) against equations written by hand, Newton's laws and its energy balance."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wormopt.core.friction import Coulomb, Law, Spike, Stribeck
+from wormopt.core.model import Model, pack
+from wormopt.core.path import ParameterPath
+from wormopt.worms.chain import chain
+
+seeds = st.integers(0, 10**6)
+NUMBERS: dict[str, Any] = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
+DRY = Coulomb(1.0, 10.0)
+patient = settings(deadline=None)
+
+
+def worm(links: int, law: Law | Sequence[Law] | None = DRY, **numbers: Any) -> Model:
+    return chain(links, law=law, **(NUMBERS | numbers))
+
+
+def drawn(model: Model, seed: int) -> dict[str, np.ndarray]:
+    """Whole numbers for every symbol, masses powers of two: then arithmetic is exact."""
+    random = np.random.default_rng(seed)
+    signals = [*model.x, *model.u, *model.p]
+    values = {s.name: random.integers(-9, 10, s.size).astype(float) for s in signals}
+    values["force"] = random.integers(-9, 10, len(model.contacts)).astype(float)
+    return values | {"mass": 2.0 ** random.integers(-2, 3, len(values["mass"]))}
+
+
+def value(model: Model, expression: ca.SX, at: dict[str, np.ndarray]) -> np.ndarray:
+    signals = [*model.x, *model.u, *model.p]
+    symbols = [*(s.symbol for s in signals), model.forces]
+    function = ca.Function("f", symbols, [expression])
+    return np.array(function(*(at[s.name] for s in signals), at["force"])).ravel()
+
+
+@patient
+@given(seed=seeds)
+def test_three_masses_obey_the_corrected_equations_of_motion(seed: int):
+    """(10), written out by hand; exact, since all numbers are whole."""
+    model = worm(2)
+    at = drawn(model, seed)
+    (x0, x1, x2), (v0, v1, v2), (u1, u2) = (at[k] for k in ("position", "velocity", "input"))
+    (c1, c2), (d1, d2), (r1, r2) = (at[k] for k in ("stiffness", "damping", "rest_length"))
+    ground = at["force"] - at["drag"] * at["velocity"] - at["load"]
+    first, second = c1 * (x0 - x1 - r1), c2 * (x1 - x2 - r2)
+    by_hand = [
+        -first - d1 * (v0 - v1) + u1,
+        first - second + d1 * (v0 - v1) - d2 * (v1 - v2) + u2 - u1,
+        second + d2 * (v1 - v2) - u2,
+    ]
+    ode = value(model, model.ode, at)
+    assert np.array_equal(ode[:3], at["velocity"])
+    assert np.array_equal(ode[3:], (ground + by_hand) / at["mass"])
+
+
+def test_the_printed_row_of_the_middle_mass_breaks_newtons_third_law():
+    """As printed, mass 1 feels c_2 in front and c_1 behind: momentum would come from nothing."""
+    c1, c2, d1, d2, front, behind, v01, v12 = np.random.default_rng(3).integers(1, 9, 8)
+    head, tail = -c1 * front - d1 * v01, c2 * behind + d2 * v12
+    assert head + (c1 * front - c2 * behind + d1 * v01 - d2 * v12) + tail == 0
+    assert head + (c2 * front - c1 * behind + d2 * v01 - d1 * v12) + tail != 0
+
+
+@patient
+@given(links=st.integers(1, 8), seed=seeds)
+def test_links_make_no_momentum(links: int, seed: int):
+    """Newton's third law: the rate of the total momentum is the sum of the external forces."""
+    model = worm(links)
+    at = drawn(model, seed)
+    momentum_rate = at["mass"] @ value(model, model.ode, at)[links + 1 :]
+    external = at["force"] - at["drag"] * at["velocity"] - at["load"]
+    assert momentum_rate == external.sum()
+
+
+@patient
+@given(links=st.integers(1, 8), seed=seeds)
+def test_every_mass_obeys_newton_with_the_forces_shown(links: int, seed: int):
+    """m_i v_i' = external_i + mu_i - mu_{i+1} with mu_j = c (l - l0) + d l' - u, (8)."""
+    model = worm(links)
+    at = drawn(model, seed)
+    length, rate, spring, mu, power, energy, center, center_velocity = (
+        value(model, o.expression, at) for o in model.outputs
+    )
+    assert np.array_equal(length, -np.diff(at["position"]))  # (12)
+    assert np.array_equal(rate, -np.diff(at["velocity"]))
+    stretch = length - at["rest_length"]
+    assert np.array_equal(spring, at["stiffness"] * stretch + at["damping"] * rate)
+    assert np.array_equal(mu, spring - at["input"])
+    assert np.array_equal(power, at["input"] * rate)
+    external = at["force"] - at["drag"] * at["velocity"] - at["load"]
+    mu_closed = np.concatenate([[0.0], mu, [0.0]])
+    assert np.array_equal(
+        at["mass"] * value(model, model.ode, at)[links + 1 :],
+        external + mu_closed[:-1] - mu_closed[1:],
+    )
+    kinetic = at["mass"] @ at["velocity"] ** 2
+    assert energy[0] == (kinetic + at["stiffness"] @ stretch**2) / 2
+    total = at["mass"].sum()
+    assert center[0] == pytest.approx(at["mass"] @ at["position"] / total)
+    assert center_velocity[0] == pytest.approx(at["mass"] @ at["velocity"] / total)
+
+
+@patient
+@given(links=st.integers(1, 8), seed=seeds)
+def test_energy_changes_by_the_power_of_inputs_less_what_is_lost(links: int, seed: int):
+    model = worm(links)
+    at = drawn(model, seed)
+    slope = value(model, ca.jtimes(model.output("energy"), pack(model.x), model.ode), at)[0]
+    v, rate = at["velocity"], value(model, model.output("rate"), at)
+    made = value(model, model.output("power"), at).sum() + at["force"] @ v
+    lost = at["damping"] @ rate**2 + at["drag"] @ v**2 + at["load"] @ v
+    assert slope == pytest.approx(made - lost, abs=1e-10)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds)
+def test_a_stiffness_that_varies_in_time_adds_its_own_power(seed: int):
+    """With c(t) and nothing else, energy changes by c' (l - l0)^2 / 2, too."""
+    random = np.random.default_rng(seed)
+    path = ParameterPath(np.array([0.0, 1.0]), random.uniform(1, 2, (1, 2, 2)))
+    model = chain(2, mass=1.5, stiffness=path, damping=0.0, rest_length=2.0)
+    (schedule,) = model.schedules
+    assert schedule.name == "stiffness"
+    assert "stiffness" not in [p.name for p in model.p]
+    energy, x = model.output("energy"), pack(model.x)
+    slope = ca.jtimes(energy, x, model.ode) + ca.jacobian(energy, model.t)
+    signals = [*model.x, *model.u, *model.p]
+    symbols = [*(s.symbol for s in signals), schedule.symbol, schedule.begin, model.t]
+    numbers = [random.uniform(-1, 1, 3), random.uniform(-1, 1, 3), np.zeros(2)]
+    numbers += [np.array(p.value) for p in model.p]
+    found = ca.Function("f", symbols, [slope])(*numbers, schedule.values[0], 0.0, 0.4)
+    stretch = -np.diff(numbers[0]) - 2.0
+    by_hand = path.coefficients[0, :, 1] @ stretch**2 / 2
+    assert float(found) == pytest.approx(by_hand, abs=1e-12)
+
+
+def test_relative_degree_two_and_high_frequency_gain():
+    """y'' = ... + [[2, -1], [-1, 2]] u / m, and y' knows nothing of u."""
+    model = worm(2, mass=4.0)
+    x, u = pack(model.x), pack(model.u)
+    rate = ca.jtimes(model.output("length"), x, model.ode)
+    assert not ca.depends_on(rate, u)
+    gain = ca.jacobian(ca.jtimes(rate, x, model.ode), u)
+    mass = model.p[0]
+    found = np.array(ca.Function("gain", [mass.symbol], [gain])(np.array(mass.value)))
+    assert np.array_equal(found, np.array([[2, -1], [-1, 2]]) / 4)
+    assert np.linalg.eigvalsh(found).min() > 0
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.3])
+def test_zero_dynamics_are_the_common_motion(drag: float):
+    """Lengths held fixed, all masses move as one with V' = -(k/m) V: marginal without drag."""
+    model = worm(2, law=None, mass=2.0, drag=drag)
+    held = np.concatenate([[4.0, 2.0, 0.0], np.full(3, 0.7)])
+    numbers = [np.array(p.value) for p in model.p]
+    symbols = [pack(model.x), pack(model.u), *(p.symbol for p in model.p)]
+    ode = ca.Function("ode", symbols, [model.ode])(held, np.zeros(2), *numbers)
+    assert np.array(ode).ravel() == pytest.approx([*[0.7] * 3, *[-drag / 2 * 0.7] * 3])
+
+
+def test_the_chain_tells_what_it_is():
+    model = chain(
+        3,
+        mass=[1.0, 2.0, 3.0, 4.0],
+        stiffness=[10.0, 11.0, 12.0],
+        damping=5.0,
+        rest_length=[1.0, 2.0, 4.0],
+        law=Coulomb(1.0, 10.0),
+        drag=0.1,
+        velocity=[0.0, 0.0, 0.0, -1.0],
+        length_nominal=2.0,
+        time_nominal=0.5,
+    )
+    assert [(s.name, s.value, s.unit, s.nominal) for s in (*model.x, *model.u)] == [
+        ("position", (7.0, 6.0, 4.0, 0.0), "length", 2.0),
+        ("velocity", (0.0, 0.0, 0.0, -1.0), "speed", 4.0),
+        ("input", (0.0, 0.0, 0.0), "force", 2.5 * 8.0),
+    ]
+    assert {p.name: p.value for p in model.p} == {
+        "mass": (1.0, 2.0, 3.0, 4.0),
+        "drag": (0.1,) * 4,
+        "load": (0.0,) * 4,
+        "stiffness": (10.0, 11.0, 12.0),
+        "damping": (5.0,) * 3,
+        "rest_length": (1.0, 2.0, 4.0),
+        "friction_forward": (1.0,) * 4,
+        "friction_backward": (10.0,) * 4,
+    }
+    assert [c.name for c in model.contacts] == [f"mass {i}" for i in range(4)]
+    for i, contact in enumerate(model.contacts):
+        assert ca.is_equal(contact.velocity, model.x[1].symbol[i])
+        assert contact.force.is_symbolic()
+    delassus = ca.evalf(ca.substitute(model.delassus, model.p[0].symbol, [1.0, 2.0, 4.0, 8.0]))
+    assert np.array_equal(delassus.full(), np.diag([1.0, 0.5, 0.25, 0.125]))
+    assert worm(2, position=(0, 2, 4)).x[0].value == (0.0, 2.0, 4.0)
+    steps = ParameterPath(np.array([0.0, 1.0]), np.array([[[1.5], [2.5]]]))
+    assert worm(2, rest_length=steps).x[0].value == (4.0, 2.5, 0.0)
+
+
+def test_without_friction_there_are_no_contacts():
+    model = worm(2, law=None)
+    assert (len(model.contacts), model.forces.shape, model.schedules) == (0, (0, 1), [])
+    assert all(not p.name.startswith("friction") for p in model.p)
+
+
+def test_each_mass_may_have_its_own_law():
+    laws = [Coulomb(1.0, 2.0), Spike(3.0), Stribeck(0.5, 0.6, 0.7, 0.8, 0.1)]
+    model = worm(2, law=laws)
+    assert {p.name: (p.value, p.unit) for p in model.p if p.name.startswith("friction")} == {
+        "friction_forward": ((1.0, 0.5), "force"),
+        "friction_backward": ((2.0, 0.6), "force"),
+        "friction_scale": ((3.0,), "force"),
+        "friction_stick_forward": ((0.7,), "force"),
+        "friction_stick_backward": ((0.8,), "force"),
+        "friction_v_stribeck": ((0.1,), "speed"),
+    }
+    for contact, law in zip(model.contacts, laws, strict=True):
+        assert type(contact.law) is type(law)
+
+
+def instructions(links: int) -> int:
+    model = worm(links)
+    outputs = [o.expression for o in model.outputs]
+    symbols = [pack(model.x), pack(model.u), pack(model.p), model.forces]
+    return ca.Function("f", symbols, [model.ode, *outputs]).n_instructions()
+
+
+def test_work_grows_linearly_with_the_links():
+    counts = np.array([instructions(n) for n in (250, 500, 1000)])
+    assert counts[2] - counts[1] == 2 * (counts[1] - counts[0])
+    assert counts[2] < 100 * 1000
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: worm(0), "at least one link"),
+        (lambda: worm(2, mass=0.0), "mass must be positive"),
+        (lambda: worm(2, mass=float("nan")), "mass must be finite"),
+        (lambda: worm(2, mass=[1.0, 2.0]), "mass must be one number or 3"),
+        (lambda: worm(2, stiffness=-1.0), "stiffness must not be negative"),
+        (lambda: worm(2, damping=-1.0), "damping must not be negative"),
+        (lambda: worm(2, drag=-1.0), "drag must not be negative"),
+        (lambda: worm(2, position=[0.0, 1.0]), "position must be one number or 3"),
+        (lambda: worm(2, law=[Spike()]), "law must be one or 3, not 1"),
+        (
+            lambda: worm(2, damping=ParameterPath(np.array([0.0, 1.0]), np.ones((1, 3, 1)))),
+            "path of damping has 3 parameters for 2 links",
+        ),
+    ],
+)
+def test_chains_that_make_no_sense_are_refused(build: Callable[[], Model], message: str):
+    with pytest.raises(ValueError, match=message):
+        build()

@@ -1,0 +1,403 @@
+"""A Model and a treatment of its contacts as CasADi functions of (t, x, p, s), ready to integrate.
+
+p holds the model's parameters, its inputs, the width ``v_reg`` of the smooth law, and of every
+schedule the beginning and the values of the current piece. s holds the contacts' modes: +1 and -1
+for sliding forward and backward, 0 at rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from wormopt.core.model import Contact, Model, Schedule, Signal, pack
+from wormopt.simulation.options import Smooth, Treatment
+
+__all__ = ["System", "locate", "next_break", "signal_values"]
+
+
+def signal_values(
+    signals: tuple[Signal, ...], given: Mapping[str, object], what: str, fill: float | None = None
+) -> np.ndarray:
+    """Stack the values of signals, those given before those the model brings.
+
+    Parameters
+    ----------
+    signals : tuple of Signal
+        What needs a value.
+    given : mapping of str to float or array
+        Values by name; a number stands for all entries.
+    what : str
+        What they are called in messages.
+    fill : float, optional
+        Value of what has none.
+
+    Returns
+    -------
+    ndarray
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, a value is missing or not of the signal's size.
+
+    Examples
+    --------
+    >>> stiffness = Signal("stiffness", ca.SX.sym("c", 2), value=(10.0, 12.0))
+    >>> signal_values((stiffness,), {"stiffness": 9.0}, "parameter")
+    array([9., 9.])
+    """
+    unknown = set(given) - {s.name for s in signals}
+    if unknown:
+        names = [s.name for s in signals]
+        raise ValueError(f"no {what} is called {sorted(unknown)}; the model has {names}")
+    columns = [np.zeros(0)]
+    for signal in signals:
+        value = given.get(signal.name, fill if signal.value is None else signal.value)
+        if value is None:
+            raise ValueError(f"{what} {signal.name} has no value; give one")
+        array = np.asarray(value, dtype=float).ravel()
+        if array.size not in (1, signal.size):
+            raise ValueError(f"{what} {signal.name} has {signal.size} entries, not {array.size}")
+        columns.append(np.broadcast_to(array, signal.size))
+    return np.concatenate(columns)
+
+
+def _never_rests(contact: Contact) -> bool:
+    """Whether a contact is no more than a force that depends smoothly on velocity."""
+    low, high = contact.law.stick_interval
+    return isinstance(low, int | float) and low == 0 and high == 0
+
+
+def _weighted(weight: ca.SX, a: ca.SX | float, b: ca.SX | float) -> ca.SX:
+    return weight * a + (1 - weight) * b
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """The functions that an integrator of a Model needs.
+
+    Parameters
+    ----------
+    model : Model
+        What moves.
+    treatment : Smooth or Exact
+        How its contacts are treated. Contacts that never rest are plain forces in either.
+
+    Raises
+    ------
+    ValueError
+        If contacts that may rest cannot hold independently, so that their forces are not
+        determined (exact treatment only).
+
+    Examples
+    --------
+    >>> v, f = ca.SX.sym("v"), ca.SX.sym("f")
+    >>> from wormopt.core.friction import Coulomb
+    >>> from wormopt.simulation.options import Exact
+    >>> ground = Contact("block", v, f, Coulomb(1.0, 2.0))
+    >>> block = Model("block", x=[Signal("velocity", v)], ode=f, contacts=[ground])
+    >>> system = System(block, Exact())
+    >>> system.rhs(0, 3.0, [], 1.0)
+    DM(-1)
+    """
+
+    model: Model
+    treatment: Treatment
+
+    @cached_property
+    def contacts(self) -> tuple[Contact, ...]:
+        """Contacts that may rest."""
+        return tuple(c for c in self.model.contacts if not _never_rests(c))
+
+    @cached_property
+    def exact(self) -> bool:
+        """Whether contact is decided by events."""
+        return not isinstance(self.treatment, Smooth) and len(self.contacts) > 0
+
+    @cached_property
+    def symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """t, x, p and s."""
+        model = self.model
+        schedules = [ca.vertcat(s.begin, s.symbol) for s in model.schedules]
+        p = ca.vertcat(pack(model.p), pack(model.u), self._v_reg, *schedules)
+        return model.t, pack(model.x), p, self._modes
+
+    @cached_property
+    def _v_reg(self) -> ca.SX:
+        return ca.SX.sym("v_reg")  # type: ignore[no-any-return]
+
+    @cached_property
+    def _modes(self) -> ca.SX:
+        return ca.SX.sym("s", len(self.contacts) if self.exact else 0)  # type: ignore[no-any-return]
+
+    @property
+    def n_fixed(self) -> int:
+        """Entries of p before those of the schedules."""
+        return sum(s.size for s in (*self.model.p, *self.model.u)) + 1
+
+    # -- contact forces --------------------------------------------------------------------
+
+    @cached_property
+    def _free(self) -> list[ca.SX]:
+        """Ode, contact velocities, their accelerations and outputs with the plain forces put in."""
+        model = self.model
+        plain = [c for c in model.contacts if _never_rests(c)]
+        old = ca.vertcat(ca.SX(0, 1), *(c.force for c in plain))
+        new = ca.vertcat(ca.SX(0, 1), *(c.law.slip_force(c.velocity, 1) for c in plain))
+        velocity = ca.vertcat(ca.SX(0, 1), *(c.velocity for c in self.contacts))
+        (ode,) = ca.substitute([model.ode], [old], [new]) if plain else [model.ode]
+        acceleration = ca.jtimes(velocity, pack(model.x), ode) + ca.jacobian(velocity, model.t)
+        return [ode, velocity, acceleration]
+
+    @cached_property
+    def _force_symbols(self) -> ca.SX:
+        return ca.vertcat(ca.SX(0, 1), *(c.force for c in self.contacts))
+
+    @cached_property
+    def delassus(self) -> ca.SX:
+        """Matrix d(contact accelerations) / d(contact forces) of the contacts that may rest."""
+        return ca.jacobian(self._free[2], self._force_symbols)
+
+    @cached_property
+    def coupled(self) -> bool:
+        """Whether the force of one contact accelerates another."""
+        return not self.delassus.sparsity().is_diag()
+
+    @cached_property
+    def forces(self) -> ca.SX:
+        """Contact forces as expressions of t, x, p and s."""
+        if not self.exact:
+            smooth = [c.law.smooth(c.velocity, self._v_reg) for c in self.contacts]
+            return ca.vertcat(ca.SX(0, 1), *smooth)
+        slip = ca.vertcat(*(self._slip(c, self._modes[i]) for i, c in enumerate(self.contacts)))
+        slides = self._modes**2
+        free = self._at_forces(self._free[2], ca.SX.zeros(len(self.contacts)))
+        if not self.coupled:
+            return _weighted(slides, slip, -free / ca.diag(self.delassus))
+        matrix = ca.diag(slides) + ca.diag(1 - slides) @ self.delassus
+        return ca.solve(matrix, _weighted(slides, slip, -free))
+
+    @staticmethod
+    def _slip(contact: Contact, mode: ca.SX) -> ca.SX:
+        both = [contact.law.slip_force(contact.velocity, d) for d in contact.law.directions]
+        return ca.SX(both[0]) if len(both) == 1 else _weighted((1 + mode) / 2, both[0], both[1])
+
+    def _at_forces(self, expression: ca.SX, forces: ca.SX) -> ca.SX:
+        return ca.substitute(expression, self._force_symbols, forces)
+
+    @cached_property
+    def _ode(self) -> ca.SX:
+        ode = self._at_forces(self._free[0], self.forces)
+        if not self.exact or self.coupled:
+            return ode
+        # a velocity that is a state stays what it is while its contact rests, to the last bit
+        for i, state in enumerate(self.velocity_state):
+            if state >= 0:
+                slip = self._at_forces(self._free[0][state], self._all_slip)
+                ode[state] = self._modes[i] ** 2 * slip
+        return ode
+
+    @cached_property
+    def _all_slip(self) -> ca.SX:
+        return ca.vertcat(*(self._slip(c, self._modes[i]) for i, c in enumerate(self.contacts)))
+
+    @cached_property
+    def velocity_state(self) -> np.ndarray:
+        """Per contact the state that is its velocity, -1 where it is none."""
+        x = pack(self.model.x)
+        rows = {x[i].element_hash(): i for i in range(x.numel())}
+        return np.array(
+            [
+                rows.get(c.velocity.element_hash(), -1) if c.velocity.is_symbolic() else -1
+                for c in self.contacts
+            ],
+            dtype=np.int64,
+        )
+
+    # -- functions -------------------------------------------------------------------------
+
+    def _function(self, name: str, result: ca.SX) -> ca.Function:
+        symbols = list(self.symbols)
+        return ca.Function(name, symbols, [ca.densify(result)], ["t", "x", "p", "s"], [name])
+
+    @cached_property
+    def rhs(self) -> ca.Function:
+        """X'."""
+        return self._function("rhs", self._ode)
+
+    @cached_property
+    def velocities(self) -> ca.Function:
+        """Velocities of the contacts that may rest."""
+        return self._function("velocities", self._free[1])
+
+    @cached_property
+    def probe(self) -> ca.Function:
+        """Their velocities, accelerations, forces, least and largest force that hold them."""
+        bounds = [c.law.stick_interval for c in self.contacts]
+        low = ca.vertcat(ca.SX(0, 1), *(b[0] for b in bounds))
+        high = ca.vertcat(ca.SX(0, 1), *(b[1] for b in bounds))
+        acceleration = self._at_forces(self._free[2], self.forces)
+        everything = ca.vertcat(self._free[1], acceleration, self.forces, low, high)
+        return self._function("probe", everything)
+
+    @cached_property
+    def project(self) -> ca.Function:
+        """X after the impulses that stop the contacts with s = 0."""
+        x, velocity = self.symbols[1], self._free[1]
+        push = ca.jacobian(self._free[0], self._force_symbols)
+        rests = 1 - self._modes**2
+        if self.coupled:
+            matrix = ca.diag(self._modes**2) + ca.diag(rests) @ self.delassus
+            impulse = ca.solve(matrix, -rests * velocity)
+        else:
+            impulse = -rests * velocity / ca.diag(self.delassus)
+        return self._function("project", x + push @ impulse)
+
+    @cached_property
+    def guards(self) -> ca.Function:
+        """Guards of the model's switches."""
+        switches = self.model.switches
+        return self._function("guards", self._put(ca.vertcat(*(s.guard for s in switches))))
+
+    @cached_property
+    def resets(self) -> ca.Function:
+        """States after each switch, one column each."""
+        columns = [ca.densify(s.reset) for s in self.model.switches]
+        return self._function("resets", self._put(ca.horzcat(*columns)))
+
+    def _put(self, expression: ca.SX) -> ca.SX:
+        """Express what the model says by t, x, p and s alone."""
+        plain = [c for c in self.model.contacts if _never_rests(c)]
+        old = ca.vertcat(ca.SX(0, 1), *(c.force for c in plain))
+        new = ca.vertcat(ca.SX(0, 1), *(c.law.slip_force(c.velocity, 1) for c in plain))
+        old = ca.vertcat(old, self._force_symbols)
+        return ca.substitute(expression, old, ca.vertcat(new, self.forces))
+
+    def observe(self, expression: ca.SX) -> ca.Function:
+        """Function of an expression of the model's symbols, contact forces included.
+
+        Parameters
+        ----------
+        expression : casadi.SX
+            Whatever the model's symbols can say, an output for instance.
+
+        Returns
+        -------
+        casadi.Function
+            Of (t, x, p, s).
+        """
+        return self._function("observed", self._put(expression))
+
+    @cached_property
+    def functions(self) -> dict[str, ca.Function]:
+        """Those that this model and treatment need, by name."""
+        names = ["rhs"]
+        if self.contacts:
+            names += ["probe", "project"] if self.exact else ["velocities"]
+        if self.model.switches:
+            names += ["guards", "resets"]
+        return {name: getattr(self, name) for name in names}
+
+    # -- numbers ---------------------------------------------------------------------------
+
+    def parameters(self, given: Mapping[str, object]) -> np.ndarray:
+        """Values of p, zeros for what schedules set.
+
+        Parameters
+        ----------
+        given : mapping of str to float or array
+            Values of parameters and inputs by name; the model's own for the others.
+
+        Returns
+        -------
+        ndarray
+
+        Raises
+        ------
+        ValueError
+            As `signal_values`.
+        """
+        signals = (*self.model.p, *(self._input(u) for u in self.model.u))
+        fixed = signal_values(signals, given, "parameter or input")
+        v_reg = self.treatment.v_reg if isinstance(self.treatment, Smooth) else 0.0
+        scheduled = sum(1 + s.symbol.numel() for s in self.model.schedules)
+        return np.concatenate([fixed, [v_reg], np.zeros(scheduled)])
+
+    @staticmethod
+    def _input(u: Signal) -> Signal:
+        return u if u.value is not None else Signal(u.name, u.symbol, value=0.0)
+
+    def scheduled(self, p: np.ndarray, schedules: Sequence[Schedule], t: np.ndarray) -> np.ndarray:
+        """Put the values that schedules have into p.
+
+        Parameters
+        ----------
+        p : ndarray, shape (n_p,)
+            From `parameters`.
+        schedules : sequence of Schedule
+            Those of the model, perhaps with other values.
+        t : ndarray, shape (m,)
+            Times; at a break the later piece counts.
+
+        Returns
+        -------
+        ndarray, shape (n_p, m)
+        """
+        p, at = np.repeat(p[:, None], len(t), axis=1), self.n_fixed
+        for schedule in schedules:
+            end = at + 1 + schedule.values.shape[1]
+            places = [locate(schedule, float(moment)) for moment in t]
+            p[at] = [_begin(schedule, *place) for place in places]
+            p[at + 1 : end] = schedule.values[[piece for _, piece in places]].T
+            at = end
+        return p
+
+
+def _begin(schedule: Schedule, cycle: int, piece: int) -> float:
+    return schedule.start + cycle * schedule.breaks[-1] + schedule.breaks[piece]
+
+
+def locate(schedule: Schedule, t: float) -> tuple[int, int]:
+    """Cycle and piece of a schedule at time t; a break within round-off of t counts as passed.
+
+    Parameters
+    ----------
+    schedule : Schedule
+        What is scheduled.
+    t : float
+        Time.
+
+    Returns
+    -------
+    (int, int)
+        The cycle is 0 where nothing repeats.
+    """
+    cycle = int((t - schedule.start) // schedule.breaks[-1]) if schedule.periodic else 0
+    piece, pieces = 0, schedule.pieces
+    while next_break(schedule, cycle, piece) - t <= 4 * np.finfo(float).eps * abs(t):
+        cycle, piece = (cycle + 1, 0) if piece + 1 == pieces else (cycle, piece + 1)
+    return cycle, piece
+
+
+def next_break(schedule: Schedule, cycle: int, piece: int) -> float:
+    """Time at which a piece ends, infinity for the last one of what does not repeat.
+
+    Parameters
+    ----------
+    schedule : Schedule
+        What is scheduled.
+    cycle, piece : int
+        From `locate`.
+
+    Returns
+    -------
+    float
+    """
+    if not schedule.periodic and piece + 1 == schedule.pieces:
+        return np.inf
+    return float(schedule.start + cycle * schedule.breaks[-1] + schedule.breaks[piece + 1])

@@ -1,0 +1,157 @@
+"""C sources to shared libraries, compiled once and kept in the user's cache folder.
+
+An entry is named by the hash of everything it depends on and carries the hash of its own bytes at
+its end, so that a damaged one is seen before it is loaded. It is written under another name and
+renamed: who looks it up meanwhile finds it whole or not at all.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from platformdirs import user_cache_path
+
+__all__ = ["CompilerError", "cache_folder", "compiler", "library"]
+
+_DIGEST = 32
+_FLAGS = ("-std=c11", "-fPIC", "-shared", "-march=native", "-fno-math-errno")
+
+
+class CompilerError(Exception):
+    """There is no C compiler, or it cannot compile what it is given."""
+
+
+@cache
+def compiler() -> tuple[str, ...] | None:
+    """Command of the C compiler: ``$CC``, the system's, or that of the package ziglang.
+
+    Returns
+    -------
+    tuple of str or None
+        None where there is none.
+    """
+    named = os.environ.get("CC", "").split()
+    if named:
+        return tuple(named) if shutil.which(named[0]) else None
+    for name in ("cc", "gcc", "clang"):
+        if shutil.which(name):
+            return (name,)
+    return (sys.executable, "-m", "ziglang", "cc") if find_spec("ziglang") else None
+
+
+def cache_folder() -> Path:
+    """Folder of compiled code, open to this user only.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    CompilerError
+        If it cannot be made or belongs to somebody else.
+    """
+    folder = user_cache_path("wormopt") / "native"
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if hasattr(os, "getuid"):
+            if folder.stat().st_uid != os.getuid():
+                raise CompilerError(f"{folder} belongs to somebody else")
+            folder.chmod(0o700)
+    except OSError as error:
+        raise CompilerError(f"{folder} cannot be used: {error.strerror}") from error
+    return folder
+
+
+def library(name: str, sources: Sequence[tuple[str, str]], optimise: str = "-O2") -> ctypes.CDLL:
+    """Load the shared library of some C sources, from the cache where it is there.
+
+    Parameters
+    ----------
+    name : str
+        What the file name begins with.
+    sources : sequence of (str, str)
+        File name and text of each source; headers too.
+    optimise : str, optional
+        Level of optimisation.
+
+    Returns
+    -------
+    ctypes.CDLL
+
+    Raises
+    ------
+    CompilerError
+        If it has to be compiled and cannot be.
+    """
+    command = compiler()
+    if command is None:
+        raise CompilerError("there is no C compiler; install one, or the extra wormopt[compiler]")
+    flags = (optimise, *_FLAGS)
+    path = cache_folder() / f"{name}-{_key(sources, flags, command)}.so"
+    if not _whole(path):
+        _compile(path, sources, flags, command)
+    return ctypes.CDLL(str(path))
+
+
+@cache
+def _machine() -> str:
+    """What -march=native depends on."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    flags = [line for line in lines if line.startswith(("flags", "model name", "Features"))]
+    return "\n".join([platform.platform(), platform.processor(), *sorted(set(flags))])
+
+
+def _key(sources: Sequence[tuple[str, str]], flags: Sequence[str], command: Sequence[str]) -> str:
+    found = shutil.which(command[0]) or command[0]
+    made = Path(found).stat()
+    parts = [*flags, *command, found, str(made.st_size), str(made.st_mtime_ns), _machine()]
+    parts += [text for source in sources for text in source]
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
+
+
+def _whole(path: Path) -> bool:
+    """Whether an entry is there, ours, and not damaged."""
+    try:
+        content = path.read_bytes()
+        mine = not hasattr(os, "getuid") or path.stat().st_uid == os.getuid()
+    except OSError:
+        return False
+    body, digest = content[:-_DIGEST], content[-_DIGEST:]
+    return mine and len(body) > 0 and hashlib.sha256(body).digest() == digest
+
+
+def _compile(
+    path: Path, sources: Sequence[tuple[str, str]], flags: Sequence[str], command: Sequence[str]
+) -> None:
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix="building-") as folder:
+            for file, text in sources:
+                (Path(folder) / file).write_text(text, encoding="utf-8")
+            units = [file for file, _ in sources if file.endswith(".c")]
+            call = [*command, *flags, *units, "-o", "built.so", "-lm"]
+            # the command is the user's own compiler
+            done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603
+            if done.returncode:
+                raise CompilerError(f"{' '.join(command)} failed:\n{done.stderr.strip()}")
+            built = Path(folder) / "built.so"
+            body = built.read_bytes()
+            built.write_bytes(body + hashlib.sha256(body).digest())
+            built.chmod(0o700)
+            built.replace(path)
+    except OSError as error:
+        raise CompilerError(f"cannot compile in {path.parent}: {error}") from error

@@ -1,0 +1,359 @@
+/* The contact automaton: which contacts slide, which rest, and when that changes.
+
+   Event function j is positive while things stay as they are: for a sliding contact its velocity in
+   the direction of sliding, for a resting one the distance of its force from the nearer bound, for
+   a switch minus its guard. An event function counts as armed once it has been well above 0, so
+   that a contact that has just been let go, with no velocity and perhaps no acceleration, is not
+   caught again by a rounding error. Not armed, it must fall clearly below 0. */
+#include <math.h>
+#include <string.h>
+
+#include "run.h"
+
+enum { N_SAMPLES = 11 };
+static const double SAMPLES[N_SAMPLES] = {0.0,   1.0 / 64, 0.125, 0.25,      0.375, 0.5,
+                                          0.625, 0.75,     0.875, 63.0 / 64, 1.0};
+
+static long long n_exact(const Run *run) { return run->in.exact ? run->in.n_contacts : 0; }
+
+long long n_functions(const Run *run) { return n_exact(run) + run->in.n_switches; }
+
+/* Size below which event function j is nothing but rounding. */
+static double small(const Run *run, long long j) {
+    if (j >= n_exact(run)) return 0.0;
+    return run->modes[j] ? run->in.v_rest[j] : run->in.f_rest[j];
+}
+
+static double margin(const double *probe, long long n, long long i) {
+    double force = probe[2 * n + i], least = probe[3 * n + i], largest = probe[4 * n + i];
+    return fmin(force - least, largest - force);
+}
+
+void event_values(Run *run, double t, const double *x, double *value) {
+    const long long n = n_exact(run);
+    if (n) {
+        int states = 1;
+        for (long long i = 0; i < n; i++)
+            states &= run->modes[i] != 0.0 && run->in.velocity_state[i] >= 0;
+        if (!states) evaluate(run, run->in.probe, t, x, run->probe);
+        for (long long i = 0; i < n; i++) {
+            double v = states ? x[run->in.velocity_state[i]] : run->probe[i];
+            value[i] = run->modes[i] != 0.0 ? run->modes[i] * v : margin(run->probe, n, i);
+        }
+    }
+    if (run->in.n_switches) {
+        evaluate(run, run->in.guards, t, x, run->guard);
+        for (long long k = 0; k < run->in.n_switches; k++) value[n + k] = -run->guard[k];
+    }
+}
+
+static void values_within(Run *run, double theta, double h, double *value) {
+    dense_state(run, theta, run->column);
+    event_values(run, run->out.t + theta * h, run->column, value);
+}
+
+static double value_within(Run *run, long long j, double theta, double h) {
+    values_within(run, theta, h, run->value);
+    return run->value[j];
+}
+
+/* Least value of function j between a and b by golden sections. */
+static double lowest(Run *run, long long j, double h, double a, double b, double *at) {
+    const double ratio = 0.6180339887498949;
+    double p = b - ratio * (b - a), q = a + ratio * (b - a);
+    double vp = value_within(run, j, p, h), vq = value_within(run, j, q, h);
+    while (b - a > 1e-7) {
+        if (vp < vq) {
+            b = q, q = p, vq = vp;
+            p = b - ratio * (b - a), vp = value_within(run, j, p, h);
+        } else {
+            a = p, p = q, vp = vq;
+            q = a + ratio * (b - a), vq = value_within(run, j, q, h);
+        }
+    }
+    *at = vp < vq ? p : q;
+    return fmin(vp, vq);
+}
+
+/* Where function j falls through the level between a and b: regula falsi (Illinois), safeguarded. */
+static double crossing(Run *run, long long j, double h, double a, double b, double va, double vb,
+                       double level) {
+    va -= level, vb -= level;
+    for (int i = 0, side = 0; i < 100 && b - a > 1e-15 && va > 0.0; i++) {
+        double c = isfinite(va) && isfinite(vb) && i < 40 ? (a * vb - b * va) / (vb - va) : NAN;
+        if (!(c > a && c < b)) c = 0.5 * (a + b);
+        if (c == a || c == b) break;
+        double vc = value_within(run, j, c, h) - level;
+        if (vc > 0.0) {
+            a = c, va = vc;
+            if (side == 1) vb *= 0.5;
+            side = 1;
+        } else {
+            b = c, vb = vc;
+            if (side == -1) va *= 0.5;
+            side = -1;
+            if (vc == 0.0) break;
+        }
+    }
+    return b;
+}
+
+/* First crossing of function j in the sampled step, 2 if there is none; arms it on the way. */
+static double first_crossing(Run *run, long long j, double h, const double *value, long long n) {
+    const double tiny = small(run, j), unarmed = j < n_exact(run) ? -tiny : -INFINITY;
+    int armed = run->armed[j] != 0.0;
+    for (int k = 0; k < N_SAMPLES; k++) {
+        const double level = armed ? 0.0 : unarmed, here = value[k * n + j];
+        if (here < level) {
+            if (k == 0) return 0.0;
+            double before = value[(k - 1) * n + j];
+            return crossing(run, j, h, SAMPLES[k - 1], SAMPLES[k], before, here, level);
+        }
+        if (k >= 2) { /* a dip between samples */
+            double a = value[(k - 2) * n + j], b = value[(k - 1) * n + j], at;
+            double depth = fmin(a, here) - b;
+            if (b < a && b <= here && b - level < 4 * fmax(fmax(a, here) - b, depth)
+                && lowest(run, j, h, SAMPLES[k - 2], SAMPLES[k], &at) < level) {
+                double low = value_within(run, j, at, h);
+                return crossing(run, j, h, SAMPLES[k - 2], at, a, low, level);
+            }
+        }
+        if (here > tiny) armed = 1;
+    }
+    run->scan[N_SAMPLES * n + j] = armed;
+    return 2.0;
+}
+
+/* First event of the step of length h, as a fraction of it; 2 if there is none. */
+double find_event(Run *run, double h, long long *which) {
+    const long long n = n_functions(run);
+    for (int k = 0; k < N_SAMPLES; k++) values_within(run, SAMPLES[k], h, run->scan + k * n);
+    double first = 2.0;
+    for (long long j = 0; j < n; j++) {
+        double theta = first_crossing(run, j, h, run->scan, n);
+        if (theta < first) first = theta, *which = j;
+    }
+    if (first > 1.0) memcpy(run->armed, run->scan + N_SAMPLES * n, n * sizeof(double));
+    return first;
+}
+
+/* Length of the step that ends at the event. The polynomial is of a lower order than the steps, so
+   the step itself is taken and corrected by Newton's method; x_new holds its end. */
+double polish_event(Run *run, double h, double theta, long long which) {
+    const double delta = 1e-4, length = theta * h;
+    const double slope = (value_within(run, which, fmin(theta + delta, 1.0), h)
+                          - value_within(run, which, fmax(theta - delta, 0.0), h))
+                         / ((fmin(theta + delta, 1.0) - fmax(theta - delta, 0.0)) * h);
+    double best = length, least = INFINITY, next = length;
+    for (int i = 0; i < 4; i++) {
+        stages(run, next);
+        event_values(run, run->out.t + next, run->x_new, run->value);
+        double value = run->value[which];
+        if (fabs(value) < least) least = fabs(value), best = next;
+        if (!run->armed[which] || !(slope < 0.0) || fabs(value) <= 1e-3 * small(run, which)
+            || fabs(value) > least)
+            break;
+        double corrected = next - value / slope;
+        if (!(corrected > 0.0 && corrected <= h) || corrected == next) break;
+        next = corrected;
+    }
+    if (next != best) stages(run, best);
+    return best;
+}
+
+/* Whether a velocity enters the steep layer of the smooth law and leaves it again within the step:
+   the steep part would act between the stages and no error estimate would know. */
+int dips_into_layer(Run *run, double h) {
+    for (long long i = 0; i < run->in.n_contacts; i++) {
+        const double layer = 8 * run->in.v_layer[i];
+        const long long m = run->in.velocity_state[i];
+        if (m >= 0) {
+            double a = run->out.x[m], b = run->x_new[m], sign = a > 0.0 ? 1.0 : -1.0;
+            if (fabs(a) <= layer || sign * b <= layer) continue;
+            double least = sign * fmin(sign * (a + h * run->k[0][m] / 3),
+                                       sign * (b - h * run->k[12][m] / 3));
+            if (sign * least > fmax(layer, 0.3 * fmin(fabs(a), fabs(b)))) continue;
+        }
+        if (!run->has_dense) fit_dense(run, h);
+        run->has_dense = 1;
+        double first = 0.0, last = 0.0, least = INFINITY;
+        for (int k = 0; k <= 16; k++) {
+            double v;
+            if (m >= 0) {
+                v = dense_component(run, m, k / 16.0);
+            } else {
+                dense_state(run, k / 16.0, run->column);
+                evaluate(run, run->in.velocities, run->out.t + h * k / 16.0, run->column, run->probe);
+                v = run->probe[i];
+            }
+            if (k == 0) first = v;
+            if (k == 16) last = v;
+            least = fmin(least, first > 0.0 ? v : -v);
+        }
+        double sign = first > 0.0 ? 1.0 : -1.0;
+        if (fabs(first) > layer && sign * last > layer && least < layer) return 1;
+    }
+    return 0;
+}
+
+/* Arm what is well above 0; at the start of a run also switches whose guards are not above 0. */
+void arm_events(Run *run, int at_start) {
+    event_values(run, run->out.t, run->out.x, run->value);
+    for (long long j = 0; j < n_functions(run); j++) {
+        int guard = at_start && j >= n_exact(run) && run->value[j] >= 0.0;
+        if (guard || run->value[j] > small(run, j)) run->armed[j] = 1.0;
+    }
+}
+
+static int allowed(const Run *run, long long i, double direction) {
+    return (run->in.directions[i] & (direction > 0.0 ? 1 : 2)) != 0;
+}
+
+/* Modes by velocity alone; what does not move is at rest. Tells whether a velocity must jump. */
+static int modes_by_velocity(Run *run, long long forced, const double *v) {
+    const long long n = run->in.n_contacts;
+    int jump = 0;
+    for (long long i = 0; i < n; i++) {
+        double *mode = run->modes + i, rest = run->in.v_rest[i];
+        if (i == forced && run->before[i] == 0.0) {
+            double force = run->probe[2 * n + i];
+            *mode = force - run->probe[3 * n + i] < run->probe[4 * n + i] - force ? 1.0 : -1.0;
+            run->released[i] = run->out.t;
+        } else if (i == forced || fabs(v[i]) <= (run->before[i] == 0.0 ? 1e3 * rest : rest)) {
+            if (run->released[i] == run->out.t) continue; /* let go this very instant */
+            *mode = 0.0;
+            jump |= v[i] != 0.0;
+        } else if (allowed(run, i, v[i])) {
+            *mode = v[i] > 0.0 ? 1.0 : -1.0;
+        } else {
+            *mode = 0.0;
+            jump = 1;
+        }
+    }
+    return jump;
+}
+
+/* Let go of resting contacts whose force is out of bounds, the worst one first where they act on
+   each other. Tells whether there was one. */
+static int let_go(Run *run) {
+    const long long n = run->in.n_contacts;
+    long long worst = -1;
+    double excess = 0.0;
+    int any = 0;
+    for (long long i = 0; i < n; i++) {
+        double outside = -margin(run->probe, n, i) / fmax(run->in.f_rest[i], 1e-300);
+        if (run->modes[i] != 0.0 || outside <= 1.0) continue;
+        any = 1;
+        if (outside > excess) excess = outside, worst = i;
+        if (!run->in.coupled || i == worst) {
+            double force = run->probe[2 * n + i], direction = force < run->probe[3 * n + i] ? 1 : -1;
+            if (!allowed(run, i, direction)) run->out.status = NO_CONTACT_MODE;
+            if (!run->in.coupled) run->modes[i] = direction;
+        }
+    }
+    if (run->in.coupled && worst >= 0)
+        run->modes[worst] = run->probe[2 * n + worst] < run->probe[3 * n + worst] ? 1.0 : -1.0;
+    return any;
+}
+
+/* Catch again what was let go but would move against its mode; only where contacts act on each
+   other can that be. */
+static int catch_again(Run *run) {
+    const long long n = run->in.n_contacts;
+    for (long long i = 0; i < n; i++) {
+        int moves = fabs(run->probe[i]) > run->in.v_rest[i];
+        if (moves || run->modes[i] == 0.0 || run->released[i] == run->out.t) continue;
+        double pull = run->modes[i] * run->probe[n + i];
+        if (pull < -1e-9 * (1.0 + fabs(run->probe[n + i]))) {
+            run->modes[i] = 0.0;
+            return 1;
+        }
+    }
+    return 0;
+}
+
+static void record_change(Run *run, long long i, long long forced, int jumped) {
+    double before = run->before[i], now = run->modes[i];
+    if (before == now && i != forced) return;
+    Kind kind = before == 0.0 ? RELEASE : now == 0.0 ? STICK : REVERSAL;
+    if (jumped) kind = IMPACT;
+    double *row = grow(&run->out.events);
+    if (!row) {
+        run->out.status = NO_MEMORY;
+        return;
+    }
+    row[0] = run->out.t, row[1] = i, row[2] = kind, row[3] = now;
+}
+
+/* Decide which contacts rest, from velocities and then from forces. `forced` is the contact of an
+   event, or -1: moving, it is at rest now; resting, it is let go. */
+void decide_modes(Run *run, long long forced, int record) {
+    const long long n = run->in.n_contacts;
+    if (!run->in.exact || n == 0) return;
+    memcpy(run->before, run->modes, n * sizeof(double));
+    evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
+    memcpy(run->scan, run->probe, n * sizeof(double)); /* velocities before a jump */
+    if (modes_by_velocity(run, forced, run->scan)) {
+        evaluate(run, run->in.project, run->out.t, run->out.x, run->column);
+        memcpy(run->out.x, run->column, run->in.n_x * sizeof(double));
+        for (long long i = 0; i < n; i++)
+            if (run->modes[i] == 0.0 && run->in.velocity_state[i] >= 0)
+                run->out.x[run->in.velocity_state[i]] = 0.0;
+    }
+    long long trials = 0;
+    for (int again = 1; again; trials++) {
+        if (trials > 8 + 8 * n) {
+            run->out.status = NO_CONTACT_MODE;
+            return;
+        }
+        evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
+        again = let_go(run);
+        if (!again && run->in.coupled) again = catch_again(run);
+    }
+    int changed = !record;
+    for (long long i = 0; i < n; i++) {
+        int jumped = fabs(run->scan[i]) > 1e3 * run->in.v_rest[i] && run->modes[i] == 0.0
+                     && i != forced;
+        if (record) record_change(run, i, forced, jumped);
+        if (run->before[i] != run->modes[i]) changed = 1;
+        if (run->before[i] != run->modes[i] || i == forced) run->armed[i] = 0.0;
+    }
+    double *row = changed ? grow(&run->out.modes) : NULL;
+    if (row) row[0] = run->out.t, memcpy(row + 1, run->modes, n * sizeof(double));
+}
+
+void apply_event(Run *run, long long which) {
+    const long long contact = n_exact(run), k = which - contact;
+    if (k < 0) {
+        decide_modes(run, which, 1);
+        return;
+    }
+    evaluate(run, run->in.resets, run->out.t, run->out.x, run->reset);
+    memcpy(run->out.x, run->reset + k * run->in.n_x, run->in.n_x * sizeof(double));
+    run->armed[which] = 0.0;
+    double *row = grow(&run->out.events);
+    if (!row) {
+        run->out.status = NO_MEMORY;
+        return;
+    }
+    row[0] = run->out.t, row[1] = run->in.n_contacts + k, row[2] = SWITCH, row[3] = 0.0;
+    decide_modes(run, -1, 1);
+}
+
+/* After a jump of state or schedule, fire armed switches whose guards have jumped above 0. */
+void fire_jumped_switches(Run *run) {
+    const long long n = n_exact(run);
+    for (long long trial = 0; trial <= 10 * run->in.n_switches; trial++) {
+        long long fired = -1;
+        if (run->in.n_switches == 0) return;
+        event_values(run, run->out.t, run->out.x, run->value);
+        for (long long j = n; j < n_functions(run) && fired < 0; j++)
+            if (run->armed[j] != 0.0 && run->value[j] < 0.0) fired = j;
+        if (fired < 0) {
+            arm_events(run, 0);
+            return;
+        }
+        apply_event(run, fired);
+    }
+    run->out.status = EVENTS_ACCUMULATE;
+}

@@ -1,0 +1,279 @@
+/* One simulation from start to end: steps, breaks of schedules, events, samples. */
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "run.h"
+
+#ifdef _WIN32
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+/* Next row of a table, NULL if memory is out. */
+double *grow(Table *table) {
+    if (table->rows == table->room) {
+        long long room = table->room ? 2 * table->room : 64;
+        double *data = realloc(table->data, room * table->width * sizeof(double));
+        if (!data) return NULL;
+        table->data = data, table->room = room;
+    }
+    return table->data + table->width * table->rows++;
+}
+
+/* -- schedules ------------------------------------------------------------------------------- */
+
+static double break_after(const Run *run, long long i) {
+    const Schedule *s = run->in.schedules + i;
+    if (!s->periodic && run->piece[i] == s->pieces - 1) return INFINITY;
+    return s->start + run->cycle[i] * s->breaks[s->pieces] + s->breaks[run->piece[i] + 1];
+}
+
+static void next_piece(Run *run, long long i) {
+    if (++run->piece[i] == run->in.schedules[i].pieces) run->piece[i] = 0, run->cycle[i]++;
+}
+
+/* Set every scheduled parameter to its value at time t, and t_break. */
+static void follow_schedules(Run *run) {
+    run->t_break = INFINITY;
+    for (long long i = 0; i < run->in.n_schedules; i++) {
+        const Schedule *s = run->in.schedules + i;
+        while (break_after(run, i) - run->out.t <= 4 * DBL_EPSILON * fabs(run->out.t))
+            next_piece(run, i);
+        double *p = run->out.p + s->offset;
+        p[0] = s->start + run->cycle[i] * s->breaks[s->pieces] * (s->periodic != 0)
+               + s->breaks[run->piece[i]];
+        memcpy(p + 1, s->values + run->piece[i] * s->size, s->size * sizeof(double));
+        run->t_break = fmin(run->t_break, break_after(run, i));
+    }
+}
+
+static void start_schedules(Run *run) {
+    for (long long i = 0; i < run->in.n_schedules; i++) {
+        const Schedule *s = run->in.schedules + i;
+        if (s->periodic) run->cycle[i] = (long long)floor((run->out.t - s->start) / s->breaks[s->pieces]);
+    }
+    follow_schedules(run);
+}
+
+/* -- samples --------------------------------------------------------------------------------- */
+
+static void fit(Run *run, double h) {
+    if (!run->has_dense) fit_dense(run, h);
+    run->has_dense = 1;
+}
+
+/* Samples within the closed step of length h, its end left to what comes next. */
+static void emit(Run *run, double h, double end) {
+    const long long n = run->in.n_x;
+    while (run->out.n_sampled < run->in.n_times && run->in.times[run->out.n_sampled] < end) {
+        double theta = (run->in.times[run->out.n_sampled] - run->out.t) / h;
+        fit(run, h);
+        dense_state(run, fmax(theta, 0.0), run->out.samples + n * run->out.n_sampled++);
+    }
+    if (!run->in.keep_dense) return;
+    fit(run, h);
+    double *row = grow(&run->out.dense);
+    if (!row) {
+        run->out.status = NO_MEMORY;
+        return;
+    }
+    row[0] = end;
+    memcpy(row + 1, run->dense, N_DENSE * n * sizeof(double));
+}
+
+static void emit_end(Run *run) {
+    const long long n = run->in.n_x;
+    while (run->out.n_sampled < run->in.n_times && run->in.times[run->out.n_sampled] <= run->out.t)
+        memcpy(run->out.samples + n * run->out.n_sampled++, run->out.x, n * sizeof(double));
+}
+
+/* -- steps ----------------------------------------------------------------------------------- */
+
+static double floor_of_step(const Run *run) {
+    return 8 * DBL_EPSILON * fmax(fabs(run->out.t), 1e-3 * fabs(run->in.t_end - run->in.t_start));
+}
+
+static void reject(Run *run, double h, double factor) {
+    run->out.n_rejected++;
+    run->h_next = h * factor;
+    if (run->h_next < floor_of_step(run))
+        run->out.status = run->bad_number ? NOT_FINITE : STEP_TOO_SMALL;
+}
+
+static void swap(double **a, double **b) {
+    double *c = *a;
+    *a = *b, *b = c;
+}
+
+/* Take over x_new and the time; the derivative there is k[12] if the step is closed. */
+static void take_over(Run *run, double end) {
+    run->out.t = end;
+    swap(&run->out.x, &run->x_new);
+    run->out.n_steps++;
+}
+
+/* Everything that may change without time passing, once schedules, state or modes have jumped. */
+static void start_afresh(Run *run) {
+    fire_jumped_switches(run);
+    derivative(run, run->out.t, run->out.x, run->k[0]);
+}
+
+static void go_to_event(Run *run, double h, double theta, long long which) {
+    double length = theta * h;
+    if (length > floor_of_step(run)) {
+        length = polish_event(run, h, theta, which);
+        close_step(run, length);
+        run->has_dense = 0;
+        emit(run, length, run->out.t + length);
+        take_over(run, run->out.t + length);
+    }
+    if (run->out.t - run->last_event <= floor_of_step(run)) {
+        if (++run->stalled > 32 + 16 * n_functions(run)) run->out.status = EVENTS_ACCUMULATE;
+    } else {
+        run->stalled = 0;
+    }
+    run->last_event = run->out.t;
+    if (run->out.status == RUNNING) apply_event(run, which);
+    start_afresh(run);
+    run->h_next = h;
+}
+
+static void accept(Run *run, double h, double end, double error) {
+    emit(run, h, end);
+    double factor = error > 0.0 ? 0.9 * pow(error, -1.0 / 8.0) : 6.0;
+    run->h_next = h * fmin(fmax(factor, 1.0 / 3.0), 6.0);
+    int stiff = looks_stiff(run, h) && (run->in.t_end - end) / h > run->in.stiff_steps;
+    take_over(run, end);
+    swap(&run->k[0], &run->k[12]);
+    if (stiff) run->out.status = STIFF;
+    if (end < run->t_break) return;
+    follow_schedules(run);
+    decide_modes(run, -1, 1);
+    start_afresh(run);
+}
+
+static void step(Run *run) {
+    const double stop = fmin(run->in.t_end, run->t_break), left = stop - run->out.t;
+    if (run->h_next <= 0.0) run->h_next = first_step(run);
+    int last = 1.01 * run->h_next >= left;
+    double h = last ? left : fmin(run->h_next, left);
+    run->has_dense = 0;
+    stages(run, h);
+    double error = step_error(run, h);
+    run->bad_number = error != error;
+    if (!(error <= 1.0)) {
+        reject(run, h, run->bad_number ? 0.1 : fmax(0.9 * pow(error, -1.0 / 8.0), 0.1));
+        return;
+    }
+    close_step(run, h);
+    if (!run->in.exact && run->in.n_contacts && dips_into_layer(run, h)) {
+        reject(run, h, 0.5);
+        return;
+    }
+    if (n_functions(run)) {
+        long long which = -1;
+        fit(run, h);
+        double theta = find_event(run, h, &which);
+        if (theta <= 1.0) {
+            go_to_event(run, h, theta, which);
+            return;
+        }
+    }
+    accept(run, h, last ? stop : run->out.t + h, error);
+}
+
+/* -- the interface --------------------------------------------------------------------------- */
+
+/* Run on for at most so many steps; gives the status. */
+EXPORT long long wormopt_advance(Run *run, long long steps) {
+    while (run->out.status == RUNNING && steps-- > 0) {
+        if (run->out.t >= run->in.t_end) {
+            run->out.status = DONE;
+            break;
+        }
+        if (run->out.n_steps + run->out.n_rejected >= run->in.max_steps) {
+            run->out.status = TOO_MANY_STEPS;
+            break;
+        }
+        step(run);
+    }
+    emit_end(run);
+    run->out.h = run->h_next;
+    return run->out.status;
+}
+
+EXPORT void wormopt_free(Run *run) {
+    if (!run) return;
+    double *owned[] = {run->out.x,  run->out.p,  run->out.samples, run->out.events.data,
+                       run->out.modes.data, run->out.dense.data, run->x_new, run->stage,
+                       run->dense,  run->modes,  run->before, run->released, run->probe, run->guard,
+                       run->reset,  run->value,  run->armed,  run->scan, run->column, run->w};
+    for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
+    for (int i = 0; i < N_ALL; i++) free(run->k[i]);
+    free(run->cycle), free(run->piece), free(run->iw), free(run->arg), free(run->res), free(run);
+}
+
+static int allocate(Run *run, long long n_p) {
+    const Problem *in = &run->in;
+    const long long n = in->n_x, c = in->n_contacts, f = n_functions(run);
+    int good = 1;
+#define ROOM(pointer, count) good &= (pointer = calloc((size_t)(count) + 1, sizeof *(pointer))) != NULL
+    ROOM(run->out.x, n);
+    ROOM(run->out.p, n_p);
+    ROOM(run->out.samples, in->n_times * n);
+    for (int i = 0; i < N_ALL; i++) ROOM(run->k[i], n);
+    ROOM(run->x_new, n);
+    ROOM(run->stage, n);
+    ROOM(run->dense, N_DENSE * n);
+    ROOM(run->modes, c);
+    ROOM(run->before, c);
+    ROOM(run->released, c);
+    ROOM(run->probe, 5 * c);
+    ROOM(run->guard, in->n_switches);
+    ROOM(run->reset, n * (in->n_switches + 1));
+    ROOM(run->value, f);
+    ROOM(run->armed, f);
+    ROOM(run->scan, 12 * f + c);
+    ROOM(run->column, n);
+    ROOM(run->cycle, in->n_schedules);
+    ROOM(run->piece, in->n_schedules);
+    ROOM(run->iw, in->n_iw);
+    ROOM(run->w, in->n_w);
+    ROOM(run->arg, 8);
+    ROOM(run->res, 8);
+#undef ROOM
+    run->out.events.width = 4;
+    run->out.modes.width = 1 + c;
+    run->out.dense.width = 1 + N_DENSE * n;
+    return good;
+}
+
+/* Begin a run from x (n_x) with parameters p (n_p, the scheduled ones of no matter). NULL if memory
+   is out. The arrays of the problem must outlive the run, x and p need not. */
+EXPORT Run *wormopt_start(const Problem *problem, const double *x, const double *p, long long n_p) {
+    Run *run = calloc(1, sizeof(Run));
+    if (!run) return NULL;
+    run->in = *problem;
+    if (!allocate(run, n_p)) {
+        wormopt_free(run);
+        return NULL;
+    }
+    memcpy(run->out.x, x, problem->n_x * sizeof(double));
+    memcpy(run->out.p, p, n_p * sizeof(double));
+    run->out.t = problem->t_start;
+    run->last_event = -INFINITY;
+    for (long long i = 0; i < problem->n_contacts; i++) {
+        run->released[i] = -INFINITY;
+        run->modes[i] = 1.0; /* the velocities decide below, before anything is recorded */
+    }
+    start_schedules(run);
+    decide_modes(run, -1, 0);
+    arm_events(run, 1);
+    start_afresh(run);
+    for (long long m = 0; m < problem->n_x; m++)
+        if (!isfinite(run->out.x[m]) || !isfinite(run->k[0][m])) run->out.status = NOT_FINITE;
+    return run;
+}

@@ -1,0 +1,68 @@
+/* What the driver is told and what it tells. Both structs are mirrored in kernel.py: change both. */
+#ifndef WORMOPT_DRIVER_H
+#define WORMOPT_DRIVER_H
+
+/* Form of the functions that CasADi generates. */
+typedef int (*Function)(const double **arg, double **res, long long *iw, double *w, int mem);
+
+/* Parameters that are constant on pieces of time; on piece k they are values[k]. */
+typedef struct {
+    double start;
+    long long pieces, size, offset, periodic; /* offset of `begin` in p; the values follow it */
+    const double *breaks, *values;
+} Schedule;
+
+typedef struct {
+    long long n_x, n_contacts, n_switches, n_schedules, n_times;
+    long long n_iw, n_w;               /* work space of the generated functions */
+    long long exact, coupled, keep_dense, max_steps, stiff_steps;
+    Function rhs;      /* (t, x, p, s) -> x' */
+    Function velocities; /* (t, x, p, s) -> velocities of the contacts */
+    Function probe;    /* (t, x, p, s) -> velocities, accelerations, forces, least and largest force
+                          that holds; exact only */
+    Function project;  /* (t, x, p, s) -> x with the velocities of contacts with s = 0 made zero */
+    Function guards;   /* (t, x, p, s) -> guards of the switches */
+    Function resets;   /* (t, x, p, s) -> states after each switch, one column each */
+    const long long *velocity_state; /* per contact the state that is its velocity, or -1 */
+    const long long *directions;     /* per contact 1 forward, 2 backward, 3 both */
+    const double *v_rest;            /* per contact: slower counts as at rest */
+    const double *f_rest;            /* per contact: force that does not count */
+    const double *v_layer;           /* per contact: where the smooth law is steep */
+    const double *absolute;          /* per state */
+    const Schedule *schedules;
+    const double *times;             /* ascending, within [t, t_end] */
+    double relative, t_start, t_end;
+} Problem;
+
+typedef enum {
+    RUNNING = 0,
+    DONE = 1,
+    STEP_TOO_SMALL = -1,
+    NOT_FINITE = -2,
+    TOO_MANY_STEPS = -3,
+    STIFF = -4,
+    EVENTS_ACCUMULATE = -5,
+    NO_CONTACT_MODE = -6,
+    NO_MEMORY = -7
+} Status;
+
+typedef enum { REVERSAL = 0, STICK = 1, RELEASE = 2, IMPACT = 3, SWITCH = 4 } Kind;
+
+/* Rows of doubles that grow. */
+typedef struct {
+    double *data;
+    long long rows, width, room;
+} Table;
+
+typedef struct {
+    double t, h;
+    long long status, n_steps, n_rejected, n_evaluations, n_sampled;
+    double *x;       /* n_x */
+    double *p;       /* parameters; the scheduled ones are written here */
+    double *samples; /* n_times rows of n_x */
+    Table events;    /* time, index of contact or n_contacts + index of switch, kind, mode */
+    Table modes;     /* time, modes */
+    Table dense;     /* end of the step, 8 n_x coefficients */
+} Report;
+
+#endif

@@ -1,0 +1,265 @@
+"""The compiled driver, called through ctypes with Python's lock released."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from collections.abc import Sequence
+from ctypes import POINTER, Structure, c_double, c_longlong, c_void_p
+from functools import cache
+from importlib.resources import files
+
+import casadi as ca
+import numpy as np
+
+from wormopt.core.model import Schedule
+from wormopt.progress import Report as Progress
+from wormopt.simulation.functions import System
+from wormopt.simulation.native.build import library
+from wormopt.simulation.task import Outcome, Task
+
+__all__ = ["compiled", "integrate"]
+
+_FUNCTIONS = ("rhs", "velocities", "probe", "project", "guards", "resets")
+_STATUS = {
+    1: "done",
+    -1: "step_too_small",
+    -2: "not_finite",
+    -3: "too_many_steps",
+    -4: "stiff",
+    -5: "events_accumulate",
+    -6: "no_contact_mode",
+    -7: "no_memory",
+}
+_SOURCES = ("driver.c", "stepper.c", "contact.c", "driver.h", "run.h", "tableau.h")
+# Explicit steps are given up where so many more would be needed for stability alone.
+_STIFF_STEPS = 1_000_000
+# A call of the driver shall last some hundredths of a second, so that it can be interrupted.
+_WORK_PER_CALL = 400_000
+
+
+class _Schedule(Structure):
+    _fields_ = (
+        ("start", c_double),
+        *((name, c_longlong) for name in ("pieces", "size", "offset", "periodic")),
+        ("breaks", c_void_p),
+        ("values", c_void_p),
+    )
+
+
+class _Problem(Structure):
+    """`Problem` of driver.h."""
+
+    _fields_ = (
+        *(
+            (name, c_longlong)
+            for name in (
+                *("n_x", "n_contacts", "n_switches", "n_schedules", "n_times", "n_iw", "n_w"),
+                *("exact", "coupled", "keep_dense", "max_steps", "stiff_steps"),
+            )
+        ),
+        *((name, c_void_p) for name in _FUNCTIONS),
+        *(
+            (name, c_void_p)
+            for name in (
+                *("velocity_state", "directions", "v_rest", "f_rest", "v_layer", "absolute"),
+                *("schedules", "times"),
+            )
+        ),
+        *((name, c_double) for name in ("relative", "t_start", "t_end")),
+    )
+
+
+class _Table(Structure):
+    _fields_ = (
+        ("data", POINTER(c_double)),
+        *((name, c_longlong) for name in ("rows", "width", "room")),
+    )
+
+    def array(self) -> np.ndarray:
+        if self.rows == 0:
+            return np.zeros((0, self.width))
+        return np.ctypeslib.as_array(self.data, (self.rows, self.width)).copy()
+
+
+class _Report(Structure):
+    """`Report` of driver.h."""
+
+    _fields_ = (
+        ("t", c_double),
+        ("h", c_double),
+        *(
+            (name, c_longlong)
+            for name in ("status", "n_steps", "n_rejected", "n_evaluations", "n_sampled")
+        ),
+        *((name, POINTER(c_double)) for name in ("x", "p", "samples")),
+        *((name, _Table) for name in ("events", "modes", "dense")),
+    )
+
+
+@cache
+def _driver() -> ctypes.CDLL:
+    folder = files(__package__)
+    sources = [(name, (folder / name).read_text(encoding="utf-8")) for name in _SOURCES]
+    driver = library("driver", sources, "-O3")
+    driver.wormopt_start.restype = POINTER(_Report)
+    driver.wormopt_start.argtypes = [POINTER(_Problem), c_void_p, c_void_p, c_longlong]
+    driver.wormopt_advance.restype = c_longlong
+    driver.wormopt_advance.argtypes = [POINTER(_Report), c_longlong]
+    driver.wormopt_free.restype = None
+    driver.wormopt_free.argtypes = [POINTER(_Report)]
+    return driver
+
+
+def _source(functions: Sequence[ca.Function]) -> str:
+    """C code of CasADi functions, without the checks for arguments that are left out."""
+    generator = ca.CodeGenerator("model.c")
+    for function in functions:
+        generator.add(function)
+    text = generator.dump()
+    text = re.sub(r"arg\[(\d+)\]\? (arg\[\1\]\[\d+\]) : 0;", r"\2;", text)
+    return re.sub(r"if \(res\[(\d+)\]!=0\) ", "", text)
+
+
+@cache
+def _library(text: str) -> ctypes.CDLL:
+    # the compiler's time grows with the square of very long functions
+    return library("model", [("model.c", text)], "-O2" if len(text) < 300_000 else "-O1")
+
+
+def compiled(system: System) -> dict[str, int]:
+    """Compile the functions of a system, or find them in the cache.
+
+    Parameters
+    ----------
+    system : System
+        Model and treatment.
+
+    Returns
+    -------
+    dict of str to int
+        Address of each function.
+
+    Raises
+    ------
+    CompilerError
+        If there is no compiler or it fails.
+    """
+    _driver()
+    found = _library(_source(list(system.functions.values())))
+    return {
+        name: ctypes.cast(getattr(found, name), c_void_p).value or 0 for name in system.functions
+    }
+
+
+def _schedules(schedules: Sequence[Schedule], offset: int) -> tuple[ctypes.Array, list[np.ndarray]]:
+    """Mirror schedules; the arrays must be kept as long as the mirror is in use."""
+    kept, rows = [], []
+    for schedule in schedules:
+        breaks = np.ascontiguousarray(schedule.breaks, dtype=float)
+        values = np.ascontiguousarray(schedule.values, dtype=float)
+        size = values.shape[1]
+        kept += [breaks, values]
+        rows.append(
+            _Schedule(
+                schedule.start,
+                len(values),
+                size,
+                offset,
+                schedule.periodic,
+                breaks.ctypes.data,
+                values.ctypes.data,
+            )
+        )
+        offset += 1 + size
+    return (_Schedule * len(rows))(*rows), kept
+
+
+def integrate(task: Task, addresses: dict[str, int], report: Progress) -> Outcome:
+    """Integrate a task by the compiled driver.
+
+    Parameters
+    ----------
+    task : Task
+        What to integrate.
+    addresses : dict of str to int
+        From `compiled`.
+    report : callable
+        Told how far it is.
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    MemoryError
+        If there is no memory left.
+    """
+    system, driver = task.system, _driver()
+    n_x = len(task.x0)
+    schedules, kept = _schedules(task.schedules, system.n_fixed)
+    directions = np.array(
+        [(1 in c.law.directions) + 2 * (-1 in c.law.directions) for c in system.contacts],
+        dtype=np.int64,
+    )
+    arrays = {
+        "velocity_state": system.velocity_state,
+        "directions": directions,
+        "v_rest": task.v_rest,
+        "f_rest": task.f_rest,
+        "v_layer": task.v_layer,
+        "absolute": task.absolute,
+        "times": np.ascontiguousarray(task.times, dtype=float),
+    }
+    problem = _Problem(
+        n_x=n_x,
+        n_contacts=len(system.contacts),
+        n_switches=len(system.model.switches),
+        n_schedules=len(task.schedules),
+        n_times=len(task.times),
+        n_iw=max(f.sz_iw() for f in system.functions.values()),
+        n_w=max(f.sz_w() for f in system.functions.values()),
+        exact=system.exact,
+        coupled=system.exact and system.coupled,
+        keep_dense=task.dense,
+        max_steps=task.tolerance.max_steps,
+        stiff_steps=2**62 if system.exact else _STIFF_STEPS,
+        schedules=ctypes.cast(schedules, c_void_p),
+        relative=task.tolerance.relative,
+        t_start=task.span[0],
+        t_end=task.span[1],
+        **addresses,
+        **{name: array.ctypes.data for name, array in arrays.items()},
+    )
+    x0, p = np.ascontiguousarray(task.x0), np.ascontiguousarray(task.p)
+    run = driver.wormopt_start(ctypes.byref(problem), x0.ctypes.data, p.ctypes.data, len(p))
+    if not run:
+        raise MemoryError("no memory for the samples asked for")
+    try:
+        chunk = max(_WORK_PER_CALL // n_x, 20)
+        while driver.wormopt_advance(run, chunk) == 0:
+            report("simulating", (run.contents.t - task.span[0]) / (task.span[1] - task.span[0]))
+        return _outcome(run.contents, n_x, task)
+    finally:
+        driver.wormopt_free(run)
+        del kept
+
+
+def _outcome(found: _Report, n_x: int, task: Task) -> Outcome:
+    dense = found.dense.array()
+    samples = np.ctypeslib.as_array(found.samples, (max(found.n_sampled, 1), n_x))
+    return Outcome(
+        status=_STATUS[found.status],
+        route="native",
+        t=found.t,
+        x=np.ctypeslib.as_array(found.x, (n_x,)).copy(),
+        samples=samples[: found.n_sampled].copy(),
+        n_steps=found.n_steps,
+        n_rejected=found.n_rejected,
+        n_evaluations=found.n_evaluations,
+        events=found.events.array(),
+        modes=found.modes.array(),
+        dense_time=np.concatenate([[task.span[0]], dense[:, 0]]) if task.dense else np.zeros(0),
+        dense=dense[:, 1:].reshape(len(dense), 8, n_x),
+    )

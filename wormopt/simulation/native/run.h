@@ -1,0 +1,60 @@
+/* The state of one simulation, shared by the files of the driver and by nobody else. */
+#ifndef WORMOPT_RUN_H
+#define WORMOPT_RUN_H
+
+#include "driver.h"
+#include "tableau.h"
+
+typedef struct {
+    Report out; /* must stay first: the caller sees no more of a run than this */
+    Problem in;
+    double *k[N_ALL];      /* derivatives of the stages */
+    double *x_new, *stage; /* end of the step; scratch, and the state of the last stage */
+    double *dense;         /* 8 rows of n_x */
+    double *modes, *before; /* +1, -1, 0 per contact, now and before the last decision */
+    double *released;      /* when a contact was last let go */
+    long long *cycle, *piece; /* where each schedule stands */
+    double *probe;         /* velocities, accelerations, forces, least, largest force */
+    double *guard, *reset;
+    double *value, *armed; /* per event function: value, whether it has been well above 0 */
+    double *scan;          /* values at the samples of a step */
+    double *column;        /* a state in between */
+    double t_break;        /* next break of any schedule */
+    double h_next;
+    long long since_check, stiff_hints, unstiff_hints, stalled;
+    double last_event;
+    int bad_number;        /* the last rejection was for a value that is no number */
+    int has_dense;         /* the polynomial of the current step is fitted */
+    const double **arg;
+    double **res;
+    long long *iw;
+    double *w;
+} Run;
+
+/* stepper.c */
+void evaluate(Run *run, Function f, double t, const double *x, double *result);
+void derivative(Run *run, double t, const double *x, double *dx);
+void stages(Run *run, double h);
+double step_error(Run *run, double h);
+void close_step(Run *run, double h);
+void fit_dense(Run *run, double h);
+double dense_component(const Run *run, long long i, double theta);
+void dense_state(const Run *run, double theta, double *x);
+double first_step(Run *run);
+int looks_stiff(Run *run, double h);
+
+/* contact.c */
+long long n_functions(const Run *run);
+void event_values(Run *run, double t, const double *x, double *value);
+double find_event(Run *run, double h, long long *which);
+double polish_event(Run *run, double h, double theta, long long which);
+int dips_into_layer(Run *run, double h);
+void arm_events(Run *run, int at_start);
+void decide_modes(Run *run, long long forced, int record);
+void apply_event(Run *run, long long which);
+void fire_jumped_switches(Run *run);
+
+/* driver.c */
+double *grow(Table *table);
+
+#endif

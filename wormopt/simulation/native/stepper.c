@@ -1,0 +1,151 @@
+/* One step of DOP853, its error, its dense output. Hairer, Norsett, Wanner, section II.10. */
+#include <math.h>
+#include <string.h>
+
+#include "run.h"
+
+void evaluate(Run *run, Function f, double t, const double *x, double *result) {
+    run->arg[0] = &t;
+    run->arg[1] = x;
+    run->arg[2] = run->out.p;
+    run->arg[3] = run->modes;
+    run->res[0] = result;
+    f(run->arg, run->res, run->iw, run->w, 0);
+}
+
+void derivative(Run *run, double t, const double *x, double *dx) {
+    run->out.n_evaluations++;
+    evaluate(run, run->in.rhs, t, x, dx);
+}
+
+/* term of a stage: coefficient j of row i */
+#define T(i, j) A[i][j] * k[j][m]
+#define STAGE(i, sum)                                                   \
+    for (long long m = 0; m < n; m++) y[m] = x[m] + h * (sum);          \
+    derivative(run, t + C[i] * h, y, k[i])
+
+/* Take the stages of a step of length h from (t, x) with derivative k[0]; x_new is its end. */
+void stages(Run *run, double h) {
+    const long long n = run->in.n_x;
+    const double t = run->out.t, *restrict x = run->out.x;
+    double **k = run->k, *restrict y = run->stage, *restrict end = run->x_new;
+    STAGE(1, T(1, 0));
+    STAGE(2, T(2, 0) + T(2, 1));
+    STAGE(3, T(3, 0) + T(3, 2));
+    STAGE(4, T(4, 0) + T(4, 2) + T(4, 3));
+    STAGE(5, T(5, 0) + T(5, 3) + T(5, 4));
+    STAGE(6, T(6, 0) + T(6, 3) + T(6, 4) + T(6, 5));
+    STAGE(7, T(7, 0) + T(7, 3) + T(7, 4) + T(7, 5) + T(7, 6));
+    STAGE(8, T(8, 0) + T(8, 3) + T(8, 4) + T(8, 5) + T(8, 6) + T(8, 7));
+    STAGE(9, T(9, 0) + T(9, 3) + T(9, 4) + T(9, 5) + T(9, 6) + T(9, 7) + T(9, 8));
+    STAGE(10, T(10, 0) + T(10, 3) + T(10, 4) + T(10, 5) + T(10, 6) + T(10, 7) + T(10, 8)
+                  + T(10, 9));
+    STAGE(11, T(11, 0) + T(11, 3) + T(11, 4) + T(11, 5) + T(11, 6) + T(11, 7) + T(11, 8)
+                  + T(11, 9) + T(11, 10));
+#define J(j) B[j] * k[j][m]
+    for (long long m = 0; m < n; m++)
+        end[m] = x[m] + h * (J(0) + J(5) + J(6) + J(7) + J(8) + J(9) + J(10) + J(11));
+#undef J
+}
+
+/* Error of the step against the tolerances; at most 1 is good, NaN where numbers are bad. */
+double step_error(Run *run, double h) {
+    const long long n = run->in.n_x;
+    const double *x = run->out.x, *end = run->x_new, *absolute = run->in.absolute;
+    double **k = run->k, five = 0.0, three = 0.0;
+    for (long long m = 0; m < n; m++) {
+#define J(E, j) E[j] * k[j][m]
+#define SUM(E) J(E, 0) + J(E, 5) + J(E, 6) + J(E, 7) + J(E, 8) + J(E, 9) + J(E, 10) + J(E, 11)
+        double scale = 1.0 / (absolute[m] + run->in.relative * fmax(fabs(x[m]), fabs(end[m])));
+        double e5 = (SUM(E5)) * scale, e3 = (SUM(E3)) * scale;
+#undef SUM
+#undef J
+        five += e5 * e5;
+        three += e3 * e3;
+    }
+    double scale = five + 0.01 * three;
+    if (!(scale < INFINITY)) return NAN;
+    return scale > 0.0 ? fabs(h) * five / sqrt(n * scale) : 0.0;
+}
+
+/* Derivative at the end of the step. */
+void close_step(Run *run, double h) { derivative(run, run->out.t + h, run->x_new, run->k[12]); }
+
+/* Rows of the polynomial of a closed step, see `Dense` in trajectory.py. */
+void fit_dense(Run *run, double h) {
+    const long long n = run->in.n_x;
+    const double t = run->out.t, *restrict x = run->out.x, *end = run->x_new;
+    double **k = run->k, *y = run->reset, *d = run->dense; /* `stage` is kept for looks_stiff */
+    STAGE(13, T(13, 0) + T(13, 6) + T(13, 7) + T(13, 8) + T(13, 9) + T(13, 10) + T(13, 11)
+                  + T(13, 12));
+    STAGE(14, T(14, 0) + T(14, 5) + T(14, 6) + T(14, 7) + T(14, 10) + T(14, 11) + T(14, 12)
+                  + T(14, 13));
+    STAGE(15, T(15, 0) + T(15, 5) + T(15, 6) + T(15, 7) + T(15, 8) + T(15, 12) + T(15, 13)
+                  + T(15, 14));
+    for (long long m = 0; m < n; m++) {
+        double delta = end[m] - x[m];
+        d[m] = x[m];
+        d[n + m] = delta;
+        d[2 * n + m] = h * k[0][m] - delta;
+        d[3 * n + m] = 2 * delta - h * (k[12][m] + k[0][m]);
+        for (int r = 0; r < 4; r++) {
+            double sum = D[r][0] * k[0][m];
+            for (int j = 5; j < N_ALL; j++) sum += D[r][j] * k[j][m];
+            d[(4 + r) * n + m] = h * sum;
+        }
+    }
+}
+
+double dense_component(const Run *run, long long i, double theta) {
+    const long long n = run->in.n_x;
+    const double s = theta, r = 1.0 - theta, *d = run->dense + i;
+    return d[0] + s * (d[n] + r * (d[2 * n] + s * (d[3 * n] + r * (d[4 * n]
+           + s * (d[5 * n] + r * (d[6 * n] + s * d[7 * n]))))));
+}
+
+void dense_state(const Run *run, double theta, double *x) {
+    for (long long i = 0; i < run->in.n_x; i++) x[i] = dense_component(run, i, theta);
+}
+
+/* Length of the first step, from the size of x, x' and x'' (Hairer's hinit). */
+double first_step(Run *run) {
+    const long long n = run->in.n_x;
+    const double *x = run->out.x, *f = run->k[0];
+    double size = 0.0, slope = 0.0, bend = 0.0;
+    for (long long m = 0; m < n; m++) {
+        double scale = run->in.absolute[m] + run->in.relative * fabs(x[m]);
+        size += (x[m] / scale) * (x[m] / scale);
+        slope += (f[m] / scale) * (f[m] / scale);
+    }
+    double h = size <= 1e-10 || slope <= 1e-10 ? 1e-6 : 0.01 * sqrt(size / slope);
+    h = fmin(h, run->in.t_end - run->out.t);
+    for (long long m = 0; m < n; m++) run->stage[m] = x[m] + h * f[m];
+    derivative(run, run->out.t + h, run->stage, run->k[1]);
+    for (long long m = 0; m < n; m++) {
+        double scale = run->in.absolute[m] + run->in.relative * fabs(x[m]);
+        double change = (run->k[1][m] - f[m]) / scale;
+        bend += change * change;
+    }
+    double largest = fmax(sqrt(bend) / h, sqrt(slope));
+    double wanted = largest <= 1e-15 ? fmax(1e-6, h * 1e-3) : pow(0.01 / largest, 1.0 / 8.0);
+    wanted = fmin(100 * h, wanted);
+    return isfinite(wanted) && wanted > 0 ? wanted : h;
+}
+
+/* Whether stability and not accuracy has held the last steps short (Hairer's test). */
+int looks_stiff(Run *run, double h) {
+    if (++run->since_check < 1000 && run->stiff_hints == 0) return 0;
+    run->since_check = 0;
+    double change = 0.0, way = 0.0;
+    for (long long m = 0; m < run->in.n_x; m++) {
+        double f = run->k[12][m] - run->k[11][m], y = run->x_new[m] - run->stage[m];
+        change += f * f;
+        way += y * y;
+    }
+    if (way > 0.0 && fabs(h) * sqrt(change / way) > 6.1) {
+        run->unstiff_hints = 0;
+        return ++run->stiff_hints >= 15;
+    }
+    if (run->stiff_hints && ++run->unstiff_hints == 6) run->stiff_hints = run->unstiff_hints = 0;
+    return 0;
+}

@@ -1,0 +1,70 @@
+"""Which integrator a task goes to: compiled steps where they can, others where they must."""
+
+from __future__ import annotations
+
+from wormopt.progress import Report
+from wormopt.simulation.options import Route
+from wormopt.simulation.task import Outcome, Task
+
+__all__ = ["integrate"]
+
+
+def integrate(task: Task, route: Route, report: Report) -> Outcome:
+    """Integrate by the route asked for; "auto" is the first that can.
+
+    Parameters
+    ----------
+    task : Task
+        What to integrate.
+    route : {"auto", "native", "python", "cvodes"}
+        By what.
+    report : callable
+        Told how far it is.
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    ValueError
+        If the route cannot take the task.
+    CompilerError
+        If the native route is asked for and there is no compiler.
+    """
+    if task.system.model.alg.numel() or route == "cvodes":
+        return _implicitly(task, report)
+    if route == "python":
+        return _in_python(task, report)
+    outcome = _native(task, report, required=route == "native")
+    if outcome is None:
+        by_steps = task.system.exact or task.system.model.switches
+        return _in_python(task, report) if by_steps else _implicitly(task, report)
+    if outcome.status == "stiff" and route == "auto":
+        return _in_python(task, report) if task.system.model.switches else _implicitly(task, report)
+    return outcome
+
+
+def _native(task: Task, report: Report, *, required: bool) -> Outcome | None:
+    from wormopt.simulation.native.build import CompilerError
+    from wormopt.simulation.native.kernel import compiled, integrate
+
+    try:
+        addresses = compiled(task.system)
+    except CompilerError:
+        if required:
+            raise
+        return None
+    return integrate(task, addresses, report)
+
+
+def _in_python(task: Task, report: Report) -> Outcome:
+    from wormopt.simulation.automaton import integrate
+
+    return integrate(task, report)
+
+
+def _implicitly(task: Task, report: Report) -> Outcome:
+    from wormopt.simulation.sundials import integrate
+
+    return integrate(task, report)

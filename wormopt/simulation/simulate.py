@@ -1,0 +1,275 @@
+"""The verb `simulate`: a Model in, its motion out, or a refusal that says why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.core.model import Model, Schedule
+from wormopt.errors import SolveError
+from wormopt.progress import Report, silent
+from wormopt.simulation.functions import System, signal_values
+from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
+from wormopt.simulation.routes import integrate
+from wormopt.simulation.task import KINDS, Outcome, Task
+from wormopt.simulation.trajectory import Dense, Event, Trajectory
+
+__all__ = ["prepare", "simulate", "trajectory"]
+
+Values = Mapping[str, ArrayLike]
+
+_REFUSALS = {
+    "step_too_small": (
+        "steps became too small at t = {t:.6g}: the motion is not smooth there, or grows beyond "
+        "bounds",
+        "loosen the relative tolerance, take a larger v_reg, or treat contact exactly",
+    ),
+    "not_finite": (
+        "the motion is no longer a number at t = {t:.6g}",
+        "look for what grows beyond bounds before, a gain say, and shorten the time",
+    ),
+    "too_many_steps": (
+        "{steps} steps were spent by t = {t:.6g}",
+        "loosen the tolerances, allow more max_steps, or shorten the time",
+    ),
+    "stiff": (
+        "the motion is too stiff for explicit steps at t = {t:.6g}",
+        'take route = "cvodes", a larger v_reg, or treat contact exactly',
+    ),
+    "events_accumulate": (
+        "events follow each other without time passing at t = {t:.6g}",
+        "treat contact as smooth, or change the law that makes it chatter",
+    ),
+    "no_contact_mode": (
+        "no choice of resting and sliding contacts fits the forces at t = {t:.6g}",
+        "treat contact as smooth",
+    ),
+    "layer_not_resolved": (
+        "velocities pass the steep part of the smooth law unseen at t = {t:.6g}",
+        "take a larger v_reg, or treat contact exactly",
+    ),
+    "solver_failed": (
+        "the implicit integrator failed at t = {t:.6g}",
+        "loosen the tolerances or take a larger v_reg",
+    ),
+    "no_memory": ("memory is out at t = {t:.6g}", "keep fewer samples, or dense = False"),
+}
+
+
+def simulate(
+    model: Model,
+    span: float | tuple[float, float],
+    *,
+    contact: Treatment = Exact(),  # noqa: B008  frozen
+    x0: Values | None = None,
+    p: Values | None = None,
+    schedules: Mapping[str, np.ndarray] | None = None,
+    times: ArrayLike | None = None,
+    dense: bool = False,
+    tolerance: Tolerance = Tolerance(),  # noqa: B008  frozen
+    route: Route = "auto",
+    report: Report = silent,
+) -> Trajectory:
+    """Integrate a model in time.
+
+    Parameters
+    ----------
+    model : Model
+        What moves. Inputs are held at their values.
+    span : float or (float, float)
+        Last time, or first and last.
+    contact : Exact or Smooth, optional
+        How contacts are treated.
+    x0 : mapping of str to array_like, optional
+        Start of states by name, where it is not the model's own.
+    p : mapping of str to array_like, optional
+        Parameters and inputs by name, where they are not the model's own. They change without a
+        new compilation.
+    schedules : mapping of str to ndarray, optional
+        Other values of schedules by name, of the same shape.
+    times : array_like, shape (m,), optional
+        When to sample, ascending within the span; start and end if left out.
+    dense : bool, optional
+        Keep the whole motion, for `Trajectory.at`.
+    tolerance : Tolerance, optional
+        How exact.
+    route : {"auto", "native", "python", "cvodes"}, optional
+        How to integrate. "auto" is compiled code where there is a compiler, and an implicit
+        integrator where the motion is too stiff for explicit steps.
+    report : callable, optional
+        Told how far it is, see `wormopt.progress`.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    ValueError
+        If names, sizes, times or the route do not fit the model.
+    SolveError
+        If the motion could not be followed to its end; `partial` is the trajectory up to there,
+        `code` the reason in one word.
+
+    Examples
+    --------
+    A block thrown at speed 1 over ground that resists with 1 comes to rest at t = 1 after 0.5:
+
+    >>> import casadi as ca
+    >>> from wormopt.core.friction import Coulomb
+    >>> from wormopt.core.model import Contact, Signal
+    >>> x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f")
+    >>> states = [Signal("position", x, value=0.0), Signal("velocity", v, value=1.0)]
+    >>> ground = Contact("block", v, f, Coulomb(1.0, 2.0))
+    >>> block = Model("block", x=states, ode=ca.vertcat(v, f), contacts=[ground])
+    >>> motion = simulate(block, 3.0)
+    >>> motion.end.round(12), [(round(e.time, 12), e.kind) for e in motion.events]
+    (array([0.5, 0. ]), [(1.0, 'stick')])
+    """
+    task = prepare(
+        model,
+        span,
+        contact=contact,
+        x0=x0,
+        p=p,
+        schedules=schedules,
+        times=times,
+        dense=dense,
+        tolerance=tolerance,
+    )
+    return trajectory(task, integrate(task, route, report))
+
+
+@lru_cache(maxsize=64)
+def _system(model: Model, contact: Treatment) -> System:
+    return System(model, contact)
+
+
+def prepare(
+    model: Model,
+    span: float | tuple[float, float],
+    *,
+    contact: Treatment,
+    x0: Values | None = None,
+    p: Values | None = None,
+    schedules: Mapping[str, np.ndarray] | None = None,
+    times: ArrayLike | None = None,
+    dense: bool = False,
+    tolerance: Tolerance = Tolerance(),  # noqa: B008  frozen
+) -> Task:
+    """Check what `simulate` is given and lay it out for an integrator.
+
+    Parameters
+    ----------
+    model, span, contact, x0, p, schedules, times, dense, tolerance
+        As in `simulate`.
+
+    Returns
+    -------
+    Task
+
+    Raises
+    ------
+    ValueError
+        If something does not fit the model.
+    """
+    system = _system(model, contact)
+    start, end = span if isinstance(span, tuple) else (0.0, span)
+    if not (np.isfinite(start) and np.isfinite(end) and start < end):
+        raise ValueError(f"the time must run forward, not from {start} to {end}")
+    sampled = np.array([start, end]) if times is None else np.asarray(times, dtype=float).ravel()
+    if sampled.size and not (
+        np.all(np.diff(sampled) >= 0) and start <= sampled[0] and sampled[-1] <= end
+    ):
+        raise ValueError(f"sample times must ascend within [{start:g}, {end:g}]")
+    if system.exact and system.coupled:
+        _refuse_redundant(system)
+    return Task(
+        system=system,
+        span=(float(start), float(end)),
+        x0=signal_values(tuple(model.x), x0 or {}, "state", fill=0.0),
+        p=system.parameters(p or {}),
+        schedules=_with_values(tuple(model.schedules), schedules or {}),
+        tolerance=tolerance,
+        times=sampled,
+        dense=dense,
+    )
+
+
+def _with_values(
+    schedules: tuple[Schedule, ...], given: Mapping[str, np.ndarray]
+) -> tuple[Schedule, ...]:
+    unknown = set(given) - {s.name for s in schedules}
+    if unknown:
+        names = [s.name for s in schedules]
+        raise ValueError(f"no schedule is called {sorted(unknown)}; the model has {names}")
+    return tuple(replace(s, values=given.get(s.name, s.values)) for s in schedules)
+
+
+def _refuse_redundant(system: System) -> None:
+    """Resting contacts must determine their forces: the matrix they act by must have full rank."""
+    generator = np.random.default_rng(0)
+    names = system.symbols
+    function = ca.Function("delassus", list(names), [ca.densify(system.delassus)])
+    values = np.array(function(*(generator.uniform(0.5, 1.5, s.shape) for s in names)))
+    if np.linalg.matrix_rank(values) < len(values):
+        raise ValueError(
+            "the contacts share their degrees of freedom, so that resting ones do not determine "
+            "their forces; treat contact as Smooth, or give the links elasticity"
+        )
+
+
+def trajectory(task: Task, outcome: Outcome) -> Trajectory:
+    """Make a trajectory of what an integrator found, or refuse it.
+
+    Parameters
+    ----------
+    task : Task
+        What was asked for.
+    outcome : Outcome
+        What was found.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    SolveError
+        If the integrator did not come to the end.
+    """
+    reached = task.times[: len(outcome.samples)]
+    motion = Trajectory(
+        system=task.system,
+        route=outcome.route,
+        p=task.p,
+        schedules=task.schedules,
+        time=reached,
+        states=outcome.samples.T,
+        end_time=outcome.t,
+        end=outcome.x,
+        events=_events(task.system, outcome.events),
+        modes=outcome.modes,
+        n_steps=outcome.n_steps,
+        n_rejected=outcome.n_rejected,
+        n_evaluations=outcome.n_evaluations,
+        dense=Dense(outcome.dense_time, outcome.dense) if len(outcome.dense) else None,
+    )
+    if outcome.status == "done":
+        return motion
+    reason, suggestion = _REFUSALS[outcome.status]
+    reason = reason.format(t=outcome.t, steps=outcome.n_steps + outcome.n_rejected)
+    raise SolveError(reason, suggestion, motion, outcome.status)
+
+
+def _events(system: System, rows: np.ndarray) -> tuple[Event, ...]:
+    names = [c.name for c in system.contacts] + [s.name for s in system.model.switches]
+    return tuple(
+        Event(float(t), names[int(which)], KINDS[int(kind)], int(mode))
+        for t, which, kind, mode in rows
+    )
