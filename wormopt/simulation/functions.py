@@ -55,16 +55,18 @@ def signal_values(
     if unknown:
         names = [s.name for s in signals]
         raise ValueError(f"no {what} is called {sorted(unknown)}; the model has {names}")
-    columns = [np.zeros(0)]
-    for signal in signals:
+    sizes = [s.size for s in signals]
+    stacked, at = np.empty(sum(sizes)), 0
+    for signal, size in zip(signals, sizes, strict=True):
         value = given.get(signal.name, fill if signal.value is None else signal.value)
         if value is None:
             raise ValueError(f"{what} {signal.name} has no value; give one")
         array = np.asarray(value, dtype=float).ravel()
-        if array.size not in (1, signal.size):
-            raise ValueError(f"{what} {signal.name} has {signal.size} entries, not {array.size}")
-        columns.append(np.broadcast_to(array, signal.size))
-    return np.concatenate(columns)
+        if array.size not in (1, size):
+            raise ValueError(f"{what} {signal.name} has {size} entries, not {array.size}")
+        stacked[at : at + size] = array
+        at += size
+    return stacked
 
 
 def _never_rests(contact: Contact) -> bool:
@@ -135,7 +137,7 @@ class System:
     def _modes(self) -> ca.SX:
         return ca.SX.sym("s", len(self.contacts) if self.exact else 0)  # type: ignore[no-any-return]
 
-    @property
+    @cached_property
     def n_fixed(self) -> int:
         """Entries of p before those of the schedules."""
         return sum(s.size for s in (*self.model.p, *self.model.u)) + 1

@@ -155,7 +155,9 @@ class Decay:
     k' = gamma (|e| - lambda)^2 for |e| >= lambda + 1, gamma sqrt(|e| - lambda) for
     lambda <= |e| < lambda + 1, and in the tube 0 until the dwell time has passed, then -sigma k.
 
-    Crossings of the tube and of |e| = lambda + 1, where k' has kinks, are events of the model.
+    Crossings of the tube and of |e| = lambda + 1, where k' has kinks, are events of the model,
+    and so is the end of the dwell time, counted from the last crossing of the tube; outside the
+    tube this event has no effect.
 
     Parameters
     ----------

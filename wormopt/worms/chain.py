@@ -105,8 +105,6 @@ def chain(
         _parameter("load", load, masses, "force"),
     ]
     m, k, gamma = (p.symbol for p in parameters)
-    if not min(_numbers("mass", mass, masses)) > 0:
-        raise ValueError("mass must be positive")
 
     c, elastic = _link_parameter("stiffness", stiffness, links, "stiffness", t)
     d, damped = _link_parameter("damping", damping, links, "drag", t)
@@ -173,6 +171,8 @@ def _numbers(name: str, given: ArrayLike, size: int) -> tuple[float, ...]:
 
 def _parameter(name: str, given: ArrayLike, size: int, unit: str) -> Signal:
     values = _numbers(name, given, size)
+    if name == "mass" and min(values) <= 0:
+        raise ValueError("mass must be positive")
     if name in ("stiffness", "damping", "drag") and min(values) < 0:
         raise ValueError(f"{name} must not be negative")
     return Signal(name, ca.SX.sym(name, size), unit, value=values)

@@ -6,7 +6,7 @@ import ctypes
 import re
 from collections.abc import Sequence
 from ctypes import POINTER, Structure, c_double, c_longlong, c_void_p
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 
 import casadi as ca
@@ -112,11 +112,12 @@ def _driver() -> ctypes.CDLL:
 
 
 def _source(functions: Sequence[ca.Function]) -> str:
-    """C code of CasADi functions, without the checks for arguments that are left out."""
+    """C code of CasADi functions, for use in one file and without checks for absent arguments."""
     generator = ca.CodeGenerator("model.c")
     for function in functions:
         generator.add(function)
     text = generator.dump()
+    text = re.sub(r"^casadi_real (casadi_\w+\()", r"static inline casadi_real \1", text, flags=re.M)
     text = re.sub(r"arg\[(\d+)\]\? (arg\[\1\]\[\d+\]) : 0;", r"\2;", text)
     return re.sub(r"if \(res\[(\d+)\]!=0\) ", "", text)
 
@@ -127,6 +128,7 @@ def _library(text: str) -> ctypes.CDLL:
     return library("model", [("model.c", text)], "-O2" if len(text) < 300_000 else "-O1")
 
 
+@lru_cache(maxsize=64)
 def compiled(system: System) -> dict[str, int]:
     """Compile the functions of a system, or find them in the cache.
 
