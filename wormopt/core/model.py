@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -49,7 +50,7 @@ class Signal:
     upper: float = math.inf
     value: float | Sequence[float] | None = None
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of scalars."""
         return self.symbol.numel()

@@ -50,12 +50,12 @@ def _native(task: Task, report: Report, *, required: bool) -> Outcome | None:
     from wormopt.simulation.native.kernel import compiled, integrate
 
     try:
-        addresses = compiled(task.system)
+        ready = compiled(task.system)
     except CompilerError:
         if required:
             raise
         return None
-    return integrate(task, addresses, report)
+    return integrate(task, ready, report)
 
 
 def _in_python(task: Task, report: Report) -> Outcome:

@@ -208,7 +208,7 @@ def _with_values(
     if unknown:
         names = [s.name for s in schedules]
         raise ValueError(f"no schedule is called {sorted(unknown)}; the model has {names}")
-    return tuple(replace(s, values=given.get(s.name, s.values)) for s in schedules)
+    return tuple(replace(s, values=given[s.name]) if s.name in given else s for s in schedules)
 
 
 def _refuse_redundant(system: System) -> None:

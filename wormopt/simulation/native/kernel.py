@@ -6,6 +6,7 @@ import ctypes
 import re
 from collections.abc import Sequence
 from ctypes import POINTER, Structure, c_double, c_longlong, c_void_p
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
 
@@ -18,7 +19,7 @@ from wormopt.simulation.functions import System
 from wormopt.simulation.native.build import library
 from wormopt.simulation.task import Outcome, Task
 
-__all__ = ["compiled", "integrate"]
+__all__ = ["Compiled", "compiled", "integrate"]
 
 _FUNCTIONS = ("rhs", "velocities", "probe", "project", "guards", "resets")
 _STATUS = {
@@ -128,8 +129,27 @@ def _library(text: str) -> ctypes.CDLL:
     return library("model", [("model.c", text)], "-O2" if len(text) < 300_000 else "-O1")
 
 
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """What the driver needs to know of a system, whatever its numbers.
+
+    Parameters
+    ----------
+    fields : dict
+        Entries of the problem that are numbers and addresses.
+    arrays : dict of str to ndarray
+        Entries that are arrays.
+    library : ctypes.CDLL
+        Kept loaded as long as the addresses are in use.
+    """
+
+    fields: dict[str, int]
+    arrays: dict[str, np.ndarray]
+    library: ctypes.CDLL
+
+
 @lru_cache(maxsize=64)
-def compiled(system: System) -> dict[str, int]:
+def compiled(system: System) -> Compiled:
     """Compile the functions of a system, or find them in the cache.
 
     Parameters
@@ -139,8 +159,7 @@ def compiled(system: System) -> dict[str, int]:
 
     Returns
     -------
-    dict of str to int
-        Address of each function.
+    Compiled
 
     Raises
     ------
@@ -148,10 +167,25 @@ def compiled(system: System) -> dict[str, int]:
         If there is no compiler or it fails.
     """
     _driver()
-    found = _library(_source(list(system.functions.values())))
-    return {
-        name: ctypes.cast(getattr(found, name), c_void_p).value or 0 for name in system.functions
+    functions = system.functions
+    found = _library(_source(list(functions.values())))
+    fields = {
+        "n_contacts": len(system.contacts),
+        "n_switches": len(system.model.switches),
+        "n_iw": max(f.sz_iw() for f in functions.values()),
+        "n_w": max(f.sz_w() for f in functions.values()),
+        "exact": system.exact,
+        "coupled": system.exact and system.coupled,
+        "stiff_steps": 2**62 if system.exact else _STIFF_STEPS,
     }
+    for name in functions:
+        fields[name] = ctypes.cast(getattr(found, name), c_void_p).value or 0
+    directions = [(1 in c.law.directions) + 2 * (-1 in c.law.directions) for c in system.contacts]
+    arrays = {
+        "velocity_state": system.velocity_state,
+        "directions": np.array(directions, dtype=np.int64),
+    }
+    return Compiled(fields, arrays, found)
 
 
 def _schedules(schedules: Sequence[Schedule], offset: int) -> tuple[ctypes.Array, list[np.ndarray]]:
@@ -177,15 +211,15 @@ def _schedules(schedules: Sequence[Schedule], offset: int) -> tuple[ctypes.Array
     return (_Schedule * len(rows))(*rows), kept
 
 
-def integrate(task: Task, addresses: dict[str, int], report: Progress) -> Outcome:
+def integrate(task: Task, ready: Compiled, report: Progress) -> Outcome:
     """Integrate a task by the compiled driver.
 
     Parameters
     ----------
     task : Task
         What to integrate.
-    addresses : dict of str to int
-        From `compiled`.
+    ready : Compiled
+        Its system, from `compiled`.
     report : callable
         Told how far it is.
 
@@ -198,16 +232,9 @@ def integrate(task: Task, addresses: dict[str, int], report: Progress) -> Outcom
     MemoryError
         If there is no memory left.
     """
-    system, driver = task.system, _driver()
-    n_x = len(task.x0)
-    schedules, kept = _schedules(task.schedules, system.n_fixed)
-    directions = np.array(
-        [(1 in c.law.directions) + 2 * (-1 in c.law.directions) for c in system.contacts],
-        dtype=np.int64,
-    )
-    arrays = {
-        "velocity_state": system.velocity_state,
-        "directions": directions,
+    driver, n_x = _driver(), len(task.x0)
+    schedules, kept = _schedules(task.schedules, task.system.n_fixed)
+    arrays = ready.arrays | {
         "v_rest": task.v_rest,
         "f_rest": task.f_rest,
         "v_layer": task.v_layer,
@@ -216,22 +243,15 @@ def integrate(task: Task, addresses: dict[str, int], report: Progress) -> Outcom
     }
     problem = _Problem(
         n_x=n_x,
-        n_contacts=len(system.contacts),
-        n_switches=len(system.model.switches),
         n_schedules=len(task.schedules),
         n_times=len(task.times),
-        n_iw=max(f.sz_iw() for f in system.functions.values()),
-        n_w=max(f.sz_w() for f in system.functions.values()),
-        exact=system.exact,
-        coupled=system.exact and system.coupled,
         keep_dense=task.dense,
         max_steps=task.tolerance.max_steps,
-        stiff_steps=2**62 if system.exact else _STIFF_STEPS,
         schedules=ctypes.cast(schedules, c_void_p),
         relative=task.tolerance.relative,
         t_start=task.span[0],
         t_end=task.span[1],
-        **addresses,
+        **ready.fields,
         **{name: array.ctypes.data for name, array in arrays.items()},
     )
     x0, p = np.ascontiguousarray(task.x0), np.ascontiguousarray(task.p)
