@@ -90,12 +90,6 @@ class System:
     treatment : Smooth or Exact
         How its contacts are treated. Contacts that never rest are plain forces in either.
 
-    Raises
-    ------
-    ValueError
-        If contacts that may rest cannot hold independently, so that their forces are not
-        determined (exact treatment only).
-
     Examples
     --------
     >>> v, f = ca.SX.sym("v"), ca.SX.sym("f")

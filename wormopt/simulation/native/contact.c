@@ -307,6 +307,9 @@ void decide_modes(Run *run, long long forced, int record) {
             return;
         }
         evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
+        for (long long i = 0; i < n; i++) /* contacts that share a freedom leave forces open */
+            if (isnan(run->probe[2 * n + i])) run->out.status = NO_CONTACT_MODE;
+        if (run->out.status == NO_CONTACT_MODE) return;
         again = let_go(run);
         if (!again && run->in.coupled) again = catch_again(run);
     }
