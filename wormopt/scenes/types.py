@@ -48,6 +48,25 @@ PerMass = Annotated[
     Positive | tuple[Positive, ...],
     _words("a finite number above 0, or a list of such numbers, one per mass"),
 ]
+NonNegativePerLink = Annotated[
+    NonNegative | tuple[NonNegative, ...],
+    _words("a finite number, 0 or above, or a list of such numbers, one per link"),
+]
+NonNegativePerMass = Annotated[
+    NonNegative | tuple[NonNegative, ...],
+    _words("a finite number, 0 or above, or a list of such numbers, one per mass"),
+]
+FinitePerLink = Annotated[
+    Finite | tuple[Finite, ...],
+    _words("a finite number, or a list of such numbers, one per link"),
+]
+FinitePerMass = Annotated[
+    Finite | tuple[Finite, ...],
+    _words("a finite number, or a list of such numbers, one per mass"),
+]
+Seed = Annotated[
+    int, Meta(ge=0, le=2**32 - 1, description="a whole number from 0 to 4294967295")
+]
 
 # Control characters are refused: files and terminals mangle them.
 Title = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]*$"), _words("text in quotes, on one line")]

@@ -256,9 +256,10 @@ class System:
 
     @cached_property
     def guards(self) -> ca.Function:
-        """Guards of the model's switches."""
-        switches = self.model.switches
-        return self._function("guards", self._put(ca.vertcat(*(s.guard for s in switches))))
+        """Guards of the model's switches, then their time derivatives along the motion."""
+        guards = self._put(ca.vertcat(*(s.guard for s in self.model.switches)))
+        rates = ca.jtimes(guards, self.symbols[1], self._ode) + ca.jacobian(guards, self.model.t)
+        return self._function("guards", ca.vertcat(guards, rates))
 
     @cached_property
     def resets(self) -> ca.Function:

@@ -40,12 +40,19 @@ def integrate(task: Task, route: Route, report: Report) -> Outcome:
     if outcome is None:
         by_steps = task.system.exact or task.system.model.switches
         return _in_python(task, report) if by_steps else _implicitly(task, report)
-    if outcome.status == "stiff" and route == "auto":
-        return _in_python(task, report) if task.system.model.switches else _implicitly(task, report)
-    return outcome
+    if outcome.status != "stiff" or route != "auto":
+        return outcome
+    by_steps = task.system.model.switches
+    implicit = _in_python(task, report) if by_steps else _implicitly(task, report)
+    if implicit.status == "done":
+        return implicit
+    # neither can: let explicit steps find out why
+    return _native(task, report, required=True, stiff_steps=2**62) or outcome
 
 
-def _native(task: Task, report: Report, *, required: bool) -> Outcome | None:
+def _native(
+    task: Task, report: Report, *, required: bool, stiff_steps: int = 1_000_000
+) -> Outcome | None:
     from wormopt.simulation.native.build import CompilerError
     from wormopt.simulation.native.kernel import compiled, integrate
 
@@ -55,7 +62,7 @@ def _native(task: Task, report: Report, *, required: bool) -> Outcome | None:
         if required:
             raise
         return None
-    return integrate(task, ready, report)
+    return integrate(task, ready, report, stiff_steps)
 
 
 def _in_python(task: Task, report: Report) -> Outcome:

@@ -2,9 +2,10 @@
 
    Event function j is positive while things stay as they are: for a sliding contact its velocity in
    the direction of sliding, for a resting one the distance of its force from the nearer bound, for
-   a switch minus its guard. An event function counts as armed once it has been well above 0, so
-   that a contact that has just been let go, with no velocity and perhaps no acceleration, is not
-   caught again by a rounding error. Not armed, it must fall clearly below 0. */
+   a switch minus its guard. An event is where it falls below its level. The level is 0 once it has
+   been well above 0; until then it is a little lower, so that a contact that has just been let go,
+   with no velocity and perhaps no acceleration, is not caught again by a rounding error. A switch
+   that has just fired and whose guard goes on rising has no level at all. */
 #include <math.h>
 #include <string.h>
 
@@ -44,6 +45,7 @@ void event_values(Run *run, double t, const double *x, double *value) {
     if (run->in.n_switches) {
         evaluate(run, run->in.guards, t, x, run->guard);
         for (long long k = 0; k < run->in.n_switches; k++) value[n + k] = -run->guard[k];
+        /* the rates of the guards follow, see note_fired */
     }
 }
 
@@ -98,12 +100,11 @@ static double crossing(Run *run, long long j, double h, double a, double b, doub
     return b;
 }
 
-/* First crossing of function j in the sampled step, 2 if there is none; arms it on the way. */
+/* First crossing of function j in the sampled step, 2 if there is none; notes its level then. */
 static double first_crossing(Run *run, long long j, double h, const double *value, long long n) {
-    const double tiny = small(run, j), unarmed = j < n_exact(run) ? -tiny : -INFINITY;
-    int armed = run->armed[j] != 0.0;
+    double level = run->level[j];
     for (int k = 0; k < N_SAMPLES; k++) {
-        const double level = armed ? 0.0 : unarmed, here = value[k * n + j];
+        const double here = value[k * n + j];
         if (here < level) {
             if (k == 0) return 0.0;
             double before = value[(k - 1) * n + j];
@@ -118,9 +119,9 @@ static double first_crossing(Run *run, long long j, double h, const double *valu
                 return crossing(run, j, h, SAMPLES[k - 2], at, a, low, level);
             }
         }
-        if (here > tiny) armed = 1;
+        if (here > small(run, j)) level = 0.0;
     }
-    run->scan[N_SAMPLES * n + j] = armed;
+    run->scan[N_SAMPLES * n + j] = level;
     return 2.0;
 }
 
@@ -133,7 +134,7 @@ double find_event(Run *run, double h, long long *which) {
         double theta = first_crossing(run, j, h, run->scan, n);
         if (theta < first) first = theta, *which = j;
     }
-    if (first > 1.0) memcpy(run->armed, run->scan + N_SAMPLES * n, n * sizeof(double));
+    if (first > 1.0) memcpy(run->level, run->scan + N_SAMPLES * n, n * sizeof(double));
     return first;
 }
 
@@ -150,7 +151,7 @@ double polish_event(Run *run, double h, double theta, long long which) {
         event_values(run, run->out.t + next, run->x_new, run->value);
         double value = run->value[which];
         if (fabs(value) < least) least = fabs(value), best = next;
-        if (!run->armed[which] || !(slope < 0.0) || fabs(value) <= 1e-3 * small(run, which)
+        if (run->level[which] != 0.0 || !(slope < 0.0) || fabs(value) <= 1e-3 * small(run, which)
             || fabs(value) > least)
             break;
         double corrected = next - value / slope;
@@ -196,12 +197,13 @@ int dips_into_layer(Run *run, double h) {
     return 0;
 }
 
-/* Arm what is well above 0; at the start of a run also switches whose guards are not above 0. */
-void arm_events(Run *run, int at_start) {
+/* Raise levels of what is well above 0; at the start of a run those of all guards not above 0. */
+void set_levels(Run *run, int at_start) {
     event_values(run, run->out.t, run->out.x, run->value);
     for (long long j = 0; j < n_functions(run); j++) {
-        int guard = at_start && j >= n_exact(run) && run->value[j] >= 0.0;
-        if (guard || run->value[j] > small(run, j)) run->armed[j] = 1.0;
+        int guard = j >= n_exact(run);
+        if (at_start) run->level[j] = !guard ? -small(run, j) : run->value[j] < 0.0 ? -INFINITY : 0.0;
+        if (run->value[j] > small(run, j)) run->level[j] = 0.0;
     }
 }
 
@@ -319,21 +321,28 @@ void decide_modes(Run *run, long long forced, int record) {
                      && i != forced;
         if (record) record_change(run, i, forced, jumped);
         if (run->before[i] != run->modes[i]) changed = 1;
-        if (run->before[i] != run->modes[i] || i == forced) run->armed[i] = 0.0;
+        if (run->before[i] != run->modes[i] || i == forced) run->level[i] = -small(run, i);
     }
     double *row = changed ? grow(&run->out.modes) : NULL;
     if (row) row[0] = run->out.t, memcpy(row + 1, run->modes, n * sizeof(double));
 }
 
+/* A switch that has fired may do so again at once if its guard falls now, be it from a rounding
+   error above 0: a ball that bounces lower and lower must not fall through the floor. */
+static void note_fired(Run *run, long long which) {
+    event_values(run, run->out.t, run->out.x, run->value);
+    double rate = run->guard[run->in.n_switches + which - n_exact(run)];
+    run->level[which] = rate < 0.0 ? 2.0 * fmin(run->value[which], 0.0) : -INFINITY;
+}
+
 void apply_event(Run *run, long long which) {
-    const long long contact = n_exact(run), k = which - contact;
+    const long long k = which - n_exact(run);
     if (k < 0) {
         decide_modes(run, which, 1);
         return;
     }
     evaluate(run, run->in.resets, run->out.t, run->out.x, run->reset);
     memcpy(run->out.x, run->reset + k * run->in.n_x, run->in.n_x * sizeof(double));
-    run->armed[which] = 0.0;
     double *row = grow(&run->out.events);
     if (!row) {
         run->out.status = NO_MEMORY;
@@ -341,9 +350,10 @@ void apply_event(Run *run, long long which) {
     }
     row[0] = run->out.t, row[1] = run->in.n_contacts + k, row[2] = SWITCH, row[3] = 0.0;
     decide_modes(run, -1, 1);
+    note_fired(run, which);
 }
 
-/* After a jump of state or schedule, fire armed switches whose guards have jumped above 0. */
+/* After a jump of state or schedule, fire switches whose guards have jumped above 0. */
 void fire_jumped_switches(Run *run) {
     const long long n = n_exact(run);
     for (long long trial = 0; trial <= 10 * run->in.n_switches; trial++) {
@@ -351,9 +361,9 @@ void fire_jumped_switches(Run *run) {
         if (run->in.n_switches == 0) return;
         event_values(run, run->out.t, run->out.x, run->value);
         for (long long j = n; j < n_functions(run) && fired < 0; j++)
-            if (run->armed[j] != 0.0 && run->value[j] < 0.0) fired = j;
+            if (run->value[j] < run->level[j]) fired = j;
         if (fired < 0) {
-            arm_events(run, 0);
+            set_levels(run, 0);
             return;
         }
         apply_event(run, fired);

@@ -130,12 +130,9 @@ static void go_to_event(Run *run, double h, double theta, long long which) {
         emit(run, length, run->out.t + length);
         take_over(run, run->out.t + length);
     }
-    if (run->out.t - run->last_event <= floor_of_step(run)) {
-        if (++run->stalled > 32 + 16 * n_functions(run)) run->out.status = EVENTS_ACCUMULATE;
-    } else {
-        run->stalled = 0;
-    }
-    run->last_event = run->out.t;
+    if (run->out.t - run->crowd_start > 1e-10 * (run->in.t_end - run->in.t_start))
+        run->crowd = 0, run->crowd_start = run->out.t;
+    if (++run->crowd > 32 + 16 * n_functions(run)) run->out.status = EVENTS_ACCUMULATE;
     if (run->out.status == RUNNING) apply_event(run, which);
     start_afresh(run);
     run->h_next = h;
@@ -210,7 +207,7 @@ EXPORT void wormopt_free(Run *run) {
     double *owned[] = {run->out.x,  run->out.p,  run->out.samples, run->out.events.data,
                        run->out.modes.data, run->out.dense.data, run->x_new, run->stage,
                        run->dense,  run->modes,  run->before, run->released, run->probe, run->guard,
-                       run->reset,  run->value,  run->armed,  run->scan, run->column, run->w};
+                       run->reset,  run->value,  run->level,  run->scan, run->column, run->w};
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
     for (int i = 0; i < N_ALL; i++) free(run->k[i]);
     free(run->cycle), free(run->piece), free(run->iw), free(run->arg), free(run->res), free(run);
@@ -232,10 +229,10 @@ static int allocate(Run *run, long long n_p) {
     ROOM(run->before, c);
     ROOM(run->released, c);
     ROOM(run->probe, 5 * c);
-    ROOM(run->guard, in->n_switches);
+    ROOM(run->guard, 2 * in->n_switches);
     ROOM(run->reset, n * (in->n_switches + 1));
     ROOM(run->value, f);
-    ROOM(run->armed, f);
+    ROOM(run->level, f);
     ROOM(run->scan, 12 * f + c);
     ROOM(run->column, n);
     ROOM(run->cycle, in->n_schedules);
@@ -264,14 +261,14 @@ EXPORT Run *wormopt_start(const Problem *problem, const double *x, const double 
     memcpy(run->out.x, x, problem->n_x * sizeof(double));
     memcpy(run->out.p, p, n_p * sizeof(double));
     run->out.t = problem->t_start;
-    run->last_event = -INFINITY;
+    run->crowd_start = -INFINITY;
     for (long long i = 0; i < problem->n_contacts; i++) {
         run->released[i] = -INFINITY;
         run->modes[i] = 1.0; /* the velocities decide below, before anything is recorded */
     }
     start_schedules(run);
     decide_modes(run, -1, 0);
-    arm_events(run, 1);
+    set_levels(run, 1);
     start_afresh(run);
     for (long long m = 0; m < problem->n_x; m++)
         if (!isfinite(run->out.x[m]) || !isfinite(run->k[0][m])) run->out.status = NOT_FINITE;

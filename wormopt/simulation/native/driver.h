@@ -21,7 +21,7 @@ typedef struct {
     Function probe;    /* (t, x, p, s) -> velocities, accelerations, forces, least and largest force
                           that holds; exact only */
     Function project;  /* (t, x, p, s) -> x with the velocities of contacts with s = 0 made zero */
-    Function guards;   /* (t, x, p, s) -> guards of the switches */
+    Function guards;   /* (t, x, p, s) -> guards of the switches, then their rates */
     Function resets;   /* (t, x, p, s) -> states after each switch, one column each */
     const long long *velocity_state; /* per contact the state that is its velocity, or -1 */
     const long long *directions;     /* per contact 1 forward, 2 backward, 3 both */

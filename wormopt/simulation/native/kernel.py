@@ -33,8 +33,6 @@ _STATUS = {
     -7: "no_memory",
 }
 _SOURCES = ("driver.c", "stepper.c", "contact.c", "driver.h", "run.h", "tableau.h")
-# Explicit steps are given up where so many more would be needed for stability alone.
-_STIFF_STEPS = 1_000_000
 # A call of the driver shall last some hundredths of a second, so that it can be interrupted.
 _WORK_PER_CALL = 400_000
 
@@ -176,7 +174,6 @@ def compiled(system: System) -> Compiled:
         "n_w": max(f.sz_w() for f in functions.values()),
         "exact": system.exact,
         "coupled": system.exact and system.coupled,
-        "stiff_steps": 2**62 if system.exact else _STIFF_STEPS,
     }
     for name in functions:
         fields[name] = ctypes.cast(getattr(found, name), c_void_p).value or 0
@@ -211,7 +208,7 @@ def _schedules(schedules: Sequence[Schedule], offset: int) -> tuple[ctypes.Array
     return (_Schedule * len(rows))(*rows), kept
 
 
-def integrate(task: Task, ready: Compiled, report: Progress) -> Outcome:
+def integrate(task: Task, ready: Compiled, report: Progress, stiff_steps: int) -> Outcome:
     """Integrate a task by the compiled driver.
 
     Parameters
@@ -222,6 +219,8 @@ def integrate(task: Task, ready: Compiled, report: Progress) -> Outcome:
         Its system, from `compiled`.
     report : callable
         Told how far it is.
+    stiff_steps : int
+        Give up a smooth motion where stability alone would need so many more steps.
 
     Returns
     -------
@@ -247,6 +246,7 @@ def integrate(task: Task, ready: Compiled, report: Progress) -> Outcome:
         n_times=len(task.times),
         keep_dense=task.dense,
         max_steps=task.tolerance.max_steps,
+        stiff_steps=2**62 if task.system.exact else stiff_steps,
         schedules=ctypes.cast(schedules, c_void_p),
         relative=task.tolerance.relative,
         t_start=task.span[0],

@@ -15,14 +15,15 @@ typedef struct {
     double *released;      /* when a contact was last let go */
     long long *cycle, *piece; /* where each schedule stands */
     double *probe;         /* velocities, accelerations, forces, least, largest force */
-    double *guard, *reset;
-    double *value, *armed; /* per event function: value, whether it has been well above 0 */
+    double *guard, *reset; /* guards and their rates; states after switches */
+    double *value, *level; /* per event function: value, and what it falls below at an event */
     double *scan;          /* values at the samples of a step */
     double *column;        /* a state in between */
     double t_break;        /* next break of any schedule */
     double h_next;
-    long long since_check, stiff_hints, unstiff_hints, stalled;
-    double last_event;
+    long long since_check, stiff_hints, unstiff_hints;
+    long long crowd; /* events since crowd_start */
+    double crowd_start;
     int bad_number;        /* the last rejection was for a value that is no number */
     int has_dense;         /* the polynomial of the current step is fitted */
     const double **arg;
@@ -49,7 +50,7 @@ void event_values(Run *run, double t, const double *x, double *value);
 double find_event(Run *run, double h, long long *which);
 double polish_event(Run *run, double h, double theta, long long which);
 int dips_into_layer(Run *run, double h);
-void arm_events(Run *run, int at_start);
+void set_levels(Run *run, int at_start);
 void decide_modes(Run *run, long long forced, int record);
 void apply_event(Run *run, long long which);
 void fire_jumped_switches(Run *run);

@@ -1,0 +1,441 @@
+"""The verb `simulate`: exact motions, orders of convergence, events, refusals."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+from wormopt.core.friction import Coulomb, Law, Spike, Viscous
+from wormopt.core.model import Contact, Model, Schedule, Signal, Switch
+from wormopt.errors import SolveError
+from wormopt.simulation.ensemble import Member, simulate_ensemble
+from wormopt.simulation.options import Exact, Smooth, Tolerance
+from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.worms.chain import chain
+
+SHARP = Tolerance(1e-12, 1e-13)
+
+
+def block(law: Law, force: ca.SX | float = 0.0, t: ca.SX | None = None, **start: float) -> Model:
+    """A unit mass on the ground that a force pulls."""
+    x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f")
+    states = [
+        Signal("position", x, value=start.get("x", 0.0)),
+        Signal("velocity", v, value=start.get("v", 0.0)),
+    ]
+    ground = [Contact("block", v, f, law)]
+    time = ca.SX.sym("t") if t is None else t
+    return Model("block", x=states, ode=ca.vertcat(v, f + force), t=time, contacts=ground)
+
+
+def spring_block(law: Law, stiffness: float, x0: float) -> Model:
+    model = block(law, x=x0)
+    x = model.x[0].symbol
+    return replace(model, ode=model.ode + ca.vertcat(0, -stiffness * x))
+
+
+def actuated(worm: Model, command: ca.SX) -> Model:
+    """The chain with u_j = c_j times a commanded change of rest length, (11)."""
+    u, (c,) = worm.u[0].symbol, [s.symbol for s in worm.p if s.name == "stiffness"]
+
+    def put(expression: ca.SX) -> ca.SX:
+        return ca.substitute(expression, u, c * command)
+
+    outputs = [replace(o, expression=put(o.expression)) for o in worm.outputs]
+    return replace(worm, ode=put(worm.ode), u=(), outputs=outputs)
+
+
+def crawler(stiffness: float = 20.0, **options: float) -> Model:
+    """Three masses whose links swing a third of a period apart; masses rest for a while."""
+    worm = chain(
+        2, mass=1.0, stiffness=stiffness, damping=2.0, rest_length=2.0, law=Coulomb(1.0, 10.0)
+    )
+    t = worm.t
+    phases = ca.DM([0.0, 2 * np.pi / 3])
+    return actuated(worm, options.get("stroke", 0.5) * ca.sin(2 * np.pi * t / 3 - phases))
+
+
+def kinds(motion: Trajectory) -> list[str]:
+    return [event.kind for event in motion.events]
+
+
+# -- smooth motion ---------------------------------------------------------------------------
+
+
+def test_free_chain_moves_as_its_matrix_exponential():
+    worm = chain(3, mass=[1, 2, 3, 4], stiffness=[5, 6, 7], damping=0.3, rest_length=0.0, drag=0.1)
+    x0, v0 = np.array([3.0, 1.0, 0.5, -1.0]), np.array([0.1, -0.2, 0.3, 0.0])
+    motion = simulate(worm, 7.0, x0={"position": x0, "velocity": v0}, tolerance=SHARP)
+    mass, c, d = np.diag([1, 2, 3, 4.0]), np.diag([5, 6, 7.0]), 0.3 * np.eye(3)
+    links = np.array([[1, -1, 0, 0], [0, 1, -1, 0], [0, 0, 1, -1.0]])
+    inverse = np.linalg.inv(mass)
+    matrix = np.block(
+        [
+            [np.zeros((4, 4)), np.eye(4)],
+            [-inverse @ links.T @ c @ links, -inverse @ (links.T @ d @ links + 0.1 * np.eye(4))],
+        ]
+    )
+    assert motion.end == pytest.approx(expm(7.0 * matrix) @ np.concatenate([x0, v0]), abs=1e-10)
+
+
+def oscillator() -> Model:
+    x = ca.SX.sym("x", 2)
+    return Model("circle", x=[Signal("x", x, value=(1.0, 0.0))], ode=ca.vertcat(x[1], -x[0]))
+
+
+def test_steps_are_of_order_eight_and_the_polynomial_of_order_seven():
+    ends, dense, steps = [], [], []
+    t = np.linspace(0, 20, 2001)
+    exact = np.vstack([np.cos(t), -np.sin(t)])
+    for relative in (1e-5, 1e-7, 1e-9):
+        tolerance = Tolerance(relative, relative)
+        motion = simulate(oscillator(), 20.0, times=t, tolerance=tolerance)
+        steps.append(motion.n_steps)
+        ends.append(np.abs(motion.states[:, -1] - exact[:, -1]).max())
+        dense.append(np.abs(motion.states - exact).max())
+
+    def order(errors: list[float]) -> float:
+        return -np.log(errors[2] / errors[0]) / np.log(steps[2] / steps[0])
+
+    assert 7.3 < order(ends) < 9.5
+    assert 6.5 < order(dense) < 9.5
+    assert ends[2] < 1e-8
+
+
+def test_the_kept_motion_can_be_sampled_afterwards():
+    t = np.linspace(0, 20, 333)
+    motion = simulate(oscillator(), 20.0, dense=True, times=t, tolerance=SHARP)
+    assert motion.at(t).states == pytest.approx(motion.states, abs=1e-14)
+    with pytest.raises(ValueError, match="dense=True"):
+        simulate(oscillator(), 20.0).at(t)
+
+
+def test_a_schedule_is_followed_to_the_instant():
+    x, c, begin = ca.SX.sym("x"), ca.SX.sym("c"), ca.SX.sym("begin")
+    t = ca.SX.sym("t")
+    pieces = Schedule(
+        "rate", c, begin, np.array([0.0, 0.3, 1.0]), np.array([[2.0], [-1.0]]), True, start=0.1
+    )
+    model = Model("saw", x=[Signal("x", x)], ode=c + 0 * t + (t - begin), t=t, schedules=[pieces])
+    motion = simulate(model, (0.0, 10.1), x0={"x": 0.0}, tolerance=SHARP)
+    per_period = 2 * 0.3 - 0.7 + 0.3**2 / 2 + 0.7**2 / 2
+    before = -0.1 + (0.7**2 - 0.6**2) / 2  # the last tenth of the piece of -1
+    assert motion.end[0] == pytest.approx(before + 10 * per_period, abs=1e-12)
+
+
+# -- set-valued contact ----------------------------------------------------------------------
+
+
+@given(forward=st.floats(0.1, 3.0), backward=st.floats(0.1, 3.0), speed=st.floats(-3.0, 3.0))
+@settings(deadline=None, max_examples=25)
+def test_a_thrown_block_stops_where_its_energy_is_spent(
+    forward: float, backward: float, speed: float
+):
+    resistance = forward if speed > 0 else backward
+    time = abs(speed) / resistance
+    motion = simulate(block(Coulomb(forward, backward), v=speed), time + 1.0, tolerance=SHARP)
+    way = speed * abs(speed) / (2 * resistance)
+    assert motion.end == pytest.approx([way, 0.0], abs=1e-11)
+    if time > 1e-6:
+        assert kinds(motion) == ["stick"]
+        assert motion.events[0].time == pytest.approx(time, abs=1e-11)
+
+
+def test_a_spring_block_loses_two_friction_offsets_each_half_swing():
+    # Coulomb's oscillator: half circles about +F/c = 0.2 backward and -0.2 forward, from 1.9 to
+    # -1.5, 1.1, -0.7, 0.3, 0.1; there the spring pulls with less than the ground holds
+    motion = simulate(spring_block(Coulomb(0.8, 0.8), 4.0, 1.9), 20.0)
+    assert motion.end == pytest.approx([0.1, 0.0], abs=1e-9)
+    assert kinds(motion) == ["reversal"] * 4 + ["stick"]
+    half_swings = np.pi / 2 * np.arange(1, 6)
+    assert [e.time for e in motion.events] == pytest.approx(half_swings, abs=1e-9)
+
+
+def test_stiction_holds_longer_than_sliding_friction():
+    t = ca.SX.sym("t")
+    pulled = block(Coulomb(1.0, 1.0, stick_forward=1.7, stick_backward=1.7), 0.5 * t, t)
+    motion = simulate(pulled, 5.0, tolerance=SHARP)
+    (release,) = motion.events
+    assert (release.kind, release.mode) == ("release", 1)
+    assert release.time == pytest.approx(3.4, abs=1e-12)
+    # v' = t/2 - 1 from 3.4 on
+    assert motion.end[1] == pytest.approx((25 - 3.4**2) / 4 - 1.6, abs=1e-11)
+
+
+def test_release_without_stiction_begins_with_no_acceleration():
+    t = ca.SX.sym("t")
+    motion = simulate(block(Coulomb(1.0, 1.0), 0.5 * t, t), 5.0, tolerance=SHARP)
+    (release,) = motion.events
+    assert release.time == pytest.approx(2.0, abs=1e-11)
+    assert motion.end[1] == pytest.approx(9 / 4, abs=1e-10)  # v' = (t - 2)/2
+
+
+def test_a_balance_of_forces_on_the_edge_of_slipping_stays_at_rest():
+    motion = simulate(block(Coulomb(1.0, 1.0), 1.0), 100.0)
+    assert motion.end.tolist() == [0.0, 0.0]
+
+
+def test_contacts_that_stop_together_are_both_seen():
+    laws = [Coulomb(1.0, 2.0)] * 2
+    worm = chain(1, mass=1.0, stiffness=0.0, damping=0.0, rest_length=1.0, law=laws, velocity=1.0)
+    motion = simulate(worm, 2.0)
+    assert [(e.name, e.kind) for e in motion.events] == [("mass 0", "stick"), ("mass 1", "stick")]
+    assert motion.end == pytest.approx([1.5, 0.5, 0.0, 0.0], abs=1e-12)
+
+
+def test_a_spike_stops_backward_motion_at_once_and_never_gives_way():
+    worm = chain(
+        2, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, law=Spike(),
+        velocity=[-1.0, 0.5, 2.0],
+    )  # fmt: skip
+    t = np.linspace(0, 10, 4001)
+    motion = simulate(actuated(worm, 0.3 * ca.sin(4 * worm.t) * ca.DM.ones(2)), 10.0, times=t)
+    v = motion.state("velocity")
+    assert v.min() > -1e-11
+    assert v[:, 0] == pytest.approx([0.0, 0.5, 2.0])
+    resting = motion.modes_at(t) == 0
+    assert np.all(v[resting] == 0.0)
+    assert 0.05 < resting.mean() < 0.95
+    force = motion.observe(worm.forces)
+    assert force.min() > -1e-9
+    assert np.all(force[~resting] == 0.0)
+
+
+def test_viscous_contacts_are_plain_forces_in_either_treatment():
+    exact = simulate(block(Viscous(2.0), v=1.0), 1.0, contact=Exact(), tolerance=SHARP)
+    smooth = simulate(block(Viscous(2.0), v=1.0), 1.0, contact=Smooth(), tolerance=SHARP)
+    assert exact.events == ()
+    assert exact.end[1] == pytest.approx(np.exp(-2.0), abs=1e-12)
+    assert smooth.end == pytest.approx(exact.end, abs=1e-13)
+
+
+def test_a_velocity_that_only_touches_zero_makes_no_event_and_one_that_dips_makes_two():
+    t = ca.SX.sym("t")
+    for depth, count in ((1e-9, 0), (-1e-9, 2)):
+        # frictionless in effect: v = (t - 5)^2 + depth but for the reversal
+        law = Coulomb(1e-15, 1e-15)
+        motion = simulate(block(law, 2 * (t - 5), t, v=25 + depth), 10.0, tolerance=SHARP)
+        assert len(motion.events) == count
+        if count:
+            width = np.sqrt(-depth)
+            assert [e.time for e in motion.events] == pytest.approx(
+                [5 - width, 5 + width], abs=1e-7
+            )
+
+
+# -- switches --------------------------------------------------------------------------------
+
+
+def test_a_switch_deep_inside_a_long_step_is_found():
+    t, x = ca.SX.sym("t"), ca.SX.sym("x")
+    guard = 1e-8 - (t - 1.2345) ** 2  # above 0 for 2e-4 only, while steps are as long as the run
+    model = Model(
+        "still", x=[Signal("count", x, value=0.0)], ode=ca.SX(1, 1), t=t,
+        switches=[Switch("counts", guard, x + 1)],
+    )  # fmt: skip
+    motion = simulate(model, 10.0)
+    assert [e.name for e in motion.events] == ["counts"]
+    assert motion.events[0].time == pytest.approx(1.2345 - 1e-4, abs=1e-9)
+    assert motion.end.tolist() == [1.0]
+
+
+def test_a_bouncing_ball_bounces_at_the_times_of_its_parabolas():
+    y, v = ca.SX.sym("y"), ca.SX.sym("v")
+    states = [Signal("height", y, value=1.0), Signal("velocity", v, value=0.0)]
+    bounce = Switch("bounce", -y, ca.vertcat(0, -0.8 * v))
+    ball = Model("ball", x=states, ode=ca.vertcat(v, -2.0), switches=[bounce])
+    motion = simulate(ball, 6.0, tolerance=SHARP)
+    times = np.cumsum([1.0, *(2 * 0.8**k for k in range(1, 20))])
+    expected = times[times < 6.0]
+    assert [e.time for e in motion.events] == pytest.approx(expected, abs=1e-10)
+    with pytest.raises(SolveError) as caught:  # infinitely many bounces before t = 9
+        simulate(ball, 10.0, tolerance=SHARP)
+    assert caught.value.code == "events_accumulate"
+    assert caught.value.partial.end_time == pytest.approx(9.0, abs=1e-6)
+
+
+# -- refusals --------------------------------------------------------------------------------
+
+
+def refused(model: Model, span: float, **options: object) -> SolveError:
+    with pytest.raises(SolveError) as caught:
+        simulate(model, span, **options)  # type: ignore[arg-type]
+    assert caught.value.suggestion
+    return caught.value
+
+
+def test_growth_beyond_bounds_is_refused_with_what_there_is():
+    x = ca.SX.sym("x")
+    model = Model("blow-up", x=[Signal("x", x, value=1.0)], ode=x**2)
+    t = np.linspace(0, 2, 21)
+    error = refused(model, 2.0, times=t)
+    assert error.code in ("step_too_small", "not_finite")
+    motion = error.partial
+    assert motion.end_time == pytest.approx(1.0, abs=1e-6)
+    assert motion.time.tolist() == t[:10].tolist()
+    assert motion.states[0] == pytest.approx(1 / (1 - t[:10]), rel=1e-8)
+
+
+def test_what_is_no_number_is_refused():
+    x = ca.SX.sym("x")
+    model = Model("root", x=[Signal("x", x, value=1.0)], ode=-1 / ca.sqrt(x))  # x = 0 at t = 2/3
+    assert refused(model, 2.0).code in ("not_finite", "step_too_small")
+    assert refused(model, 2.0, x0={"x": np.nan}).code == "not_finite"
+
+
+def test_work_without_end_is_refused():
+    error = refused(oscillator(), 1e6, tolerance=Tolerance(max_steps=500))
+    assert error.code == "too_many_steps"
+    assert 0 < error.partial.end_time < 1e3
+    assert error.partial.n_steps <= 500
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"p": {"colour": 1.0}}, "no parameter or input is called"),
+        ({"x0": {"x": [1.0, 2.0, 3.0]}}, "has 2 entries, not 3"),
+        ({"times": [0.0, 2.0]}, "sample times must ascend within"),
+        ({"times": [0.5, 0.2]}, "sample times must ascend within"),
+        ({"schedules": {"reference": np.zeros((1, 1))}}, "no schedule is called"),
+    ],
+)
+def test_what_does_not_fit_the_model_is_said(options: dict, words: str):
+    with pytest.raises(ValueError, match=words):
+        simulate(oscillator(), 1.0, **options)
+
+
+def test_time_must_run_forward():
+    with pytest.raises(ValueError, match="must run forward"):
+        simulate(oscillator(), (1.0, 1.0))
+
+
+def test_contacts_that_rest_together_on_one_freedom_are_refused():
+    x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f", 2)
+    contacts = [Contact(f"foot {i}", v, f[i], Coulomb(1.0, 1.0)) for i in range(2)]
+    states = [Signal("x", x, value=0.0), Signal("v", v, value=1.0)]
+    cart = Model("cart", x=states, ode=ca.vertcat(v, f[0] + f[1]), contacts=contacts)
+    assert refused(cart, 3.0).code == "no_contact_mode"
+
+
+def test_a_user_who_stops_is_heard():
+    def stop(text: str, fraction: float | None = None) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate(oscillator(), 1e6, report=stop)
+
+
+# -- physics ---------------------------------------------------------------------------------
+
+
+def test_energy_put_in_is_stored_or_dissipated():
+    worm = crawler()
+    work, loss = ca.SX.sym("work"), ca.SX.sym("loss")
+    v = worm.contact_velocities
+    d = next(s.symbol for s in worm.p if s.name == "damping")
+    rate = worm.output("rate")
+    rates = ca.vertcat(ca.sum1(worm.output("power")), ca.dot(d, rate**2) - ca.dot(worm.forces, v))
+    accounts = [Signal("work", work, value=0.0), Signal("loss", loss, value=0.0)]
+    model = replace(worm, x=[*worm.x, *accounts], ode=ca.vertcat(worm.ode, rates))
+    t = np.linspace(0, 30, 301)
+    motion = simulate(model, 30.0, times=t, tolerance=SHARP)
+    assert {"stick", "release"} <= set(kinds(motion))
+    energy = motion.output("energy")[0]
+    gap = energy - energy[0] - motion.state("work")[0] + motion.state("loss")[0]
+    assert motion.state("loss")[0, -1] > 10.0
+    assert np.abs(gap).max() < 1e-9
+
+
+def test_the_smooth_law_tends_to_the_set_valued_one_with_order_one():
+    worm = crawler()
+    exact = simulate(worm, 15.0, tolerance=SHARP)
+    assert kinds(exact).count("stick") >= 5
+    widths = np.array([4e-3, 2e-3, 1e-3, 5e-4])
+    errors = [
+        np.abs(simulate(worm, 15.0, contact=Smooth(w)).end[:3] - exact.end[:3]).max()
+        for w in widths
+    ]
+    slope = np.polyfit(np.log(widths), np.log(errors), 1)[0]
+    assert 0.85 < slope < 1.15
+    assert errors[-1] < 0.1  # creep: about 30 widths of way in 15 units of time
+
+
+@pytest.mark.parametrize(
+    ("masses", "forward", "backward"),
+    [(2, 1.0, 10.0), (3, 1.0, 10.0), (4, 1.0, 2.2), (5, 1.0, 2.0)],
+)
+def test_a_chain_stretched_slowly_advances_as_statics_says(
+    masses: int, forward: float, backward: float
+):
+    # theory.md, "other exact answers"; elastic links lag by friction / stiffness, which is linear
+    advances, stiffnesses, period, stroke = [], np.array([1e3, 2e3]), 100.0, 0.5
+    for c in stiffnesses:
+        worm = chain(
+            masses - 1, mass=1.0, stiffness=c, damping=1.4 * np.sqrt(c), rest_length=2.0,
+            law=Coulomb(forward, backward),
+        )  # fmt: skip
+        command = stroke * (1 - ca.cos(2 * np.pi * worm.t / period)) / 2
+        model = actuated(worm, command * ca.DM.ones(masses - 1))
+        motion = simulate(model, 3 * period, times=period * np.arange(4.0))
+        advance = np.diff(motion.state("position")[0])
+        assert advance[2] == pytest.approx(advance[1], abs=1e-6)
+        advances.append(advance[2] / (stroke * (masses - 1)))
+    rest = min(masses - 1, int(masses * backward / (forward + backward)))
+    expected = (2 * rest - (masses - 1)) / (masses - 1)
+    assert abs(advances[0] - expected) < 0.01
+    assert 2 * advances[1] - advances[0] == pytest.approx(expected, abs=2e-4)
+
+
+def test_harmonic_velocities_with_small_friction_drift_as_averaging_says():
+    # theory.md: mean V solves sum arcsin(V/A_i) = N Phi; the phasors of a triangle sum to zero
+    sizes, forward, backward = np.array([1.0, 0.8, 0.6]), 0.5, 1.0
+    turn = np.pi - np.arccos((1 + 0.8**2 - 0.6**2) / 1.6)
+    last = np.angle(-1 - 0.8 * np.exp(1j * turn))
+    tilt = np.pi / 2 * (backward - forward) / (backward + forward)
+    expected = brentq(lambda V: np.arcsin(np.clip(V / sizes, -1, 1)).sum() - 3 * tilt, 0.0, 1.0)
+    gaps = []
+    for eps in (0.02, 0.01):
+        t, x, v, f = (ca.SX.sym(name, *size) for name, *size in ("t", "x", "v", ("f", 3)))
+        own = [v + a * ca.cos(t + b) for a, b in zip(sizes, (0.0, turn, last), strict=True)]
+        law = Coulomb(eps * forward, eps * backward)
+        contacts = [Contact(f"mass {i}", own[i], f[i], law) for i in range(3)]
+        states = [Signal("position", x, value=0.0), Signal("velocity", v, value=0.1)]
+        model = Model("drift", x=states, ode=ca.vertcat(v, ca.sum1(f) / 3), t=t, contacts=contacts)
+        settled, window = 2 * np.pi * round(5 / eps), 40 * np.pi
+        motion = simulate(model, settled + window, times=[settled, settled + window])
+        gaps.append(np.diff(motion.state("position")[0])[0] / window - expected)
+    assert abs(gaps[0]) < 1e-3
+    assert gaps[0] / gaps[1] == pytest.approx(2.0, abs=0.5)  # first order in eps
+
+
+# -- ensembles -------------------------------------------------------------------------------
+
+
+def test_an_ensemble_is_its_members_one_by_one():
+    worm = crawler()
+    members = [Member(p={"stiffness": c}) for c in (15.0, 20.0, 25.0)]
+    t = np.linspace(0, 6, 7)
+    together = simulate_ensemble(worm, 6.0, members, times=t)
+    assert together.codes == ("", "", "")
+    for k, member in enumerate(members):
+        alone = simulate(worm, 6.0, p=member.p, times=t)
+        assert together.states[k].tolist() == alone.states.tolist()
+    assert together.output("length").shape == (3, 2, 7)
+
+
+def test_a_member_that_fails_is_marked_and_the_others_are_kept():
+    x, a = ca.SX.sym("x"), ca.SX.sym("a")
+    model = Model("blow-up", x=[Signal("x", x, value=1.0)], ode=a * x**2, p=[Signal("a", a)])
+    members = [Member(p={"a": value}) for value in (0.0, 1.0, -1.0)]
+    found = simulate_ensemble(model, 2.0, members, times=[0.0, 0.5, 2.0])
+    assert found.codes[0] == found.codes[2] == ""
+    assert found.codes[1] in ("step_too_small", "not_finite")
+    assert np.isnan(found.states[:, 0, 2]).tolist() == [False, True, False]
+    assert found.end[2, 0] == pytest.approx(1 / 3)
