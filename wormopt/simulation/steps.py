@@ -521,10 +521,17 @@ class Stiff:
 
     def _derivative(self, t: float, x: np.ndarray) -> np.ndarray:
         self.n_evaluations += 1
-        return self._rhs(t, x)[0].copy()
+        dx = self._rhs(t, x)[0].copy()
+        self._finite = bool(np.all(np.isfinite(dx)))
+        return dx
+
+    def _slopes(self, t: float, x: np.ndarray) -> np.ndarray:
+        matrix = self._jacobian(t, x)[0].reshape(len(x), len(x)).T.copy()
+        if not np.all(np.isfinite(matrix)):
+            raise GivenUp("not_finite")
+        return matrix
 
     def _solver_from(self, t: float, x: np.ndarray, stop: float, h: float) -> Radau:
-        n = len(x)
         return Radau(
             self._derivative,
             t,
@@ -532,18 +539,14 @@ class Stiff:
             stop,
             rtol=max(self._task.tolerance.relative, _LEAST_RELATIVE),
             atol=self._task.absolute,
-            jac=lambda t, x: self._jacobian(t, x)[0].reshape(n, n).T.copy(),
+            jac=self._slopes,
             first_step=min(h, stop - t) if h > 0 else None,
         )
 
     def _advance(self, solver: Radau, stop: float) -> Step:
         t, x, dx = solver.t, solver.y, self._derivative(solver.t, solver.y)
-        with np.errstate(all="ignore"):
-            message = solver.step()
-        if message:
-            reach = self._derivative(t, x + floor_of_step(self._task, t) * dx)
-            finite = np.all(np.isfinite(reach))
-            raise GivenUp("step_too_small" if finite else "not_finite")
+        if solver.step():
+            raise GivenUp("step_too_small" if self._finite else "not_finite")
         x_new, h = solver.y.copy(), solver.t - t
         output = solver.dense_output()
 
@@ -565,7 +568,8 @@ class Stiff:
             State.
         """
         self._t, self._x, self._solver = t, x, None
-        if self.h == 0.0 and not np.all(np.isfinite([*x, *self._derivative(t, x)])):
+        self._derivative(t, x)
+        if not (self._finite and np.all(np.isfinite(x))):
             raise GivenUp("not_finite")
 
     def attempt(self, stop: float) -> Step | None:

@@ -332,7 +332,7 @@ void decide_modes(Run *run, long long forced, int record) {
 static void note_fired(Run *run, long long which) {
     event_values(run, run->out.t, run->out.x, run->value);
     double rate = run->guard[run->in.n_switches + which - n_exact(run)];
-    run->level[which] = rate < 0.0 ? 2.0 * fmin(run->value[which], 0.0) : -INFINITY;
+    run->level[which] = rate < 0.0 ? 2.0 * fmin(run->value[which], 0.0) - 1e-300 : -INFINITY;
 }
 
 void apply_event(Run *run, long long which) {
