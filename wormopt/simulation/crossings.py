@@ -2,28 +2,31 @@
 
 An event function is positive while things stay as they are: for a sliding contact its velocity in
 the direction of sliding, for a resting one the distance of its force from the nearer bound, for a
-switch minus its guard. It counts as armed once it has been well above 0, so that a contact that
-has just been let go, with no velocity and perhaps no acceleration, is not caught again by a
-rounding error. Not armed, that of a contact must fall clearly below 0; that of a switch tells
-nothing.
+switch minus its guard. An event is where it falls below its level. The level is 0 once it has been
+well above 0; until then it is a little lower, so that a contact that has just been let go, with no
+velocity and perhaps no acceleration, is not caught again by a rounding error. A switch that has
+just fired and whose guard goes on rising has no level at all.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-from wormopt.simulation.steps import Call, Step, Stepper, floor_of_step, powers
+from wormopt.simulation.functions import System
+from wormopt.simulation.steps import Call, Step, Stepper, floor_of_step
 from wormopt.simulation.task import Task
 
-__all__ = ["Crossing", "Watch"]
+__all__ = ["Crossing", "Located", "Watch"]
 
 _SAMPLES = np.array(
     [0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0]  # fmt: skip
 )
-_POWERS = powers(_SAMPLES)
 _LAYER_SAMPLES = np.linspace(0.0, 1.0, 17)
 
 
@@ -37,13 +40,32 @@ class Crossing:
         Event function; switches are counted on from the contacts.
     theta : float
         Fraction of the step.
-    armed : bool
-        Whether it was armed, so that the level is 0.
+    level : float
+        The level.
     """
 
     which: int
     theta: float
-    armed: bool
+    level: float
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """Way to an event.
+
+    Parameters
+    ----------
+    step : Step or None
+        The step that leads there; None if it is at the start already.
+    arrived : bool
+        Whether it leads all the way.
+    residual : float
+        How far from 0 the event function may be there, by rounding.
+    """
+
+    step: Step | None
+    arrived: bool
+    residual: float
 
 
 class Watch:
@@ -62,54 +84,18 @@ class Watch:
         self._task, self._modes = task, modes
         self.n_contacts = len(modes)
         self.n = len(modes) + len(system.model.switches)
-        self.armed = np.zeros(self.n, dtype=bool)
-        # a switch that has fired is armed again once its guard has fallen by more than this
+        self._levels = np.zeros(self.n)
+        # a switch that has fired has a level again once its guard has fallen by more than this
         self._passed = np.zeros(len(system.model.switches))
-        self._states = system.velocity_state if system.exact else np.zeros(0, dtype=np.int64)
-        self._calls = {
-            (name, m): Call(function if m == 1 else _repeated(function, m), *shared)
-            for name, function in system.functions.items()
-            if name in ("probe", "guards")
-            for m in (1, len(_SAMPLES))
-        }
-        self._layers = task.v_layer if not system.exact else np.zeros(0)
-        if len(self._layers):
+        if self.n:
+            value, within, scan, rates = (Call(f, *shared) for f in _event_functions(system))
+            self._values, self._inside, self._scan, self._rates = value, within, scan, rates
+        self._states, self._layers = system.velocity_state.tolist(), None
+        if system.contacts and not system.exact:
+            self._layers = (8 * task.v_layer).tolist()
             self._velocities = Call(system.velocities, *shared)
 
     # -- values ----------------------------------------------------------------------------
-
-    def values(self, t: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """Values of the event functions.
-
-        Parameters
-        ----------
-        t : ndarray, shape (m,)
-            One time, or those of the samples of a step.
-        states : ndarray, shape (m, n_x)
-            States then.
-
-        Returns
-        -------
-        ndarray, shape (m, n)
-        """
-        m, parts = len(t), []
-        if self.n_contacts:
-            parts.append(self._contact_values(t, states))
-        if self.n > self.n_contacts:
-            guards = self._calls["guards", m](t, states.ravel())[0]
-            parts.append(-guards.reshape(m, -1))
-        return np.hstack(parts) if parts else np.zeros((m, 0))
-
-    def _contact_values(self, t: np.ndarray, states: np.ndarray) -> np.ndarray:
-        slides = self._modes != 0
-        if np.all(slides & (self._states >= 0)):
-            return self._modes * states[:, self._states]
-        probe = self._calls["probe", len(t)](t, states.ravel())[0]
-        velocity, _, force, least, largest = (
-            probe.reshape(len(t), 5, self.n_contacts).transpose(1, 0, 2)
-        )
-        margin = np.minimum(force - least, largest - force)
-        return np.where(slides, self._modes * velocity, margin)
 
     def value(self, which: int, t: float, x: np.ndarray) -> float:
         """Value of one event function.
@@ -127,22 +113,20 @@ class Watch:
         -------
         float
         """
-        return float(self.values(np.array([t]), x[None, :])[0, which])
+        return float(self._values(t, x)[0][which])
 
     def _within(self, which: int, step: Step, theta: float) -> float:
-        return self.value(which, step.t + theta * step.h, step.states(theta))
+        return float(self._inside(theta, step.t, step.h, step.rows.ravel())[0][which])
 
     def _small(self) -> np.ndarray:
         """Sizes below which the event functions are nothing but rounding."""
-        rest = np.zeros(0)
-        if self.n_contacts:
-            rest = np.where(self._modes != 0, self._task.v_rest, self._task.f_rest)
+        rest = np.where(self._modes != 0, self._task.v_rest, self._task.f_rest)
         return np.concatenate([rest, self._passed])
 
-    # -- arming ----------------------------------------------------------------------------
+    # -- levels ----------------------------------------------------------------------------
 
-    def arm(self, t: float, x: np.ndarray, *, at_start: bool = False) -> None:
-        """Arm what is well above 0.
+    def start(self, t: float, x: np.ndarray) -> None:
+        """Set the levels with which a motion begins: those of guards above 0 are out of reach.
 
         Parameters
         ----------
@@ -150,30 +134,73 @@ class Watch:
             Time.
         x : ndarray, shape (n_x,)
             State.
-        at_start : bool, optional
-            Whether the motion starts here; switches are armed then unless their guards are
-            above 0 already.
         """
-        values = self.values(np.array([t]), x[None, :])[0]
-        self.armed |= values > self._small()
-        if at_start:
-            self.armed[self.n_contacts :] |= values[self.n_contacts :] >= 0
+        if self.n:
+            self._levels = -self._small()
+            guards = self._values(t, x)[0][self.n_contacts :]
+            self._levels[self.n_contacts :] = np.where(guards < 0, -np.inf, 0.0)
 
-    def disarm_switch(self, k: int, residual: float = 0.0) -> None:
-        """Note that a switch has fired.
+    def raise_levels(self, t: float, x: np.ndarray) -> None:
+        """Raise the levels of what is well above 0.
+
+        Parameters
+        ----------
+        t : float
+            Time.
+        x : ndarray, shape (n_x,)
+            State.
+        """
+        if self.n:
+            self._levels[self._values(t, x)[0] > self._small()] = 0.0
+
+    def note_change(self, contact: int) -> None:
+        """Lower the level of a contact whose mode has changed.
+
+        Parameters
+        ----------
+        contact : int
+            Its index.
+        """
+        self._levels[contact] = -self._small()[contact]
+
+    def note_fired(self, k: int, t: float, x: np.ndarray, residual: float) -> None:
+        """Lower the level of a switch that has fired.
+
+        It may fire again at once if its guard falls now, be it from a rounding error above 0: a
+        ball that bounces lower and lower must not fall through the floor.
 
         Parameters
         ----------
         k : int
             Index of the switch.
-        residual : float, optional
+        t : float
+            Time.
+        x : ndarray, shape (n_x,)
+            State after it.
+        residual : float
             How far from 0 its guard may have been, by rounding.
         """
-        self.armed[self.n_contacts + k] = False
-        self._passed[k] = residual
+        which, (rates,) = self.n_contacts + k, self._rates(t, x)
+        falls = bool(rates[k] < 0)
+        low = 2 * min(self.value(which, t, x), 0.0) - 1e-300
+        self._levels[which], self._passed[k] = (low, 0.0) if falls else (-np.inf, residual)
+
+    def has_fired(self, crossing: Crossing) -> bool:
+        """Whether a crossing is of a switch that has fired and not been out of reach since.
+
+        Parameters
+        ----------
+        crossing : Crossing
+            From `find`.
+
+        Returns
+        -------
+        bool
+        """
+        return crossing.which >= self.n_contacts and self._levels[crossing.which] != 0
 
     def jumped_switch(self, t: float, x: np.ndarray) -> int | None:
-        """First armed switch of which the guard has jumped above 0.
+        """First switch of which the guard has jumped above 0.
 
         Parameters
         ----------
@@ -189,14 +216,14 @@ class Watch:
         """
         if self.n == self.n_contacts:
             return None
-        values = self.values(np.array([t]), x[None, :])[0, self.n_contacts :]
-        jumped = np.flatnonzero(self.armed[self.n_contacts :] & (values < 0))
-        return int(jumped[0]) if len(jumped) else None
+        jumped = self._values(t, x)[0] < self._levels
+        found = np.flatnonzero(jumped[self.n_contacts :])
+        return int(found[0]) if len(found) else None
 
     # -- location --------------------------------------------------------------------------
 
     def find(self, step: Step) -> Crossing | None:
-        """First event of a step; without any, arms what has been well above 0 in it.
+        """First event of a step; without any, raises levels of what has been well above 0 in it.
 
         Parameters
         ----------
@@ -207,40 +234,36 @@ class Watch:
         -------
         Crossing or None
         """
-        values = self.values(step.t + _SAMPLES * step.h, _POWERS @ step.rows)
+        values = self._scan(step.t, step.h, step.rows.ravel())[0].reshape(len(_SAMPLES), self.n)
         a, b, c = values[:-2], values[1:-1], values[2:]
         dips = (b < a) & (b <= c) & (b < 4 * (np.maximum(a, c) - b))
-        suspects = np.flatnonzero((values < 0).any(axis=0) | dips.any(axis=0))
+        suspects = np.flatnonzero((values.min(axis=0) < 0) | dips.any(axis=0))
         small = self._small()
         found = [self._first(int(j), step, values[:, j], small[j]) for j in suspects]
         crossings = [crossing for crossing in found if crossing]
         if crossings:
             return min(crossings, key=lambda crossing: crossing.theta)
-        self.armed |= (values > small).any(axis=0)
+        self._levels[values.max(axis=0) > small] = 0.0
         return None
 
     def _first(self, j: int, step: Step, value: np.ndarray, small: float) -> Crossing | None:
         """First crossing of one event function."""
-        armed = bool(self.armed[j])
-        unarmed_level = -small if j < self.n_contacts else -np.inf
+        level = float(self._levels[j])
 
         def above(theta: float) -> float:
             return self._within(j, step, theta) - level
 
         for k, here in enumerate(value):
-            level = 0.0 if armed else unarmed_level
             if here < level:
-                if k == 0 or value[k - 1] <= level:
-                    return Crossing(j, float(_SAMPLES[max(k - 1, 0)]), armed)
-                theta = brentq(above, _SAMPLES[k - 1], _SAMPLES[k], xtol=1e-15)
-                return Crossing(j, float(theta), armed)
+                theta = _root(above, _SAMPLES[max(k - 1, 0)], _SAMPLES[k])
+                return Crossing(j, theta, level)
             if k >= 2 and self._dips(value[k - 2 : k + 1] - level):
                 ends = _SAMPLES[k - 2], _SAMPLES[k]
                 low = minimize_scalar(above, bounds=ends, method="bounded", options={"xatol": 1e-7})
                 if low.fun < 0:
-                    theta = brentq(above, ends[0], low.x, xtol=1e-15)
-                    return Crossing(j, float(theta), armed)
-            armed = armed or bool(here > small)
+                    return Crossing(j, _root(above, ends[0], low.x), level)
+            if here > small:
+                level = 0.0
         return None
 
     @staticmethod
@@ -255,9 +278,11 @@ class Watch:
         change = self._within(crossing.which, step, high) - self._within(crossing.which, step, low)
         return change / ((high - low) * step.h)
 
-    def locate(self, step: Step, crossing: Crossing, stepper: Stepper) -> tuple[Step | None, float]:
-        """Step to an event. The polynomial is of a lower order than the steps, so that the step
-        itself is taken and corrected by Newton's method.
+    def locate(self, step: Step, crossing: Crossing, stepper: Stepper) -> Located:
+        """Step to an event.
+
+        The polynomial is of a lower order than the steps, so that the step itself is taken and
+        corrected by Newton's method.
 
         Parameters
         ----------
@@ -270,35 +295,29 @@ class Watch:
 
         Returns
         -------
-        (Step or None, float)
-            The step that ends at the event, None if the event is at its start or the stepper must
-            stop earlier; and how far from 0 the event function may be by rounding.
+        Located
         """
+        which, length = crossing.which, crossing.theta * step.h
         slope, floor = self._slope(step, crossing), floor_of_step(self._task, step.t)
-        length, best, least = crossing.theta * step.h, None, np.inf
-        small = self._small()[crossing.which]
+        rounding, small = abs(slope) * floor, float(self._small()[which])
         if length <= floor:
-            return None, self._residual(slope, floor, crossing, step.t, step.x)
+            return Located(None, True, 2 * abs(self.value(which, step.t, step.x)) + rounding)
+        best, least = step, np.inf
         for _ in range(4):
             tried = stepper.redo(step, length)
-            value = self.value(crossing.which, tried.end, tried.x_new)
-            if best is None or abs(value) < least:
-                best, least, worse = tried, abs(value), False
-            else:
-                worse = True
-            if not crossing.armed or not slope < 0 or worse or least <= 1e-3 * small:
+            if tried.end < min(step.t + length, step.end):
+                return Located(tried, False, 0.0)
+            value = self.value(which, tried.end, tried.x_new)
+            if abs(value) > least:
+                break
+            best, least = tried, abs(value)
+            if crossing.level != 0 or not slope < 0 or least <= 1e-3 * small:
                 break
             corrected = length - value / slope
             if not 0 < corrected <= step.h or corrected == length:
                 break
             length = corrected
-        assert best is not None
-        return best, self._residual(slope, floor, crossing, best.end, best.x_new)
-
-    def _residual(
-        self, slope: float, floor: float, crossing: Crossing, t: float, x: np.ndarray
-    ) -> float:
-        return 2 * abs(self.value(crossing.which, t, x)) + abs(slope) * floor
+        return Located(best, True, 2 * least + rounding)
 
     # -- the layer of the smooth law -------------------------------------------------------
 
@@ -316,28 +335,61 @@ class Watch:
         -------
         bool
         """
-        if not len(self._layers):
+        if self._layers is None:
             return False
-        layer, states = 8 * self._layers, self._task.system.velocity_state
-        suspects = np.array([self._may_dip(step, m, w) for m, w in zip(states, layer, strict=True)])
-        if not suspects.any():
+        suspects = self._may_dip(step)
+        if not any(suspects):
             return False
         times, inner = step.t + _LAYER_SAMPLES * step.h, step.states(_LAYER_SAMPLES)
         pairs = zip(times, inner, strict=True)
         v = np.array([self._velocities(t, x)[0].copy() for t, x in pairs])
         v *= np.where(v[0] > 0, 1.0, -1.0)
-        passes = (v[0] > layer) & (v[-1] > layer) & (v.min(axis=0) < layer)
+        passes = (v[0] > self._layers) & (v[-1] > self._layers) & (v.min(axis=0) < self._layers)
         return bool(np.any(passes & suspects))
 
-    @staticmethod
-    def _may_dip(step: Step, state: int, layer: float) -> bool:
-        """Cheap refusal by the cubic through both ends, for velocities that are states."""
-        if state < 0:
-            return True
-        a, b = step.x[state], step.x_new[state]
-        sign = 1.0 if a > 0 else -1.0
-        a, b = sign * a, sign * b
-        if a <= layer or b <= layer:
-            return False
-        least = min(a + step.h * sign * step.dx[state] / 3, b - step.h * sign * step.dx_new[state] / 3)
-        return bool(least <= max(layer, 0.3 * min(a, b)))
+    def _may_dip(self, step: Step) -> list[bool]:
+        """Which velocities may dip, judged by the cubic through both ends where they are states."""
+        x, x_new = step.x.tolist(), step.x_new.tolist()
+        dx, dx_new = step.dx.tolist(), step.dx_new.tolist()
+        found = []
+        for i, layer in zip(self._states, self._layers, strict=True):
+            sign = 1.0 if x[i] > 0 else -1.0
+            a, b = sign * x[i], sign * x_new[i]
+            first, second = a + sign * step.h * dx[i] / 3, b - sign * step.h * dx_new[i] / 3
+            low = min(first, second) <= max(layer, 0.3 * min(a, b))
+            found.append(i < 0 or (a > layer and b > layer and low))
+        return found
+
+
+def _root(function: Callable[[float], float], a: float, b: float) -> float:
+    """Where a function falls through 0; an end where rounding has it there already."""
+    if function(a) <= 0:
+        return float(a)
+    return float(brentq(function, a, b, xtol=1e-15)) if function(b) < 0 else float(b)
+
+
+@lru_cache(maxsize=64)
+def _event_functions(system: System) -> tuple[ca.Function, ...]:
+    """Event functions at a state, at a fraction of a step, at all its samples; rates of guards."""
+    t, x, p, s = system.rhs.mx_in()
+    parts, rates = [], ca.MX(0, 1)
+    if system.exact:
+        velocity, _, force, least, largest = ca.vertsplit(system.probe(t, x, p, s), s.numel())
+        margin = ca.fmin(force - least, largest - force)
+        parts.append(ca.if_else(s == 0, margin, s * velocity))
+    if system.model.switches:
+        guards, rates = ca.vertsplit(system.guards(t, x, p, s), len(system.model.switches))
+        parts.append(-guards)
+    names = ["t", "x", "p", "s"]
+    values = ca.Function("values", [t, x, p, s], [ca.vertcat(*parts)], names, ["values"])
+    theta, h, rows = ca.MX.sym("theta"), ca.MX.sym("h"), ca.MX.sym("rows", x.numel(), 8)
+    product = [ca.MX(1)]
+    for k in range(7):
+        product.append(product[-1] * (1 - theta if k % 2 else theta))
+    inner = values(t + theta * h, rows @ ca.vertcat(*product), p, s)
+    symbols, long = [theta, t, h, rows, p, s], ["theta", "t", "h", "rows", "p", "s"]
+    within = ca.Function("within", symbols, [inner], long, ["values"])
+    samples = within.map("within", "serial", len(_SAMPLES), [1, 2, 3, 4, 5], [])
+    every = samples(ca.DM(_SAMPLES).T, *symbols[1:])
+    scan = ca.Function("scan", symbols[1:], [every], long[1:], ["values"])
+    return values, within, scan, ca.Function("rates", [t, x, p, s], [rates], names, ["rates"])

@@ -63,7 +63,7 @@ class Call:
 
     def __init__(self, function: ca.Function, *shared: tuple[str, np.ndarray]) -> None:
         self._buffer, self._run = function.buffer()
-        arrays = dict(shared)
+        self._shared = arrays = dict(shared)  # kept alive: the buffer knows addresses only
         self._passed = []
         for i, name in enumerate(function.name_in()):
             array = arrays.get(name)

@@ -55,6 +55,8 @@ static void values_within(Run *run, double theta, double h, double *value) {
 }
 
 static double value_within(Run *run, long long j, double theta, double h) {
+    if (j < n_exact(run) && run->modes[j] != 0.0 && run->in.velocity_state[j] >= 0)
+        return run->modes[j] * dense_component(run, run->in.velocity_state[j], theta);
     values_within(run, theta, h, run->value);
     return run->value[j];
 }

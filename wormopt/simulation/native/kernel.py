@@ -111,20 +111,46 @@ def _driver() -> ctypes.CDLL:
 
 
 def _source(functions: Sequence[ca.Function]) -> str:
-    """C code of CasADi functions, for use in one file and without checks for absent arguments."""
-    generator = ca.CodeGenerator("model.c")
+    """C code of CasADi functions, for use in one file and without checks for absent arguments.
+
+    The compiler's time grows with the square of the length of a function that keeps its values in
+    variables. Long ones keep them in the work array and are cut into pieces.
+    """
+    long = max(function.n_instructions() for function in functions) > _LONG
+    generator = ca.CodeGenerator("model.c", {"avoid_stack": long})
     for function in functions:
         generator.add(function)
     text = generator.dump()
     text = re.sub(r"^casadi_real (casadi_\w+\()", r"static inline casadi_real \1", text, flags=re.M)
     text = re.sub(r"arg\[(\d+)\]\? (arg\[\1\]\[\d+\]) : 0;", r"\2;", text)
-    return re.sub(r"if \(res\[(\d+)\]!=0\) ", "", text)
+    text = re.sub(r"if \(res\[(\d+)\]!=0\) ", "", text)
+    return re.sub(r"^static int (casadi_f\d+)(\(.*?\)) \{\n(.*?)^\}", _cut, text, flags=_ALL)
+
+
+_ALL = re.MULTILINE | re.DOTALL
+_LONG = 2000  # instructions
+
+
+def _cut(function: re.Match[str]) -> str:
+    """Cut the body of a generated function into functions of so many lines."""
+    name, arguments, body = function.groups()
+    lines = body.splitlines()
+    if len(lines) < _LONG:
+        return function[0]
+    starts = range(0, len(lines) - 1, _LONG // 4)  # the last line returns
+    pieces = ["\n".join(lines[k : k + _LONG // 4]) for k in starts]
+    pieces[-1] = pieces[-1].removesuffix("\n" + lines[-1])
+    cut = [
+        f"__attribute__((noinline)) static void {name}_{k}{arguments} {{\n{p}\n}}\n"
+        for k, p in enumerate(pieces)
+    ]
+    calls = "".join(f"  {name}_{k}(arg, res, iw, w, mem);\n" for k in range(len(pieces)))
+    return "".join(cut) + f"static int {name}{arguments} {{\n{calls}{lines[-1]}\n}}"
 
 
 @cache
 def _library(text: str) -> ctypes.CDLL:
-    # the compiler's time grows with the square of very long functions
-    return library("model", [("model.c", text)], "-O2" if len(text) < 300_000 else "-O1")
+    return library("model", [("model.c", text)], "-O1" if "noinline" in text else "-O2")
 
 
 @dataclass(frozen=True, eq=False)
