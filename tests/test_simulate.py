@@ -402,7 +402,7 @@ def test_harmonic_velocities_with_small_friction_drift_as_averaging_says():
     expected = brentq(lambda V: np.arcsin(np.clip(V / sizes, -1, 1)).sum() - 3 * tilt, 0.0, 1.0)
     gaps = []
     for eps in (0.02, 0.01):
-        t, x, v, f = (ca.SX.sym(name, *size) for name, *size in ("t", "x", "v", ("f", 3)))
+        t, x, v, f = ca.SX.sym("t"), ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f", 3)
         own = [v + a * ca.cos(t + b) for a, b in zip(sizes, (0.0, turn, last), strict=True)]
         law = Coulomb(eps * forward, eps * backward)
         contacts = [Contact(f"mass {i}", own[i], f[i], law) for i in range(3)]

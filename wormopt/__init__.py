@@ -15,17 +15,27 @@ from typing import TYPE_CHECKING, Any
 from wormopt.version import VERSION
 
 if TYPE_CHECKING:
-    from wormopt.core.friction import Law
+    from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
     from wormopt.core.gait import Gait
-    from wormopt.core.model import Contact, Model, Signal
+    from wormopt.core.model import Contact, Model, Output, Schedule, Signal, Switch
     from wormopt.core.modes import ModeSequence
     from wormopt.errors import Interrupted, SceneError, SolveError, WormoptError
+    from wormopt.gaits.construct import fast_gait, travelling_sine
     from wormopt.gaits.files import load_gait
     from wormopt.gaits.optimize import design
     from wormopt.optimal.problem import Problem
     from wormopt.result import Result, Scalar, Variable
     from wormopt.runner import run
     from wormopt.scenes import Scene, load_scene
+    from wormopt.simulation.ensemble import Ensemble, Member, simulate_ensemble
+    from wormopt.simulation.options import Exact, Smooth, Tolerance
+    from wormopt.simulation.simulate import simulate
+    from wormopt.simulation.trajectory import Event, Trajectory
+    from wormopt.tracking.funnel import Funnel, funnel_tracker
+    from wormopt.tracking.lambda_tracker import Decay, Exponent, Quadratic, lambda_tracker
+    from wormopt.tracking.loop import FeedForward
+    from wormopt.tracking.reference import Reference, follow
+    from wormopt.worms.chain import chain
     from wormopt.worms.crawl import crawl
 
 __version__ = VERSION
@@ -33,49 +43,105 @@ __version__ = VERSION
 # Public name -> module it lives in. The imports above repeat it for type checkers.
 _HOMES = {
     "Contact": "wormopt.core.model",
+    "Coulomb": "wormopt.core.friction",
+    "Decay": "wormopt.tracking.lambda_tracker",
+    "Ensemble": "wormopt.simulation.ensemble",
+    "Event": "wormopt.simulation.trajectory",
+    "Exact": "wormopt.simulation.options",
+    "Exponent": "wormopt.tracking.lambda_tracker",
+    "FeedForward": "wormopt.tracking.loop",
+    "Funnel": "wormopt.tracking.funnel",
     "Gait": "wormopt.core.gait",
     "Interrupted": "wormopt.errors",
     "Law": "wormopt.core.friction",
+    "Member": "wormopt.simulation.ensemble",
     "ModeSequence": "wormopt.core.modes",
     "Model": "wormopt.core.model",
+    "Output": "wormopt.core.model",
     "Problem": "wormopt.optimal.problem",
+    "Quadratic": "wormopt.tracking.lambda_tracker",
+    "Reference": "wormopt.tracking.reference",
     "Result": "wormopt.result",
     "Scalar": "wormopt.result",
     "Scene": "wormopt.scenes",
     "SceneError": "wormopt.errors",
+    "Schedule": "wormopt.core.model",
     "Signal": "wormopt.core.model",
+    "Smooth": "wormopt.simulation.options",
     "SolveError": "wormopt.errors",
+    "Spike": "wormopt.core.friction",
+    "Stribeck": "wormopt.core.friction",
+    "Switch": "wormopt.core.model",
+    "Tolerance": "wormopt.simulation.options",
+    "Trajectory": "wormopt.simulation.trajectory",
     "Variable": "wormopt.result",
+    "Viscous": "wormopt.core.friction",
     "WormoptError": "wormopt.errors",
+    "chain": "wormopt.worms.chain",
     "crawl": "wormopt.worms.crawl",
     "design": "wormopt.gaits.optimize",
+    "fast_gait": "wormopt.gaits.construct",
+    "follow": "wormopt.tracking.reference",
+    "funnel_tracker": "wormopt.tracking.funnel",
+    "lambda_tracker": "wormopt.tracking.lambda_tracker",
     "load_gait": "wormopt.gaits.files",
     "load_scene": "wormopt.scenes",
     "run": "wormopt.runner",
+    "simulate": "wormopt.simulation.simulate",
+    "simulate_ensemble": "wormopt.simulation.ensemble",
+    "travelling_sine": "wormopt.gaits.construct",
 }
 
 __all__ = [
     "Contact",
+    "Coulomb",
+    "Decay",
+    "Ensemble",
+    "Event",
+    "Exact",
+    "Exponent",
+    "FeedForward",
+    "Funnel",
     "Gait",
     "Interrupted",
     "Law",
+    "Member",
     "ModeSequence",
     "Model",
+    "Output",
     "Problem",
+    "Quadratic",
+    "Reference",
     "Result",
     "Scalar",
     "Scene",
     "SceneError",
+    "Schedule",
     "Signal",
+    "Smooth",
     "SolveError",
+    "Spike",
+    "Stribeck",
+    "Switch",
+    "Tolerance",
+    "Trajectory",
     "Variable",
+    "Viscous",
     "WormoptError",
     "__version__",
+    "chain",
     "crawl",
     "design",
+    "fast_gait",
+    "follow",
+    "funnel_tracker",
+    "lambda_tracker",
     "load_gait",
     "load_scene",
     "run",
+    "simulate",
+    "simulate_ensemble",
+    "travelling_sine",
 ]
 
 

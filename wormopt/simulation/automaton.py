@@ -41,12 +41,10 @@ def integrate(task: Task, report: Report, *, stiff: bool = False) -> Outcome:
     --------
     >>> import casadi as ca
     >>> from wormopt.core.model import Model, Signal
-    >>> from wormopt.progress import silent
-    >>> from wormopt.simulation.options import Exact
-    >>> from wormopt.simulation.simulate import prepare
+    >>> from wormopt.simulation.simulate import simulate
     >>> x = ca.SX.sym("x")
     >>> decay = Model("decay", x=[Signal("x", x, value=1.0)], ode=-x)
-    >>> integrate(prepare(decay, 1.0, contact=Exact()), silent).x.round(12)
+    >>> simulate(decay, 1.0, route="python").end.round(12)
     array([0.36787944])
     """
     with np.errstate(all="ignore"):  # what is not finite is noticed where it matters

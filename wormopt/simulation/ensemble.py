@@ -114,8 +114,14 @@ def simulate_ensemble(
         Last time, or first and last.
     members : sequence of Member
         What differs.
-    contact, times, tolerance, route
-        As for `simulate`.
+    contact : Exact or Smooth, optional
+        How contacts are treated.
+    times : array_like, shape (m,), optional
+        When to sample, alike for all.
+    tolerance : Tolerance, optional
+        How exact.
+    route : {"auto", "native", "python", "cvodes"}, optional
+        How to integrate, see `simulate`.
     threads : int, optional
         How many at a time; as many as there are cores if left out.
     report : callable, optional

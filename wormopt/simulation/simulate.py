@@ -18,7 +18,7 @@ from wormopt.simulation.routes import integrate
 from wormopt.simulation.task import KINDS, Outcome, Task
 from wormopt.simulation.trajectory import Dense, Event, Trajectory
 
-__all__ = ["prepare", "simulate", "trajectory"]
+__all__ = ["simulate"]
 
 Values = Mapping[str, ArrayLike]
 
@@ -131,10 +131,10 @@ def simulate(
     >>> motion.end.round(12), [(round(e.time, 12), e.kind) for e in motion.events]
     (array([0.5, 0. ]), [(1.0, 'stick')])
     """
-    task = prepare(
+    task = _task(
         model,
         span,
-        contact=contact,
+        contact,
         x0=x0,
         p=p,
         schedules=schedules,
@@ -142,7 +142,7 @@ def simulate(
         dense=dense,
         tolerance=tolerance,
     )
-    return trajectory(task, integrate(task, route, report))
+    return _trajectory(task, integrate(task, route, report))
 
 
 @lru_cache(maxsize=64)
@@ -150,34 +150,18 @@ def _system(model: Model, contact: Treatment) -> System:
     return System(model, contact)
 
 
-def prepare(
+def _task(
     model: Model,
     span: float | tuple[float, float],
-    *,
     contact: Treatment,
-    x0: Values | None = None,
-    p: Values | None = None,
-    schedules: Mapping[str, np.ndarray] | None = None,
-    times: ArrayLike | None = None,
-    dense: bool = False,
-    tolerance: Tolerance = Tolerance(),  # noqa: B008  frozen
+    *,
+    x0: Values | None,
+    p: Values | None,
+    schedules: Mapping[str, np.ndarray] | None,
+    times: ArrayLike | None,
+    dense: bool,
+    tolerance: Tolerance,
 ) -> Task:
-    """Check what `simulate` is given and lay it out for an integrator.
-
-    Parameters
-    ----------
-    model, span, contact, x0, p, schedules, times, dense, tolerance
-        As in `simulate`.
-
-    Returns
-    -------
-    Task
-
-    Raises
-    ------
-    ValueError
-        If something does not fit the model.
-    """
     system = _system(model, contact)
     start, end = span if isinstance(span, tuple) else (0.0, span)
     if not (np.isfinite(start) and np.isfinite(end) and start < end):
@@ -209,25 +193,8 @@ def _with_values(
     return tuple(replace(s, values=given[s.name]) if s.name in given else s for s in schedules)
 
 
-def trajectory(task: Task, outcome: Outcome) -> Trajectory:
-    """Make a trajectory of what an integrator found, or refuse it.
-
-    Parameters
-    ----------
-    task : Task
-        What was asked for.
-    outcome : Outcome
-        What was found.
-
-    Returns
-    -------
-    Trajectory
-
-    Raises
-    ------
-    SolveError
-        If the integrator did not come to the end.
-    """
+def _trajectory(task: Task, outcome: Outcome) -> Trajectory:
+    """What an integrator found, refused if it did not come to the end."""
     reached = task.times[: len(outcome.samples)]
     motion = Trajectory(
         system=task.system,

@@ -98,7 +98,7 @@ class _Report(Structure):
 
 @cache
 def _driver() -> ctypes.CDLL:
-    folder = files(__package__)
+    folder = files("wormopt.simulation.native")
     sources = [(name, (folder / name).read_text(encoding="utf-8")) for name in _SOURCES]
     driver = library("driver", sources, "-O3")
     driver.wormopt_start.restype = POINTER(_Report)
