@@ -61,4 +61,16 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.gait_pareto",
         pictures=("front", "gait", "motion", "spikes"),
     ),
+    "track": Kind(
+        summary="a chain whose links follow a gait by adaptive trackers, under friction",
+        table="wormopt.scenes.track:TrackScene",
+        study="wormopt.studies.track",
+        pictures=("trackers", "motion", "bands"),
+    ),
+    "simulate": Kind(
+        summary="a chain with given inputs, or a model of your own, moving in time",
+        table="wormopt.scenes.simulate:SimulateScene",
+        study="wormopt.studies.simulate",
+        pictures=("motion", "signals"),
+    ),
 }

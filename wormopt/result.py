@@ -36,6 +36,7 @@ UNITS = {
     "power": "W",
     "energy_per_distance": "J m-1",
     "drag": "N s m-1",
+    "stiffness": "N m-1",
     "share": "1",
     "count": "1",
 }

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from wormopt.core.friction import Law
 
@@ -299,6 +301,47 @@ class Model:
         raise KeyError(
             f"{self.name} has no output {name!r}; it has {[o.name for o in self.outputs]}"
         )
+
+    def to_control(
+        self,
+        *,
+        output: str | Sequence[str],
+        v_reg: float = 1 / 40,
+        p: Mapping[str, ArrayLike] | None = None,
+    ) -> Any:
+        """Make a control.NonlinearIOSystem of it, for the tools of python-control.
+
+        Contacts follow the smooth law. Schedules are followed, but python-control's integrators
+        do not know where they break.
+
+        Parameters
+        ----------
+        output : str or sequence of str
+            Names of its outputs.
+        v_reg : float, optional
+            Width of the smooth law, positive.
+        p : mapping of str to array_like, optional
+            Parameters by name, where they are not the model's own.
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+            Signals are called ``position[0]``, ``input[1]`` and so on; ``params`` holds the
+            parameters by name, ``v_reg`` among them.
+
+        Raises
+        ------
+        ImportError
+            If python-control is not installed.
+        ValueError
+            If names or sizes do not fit, or the model has switches or algebraic variables.
+        KeyError
+            If there is no such output.
+        """
+        # here, not above: only who asks for it needs it
+        from wormopt.core.explicit import Explicit
+
+        return Explicit(self, output).to_control(v_reg, p or {})
 
 
 def pack(signals: Sequence[Signal]) -> ca.SX:

@@ -15,7 +15,7 @@ from matplotlib import rc_context
 from matplotlib.animation import PillowWriter
 from matplotlib.figure import Figure
 
-from wormopt.plot import gaits
+from wormopt.plot import gaits, simulation
 from wormopt.plot.parts import RED, STYLE
 from wormopt.result import Result
 
@@ -56,8 +56,18 @@ PICTURES: dict[str, Picture] = {
     ),
     "front": Picture(gaits.front, ("front_speed", "front_value", "front_accepted")),
     "animation": Picture(gaits.first_frame, (*_CYCLE, "position"), gaits.pose, gaits.FRAMES),
+    "trackers": Picture(
+        simulation.trackers,
+        ("time", "reference", "length", "error_norm", "tube", "gain", "input", "position"),
+    ),
+    "bands": Picture(simulation.bands, ("time", "reference", "quantile")),
+    "signals": Picture(simulation.signals, ("time",)),
 }
 """Every picture by its name, the word in a scene's ``want``."""
+
+_SIMULATED = Picture(simulation.motion, ("time", "position"))
+# Pictures that are another one in results of some kinds of scene.
+_BY_KIND = {("track", "motion"): _SIMULATED, ("simulate", "motion"): _SIMULATED}
 
 
 def figure(result: Result, picture: str) -> Figure:
@@ -93,13 +103,14 @@ def figure(result: Result, picture: str) -> Figure:
     """
     if picture not in PICTURES:
         raise ValueError(f"no picture {picture!r}; there are {', '.join(PICTURES)}")
-    missing = [name for name in PICTURES[picture].needs if name not in result]
+    chosen = _BY_KIND.get((result.kind, picture), PICTURES[picture])
+    missing = [name for name in chosen.needs if name not in result]
     if missing:
         error = KeyError(", ".join(missing))
         error.add_note(f"the picture {picture!r} is drawn from these variables of the result")
         raise error
     with rc_context(STYLE):
-        drawn = PICTURES[picture].compose(result)
+        drawn = chosen.compose(result)
         _entitle(drawn, result)
     return drawn
 

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scenes.gait import too_many_resting
+from wormopt.scenes.shapes import too_many_resting
 from wormopt.scenes.types import (
     NonNegative,
     PairPerLink,
@@ -18,6 +18,7 @@ from wormopt.scenes.types import (
     Positive,
     PositiveOrPair,
     SceneTable,
+    Seed,
     Sharing,
     Table,
     per,
@@ -239,9 +240,7 @@ class Search(Table, frozen=True, kw_only=True):
         Number of processes; as many as there are processors if left out.
     """
 
-    seed: Annotated[
-        int, Meta(ge=0, lt=2**32, description="a whole number from 0 to 4294967295")
-    ] = 0
+    seed: Seed = 0
     effort: Literal["quick", "normal", "thorough"] = "normal"
     phases: Annotated[int, Meta(ge=2, le=12, description="a whole number from 2 to 12")] | None = (
         None

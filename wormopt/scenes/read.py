@@ -74,6 +74,11 @@ def _read_value(raw: Any, kind: Any, path: str, faults: list[Fault]) -> Any:
     if isinstance(raw, Mapping) and tables:
         table = _chosen(raw, tables, path, faults)
         return table and read_table(raw, table, path, faults)
+    listed = _listed_in(kind)
+    if isinstance(raw, list) and listed is not None:
+        return tuple(
+            _read_value(item, listed, f"{path}[{i}]", faults) for i, item in enumerate(raw)
+        )
     try:
         return msgspec.convert(raw, kind)
     except msgspec.ValidationError as error:
@@ -125,6 +130,8 @@ def describe(kind: Any) -> str:
         return _one_of(list(arguments))
     if origin in (Union, UnionType):
         return ", or ".join(dict.fromkeys(describe(a) for a in arguments if a is not NoneType))
+    if origin is dict:
+        return "a table"
     if origin is tuple:
         return f"a list of {describe(arguments[0])}"
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
@@ -138,6 +145,15 @@ def _tables_in(kind: Any) -> list[type[msgspec.Struct]]:
     if get_origin(kind) in (Union, UnionType):
         return [table for part in get_args(kind) for table in _tables_in(part)]
     return []
+
+
+def _listed_in(kind: Any) -> Any:
+    """Type of the tables in a list, None where there is no list of tables."""
+    parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else [kind]
+    for part in parts:
+        if get_origin(part) is tuple and _tables_in(get_args(part)[0]):
+            return get_args(part)[0]
+    return None
 
 
 def _unknown(key: str, table: type[msgspec.Struct], known: list[str]) -> str:

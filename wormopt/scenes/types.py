@@ -64,9 +64,7 @@ FinitePerMass = Annotated[
     Finite | tuple[Finite, ...],
     _words("a finite number, or a list of such numbers, one per mass"),
 ]
-Seed = Annotated[
-    int, Meta(ge=0, le=2**32 - 1, description="a whole number from 0 to 4294967295")
-]
+Seed = Annotated[int, Meta(ge=0, le=2**32 - 1, description="a whole number from 0 to 4294967295")]
 
 # Control characters are refused: files and terminals mangle them.
 Title = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]*$"), _words("text in quotes, on one line")]

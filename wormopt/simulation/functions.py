@@ -293,6 +293,13 @@ class System:
         return self._function("observed", self._put(expression))
 
     @cached_property
+    def dae(self) -> dict[str, ca.SX]:
+        """Expressions of the smooth treatment by CasADi's names: t, x, z, p, ode, alg."""
+        t, x, p, _ = self.symbols
+        z, alg = pack(self.model.z), self._put(self.model.alg)
+        return {"t": t, "x": x, "z": z, "p": p, "ode": self._ode, "alg": alg}
+
+    @cached_property
     def functions(self) -> dict[str, ca.Function]:
         """Those that this model and treatment need, by name."""
         names = ["rhs"]

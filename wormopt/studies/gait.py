@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
-from wormopt.core.gait import Gait
-from wormopt.errors import SceneError
-from wormopt.gaits.construct import accordion, block_wave, fast_gait
-from wormopt.gaits.files import load_gait
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, unit_of
-from wormopt.scenes.gait import Accordion, BlockWave, FastGait, GaitFile, GaitScene
+from wormopt.scenes.gait import GaitScene
 from wormopt.scenes.scene import Scene
 from wormopt.studies.motion import (
     disagreements,
@@ -20,6 +15,7 @@ from wormopt.studies.motion import (
     motion_variables,
     recheck,
 )
+from wormopt.studies.reference import gait_of_shape
 from wormopt.worms.crawl import Crawl, crawl
 
 __all__ = ["run"]
@@ -52,7 +48,7 @@ def run(scene: Scene[GaitScene], report: Report) -> Result:
     worm = table.worm
     clock = time.perf_counter()
     report("crawling", None)
-    gait = _gait(scene)
+    gait = gait_of_shape(table.gait, scene)
     motion = crawl(gait, worm.masses, worm.drag, worm.load, table.gait.sharing)
     scalars = motion_scalars(motion, table.units)
     crawled = time.perf_counter()
@@ -75,31 +71,6 @@ def run(scene: Scene[GaitScene], report: Report) -> Result:
         timings_s={"crawl": crawled - clock, "recheck": checked - crawled},
         scene_text=scene.text,
     )
-
-
-def _gait(scene: Scene[GaitScene]) -> Gait:
-    shape, links = scene.table.gait, scene.table.worm.links
-    if isinstance(shape, FastGait):
-        return fast_gait(shape.period, shape.rest_length, shape.elongation)
-    if isinstance(shape, GaitFile):
-        return _gait_from_file(scene, shape)
-    length, ramp = (shape.length[0], shape.length[1]), shape.ramp or 0.0
-    if isinstance(shape, BlockWave):
-        return block_wave(links, shape.resting, shape.period, length, shape.profile, ramp)
-    assert isinstance(shape, Accordion)
-    return accordion(links, shape.period, length, shape.profile, ramp)
-
-
-def _gait_from_file(scene: Scene[GaitScene], shape: GaitFile) -> Gait:
-    path = scene.folder / Path(shape.file)
-    try:
-        gait = load_gait(path)
-    except (OSError, ValueError) as error:
-        raise SceneError(scene.name, [("gait.file", f"{shape.file}: {error}")]) from None
-    if gait.links != scene.table.worm.links:
-        message = f"the file has {gait.links} links; set worm.links = {gait.links}"
-        raise SceneError(scene.name, [("gait.file", message)])
-    return gait if shape.period is None else gait.with_period(shape.period)
 
 
 def _warnings(motion: Crawl) -> list[str]:

@@ -158,7 +158,11 @@ static void step(Run *run) {
     const double stop = fmin(run->in.t_end, run->t_break), left = stop - run->out.t;
     if (run->h_next <= 0.0) run->h_next = first_step(run);
     int last = 1.01 * run->h_next >= left;
-    double h = last ? left : fmin(run->h_next, left);
+    double h = last ? left : run->h_next;
+    if (h < floor_of_step(run) && !last) {
+        run->out.status = STEP_TOO_SMALL;
+        return;
+    }
     run->has_dense = 0;
     stages(run, h);
     double error = step_error(run, h);

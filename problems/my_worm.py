@@ -1,0 +1,33 @@
+"""A worm of one's own: a capsule that a mass inside it shakes forward, for own_model.toml."""
+
+import casadi as ca
+
+from wormopt import Contact, Model, Signal
+from wormopt.core.friction import Coulomb
+from wormopt.core.model import Output
+
+
+def build(
+    mass: float = 1.0,
+    inner_mass: float = 0.3,
+    stroke: float = 0.5,
+    frequency: float = 6.0,
+    forward: float = 1.0,
+    backward: float = 3.0,
+) -> Model:
+    """Capsule on dry ground; its inner mass moves by stroke/2 * sin(frequency * t) in it."""
+    t, x, v = ca.SX.sym("t"), ca.SX.sym("x"), ca.SX.sym("v")
+    force = ca.SX.sym("force")  # of the ground; the ode is affine in it
+    inside = stroke / 2 * ca.sin(frequency * t)
+    relative = ca.jacobian(ca.jacobian(inside, t), t)  # acceleration of the inner mass
+    return Model(
+        "capsule",
+        x=[
+            Signal("position", x, unit="length", value=0.0),  # the value is where it starts
+            Signal("velocity", v, unit="speed", value=0.0),
+        ],
+        ode=ca.vertcat(v, (force - inner_mass * relative) / (mass + inner_mass)),
+        t=t,
+        outputs=[Output("inner_position", x + inside, unit="length")],
+        contacts=[Contact("capsule", v, force, Coulomb(forward, backward))],
+    )

@@ -1,0 +1,134 @@
+"""Cost of a step against the number of links of a chain: it should grow like n."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+
+from wormopt.bench.cases import long_chain
+from wormopt.errors import SolveError
+from wormopt.progress import Report
+from wormopt.simulation.options import Exact, Smooth, Tolerance, Treatment
+from wormopt.simulation.simulate import simulate
+
+__all__ = ["LENGTHS", "Length", "measure_lengths", "slope"]
+
+LENGTHS = (2, 5, 10, 20, 50, 100, 200, 500, 1000)
+"""Numbers of links."""
+
+_TREATMENTS: dict[str, Treatment] = {"smooth": Smooth(1 / 40), "exact": Exact()}
+_TOLERANCE = Tolerance(1e-8, 1e-9)
+
+
+@dataclass(frozen=True)
+class Length:
+    """What a chain of some length costs.
+
+    Parameters
+    ----------
+    links : int
+        Number of links n.
+    contact : {"smooth", "exact"}
+        How contact was treated.
+    first : float
+        Seconds from the numbers of the chain to the end of its first run: building expressions,
+        compiling, running.
+    step : float
+        Seconds of a step, accepted or rejected, in warm runs.
+    steps, events : int
+        How many there were.
+    failure : str, optional
+        Why there is none.
+    """
+
+    links: int
+    contact: str
+    first: float
+    step: float
+    steps: int
+    events: int
+    failure: str = ""
+
+
+def measure_lengths(lengths: Sequence[int], rounds: int, report: Report) -> Iterator[list[Length]]:
+    """Measure chains of several lengths.
+
+    Parameters
+    ----------
+    lengths : sequence of int
+        Numbers of links.
+    rounds : int
+        Warm runs of each; the median counts.
+    report : callable
+        Told how far it is.
+
+    Yields
+    ------
+    list of Length
+        The same list time and again, one longer each time.
+    """
+    found: list[Length] = []
+    tasks = [(contact, links) for contact in _TREATMENTS for links in lengths]
+    for k, (contact, links) in enumerate(tasks):
+        report(f"chain of {links} links, {contact}", k / len(tasks))
+        found.append(_measure(links, contact, rounds))
+        yield found
+
+
+def _measure(links: int, contact: str, rounds: int) -> Length:
+    begin = perf_counter()
+    model = long_chain(links)
+    treatment = _TREATMENTS[contact]
+    span = 2.0 if contact == "smooth" or links <= 100 else 0.5
+
+    def run() -> tuple[int, int]:
+        motion = simulate(model, span, contact=treatment, tolerance=_TOLERANCE, route="native")
+        return motion.n_steps + motion.n_rejected, len(motion.events)
+
+    try:
+        steps, events = run()
+    except SolveError as error:
+        return Length(links, contact, perf_counter() - begin, math.nan, 0, 0, error.code)
+    first = perf_counter() - begin
+    times = []
+    for _ in range(rounds):
+        begin = perf_counter()
+        run()
+        times.append(perf_counter() - begin)
+        if sum(times) > 10.0:
+            break
+    return Length(links, contact, first, median(times) / steps, steps, events)
+
+
+def slope(found: Sequence[Length], contact: str, least: int = 20) -> float:
+    """Exponent p of a step's cost ~ n^p, fitted to the long chains.
+
+    Parameters
+    ----------
+    found : sequence of Length
+        From `measure_lengths`.
+    contact : {"smooth", "exact"}
+        Which of them.
+    least : int, optional
+        Shortest chain that counts; short ones are ruled by what does not depend on n.
+
+    Returns
+    -------
+    float
+        NaN where fewer than two count.
+
+    Examples
+    --------
+    >>> round(slope([Length(n, "smooth", 1.0, 1e-7 * n, 9, 0) for n in (20, 50)], "smooth"), 6)
+    1.0
+    """
+    kept = [c for c in found if c.contact == contact and c.links >= least and c.step > 0]
+    if len(kept) < 2:
+        return math.nan
+    n, time = np.log([c.links for c in kept]), np.log([c.step for c in kept])
+    return float(np.polyfit(n, time, 1)[0])

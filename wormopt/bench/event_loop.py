@@ -1,0 +1,217 @@
+"""Dry friction by scipy's solve_ivp with terminal events: what one would write without wormopt.
+
+Sliding masses have the event v = 0, resting ones the events that their force leaves its interval;
+at every event the modes are decided anew, on the level of accelerations, and solve_ivp starts
+again. It knows nothing of `simulate` and is the second route for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from wormopt.bench.driven_chain import DrivenChain, Grip
+from wormopt.bench.linear_flow import Happening, Motion
+
+__all__ = ["Plant", "event_loop", "plant_of_chain"]
+
+_SLACK = 1e-12
+Rates = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """Masses on dry ground.
+
+    Parameters
+    ----------
+    rates : callable
+        (t, y, friction forces) -> y'. The force on one mass accelerates no other.
+    start : ndarray, shape (n_y,)
+        State at time 0.
+    velocity : ndarray of int, shape (masses,)
+        Which states are the masses' velocities.
+    mass : ndarray, shape (masses,)
+        Masses.
+    grips : sequence of Grip
+        Their friction.
+    breaks : callable
+        (span) -> times within at which the rates are not smooth.
+    """
+
+    rates: Rates
+    start: np.ndarray
+    velocity: np.ndarray
+    mass: np.ndarray
+    grips: Sequence[Grip]
+    breaks: Callable[[float], np.ndarray]
+
+
+def plant_of_chain(chain: DrivenChain) -> Plant:
+    """Take a driven chain for a plant.
+
+    Parameters
+    ----------
+    chain : DrivenChain
+        What moves.
+
+    Returns
+    -------
+    Plant
+    """
+    masses = chain.links + 1
+
+    def breaks(span: float) -> np.ndarray:
+        cycles = np.arange(np.ceil(span / chain.gait.period)) * chain.gait.period
+        times = (cycles[:, None] + chain.gait.breaks[None, :-1]).ravel()
+        return times[(times > 0) & (times < span)]
+
+    velocity = np.arange(masses, 2 * masses)
+    return Plant(chain.rates, chain.start, velocity, chain.mass, chain.grips, breaks)
+
+
+class _Loop:
+    def __init__(self, plant: Plant) -> None:
+        self.plant, self.velocity, self.mass = plant, plant.velocity, plant.mass
+        self.ahead = np.array([-grip.forward for grip in plant.grips])
+        # a spike never slides backward; what its force would be then is of no matter
+        self.behind = np.array([g.backward if np.isfinite(g.backward) else 0 for g in plant.grips])
+        # A mass is let go when its force is out of bounds by more than rounding, so that its
+        # acceleration then has the right sign.
+        self.hold = np.array([grip.hold for grip in plant.grips]) + [-_SLACK, _SLACK]
+        self.modes = np.zeros(len(self.mass), dtype=int)
+        self.slip = np.zeros(len(self.mass))
+        self.let_go = np.full(len(self.mass), -np.inf)  # when
+        self.none = np.zeros(len(self.mass))
+        self.happenings: list[Happening] = []
+
+    def rates(self, t: float, y: np.ndarray) -> np.ndarray:
+        dy = self.plant.rates(t, y, self.slip.copy())
+        dy[self.velocity[self.modes == 0]] = 0.0
+        return dy
+
+    def holding(self, t: float, y: np.ndarray) -> np.ndarray:
+        """Force that each mass needs to stay at rest."""
+        return -self.mass * self.plant.rates(t, y, self.none.copy())[self.velocity]
+
+    def decide(self, t: float, y: np.ndarray, event: int = -1) -> None:
+        """Modes of masses without velocity; `event` is the mass whose event it is."""
+        before, force = self.modes.copy(), self.holding(t, y)
+        for i, (least, largest) in enumerate(self.hold):
+            if i == event:
+                y[self.velocity[i]] = 0.0
+            if y[self.velocity[i]] != 0:
+                self.modes[i] = np.sign(y[self.velocity[i]])
+            elif i == event and before[i] == 0:  # let go, whatever rounding says of its force
+                self.modes[i] = 1 if force[i] - least < largest - force[i] else -1
+                self.let_go[i] = t
+            elif self.let_go[i] < t:
+                self.modes[i] = int(force[i] < least) - int(force[i] > largest)
+        self.slip = np.where(self.modes > 0, self.ahead, self.behind)
+        for i in np.flatnonzero(before != self.modes) if t > 0 else ():
+            kind = "release" if before[i] == 0 else "stick" if self.modes[i] == 0 else "reversal"
+            self.happenings.append(Happening(t, int(i), kind))
+
+    def events(self) -> tuple[list[Callable[[float, np.ndarray], float]], list[int]]:
+        functions: list[Any] = []
+        owners = []
+        for i, mode in enumerate(self.modes):
+            if mode:
+                functions.append(lambda _, y, s=mode, v=self.velocity[i]: s * y[v])
+                owners.append(i)
+                continue
+            for bound, sign in zip(self.hold[i], (1, -1), strict=True):
+                if np.isfinite(bound):
+                    functions.append(
+                        lambda t, y, i=i, b=bound, s=sign: s * (self.holding(t, y)[i] - b)
+                    )
+                    owners.append(i)
+        for function in functions:
+            function.terminal, function.direction = True, -1
+        return functions, owners
+
+
+def event_loop(
+    plant: Plant,
+    span: float,
+    times: np.ndarray | None = None,
+    *,
+    start: np.ndarray | None = None,
+    method: str = "DOP853",
+    relative: float = 1e-10,
+    absolute: float = 1e-11,
+    max_step: float = np.inf,
+    max_events: int = 100_000,
+) -> Motion:
+    """Follow a plant from 0 to ``span``.
+
+    Parameters
+    ----------
+    plant : Plant
+        What moves.
+    span : float
+        Last time.
+    times : ndarray, shape (m,), optional
+        Sample times, ascending.
+    start : ndarray, shape (n_y,), optional
+        State at 0 instead of the plant's own.
+    method : str, optional
+        Of solve_ivp.
+    relative, absolute : float, optional
+        Its tolerances.
+    max_step : float, optional
+        Largest step. solve_ivp sees an event only if its function has another sign at the end of
+        a step: a velocity that dips below zero and comes back within a step goes unseen.
+    max_events : int, optional
+        Events after which it is given up.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    RuntimeError
+        If solve_ivp fails or there are too many events.
+    """
+    loop = _Loop(plant)
+    times = np.zeros(0) if times is None else times
+    y, t, event = (plant.start if start is None else start).copy(), 0.0, -1
+    states, sampled, steps = np.empty((len(y), len(times))), 0, 0
+    for stop in [*plant.breaks(span), span]:
+        while t < stop:
+            loop.decide(t, y, event)
+            functions, owners = loop.events()
+            wanted = times[sampled:]
+            wanted = wanted[(wanted >= t) & (wanted <= stop)]
+            found = solve_ivp(
+                loop.rates,
+                (t, stop),
+                y,
+                method,
+                dense_output=len(wanted) > 0,
+                events=functions,
+                rtol=relative,
+                atol=absolute,
+                max_step=max_step,
+            )
+            if found.status < 0 or len(loop.happenings) > max_events:
+                raise RuntimeError(f"the event loop is given up at t = {t:g}: {found.message}")
+            steps += found.nfev
+            event = -1
+            t_end, y_end = stop, found.y[:, -1] if found.status == 0 else y
+            if found.status == 1:
+                first = [k for k, at in enumerate(found.t_events) if len(at)]
+                k = min(first, key=lambda k: found.t_events[k][0])
+                event, t_end, y_end = owners[k], found.t_events[k][0], found.y_events[k][0]
+            taken = int(np.sum(wanted <= t_end))
+            if taken and found.sol is not None:
+                states[:, sampled : sampled + taken] = found.sol(wanted[:taken])
+                sampled += taken
+            y, t = y_end.copy(), float(t_end)
+    states[:, sampled:] = y[:, None]
+    return Motion(states, y, loop.happenings, steps)

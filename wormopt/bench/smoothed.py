@@ -1,0 +1,138 @@
+"""A Model with its smooth contact forces put in, made ready for other people's integrators.
+
+It does on its own, in the plainest way, what `wormopt.simulation` does for itself: a mistake there
+is not repeated here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from wormopt.core.model import Model, Schedule, Signal, pack
+
+__all__ = ["Piece", "Smoothed"]
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A stretch of time in which no schedule has a break.
+
+    Parameters
+    ----------
+    start, end : float
+        When.
+    values : ndarray
+        Of all schedules: beginning of the piece and the scheduled numbers.
+    """
+
+    start: float
+    end: float
+    values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """x' = rates(t, x, q), q scheduled numbers, all other numbers as the model has them.
+
+    Parameters
+    ----------
+    model : Model
+        Without switches or algebraic equations.
+    v_reg : float
+        Width of the smooth law.
+
+    Examples
+    --------
+    >>> from wormopt.core.friction import Coulomb
+    >>> from wormopt.core.model import Contact
+    >>> v, f = ca.SX.sym("v"), ca.SX.sym("f")
+    >>> ground = Contact("block", v, f, Coulomb(1.0, 1.0))
+    >>> block = Model("block", x=[Signal("velocity", v, value=2.0)], ode=f, contacts=[ground])
+    >>> smoothed = Smoothed(block, 0.1)
+    >>> smoothed.function(0, smoothed.start, []), [p.end for p in smoothed.pieces(3.0)]
+    (DM(-1), [3.0])
+    """
+
+    model: Model
+    v_reg: float
+
+    @cached_property
+    def expressions(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """t, x, q and the rates of x."""
+        model, x = self.model, pack(self.model.x)
+        q = ca.vertcat(ca.SX(0, 1), *(ca.vertcat(s.begin, s.symbol) for s in model.schedules))
+        forces = [c.law.smooth(c.velocity, self.v_reg) for c in model.contacts]
+        ode = ca.substitute(model.ode, model.forces, ca.vertcat(ca.SX(0, 1), *forces))
+        fixed = [*model.p, *model.u]
+        ode = ca.substitute(ode, pack(fixed), ca.DM(_values(fixed)))
+        return model.t, x, q, ode
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """Rates as a function of (t, x, q)."""
+        t, x, q, ode = self.expressions
+        return ca.Function("rates", [t, x, q], [ca.densify(ode)])
+
+    @cached_property
+    def jacobian(self) -> ca.Function:
+        """Jacobian of the rates by x."""
+        t, x, q, ode = self.expressions
+        return ca.Function("jacobian", [t, x, q], [ca.densify(ca.jacobian(ode, x))])
+
+    @cached_property
+    def start(self) -> np.ndarray:
+        """States at the start."""
+        return _values(list(self.model.x))
+
+    def pieces(self, span: float) -> Iterator[Piece]:
+        """Cut the time from 0 to ``span`` at all breaks.
+
+        Parameters
+        ----------
+        span : float
+            Last time.
+
+        Yields
+        ------
+        Piece
+        """
+        schedules = self.model.schedules
+        cuts = {0.0, span}
+        for schedule in schedules:
+            cuts.update(t for t in _breaks(schedule, span) if 0 < t < span)
+        edges = sorted(cuts)
+        # the same break of two schedules may differ by rounding
+        kept = [0.0, *(b for a, b in zip(edges, edges[1:], strict=False) if b - a > 1e-12 * span)]
+        kept[-1] = span
+        for a, b in zip(kept, kept[1:], strict=False):
+            values = [_held(schedule, 0.5 * (a + b)) for schedule in schedules]
+            yield Piece(a, b, np.concatenate([np.zeros(0), *values]))
+
+
+def _values(signals: list[Signal]) -> np.ndarray:
+    known = [np.broadcast_to(0.0 if s.value is None else s.value, s.size) for s in signals]
+    return np.concatenate([np.zeros(0), *known])
+
+
+def _breaks(schedule: Schedule, span: float) -> np.ndarray:
+    period = schedule.breaks[-1]
+    if not schedule.periodic:
+        return schedule.start + schedule.breaks[1:-1]
+    first = np.floor(-schedule.start / period)
+    cycles = np.arange(first, first + np.ceil(span / period) + 2)
+    return (schedule.start + cycles[:, None] * period + schedule.breaks[None, :-1]).ravel()
+
+
+def _held(schedule: Schedule, t: float) -> np.ndarray:
+    """Beginning and values of the piece in the midst of which t is."""
+    period = schedule.breaks[-1]
+    turn = np.floor((t - schedule.start) / period) * period if schedule.periodic else 0.0
+    since = t - schedule.start - turn
+    piece = int(np.clip(np.searchsorted(schedule.breaks, since) - 1, 0, schedule.pieces - 1))
+    begin = schedule.start + turn + schedule.breaks[piece]
+    return np.append(begin, schedule.values[piece])

@@ -1,0 +1,120 @@
+"""Whether an expression is zero for all values of its symbols, decided without a threshold.
+
+The expression is evaluated in the field of integers modulo a prime, where sums that cancel do so
+exactly, at a point drawn at random. What is not identically zero vanishes there with a probability
+of about its degree in 2^61. Functions that are no quotients of polynomials, tanh say, are unknowns
+of their own, so that only relations among them, cos^2 + sin^2 = 1 say, go unnoticed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+import numpy as np
+
+__all__ = ["identically_zero"]
+
+_PRIME = 2**61 - 1
+_LARGEST_POWER = 64
+
+
+def identically_zero(
+    expression: ca.SX, symbols: ca.SX, values: Mapping[int, float] | None = None
+) -> np.ndarray:
+    """Tell for each entry of an expression whether it is identically zero.
+
+    Parameters
+    ----------
+    expression : casadi.SX
+        Of any shape.
+    symbols : casadi.SX
+        Column of all symbols in it.
+    values : mapping of int to float, optional
+        Entries of ``symbols`` that have a value, exact as a double is; the others may be anything.
+
+    Returns
+    -------
+    ndarray of bool
+        In the shape of ``expression``.
+
+    Examples
+    --------
+    >>> x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    >>> cancels = (x + y) * (x - y) - x**2 + y**2
+    >>> identically_zero(ca.horzcat(cancels, ca.tanh(x) - y), ca.vertcat(x, y))
+    array([[ True, False]])
+    """
+    random = np.random.default_rng(0)
+    at = [int(random.integers(1, _PRIME)) for _ in range(symbols.numel())]
+    for i, value in (values or {}).items():
+        at[i] = _residue(value)
+    function = ca.Function("f", [symbols], [ca.densify(expression)])
+    found = np.array(_Field(random).evaluate(function, at), dtype=object)
+    return (found == 0).reshape(expression.shape, order="F").astype(bool)
+
+
+def _residue(value: float) -> int:
+    top, bottom = float(value).as_integer_ratio()
+    return _divide(top % _PRIME, bottom)
+
+
+def _divide(a: int, b: int) -> int:
+    return a * pow(b, -1, _PRIME) % _PRIME
+
+
+def _power(base: int, exponent: int) -> int | None:
+    """None where the exponent is no small whole number."""
+    signed = exponent if exponent <= _PRIME // 2 else exponent - _PRIME
+    return pow(base, signed, _PRIME) if abs(signed) <= _LARGEST_POWER else None
+
+
+_ARITHMETIC = {
+    ca.OP_ASSIGN: lambda a: a,
+    ca.OP_ADD: lambda a, b: a + b,
+    ca.OP_SUB: lambda a, b: a - b,
+    ca.OP_MUL: lambda a, b: a * b,
+    ca.OP_DIV: _divide,
+    ca.OP_NEG: lambda a: -a,
+    ca.OP_INV: lambda a: _divide(1, a),
+    ca.OP_SQ: lambda a: a * a,
+    ca.OP_TWICE: lambda a: 2 * a,
+    ca.OP_POW: _power,
+    ca.OP_CONSTPOW: _power,
+    # a condition is an unknown; what depends on it is zero if it is so either way
+    ca.OP_NOT: lambda a: 1 - a,
+    ca.OP_IF_ELSE_ZERO: lambda a, b: a * b,
+}
+
+
+class _Field:
+    """Arithmetic modulo the prime; every other function gets a random value per argument."""
+
+    def __init__(self, random: np.random.Generator) -> None:
+        self._random = random
+        self._unknowns: dict[tuple[int, ...], int] = {}
+
+    def _apply(self, operation: int, arguments: list[int]) -> int:
+        known = _ARITHMETIC.get(operation)
+        value = known(*arguments) if known else None
+        if value is not None:
+            return value % _PRIME
+        key = (operation, *arguments)
+        if key not in self._unknowns:
+            self._unknowns[key] = int(self._random.integers(1, _PRIME))
+        return self._unknowns[key]
+
+    def evaluate(self, function: ca.Function, at: list[int]) -> list[int]:
+        work, results = [0] * function.sz_w(), [0] * function.nnz_out(0)
+        for k in range(function.n_instructions()):
+            operation = function.instruction_id(k)
+            source, target = function.instruction_input(k), function.instruction_output(k)
+            if operation == ca.OP_INPUT:
+                work[target[0]] = at[source[1]]
+            elif operation == ca.OP_OUTPUT:
+                results[target[1]] = work[source[0]]
+            elif operation == ca.OP_CONST:
+                work[target[0]] = _residue(function.instruction_constant(k))
+            else:
+                work[target[0]] = self._apply(operation, [work[i] for i in source])
+        return results

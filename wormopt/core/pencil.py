@@ -1,0 +1,181 @@
+"""Invariant zeros of x' = A x + B u, y = C x + D u: points s where the pencil loses rank.
+
+The pencil is [[A - s I, B], [C, D]] (Rosenbrock). As a generalised eigenvalue problem it has
+infinite eigenvalues in blocks, which rounding turns into large finite ones. They are taken out
+first, by orthogonal transformations and decisions on rank [1]_; this works for any number of
+inputs and outputs, redundant ones included.
+
+References
+----------
+.. [1] A. Emami-Naeini and P. Van Dooren, "Computation of zeros of linear multivariable systems",
+   Automatica 18 (1982) 415-430.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+__all__ = ["Matrices", "balanced", "invariant_zeros", "without_shifts"]
+
+Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""A (n, n), B (n, m), C (p, n) and D (p, m)."""
+
+
+@dataclass(frozen=True)
+class _Rank:
+    """Singular values below ``least`` count as zero."""
+
+    least: float
+
+    def split(self, matrix: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+        """Rank, left and right singular vectors; those of the null spaces come last."""
+        rows, columns = matrix.shape
+        if matrix.size == 0:
+            return 0, np.eye(rows), np.eye(columns)
+        left, values, right = scipy.linalg.svd(matrix)
+        return int(np.sum(values > self.least)), left, right.T
+
+
+def _rounding(matrices: Matrices) -> float:
+    """Size of what rounding leaves of a zero in matrices of this size."""
+    a, b, c, d = matrices
+    whole = np.block([[a, b], [c, d]])
+    return max(*whole.shape, 1) * np.finfo(float).eps * float(np.linalg.norm(whole))
+
+
+def balanced(matrices: Matrices) -> Matrices:
+    """Scale states, inputs and outputs by powers of 2 so that sizes are even; zeros stay.
+
+    Parameters
+    ----------
+    matrices : Matrices
+        A, B, C, D.
+
+    Returns
+    -------
+    Matrices
+
+    Examples
+    --------
+    >>> rough = tuple(np.array([[number]]) for number in (0.5, 1e6, 1e-6, 0.0))
+    >>> [matrix.item() for matrix in balanced(rough)][0]
+    0.5
+    """
+    a, b, c, d = matrices
+    n, size = len(a), len(a) + max(b.shape[1], c.shape[0])
+    square = np.zeros((size, size))
+    square[:n, :n], square[:n, n : n + b.shape[1]] = a, b
+    square[n : n + len(c), :n], square[n : n + len(c), n : n + b.shape[1]] = c, d
+    if size == 0:
+        return matrices
+    even = np.asarray(scipy.linalg.matrix_balance(square, permute=False)[0])
+    rows, columns = slice(n, n + len(c)), slice(n, n + b.shape[1])
+    return even[:n, :n], even[:n, columns], even[rows, :n], even[rows, columns]
+
+
+def without_shifts(matrices: Matrices) -> tuple[Matrices, int]:
+    """Take out the shifts: directions of states that change neither rates nor outputs.
+
+    For a worm this is its place: where it is matters to nothing. Each shift is a pole and a zero
+    at 0 that the input-output behaviour does not know.
+
+    Parameters
+    ----------
+    matrices : Matrices
+        A, B, C, D.
+
+    Returns
+    -------
+    matrices : Matrices
+        The same with the shifts' states left out.
+    number : int
+        Number of shifts, the dimension of the common null space of A and C.
+
+    Examples
+    --------
+    A block whose speed is measured; its position is the shift:
+
+    >>> a, b = np.array([[0.0, 1.0], [0.0, -2.0]]), np.array([[0.0], [1.0]])
+    >>> rest, number = without_shifts((a, b, np.array([[0.0, 1.0]]), np.zeros((1, 1))))
+    >>> number, abs(rest[0]).round(12)
+    (1, array([[2.]]))
+    """
+    a, b, c, d = matrices
+    rank, _, right = _Rank(_rounding(matrices)).split(np.vstack([a, c]))
+    keep = right[:, :rank]
+    return (keep.T @ a @ keep, keep.T @ b, c @ keep, d), len(a) - rank
+
+
+def _row_full(matrices: Matrices, rank: _Rank) -> Matrices:
+    """Equivalent system whose D has full row rank: outputs that inputs reach late drop out.
+
+    An output without feed-through must stay zero, which ties states down; their rates, which must
+    vanish too, are the outputs of what is left. Each round takes out one order of infinite zeros.
+    """
+    a, b, c, d = matrices
+    while True:
+        through, left, _ = rank.split(d)
+        d, c = (left.T @ d)[:through], left.T @ c
+        c, silent = c[:through], c[through:]
+        tied, _, right = rank.split(silent)
+        if tied == 0:
+            return a, b, c, d
+        bound, free = right[:, :tied], right[:, tied:]
+        d = np.vstack([bound.T @ b, d])
+        c = np.vstack([bound.T @ a @ free, c @ free])
+        a, b = free.T @ a @ free, free.T @ b
+
+
+def _dual(matrices: Matrices) -> Matrices:
+    a, b, c, d = matrices
+    return a.T, c.T, b.T, d.T
+
+
+def invariant_zeros(matrices: Matrices) -> tuple[NDArray[np.complex128], np.ndarray]:
+    """Find the finite invariant zeros, and how far rounding may have moved each of them.
+
+    They are the transmission zeros and the hidden modes (uncontrollable or unobservable). Without
+    inputs and outputs they are the eigenvalues of A.
+
+    Parameters
+    ----------
+    matrices : Matrices
+        A, B, C, D, best `balanced`.
+
+    Returns
+    -------
+    zeros : ndarray of complex, shape (k,)
+        By real part, then by imaginary part.
+    uncertainty : ndarray, shape (k,)
+        First-order bound from the condition of each zero; large for repeated ones.
+
+    Examples
+    --------
+    (s + 3) / ((s + 1)(s + 2)) has a zero at -3 and one at infinity:
+
+    >>> a, b = np.array([[0.0, 1.0], [-2.0, -3.0]]), np.array([[0.0], [1.0]])
+    >>> invariant_zeros((a, b, np.array([[3.0, 1.0]]), np.zeros((1, 1))))[0].round(12)
+    array([-3.+0.j])
+    """
+    rounding = _rounding(matrices)
+    rank = _Rank(rounding)
+    a, b, c, d = _dual(_row_full(_dual(_row_full(matrices, rank)), rank))
+    n = len(a)
+    if n == 0:
+        return np.zeros(0, dtype=complex), np.zeros(0)
+    # D is square and regular now: what [C, D] maps to zero is parametrised by n numbers
+    kernel = np.linalg.qr(np.hstack([c, d]).T, mode="complete")[0][:, len(d) :]
+    stiff, mass = np.hstack([a, b]) @ kernel, kernel[:n]
+    found: Any = scipy.linalg.eig(stiff, mass, left=True, right=True)
+    zeros, left, right = found
+    weight = np.abs(np.sum(left.conj() * (mass @ right), axis=0))
+    norms = np.linalg.norm(left, axis=0) * np.linalg.norm(right, axis=0)
+    with np.errstate(divide="ignore"):
+        uncertainty = norms / weight * (rounding + np.abs(zeros) * n * np.finfo(float).eps)
+    order = np.lexsort((zeros.imag, zeros.real))
+    return zeros[order].astype(complex), uncertainty[order]
