@@ -288,6 +288,12 @@ def test_zeros_of_the_chain_are_its_common_motion(seed: int):
     assert linear.phase_kind == "minimum phase"
 
 
+def test_zeros_that_cannot_be_told_are_refused():
+    """Twelve decades between the numbers of a chain; the zero must not be lost in silence."""
+    with pytest.raises(ValueError, match="too many decades"):
+        linearise(random_worm(4, decades=12)[0], output="length").phase_kind  # noqa: B018
+
+
 def test_poles_of_two_masses_by_hand():
     """Equal masses and drag part into common and relative motion, kappa = k/m."""
     linear = linearise(worm(1, mass=2.0, drag=0.6), output="length")
@@ -352,6 +358,12 @@ def test_the_centre_of_mass_has_no_shift():
     assert linear.phase_kind == "marginal"
 
 
+def mixer(random: np.random.Generator, size: int) -> np.ndarray:
+    """A matrix of condition up to 100, which leaves little rounding in what it mixes."""
+    first, second = (np.linalg.qr(random.normal(size=(size, size)))[0] for _ in range(2))
+    return first @ np.diag(10 ** random.uniform(-1, 1, size)) @ second
+
+
 def known_zeros(random: np.random.Generator, channels: int) -> tuple[list[np.ndarray], np.ndarray]:
     """A system with zeros that are chosen: single channels, mixed by regular matrices."""
     blocks, zeros = [], []
@@ -370,9 +382,7 @@ def known_zeros(random: np.random.Generator, channels: int) -> tuple[list[np.nda
                   for i, m in enumerate(ms)])
         for ms in zip(*blocks, strict=True)
     )  # fmt: skip
-    t, left, right = (
-        random.normal(size=(k, k)) + 3 * np.eye(k) for k in (len(a), channels, channels)
-    )
+    t, left, right = (mixer(random, k) for k in (len(a), channels, channels))
     inverse = np.linalg.inv(t)
     return [t @ a @ inverse, t @ b @ right, left @ c @ inverse, left @ d @ right], np.sort(zeros)
 

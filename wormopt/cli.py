@@ -1,4 +1,4 @@
-"""The command line: ``wormopt run``, ``check`` and ``list``.
+"""The command line: ``wormopt run``, ``check``, ``list``, ``bench`` and ``stress``.
 
 Exit codes: 0 done; 2 bad input; 3 the solver did not reach an accepted result; 130 interrupted.
 Results go to stdout, everything else to stderr.
@@ -100,7 +100,27 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser("check", help="check scenes without computing them")
     command.set_defaults(command=_check)
     command.add_argument("scenes", metavar="SCENE", nargs="+")
+
+    command = commands.add_parser(
+        "bench", help="measure the simulation against others", allow_abbrev=False
+    )
+    command.set_defaults(command=_bench)
+    command.add_argument("cases", metavar="CASE", nargs="*", help="which; all if left out")
+    command.add_argument("-o", "--output", metavar="DIR", default="results/bench", help="for plots")
+    _add_measuring(command)
+
+    command = commands.add_parser(
+        "stress", help="compare the simulation with a second route", allow_abbrev=False
+    )
+    command.set_defaults(command=_stress)
+    _add_measuring(command)
     return parser
+
+
+def _add_measuring(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--quick", action="store_true", help="a short cut of it")
+    command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+    command.add_argument("--quiet", action="store_true", help="show no progress")
 
 
 def _list(_: argparse.Namespace) -> int:
@@ -141,6 +161,50 @@ def _run(options: argparse.Namespace) -> int:
     if result.status == "failed":
         _say(f"{scene.name}: failed: {result.reason}")
     return code
+
+
+def _bench(options: argparse.Namespace) -> int:
+    from wormopt.bench import CASES
+
+    unknown = [name for name in options.cases if name not in CASES]
+    if unknown:
+        _say(f"no benchmark is called {', '.join(unknown)}; there are {', '.join(CASES)}")
+        return BAD_INPUT
+    from wormopt.bench.run import bench, machine, table
+
+    folder, known, code = Path(options.output), {}, DONE
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in options.cases or CASES:
+            with shown_on_terminal(options.quiet) as report:
+                for found in bench(name, quick=options.quick, folder=folder, report=report):
+                    known[name] = found
+            if not options.json:
+                print(table(known[name]), end="\n\n", flush=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+        unfinished = [found for found in known.values() if not found["done"]]
+        if not options.json:
+            print("\n\n".join(map(table, unfinished)))
+    if options.json:
+        print(json.dumps({"machine": machine(), "quick": options.quick, "cases": known}))
+    return code
+
+
+def _stress(options: argparse.Namespace) -> int:
+    from wormopt.bench.stress import stress, summary, table
+
+    verdicts, code = [], DONE
+    try:
+        with shown_on_terminal(options.quiet) as report:
+            verdicts.extend(stress(quick=options.quick, report=report))
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    found = summary(verdicts)
+    print(json.dumps(found) if options.json else table(verdicts))
+    return NOT_SOLVED if code == DONE and not found["passed"] else code
 
 
 def _attempt(scene: Scene[Any], report: Report) -> tuple[Result, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 from time import perf_counter
@@ -60,8 +60,8 @@ def measure_lengths(lengths: Sequence[int], rounds: int, report: Report) -> Iter
 
     Parameters
     ----------
-    lengths : sequence of int
-        Numbers of links.
+    lengths : mapping of str to sequence of int
+        Numbers of links for the treatments "smooth" and "exact".
     rounds : int
         Warm runs of each; the median counts.
     report : callable
@@ -73,7 +73,7 @@ def measure_lengths(lengths: Sequence[int], rounds: int, report: Report) -> Iter
         The same list time and again, one longer each time.
     """
     found: list[Length] = []
-    tasks = [(contact, links) for contact in _TREATMENTS for links in lengths]
+    tasks = [(contact, links) for contact, all_links in lengths.items() for links in all_links]
     for k, (contact, links) in enumerate(tasks):
         report(f"chain of {links} links, {contact}", k / len(tasks))
         found.append(_measure(links, contact, rounds))
@@ -84,7 +84,7 @@ def _measure(links: int, contact: str, rounds: int) -> Length:
     begin = perf_counter()
     model = long_chain(links)
     treatment = _TREATMENTS[contact]
-    span = 2.0 if contact == "smooth" or links <= 100 else 0.5
+    span = 2.0 if contact == "smooth" or links <= 100 else 0.5  # enough events by then
 
     def run() -> tuple[int, int]:
         motion = simulate(model, span, contact=treatment, tolerance=_TOLERANCE, route="native")

@@ -34,6 +34,8 @@ Values = Mapping[str, ArrayLike]
 PhaseKind = Literal["minimum phase", "marginal", "not minimum phase"]
 """Where the zeros lie: all to the left of the imaginary axis, some on it, some to the right."""
 
+_REGULAR = 1e12  # condition up to which a matrix counts as regular
+
 
 @dataclass(frozen=True, eq=False)
 class Linear:
@@ -97,7 +99,25 @@ class Linear:
 
     @cached_property
     def _zeros(self) -> tuple[NDArray[np.complex128], np.ndarray]:
-        return invariant_zeros(self._reduced[0])
+        zeros = invariant_zeros(self._reduced[0])
+        expected = self._zero_count
+        if expected is not None and len(zeros[0]) + self.shifts != expected:
+            raise ValueError(f"{self.name}: its numbers spread over too many decades to tell the "
+                             f"{expected} zeros from those at infinity")  # fmt: skip
+        return zeros
+
+    @property
+    def _zero_count(self) -> int | None:
+        """Number of finite zeros by another count, n - sum of r, where the gain is regular."""
+        gain = self.high_frequency_gain
+        if gain.shape[0] != gain.shape[1] or math.inf in self.relative_degree:
+            return None
+        for axis in (1, 0, 1, 0) if gain.size else ():
+            largest = np.abs(gain).max(axis=axis, keepdims=True)
+            gain = gain / np.where(largest > 0, largest, 1.0)
+        if gain.size and not np.linalg.cond(gain) < _REGULAR:
+            return None
+        return len(self.states) - int(sum(self.relative_degree))
 
     @property
     def shifts(self) -> int:
@@ -114,6 +134,11 @@ class Linear:
         """Finite invariant zeros, sorted by real part; each shift adds an exact 0.
 
         Hidden modes, which inputs do not reach or outputs do not show, are among them.
+
+        Raises
+        ------
+        ValueError
+            If the numbers spread over too many decades (about nine for a chain) to tell them.
         """
         return _sorted(self._zeros[0], self.shifts)
 

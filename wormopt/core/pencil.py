@@ -26,11 +26,21 @@ Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """A (n, n), B (n, m), C (p, n) and D (p, m)."""
 
 
+# What counts as zero where ranks are decided, by rounding errors of the matrices as a whole. It
+# allows for entries that carry rounding of their own: 10 is too few for four states mixed by a
+# matrix of condition 100, 1000 loses couplings that are small in a chain.
+_ROUNDINGS = 100.0
+
+
 @dataclass(frozen=True)
 class _Rank:
-    """Singular values below ``least`` count as zero."""
+    """Singular values up to ``least`` count as zero."""
 
     least: float
+
+    @classmethod
+    def of(cls, matrices: Matrices) -> _Rank:
+        return cls(_ROUNDINGS * _rounding(matrices))
 
     def split(self, matrix: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
         """Rank, left and right singular vectors; those of the null spaces come last."""
@@ -162,8 +172,7 @@ def invariant_zeros(matrices: Matrices) -> tuple[NDArray[np.complex128], np.ndar
     >>> invariant_zeros((a, b, np.array([[3.0, 1.0]]), np.zeros((1, 1))))[0].round(12)
     array([-3.+0.j])
     """
-    rounding = _rounding(matrices)
-    rank = _Rank(rounding)
+    rounding, rank = _rounding(matrices), _Rank.of(matrices)
     a, b, c, d = _dual(_row_full(_dual(_row_full(matrices, rank)), rank))
     n = len(a)
     if n == 0:

@@ -204,7 +204,7 @@ def motion(result: Result) -> Figure:
     several = result["position"].values.ndim == 3
     time = result["time"].values
     drawn = sheet(2.0 + 5.5 * len(names), 7)
-    row = drawn.subplots(1, len(names), sharey=True, squeeze=False)[0]
+    row = drawn.subplots(1, len(names), sharex=True, sharey=True, squeeze=False)[0]
     for column, (axes, name) in enumerate(zip(row, names, strict=True)):
         values = result["position"].values
         position = values[column] if several else values
@@ -257,8 +257,8 @@ def bands(result: Result) -> Figure:
     legend(axes[1, -1], _tube_handles(result))
     patches = [
         Line2D([], [], color=GREY, linewidth=1.5, label="median"),
-        Line2D([], [], color=GREY, alpha=0.4, linewidth=8, label="half of them"),
-        Line2D([], [], color=GREY, alpha=0.2, linewidth=8, label="90 % of them"),
+        Line2D([], [], color=GREY, alpha=0.4, linewidth=8, label="half of all"),
+        Line2D([], [], color=GREY, alpha=0.2, linewidth=8, label="90 % of all"),
     ]
     legend(axes[2, -1], patches)
     legend(axes[-1, -1], _entries(MASSES, masses))

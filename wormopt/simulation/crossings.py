@@ -120,7 +120,8 @@ class Watch:
 
     def _small(self) -> np.ndarray:
         """Sizes below which the event functions are nothing but rounding."""
-        rest = np.where(self._modes != 0, self._task.v_rest, self._task.f_rest)
+        v_rest, f_rest = self._task.v_rest, self._task.f_rest
+        rest = np.where(self._modes != 0, v_rest, f_rest) if self.n_contacts else np.zeros(0)
         return np.concatenate([rest, self._passed])
 
     # -- levels ----------------------------------------------------------------------------

@@ -38,16 +38,23 @@ def integrate(task: Task, route: Route, report: Report) -> Outcome:
         return _in_python(task, report)
     outcome = _native(task, report, required=route == "native")
     if outcome is None:
-        by_steps = task.system.exact or task.system.model.switches
-        return _in_python(task, report) if by_steps else _implicitly(task, report)
+        by_steps = task.system.exact or _needs_own_steps(task)
+        outcome = _in_python(task, report) if by_steps else _implicitly(task, report)
     if outcome.status != "stiff" or route != "auto":
         return outcome
-    by_steps = task.system.model.switches
-    implicit = _in_python(task, report) if by_steps else _implicitly(task, report)
+    if _needs_own_steps(task):
+        implicit = _in_python(task, report, stiff=True)
+    else:
+        implicit = _implicitly(task, report)
     if implicit.status == "done":
         return implicit
     # neither can: let explicit steps find out why
-    return _native(task, report, required=True, stiff_steps=2**62) or outcome
+    return _native(task, report, required=False, stiff_steps=2**62) or outcome
+
+
+def _needs_own_steps(task: Task) -> bool:
+    """Whether what is asked for is more than SUNDIALS gives."""
+    return bool(task.system.model.switches) or task.dense
 
 
 def _native(
@@ -65,10 +72,10 @@ def _native(
     return integrate(task, ready, report, stiff_steps)
 
 
-def _in_python(task: Task, report: Report) -> Outcome:
+def _in_python(task: Task, report: Report, *, stiff: bool = False) -> Outcome:
     from wormopt.simulation.automaton import integrate
 
-    return integrate(task, report)
+    return integrate(task, report, stiff=stiff)
 
 
 def _implicitly(task: Task, report: Report) -> Outcome:

@@ -282,7 +282,7 @@ class Explicit:
         self._rhs = Call(task.system.rhs, ("p", p), ("s", modes))
         self._take = Call(take, ("p", p), ("s", modes), *limits)
         self._polynomial = Call(polynomial, ("p", p), ("s", modes))
-        self._factor = 1.0
+        self._next = 0.0
         self._watch = _StiffnessWatch()
 
     def _derivative(self, t: float, x: np.ndarray) -> np.ndarray:
@@ -326,6 +326,8 @@ class Explicit:
         left = stop - self._t
         last = 1.01 * self.h >= left
         h = left if last else self.h
+        if h < floor_of_step(self._task, self._t) and not last:
+            raise GivenUp("step_too_small")
         x_new, stages, self._last_stage, sums = self._stages(self._t, self._x, h, self._dx)
         error = _error(*sums, h, len(x_new))
         factor = 0.9 * error ** (-1 / 8) if error > 0 else 6.0
@@ -333,7 +335,8 @@ class Explicit:
             bad = not np.isfinite(error)
             self._reject(h, 0.1 if bad else max(factor, 0.1), "not_finite" if bad else "")
             return None
-        self._factor = min(max(factor, 1 / 3), 6.0)
+        # a step that was cut short says nothing against the length that was wanted
+        self._next = max(h * min(max(factor, 1 / 3), 6.0), self.h if h < self.h else 0.0)
         self._last_slope = stages[-len(x_new) :]
         return self._closed(h, stop if last else self._t + h, x_new, stages)
 
@@ -405,7 +408,7 @@ class Explicit:
         GivenUp
             If the motion is too stiff to go on.
         """
-        self.h = step.h * self._factor
+        self.h = self._next
         self._t, self._x, self._dx = step.end, step.x_new, step.dx_new
         left = (self._task.span[1] - step.end) / step.h
         way = self._last_stage, self._last_slope

@@ -40,7 +40,7 @@ from wormopt.studies.tracked import (
     loop_numbers,
     watched,
 )
-from wormopt.studies.watch import balance, time_in_tube
+from wormopt.studies.watch import ENTERS, balance, time_in_tube
 
 __all__ = ["run"]
 
@@ -153,7 +153,7 @@ def _result(
             seconds,
             tolerance_of(table.tolerance),
             energies,
-            list(_warnings(scene, found)),
+            list(_warnings(scene, gait, found)),
         ),
         timings_s=timings,
         scene_text=scene.text,
@@ -209,15 +209,25 @@ def _funnels(found: Sequence[Tracked], count: int, units: str) -> Iterator[Varia
     yield variable("funnel", LOOP_SIGNALS["funnel"], ("tracker",), np.array(rows), units)
 
 
-def _warnings(scene: Scene[TrackScene], found: Sequence[Tracked]) -> Iterator[str]:
+def _warnings(scene: Scene[TrackScene], gait: Gait, found: Sequence[Tracked]) -> Iterator[str]:
     table = scene.table
     yield from warnings_of_contact(treatment_of(table.contact), laws_of(table.worm))
     if not table.tolerance.recheck:
         yield "not rechecked by a second route: tolerance.recheck is false"
     for each in found:
         yield from warnings_of_motion(each.motion)
-        outside, captured = time_in_tube(each.motion)
-        if captured is None:
-            entered = outside < table.time.end
-            what = "is not in the tube at the end" if entered else "never reaches the tube"
-            yield f"{each.label}: the error {what} within t = {table.time.end:g}"
+        yield from (f"{each.label}: {what}" for what in _escapes(each, gait.period))
+
+
+def _escapes(each: Tracked, period: float) -> Iterator[str]:
+    """Say where it has not been seen that the error stays in the tube."""
+    end, (_, captured) = each.motion.end_time, time_in_tube(each.motion)
+    if captured is None and not any(e.name == ENTERS for e in each.motion.events):
+        yield f"the error never reaches the tube by t = {end:g}"
+    elif captured is None:
+        yield f"the error is outside of the tube at the end, t = {end:g}"
+    elif end - captured < period:
+        yield (
+            f"the error entered the tube last at t = {captured:.6g}, less than a period of the "
+            "reference before the end: it may leave again"
+        )

@@ -17,6 +17,8 @@ from wormopt.simulation.trajectory import Trajectory
 from wormopt.studies.signals import at_ends, inputs, largest, symbol
 
 __all__ = [
+    "ENTERS",
+    "LEAVES",
     "Balance",
     "balance",
     "chain_numbers",
@@ -26,7 +28,8 @@ __all__ = [
     "watch_tube",
 ]
 
-_LEAVES, _ENTERS = "leaves the tube", "enters the tube"
+ENTERS, LEAVES = "enters the tube", "leaves the tube"
+"""Names of the crossings of the tube, which are events."""
 _TUBE = ("tube_time", "tube_entered")
 _SPRINGS = ("stiffness", "rest_length")
 
@@ -219,14 +222,14 @@ def watch_tube(model: Model, radius: float) -> Model:
     outside, x = ca.dot(error, error) - width**2, pack(model.x)
     switches = list(model.switches)
     known = {switch.name for switch in switches}
-    for name, guard in ((_LEAVES, outside), (_ENTERS, -outside)):
+    for name, guard in ((LEAVES, outside), (ENTERS, -outside)):
         if name not in known:
             switches.append(Switch(name, guard, x))
     states = [Signal(name, ca.SX.sym(name), "time", value=0.0) for name in _TUBE]
     total, entered = (s.symbol for s in states)
     after = {
-        _LEAVES: ca.vertcat(total - model.t, entered),
-        _ENTERS: ca.vertcat(total + model.t, model.t),
+        LEAVES: ca.vertcat(total - model.t, entered),
+        ENTERS: ca.vertcat(total + model.t, model.t),
     }
     kept = ca.vertcat(total, entered)
     return replace(
@@ -254,7 +257,7 @@ def time_in_tube(motion: Trajectory) -> tuple[float, float | None]:
         ends outside.
     """
     motion = at_ends(motion)
-    guard = next(s.guard for s in motion.system.model.switches if s.name == _LEAVES)
+    guard = next(s.guard for s in motion.system.model.switches if s.name == LEAVES)
     size = motion.observe(guard)[0]
     start, end = motion.time[0], motion.time[-1]
     # crossings have been counted with the sign of their direction; the ends complete the sum

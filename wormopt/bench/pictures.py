@@ -1,0 +1,87 @@
+"""Pictures of benchmarks: error against time, cost of a step against length."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from wormopt.bench.cases import GOAL, Case
+from wormopt.bench.chain_length import Length, slope
+from wormopt.bench.work_precision import Record
+
+__all__ = ["draw_lengths", "draw_records"]
+
+_COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#332288", "#882255")
+_MARKS = "os^Dv<>pP*Xh"
+
+
+def draw_records(case: Case, records: Sequence[Record], path: Path) -> None:
+    """Draw error against time of every solver.
+
+    Parameters
+    ----------
+    case : Case
+        What was solved.
+    records : sequence of Record
+        What they did.
+    path : Path
+        PNG file to write.
+    """
+    figure, axes = _axes("time of a warm run (s)", "error in positions and velocities")
+    axes.axhline(GOAL, color="#999999", linewidth=0.8, linestyle="--")
+    for k, record in enumerate(records):
+        points = [p for p in record.points if p.error > 0]
+        if not points:
+            continue
+        axes.plot(
+            [p.time for p in points],
+            [p.error for p in points],
+            color=_COLOURS[k % len(_COLOURS)],
+            marker=_MARKS[k % len(_MARKS)],
+            markersize=4,
+            linewidth=2.2 if record.solver == "wormopt" else 1.0,
+            linestyle="-" if k < len(_COLOURS) else "--",
+            label=record.solver,
+        )
+    axes.set_title(f"{case.name}: {case.title}", fontsize=9)
+    axes.legend(fontsize=7.5, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    figure.savefig(path, dpi=130)
+
+
+def draw_lengths(found: Sequence[Length], path: Path) -> None:
+    """Draw the cost of a step against the number of links.
+
+    Parameters
+    ----------
+    found : sequence of Length
+        What chains cost.
+    path : Path
+        PNG file to write.
+    """
+    figure, axes = _axes("links n", "time of a step (s)")
+    for k, contact in enumerate(("smooth", "exact")):
+        kept = [c for c in found if c.contact == contact and c.step > 0]
+        exponent = slope(found, contact)
+        label = contact if math.isnan(exponent) else f"{contact}: n^{exponent:.2f} from n = 20 on"
+        axes.plot(
+            [c.links for c in kept],
+            [c.step for c in kept],
+            color=_COLOURS[k],
+            marker=_MARKS[k],
+            markersize=4,
+            label=label,
+        )
+    axes.set_title("chain_length: cost of a step of a chain of n links", fontsize=9)
+    axes.legend(fontsize=8, frameon=False)
+    figure.savefig(path, dpi=130)
+
+
+def _axes(across: str, up: str):  # noqa: ANN202  matplotlib's own
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axes = figure.add_subplot(xscale="log", yscale="log", xlabel=across, ylabel=up)
+    axes.grid(visible=True, color="#E6E6E6", linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure, axes

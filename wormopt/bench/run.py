@@ -1,0 +1,247 @@
+"""`wormopt bench`: measure cases, print tables, write pictures."""
+
+from __future__ import annotations
+
+import math
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+
+from wormopt.bench.cases import GOAL, WORK_PRECISION, Case
+from wormopt.bench.chain_length import LENGTHS, Length, measure_lengths, slope
+from wormopt.bench.work_precision import Effort, Record, measure, ratio
+from wormopt.core.model import Model, Signal
+from wormopt.progress import Report
+from wormopt.simulation.simulate import simulate
+
+__all__ = ["bench", "machine", "table"]
+
+_QUICK = Effort(rounds=3, longest=0.5, slow=0.1, per_decade=1)
+_LONGEST_EXACT = 200  # links; beyond, an exact run takes minutes
+_PACKAGES = ("casadi", "numpy", "scipy", "numba", "diffrax", "scikit-sundae", "heyoka")
+
+Found = dict[str, Any]
+
+
+def machine() -> dict[str, str]:
+    """What the times depend on: processor, system, versions.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+        model = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        model = platform.processor()
+    found = {"processor": model, "system": platform.platform(), "python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def bench(name: str, *, quick: bool, folder: Path, report: Report) -> Iterator[Found]:
+    """Measure a case and write its picture.
+
+    Parameters
+    ----------
+    name : str
+        One of `wormopt.bench.CASES`.
+    quick : bool
+        Measure less: fewer tolerances and rounds, no solver that needs longer than half a second.
+    folder : Path
+        Where the picture goes.
+    report : callable
+        Told how far it is.
+
+    Yields
+    ------
+    dict
+        What is known so far, ready for JSON, time and again; ``done`` is true once nothing is
+        missing.
+    """
+    if name in WORK_PRECISION:
+        yield from _work_precision(WORK_PRECISION[name], quick, folder, report)
+    else:
+        yield from _chain_length(quick, folder, report)
+
+
+def _work_precision(case: Case, quick: bool, folder: Path, report: Report) -> Iterator[Found]:
+    _compile_driver()
+    records: list[Record] = []
+    for records in measure(case, _QUICK if quick else Effort(), report):
+        yield _described(case, records)
+    picture = folder / f"{case.name}.png"
+    from wormopt.bench.pictures import draw_records  # matplotlib, once there is something to draw
+
+    draw_records(case, records, picture)
+    yield _described(case, records) | {"picture": str(picture), "done": True}
+
+
+def _compile_driver() -> None:
+    """Compile what is compiled once a machine, so that first runs pay for their model alone."""
+    x = ca.SX.sym("x")
+    simulate(Model("decay", x=[Signal("x", x, value=1.0)], ode=-x), 1.0)
+
+
+def _described(case: Case, records: Sequence[Record]) -> Found:
+    known = {record.solver: record for record in records}
+    targets = []
+    for target in case.targets:
+        value = ratio(known, target)
+        targets.append(
+            {
+                "than": list(target.than),
+                "most": target.most,
+                "ratio": _number(value),
+                "met": None if math.isnan(value) else value <= target.most,
+            }
+        )
+    return {
+        "case": case.name,
+        "title": case.title,
+        "source": case.source,
+        "goal": GOAL,
+        "solvers": [_solver(record) for record in records],
+        "targets": targets,
+        "done": False,
+    }
+
+
+def _solver(record: Record) -> Found:
+    return {
+        "solver": record.solver,
+        "first_s": _number(record.first),
+        "time_s": _number(record.time),
+        "points": [
+            {"tolerance": p.tolerance, "error": p.error, "time_s": p.time, "runs": len(p.times)}
+            for p in record.points
+        ],
+        "failures": record.failures,
+        "missing": record.missing,
+    }
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _chain_length(quick: bool, folder: Path, report: Report) -> Iterator[Found]:
+    found: list[Length] = []
+
+    def described(done: bool) -> Found:
+        rows = [asdict(c) | {"step": _number(c.step)} for c in found]
+        slopes = {contact: _number(slope(found, contact)) for contact in ("smooth", "exact")}
+        return {"case": "chain_length", "lengths": rows, "slopes": slopes, "done": done}
+
+    smooth = [n for n in LENGTHS if n <= (50 if quick else LENGTHS[-1])]
+    exact = [n for n in smooth if n <= _LONGEST_EXACT]
+    for found in measure_lengths({"smooth": smooth, "exact": exact}, 3 if quick else 5, report):
+        yield described(False)
+    picture = folder / "chain_length.png"
+    from wormopt.bench.pictures import draw_lengths
+
+    draw_lengths(found, picture)
+    yield described(True) | {"picture": str(picture)}
+
+
+# -- text --------------------------------------------------------------------------------------
+
+
+def table(found: Mapping[str, Any]) -> str:
+    """Lay out what is known of a case for readers.
+
+    Parameters
+    ----------
+    found : mapping
+        From `bench`.
+
+    Returns
+    -------
+    str
+    """
+    lines = _lengths_table(found) if "lengths" in found else _solvers_table(found)
+    if not found["done"]:
+        lines.append("  (unfinished)")
+    return "\n".join(lines)
+
+
+def _solvers_table(found: Mapping[str, Any]) -> list[str]:
+    own = next((s["time_s"] for s in found["solvers"] if s["solver"] == "wormopt"), None)
+    rows = [("solver", "first run", f"time at {GOAL:.0e}", "ours/theirs", "best error", "failed")]
+    notes = []
+    for s in found["solvers"]:
+        if s["missing"]:
+            notes.append(f"  {s['solver']}: {s['missing']}")
+            continue
+        best = min((p["error"] for p in s["points"]), default=None)
+        share = f"{own / s['time_s']:.4f}" if own and s["time_s"] else ""
+        rows.append(
+            (
+                s["solver"],
+                _seconds(s["first_s"]),
+                _seconds(s["time_s"], "not reached"),
+                share,
+                f"{best:.0e}" if best is not None else "",
+                str(len(s["failures"])) if s["failures"] else "",
+            )
+        )
+        notes += [f"  {s['solver']} failed at {failure}" for failure in s["failures"]]
+    lines = [f"{found['case']}: {found['title']}", f"  reference: {found['source']}"]
+    lines += _aligned(rows) + notes
+    for target in found["targets"]:
+        than = " or ".join(target["than"])
+        if target["ratio"] is None:
+            lines.append(f"  target: at most {target['most']:.4g} of {than}: unknown")
+            continue
+        met = "met" if target["met"] else "missed"
+        lines.append(f"  target: at most {target['most']:.4g} of {than}: "
+                     f"{target['ratio']:.4g}, {met}")  # fmt: skip
+    return lines
+
+
+def _lengths_table(found: Mapping[str, Any]) -> list[str]:
+    rows = [("links", "contact", "first run", "a step", "steps", "events", "")]
+    rows += [
+        (
+            str(c["links"]),
+            c["contact"],
+            _seconds(c["first"]),
+            _seconds(c["step"]),
+            str(c["steps"]),
+            str(c["events"]),
+            c["failure"],
+        )
+        for c in found["lengths"]
+    ]
+    lines = ["chain_length: cost of a step against the number of links", *_aligned(rows)]
+    for contact, value in found["slopes"].items():
+        if value is not None:
+            lines.append(f"  {contact}: a step costs n^{value:.2f} from n = 20 on")
+    return lines
+
+
+def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
+def _seconds(value: float | None, missing: str = "") -> str:
+    if value is None:
+        return missing
+    for unit, size in (("s", 1.0), ("ms", 1e-3)):
+        if value >= size:
+            return f"{value / size:.3g} {unit}"
+    return f"{value / 1e-6:.3g} us"
