@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 from wormopt.core.bode import bode, frequencies
 from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.core.identically import identically_zero
-from wormopt.core.linear import Linear, linearise, relative_degree
+from wormopt.core.lie import relative_degree
+from wormopt.core.linear import Linear, linearise
 from wormopt.core.model import Model, Output, Signal
 from wormopt.core.path import ParameterPath, piecewise_constant
 from wormopt.core.pencil import balanced, invariant_zeros
@@ -143,6 +144,8 @@ def test_what_does_not_fit_is_refused():
     constrained = Model("held", x=[Signal("x", ca.SX.sym("x"))], ode=z, z=[Signal("z", z)], alg=z)
     with pytest.raises(ValueError, match="algebraic"):
         linearise(constrained, output=[])
+    with pytest.raises(ZeroDivisionError, match="divides by zero"):
+        relative_degree(worm(), output="length", p={"mass": 0.0})
     with pytest.raises(ValueError, match="not finite"):
         linearise(worm(), output="length", p={"mass": 0.0})
     one = np.eye(1)
@@ -670,7 +673,8 @@ def test_without_control_the_message_names_the_extra(
 def test_what_needs_no_control_loads_none(tmp_path: Path):
     code = (
         "import sys\n"
-        "from wormopt.core.linear import linearise, relative_degree\n"
+        "from wormopt.core.lie import relative_degree\n"
+        "from wormopt.core.linear import linearise\n"
         "from wormopt.worms.chain import chain\n"
         "worm = chain(2, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0, drag=0.1)\n"
         "linear = linearise(worm, output='length')\n"

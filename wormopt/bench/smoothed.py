@@ -37,14 +37,15 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """x' = rates(t, x, q), q scheduled numbers, all other numbers as the model has them.
+    """x' = rates(t, x, q), q what changes from piece to piece; other numbers as the model has them.
 
     Parameters
     ----------
     model : Model
         Without switches or algebraic equations.
-    v_reg : float
-        Width of the smooth law.
+    v_reg : float or None
+        Width of the smooth law. Without it the contact forces are left open: they are the last
+        entries of q.
 
     Examples
     --------
@@ -59,15 +60,19 @@ class Smoothed:
     """
 
     model: Model
-    v_reg: float
+    v_reg: float | None
 
     @cached_property
     def expressions(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         """t, x, q and the rates of x."""
         model, x = self.model, pack(self.model.x)
         q = ca.vertcat(ca.SX(0, 1), *(ca.vertcat(s.begin, s.symbol) for s in model.schedules))
-        forces = [c.law.smooth(c.velocity, self.v_reg) for c in model.contacts]
-        ode = ca.substitute(model.ode, model.forces, ca.vertcat(ca.SX(0, 1), *forces))
+        ode = model.ode
+        if self.v_reg is None:
+            q = ca.vertcat(q, model.forces)
+        else:
+            forces = [c.law.smooth(c.velocity, self.v_reg) for c in model.contacts]
+            ode = ca.substitute(ode, model.forces, ca.vertcat(ca.SX(0, 1), *forces))
         fixed = [*model.p, *model.u]
         ode = ca.substitute(ode, pack(fixed), ca.DM(_values(fixed)))
         return model.t, x, q, ode

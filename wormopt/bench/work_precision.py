@@ -40,13 +40,14 @@ class Effort:
     slow : float, optional
         Seconds from which a run is repeated at most twice, and only near the goal.
     per_decade : int, optional
-        Tolerances per decade; of fast runs, others have one.
+        Tolerances per decade near the goal, for fast runs; elsewhere there is one. The error of a
+        single tolerance depends on luck, by a factor of ten and more.
     """
 
     rounds: int = 9
     longest: float = 20.0
     slow: float = 0.3
-    per_decade: int = 2
+    per_decade: int = 4
 
 
 @dataclass
@@ -203,14 +204,23 @@ def _descend(case: Case, record: Record, runs: dict[str, Run], effort: Effort) -
         record.failures.append(_reason(1e-4, error))
         if record.solver not in runs:
             return
-    exponent = -4.0
-    while exponent >= -13.0:
-        time = _attempt(case, record, runs[record.solver], 10.0**exponent)
-        fast = time < effort.slow
+    for decade in range(4, 14):
+        time = _attempt(case, record, runs[record.solver], 10.0**-decade)
         reached = min((p.error for p in record.points), default=math.inf)
-        if time > effort.longest or (not fast and reached < GOAL / 3) or reached < 1e-12:
-            return
-        exponent -= 1 / effort.per_decade if fast else 1.0
+        slow = time > effort.slow
+        if time > effort.longest or (slow and reached < GOAL / 3) or reached < 1e-12:
+            break
+    for tolerance in _between(record.points, effort):
+        _attempt(case, record, runs[record.solver], tolerance)
+    record.points.sort(key=lambda p: -p.tolerance)
+
+
+def _between(points: Sequence[Point], effort: Effort) -> list[float]:
+    """More tolerances near the goal, for solvers that are fast there."""
+    near = [p for p in points if GOAL / 30 <= p.error <= 30 * GOAL and p.time < effort.slow]
+    decades = sorted({round(-math.log10(p.tolerance)) + k for p in near for k in (-1, 0)})
+    share = effort.per_decade
+    return [10.0 ** -(d + k / share) for d in decades if 4 <= d < 13 for k in range(1, share)]
 
 
 def _attempt(case: Case, record: Record, run: Run, tolerance: float) -> float:

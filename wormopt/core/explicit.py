@@ -156,7 +156,7 @@ class Explicit:
     model : Model
         What moves.
     output : str or sequence of str
-        Names of its outputs, in the order in which they are wanted.
+        Names of its outputs, in the order in which they are wanted; a name counts once.
 
     Raises
     ------

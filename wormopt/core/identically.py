@@ -38,6 +38,11 @@ def identically_zero(
     ndarray of bool
         In the shape of ``expression``.
 
+    Raises
+    ------
+    ZeroDivisionError
+        If the expression divides by what is zero for the values given.
+
     Examples
     --------
     >>> x, y = ca.SX.sym("x"), ca.SX.sym("y")
@@ -60,13 +65,18 @@ def _residue(value: float) -> int:
 
 
 def _divide(a: int, b: int) -> int:
+    if b % _PRIME == 0:
+        raise ZeroDivisionError("the model divides by zero for these parameters")
     return a * pow(b, -1, _PRIME) % _PRIME
 
 
 def _power(base: int, exponent: int) -> int | None:
     """None where the exponent is no small whole number."""
     signed = exponent if exponent <= _PRIME // 2 else exponent - _PRIME
-    return pow(base, signed, _PRIME) if abs(signed) <= _LARGEST_POWER else None
+    if abs(signed) > _LARGEST_POWER:
+        return None
+    power = pow(base, abs(signed), _PRIME)
+    return power if signed >= 0 else _divide(1, power)
 
 
 _ARITHMETIC = {

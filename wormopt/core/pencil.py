@@ -116,6 +116,7 @@ def without_shifts(matrices: Matrices) -> tuple[Matrices, int]:
     (1, array([[2.]]))
     """
     a, b, c, d = matrices
+    # less generous than for zeros: a weakly damped motion must not pass for a shift
     rank, _, right = _Rank(_rounding(matrices)).split(np.vstack([a, c]))
     keep = right[:, :rank]
     return (keep.T @ a @ keep, keep.T @ b, c @ keep, d), len(a) - rank

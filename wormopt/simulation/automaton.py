@@ -179,8 +179,8 @@ class _Motion:
         if located.step is not None:
             self._take(located.step)
             self._watch.raise_levels(self._t, self._x)
-        elif self._watch.has_fired(crossing):
-            raise GivenUp("events_accumulate")  # twice at this very instant
+        elif crossing.which >= self._watch.n_contacts and crossing.level != 0:
+            raise GivenUp("events_accumulate")  # it has fired at this very instant
         self._stepper.h = step.h
         if located.arrived:
             self._count_crowd()

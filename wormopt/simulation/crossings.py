@@ -186,20 +186,6 @@ class Watch:
         low = 2 * min(self.value(which, t, x), 0.0) - 1e-300
         self._levels[which], self._passed[k] = (low, 0.0) if falls else (-np.inf, residual)
 
-    def has_fired(self, crossing: Crossing) -> bool:
-        """Whether a crossing is of a switch that has fired and not been out of reach since.
-
-        Parameters
-        ----------
-        crossing : Crossing
-            From `find`.
-
-        Returns
-        -------
-        bool
-        """
-        return crossing.which >= self.n_contacts and self._levels[crossing.which] != 0
-
     def jumped_switch(self, t: float, x: np.ndarray) -> int | None:
         """First switch of which the guard has jumped above 0.
 

@@ -1,0 +1,353 @@
+"""The cells of the stress matrix: worms, what drives them, and how contact is treated."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from wormopt.bench.driven_chain import DrivenChain, Grip
+from wormopt.core.gait import Gait
+from wormopt.core.model import Model
+from wormopt.gaits.construct import accordion, block_wave, fast_gait, travelling_sine
+from wormopt.simulation.options import Exact, Smooth, Treatment
+from wormopt.tracking.lambda_tracker import Feedback, lambda_tracker
+from wormopt.tracking.reference import follow
+from wormopt.worms.chain import chain
+
+__all__ = ["Cell", "Tracker", "cells", "jumping_gait"]
+
+
+@dataclass(frozen=True)
+class Tracker:
+    """A lambda-tracker in the place of the command.
+
+    Parameters
+    ----------
+    feedback : {"derivative", "filter"}
+        Tracker (13) or (14).
+    radius : float
+        Tube radius lambda.
+    gain : float
+        Gain at the start, k(0).
+    rest_length : float, optional
+        Of the links.
+    """
+
+    feedback: Feedback
+    radius: float
+    gain: float
+    rest_length: float = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """One run of the matrix.
+
+    Parameters
+    ----------
+    name : str
+        What distinguishes it.
+    group : str
+        Which part of the matrix it belongs to.
+    worm : DrivenChain
+        Numbers of the worm, and its gait.
+    span : float
+        Last time.
+    v_reg : float, optional
+        Width of the smooth law; without it contact is exact.
+    tracker : Tracker, optional
+        Follows the gait; without it the gait commands the rest lengths.
+    """
+
+    name: str
+    group: str
+    worm: DrivenChain
+    span: float
+    v_reg: float | None = None
+    tracker: Tracker | None = None
+
+    @property
+    def core(self) -> bool:
+        """Whether it is one of the ordinary cells, all of which must be right."""
+        return self.group.startswith("core")
+
+    @property
+    def contact(self) -> Treatment:
+        """How contact is treated."""
+        return Exact() if self.v_reg is None else Smooth(self.v_reg)
+
+    def model(self) -> Model:
+        """Build the Model."""
+        worm, tracker = self.worm, self.tracker
+        if tracker is None:
+            return worm.model()
+        n = worm.links
+        plant = chain(
+            n,
+            mass=worm.mass,
+            stiffness=worm.stiffness,
+            damping=worm.damping,
+            rest_length=tracker.rest_length,
+            drag=worm.drag,
+            law=[grip.law() for grip in worm.grips],
+            position=worm.start[: n + 1],
+            velocity=worm.start[n + 1 :],
+        )
+        return lambda_tracker(
+            plant,
+            follow(worm.gait, plant.t),
+            tube_radius=tracker.radius,
+            feedback=tracker.feedback,
+            gain_start=tracker.gain,
+            filter_start=0.0,
+        )
+
+
+_ONE_TEN, _ONE_TWO, _ALIKE = Grip(1.0, 10.0), Grip(1.0, 2.0), Grip(0.5, 0.5)
+_STICTION = Grip(1.0, 3.0, 1.5, 4.0)
+_FEEDBACKS: tuple[Feedback, ...] = ("filter", "derivative")
+
+
+def _worm(
+    name: str,
+    links: int,
+    grip: Grip | Sequence[Grip],
+    gait: str | Gait,
+    *,
+    stiffness: float | np.ndarray = 40.0,
+    mass: float | np.ndarray = 1.0,
+    drag: float = 0.0,
+    exact_numbers: bool = False,
+) -> DrivenChain:
+    """Worm with numbers that are off by up to a tenth, by dice that the name has thrown.
+
+    Nothing is symmetric then; ``exact_numbers`` leaves them as they are.
+    """
+    dice = np.random.default_rng(zlib.crc32(name.encode()))
+
+    def off(value: float | np.ndarray, size: int) -> np.ndarray:
+        numbers = np.broadcast_to(np.asarray(value, dtype=float), size)
+        return numbers.copy() if exact_numbers else numbers * dice.uniform(0.9, 1.1, size)
+
+    masses, c = off(mass, links + 1), off(stiffness, links)
+    # damped to a tenth of what would be critical for the link's own masses
+    light = np.minimum(masses[:-1], masses[1:])
+    return DrivenChain(
+        mass=masses,
+        stiffness=c,
+        damping=0.2 * np.sqrt(c * light),
+        gait=_gait(gait, links) if isinstance(gait, str) else gait,
+        grips=[grip] * (links + 1) if isinstance(grip, Grip) else grip,
+        drag=drag,
+    )
+
+
+def _gait(name: str, links: int) -> Gait:
+    if name == "sine":
+        return travelling_sine(links, 1.0, lag=1 / min(links + 1, 10))
+    if name == "block":
+        return fast_gait(1.0) if links == 2 else block_wave(links, 1, 1.0, (1.4, 2.6))
+    return accordion(links, 1.0, (1.6, 2.4))
+
+
+def jumping_gait(links: int, seed: int, pieces: int = 12, period: float = 4.0) -> Gait:
+    """Random lengths between 1.5 and 2.5 that jump at random times.
+
+    Parameters
+    ----------
+    links : int
+        Number of links n.
+    seed : int
+        Throws the dice.
+    pieces : int, optional
+        Pieces of a period.
+    period : float, optional
+        After which it repeats.
+
+    Returns
+    -------
+    Gait
+
+    Examples
+    --------
+    >>> jumping_gait(2, seed=1).pieces
+    12
+    """
+    dice = np.random.default_rng((seed, links))
+    breaks = np.sort(np.append(dice.uniform(0.0, period, pieces - 1), [0.0, period]))
+    return Gait(breaks, dice.uniform(1.5, 2.5, (pieces, links, 1)))
+
+
+# -- ordinary cells ------------------------------------------------------------------------------
+
+
+def _core() -> Iterator[Cell]:
+    for feedback, v_reg, radius, gain, gait in product(
+        _FEEDBACKS, (1e-1, 1 / 40, 1e-2), (1.0, 0.2, 0.05), (1.0, 10.0), ("block", "sine")
+    ):
+        name = f"{feedback} tracker, {gait}, v_reg {v_reg:g}, lambda {radius:g}, k0 {gain:g}"
+        worm = _worm(name, 2, _ONE_TEN, gait, stiffness=10.0)
+        tracker = Tracker(feedback, radius, gain)
+        yield Cell(name, "core: smooth trackers", worm, 10.0, v_reg, tracker)
+    for feedback, radius, gain, gait, (label, grip) in product(
+        _FEEDBACKS,
+        (1.0, 0.2),
+        (1.0, 10.0),
+        ("block", "sine"),
+        (("F 1:10", _ONE_TEN), ("F 1:2", _ONE_TWO)),
+    ):
+        name = f"{feedback} tracker, {gait}, exact {label}, lambda {radius:g}, k0 {gain:g}"
+        worm = _worm(name, 2, grip, gait, stiffness=10.0)
+        yield Cell(
+            name, "core: exact trackers", worm, 5.0, tracker=Tracker(feedback, radius, gain)
+        )
+    grips = {"F 1:10": _ONE_TEN, "F 1:2": _ONE_TWO, "F alike": _ALIKE, "stiction": _STICTION}
+    for links, label, gait, c in product((1, 2, 3, 5), grips, ("block", "sine"), (10.0, 40.0)):
+        name = f"chain of {links}, {gait}, exact {label}, c {c:g}"
+        worm = _worm(name, links, grips[label], gait, stiffness=c)
+        yield Cell(name, "core: exact chains", worm, 10.0)
+    for links, label, gait, v_reg in product(
+        (1, 3), ("F 1:10", "F 1:2"), ("block", "sine"), (1 / 40, 1e-2)
+    ):
+        name = f"chain of {links}, {gait}, {label}, v_reg {v_reg:g}"
+        yield Cell(
+            name, "core: smooth chains", _worm(name, links, grips[label], gait), 10.0, v_reg
+        )
+    for links, gait, drag in product((1, 2, 3, 5), ("block", "sine"), (0.5, 1.0)):
+        name = f"chain of {links} on spikes, {gait}, drag {drag:g}"
+        worm = _worm(name, links, Grip.spike(), gait, drag=drag)
+        yield Cell(name, "core: spiked chains", worm, 10.0)
+
+
+# -- beyond the ordinary -------------------------------------------------------------------------
+
+
+def _steep() -> Iterator[Cell]:
+    widths = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+    for v_reg, feedback, radius, gait in product(widths, _FEEDBACKS, (0.2, 0.01), ("block", "sine")):
+        name = f"{feedback} tracker, {gait}, v_reg {v_reg:g}, lambda {radius:g}"
+        worm = _worm(name, 2, _ONE_TEN, gait, stiffness=10.0)
+        yield Cell(name, "steep smoothing", worm, 5.0, v_reg, Tracker(feedback, radius, 1.0))
+    for v_reg, links, gait in product(widths, (2, 5), ("block", "sine")):
+        name = f"chain of {links}, {gait}, v_reg {v_reg:g}"
+        yield Cell(name, "steep smoothing", _worm(name, links, _ONE_TWO, gait), 5.0, v_reg)
+
+
+def _high_gains() -> Iterator[Cell]:
+    for radius, gain, feedback in product((1e-2, 1e-3, 1e-4), (1.0, 1e2, 1e3, 1e4), _FEEDBACKS):
+        name = f"{feedback} tracker, lambda {radius:g}, k0 {gain:g}"
+        worm = _worm(name, 2, _ONE_TEN, "block", stiffness=10.0)
+        yield Cell(name, "high gains", worm, 5.0, 1 / 40, Tracker(feedback, radius, gain))
+        if radius != 1e-3 and gain in (1e2, 1e4):
+            name = f"exact {name}"
+            worm = _worm(name, 2, _ONE_TEN, "block", stiffness=10.0)
+            yield Cell(name, "high gains", worm, 2.0, tracker=Tracker(feedback, radius, gain))
+
+
+def _ratios() -> Iterator[Cell]:
+    """Stiffness, mass or both spread over up to six decades along the worm."""
+    for decades, what, contact in product(
+        (1, 2, 3, 4, 6), ("stiffness", "mass", "both"), ("exact", "smooth")
+    ):
+        name = f"{what} over {decades} decades, {contact}"
+        spread = 10.0 ** (decades * np.linspace(-0.5, 0.5, 5))
+        c = 40.0 * spread[1:] if what != "mass" else 40.0
+        m = spread[::-1] if what != "stiffness" else 1.0
+        worm = _worm(name, 4, _ONE_TWO, "sine", stiffness=c, mass=m)
+        yield Cell(name, "ratios", worm, 3.0, None if contact == "exact" else 1 / 40)
+
+
+def _long_worms() -> Iterator[Cell]:
+    for links, contact, gait in product(
+        (10, 20, 50, 100), ("exact", "smooth", "spikes"), ("block", "sine")
+    ):
+        name = f"chain of {links}, {gait}, {contact}"
+        grip, drag = (Grip.spike(), 1.0) if contact == "spikes" else (_ONE_TWO, 0.0)
+        worm = _worm(name, links, grip, gait, drag=drag)
+        span = 20.0 / links if contact != "smooth" else 3.0
+        yield Cell(name, "long worms", worm, span, 1 / 40 if contact == "smooth" else None)
+    for links, feedback in product((10, 20, 50), _FEEDBACKS):
+        name = f"{feedback} tracker of {links} links"
+        worm = _worm(name, links, _ONE_TWO, "sine")
+        yield Cell(name, "long worms", worm, 3.0, 1 / 40, Tracker(feedback, 0.2, 1.0))
+
+
+def _long_times() -> Iterator[Cell]:
+    for periods in (30.0, 100.0, 300.0, 1000.0):
+        for feedback in _FEEDBACKS:
+            name = f"{feedback} tracker for {periods:g} periods"
+            worm = _worm(name, 2, _ONE_TWO, "sine", stiffness=10.0)
+            yield Cell(name, "long times", worm, periods, 1 / 10, Tracker(feedback, 0.5, 1.0))
+        for kind in ("exact", "stiction", "spikes", "smooth"):
+            name = f"chain, {kind}, for {periods:g} periods"
+            grip = {"stiction": _STICTION, "spikes": Grip.spike()}.get(kind, _ONE_TWO)
+            worm = _worm(name, 2, grip, "block", drag=1.0 if kind == "spikes" else 0.2)
+            yield Cell(name, "long times", worm, periods, 1 / 40 if kind == "smooth" else None)
+
+
+def _jumps() -> Iterator[Cell]:
+    for seed in range(8):
+        for kind in ("exact", "spikes", "smooth", "tracker", "exact tracker"):
+            name = f"jumping reference {seed}, {kind}"
+            grip = Grip.spike() if kind == "spikes" else _ONE_TEN
+            gait = jumping_gait(2 + seed % 2, seed)
+            worm = _worm(name, gait.links, grip, gait, drag=1.0 if kind == "spikes" else 0.0)
+            tracker = Tracker(_FEEDBACKS[seed // 2 % 2], 0.2, 1.0) if "tracker" in kind else None
+            smooth = kind in ("smooth", "tracker")
+            yield Cell(name, "jumps", worm, 8.0, 1 / 40 if smooth else None, tracker)
+
+
+def _frictions() -> Iterator[Cell]:
+    grips = {
+        "no friction": Grip(0.0, 0.0),
+        "F+ = F-": Grip(1.0, 1.0),
+        "hardly any friction": Grip(1e-7, 2e-7),
+        "huge stiction": Grip(1.0, 2.0, 1e4, 1e4),
+        "F- huge": Grip(1.0, 1e5),
+        "none forward": Grip(0.0, 1.0),
+    }
+    for (label, grip), links, contact in product(grips.items(), (1, 3), ("exact", "smooth")):
+        name = f"{label}, chain of {links}, {contact}"
+        worm = _worm(name, links, grip, "sine")
+        yield Cell(name, "frictions", worm, 5.0, None if contact == "exact" else 1 / 40)
+    for stick, gait in product((3.0, 10.0, 30.0, 100.0), ("block", "sine")):
+        name = f"stiction {stick:g}, {gait}"
+        worm = _worm(name, 2, Grip(1.0, 2.0, stick, 2 * stick), gait, stiffness=100.0)
+        yield Cell(name, "frictions", worm, 8.0)
+    for label, gait in product(("F 1:2", "spikes", "stiction", "F+ = F-"), ("block", "accordion")):
+        name = f"{label}, {gait}, all masses and links alike"
+        grip = {"F 1:2": _ONE_TWO, "spikes": Grip.spike(), "stiction": _STICTION}.get(label, _ALIKE)
+        drag = 1.0 if label == "spikes" else 0.0
+        worm = _worm(name, 3, grip, gait, drag=drag, exact_numbers=True)
+        yield Cell(name, "frictions", worm, 5.0)
+
+
+def cells(*, quick: bool = False) -> list[Cell]:
+    """List the cells of the matrix.
+
+    Parameters
+    ----------
+    quick : bool, optional
+        Only some of each group, and none that takes long.
+
+    Returns
+    -------
+    list of Cell
+
+    Examples
+    --------
+    >>> len(cells()) >= 450, sum(cell.core for cell in cells())
+    (True, 200)
+    """
+    parts = (_core, _steep, _high_gains, _ratios, _long_worms, _long_times, _jumps, _frictions)
+    found = [cell for part in parts for cell in part()]
+    if not quick:
+        return found
+    groups: dict[str, list[Cell]] = {}
+    for cell in found:
+        groups.setdefault(cell.group, []).append(cell)
+    return [replace(c, span=min(c.span, 2.0)) for part in groups.values() for c in part[:: max(len(part) // 4, 1)]]

@@ -1,0 +1,283 @@
+"""`wormopt stress`: a matrix of runs, each compared with a second route, right, refused or wrong.
+
+When is a run right? `simulate` is asked for steps that err by 1e-11 of the state. The second route
+tells what that means for the motion: it follows it as exactly as it can, and once more from a start
+that is off by 1e-11, with steps that err as much. How far these two are apart is how far any
+computation of that precision may be off (chaos included). A run is right if at every sample time,
+for every kind of state, it is within
+
+    1e-8 (largest size of that kind of state) + 10 (largest distance of the two so far).
+
+Once that is more than a thousandth of the size nothing can be known; the comparison ends there. If
+that leaves less than a tenth of the time, or if the second route fails, the cell is undecided, and
+that is not right. A refusal is a SolveError with a code. All else is wrong.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+
+from wormopt.bench.cells import Cell, cells
+from wormopt.bench.second_route import second_route
+from wormopt.core.model import Model
+from wormopt.errors import SolveError
+from wormopt.progress import Report
+from wormopt.simulation.options import Tolerance
+from wormopt.simulation.simulate import simulate
+
+__all__ = ["Verdict", "judge", "stress", "summary", "table"]
+
+_BASE, _FACTOR, _UNKNOWN = 1e-8, 10.0, 1e-3
+_SAMPLES = 40
+_LONGEST = 60.0  # seconds after which simulate is stopped
+_TOLERANCE = Tolerance(1e-11, 1e-12, max_steps=3_000_000)
+
+Class = Literal["right", "refused", "wrong", "undecided"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a cell.
+
+    Parameters
+    ----------
+    name, group : str
+        Which cell.
+    core : bool
+        Whether it is an ordinary one.
+    verdict : {"right", "refused", "wrong", "undecided"}
+        What it is.
+    reason : str
+        The code of a refusal; what is wrong; why it is undecided.
+    route, second : str
+        The means of both routes.
+    known : float
+        Share of the time in which anything can be known.
+    off : float
+        Largest distance of both routes over what is allowed.
+    seconds, second_seconds : float
+        Time that the routes took.
+    """
+
+    name: str
+    group: str
+    core: bool
+    verdict: Class
+    reason: str = ""
+    route: str = ""
+    second: str = ""
+    known: float = 1.0
+    off: float = 0.0
+    seconds: float = 0.0
+    second_seconds: float = 0.0
+
+
+class _TooLong(Exception):
+    pass
+
+
+def judge(cell: Cell) -> Verdict:
+    """Run a cell by both routes and compare.
+
+    Parameters
+    ----------
+    cell : Cell
+        What to run.
+
+    Returns
+    -------
+    Verdict
+    """
+    dice = np.random.default_rng(len(cell.name))
+    times = np.append(np.sort(dice.uniform(0.02, 0.99, _SAMPLES - 1)), 1.0) * cell.span
+    begin = perf_counter()
+
+    def hurry(_text: str, _fraction: float | None) -> None:
+        if perf_counter() - begin > _LONGEST:
+            raise _TooLong
+
+    def verdict(kind: Class, reason: str = "", **more: Any) -> Verdict:
+        return Verdict(cell.name, cell.group, cell.core, kind, reason, **more)
+
+    try:
+        model = cell.model()
+        motion = simulate(
+            model, cell.span, contact=cell.contact, times=times, tolerance=_TOLERANCE, report=hurry
+        )
+    except SolveError as error:
+        spent = perf_counter() - begin
+        if not error.code or error.partial is None:
+            return verdict("wrong", f"refused without code or partial motion: {error}")
+        return verdict("refused", error.code, seconds=spent)
+    except _TooLong:
+        return verdict("undecided", "simulate takes too long", seconds=_LONGEST)
+    except Exception as error:  # noqa: BLE001  anything else is a defect
+        return verdict("wrong", f"{type(error).__name__}: {error}")
+    first = perf_counter() - begin
+    begin = perf_counter()
+    try:
+        name, tight, loose = second_route(
+            cell, model, times, implicit=motion.route in ("cvodes", "idas")
+        )
+    except Exception as error:  # noqa: BLE001
+        reason = f"second route: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        return verdict("undecided", reason, route=motion.route, seconds=first)
+    found = _compare(model, motion.states, tight, loose)
+    return verdict(
+        *_class(found),
+        route=motion.route,
+        second=name,
+        known=found.known,
+        off=found.off,
+        seconds=first,
+        second_seconds=perf_counter() - begin,
+    )
+
+
+@dataclass(frozen=True)
+class _Comparison:
+    known: float
+    off: float
+    where: str = ""
+
+
+def _compare(
+    model: Model, states: np.ndarray, tight: np.ndarray, loose: np.ndarray
+) -> _Comparison:
+    """Distance over what is allowed, worst case of all times and kinds of state."""
+    rows, at = [], 0
+    for signal in model.x:
+        rows.append((signal.name, slice(at, at + signal.size)))
+        at += signal.size
+    samples = tight.shape[1]
+    known, worst, where = samples, 0.0, ""
+    shares = []
+    for name, row in rows:
+        size = max(float(np.abs(tight[row]).max()), 1e-3)
+        apart = np.maximum.accumulate(np.abs(loose[row] - tight[row]).max(axis=0))
+        allowed = _BASE * size + _FACTOR * apart
+        unknown = ~(allowed <= _UNKNOWN * size)
+        known = min(known, int(np.argmax(unknown)) if unknown.any() else samples)
+        shares.append((name, np.abs(states[row] - tight[row]).max(axis=0) / allowed))
+    for name, share in shares:
+        for k in range(known):
+            if not share[k] <= worst:  # NaN included
+                worst, where = float(share[k]), f"{name} at sample {k}"
+    return _Comparison(known / samples, worst, where)
+
+
+def _class(found: _Comparison) -> tuple[Class, str]:
+    if not found.off <= 1.0:
+        return "wrong", f"{found.where}: off by {found.off:.3g} times what is allowed"
+    if found.known < 0.1:
+        return "undecided", "what happens cannot be known in double precision"
+    return "right", ""
+
+
+def stress(*, quick: bool, report: Report) -> Iterator[Verdict]:
+    """Run the matrix, on two processors.
+
+    Parameters
+    ----------
+    quick : bool
+        A few cells of each group only.
+    report : callable
+        Told how far it is.
+
+    Yields
+    ------
+    Verdict
+        As cells are done.
+    """
+    from loky import get_reusable_executor
+
+    todo = sorted(cells(quick=quick), key=lambda c: -c.span)  # what takes long comes first
+    executor = get_reusable_executor(max_workers=2)
+    futures = [executor.submit(judge, cell) for cell in todo]
+    wrong = 0
+    try:
+        for k, future in enumerate(as_completed(futures), start=1):
+            verdict = future.result()
+            wrong += verdict.verdict == "wrong"
+            report(f"{k} of {len(todo)} cells, {wrong} wrong", k / len(todo))
+            yield verdict
+    finally:
+        for future in futures:
+            future.cancel()
+        executor.shutdown(wait=False, kill_workers=True)
+
+
+def summary(verdicts: Sequence[Verdict]) -> dict[str, Any]:
+    """Count what became of the cells.
+
+    Parameters
+    ----------
+    verdicts : sequence of Verdict
+        Of all cells, or of those that are done.
+
+    Returns
+    -------
+    dict
+        ``cells``, ``right``, ``refused``, ``wrong``, ``undecided``, ``core``, ``core_right``,
+        ``right_in_part`` (right as far as can be known, not to the end), ``reasons`` (refusals by
+        code), ``not_right`` (every cell that is not right, and why) and ``passed``.
+    """
+    count = Counter(v.verdict for v in verdicts)
+    core = [v for v in verdicts if v.core]
+    core_right = sum(v.verdict == "right" for v in core)
+    return {
+        "cells": len(verdicts),
+        **{kind: count[kind] for kind in ("right", "refused", "wrong", "undecided")},
+        "core": len(core),
+        "core_right": core_right,
+        "right_in_part": sum(v.verdict == "right" and v.known < 1 for v in verdicts),
+        "reasons": dict(Counter(v.reason for v in verdicts if v.verdict == "refused")),
+        "not_right": [
+            {"cell": v.name, "group": v.group, "verdict": v.verdict, "reason": v.reason}
+            for v in verdicts
+            if v.verdict != "right"
+        ],
+        "passed": bool(verdicts)
+        and count["wrong"] == 0
+        and core_right == len(core)
+        and count["right"] >= 0.9 * len(verdicts),
+    }
+
+
+def table(verdicts: Sequence[Verdict]) -> str:
+    """Lay out verdicts for readers: counts by group, and every cell that is not right.
+
+    Parameters
+    ----------
+    verdicts : sequence of Verdict
+        Of all cells, or of those that are done.
+
+    Returns
+    -------
+    str
+    """
+    kinds = ("right", "refused", "undecided", "wrong")
+    lines = [f"{'group':24}{'cells':>7}" + "".join(f"{kind:>11}" for kind in kinds)]
+    groups = dict.fromkeys(v.group for v in sorted(verdicts, key=lambda v: v.group))
+    for group in [*groups, "all"]:
+        count = Counter(v.verdict for v in verdicts if group in (v.group, "all"))
+        row = "".join(f"{count[kind]:11}" for kind in kinds)
+        lines.append(f"{group:24}{sum(count.values()):7}{row}")
+    for v in sorted(verdicts, key=lambda v: (v.verdict, v.group)):
+        if v.verdict != "right":
+            lines.append(f"{v.verdict}: {v.name} ({v.group}): {v.reason}")
+    found = summary(verdicts)
+    share = found["right"] / max(found["cells"], 1)
+    lines.append(
+        f"{found['wrong']} wrong, {share:.1%} right, "
+        f"{found['core_right']} of {found['core']} ordinary cells right: "
+        + ("passed" if found["passed"] else "NOT passed")
+    )
+    return "\n".join(lines)
