@@ -35,6 +35,8 @@ def modules_after(code: str, folder: Path) -> set[str]:
         "from wormopt.cli import main; assert main(['check', 'no_such_scene']) == 2",
         "from wormopt.cli import main; assert main(['run', 'no_such_scene']) == 2",
         "import wormopt as wo; wo.load_scene('pareto_speed_load')",
+        "from wormopt.cli import main; assert main(['check', 'fig05_lambda_trackers']) == 0",
+        "from wormopt.cli import main; assert main(['check', 'own_model', 'random_links']) == 0",
     ],
 )
 def test_reading_and_checking_load_no_numerics(code: str, tmp_path: Path):
@@ -68,6 +70,25 @@ def test_a_kinematic_scene_loads_no_nonlinear_programming(tmp_path: Path):
     assert {name for name in loaded if name.startswith("wormopt.optimal")} == set()
     assert "casadi" not in loaded
     assert "wormopt.gaits.search" not in loaded
+
+
+def test_a_kinematic_scene_loads_no_compiled_simulation(tmp_path: Path):
+    loaded = loaded_by_a_run(["run", "fast_gait", "--json", "--no-plots"], tmp_path)
+    unwanted = ("native", "simulate", "automaton", "sundials", "ensemble")
+    assert not loaded & {f"wormopt.simulation.{name}" for name in unwanted}
+    assert not any(name.startswith("wormopt.tracking") for name in loaded)
+
+
+@pytest.mark.parametrize("name", ["fig05_lambda_trackers", "own_model"])
+def test_a_compiled_simulation_loads_no_integrator_of_scipy(tmp_path: Path, name: str):
+    # the second route of exact contact is in Python, over scipy
+    change = [] if name.startswith("fig05") else ["--set", "tolerance.recheck=false"]
+    loaded = loaded_by_a_run(["run", name, "--json", "--no-plots", *change], tmp_path)
+    assert "wormopt.simulation.native.kernel" in loaded
+    unwanted = {"scipy.integrate", "scipy.optimize", "scipy.interpolate", "matplotlib", "control"}
+    assert not loaded & unwanted
+    assert not loaded & {f"wormopt.simulation.{name}" for name in ("automaton", "ensemble")}
+    assert not any(name.startswith("wormopt.optimal") for name in loaded)
 
 
 def test_a_run_without_plots_loads_no_matplotlib(tmp_path: Path):

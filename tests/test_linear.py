@@ -15,15 +15,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from wormopt.core.bode import bode, frequencies
 from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
-from wormopt.core.identically import identically_zero
-from wormopt.core.lie import relative_degree
-from wormopt.core.linear import Linear, linearise
 from wormopt.core.model import Model, Output, Signal
 from wormopt.core.path import ParameterPath, piecewise_constant
-from wormopt.core.pencil import balanced, invariant_zeros
 from wormopt.gaits.construct import fast_gait
+from wormopt.linear.bode import bode, frequencies
+from wormopt.linear.identically import identically_zero
+from wormopt.linear.lie import relative_degree
+from wormopt.linear.linearise import Linear, linearise
+from wormopt.linear.pencil import balanced, invariant_zeros
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.tracking.lambda_tracker import Decay, lambda_tracker
@@ -673,15 +673,15 @@ def test_without_control_the_message_names_the_extra(
 def test_what_needs_no_control_loads_none(tmp_path: Path):
     code = (
         "import sys\n"
-        "from wormopt.core.lie import relative_degree\n"
-        "from wormopt.core.linear import linearise\n"
+        "from wormopt.linear.lie import relative_degree\n"
+        "from wormopt.linear.linearise import linearise\n"
         "from wormopt.worms.chain import chain\n"
         "worm = chain(2, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0, drag=0.1)\n"
         "linear = linearise(worm, output='length')\n"
         "linear.zeros, linear.poles, linear.phase_kind, linear.high_frequency_gain\n"
         "linear.frequency_response([1.0]), relative_degree(worm, output='length')\n"
         "assert not {'control', 'matplotlib'} & set(sys.modules)\n"
-        "from wormopt.core.bode import bode\n"
+        "from wormopt.linear.bode import bode\n"
         "bode(linear, 'bode.png')\n"
         "assert not {'control', 'matplotlib.pyplot'} & set(sys.modules)\n"
     )

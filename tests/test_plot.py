@@ -71,8 +71,69 @@ def front() -> Result:
     return Result("front", "gait-pareto", "", scalars=scalars, variables=tuple(variables))
 
 
+def crawl(trackers: int = 1, links: int = 2, funnel: bool = False) -> Result:
+    """A chain under trackers: mass 0 rests at first, tracker by tracker a little longer."""
+    time, masses = np.linspace(0.0, 2.0, 41), links + 1
+    wave = np.sin(2 * np.pi * time)
+    each, per_link = np.arange(trackers)[:, None, None], np.arange(links)[:, None]
+    length = 2 + 0.3 * wave + 0.1 * per_link + 0.01 * each
+    position = time - 2.0 * np.arange(masses)[:, None] + 0.01 * each
+    arrays = {
+        "time": (("time",), time, "s"),
+        "reference": (("link", "time"), length[0] + 0.1, "m"),
+        "length": (("tracker", "link", "time"), length, "m"),
+        "input": (("tracker", "link", "time"), 5 * length, "N"),
+        "position": (("tracker", "mass", "time"), position, "m"),
+        "error_norm": (("tracker", "time"), 0.3 * np.abs(wave) + 0 * each[..., 0], "m"),
+        "tube": (("tracker", "time"), np.full((trackers, 41), 0.2), "m"),
+        "gain": (("tracker", "time"), 1 + time + each[..., 0], "1"),
+        "rest_start": (("rest",), np.zeros(trackers), "s"),
+        "rest_end": (("rest",), 0.5 + 0.1 * np.arange(trackers), "s"),
+        "rest_contact": (("rest",), np.zeros(trackers, dtype=int), "1"),
+        "rest_tracker": (("rest",), np.arange(trackers), "1"),
+    }
+    if funnel:
+        arrays["funnel"] = (("tracker", "time"), 0.3 + np.exp(-time) + 0 * each[..., 0], "m")
+    variables = tuple(Variable(name, unit, dims, v) for name, (dims, v, unit) in arrays.items())
+    names = [f"tracker no. {k}" for k in range(trackers)]
+    scalars = {"distance": Scalar(2.0, "m"), "mean_speed": Scalar(1.0, "m s-1")}
+    return Result("crawl", "track", scalars=scalars, variables=variables,
+                  attributes={"trackers": names})  # fmt: skip
+
+
+def herd(trackers: int = 1) -> Result:
+    """An ensemble: every signal of `crawl` spread out."""
+    single = crawl(trackers)
+    kept = [v for v in single.variables if v.name in ("time", "reference", "tube")]
+    shares = np.array([0.05, 0.25, 0.5, 0.75, 0.95])
+    kept.append(Variable("quantile", "1", ("quantile",), shares))
+    for name in ("length", "input", "position", "error_norm", "gain"):
+        found = single[name]
+        spread = 0.1 * (shares - 0.5).reshape(-1, *[1] * (found.values.ndim - 1))
+        dims = ("tracker", "quantile", *found.dims[1:])
+        kept.append(Variable(f"{name}_band", found.unit, dims, found.values[:, None] + spread))
+    return dataclasses.replace(single, variables=tuple(kept))
+
+
+def own(contacts: int = 1) -> Result:
+    """A model of one's own with a contact that rests, or a chain."""
+    time = np.linspace(0.0, 2.0, 41)
+    variables = [
+        Variable("time", "s", ("time",), time),
+        Variable("height", "m", ("time",), np.cos(time)),
+        Variable("bend_angle", "rad", ("bend_angle_entry", "time"), np.array([time, 2 * time])),
+        Variable("rest_start", "s", ("rest",), np.array([0.0, 1.0])),
+        Variable("rest_end", "s", ("rest",), np.array([0.5, 1.5])),
+        Variable("rest_contact", "1", ("rest",), np.array([0, contacts - 1])),
+    ]
+    names = ["foot"] if contacts == 1 else [f"mass {i}" for i in range(contacts)]
+    attributes = {"signals": ["height", "bend_angle"], "contacts": names}
+    return Result("own", "simulate", variables=tuple(variables), attributes=attributes)
+
+
 def sample(picture: str) -> Result:
-    return front() if picture == "front" else shuffle(2)
+    made = {"front": front, "trackers": crawl, "bands": herd, "signals": own}
+    return made[picture]() if picture in made else shuffle(2)
 
 
 def texts(drawn: Figure) -> str:
@@ -142,6 +203,54 @@ def test_motion_shows_two_periods_and_the_masses_at_rest():
     assert spans[:3] == [[[0.5, 0.75]], [[0.25, 0.5]], [[0.0, 0.25]]]
     assert spans[3:] == [[[1.5, 1.75]], [[1.25, 1.5]], [[1.0, 1.25]]]
     assert np.ravel(axes.get_lines()[3].get_xdata())[0] == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize("links", [1, 2, 8, 9, 30])
+def test_pictures_of_chains_for_every_number_of_links(links: int):
+    for picture in ("trackers", "motion"):
+        drawn = figure(crawl(2, links, funnel=links == 2), picture)
+        drawn.draw_without_rendering()
+    shown = [text.get_text() for text in drawn.legends[0].get_texts()]
+    assert shown[-1] == "rests"
+    assert len(shown) == (links + 2 if links <= 8 else 3)
+
+
+def test_trackers_stand_side_by_side_on_the_same_scales():
+    drawn = figure(crawl(3, funnel=True), "trackers")
+    axes = np.array(drawn.axes[:15]).reshape(5, 3)
+    assert [a.get_title(loc="left") for a in axes[0]] == [f"tracker no. {k}" for k in range(3)]
+    for row in axes:
+        assert len({a.get_ylim() for a in row}) == 1
+        assert row[0].get_ylabel()
+    # the strip is lambda wide on either side of the reference
+    strip = np.asarray(axes[0, 0].collections[0].get_paths()[0].vertices)
+    reference = crawl()["reference"].values[0]
+    assert strip[:, 1].min() == pytest.approx(reference.min() - 0.2)
+    assert strip[:, 1].max() == pytest.approx(reference.max() + 0.2)
+
+
+def test_motions_of_simulations_mark_each_tracker_s_own_rests():
+    axes = figure(crawl(2), "motion").axes
+    for column, end in enumerate((0.5, 0.6)):
+        (heavy,) = [c for c in axes[column].collections if isinstance(c, LineCollection)]
+        path = np.asarray(heavy.get_paths()[0].vertices)
+        assert path[:, 1].tolist() == [0.0, pytest.approx(end)]
+
+
+def test_bands_hold_the_median():
+    drawn = figure(herd(), "bands")
+    lines = drawn.axes[0].get_lines()
+    medians = [np.asarray(line.get_ydata()) for line in lines if line.get_linestyle() == "-"]
+    assert medians[0] == pytest.approx(crawl()["length"].values[0, 0])
+
+
+@pytest.mark.parametrize("contacts", [1, 3, 12])
+def test_signals_show_rests_as_shades_or_as_a_band(contacts: int):
+    drawn = figure(own(contacts), "signals")
+    drawn.draw_without_rendering()
+    assert len(drawn.axes) == (2 if contacts == 1 else 3)
+    assert drawn.axes[1].get_ylabel() == "bend\nangle (rad)"
+    assert ("shaded: at rest" in texts(drawn)) == (contacts == 1)
 
 
 def test_failed_results_are_marked():

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from wormopt.gaits.construct import fast_gait, travelling_sine
     from wormopt.gaits.files import load_gait
     from wormopt.gaits.optimize import design
+    from wormopt.linear.bode import bode
+    from wormopt.linear.lie import relative_degree
+    from wormopt.linear.linearise import Linear, linearise
     from wormopt.optimal.problem import Problem
     from wormopt.result import Result, Scalar, Variable
     from wormopt.runner import run
@@ -54,6 +57,7 @@ _HOMES = {
     "Gait": "wormopt.core.gait",
     "Interrupted": "wormopt.errors",
     "Law": "wormopt.core.friction",
+    "Linear": "wormopt.linear.linearise",
     "Member": "wormopt.simulation.ensemble",
     "ModeSequence": "wormopt.core.modes",
     "Model": "wormopt.core.model",
@@ -77,6 +81,7 @@ _HOMES = {
     "Variable": "wormopt.result",
     "Viscous": "wormopt.core.friction",
     "WormoptError": "wormopt.errors",
+    "bode": "wormopt.linear.bode",
     "chain": "wormopt.worms.chain",
     "crawl": "wormopt.worms.crawl",
     "design": "wormopt.gaits.optimize",
@@ -84,8 +89,10 @@ _HOMES = {
     "follow": "wormopt.tracking.reference",
     "funnel_tracker": "wormopt.tracking.funnel",
     "lambda_tracker": "wormopt.tracking.lambda_tracker",
+    "linearise": "wormopt.linear.linearise",
     "load_gait": "wormopt.gaits.files",
     "load_scene": "wormopt.scenes",
+    "relative_degree": "wormopt.linear.lie",
     "run": "wormopt.runner",
     "simulate": "wormopt.simulation.simulate",
     "simulate_ensemble": "wormopt.simulation.ensemble",
@@ -105,6 +112,7 @@ __all__ = [
     "Gait",
     "Interrupted",
     "Law",
+    "Linear",
     "Member",
     "ModeSequence",
     "Model",
@@ -129,6 +137,7 @@ __all__ = [
     "Viscous",
     "WormoptError",
     "__version__",
+    "bode",
     "chain",
     "crawl",
     "design",
@@ -136,8 +145,10 @@ __all__ = [
     "follow",
     "funnel_tracker",
     "lambda_tracker",
+    "linearise",
     "load_gait",
     "load_scene",
+    "relative_degree",
     "run",
     "simulate",
     "simulate_ensemble",

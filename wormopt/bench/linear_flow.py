@@ -111,6 +111,8 @@ class _Flow:
         hold = np.array([grip.hold for grip in chain.grips])
         self.least, self.largest = hold[:, 0], hold[:, 1]
         self.slip = np.array([(-g.forward, g.backward) for g in chain.grips])
+        # Rounding of forces: whether what is on the verge goes or stays, its margin tells.
+        self.slack = 1e-13 * max(1.0, float(np.max(chain.stiffness) * np.max(np.abs(start[: self.n]))))
         self.free = [chain.generator(piece) for piece in range(chain.gait.pieces)]
         self.regime = lru_cache(maxsize=256)(self._regime)
 
@@ -146,7 +148,8 @@ class _Flow:
                 self.modes[i] = np.sign(v)
                 continue
             z[n + i] = self.x[n + i] = 0.0
-            if least <= force[i] <= largest and not (resting and i == event):
+            held = least - self.slack <= force[i] <= largest + self.slack
+            if held and not (resting and i == event):
                 self.modes[i] = 0.0
                 continue
             self.modes[i] = 1.0 if force[i] - least < largest - force[i] else -1.0

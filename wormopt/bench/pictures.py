@@ -79,7 +79,7 @@ def draw_lengths(found: Sequence[Length], path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
-def _axes(across: str, up: str):  # noqa: ANN202  matplotlib's own
+def _axes(across: str, up: str):
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     axes = figure.add_subplot(xscale="log", yscale="log", xlabel=across, ylabel=up)
     axes.grid(visible=True, color="#E6E6E6", linewidth=0.6)

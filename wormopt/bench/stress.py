@@ -118,7 +118,7 @@ def judge(cell: Cell) -> Verdict:
         return verdict("refused", error.code, seconds=spent)
     except _TooLong:
         return verdict("undecided", "simulate takes too long", seconds=_LONGEST)
-    except Exception as error:  # noqa: BLE001  anything else is a defect
+    except Exception as error:
         return verdict("wrong", f"{type(error).__name__}: {error}")
     first = perf_counter() - begin
     begin = perf_counter()
@@ -126,7 +126,7 @@ def judge(cell: Cell) -> Verdict:
         name, tight, loose = second_route(
             cell, model, times, implicit=motion.route in ("cvodes", "idas")
         )
-    except Exception as error:  # noqa: BLE001
+    except Exception as error:
         reason = f"second route: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
         return verdict("undecided", reason, route=motion.route, seconds=first)
     found = _compare(model, motion.states, tight, loose)

@@ -200,7 +200,7 @@ def _descend(case: Case, record: Record, runs: dict[str, Run], effort: Effort) -
     except ImportError as error:
         record.missing = f"not installed: {error.name}"
         return
-    except Exception as error:  # noqa: BLE001  whatever a peer raises is its failure
+    except Exception as error:
         record.failures.append(_reason(1e-4, error))
         if record.solver not in runs:
             return
@@ -230,7 +230,7 @@ def _attempt(case: Case, record: Record, run: Run, tolerance: float) -> float:
         if perf_counter() - begin < 2.0:
             begin = perf_counter()
         found = run(tolerance)
-    except Exception as error:  # noqa: BLE001
+    except Exception as error:
         record.failures.append(_reason(tolerance, error))
         return perf_counter() - begin
     time = perf_counter() - begin

@@ -93,7 +93,7 @@ def library(name: str, sources: Sequence[tuple[str, str]], optimise: str = "-O2"
     Raises
     ------
     CompilerError
-        If it has to be compiled and cannot be.
+        If it has to be compiled and cannot be, or cannot be loaded.
     """
     command = compiler()
     if command is None:
@@ -102,7 +102,10 @@ def library(name: str, sources: Sequence[tuple[str, str]], optimise: str = "-O2"
     path = cache_folder() / f"{name}-{_key(sources, flags, command)}.so"
     if not _whole(path):
         _compile(path, sources, flags, command)
-    return ctypes.CDLL(str(path))
+    try:
+        return ctypes.CDLL(str(path))
+    except OSError as error:  # a folder from which nothing may be run, for instance
+        raise CompilerError(f"{path} cannot be loaded: {error}") from error
 
 
 @cache

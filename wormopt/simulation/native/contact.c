@@ -83,7 +83,8 @@ static double lowest(Run *run, long long j, double h, double a, double b, double
 static double crossing(Run *run, long long j, double h, double a, double b, double va, double vb,
                        double level) {
     va -= level, vb -= level;
-    for (int i = 0, side = 0; i < 100 && b - a > 1e-15 && va > 0.0; i++) {
+    if (va <= 0.0) return a;
+    for (int i = 0, side = 0; i < 100 && b - a > 1e-15; i++) {
         double c = isfinite(va) && isfinite(vb) && i < 40 ? (a * vb - b * va) / (vb - va) : NAN;
         if (!(c > a && c < b)) c = 0.5 * (a + b);
         if (c == a || c == b) break;

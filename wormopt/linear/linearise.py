@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wormopt.core.explicit import Explicit, import_control, stacked
 from wormopt.core.model import Model
-from wormopt.core.pencil import Matrices, balanced, invariant_zeros, without_shifts
+from wormopt.linear.pencil import Matrices, balanced, invariant_zeros, without_shifts
 
 __all__ = ["Linear", "PhaseKind", "linearise"]
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.core.explicit import Explicit, stacked
-from wormopt.core.identically import identically_zero
 from wormopt.core.model import Model
+from wormopt.linear.identically import identically_zero
 
 __all__ = ["relative_degree"]
 

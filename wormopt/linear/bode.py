@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike
 
-from wormopt.core.linear import Linear
+from wormopt.linear.linearise import Linear
 
 __all__ = ["bode", "frequencies"]
 
@@ -83,7 +83,7 @@ def bode(
 
     Examples
     --------
-    >>> from wormopt.core.linear import linearise
+    >>> from wormopt.linear.linearise import linearise
     >>> from wormopt.worms.chain import chain
     >>> worm = chain(2, mass=1.0, stiffness=10.0, damping=0.5, rest_length=2.0)
     >>> figure = bode(linearise(worm, output="length"), "bode.png")

@@ -1,0 +1,1 @@
+"""Linear analysis of a Model: zeros, poles, relative degree, frequency response."""
