@@ -2,9 +2,7 @@
 
 import casadi as ca
 
-from wormopt import Contact, Model, Signal
-from wormopt.core.friction import Coulomb
-from wormopt.core.model import Output
+from wormopt import Contact, Coulomb, Model, Output, Signal
 
 
 def build(

@@ -169,20 +169,25 @@ class _Flow:
         lowest = values.min(axis=0)
         first, event = 2.0, -1
         for row in np.flatnonzero(lowest <= values.max(axis=0) - lowest):
-            root = _first_root(polynomials[:, row])
+            i = int(regime.owner[row])
+            # what has just been let go has no velocity and, without stiction, no acceleration
+            rounding = 1e-9 if self.let_go[i] and self.modes[i] != 0 else 1e-12
+            p = polynomials[:, row]
+            if self.modes[i] == 0 and np.abs(p).max() <= self.slack:
+                continue  # nothing pulls on it
+            root = _first_root(p, rounding)
             if root < first:
-                first, event = root, int(regime.owner[row])
+                first, event = root, i
         return first, event
 
 
-def _first_root(p: np.ndarray) -> float:
+def _first_root(p: np.ndarray, rounding: float) -> float:
     """First zero in (0, 1] at which a polynomial falls below 0; 2 if there is none.
 
-    First coefficients that are nothing but rounding, as for a mass that has just been let go, are
-    zeros at 0 and divided out.
+    First coefficients that are nothing but rounding are zeros at 0 and divided out.
     """
-    rounding, lost = 1e-12 * np.abs(p).max(), 0
-    while lost < 4 and abs(p[lost]) <= rounding:
+    nothing, lost = rounding * np.abs(p).max(), 0
+    while lost < 4 and abs(p[lost]) <= nothing:
         lost += 1
     q = np.append(p[lost:], np.zeros(lost))
     if q[0] < 0:

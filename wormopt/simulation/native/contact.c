@@ -122,7 +122,7 @@ static double first_crossing(Run *run, long long j, double h, const double *valu
                 return crossing(run, j, h, SAMPLES[k - 2], at, a, low, level);
             }
         }
-        if (here > small(run, j)) level = 0.0;
+        if (k > 0 && here > small(run, j)) level = 0.0;
     }
     run->scan[N_SAMPLES * n + j] = level;
     return 2.0;
@@ -200,13 +200,21 @@ int dips_into_layer(Run *run, double h) {
     return 0;
 }
 
+/* Value above which an event function counts as well above 0: for a switch more than it loses in
+   a time that is nothing but rounding. */
+static double clearly_above(const Run *run, long long j) {
+    if (j < n_exact(run)) return small(run, j);
+    double rate = run->guard[run->in.n_switches + j - n_exact(run)];
+    return rate > 0.0 ? 1e3 * floor_of_step(run) * rate : 0.0;
+}
+
 /* Raise levels of what is well above 0; at the start of a run those of all guards not above 0. */
 void set_levels(Run *run, int at_start) {
     event_values(run, run->out.t, run->out.x, run->value);
     for (long long j = 0; j < n_functions(run); j++) {
         int guard = j >= n_exact(run);
         if (at_start) run->level[j] = !guard ? -small(run, j) : run->value[j] < 0.0 ? -INFINITY : 0.0;
-        if (run->value[j] > small(run, j)) run->level[j] = 0.0;
+        if (run->value[j] > clearly_above(run, j)) run->level[j] = 0.0;
     }
 }
 

@@ -92,7 +92,7 @@ static void emit_end(Run *run) {
 
 /* -- steps ----------------------------------------------------------------------------------- */
 
-static double floor_of_step(const Run *run) {
+double floor_of_step(const Run *run) {
     return 8 * DBL_EPSILON * fmax(fabs(run->out.t), 1e-3 * fabs(run->in.t_end - run->in.t_start));
 }
 

@@ -57,5 +57,6 @@ void fire_jumped_switches(Run *run);
 
 /* driver.c */
 double *grow(Table *table);
+double floor_of_step(const Run *run);
 
 #endif
