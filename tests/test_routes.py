@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -97,29 +98,35 @@ def event_times(motion: Trajectory) -> np.ndarray:
     return np.array([event.time for event in motion.events])
 
 
-def assert_same(a: Trajectory, b: Trajectory, abs: float) -> None:
+def attempted(model: Model, span: float, **options: Any) -> tuple[Trajectory, str]:
+    """A motion as far as it goes, and why it ends early if it does."""
+    try:
+        return simulate(model, span, **options), ""
+    except SolveError as error:
+        return error.partial, error.code
+
+
+def assert_same(a: Trajectory, b: Trajectory, within: float) -> None:
     """Same events at the same times, same samples, same modes."""
     assert listed(a) == listed(b)
-    assert event_times(a) == pytest.approx(event_times(b), abs=abs)
+    assert event_times(a) == pytest.approx(event_times(b), abs=within)
     assert a.modes[:, 1:].tolist() == b.modes[:, 1:].tolist()
-    assert a.states == pytest.approx(b.states, abs=abs)
-    assert a.end == pytest.approx(b.end, abs=abs)
+    assert a.states == pytest.approx(b.states, abs=within)
+    assert a.end == pytest.approx(b.end, abs=within)
 
 
 def assert_lawful(motion: Trajectory) -> None:
     """At the samples no contact slides against its mode, and what rests is held by its law."""
-    system = motion.system
+    p = motion.system.scheduled(motion.p, motion.schedules, motion.time)
     modes = motion.modes_at(motion.time)
-    velocities = motion.observe(system.model.contact_velocities)
-    forces = motion.observe(system.model.forces)
-    for i, contact in enumerate(system.model.contacts):
-        if contact not in system.contacts:
-            continue
-        mode, v, force = modes[system.contacts.index(contact)], velocities[i], forces[i]
-        low, high = contact.law.stick_interval
-        assert np.all(mode * v >= -1e-9)
-        assert np.all(np.abs(v[mode == 0]) < 1e-9)
-        assert np.all((force[mode == 0] >= low - 1e-8) & (force[mode == 0] <= high + 1e-8))
+    if len(modes) == 0:
+        return
+    found = np.array(motion.system.probe(motion.time[None, :], motion.states, p, modes))
+    velocity, _, force, low, high = found.reshape(5, *modes.shape)
+    assert np.all(modes * velocity >= -1e-9)
+    rests = modes == 0
+    assert np.all(np.abs(velocity[rests]) < 1e-9)
+    assert np.all((force[rests] >= low[rests] - 1e-8) & (force[rests] <= high[rests] + 1e-8))
 
 
 @pytest.fixture
@@ -161,7 +168,7 @@ def test_the_magnetic_pair_has_the_events_of_the_benchmark(route: Route):
 
 def test_both_stepping_routes_take_the_same_steps():
     a, b = (simulate(magnetic_pair(), 100.0, route=route, dense=True) for route in STEPPING)
-    assert_same(a, b, abs=1e-11)
+    assert_same(a, b, within=1e-11)
     assert a.n_steps == b.n_steps
     assert a.n_rejected == b.n_rejected
     t = np.linspace(0, 100, 4001)
@@ -215,7 +222,7 @@ def test_spikes_hit_the_ground_alike():
     a, b = (simulate(model, 20.0, tolerance=SHARP, route=route) for route in STEPPING)
     assert {"stick", "release"} <= {event.kind for event in a.events}
     assert len(a.events) > 20
-    assert_same(a, b, abs=1e-10)
+    assert_same(a, b, within=1e-10)
 
 
 def test_an_impact_of_one_contact_acts_on_the_other():
@@ -228,7 +235,7 @@ def test_an_impact_of_one_contact_acts_on_the_other():
     t = np.linspace(0, 20, 2001)
     a, b = (simulate(model, 20.0, times=t, tolerance=SHARP, route=route) for route in STEPPING)
     assert len(a.events) >= 10
-    assert_same(a, b, abs=1e-11)
+    assert_same(a, b, within=1e-11)
     assert_lawful(a)
 
 
@@ -267,12 +274,13 @@ def test_cvodes_is_right_or_refuses(v_reg: float, relative: float):
     model = sine_worm(Coulomb(1.0, 10.0))
     exact = simulate(model, 10.0, tolerance=SHARP, route="native")
     tolerance = Tolerance(relative, 0.1 * relative)
-    try:
-        motion = simulate(model, 10.0, contact=Smooth(v_reg), tolerance=tolerance, route="cvodes")
-    except SolveError as error:
-        assert error.code == "layer_not_resolved"  # noqa: PT017  or it is right
+    motion, code = attempted(
+        model, 10.0, contact=Smooth(v_reg), tolerance=tolerance, route="cvodes"
+    )
+    if code:
+        assert code == "layer_not_resolved"
         assert v_reg < 1e-6
-        assert error.partial.end_time < 10.0
+        assert motion.end_time < 10.0
     else:
         assert motion.end == pytest.approx(exact.end, abs=20 * v_reg)
 
@@ -343,9 +351,9 @@ def test_a_jump_of_the_state_fires_other_switches(route: Route):
     model = Model(
         "jumps",
         x=[Signal("x", x, value=0.0), Signal("y", y, value=0.0)],
-        ode=ca.vertcat(1, 0),
+        ode=ca.SX([1, 0]),
         switches=[
-            Switch("first", x - 1, ca.vertcat(-1, 3)),
+            Switch("first", x - 1, ca.SX([-1, 3])),
             Switch("second", y - 2, ca.vertcat(x, 0)),
         ],
     )
@@ -639,5 +647,5 @@ def random_chains(draw: st.DrawFn) -> Model:
 def test_random_chains_move_alike(model: Model):
     t = np.linspace(0, 6, 601)
     a, b = (simulate(model, 6.0, times=t, tolerance=SHARP, route=route) for route in STEPPING)
-    assert_same(a, b, abs=1e-8)
+    assert_same(a, b, within=1e-8)
     assert_lawful(b)

@@ -2,9 +2,11 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
+import msgspec
 import numpy as np
 import pytest
 from by_hand import Chain, commanded, thirds, tracked
@@ -16,6 +18,8 @@ from wormopt.errors import SceneError, SolveError
 from wormopt.gaits.construct import fast_gait
 from wormopt.result import Result
 from wormopt.scenes import load_scene, packaged_scenes
+from wormopt.scenes.simulate import SimulateScene
+from wormopt.scenes.track import TrackScene
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.studies import proof, signals
@@ -952,3 +956,52 @@ def test_packaged_scenes_say_what_to_try(name: str):
             words = [w.strip("'") for w in line.split("--set ")[1:]]
             sets = [word.split("   ")[0].split(" (")[0].strip().strip("'") for word in words]
             load_scene(name, sets)
+
+
+# -- the documentation ---------------------------------------------------------------------------
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def test_the_page_on_simulation_runs(capsys: pytest.CaptureFixture[str]):
+    text = (DOCS / "simulation.md").read_text(encoding="utf-8")
+    program = "\n".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL))
+    scope: dict[str, Any] = {"__name__": "page"}
+    exec(compile(program, "simulation.md", "exec"), scope)
+    printed = capsys.readouterr().out
+    assert "(20, 7, 101) {''}" in printed
+    assert "too_many_steps" in printed
+    assert np.abs(scope["exact"].end - scope["smooth"].end).max() < 1e-3
+    # the model on the page is the one that comes with the package
+    own = packaged_scenes()["own_model"].with_name("my_worm.py").read_text(encoding="utf-8")
+    assert own.partition("def build(")[2].strip() in program
+
+
+def test_every_key_of_the_scenes_is_documented():
+    text = (DOCS / "scenes.md").read_text(encoding="utf-8")
+    tables = [TrackScene, SimulateScene]
+    seen = set()
+    while tables:
+        table = tables.pop()
+        for item in msgspec.structs.fields(table):
+            assert f"`{item.name}`" in text or f"[{item.name}]" in text, f"{table}: {item.name}"
+            for kind in kinds_in(item.type):
+                if kind not in seen:
+                    seen.add(kind)
+                    tables.append(kind)
+
+
+def kinds_in(kind: Any) -> list[Any]:
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return [kind]
+    return [found for part in get_args(kind) for found in kinds_in(part)]
+
+
+def test_every_scalar_and_variable_is_documented(fig05: Result, tmp_path: Path):
+    text = (DOCS / "scenes.md").read_text(encoding="utf-8")
+    change = [CHANCE, "ensemble.members=3", "time.samples=11", "time.end=0.5"]
+    herd = wo.run(load_scene(write(tmp_path, TRACK), change))
+    for result in (fig05, herd, wo.run("stiction")):
+        names = {*result.scalars, *(v.name for v in result.variables), *result.trust}
+        for name in names:
+            assert f"`{name}`" in text, name

@@ -111,7 +111,8 @@ class _Flow:
         hold = np.array([grip.hold for grip in chain.grips])
         self.least, self.largest = hold[:, 0], hold[:, 1]
         self.slip = np.array([(-g.forward, g.backward) for g in chain.grips])
-        # Rounding of forces: whether what is on the verge goes or stays, its margin tells.
+        # What rounding can make of a force. A mass is let go when its force is out of bounds by
+        # more than that, so that its acceleration then has the right sign.
         self.slack = 1e-13 * max(1.0, float(np.max(chain.stiffness) * np.max(np.abs(start[: self.n]))))
         self.free = [chain.generator(piece) for piece in range(chain.gait.pieces)]
         self.regime = lru_cache(maxsize=256)(self._regime)
@@ -130,7 +131,7 @@ class _Flow:
             for bound, sign in ((self.least[i], 1.0), (self.largest[i], -1.0)):
                 if np.isfinite(bound):
                     row = sign * needed
-                    row[2 * n] -= sign * bound
+                    row[2 * n] -= sign * bound - self.slack
                     rows.append(row)
                     owner.append(i)
         return _Regime(G, np.array(rows), np.array(owner))
@@ -169,27 +170,18 @@ class _Flow:
         lowest = values.min(axis=0)
         first, event = 2.0, -1
         for row in np.flatnonzero(lowest <= values.max(axis=0) - lowest):
-            i = int(regime.owner[row])
-            # what has just been let go has no velocity and, without stiction, no acceleration
-            rounding = 1e-9 if self.let_go[i] and self.modes[i] != 0 else 1e-12
-            p = polynomials[:, row]
-            if self.modes[i] == 0 and np.abs(p).max() <= self.slack:
-                continue  # nothing pulls on it
-            root = _first_root(p, rounding)
+            root = _first_root(polynomials[:, row])
             if root < first:
-                first, event = root, i
+                first, event = root, int(regime.owner[row])
         return first, event
 
 
-def _first_root(p: np.ndarray, rounding: float) -> float:
+def _first_root(p: np.ndarray) -> float:
     """First zero in (0, 1] at which a polynomial falls below 0; 2 if there is none.
 
-    First coefficients that are nothing but rounding are zeros at 0 and divided out.
+    A zero at 0, of a mass that has just begun to move, is divided out.
     """
-    nothing, lost = rounding * np.abs(p).max(), 0
-    while lost < 4 and abs(p[lost]) <= nothing:
-        lost += 1
-    q = np.append(p[lost:], np.zeros(lost))
+    q = np.append(p[1:], 0.0) if p[0] == 0 else p
     if q[0] < 0:
         return 0.0
     values, slope = _POWERS @ q, q[1:] * np.arange(1, len(q))

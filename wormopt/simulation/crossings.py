@@ -13,10 +13,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import minimize_scalar, root_scalar
 
 from wormopt.simulation.functions import System
 from wormopt.simulation.steps import Call, Step, Stepper, floor_of_step
@@ -24,9 +25,7 @@ from wormopt.simulation.task import Task
 
 __all__ = ["Crossing", "Located", "Watch"]
 
-_SAMPLES = np.array(
-    [0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0]  # fmt: skip
-)
+_SAMPLES = np.array([0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0])
 _LAYER_SAMPLES = np.linspace(0.0, 1.0, 17)
 
 
@@ -90,9 +89,9 @@ class Watch:
         if self.n:
             value, within, scan, rates = (Call(f, *shared) for f in _event_functions(system))
             self._values, self._inside, self._scan, self._rates = value, within, scan, rates
-        self._states, self._layers = system.velocity_state.tolist(), None
-        if system.contacts and not system.exact:
-            self._layers = (8 * task.v_layer).tolist()
+        self._states: list[int] = system.velocity_state.tolist()
+        self._layers: list[float] = [] if system.exact else (8 * task.v_layer).tolist()
+        if self._layers:
             self._velocities = Call(system.velocities, *shared)
 
     # -- values ----------------------------------------------------------------------------
@@ -246,7 +245,8 @@ class Watch:
                 return Crossing(j, theta, level)
             if k >= 2 and self._dips(value[k - 2 : k + 1] - level):
                 ends = _SAMPLES[k - 2], _SAMPLES[k]
-                low = minimize_scalar(above, bounds=ends, method="bounded", options={"xatol": 1e-7})
+                near = {"bounds": ends, "method": "bounded", "options": {"xatol": 1e-7}}
+                low: Any = minimize_scalar(above, **near)
                 if low.fun < 0:
                     return Crossing(j, _root(above, ends[0], low.x), level)
             if here > small:
@@ -322,7 +322,7 @@ class Watch:
         -------
         bool
         """
-        if self._layers is None:
+        if not self._layers:
             return False
         suspects = self._may_dip(step)
         if not any(suspects):
@@ -352,7 +352,9 @@ def _root(function: Callable[[float], float], a: float, b: float) -> float:
     """Where a function falls through 0; an end where rounding has it there already."""
     if function(a) <= 0:
         return float(a)
-    return float(brentq(function, a, b, xtol=1e-15)) if function(b) < 0 else float(b)
+    if function(b) >= 0:
+        return float(b)
+    return float(root_scalar(function, bracket=(a, b), method="brentq", xtol=1e-15).root)
 
 
 @lru_cache(maxsize=64)

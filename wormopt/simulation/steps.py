@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -71,11 +71,11 @@ class Call:
                 array = np.zeros(function.numel_in(i))
                 self._passed.append(array)
             if array.size:
-                self._buffer.set_arg(i, memoryview(array))
+                self._buffer.set_arg(i, array.data)  # type: ignore[call-arg]
         self._results = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
         for i, result in enumerate(self._results):
             if result.size:
-                self._buffer.set_res(i, memoryview(result))
+                self._buffer.set_res(i, result.data)  # type: ignore[call-arg]
 
     def __call__(self, *values: float | np.ndarray) -> list[np.ndarray]:
         """Evaluate; the results are overwritten by the next call, matrices flat by columns."""
@@ -535,16 +535,13 @@ class Stiff:
         return matrix
 
     def _solver_from(self, t: float, x: np.ndarray, stop: float, h: float) -> Radau:
-        return Radau(
-            self._derivative,
-            t,
-            x,
-            stop,
-            rtol=max(self._task.tolerance.relative, _LEAST_RELATIVE),
-            atol=self._task.absolute,
-            jac=self._slopes,
-            first_step=min(h, stop - t) if h > 0 else None,
-        )
+        options: dict[str, Any] = {
+            "rtol": max(self._task.tolerance.relative, _LEAST_RELATIVE),
+            "atol": self._task.absolute,
+            "jac": self._slopes,
+            "first_step": min(h, stop - t) if h > 0 else None,
+        }
+        return Radau(self._derivative, t, x, stop, **options)
 
     def _advance(self, solver: Radau, stop: float) -> Step:
         t, x, dx = solver.t, solver.y, self._derivative(solver.t, solver.y)

@@ -50,6 +50,7 @@ __all__ = ["run"]
 _SHOWN = ("length", "velocity", "contact_force", "input")
 
 
+@np.errstate(all="ignore")  # what is not finite is noticed where it matters
 def run(scene: Scene[SimulateScene], report: Report) -> Result:
     """Simulate a chain or the user's model.
 

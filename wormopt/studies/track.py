@@ -45,6 +45,7 @@ from wormopt.studies.watch import ENTERS, balance, time_in_tube
 __all__ = ["run"]
 
 
+@np.errstate(all="ignore")  # what is not finite is noticed where it matters
 def run(scene: Scene[TrackScene], report: Report) -> Result:
     """Simulate the worm under each tracker, or an ensemble of worms.
 

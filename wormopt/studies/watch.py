@@ -69,7 +69,7 @@ def measure_power(model: Model) -> Model:
     lost += ca.dot(symbol(model, "drag") * v + symbol(model, "load"), v)
     for contact in model.contacts:
         lost -= contact.force * contact.velocity
-    force, length = _nominal(model, "input"), _nominal(model, "position")
+    force, length = np.float64(_nominal(model, "input")), _nominal(model, "position")
     rates = {
         "input_square": ca.dot(u, u),
         "input_work": ca.dot(u, rate),
@@ -78,7 +78,7 @@ def measure_power(model: Model) -> Model:
     }
     sizes = {"input_square": force**2 * length / _nominal(model, "velocity")}
     states = [
-        Signal(name, ca.SX.sym(name), nominal=sizes.get(name, force * length), value=0.0)
+        Signal(name, ca.SX.sym(name), nominal=float(sizes.get(name, force * length)), value=0.0)
         for name in rates
     ]
     return _add_states(model, states, list(rates.values()))
