@@ -381,24 +381,86 @@ def test_a_velocity_made_to_jump_is_an_impact(route: Route):
     assert motion.end == pytest.approx([1.0, 0.0], abs=1e-12)
 
 
+@pytest.mark.parametrize("route", STEPPING)
+def test_a_spike_that_is_hit_and_pulled_on_has_its_impact(route: Route):
+    """Thrown backward while a force pulls it forward, it stops and slides on at once."""
+    x, v, f, t = (ca.SX.sym(name) for name in ("x", "v", "f", "t"))
+    model = Model(
+        "pulled",
+        x=[Signal("x", x, value=0.0), Signal("v", v, value=0.0)],
+        ode=ca.vertcat(v, (0.7 * f + 1) / 3),
+        t=t,
+        contacts=[Contact("spike", 0.7 * v, f, Spike())],
+        switches=[Switch("throw", ca.sin(t), ca.vertcat(x, -0.5 * v))],
+    )
+    motion = simulate(model, 14.0, x0={"v": 1.0}, route=route)
+    throws = 2 * np.pi * np.arange(3)
+    assert listed(motion) == [("throw", "switch", 0), ("spike", "impact", 1)] * 3
+    assert event_times(motion) == pytest.approx(np.repeat(throws, 2), abs=1e-11)
+    assert motion.end[1] == pytest.approx((14.0 - throws[-1]) / 3, abs=1e-10)
+
+
+@pytest.mark.parametrize("route", STEPPING)
+def test_a_guard_left_above_zero_must_come_back_before_it_fires_again(route: Route):
+    """It fires at v = -0.5 and is thrown to v = 0.5, from where it tends to 0."""
+    v, count = ca.SX.sym("v"), ca.SX.sym("count")
+    model = Model(
+        "halved",
+        x=[Signal("v", v, value=-0.8), Signal("count", count, value=0.0)],
+        ode=ca.vertcat(-2 * v, 0),
+        switches=[Switch("rises", v + 0.5, ca.vertcat(-v, count + 1))],
+    )
+    motion = simulate(model, 20.0, route=route)
+    assert len(motion.events) == 1
+    assert motion.events[0].time == pytest.approx(np.log(1.6) / 2, abs=1e-11)
+    assert motion.end == pytest.approx([0.0, 1.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("route", STEPPING)
+@pytest.mark.parametrize("level", [0.1, 0.3, 0.7, 1.1])
+def test_a_motion_stopped_at_its_guard_does_not_fire_it_again(route: Route, level: float):
+    """x'' = 1; at x = level the velocity is made zero, and x goes on rising from there."""
+    x, v = ca.SX.sym("x"), ca.SX.sym("v")
+    states = [Signal("x", x, value=0.0), Signal("v", v, value=0.2)]
+    stop = Switch("stop", x - level, ca.vertcat(x, 0))
+    model = Model("stopped", x=states, ode=ca.vertcat(v, 1), switches=[stop])
+    motion = simulate(model, 5.0, route=route)
+    time = np.sqrt(0.04 + 2 * level) - 0.2
+    assert event_times(motion) == pytest.approx([time], abs=1e-12)
+    assert motion.end[1] == pytest.approx(5 - time, abs=1e-11)
+
+
 # -- without a compiler ----------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("no_compiler")
-def test_without_a_compiler_others_take_over():
+def test_without_a_compiler_the_same_steps_are_taken_in_python():
     smooth = simulate(tracked("derivative"), 10.0, contact=Smooth())
-    assert smooth.route == "cvodes"
+    assert smooth.route == "python"
     assert smooth.end == pytest.approx(TRACK["derivative"], abs=1e-9)
     exact = simulate(magnetic_pair(), 20.0, tolerance=SHARP)
     assert exact.route == "python"
     assert sum(event.kind == "stick" for event in exact.events) == 5
-    kept = simulate(sine_worm(Coulomb(1.0, 10.0)), 1.0, contact=Smooth(), dense=True)
-    assert kept.route == "python"
     watched = simulate(
         tracked("derivative", 2.0, watch=True, gain_start=3.0), 2.0, contact=Smooth()
     )
     assert watched.route == "python"
     assert {"leaves the tube", "enters the tube"} <= {event.name for event in watched.events}
+
+
+def stiff_decay() -> Model:
+    """x follows cos t within 1e-6."""
+    x, t = ca.SX.sym("x"), ca.SX.sym("t")
+    return Model("stiff", x=[Signal("x", x, value=1.0)], ode=1e6 * (ca.cos(t) - x), t=t)
+
+
+@pytest.mark.parametrize("compiler", [True, False])
+def test_stiff_motions_go_to_cvodes(compiler: bool, request: pytest.FixtureRequest):
+    if not compiler:
+        request.getfixturevalue("no_compiler")
+    motion = simulate(stiff_decay(), 100.0)
+    assert motion.route == "cvodes"
+    assert motion.end[0] == pytest.approx(np.cos(100.0), abs=1e-6)
 
 
 @pytest.mark.usefixtures("no_compiler")

@@ -6,10 +6,12 @@ import re
 from pathlib import Path
 from typing import Any, get_args
 
+import hypothesis.strategies as st
 import msgspec
 import numpy as np
 import pytest
 from by_hand import Chain, commanded, thirds, tracked
+from hypothesis import given, settings
 
 import wormopt as wo
 from wormopt.cli import main
@@ -95,6 +97,9 @@ HOSTILE = [
     (TRACK, "worm.drag=[1, 2]", "worm.drag", "2 entries for 3 masses"),
     (TRACK, "worm.load=inf", "worm.load", "finite"),
     (TRACK, "worm.frction=3", "worm.frction", "did you mean friction"),
+    (TRACK, "worm.mass=1e40", "worm.mass", "choose units"),
+    (TRACK, "worm.mass=[1, 1e-40, 1]", "worm.mass[1]", "choose units"),
+    (SIMULATE, "worm.friction.forward=1e300", "worm.friction.forward", "choose units"),
     # friction
     (TRACK, "worm.friction=3", "worm.friction", "a table"),
     (TRACK, 'worm.friction={kind="dry"}', "worm.friction.kind", '"coulomb", "stribeck"'),
@@ -956,6 +961,41 @@ def test_packaged_scenes_say_what_to_try(name: str):
             words = [w.strip("'") for w in line.split("--set ")[1:]]
             sets = [word.split("   ")[0].split(" (")[0].strip().strip("'") for word in words]
             load_scene(name, sets)
+
+
+# What a scene may hold anywhere, the worst included.
+VALUES = st.recursive(
+    st.sampled_from('nan inf -inf true "" "λ" "fast" 1e308 1e-308 -0.0 0 1 -1 2.5 [] {}'.split()),
+    lambda inner: st.lists(inner, max_size=4).map(lambda items: f"[{', '.join(items)}]"),
+    max_leaves=6,
+)
+KEYS = st.sampled_from(
+    "worm worm.links worm.mass worm.stiffness worm.friction worm.friction.kind worm.random "
+    "worm.friction.forward worm.random.seed worm.random.stiffness start start.position reference "
+    "reference.gait reference.gait.shape reference.shift tracker tracker.feedback tracker.growth "
+    "tracker.adaptation tracker.feedforward tracker.tube_radius contact contact.treatment "
+    "contact.v_reg time time.end time.samples tolerance tolerance.relative ensemble want "
+    "ensemble.members actuation actuation.law model parameters parameters.rate".split()
+)
+
+
+@settings(deadline=None, max_examples=300)
+@given(
+    text=st.sampled_from([TRACK, RANDOM, SIMULATE, MODEL]),
+    changes=st.lists(st.tuples(KEYS, VALUES), max_size=3),
+)
+def test_any_scene_is_read_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, text: str, changes: list[tuple[str, str]]
+):
+    path = write(tmp_path_factory.mktemp("scene"), text)
+    try:
+        scene = load_scene(path, [f"{key}={value}" for key, value in changes])
+    except SceneError as error:
+        for line in str(error).splitlines():
+            assert line.startswith(f"{path}: ")
+    else:
+        assert "NaN" not in scene.text
+        assert "Infinity" not in scene.text
 
 
 # -- the documentation ---------------------------------------------------------------------------

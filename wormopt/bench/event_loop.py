@@ -86,17 +86,27 @@ class _Loop:
         self.modes = np.zeros(len(self.mass), dtype=int)
         self.slip = np.zeros(len(self.mass))
         self.let_go = np.full(len(self.mass), -np.inf)  # when
+        self.within = (0.0, 0.0)
         self.none = np.zeros(len(self.mass))
         self.happenings: list[Happening] = []
 
+    def stay_within(self, start: float, stop: float) -> None:
+        """Evaluate no more on the far side of a break, where rates may be quite different."""
+        rounding = 1e-13 * max(stop, 1.0)
+        self.within = (start + rounding, stop - rounding)
+
+    def free(self, t: float, y: np.ndarray, force: np.ndarray) -> np.ndarray:
+        low, high = self.within
+        return self.plant.rates(min(max(t, low), high), y, force.copy())
+
     def rates(self, t: float, y: np.ndarray) -> np.ndarray:
-        dy = self.plant.rates(t, y, self.slip.copy())
+        dy = self.free(t, y, self.slip)
         dy[self.velocity[self.modes == 0]] = 0.0
         return dy
 
     def holding(self, t: float, y: np.ndarray) -> np.ndarray:
         """Force that each mass needs to stay at rest."""
-        return -self.mass * self.plant.rates(t, y, self.none.copy())[self.velocity]
+        return -self.mass * self.free(t, y, self.none)[self.velocity]
 
     def decide(self, t: float, y: np.ndarray, event: int = -1) -> None:
         """Modes of masses without velocity; `event` is the mass whose event it is."""
@@ -182,8 +192,11 @@ def event_loop(
     times = np.zeros(0) if times is None else times
     y, t, event = (plant.start if start is None else start).copy(), 0.0, -1
     states, sampled, steps = np.empty((len(y), len(times))), 0, 0
+    stalled, last = 0, -np.inf
     for stop in [*plant.breaks(span), span]:
+        loop.stay_within(t, stop)
         while t < stop:
+            stalled, last = (stalled + 1, last) if t - last < 1e-13 * span else (0, t)
             loop.decide(t, y, event)
             functions, owners = loop.events()
             wanted = times[sampled:]
@@ -199,7 +212,8 @@ def event_loop(
                 atol=absolute,
                 max_step=max_step,
             )
-            if found.status < 0 or len(loop.happenings) > max_events:
+            stuck = stalled > 10 * len(plant.mass) or len(loop.happenings) > max_events
+            if found.status < 0 or stuck:
                 raise RuntimeError(f"the event loop is given up at t = {t:g}: {found.message}")
             steps += found.nfev
             event = -1

@@ -284,9 +284,9 @@ def linear_flow(
             sampled += 1
         flow.x = end**exponents @ C[:, : 2 * n]
         flow.x[n:][flow.modes == 0] = 0.0
-        if end * h > 0:
-            flow.let_go[:] = False
         still = still + 1 if end * h <= 1e-15 * max(span, 1.0) else 0
+        if not still:
+            flow.let_go[:] = False
         if fresh:
             flow.x[n + event] = 0.0
         s, flow.t, steps = stop, begin + stop, steps + 1

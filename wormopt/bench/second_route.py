@@ -98,7 +98,8 @@ def _means(
 
         return "event loop", plant.start, loop
     smoothed = Smoothed(model, cell.v_reg)
-    if implicit:
+    jumps = cell.group == "jumps"
+    if implicit or jumps:  # CasADi goes on over jumps of controls without a new start
         return "LSODA", smoothed.start, lambda x, rtol: _lsoda(smoothed, times, x, rtol)
     return "CVODES", smoothed.start, lambda x, rtol: _cvodes(smoothed, times, x, rtol)
 
@@ -149,15 +150,14 @@ def _lsoda(smoothed: Smoothed, times: np.ndarray, start: np.ndarray, tolerance: 
     found, sampled = np.empty((n, len(times))), 0
     for piece in smoothed.pieces(float(times[-1])):
         within = times[(times > piece.start) & (times <= piece.end)]
-        dx, J = np.zeros(n), np.zeros((n, n), order="F")
-        call_rates, call_jacobian = _call(rates, piece.values, dx), _call(jacobian, piece.values, J)
+        call_rates, call_jacobian = _call(rates, piece.values, n), _call(jacobian, piece.values, n * n)
         done = solve_ivp(
-            lambda t, x, call=call_rates: call(t, x).copy(),
+            call_rates,
             (piece.start, piece.end),
             y,
             "LSODA",
             t_eval=np.unique(np.append(within, piece.end)),
-            jac=lambda t, x, call=call_jacobian: call(t, x).copy(),
+            jac=lambda t, x, call=call_jacobian: call(t, x).reshape(n, n, order="F"),
             rtol=tolerance,
             atol=0.1 * tolerance,
         )
@@ -170,8 +170,10 @@ def _lsoda(smoothed: Smoothed, times: np.ndarray, start: np.ndarray, tolerance: 
 
 
 def _call(
-    function: ca.Function, values: np.ndarray, result: np.ndarray
+    function: ca.Function, values: np.ndarray, size: int
 ) -> Callable[[float, np.ndarray], np.ndarray]:
+    """Function of (t, x) for given scheduled values, without CasADi's cost of a call."""
+    result = np.zeros(size)
     buffer, trigger = function.buffer()
     buffer.set_arg(2, memoryview(values))
     buffer.set_res(0, memoryview(result))
@@ -181,6 +183,6 @@ def _call(
         buffer.set_arg(0, memoryview(now))
         buffer.set_arg(1, memoryview(state))
         trigger()
-        return result
+        return result.copy()
 
     return call

@@ -21,6 +21,7 @@ from wormopt.scenes.types import (
     Positive,
     SceneTable,
     Table,
+    extreme_numbers,
     wrong_count,
 )
 
@@ -181,6 +182,7 @@ class SimulateScene(SceneTable, frozen=True, kw_only=True):
             Folder of the scene.
         """
         yield from super().faults(folder)
+        yield from extreme_numbers(self)
         if self.worm is not None and self.model is not None:
             yield "model", "a scene has [worm] or a model, not both; leave one out"
         elif self.worm is not None:

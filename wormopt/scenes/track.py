@@ -20,6 +20,7 @@ from wormopt.scenes.types import (
     Positive,
     SceneTable,
     Table,
+    extreme_numbers,
     wrong_count,
 )
 
@@ -296,6 +297,7 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
             Folder of the scene.
         """
         yield from super().faults(folder)
+        yield from extreme_numbers(self)
         links = self.worm.links
         yield from self.worm.faults(self.time.end)
         yield from self.start.faults(links)

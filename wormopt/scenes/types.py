@@ -16,6 +16,7 @@ from msgspec import Meta, Struct
 from wormopt.errors import Fault
 
 _LARGEST = sys.float_info.max
+_SMALL = 1e-30
 
 
 def _words(description: str) -> Meta:
@@ -114,6 +115,31 @@ class SceneTable(Table, frozen=True, kw_only=True):
         for word in sorted(set(self.want)):
             if self.want.count(word) > 1:
                 yield "want", f'"{word}" stands there twice; write it once'
+
+
+def extreme_numbers(value: object, key: str = "") -> Iterator[Fault]:
+    """Yield a fault for each number so large or small that products of a few of them are none.
+
+    Parameters
+    ----------
+    value : object
+        A table, a list, or a value in one.
+    key : str
+        Its key path, "" for a whole scene.
+
+    Yields
+    ------
+    (str, str)
+        Key path and message.
+    """
+    if isinstance(value, Struct):
+        for name in value.__struct_fields__:
+            yield from extreme_numbers(getattr(value, name), f"{key}.{name}" if key else name)
+    elif isinstance(value, tuple):
+        for index, item in enumerate(value):
+            yield from extreme_numbers(item, f"{key}[{index}]")
+    elif isinstance(value, float) and value != 0 and not _SMALL <= abs(value) <= 1 / _SMALL:
+        yield key, f"{value:g} is out of range; choose units in which it lies within 1e-30 and 1e30"
 
 
 def per(value: float | tuple[float, ...], count: int) -> tuple[float, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from wormopt.core.model import Schedule
 from wormopt.progress import Report
 from wormopt.simulation.contacts import Contacts
-from wormopt.simulation.crossings import Crossing, Watch
+from wormopt.simulation.crossings import Crossing, Located, Watch
 from wormopt.simulation.functions import locate, next_break
 from wormopt.simulation.steps import Call, Explicit, GivenUp, Step, Stiff
 from wormopt.simulation.task import KINDS, Outcome, Task
@@ -188,7 +188,7 @@ class _Motion:
             if k < 0:
                 self._decide(crossing.which)
             else:
-                self._fire(k, located.residual)
+                self._fire(k, located)
         self._start_afresh()
 
     def _count_crowd(self) -> None:
@@ -214,25 +214,25 @@ class _Motion:
         self._watch.raise_levels(self._t, self._x)
         self._stepper.restart(self._t, self._x)
 
-    def _fire(self, k: int, residual: float = 0.0) -> None:
+    def _fire(self, k: int, located: Located | None = None) -> None:
         assert self._resets is not None
         columns = self._resets(self._t, self._x)[0].reshape(-1, len(self._x))
         self._x = columns[k].copy()
         which = len(self._task.system.contacts) + k
         self._record.events.append((self._t, which, _SWITCH, 0))
         self._decide()
-        self._watch.note_fired(k, self._t, self._x, residual)
+        self._watch.note_fired(k, self._t, self._x, located)
 
     def _decide(self, forced: int | None = None, *, record: bool = True) -> None:
         """Decide the contacts' modes anew."""
         if self._contacts is None:
             return
         before = self._modes.copy()
-        self._x, changes = self._contacts.decide(self._t, self._x, forced)
-        for change in changes:
-            self._watch.note_change(change.which)
-            if record:
-                self._record.events.append((self._t, change.which, change.kind, change.mode))
+        self._x, changes, stopped = self._contacts.decide(self._t, self._x, forced)
+        for contact in {*stopped, *(change.which for change in changes)}:
+            self._watch.note_change(contact)
+        if record:
+            self._record.events += [(self._t, c.which, c.kind, c.mode) for c in changes]
         if not record or np.any(before != self._modes):
             self._record.modes.append(np.array([self._t, *self._modes]))
 

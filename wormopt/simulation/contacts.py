@@ -84,7 +84,7 @@ class Contacts:
 
     def decide(
         self, t: float, x: np.ndarray, forced: int | None = None
-    ) -> tuple[np.ndarray, list[Change]]:
+    ) -> tuple[np.ndarray, list[Change], list[int]]:
         """Decide which contacts rest, from velocities and then from forces.
 
         Parameters
@@ -102,6 +102,8 @@ class Contacts:
             State after the impulses that stop what may not move on.
         changes : list of Change
             What happened, by contacts.
+        stopped : list of int
+            Contacts of which the velocity is zero now.
 
         Raises
         ------
@@ -113,6 +115,7 @@ class Contacts:
         leaves = forced is not None and before[forced] == 0
         if self._by_velocity(t, velocity, forced):
             x = self._stopped(t, x)
+        stopped = self._modes == 0
         if leaves:
             self._modes[forced], self._released[forced] = probe.toward[forced], t
         for _ in range(9 + 8 * len(self._modes)):
@@ -123,13 +126,15 @@ class Contacts:
                 break
         else:
             raise GivenUp("no_contact_mode")
-        hit = (np.abs(velocity) > 1e3 * self._v_rest) & (self._modes == 0)
+        hit = stopped & (before != 0) & (np.abs(velocity) > 1e3 * self._v_rest)
+        if forced is not None:
+            hit[forced] = False
         changes = [
-            self._change(i, before[i], bool(hit[i]) and i != forced)
+            self._change(i, before[i], bool(hit[i]))
             for i in range(len(self._modes))
-            if before[i] != self._modes[i] or i == forced
+            if before[i] != self._modes[i] or i == forced or hit[i]
         ]
-        return x, changes
+        return x, changes, np.flatnonzero(stopped).tolist()
 
     def _change(self, i: int, before: float, hit: bool) -> Change:
         now = int(self._modes[i])

@@ -60,11 +60,14 @@ class Located:
         Whether it leads all the way.
     residual : float
         How far from 0 the event function may be there, by rounding.
+    slope : float
+        Its time derivative.
     """
 
     step: Step | None
     arrived: bool
-    residual: float
+    residual: float = 0.0
+    slope: float = 0.0
 
 
 class Watch:
@@ -163,11 +166,12 @@ class Watch:
         """
         self._levels[contact] = -self._small()[contact]
 
-    def note_fired(self, k: int, t: float, x: np.ndarray, residual: float) -> None:
+    def note_fired(self, k: int, t: float, x: np.ndarray, located: Located | None) -> None:
         """Lower the level of a switch that has fired.
 
         It may fire again at once if its guard falls now, be it from a rounding error above 0: a
-        ball that bounces lower and lower must not fall through the floor.
+        ball that bounces lower and lower must not fall through the floor. Otherwise the guard must
+        come back from below 0.
 
         Parameters
         ----------
@@ -177,13 +181,16 @@ class Watch:
             Time.
         x : ndarray, shape (n_x,)
             State after it.
-        residual : float
-            How far from 0 its guard may have been, by rounding.
+        located : Located, optional
+            How its event was found; None if its guard has jumped.
         """
         which, (rates,) = self.n_contacts + k, self._rates(t, x)
-        falls = bool(rates[k] < 0)
-        low = 2 * min(self.value(which, t, x), 0.0) - 1e-300
-        self._levels[which], self._passed[k] = (low, 0.0) if falls else (-np.inf, residual)
+        residual, slope = (located.residual, located.slope) if located else (0.0, 0.0)
+        value = self.value(which, t, x)
+        if rates[k] < -1e-9 * abs(slope) and value >= -residual:
+            self._levels[which], self._passed[k] = 2 * min(value, 0.0) - 1e-300, 0.0
+        else:
+            self._levels[which], self._passed[k] = -np.inf, residual
 
     def jumped_switch(self, t: float, x: np.ndarray) -> int | None:
         """First switch of which the guard has jumped above 0.
@@ -288,12 +295,13 @@ class Watch:
         slope, floor = self._slope(step, crossing), floor_of_step(self._task, step.t)
         rounding, small = abs(slope) * floor, float(self._small()[which])
         if length <= floor:
-            return Located(None, True, 2 * abs(self.value(which, step.t, step.x)) + rounding)
+            error = 2 * abs(self.value(which, step.t, step.x)) + rounding
+            return Located(None, True, error, slope)
         best, least = step, np.inf
         for _ in range(4):
             tried = stepper.redo(step, length)
             if tried.end < min(step.t + length, step.end):
-                return Located(tried, False, 0.0)
+                return Located(tried, arrived=False)
             value = self.value(which, tried.end, tried.x_new)
             if abs(value) > least:
                 break
@@ -304,7 +312,7 @@ class Watch:
             if not 0 < corrected <= step.h or corrected == length:
                 break
             length = corrected
-        return Located(best, True, 2 * least + rounding)
+        return Located(best, True, 2 * least + rounding, slope)
 
     # -- the layer of the smooth law -------------------------------------------------------
 

@@ -37,9 +37,8 @@ def integrate(task: Task, route: Route, report: Report) -> Outcome:
     if route == "python":
         return _in_python(task, report)
     outcome = _native(task, report, required=route == "native")
-    if outcome is None:
-        by_steps = task.system.exact or _needs_own_steps(task)
-        outcome = _in_python(task, report) if by_steps else _implicitly(task, report)
+    if outcome is None:  # no compiler: the same steps, slower
+        outcome = _in_python(task, report)
     if outcome.status != "stiff" or route != "auto":
         return outcome
     if _needs_own_steps(task):
