@@ -664,49 +664,50 @@ def test_algebraic_equations_are_solved_on_the_way():
 
 # -- random chains ---------------------------------------------------------------------------
 
-forces = st.floats(0.1, 2.0)
-coulomb = st.builds(Coulomb, forces, forces)
-stiction = st.builds(
-    lambda ahead, behind, more: Coulomb(ahead, behind, more * ahead, more * behind),
-    forces, forces, st.floats(1.1, 2.0),
-)  # fmt: skip
-stribeck = st.builds(
-    lambda ahead, behind, v: Stribeck(ahead, behind, 1.5 * ahead, 1.5 * behind, v),
-    forces, forces, st.floats(0.1, 0.5),
-)  # fmt: skip
-laws = st.one_of(coulomb, stiction, stribeck, st.just(Spike()), st.builds(Viscous, forces))
+
+def random_law(generator: np.random.Generator) -> Law:
+    ahead, behind = generator.uniform(0.1, 2.0, 2)
+    more, over = generator.uniform(1.1, 2.0, 2)
+    laws = [
+        Coulomb(ahead, behind),
+        Coulomb(ahead, behind, more * ahead, over * behind),
+        Stribeck(ahead, behind, more * ahead, over * behind, generator.uniform(0.1, 0.5)),
+        Spike(),
+        Viscous(ahead),
+    ]
+    return laws[generator.integers(len(laws))]
 
 
-@st.composite
-def random_chains(draw: st.DrawFn) -> Model:
-    links = draw(st.integers(1, 3))
-
-    def numbers(low: float, high: float, count: int) -> list[float]:
-        return draw(st.lists(st.floats(low, high), min_size=count, max_size=count))
-
+def random_chain(seed: int) -> Model:
+    """A chain of one to three links that is shaken; every other one is pushed by turns too."""
+    generator = np.random.default_rng(seed)
+    links = int(generator.integers(1, 4))
     worm = chain(
         links,
-        mass=numbers(0.3, 2.0, links + 1),
-        stiffness=numbers(1.0, 30.0, links),
-        damping=numbers(0.0, 3.0, links),
+        mass=generator.uniform(0.3, 2.0, links + 1),
+        stiffness=generator.uniform(1.0, 30.0, links),
+        damping=generator.uniform(0.0, 3.0, links),
         rest_length=2.0,
-        law=draw(st.lists(laws, min_size=links + 1, max_size=links + 1)),
-        velocity=numbers(-1.0, 1.0, links + 1),
+        law=[random_law(generator) for _ in range(links + 1)],
+        velocity=generator.uniform(-1.0, 1.0, links + 1) * generator.integers(2),
     )
-    size, rate = ca.DM(numbers(0.0, 8.0, links)), ca.DM(numbers(0.5, 5.0, links))
-    model = shaken(worm, size * ca.sin(rate * worm.t + ca.DM(numbers(0.0, 6.0, links))))
-    if draw(st.booleans()):  # a force on the head that jumps
+    size, rate, phase = (ca.DM(generator.uniform(0, top, links)) for top in (8.0, 5.0, 6.0))
+    model = shaken(worm, size * ca.sin(rate * worm.t + phase))
+    if seed % 2:
         c, begin = ca.SX.sym("c"), ca.SX.sym("begin")
-        values = np.array([numbers(-3.0, 3.0, 1) for _ in range(2)])
-        jumps = Schedule("push", c, begin, np.array([0.0, 0.7, 1.5]), values, True)
+        values = generator.uniform(-3.0, 3.0, (2, 1))
+        pushes = Schedule("push", c, begin, np.array([0.0, 0.7, 1.5]), values, True)
         push = ca.vertcat(ca.SX.zeros(links + 1), c, ca.SX.zeros(links))
-        model = replace(model, ode=model.ode + push, schedules=[jumps])
+        model = replace(model, ode=model.ode + push, schedules=[pushes])
     return model
 
 
-@given(model=random_chains())
+# Numbers are drawn from a seed: hypothesis likes round ones, with which forces touch their bounds
+# without crossing them, and there times of events are ill-conditioned.
+@given(seed=st.integers(0, 2**32 - 1))
 @settings(deadline=None, max_examples=30)
-def test_random_chains_move_alike(model: Model):
+def test_random_chains_move_alike(seed: int):
+    model = random_chain(seed)
     t = np.linspace(0, 6, 601)
     a, b = (simulate(model, 6.0, times=t, tolerance=SHARP, route=route) for route in STEPPING)
     assert_same(a, b, within=1e-8)

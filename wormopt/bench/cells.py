@@ -203,9 +203,7 @@ def _core() -> Iterator[Cell]:
     ):
         name = f"{feedback} tracker, {gait}, exact {label}, lambda {radius:g}, k0 {gain:g}"
         worm = _worm(name, 2, grip, gait, stiffness=10.0)
-        yield Cell(
-            name, "core: exact trackers", worm, 5.0, tracker=Tracker(feedback, radius, gain)
-        )
+        yield Cell(name, "core: exact trackers", worm, 5.0, tracker=Tracker(feedback, radius, gain))
     grips = {"F 1:10": _ONE_TEN, "F 1:2": _ONE_TWO, "F alike": _ALIKE, "stiction": _STICTION}
     for links, label, gait, c in product((1, 2, 3, 5), grips, ("block", "sine"), (10.0, 40.0)):
         name = f"chain of {links}, {gait}, exact {label}, c {c:g}"
@@ -215,9 +213,7 @@ def _core() -> Iterator[Cell]:
         (1, 3), ("F 1:10", "F 1:2"), ("block", "sine"), (1 / 40, 1e-2)
     ):
         name = f"chain of {links}, {gait}, {label}, v_reg {v_reg:g}"
-        yield Cell(
-            name, "core: smooth chains", _worm(name, links, grips[label], gait), 10.0, v_reg
-        )
+        yield Cell(name, "core: smooth chains", _worm(name, links, grips[label], gait), 10.0, v_reg)
     for links, gait, drag in product((1, 2, 3, 5), ("block", "sine"), (0.5, 1.0)):
         name = f"chain of {links} on spikes, {gait}, drag {drag:g}"
         worm = _worm(name, links, Grip.spike(), gait, drag=drag)
@@ -229,7 +225,9 @@ def _core() -> Iterator[Cell]:
 
 def _steep() -> Iterator[Cell]:
     widths = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
-    for v_reg, feedback, radius, gait in product(widths, _FEEDBACKS, (0.2, 0.01), ("block", "sine")):
+    for v_reg, feedback, radius, gait in product(
+        widths, _FEEDBACKS, (0.2, 0.01), ("block", "sine")
+    ):
         name = f"{feedback} tracker, {gait}, v_reg {v_reg:g}, lambda {radius:g}"
         worm = _worm(name, 2, _ONE_TEN, gait, stiffness=10.0)
         yield Cell(name, "steep smoothing", worm, 5.0, v_reg, Tracker(feedback, radius, 1.0))
@@ -353,4 +351,8 @@ def cells(*, quick: bool = False) -> list[Cell]:
     groups: dict[str, list[Cell]] = {}
     for cell in found:
         groups.setdefault(cell.group, []).append(cell)
-    return [replace(c, span=min(c.span, 2.0)) for part in groups.values() for c in part[:: max(len(part) // 4, 1)]]
+    return [
+        replace(c, span=min(c.span, 2.0))
+        for part in groups.values()
+        for c in part[:: max(len(part) // 4, 1)]
+    ]

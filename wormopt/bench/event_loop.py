@@ -210,9 +210,11 @@ def event_loop(
                 events=functions,
                 rtol=relative,
                 atol=absolute,
-                max_step=max_step,
+                # A velocity that starts at 0 and is back within the first step has its event,
+                # for solve_ivp, at the start: it needs a shorter step.
+                max_step=max_step if stalled == 0 else min(max_step, 0.01) * 0.5**stalled,
             )
-            stuck = stalled > 10 * len(plant.mass) or len(loop.happenings) > max_events
+            stuck = stalled > 30 + 2 * len(plant.mass) or len(loop.happenings) > max_events
             if found.status < 0 or stuck:
                 raise RuntimeError(f"the event loop is given up at t = {t:g}: {found.message}")
             steps += found.nfev

@@ -113,7 +113,9 @@ class _Flow:
         self.slip = np.array([(-g.forward, g.backward) for g in chain.grips])
         # What rounding can make of a force. A mass is let go when its force is out of bounds by
         # more than that, so that its acceleration then has the right sign.
-        self.slack = 1e-13 * max(1.0, float(np.max(chain.stiffness) * np.max(np.abs(start[: self.n]))))
+        self.slack = 1e-13 * max(
+            1.0, float(np.max(chain.stiffness) * np.max(np.abs(start[: self.n])))
+        )
         self.free = [chain.generator(piece) for piece in range(chain.gait.pieces)]
         self.regime = lru_cache(maxsize=256)(self._regime)
 

@@ -122,12 +122,12 @@ def _plant(cell: Cell, model: Model) -> Plant:
         return result.copy()
 
     velocity = np.arange(cell.worm.links + 1, 2 * cell.worm.links + 2)
-    return Plant(
-        rates, free.start, velocity, cell.worm.mass, cell.worm.grips, lambda _: starts[1:]
-    )
+    return Plant(rates, free.start, velocity, cell.worm.mass, cell.worm.grips, lambda _: starts[1:])
 
 
-def _cvodes(smoothed: Smoothed, times: np.ndarray, start: np.ndarray, tolerance: float) -> np.ndarray:
+def _cvodes(
+    smoothed: Smoothed, times: np.ndarray, start: np.ndarray, tolerance: float
+) -> np.ndarray:
     t, x, q, ode = smoothed.expressions
     pieces = list(smoothed.pieces(float(times[-1])))
     grid = np.unique(np.concatenate([times, [piece.end for piece in pieces]]))
@@ -142,7 +142,9 @@ def _cvodes(smoothed: Smoothed, times: np.ndarray, start: np.ndarray, tolerance:
     return found[:, np.searchsorted(grid, times)]
 
 
-def _lsoda(smoothed: Smoothed, times: np.ndarray, start: np.ndarray, tolerance: float) -> np.ndarray:
+def _lsoda(
+    smoothed: Smoothed, times: np.ndarray, start: np.ndarray, tolerance: float
+) -> np.ndarray:
     from scipy.integrate import solve_ivp
 
     rates, jacobian = smoothed.function, smoothed.jacobian
@@ -150,7 +152,10 @@ def _lsoda(smoothed: Smoothed, times: np.ndarray, start: np.ndarray, tolerance: 
     found, sampled = np.empty((n, len(times))), 0
     for piece in smoothed.pieces(float(times[-1])):
         within = times[(times > piece.start) & (times <= piece.end)]
-        call_rates, call_jacobian = _call(rates, piece.values, n), _call(jacobian, piece.values, n * n)
+        call_rates, call_jacobian = (
+            _call(rates, piece.values, n),
+            _call(jacobian, piece.values, n * n),
+        )
         done = solve_ivp(
             call_rates,
             (piece.start, piece.end),

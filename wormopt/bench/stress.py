@@ -148,9 +148,7 @@ class _Comparison:
     where: str = ""
 
 
-def _compare(
-    model: Model, states: np.ndarray, tight: np.ndarray, loose: np.ndarray
-) -> _Comparison:
+def _compare(model: Model, states: np.ndarray, tight: np.ndarray, loose: np.ndarray) -> _Comparison:
     """Distance over what is allowed, worst case of all times and kinds of state."""
     rows, at = [], 0
     for signal in model.x:

@@ -13,7 +13,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["Described", "Explicit", "import_control", "scalar_names", "stacked"]
+from wormopt.core.values import signal_values
+
+__all__ = ["Described", "Explicit", "import_control", "scalar_names"]
 
 Values = Mapping[str, ArrayLike]
 
@@ -82,61 +84,6 @@ def scalar_names(sizes: Mapping[str, int]) -> tuple[str, ...]:
     ('position[0]', 'position[1]', 'gain[0]')
     """
     return tuple(f"{name}[{i}]" for name, size in sizes.items() for i in range(size))
-
-
-def stacked(signals: Sequence[Any], given: Values, what: str, fill: float | None = None) -> ca.DM:
-    """Stack the values of signals, those given before those the model brings.
-
-    Parameters
-    ----------
-    signals : sequence of Signal
-        What needs values.
-    given : mapping of str to array_like
-        Values by name; a number stands for all entries.
-    what : str
-        What the signals are called in messages.
-    fill : float, optional
-        Value of what has none.
-
-    Returns
-    -------
-    casadi.DM
-        Column.
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown, a value is missing or not of the signal's size.
-
-    Examples
-    --------
-    >>> from wormopt.core.model import Signal
-    >>> stacked([Signal("stiffness", ca.SX.sym("c", 2), value=(10.0, 12.0))], {}, "parameter")
-    DM([10, 12])
-    """
-    unknown = set(given) - {s.name for s in signals}
-    if unknown:
-        names = [s.name for s in signals]
-        raise ValueError(f"no {what} is called {sorted(unknown)}; the model has {names}")
-    columns = [np.zeros(0)]
-    for signal in signals:
-        value = given.get(signal.name, fill if signal.value is None else signal.value)
-        if value is None:
-            raise ValueError(f"{what} {signal.name} has no value; give one")
-        array = np.asarray(value, dtype=float).ravel()
-        if array.size not in (1, signal.size):
-            raise ValueError(f"{what} {signal.name} has {signal.size} entries, not {array.size}")
-        columns.append(np.broadcast_to(array, signal.size))
-    return ca.DM(np.concatenate(columns))
-
-
-def _scheduled(schedule: Any, t: float) -> np.ndarray:
-    """Beginning and values of the piece of a schedule at time t; at a break the later one."""
-    since, period = t - schedule.start, schedule.breaks[-1]
-    turn = period * np.floor(since / period) if schedule.periodic else 0.0
-    piece = int(np.searchsorted(schedule.breaks, since - turn, side="right")) - 1
-    piece = min(max(piece, 0), schedule.pieces - 1)
-    return np.append(schedule.start + turn + schedule.breaks[piece], schedule.values[piece])
 
 
 def _slices(sizes: Iterable[int]) -> list[slice]:
@@ -257,7 +204,11 @@ class Explicit:
         ndarray
             Value of the symbols ``s``.
         """
-        return np.concatenate([np.zeros(0), *(_scheduled(s, t) for s in self.model.schedules)])
+        columns = [np.zeros(0)]
+        for schedule in self.model.schedules:
+            begin, piece = schedule.locate(np.array([t]))
+            columns += [begin, schedule.values[piece[0]]]
+        return np.concatenate(columns)
 
     @property
     def names(self) -> dict[str, tuple[str, ...]]:
@@ -289,7 +240,7 @@ class Explicit:
                              "python-control knows none: use simulate")  # fmt: skip
         if not v_reg > 0:
             raise ValueError("v_reg must be positive")
-        numbers = stacked(model.p, p, "parameter").full().ravel()
+        numbers = signal_values(model.p, p, "parameter")
         places = _slices(s.size for s in model.p)
         params = {s.name: numbers[at] for s, at in zip(model.p, places, strict=True)}
 

@@ -187,6 +187,45 @@ class Schedule:
         """Number of pieces."""
         return len(self.breaks) - 1
 
+    def locate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which piece holds at given times; a break within round-off counts as passed.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            Times.
+
+        Returns
+        -------
+        begin : ndarray, shape (m,)
+            When the piece began.
+        piece : ndarray of int, shape (m,)
+            Its number.
+        """
+        t = np.asarray(t, dtype=float)
+        since = t - self.start + 4 * np.finfo(float).eps * np.maximum(np.abs(t), self.breaks[-1])
+        turn = np.floor(since / self.breaks[-1]) * self.breaks[-1] if self.periodic else 0.0
+        piece = np.searchsorted(self.breaks, since - turn, side="right") - 1
+        piece = np.clip(piece, 0, self.pieces - 1)
+        return self.start + turn + self.breaks[piece], piece
+
+    def next_break(self, t: float) -> float:
+        """When the piece that holds at time t ends, infinity for the last one of what ends.
+
+        Parameters
+        ----------
+        t : float
+            Time.
+
+        Returns
+        -------
+        float
+        """
+        begin, piece = self.locate(np.array([t]))
+        if not self.periodic and piece[0] + 1 == self.pieces:
+            return math.inf
+        return float(begin[0] - self.breaks[piece[0]] + self.breaks[piece[0] + 1])
+
 
 @dataclass(frozen=True, eq=False)
 class Model:
@@ -221,7 +260,8 @@ class Model:
     Raises
     ------
     ValueError
-        If the ode's length is not the number of states, or two signals share a name.
+        If the ode's length is not the number of states, a contact or a switch has not the right
+        size, or two signals share a name.
 
     Examples
     --------
@@ -251,6 +291,15 @@ class Model:
         names = [s.name for s in (*self.x, *self.z, *self.u, *self.p)]
         if len(set(names)) < len(names):
             raise ValueError(f"model {self.name}: two signals share a name in {names}")
+        if self.alg.numel() != sum(s.size for s in self.z):
+            raise ValueError(f"model {self.name}: {self.alg.numel()} algebraic equations for z")
+        for contact in self.contacts:
+            if contact.velocity.numel() != 1 or contact.force.numel() != 1:
+                raise ValueError(f"contact {contact.name}: velocity and force must be scalars")
+        for switch in self.switches:
+            if switch.guard.numel() != 1 or switch.reset.numel() != self.n_x:
+                message = f"a scalar guard and a reset of {self.n_x} states"
+                raise ValueError(f"switch {switch.name} needs {message}")
 
     @property
     def n_x(self) -> int:

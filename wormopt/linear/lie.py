@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.core.explicit import Explicit, stacked
+from wormopt.core.explicit import Explicit
 from wormopt.core.model import Model
+from wormopt.core.values import signal_values
 from wormopt.linear.identically import identically_zero
 
 __all__ = ["relative_degree"]
@@ -66,7 +67,7 @@ def relative_degree(
     explicit = Explicit(model, output)
     symbols = explicit.symbols
     known = ca.vertcat(symbols["p"], symbols["v_reg"])
-    numbers = np.append(stacked(model.p, p or {}, "parameter").full().ravel(), v_reg)
+    numbers = np.append(signal_values(model.p, p or {}, "parameter"), v_reg)
     everything = ca.vertcat(known, *(symbols[key] for key in "txus"))
     values = {i: float(number) for i, number in enumerate(numbers)}
 

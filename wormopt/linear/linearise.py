@@ -22,8 +22,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wormopt.core.explicit import Explicit, import_control, stacked
+from wormopt.core.explicit import Explicit, import_control
 from wormopt.core.model import Model
+from wormopt.core.values import signal_values
 from wormopt.linear.pencil import Matrices, balanced, invariant_zeros, without_shifts
 
 __all__ = ["Linear", "PhaseKind", "linearise"]
@@ -343,9 +344,9 @@ def linearise(
         *(ca.jacobian(f, symbols[w]) for f in (explicit.rates, explicit.observed) for w in "xu"),
     )(
         t,
-        stacked(model.x, x or {}, "state", fill=0.0),
-        stacked(model.u, u or {}, "input", fill=0.0),
-        stacked(model.p, p or {}, "parameter"),
+        signal_values(model.x, x or {}, "state", fill=0.0),
+        signal_values(model.u, u or {}, "input", fill=0.0),
+        signal_values(model.p, p or {}, "parameter"),
         v_reg,
         explicit.scheduled(t),
     )

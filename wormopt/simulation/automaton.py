@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wormopt.core.model import Schedule
 from wormopt.progress import Report
 from wormopt.simulation.contacts import Contacts
-from wormopt.simulation.crossings import Crossing, Located, Watch
-from wormopt.simulation.functions import locate, next_break
+from wormopt.simulation.crossings import Crossing, Watch
 from wormopt.simulation.steps import Call, Explicit, GivenUp, Step, Stiff
 from wormopt.simulation.task import KINDS, Outcome, Task
 
@@ -58,7 +56,6 @@ class _Clock:
 
     def __init__(self, task: Task, p: np.ndarray) -> None:
         self._p, self._schedules = p, task.schedules
-        self._places = [locate(schedule, task.span[0]) for schedule in task.schedules]
         sizes = [1 + schedule.symbol.numel() for schedule in task.schedules]
         self._offsets = task.system.n_fixed + np.cumsum([0, *sizes])
         self.next = np.inf
@@ -67,18 +64,10 @@ class _Clock:
         """Set all values to those at time t; a break within round-off of t counts as passed."""
         self.next = np.inf
         for i, schedule in enumerate(self._schedules):
-            place = self._places[i]
-            while next_break(schedule, *place) - t <= _ROUND_OFF * abs(t):
-                place = _after(schedule, *place)
-            cycle, piece = self._places[i] = place
-            begin = schedule.start + cycle * schedule.breaks[-1] + schedule.breaks[piece]
-            self._p[self._offsets[i]] = begin
-            self._p[self._offsets[i] + 1 : self._offsets[i + 1]] = schedule.values[piece]
-            self.next = min(self.next, next_break(schedule, cycle, piece))
-
-
-def _after(schedule: Schedule, cycle: int, piece: int) -> tuple[int, int]:
-    return (cycle, piece + 1) if piece + 1 < schedule.pieces else (cycle + 1, 0)
+            begin, piece = schedule.locate(np.array([t]))
+            self._p[self._offsets[i]] = begin[0]
+            self._p[self._offsets[i] + 1 : self._offsets[i + 1]] = schedule.values[piece[0]]
+            self.next = min(self.next, schedule.next_break(t))
 
 
 @dataclass(eq=False)
@@ -188,7 +177,7 @@ class _Motion:
             if k < 0:
                 self._decide(crossing.which)
             else:
-                self._fire(k, located)
+                self._fire(k, self._watch.error_of(k, self._t, self._x))
         self._start_afresh()
 
     def _count_crowd(self) -> None:
@@ -214,14 +203,14 @@ class _Motion:
         self._watch.raise_levels(self._t, self._x)
         self._stepper.restart(self._t, self._x)
 
-    def _fire(self, k: int, located: Located | None = None) -> None:
+    def _fire(self, k: int, error: tuple[float, float] = (0.0, 0.0)) -> None:
         assert self._resets is not None
         columns = self._resets(self._t, self._x)[0].reshape(-1, len(self._x))
         self._x = columns[k].copy()
         which = len(self._task.system.contacts) + k
         self._record.events.append((self._t, which, _SWITCH, 0))
         self._decide()
-        self._watch.note_fired(k, self._t, self._x, located)
+        self._watch.note_fired(k, self._t, self._x, error)
 
     def _decide(self, forced: int | None = None, *, record: bool = True) -> None:
         """Decide the contacts' modes anew."""

@@ -58,16 +58,10 @@ class Located:
         The step that leads there; None if it is at the start already.
     arrived : bool
         Whether it leads all the way.
-    residual : float
-        How far from 0 the event function may be there, by rounding.
-    slope : float
-        Its time derivative.
     """
 
     step: Step | None
     arrived: bool
-    residual: float = 0.0
-    slope: float = 0.0
 
 
 class Watch:
@@ -166,12 +160,35 @@ class Watch:
         """
         self._levels[contact] = -self._small()[contact]
 
-    def note_fired(self, k: int, t: float, x: np.ndarray, located: Located | None) -> None:
+    def error_of(self, k: int, t: float, x: np.ndarray) -> tuple[float, float]:
+        """How exactly the event of a switch has been found.
+
+        Parameters
+        ----------
+        k : int
+            Index of the switch.
+        t : float
+            Time of the event.
+        x : ndarray, shape (n_x,)
+            State then.
+
+        Returns
+        -------
+        (float, float)
+            How far from 0 its guard may be by rounding, and the time derivative of the guard.
+        """
+        rate = abs(float(self._rates(t, x)[0][k]))
+        off = abs(self.value(self.n_contacts + k, t, x))
+        return 2 * off + rate * floor_of_step(self._task, t), rate
+
+    def note_fired(
+        self, k: int, t: float, x: np.ndarray, error: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
         """Lower the level of a switch that has fired.
 
         It may fire again at once if its guard falls now, be it from a rounding error above 0: a
         ball that bounces lower and lower must not fall through the floor. Otherwise the guard must
-        come back from below 0.
+        come back from below 0, by more than the rounding error with which it was found.
 
         Parameters
         ----------
@@ -181,13 +198,12 @@ class Watch:
             Time.
         x : ndarray, shape (n_x,)
             State after it.
-        located : Located, optional
-            How its event was found; None if its guard has jumped.
+        error : (float, float), optional
+            From `error_of`; left out where the guard has jumped.
         """
-        which, (rates,) = self.n_contacts + k, self._rates(t, x)
-        residual, slope = (located.residual, located.slope) if located else (0.0, 0.0)
+        which, residual, rate = self.n_contacts + k, *error
         value = self.value(which, t, x)
-        if rates[k] < -1e-9 * abs(slope) and value >= -residual:
+        if self._rates(t, x)[0][k] < -1e-9 * rate and value >= -residual:
             self._levels[which], self._passed[k] = 2 * min(value, 0.0) - 1e-300, 0.0
         else:
             self._levels[which], self._passed[k] = -np.inf, residual
@@ -292,11 +308,9 @@ class Watch:
         Located
         """
         which, length = crossing.which, crossing.theta * step.h
-        slope, floor = self._slope(step, crossing), floor_of_step(self._task, step.t)
-        rounding, small = abs(slope) * floor, float(self._small()[which])
-        if length <= floor:
-            error = 2 * abs(self.value(which, step.t, step.x)) + rounding
-            return Located(None, True, error, slope)
+        if length <= floor_of_step(self._task, step.t):
+            return Located(None, arrived=True)
+        slope, small = self._slope(step, crossing), float(self._small()[which])
         best, least = step, np.inf
         for _ in range(4):
             tried = stepper.redo(step, length)
@@ -312,7 +326,7 @@ class Watch:
             if not 0 < corrected <= step.h or corrected == length:
                 break
             length = corrected
-        return Located(best, True, 2 * least + rounding, slope)
+        return Located(best, arrived=True)
 
     # -- the layer of the smooth law -------------------------------------------------------
 

@@ -15,66 +15,19 @@ import casadi as ca
 import numpy as np
 
 from wormopt.core.model import Contact, Model, Schedule, Signal, pack
+from wormopt.core.values import signal_values
 from wormopt.simulation.options import Smooth, Treatment
 
-__all__ = ["System", "locate", "next_break", "signal_values"]
-
-
-def signal_values(
-    signals: tuple[Signal, ...], given: Mapping[str, object], what: str, fill: float | None = None
-) -> np.ndarray:
-    """Stack the values of signals, those given before those the model brings.
-
-    Parameters
-    ----------
-    signals : tuple of Signal
-        What needs a value.
-    given : mapping of str to float or array
-        Values by name; a number stands for all entries.
-    what : str
-        What they are called in messages.
-    fill : float, optional
-        Value of what has none.
-
-    Returns
-    -------
-    ndarray
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown, a value is missing or not of the signal's size.
-
-    Examples
-    --------
-    >>> stiffness = Signal("stiffness", ca.SX.sym("c", 2), value=(10.0, 12.0))
-    >>> signal_values((stiffness,), {"stiffness": 9.0}, "parameter")
-    array([9., 9.])
-    """
-    unknown = set(given) - {s.name for s in signals}
-    if unknown:
-        names = [s.name for s in signals]
-        raise ValueError(f"no {what} is called {sorted(unknown)}; the model has {names}")
-    sizes = [s.size for s in signals]
-    stacked, at = np.empty(sum(sizes)), 0
-    for signal, size in zip(signals, sizes, strict=True):
-        value = given.get(signal.name, fill if signal.value is None else signal.value)
-        if value is None:
-            raise ValueError(f"{what} {signal.name} has no value; give one")
-        array = np.asarray(value, dtype=float).ravel()
-        if array.size not in (1, size):
-            raise ValueError(f"{what} {signal.name} has {size} entries, not {array.size}")
-        stacked[at : at + size] = array
-        at += size
-    return stacked
+__all__ = ["System"]
 
 
 def _never_rests(contact: Contact) -> bool:
     """Whether a contact is no more than a force that depends smoothly on velocity."""
     low, high = contact.law.stick_interval
-    if isinstance(low, ca.SX) or isinstance(high, ca.SX):
+    if isinstance(low, ca.SX) or isinstance(high, ca.SX) or low != 0 or high != 0:
         return False
-    return low == 0 and high == 0
+    forces = [ca.SX(contact.law.slip_force(contact.velocity, d)) for d in contact.law.directions]
+    return all(ca.is_equal(force, forces[0], 20) for force in forces)
 
 
 def _weighted(weight: ca.SX, a: ca.SX | float, b: ca.SX | float) -> ca.SX:
@@ -357,53 +310,7 @@ class System:
         p, at = np.repeat(p[:, None], len(t), axis=1), self.n_fixed
         for schedule in schedules:
             end = at + 1 + schedule.values.shape[1]
-            places = [locate(schedule, float(moment)) for moment in t]
-            p[at] = [_begin(schedule, *place) for place in places]
-            p[at + 1 : end] = schedule.values[[piece for _, piece in places]].T
+            p[at], piece = schedule.locate(t)
+            p[at + 1 : end] = schedule.values[piece].T
             at = end
         return p
-
-
-def _begin(schedule: Schedule, cycle: int, piece: int) -> float:
-    return schedule.start + cycle * schedule.breaks[-1] + schedule.breaks[piece]
-
-
-def locate(schedule: Schedule, t: float) -> tuple[int, int]:
-    """Cycle and piece of a schedule at time t; a break within round-off of t counts as passed.
-
-    Parameters
-    ----------
-    schedule : Schedule
-        What is scheduled.
-    t : float
-        Time.
-
-    Returns
-    -------
-    (int, int)
-        The cycle is 0 where nothing repeats.
-    """
-    cycle = int((t - schedule.start) // schedule.breaks[-1]) if schedule.periodic else 0
-    piece, pieces = 0, schedule.pieces
-    while next_break(schedule, cycle, piece) - t <= 4 * np.finfo(float).eps * abs(t):
-        cycle, piece = (cycle + 1, 0) if piece + 1 == pieces else (cycle, piece + 1)
-    return cycle, piece
-
-
-def next_break(schedule: Schedule, cycle: int, piece: int) -> float:
-    """Time at which a piece ends, infinity for the last one of what does not repeat.
-
-    Parameters
-    ----------
-    schedule : Schedule
-        What is scheduled.
-    cycle, piece : int
-        From `locate`.
-
-    Returns
-    -------
-    float
-    """
-    if not schedule.periodic and piece + 1 == schedule.pieces:
-        return np.inf
-    return float(schedule.start + cycle * schedule.breaks[-1] + schedule.breaks[piece + 1])

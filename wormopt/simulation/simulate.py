@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.core.model import Model, Schedule
+from wormopt.core.values import signal_values
 from wormopt.errors import SolveError
 from wormopt.progress import Report, silent
-from wormopt.simulation.functions import System, signal_values
+from wormopt.simulation.functions import System
 from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.routes import integrate
 from wormopt.simulation.task import KINDS, Outcome, Task

@@ -19,8 +19,8 @@ import casadi as ca
 import numpy as np
 
 from wormopt.core.model import Schedule
+from wormopt.core.values import signal_values
 from wormopt.progress import Report
-from wormopt.simulation.functions import locate, next_break, signal_values
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.task import Outcome, Task
 
@@ -122,14 +122,12 @@ class _Grid:
 
 def _pieces(schedule: Schedule, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
     """Times from ``start`` on at which pieces begin, and the values from then on, `begin` first."""
-    cycle, piece = locate(schedule, start)
     times, values, t = [], [], start
     while t < end:
-        begin = schedule.start + cycle * schedule.breaks[-1] + schedule.breaks[piece]
+        begin, piece = schedule.locate(np.array([t]))
         times.append(t)
-        values.append(np.append(begin, schedule.values[piece]))
-        t = next_break(schedule, cycle, piece)
-        cycle, piece = (cycle, piece + 1) if piece + 1 < schedule.pieces else (cycle + 1, 0)
+        values.append(np.append(begin, schedule.values[piece[0]]))
+        t = schedule.next_break(t)
     return np.array(times), np.array(values)
 
 

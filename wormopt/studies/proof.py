@@ -215,13 +215,15 @@ def one_or_all(values: Sequence[Any]) -> Any:
     return values[0] if len(values) == 1 else list(values)
 
 
-def warnings_of_motion(motion: Trajectory) -> Iterator[str]:
+def warnings_of_motion(motion: Trajectory, second: Recheck | None) -> Iterator[str]:
     """Say where a motion was not integrated the usual way.
 
     Parameters
     ----------
     motion : Trajectory
         The motion.
+    second : Recheck or None
+        The second route.
 
     Yields
     ------
@@ -229,6 +231,8 @@ def warnings_of_motion(motion: Trajectory) -> Iterator[str]:
     """
     from wormopt.simulation.native.build import compiler
 
+    if second is None:
+        yield "not rechecked by a second route: tolerance.recheck is false"
     if motion.route != "native" and compiler() is None:
         yield "there is no C compiler: simulated without one, which is slower but as exact"
     if motion.dense is None and any(s.name == "input_work" for s in motion.system.model.x):

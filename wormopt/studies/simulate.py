@@ -24,6 +24,7 @@ from wormopt.simulation.trajectory import Trajectory
 from wormopt.studies.chains import build_chain, draw_links, laws_of, tolerance_of, treatment_of
 from wormopt.studies.own_model import load_model
 from wormopt.studies.proof import (
+    Recheck,
     faults_of_motion,
     recheck,
     trust,
@@ -104,7 +105,9 @@ def run(scene: Scene[SimulateScene], report: Report) -> Result:
         status="failed" if faults else "ok",
         reason="; ".join(faults),
         scalars={**_scalars(scene, motion), "recheck_error": error},
-        trust=trust([motion], [second], tolerance, energies, list(_warnings(scene, motion))),
+        trust=trust(
+            [motion], [second], tolerance, energies, list(_warnings(scene, motion, second))
+        ),
         timings_s={
             "build": built - clock,
             "simulate": simulated - built,
@@ -237,7 +240,9 @@ def _scalars(scene: Scene[SimulateScene], motion: Trajectory) -> dict[str, Scala
     }
 
 
-def _warnings(scene: Scene[SimulateScene], motion: Trajectory) -> Iterator[str]:
+def _warnings(
+    scene: Scene[SimulateScene], motion: Trajectory, second: Recheck | None
+) -> Iterator[str]:
     table = scene.table
     laws = (
         laws_of(table.worm)
@@ -245,6 +250,4 @@ def _warnings(scene: Scene[SimulateScene], motion: Trajectory) -> Iterator[str]:
         else [contact.law for contact in motion.system.contacts]
     )
     yield from warnings_of_contact(motion.system.treatment, laws)
-    if not table.tolerance.recheck:
-        yield "not rechecked by a second route: tolerance.recheck is false"
-    yield from warnings_of_motion(motion)
+    yield from warnings_of_motion(motion, second)

@@ -154,7 +154,7 @@ def _result(
             seconds,
             tolerance_of(table.tolerance),
             energies,
-            list(_warnings(scene, gait, found)),
+            list(_warnings(scene, gait, found, seconds)),
         ),
         timings_s=timings,
         scene_text=scene.text,
@@ -210,13 +210,16 @@ def _funnels(found: Sequence[Tracked], count: int, units: str) -> Iterator[Varia
     yield variable("funnel", LOOP_SIGNALS["funnel"], ("tracker",), np.array(rows), units)
 
 
-def _warnings(scene: Scene[TrackScene], gait: Gait, found: Sequence[Tracked]) -> Iterator[str]:
+def _warnings(
+    scene: Scene[TrackScene],
+    gait: Gait,
+    found: Sequence[Tracked],
+    seconds: Sequence[Recheck | None],
+) -> Iterator[str]:
     table = scene.table
     yield from warnings_of_contact(treatment_of(table.contact), laws_of(table.worm))
-    if not table.tolerance.recheck:
-        yield "not rechecked by a second route: tolerance.recheck is false"
-    for each in found:
-        yield from warnings_of_motion(each.motion)
+    for each, second in zip(found, seconds, strict=True):
+        yield from warnings_of_motion(each.motion, second)
         yield from (f"{each.label}: {what}" for what in _escapes(each, gait.period))
 
 

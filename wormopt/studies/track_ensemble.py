@@ -61,8 +61,8 @@ class _Herd:
         The first member's motion.
     ensemble : Ensemble
         All motions.
-    numbers : dict of str to list
-        What each motion that came to its end comes to, and the quantity.
+    numbers : list of dict
+        What each motion that came to its end comes to, with quantities.
     whole : list of int
         The members of these motions.
     """
@@ -207,7 +207,11 @@ def _result(
             worst,
             [
                 *warnings_of_contact(treatment_of(table.contact), laws),
-                *(w for herd in herds for w in _warnings(herd)),
+                *(
+                    w
+                    for herd, second in zip(herds, found, strict=True)
+                    for w in _warnings(herd, second)
+                ),
             ],
         ),
         timings_s=timings,
@@ -229,8 +233,8 @@ def _faults(herd: _Herd) -> Iterator[str]:
         yield from (f"member {k}: {fault}" for fault in faults_of_funnel(herd.member(k)))
 
 
-def _warnings(herd: _Herd) -> Iterator[str]:
-    yield from warnings_of_motion(herd.first.motion)
+def _warnings(herd: _Herd, second: Recheck | None) -> Iterator[str]:
+    yield from warnings_of_motion(herd.first.motion, second)
     never = sum(time is None for time in herd.values("capture_time"))
     if never:
         what = "members are not in the tube at the end"

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.core.model import Model, Output, Schedule, Signal, Switch, pack
+from wormopt.core.model import Model, Output, Signal, Switch, pack
 from wormopt.tracking.reference import Reference
 
 __all__ = ["FeedForward", "TrackingError", "close"]
@@ -141,20 +141,11 @@ class TrackingError:
             symbols.append(signal.symbol)
             numbers.append(ca.DM(np.broadcast_to(np.asarray(signal.value, float), signal.size)))
         for schedule in (*plant.schedules, *reference.schedules):
-            piece, begin = _piece_at_start(schedule)
+            begin, piece = schedule.locate(np.zeros(1))
             symbols += [schedule.symbol, schedule.begin]
-            numbers += [ca.DM(schedule.values[piece]), ca.DM(begin)]
+            numbers += [ca.DM(schedule.values[piece[0]]), ca.DM(begin)]
         value, rate = ca.Function("start", symbols, [self.value, self.rate])(*numbers)
         return np.array(value).ravel(), np.array(rate).ravel()
-
-
-def _piece_at_start(schedule: Schedule) -> tuple[int, float]:
-    """Which piece holds at time 0, and when it began."""
-    since = -schedule.start
-    turn = np.floor(since / schedule.breaks[-1]) * schedule.breaks[-1] if schedule.periodic else 0.0
-    piece = int(np.searchsorted(schedule.breaks, since - turn, side="right")) - 1
-    piece = min(max(piece, 0), schedule.pieces - 1)
-    return piece, float(schedule.start + turn + schedule.breaks[piece])
 
 
 def close(
