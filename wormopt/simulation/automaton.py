@@ -9,7 +9,8 @@ import numpy as np
 from wormopt.progress import Report
 from wormopt.simulation.contacts import Contacts
 from wormopt.simulation.crossings import Crossing, Watch
-from wormopt.simulation.steps import Call, Explicit, GivenUp, Step, Stiff
+from wormopt.simulation.layer import Layer
+from wormopt.simulation.steps import Call, GivenUp, Step, Stepper
 from wormopt.simulation.task import KINDS, Outcome, Task
 
 __all__ = ["integrate"]
@@ -97,6 +98,16 @@ class _Record:
         self.samples.extend([x] * (reached - len(self.samples)))
 
 
+def _stepper(task: Task, p: np.ndarray, modes: np.ndarray, stiff: bool) -> Stepper:
+    if stiff:
+        from wormopt.simulation.radau import Stiff
+
+        return Stiff(task, p, modes)
+    from wormopt.simulation.dop853 import Explicit
+
+    return Explicit(task, p, modes)
+
+
 class _Motion:
     """A motion under way."""
 
@@ -107,8 +118,8 @@ class _Motion:
         self._t, self._x, self._n_steps = task.span[0], task.x0.copy(), 0
         self._crowd, self._crowd_start = 0, -np.inf  # events since
         self._clock = _Clock(task, p)
-        self._stepper = (Stiff if stiff else Explicit)(task, p, modes)
-        self._watch = Watch(task, p, modes)
+        self._stepper = _stepper(task, p, modes, stiff)
+        self._watch, self._layer = Watch(task, p, modes), Layer(task, p, modes)
         self._contacts = Contacts(task, p, modes) if len(modes) else None
         self._resets = None
         if system.model.switches:
@@ -143,7 +154,7 @@ class _Motion:
         step = self._stepper.attempt(stop)
         if step is None:
             return
-        if self._watch.dips_into_layer(step):
+        if self._layer.is_passed_unseen(step):
             self._stepper.shorten(step, 0.5)
             return
         crossing = self._watch.find(step) if self._watch.n else None
@@ -234,7 +245,7 @@ class _Motion:
         return Outcome(
             status=status,
             route="python",
-            t=self._t,
+            t=float(self._t),
             x=self._x.copy(),
             samples=np.array(record.samples).reshape(-1, n_x),
             n_steps=self._n_steps,

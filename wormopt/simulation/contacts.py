@@ -44,6 +44,7 @@ class _Probe:
     force: np.ndarray
     least: np.ndarray
     largest: np.ndarray
+    determined: float
 
     @property
     def toward(self) -> np.ndarray:
@@ -70,17 +71,15 @@ class Contacts:
         system, shared = task.system, (("p", p), ("s", modes))
         self._modes, self._coupled = modes, system.coupled
         self._v_rest, self._f_rest = task.v_rest, task.f_rest
-        # at rest a velocity that is no state drifts by the errors of the steps
-        error = task.tolerance.relative + task.tolerance.absolute
-        nominal = np.array([contact.nominal_speed for contact in system.contacts])
-        self._drift = 1e3 * (task.v_rest + error * nominal)
+        self._drift = task.v_drift
         self._states = system.velocity_state
         self._directions = [contact.law.directions for contact in system.contacts]
         self._released = np.full(len(modes), -np.inf)  # when each was last let go
         self._probe, self._project = Call(system.probe, *shared), Call(system.project, *shared)
 
     def _look(self, t: float, x: np.ndarray) -> _Probe:
-        return _Probe(*self._probe(t, x)[0].reshape(5, -1).copy())
+        found = self._probe(t, x)[0].copy()
+        return _Probe(*found[:-1].reshape(5, -1), found[-1])
 
     def decide(
         self, t: float, x: np.ndarray, forced: int | None = None
@@ -113,22 +112,26 @@ class Contacts:
         before, probe = self._modes.copy(), self._look(t, x)
         velocity = probe.velocity
         leaves = forced is not None and before[forced] == 0
-        if self._by_velocity(t, velocity, forced):
-            x = self._stopped(t, x)
+        jump = self._by_velocity(t, velocity, forced)
         stopped = self._modes == 0
+        rest = np.where(before == 0, self._drift, 1e3 * self._v_rest)
+        hit = stopped & (np.abs(velocity) > rest)
+        if forced is not None:
+            hit[forced] = False
+        if self._coupled and hit.any():  # velocities alone do not determine the impulses
+            raise GivenUp("no_contact_mode")
+        if jump:
+            x = self._stopped(t, x)
         if leaves:
             self._modes[forced], self._released[forced] = probe.toward[forced], t
         for _ in range(9 + 8 * len(self._modes)):
             probe = self._look(t, x)
-            if np.isnan(probe.force).any():  # contacts that share a freedom leave forces open
+            if not probe.determined > 1e-10:  # contacts that share a freedom leave forces open
                 raise GivenUp("no_contact_mode")
             if not (self._let_go(probe) or (self._coupled and self._catch_again(t, probe))):
                 break
         else:
             raise GivenUp("no_contact_mode")
-        hit = stopped & (before != 0) & (np.abs(velocity) > 1e3 * self._v_rest)
-        if forced is not None:
-            hit[forced] = False
         changes = [
             self._change(i, before[i], bool(hit[i]))
             for i in range(len(self._modes))

@@ -26,7 +26,6 @@ from wormopt.simulation.task import Task
 __all__ = ["Crossing", "Located", "Watch"]
 
 _SAMPLES = np.array([0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0])
-_LAYER_SAMPLES = np.linspace(0.0, 1.0, 17)
 
 
 @dataclass(frozen=True)
@@ -86,10 +85,6 @@ class Watch:
         if self.n:
             value, within, scan, rates = (Call(f, *shared) for f in _event_functions(system))
             self._values, self._inside, self._scan, self._rates = value, within, scan, rates
-        self._states: list[int] = system.velocity_state.tolist()
-        self._layers: list[float] = [] if system.exact else (8 * task.v_layer).tolist()
-        if self._layers:
-            self._velocities = Call(system.velocities, *shared)
 
     # -- values ----------------------------------------------------------------------------
 
@@ -328,47 +323,6 @@ class Watch:
             length = corrected
         return Located(best, arrived=True)
 
-    # -- the layer of the smooth law -------------------------------------------------------
-
-    def dips_into_layer(self, step: Step) -> bool:
-        """Whether a velocity enters the steep layer of the smooth law and leaves it again.
-
-        The steep part would act between the stages and no error estimate would know.
-
-        Parameters
-        ----------
-        step : Step
-            An attempted step.
-
-        Returns
-        -------
-        bool
-        """
-        if not self._layers:
-            return False
-        suspects = self._may_dip(step)
-        if not any(suspects):
-            return False
-        times, inner = step.t + _LAYER_SAMPLES * step.h, step.states(_LAYER_SAMPLES)
-        pairs = zip(times, inner, strict=True)
-        v = np.array([self._velocities(t, x)[0].copy() for t, x in pairs])
-        v *= np.where(v[0] > 0, 1.0, -1.0)
-        passes = (v[0] > self._layers) & (v[-1] > self._layers) & (v.min(axis=0) < self._layers)
-        return bool(np.any(passes & suspects))
-
-    def _may_dip(self, step: Step) -> list[bool]:
-        """Which velocities may dip, judged by the cubic through both ends where they are states."""
-        x, x_new = step.x.tolist(), step.x_new.tolist()
-        dx, dx_new = step.dx.tolist(), step.dx_new.tolist()
-        found = []
-        for i, layer in zip(self._states, self._layers, strict=True):
-            sign = 1.0 if x[i] > 0 else -1.0
-            a, b = sign * x[i], sign * x_new[i]
-            first, second = a + sign * step.h * dx[i] / 3, b - sign * step.h * dx_new[i] / 3
-            low = min(first, second) <= max(layer, 0.3 * min(a, b))
-            found.append(i < 0 or (a > layer and b > layer and low))
-        return found
-
 
 def _root(function: Callable[[float], float], a: float, b: float) -> float:
     """Where a function falls through 0; an end where rounding has it there already."""
@@ -385,7 +339,7 @@ def _event_functions(system: System) -> tuple[ca.Function, ...]:
     t, x, p, s = system.rhs.mx_in()
     parts, rates = [], ca.MX(0, 1)
     if system.exact:
-        velocity, _, force, least, largest = ca.vertsplit(system.probe(t, x, p, s), s.numel())
+        velocity, _, force, least, largest = ca.vertsplit(system.probe(t, x, p, s)[:-1], s.numel())
         margin = ca.fmin(force - least, largest - force)
         parts.append(ca.if_else(s == 0, margin, s * velocity))
     if system.model.switches:

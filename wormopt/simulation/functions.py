@@ -30,6 +30,13 @@ def _never_rests(contact: Contact) -> bool:
     return all(ca.is_equal(force, forces[0], 20) for force in forces)
 
 
+def _product(column: ca.SX) -> ca.SX:
+    product = ca.SX(1)
+    for i in range(column.numel()):
+        product *= column[i]
+    return product
+
+
 def _weighted(weight: ca.SX, a: ca.SX | float, b: ca.SX | float) -> ca.SX:
     return weight * a + (1 - weight) * b
 
@@ -95,12 +102,16 @@ class System:
 
     @cached_property
     def _free(self) -> list[ca.SX]:
-        """Ode, contact velocities, their accelerations and outputs with the plain forces put in."""
+        """Ode, contact velocities and their accelerations with the plain forces put in."""
         model = self.model
         plain = [c for c in model.contacts if _never_rests(c)]
         old = ca.vertcat(ca.SX(0, 1), *(c.force for c in plain))
         new = ca.vertcat(ca.SX(0, 1), *(c.law.slip_force(c.velocity, 1) for c in plain))
         velocity = ca.vertcat(ca.SX(0, 1), *(c.velocity for c in self.contacts))
+        if any(c.gap is not None or c.normal_force is not None for c in model.contacts):
+            raise ValueError("walls with a gap or a normal force cannot be simulated")
+        if ca.depends_on(ca.jacobian(model.ode, model.forces), model.forces):
+            raise ValueError(f"the ode of {model.name} must be affine in the contact forces")
         (ode,) = ca.substitute([model.ode], [old], [new]) if plain else [model.ode]
         acceleration = ca.jtimes(velocity, pack(model.x), ode) + ca.jacobian(velocity, model.t)
         return [ode, velocity, acceleration]
@@ -132,6 +143,15 @@ class System:
             return _weighted(slides, slip, -free / ca.diag(self.delassus))
         matrix = ca.diag(slides) + ca.diag(1 - slides) @ self.delassus
         return ca.solve(matrix, _weighted(slides, slip, -free))
+
+    @property
+    def _determined(self) -> ca.SX:
+        """Determinant of what the forces of resting contacts follow from, against its rows."""
+        if not self.coupled:
+            return ca.SX(1)
+        slides = self._modes**2
+        matrix = ca.diag(slides) + ca.diag(1 - slides) @ self.delassus
+        return ca.fabs(ca.det(matrix)) / ca.sqrt(_product(ca.sum2(matrix**2)))
 
     @staticmethod
     def _slip(contact: Contact, mode: ca.SX) -> ca.SX:
@@ -188,13 +208,17 @@ class System:
 
     @cached_property
     def probe(self) -> ca.Function:
-        """Their velocities, accelerations, forces, least and largest force that hold them."""
+        """What decides modes.
+
+        Of the contacts that may rest velocities, accelerations, forces, least and largest force
+        that hold them; then how well resting ones determine their forces, 1 well, 0 not at all.
+        """
         bounds = [c.law.stick_interval for c in self.contacts]
         low = ca.vertcat(ca.SX(0, 1), *(b[0] for b in bounds))
         high = ca.vertcat(ca.SX(0, 1), *(b[1] for b in bounds))
         acceleration = self._at_forces(self._free[2], self.forces)
         everything = ca.vertcat(self._free[1], acceleration, self.forces, low, high)
-        return self._function("probe", everything)
+        return self._function("probe", ca.vertcat(everything, self._determined))
 
     @cached_property
     def project(self) -> ca.Function:

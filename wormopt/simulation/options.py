@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -61,6 +62,9 @@ class Tolerance:
         The same against the state's nominal size.
     max_steps : int, optional
         Steps after which the run is given up.
+    max_step : float, optional
+        Longest step; a fiftieth of the time if left out. While nothing moves, an input shorter
+        than a tenth of it may go unseen.
 
     Raises
     ------
@@ -76,10 +80,13 @@ class Tolerance:
     relative: float = 1e-11
     absolute: float = 1e-12
     max_steps: int = 10_000_000
+    max_step: float | None = None
 
     def __post_init__(self) -> None:
-        if not (1e-14 <= self.relative < 1 and self.absolute > 0):
-            raise ValueError("tolerances must be positive, relative between 1e-14 and 1")
+        if not (1e-14 <= self.relative < 1 and 0 < self.absolute < math.inf):
+            raise ValueError("tolerances must be positive and finite, relative from 1e-14 to 1")
+        if self.max_step is not None and not self.max_step > 0:
+            raise ValueError("max_step must be positive")
         if self.max_steps < 1:
             raise ValueError("max_steps must be at least 1")
 

@@ -216,6 +216,7 @@ def _solver(run: _Run, first: int, end: int) -> ca.Function:
         "reltol": run.relative,
         "abstol": run.relative * task.tolerance.absolute / task.tolerance.relative,
         "max_num_steps": task.tolerance.max_steps,
+        "max_step_size": task.max_step,
         "disable_internal_warnings": True,
         "show_eval_warnings": False,
     }

@@ -62,9 +62,29 @@ class Task:
         return 1e-14 * np.array([c.nominal_speed for c in self.system.contacts])
 
     @cached_property
+    def v_drift(self) -> np.ndarray:
+        """Per contact the speed that a resting velocity may gather by the errors of the steps."""
+        nominal = np.array([c.nominal_speed for c in self.system.contacts])
+        return 1e3 * (self.v_rest + (self.tolerance.relative + self.tolerance.absolute) * nominal)
+
+    @cached_property
     def f_rest(self) -> np.ndarray:
-        """Per contact the force that is nothing but rounding."""
-        return 1e-13 * np.array([c.nominal_force for c in self.system.contacts])
+        """Per contact the force that is nothing but rounding, against what it can hold."""
+        n = len(self.system.contacts)
+        if not self.system.exact:
+            return np.zeros(n)
+        p = self.system.scheduled(self.p, self.schedules, np.array([self.span[0]]))[:, 0]
+        probe = np.array(self.system.probe(self.span[0], self.x0, p, np.ones(n))).ravel()
+        held = np.abs(probe[3 * n : 5 * n].reshape(2, n))
+        held = np.where(np.isfinite(held), held, 0.0).max(axis=0, initial=0.0)
+        nominal = np.array([c.nominal_force for c in self.system.contacts])
+        return 1e-13 * np.where(held > 0, held, nominal)
+
+    @property
+    def max_step(self) -> float:
+        """Longest step."""
+        longest = self.tolerance.max_step
+        return (self.span[1] - self.span[0]) / 50 if longest is None else longest
 
     @cached_property
     def v_layer(self) -> np.ndarray:

@@ -163,11 +163,14 @@ class Trajectory:
         Raises
         ------
         ValueError
-            If the motion was simulated without ``dense = True``.
+            If the motion was simulated without ``dense = True``, or a time lies outside it.
         """
         if self.dense is None:
             raise ValueError("simulate with dense=True to sample the motion afterwards")
         t = np.asarray(t, dtype=float)
+        first, last = self.dense.time[0], self.dense.time[-1]
+        if t.size and not (first <= t.min() and t.max() <= last):
+            raise ValueError(f"the motion goes from {first:g} to {last:g}")
         return replace(self, time=t, states=self.dense(t))
 
     def modes_at(self, t: np.ndarray) -> np.ndarray:

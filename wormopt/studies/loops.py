@@ -58,7 +58,7 @@ def build_loop(scene: Scene[TrackScene], index: int, gait: Gait, links: Links) -
     table = scene.table
     length = float(np.mean(np.abs(gait(gait.breaks[:-1])))) or 1.0
     plant = build_chain(table.worm, table.start, links, length, gait.period)
-    reference = follow(gait, plant.t, shift=table.reference.shift)
+    reference = follow(gait, plant.t, shift=table.reference.shift % gait.period)
     tracker = table.trackers[index]
     shared: dict[str, Any] = {"feedforward": _feedforward(tracker, table)}
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import atanh
 from typing import Any
 
@@ -22,6 +22,7 @@ from wormopt.studies.watch import Balance
 
 __all__ = [
     "Recheck",
+    "accepted_error",
     "count_events",
     "faults_of_motion",
     "one_or_all",
@@ -31,10 +32,10 @@ __all__ = [
     "warnings_of_motion",
 ]
 
-# Both routes shall agree to this at the end, or to so many relative tolerances.
+# Both routes shall agree at the end, and energies balance, to this or to so many tolerances.
 _AGREED, _TOLERANCES = 1e-7, 1e4
-# Energies are integrals over the motion: they are off where the motion is.
-_BALANCED = 1e-7
+# Implicit integrators take more steps than explicit ones of order 8.
+_MORE_STEPS = 100
 
 
 @dataclass(frozen=True)
@@ -109,13 +110,14 @@ def recheck(
     """
     treatment, end = motion.system.treatment, motion.end_time
     route = _second_route(model, motion)
-    accepted = max(_AGREED, _TOLERANCES * tolerance.relative)
+    accepted = accepted_error(tolerance)
     label = str(route)
     if route == motion.route or model.alg.numel():
         label = motion.route
         label += " with a tenth of the tolerance"
         relative = max(tolerance.relative / 10, 1e-14)
-        tolerance = Tolerance(relative, tolerance.absolute / 10, tolerance.max_steps)
+        tolerance = replace(tolerance, relative=relative, absolute=tolerance.absolute / 10)
+    tolerance = replace(tolerance, max_steps=_MORE_STEPS * tolerance.max_steps)
     try:
         again = simulate(
             model,
@@ -134,6 +136,26 @@ def recheck(
     size = np.maximum(sizes, np.abs(again.end))
     error = np.max(np.abs(motion.end[: model.n_x] - again.end) / size)
     return Recheck(label, float(error), accepted)
+
+
+def accepted_error(tolerance: Tolerance) -> float:
+    """Largest share by which ends and energies may disagree.
+
+    Parameters
+    ----------
+    tolerance : Tolerance
+        To which the motion was found.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> accepted_error(Tolerance()), accepted_error(Tolerance(relative=1e-6))
+    (1e-07, 0.01)
+    """
+    return max(_AGREED, _TOLERANCES * max(tolerance.relative, tolerance.absolute))
 
 
 def _second_route(model: Model, motion: Trajectory) -> Route:
@@ -239,7 +261,9 @@ def warnings_of_motion(motion: Trajectory, second: Recheck | None) -> Iterator[s
         yield "not kept whole: input_peak is the largest of the samples"
 
 
-def faults_of_motion(second: Recheck | None, energies: Balance | None) -> list[str]:
+def faults_of_motion(
+    second: Recheck | None, energies: Balance | None, tolerance: Tolerance
+) -> list[str]:
     """Say why a motion is not to be trusted.
 
     Parameters
@@ -248,6 +272,8 @@ def faults_of_motion(second: Recheck | None, energies: Balance | None) -> list[s
         The second route.
     energies : Balance or None
         Energy balance.
+    tolerance : Tolerance
+        To which the motion was found.
 
     Returns
     -------
@@ -255,7 +281,7 @@ def faults_of_motion(second: Recheck | None, energies: Balance | None) -> list[s
         Empty where all agree.
     """
     found = [second.fault] if second and second.fault else []
-    if energies and not abs(energies.residual) <= _BALANCED:
+    if energies and not abs(energies.residual) <= accepted_error(tolerance):
         found.append(f"energies do not balance, by {energies.residual:.2g} of their size")
     return found
 

@@ -97,7 +97,7 @@ def run(scene: Scene[SimulateScene], report: Report) -> Result:
     simulated = time.perf_counter()
     second = recheck(plain, motion, tolerance, report=report) if table.tolerance.recheck else None
     energies = [balance(motion)] if table.worm is not None else []
-    faults = faults_of_motion(second, energies[0] if energies else None)
+    faults = faults_of_motion(second, energies[0] if energies else None, tolerance)
     error = Scalar(second and second.error)
     result = _result(scene, motion)
     return replace(
@@ -132,7 +132,7 @@ def _driven_chain(scene: Scene[SimulateScene], worm: ChainTable) -> Model:
         return replace(model, u=[replace(signal, value=held) for signal in model.u])
     if gait is None:
         return model
-    command = follow(gait, model.t, shift=shift)
+    command = follow(gait, model.t, shift=shift % gait.period)
     # (11): c_j times the change of rest length, with the link's own c_j
     x = symbol(model, "position")
     stiffness = ca.diag(ca.jacobian(model.output("spring_force"), x)[:, : worm.links])

@@ -128,11 +128,12 @@ def _result(
     timings: dict[str, float],
 ) -> Result:
     table = scene.table
+    tolerance = tolerance_of(table.tolerance)
     energies = [balance(each.motion) for each in found]
     faults = [
         f"{each.label}: {fault}" if len(found) > 1 else fault
         for each, second, energy in zip(found, seconds, energies, strict=True)
-        for fault in [*faults_of_motion(second, energy), *faults_of_funnel(each)]
+        for fault in [*faults_of_motion(second, energy, tolerance), *faults_of_funnel(each)]
     ]
     numbers = [loop_numbers(each) for each in found]
     for number, second in zip(numbers, seconds, strict=True):
@@ -152,7 +153,7 @@ def _result(
         trust=trust(
             [each.motion for each in found],
             seconds,
-            tolerance_of(table.tolerance),
+            tolerance,
             energies,
             list(_warnings(scene, gait, found, seconds)),
         ),

@@ -182,6 +182,7 @@ def _result(
     timings: dict[str, float],
 ) -> Result:
     table = scene.table
+    tolerance = tolerance_of(table.tolerance)
     energies = [[balance(herd.member(k).motion) for k in herd.whole] for herd in herds]
     worst = [max((e for e in es if e), key=lambda e: abs(e.residual), default=None)
              for es in energies]  # fmt: skip
@@ -189,7 +190,7 @@ def _result(
     faults = [
         f"{herd.first.label}: {fault}"
         for herd, second, energy in zip(herds, found, worst, strict=True)
-        for fault in [*faults_of_motion(second, energy), *_faults(herd)]
+        for fault in [*faults_of_motion(second, energy, tolerance), *_faults(herd)]
     ]
     laws = laws_of(table.worm)
     return Result(
@@ -203,7 +204,7 @@ def _result(
         trust=trust(
             [herd.first.motion for herd in herds],
             found,
-            tolerance_of(table.tolerance),
+            tolerance,
             worst,
             [
                 *warnings_of_contact(treatment_of(table.contact), laws),

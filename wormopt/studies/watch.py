@@ -32,6 +32,8 @@ ENTERS, LEAVES = "enters the tube", "leaves the tube"
 """Names of the crossings of the tube, which are events."""
 _TUBE = ("tube_time", "tube_entered")
 _SPRINGS = ("stiffness", "rest_length")
+# Energies below such a share of their usual size are rounding and tolerance.
+_LEAST_SHARE = 1e-3
 
 
 def _add_states(model: Model, states: Sequence[Signal], rates: Sequence[ca.SX]) -> Model:
@@ -149,7 +151,8 @@ class Balance:
     stored : float
         Change of kinetic and elastic energy.
     residual : float
-        Input work less losses and stored energy, against the largest of these energies.
+        Input work less losses and stored energy, against the largest of these energies, or a
+        thousandth of a force of usual size times a length, where that is more.
 
     Examples
     --------
@@ -189,8 +192,9 @@ def balance(motion: Trajectory) -> Balance | None:
     # Springs of constant numbers keep what they take up, which is known without integration.
     vary = any(schedule.name in _SPRINGS for schedule in model.schedules)
     stored = _change(kinetic) + springs if vary else _change(energy)
-    size = max(abs(work), abs(lost), abs(stored), float(np.max(energy)))
-    return Balance(work, lost, stored, (work - lost - stored) / size if size else 0.0)
+    usual = next(s.nominal for s in model.x if s.name == "input_work")
+    size = max(abs(work), abs(lost), abs(stored), float(np.max(energy)), _LEAST_SHARE * usual)
+    return Balance(work, lost, stored, (work - lost - stored) / size)
 
 
 def _change(values: np.ndarray) -> float:

@@ -132,12 +132,18 @@ static double first_crossing(Run *run, long long j, double h, const double *valu
 double find_event(Run *run, double h, long long *which) {
     const long long n = n_functions(run);
     for (int k = 0; k < N_SAMPLES; k++) values_within(run, SAMPLES[k], h, run->scan + k * n);
+    for (long long i = 0; i < N_SAMPLES * n; i++)
+        if (isnan(run->scan[i])) run->out.status = NOT_FINITE;
     double first = 2.0;
     for (long long j = 0; j < n; j++) {
         double theta = first_crossing(run, j, h, run->scan, n);
         if (theta < first) first = theta, *which = j;
     }
     if (first > 1.0) memcpy(run->level, run->scan + N_SAMPLES * n, n * sizeof(double));
+    /* what has been well above 0 before the event is armed, whoever has it */
+    for (int k = 1; k < N_SAMPLES && SAMPLES[k] < first && first <= 1.0; k++)
+        for (long long j = 0; j < n; j++)
+            if (j != *which && run->scan[k * n + j] > small(run, j)) run->level[j] = 0.0;
     return first;
 }
 
@@ -232,7 +238,7 @@ static int modes_by_velocity(Run *run, long long forced, const double *v) {
             double force = run->probe[2 * n + i];
             *mode = force - run->probe[3 * n + i] < run->probe[4 * n + i] - force ? 1.0 : -1.0;
             run->released[i] = run->out.t;
-        } else if (i == forced || fabs(v[i]) <= (run->before[i] == 0.0 ? 1e3 * rest : rest)) {
+        } else if (i == forced || fabs(v[i]) <= (run->before[i] == 0.0 ? run->in.v_drift[i] : rest)) {
             if (run->released[i] == run->out.t) continue; /* let go this very instant */
             *mode = 0.0;
             jump |= v[i] != 0.0;
@@ -244,6 +250,20 @@ static int modes_by_velocity(Run *run, long long forced, const double *v) {
         }
     }
     return jump;
+}
+
+/* Whether the velocity of a contact that rests now was more than rounding. */
+static int jumps(const Run *run, long long i, long long forced) {
+    double rest = run->before[i] == 0.0 ? run->in.v_drift[i] : 1e3 * run->in.v_rest[i];
+    return i != forced && fabs(run->scan[i]) > rest;
+}
+
+/* Whether an impulse is needed; of contacts that act on each other it would not be determined by
+   their velocities alone. */
+static int must_jump(const Run *run, long long forced) {
+    for (long long i = 0; i < run->in.n_contacts; i++)
+        if (run->modes[i] == 0.0 && jumps(run, i, forced)) return 1;
+    return 0;
 }
 
 /* Let go of resting contacts whose force is out of bounds, the worst one first where they act on
@@ -287,7 +307,7 @@ static int catch_again(Run *run) {
 
 static void record_change(Run *run, long long i, long long forced, int jumped) {
     double before = run->before[i], now = run->modes[i];
-    if (before == now && i != forced) return;
+    if (before == now && i != forced && !jumped) return;
     Kind kind = before == 0.0 ? RELEASE : now == 0.0 ? STICK : REVERSAL;
     if (jumped) kind = IMPACT;
     double *row = grow(&run->out.events);
@@ -307,12 +327,14 @@ void decide_modes(Run *run, long long forced, int record) {
     evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
     memcpy(run->scan, run->probe, n * sizeof(double)); /* velocities before a jump */
     if (modes_by_velocity(run, forced, run->scan)) {
+        if (run->in.coupled && must_jump(run, forced)) run->out.status = NO_CONTACT_MODE;
         evaluate(run, run->in.project, run->out.t, run->out.x, run->column);
         memcpy(run->out.x, run->column, run->in.n_x * sizeof(double));
         for (long long i = 0; i < n; i++)
             if (run->modes[i] == 0.0 && run->in.velocity_state[i] >= 0)
                 run->out.x[run->in.velocity_state[i]] = 0.0;
     }
+    memcpy(run->scan + n, run->modes, n * sizeof(double)); /* modes before anything is let go */
     long long trials = 0;
     for (int again = 1; again; trials++) {
         if (trials > 8 + 8 * n) {
@@ -320,16 +342,15 @@ void decide_modes(Run *run, long long forced, int record) {
             return;
         }
         evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
-        for (long long i = 0; i < n; i++) /* contacts that share a freedom leave forces open */
-            if (isnan(run->probe[2 * n + i])) run->out.status = NO_CONTACT_MODE;
+        /* contacts that share a freedom leave forces open */
+        if (!(run->probe[5 * n] > 1e-10)) run->out.status = NO_CONTACT_MODE;
         if (run->out.status == NO_CONTACT_MODE) return;
         again = let_go(run);
         if (!again && run->in.coupled) again = catch_again(run);
     }
     int changed = !record;
     for (long long i = 0; i < n; i++) {
-        int jumped = fabs(run->scan[i]) > 1e3 * run->in.v_rest[i] && run->modes[i] == 0.0
-                     && i != forced;
+        int jumped = jumps(run, i, forced) && run->scan[n + i] == 0.0;
         if (record) record_change(run, i, forced, jumped);
         if (run->before[i] != run->modes[i]) changed = 1;
         if (run->before[i] != run->modes[i] || i == forced) run->level[i] = -small(run, i);

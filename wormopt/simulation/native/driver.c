@@ -143,11 +143,11 @@ static void go_to_event(Run *run, double h, double theta, long long which) {
 static void accept(Run *run, double h, double end, double error) {
     emit(run, h, end);
     double factor = error > 0.0 ? 0.9 * pow(error, -1.0 / 8.0) : 6.0;
-    run->h_next = h * fmin(fmax(factor, 1.0 / 3.0), 6.0);
+    run->h_next = fmax(h * fmin(fmax(factor, 1.0 / 3.0), 6.0), run->h_whole);
     int stiff = looks_stiff(run, h) && (run->in.t_end - end) / h > run->in.stiff_steps;
     take_over(run, end);
     swap(&run->k[0], &run->k[12]);
-    if (stiff) run->out.status = STIFF;
+    if (stiff && run->out.status == RUNNING) run->out.status = STIFF;
     if (end < run->t_break) return;
     follow_schedules(run);
     decide_modes(run, -1, 1);
@@ -157,12 +157,14 @@ static void accept(Run *run, double h, double end, double error) {
 static void step(Run *run) {
     const double stop = fmin(run->in.t_end, run->t_break), left = stop - run->out.t;
     if (run->h_next <= 0.0) run->h_next = first_step(run);
+    run->h_next = fmin(run->h_next, run->in.max_step);
     int last = 1.01 * run->h_next >= left;
     double h = last ? left : run->h_next;
     if (h < floor_of_step(run) && !last) {
         run->out.status = STEP_TOO_SMALL;
         return;
     }
+    run->h_whole = last && h < run->h_next ? run->h_next : 0.0;
     run->has_dense = 0;
     stages(run, h);
     double error = step_error(run, h);
@@ -180,6 +182,7 @@ static void step(Run *run) {
         long long which = -1;
         fit(run, h);
         double theta = find_event(run, h, &which);
+        if (run->out.status != RUNNING) return;
         if (theta <= 1.0) {
             go_to_event(run, h, theta, which);
             return;
@@ -234,19 +237,19 @@ static int allocate(Run *run, long long n_p) {
     ROOM(run->modes, c);
     ROOM(run->before, c);
     ROOM(run->released, c);
-    ROOM(run->probe, 5 * c);
+    ROOM(run->probe, 5 * c + 1);
     ROOM(run->guard, 2 * in->n_switches);
     ROOM(run->reset, n * (in->n_switches + 1));
     ROOM(run->value, f);
     ROOM(run->level, f);
-    ROOM(run->scan, 12 * f + c);
+    ROOM(run->scan, 12 * f + 2 * c);
     ROOM(run->column, n);
     ROOM(run->cycle, in->n_schedules);
     ROOM(run->piece, in->n_schedules);
     ROOM(run->iw, in->n_iw);
     ROOM(run->w, in->n_w);
-    ROOM(run->arg, 8);
-    ROOM(run->res, 8);
+    ROOM(run->arg, in->n_arg);
+    ROOM(run->res, in->n_res);
 #undef ROOM
     run->out.events.width = 4;
     run->out.modes.width = 1 + c;

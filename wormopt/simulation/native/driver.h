@@ -14,24 +14,25 @@ typedef struct {
 
 typedef struct {
     long long n_x, n_contacts, n_switches, n_schedules, n_times;
-    long long n_iw, n_w;               /* work space of the generated functions */
+    long long n_iw, n_w, n_arg, n_res; /* work space of the generated functions */
     long long exact, coupled, keep_dense, max_steps, stiff_steps;
     Function rhs;      /* (t, x, p, s) -> x' */
     Function velocities; /* (t, x, p, s) -> velocities of the contacts */
     Function probe;    /* (t, x, p, s) -> velocities, accelerations, forces, least and largest force
-                          that holds; exact only */
+                          that holds, how well resting contacts determine their forces; exact only */
     Function project;  /* (t, x, p, s) -> x with the velocities of contacts with s = 0 made zero */
     Function guards;   /* (t, x, p, s) -> guards of the switches, then their rates */
     Function resets;   /* (t, x, p, s) -> states after each switch, one column each */
     const long long *velocity_state; /* per contact the state that is its velocity, or -1 */
     const long long *directions;     /* per contact 1 forward, 2 backward, 3 both */
     const double *v_rest;            /* per contact: slower counts as at rest */
+    const double *v_drift;           /* the same for one that rests already */
     const double *f_rest;            /* per contact: force that does not count */
     const double *v_layer;           /* per contact: where the smooth law is steep */
     const double *absolute;          /* per state */
     const Schedule *schedules;
     const double *times;             /* ascending, within [t, t_end] */
-    double relative, t_start, t_end;
+    double relative, max_step, t_start, t_end;
 } Problem;
 
 typedef enum {

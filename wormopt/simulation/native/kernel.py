@@ -53,7 +53,8 @@ class _Problem(Structure):
         *(
             (name, c_longlong)
             for name in (
-                *("n_x", "n_contacts", "n_switches", "n_schedules", "n_times", "n_iw", "n_w"),
+                *("n_x", "n_contacts", "n_switches", "n_schedules", "n_times"),
+                *("n_iw", "n_w", "n_arg", "n_res"),
                 *("exact", "coupled", "keep_dense", "max_steps", "stiff_steps"),
             )
         ),
@@ -61,11 +62,12 @@ class _Problem(Structure):
         *(
             (name, c_void_p)
             for name in (
-                *("velocity_state", "directions", "v_rest", "f_rest", "v_layer", "absolute"),
+                *("velocity_state", "directions", "v_rest", "v_drift", "f_rest", "v_layer"),
+                "absolute",
                 *("schedules", "times"),
             )
         ),
-        *((name, c_double) for name in ("relative", "t_start", "t_end")),
+        *((name, c_double) for name in ("relative", "max_step", "t_start", "t_end")),
     )
 
 
@@ -198,6 +200,8 @@ def compiled(system: System) -> Compiled:
         "n_switches": len(system.model.switches),
         "n_iw": max(f.sz_iw() for f in functions.values()),
         "n_w": max(f.sz_w() for f in functions.values()),
+        "n_arg": max(f.sz_arg() for f in functions.values()),
+        "n_res": max(f.sz_res() for f in functions.values()),
         "exact": system.exact,
         "coupled": system.exact and system.coupled,
     }
@@ -261,6 +265,7 @@ def integrate(task: Task, ready: Compiled, report: Progress, stiff_steps: int) -
     schedules, kept = _schedules(task.schedules, task.system.n_fixed)
     arrays = ready.arrays | {
         "v_rest": task.v_rest,
+        "v_drift": task.v_drift,
         "f_rest": task.f_rest,
         "v_layer": task.v_layer,
         "absolute": task.absolute,
@@ -275,6 +280,7 @@ def integrate(task: Task, ready: Compiled, report: Progress, stiff_steps: int) -
         stiff_steps=2**62 if task.system.exact else stiff_steps,
         schedules=ctypes.cast(schedules, c_void_p),
         relative=task.tolerance.relative,
+        max_step=task.max_step,
         t_start=task.span[0],
         t_end=task.span[1],
         **ready.fields,

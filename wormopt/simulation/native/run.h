@@ -20,7 +20,7 @@ typedef struct {
     double *scan;          /* values at the samples of a step */
     double *column;        /* a state in between */
     double t_break;        /* next break of any schedule */
-    double h_next;
+    double h_next, h_whole; /* next step; the one that a break or the end has cut */
     long long since_check, stiff_hints, unstiff_hints;
     long long crowd; /* events since crowd_start */
     double crowd_start;
