@@ -97,7 +97,7 @@ def test_steps_are_of_order_eight_and_the_polynomial_of_order_seven():
     t = np.linspace(0, 20, 2001)
     exact = np.vstack([np.cos(t), -np.sin(t)])
     for relative in (1e-5, 1e-7, 1e-9):
-        tolerance = Tolerance(relative, relative)
+        tolerance = Tolerance(relative, relative, max_step=np.inf)
         motion = simulate(oscillator(), 20.0, times=t, tolerance=tolerance)
         steps.append(motion.n_steps)
         ends.append(np.abs(motion.states[:, -1] - exact[:, -1]).max())
@@ -230,6 +230,82 @@ def test_a_velocity_that_only_touches_zero_makes_no_event_and_one_that_dips_make
             assert [e.time for e in motion.events] == pytest.approx(
                 [5 - width, 5 + width], abs=1e-7
             )
+
+
+def test_a_worm_at_rest_notices_that_forces_change():
+    # the force 0.02 t sin(t) exceeds 1 first near t = 51.6; only steps that see it find that
+    t = ca.SX.sym("t")
+    model = block(Coulomb(1.0, 1.0), 0.02 * t * ca.sin(t), t)
+    expected = brentq(lambda time: 0.02 * time * np.sin(time) - 1, 51.0, 52.0)
+    motion = simulate(model, 100.0)
+    assert motion.events[0].time == pytest.approx(expected, abs=1e-9)
+    fast = block(Coulomb(1.0, 1.0), 1.01 * ca.sin(60 * t), t)  # above 1 for 5e-3 at a time
+    release = np.arcsin(1 / 1.01) / 60
+    assert simulate(fast, 100.0).events[0].time == pytest.approx(release, abs=1e-9)
+
+
+def test_two_switches_on_one_guard_both_fire_every_time():
+    t, count = ca.SX.sym("t"), ca.SX.sym("count", 2)
+    resets = [count + ca.DM([1, 0]), count + ca.DM([0, 1])]
+    switches = [Switch(f"count {i}", ca.sin(t) - 0.5, r) for i, r in enumerate(resets)]
+    states = [Signal("count", count, value=0.0)]
+    model = Model("counts", x=states, ode=ca.SX(2, 1), t=t, switches=switches)
+    assert simulate(model, 100.0).end.tolist() == [16.0, 16.0]
+
+
+def test_contacts_that_do_not_determine_their_forces_are_refused_even_nearly():
+    # three feet on two freedoms, singular up to rounding
+    x, v, f = ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 3)
+    jacobian = ca.DM([[1, 0], [0, 1], [0.1, 0.7]])
+    speeds = jacobian @ v
+    contacts = [Contact(f"foot {i}", speeds[i], f[i], Coulomb(1.0, 1.0)) for i in range(3)]
+    states = [Signal("x", x, value=0.0), Signal("v", v, value=0.0)]
+    push = (ca.DM([0.5, 0.3]) + jacobian.T @ f) / ca.DM([3, 7])
+    model = Model("feet", x=states, ode=ca.vertcat(v, push), contacts=contacts)
+    assert refused(model, 1.0).code == "no_contact_mode"
+
+
+def test_impacts_of_contacts_that_act_on_each_other_are_refused():
+    x, v, f = ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
+    laws = (Spike(), Coulomb(1.0, 1.0))
+    contacts = [Contact(f"foot {i}", v[i], f[i], laws[i]) for i in range(2)]
+    states = [Signal("x", x, value=0.0), Signal("v", v, value=(-1.0, 0.1))]
+    inverse = ca.DM(np.linalg.inv([[2.0, 1.0], [1.0, 2.0]]))
+    model = Model("pair", x=states, ode=ca.vertcat(v, inverse @ f), contacts=contacts)
+    assert refused(model, 1.0).code == "no_contact_mode"
+
+
+class AirDrag:
+    """A law of a user's own: it never holds, but differs by direction."""
+
+    directions = (1, -1)
+    stick_interval = (0.0, 0.0)
+
+    def slip_force(self, v: ca.SX, direction: int) -> ca.SX:
+        return -direction * v * v
+
+    def smooth(self, v: ca.SX, v_reg: float) -> ca.SX:
+        return -v * ca.fabs(v)
+
+
+@pytest.mark.parametrize("start", [1.0, -1.0])
+def test_a_law_may_differ_by_direction_without_ever_holding(start: float):
+    x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f")
+    states = [Signal("x", x, value=0.0), Signal("v", v, value=start)]
+    air = [Contact("air", v, f, AirDrag())]  # type: ignore[arg-type]
+    model = Model("fall", x=states, ode=ca.vertcat(v, f), contacts=air)
+    assert simulate(model, 0.9).end[1] == pytest.approx(start / 1.9, abs=1e-10)
+
+
+def test_models_of_wrong_sizes_are_refused_before_anything_runs():
+    x = ca.SX.sym("x", 2)
+    states = [Signal("x", x, value=0.0)]
+    with pytest.raises(ValueError, match="a reset of 2 states"):
+        Model("bad", x=states, ode=x, switches=[Switch("s", x[0], ca.SX(0))])
+    with pytest.raises(ValueError, match="must be scalars"):
+        Model("bad", x=states, ode=x, contacts=[Contact("c", x, ca.SX.sym("f"), Spike())])
+    with pytest.raises(ValueError, match="the motion goes from 0 to 1"):
+        simulate(oscillator(), 1.0, dense=True).at(np.array([2.0]))
 
 
 # -- switches --------------------------------------------------------------------------------

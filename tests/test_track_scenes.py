@@ -830,6 +830,18 @@ def test_a_second_route_that_disagrees_makes_the_result_fail(
     assert value(result, "recheck_error") == pytest.approx(1e-6, rel=1)
 
 
+@pytest.mark.parametrize("relative", [1e-4, 1e-6, 1e-8])
+def test_loose_tolerances_are_judged_by_themselves(tmp_path: Path, relative: float):
+    change = [f"tolerance.relative={relative}", f"tolerance.absolute={relative / 10}"]
+    loose = wo.run(load_scene(write(tmp_path, TRACK), change))
+    exact = wo.run(load_scene(write(tmp_path, TRACK), ["tolerance.recheck=false"]))
+    assert loose.status == "ok", loose.reason
+    accepted = loose.trust["recheck"]["accepted"]
+    assert accepted == pytest.approx(min(1e3 * relative, 0.01))
+    # what is accepted bounds the true error too
+    assert value(loose, "x_end") == pytest.approx(value(exact, "x_end"), abs=4 * accepted)
+
+
 def test_a_second_route_that_gives_up_makes_the_result_fail(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -83,7 +83,22 @@ class System:
         model = self.model
         schedules = [ca.vertcat(s.begin, s.symbol) for s in model.schedules]
         p = ca.vertcat(pack(model.p), pack(model.u), self._v_reg, *schedules)
-        return model.t, pack(model.x), p, self._modes
+        return model.t, ca.vertcat(pack(model.x), self._pushes), p, self._modes
+
+    @cached_property
+    def _pushes(self) -> ca.SX:
+        """States beside the model's: what resting contacts are pushed with, summed over time.
+
+        They are there where time itself pushes. While everything rests nothing else would tell
+        the control of the steps that forces change.
+        """
+        driven = self.exact and ca.depends_on(self._free[2], self.model.t)
+        return ca.SX.sym("push", len(self.contacts) if driven else 0)  # type: ignore[no-any-return]
+
+    @property
+    def n_pushes(self) -> int:
+        """How many there are."""
+        return self._pushes.numel()
 
     @cached_property
     def _v_reg(self) -> ca.SX:
@@ -138,11 +153,16 @@ class System:
             return ca.vertcat(ca.SX(0, 1), *smooth)
         slip = ca.vertcat(*(self._slip(c, self._modes[i]) for i, c in enumerate(self.contacts)))
         slides = self._modes**2
-        free = self._at_forces(self._free[2], ca.SX.zeros(len(self.contacts)))
+        free = self._pulled
         if not self.coupled:
             return _weighted(slides, slip, -free / ca.diag(self.delassus))
         matrix = ca.diag(slides) + ca.diag(1 - slides) @ self.delassus
         return ca.solve(matrix, _weighted(slides, slip, -free))
+
+    @cached_property
+    def _pulled(self) -> ca.SX:
+        """Accelerations of the contacts without contact forces."""
+        return self._at_forces(self._free[2], ca.SX.zeros(len(self.contacts)))
 
     @property
     def _determined(self) -> ca.SX:
@@ -164,7 +184,11 @@ class System:
     @cached_property
     def _ode(self) -> ca.SX:
         ode = self._at_forces(self._free[0], self.forces)
-        if not self.exact or self.coupled:
+        if not self.exact:
+            return ode
+        if self.n_pushes:
+            ode = ca.vertcat(ode, (1 - self._modes**2) * self._pulled)
+        if self.coupled:
             return ode
         # a velocity that is a state stays what it is while its contact rests, to the last bit
         for i, state in enumerate(self.velocity_state):
@@ -231,7 +255,8 @@ class System:
             impulse = ca.solve(matrix, -rests * velocity)
         else:
             impulse = -rests * velocity / ca.diag(self.delassus)
-        return self._function("project", x + push @ impulse)
+        change = ca.vertcat(push @ impulse, ca.SX.zeros(self.n_pushes))
+        return self._function("project", x + change)
 
     @cached_property
     def guards(self) -> ca.Function:
@@ -243,7 +268,7 @@ class System:
     @cached_property
     def resets(self) -> ca.Function:
         """States after each switch, one column each."""
-        columns = [ca.densify(s.reset) for s in self.model.switches]
+        columns = [ca.vertcat(ca.densify(s.reset), self._pushes) for s in self.model.switches]
         return self._function("resets", self._put(ca.horzcat(*columns)))
 
     def _put(self, expression: ca.SX) -> ca.SX:
@@ -265,9 +290,11 @@ class System:
         Returns
         -------
         casadi.Function
-            Of (t, x, p, s).
+            Of (t, x, p, s), x without what `n_pushes` counts.
         """
-        return self._function("observed", self._put(expression))
+        t, _, p, s = self.symbols
+        observed = ca.densify(self._put(expression))
+        return ca.Function("observed", [t, pack(self.model.x), p, s], [observed])
 
     @cached_property
     def dae(self) -> dict[str, ca.SX]:

@@ -175,7 +175,9 @@ def _task(
     return Task(
         system=system,
         span=(float(start), float(end)),
-        x0=signal_values(tuple(model.x), x0 or {}, "state", fill=0.0),
+        x0=np.append(
+            signal_values(model.x, x0 or {}, "state", fill=0.0), np.zeros(system.n_pushes)
+        ),
         p=system.parameters(p or {}),
         schedules=_with_values(tuple(model.schedules), schedules or {}),
         tolerance=tolerance,
@@ -196,22 +198,22 @@ def _with_values(
 
 def _trajectory(task: Task, outcome: Outcome) -> Trajectory:
     """What an integrator found, refused if it did not come to the end."""
-    reached = task.times[: len(outcome.samples)]
+    reached, n_x = task.times[: len(outcome.samples)], task.system.model.n_x
     motion = Trajectory(
         system=task.system,
         route=outcome.route,
         p=task.p,
         schedules=task.schedules,
         time=reached,
-        states=outcome.samples.T,
+        states=outcome.samples[:, :n_x].T,
         end_time=outcome.t,
-        end=outcome.x,
+        end=outcome.x[:n_x],
         events=_events(task.system, outcome.events),
         modes=outcome.modes,
         n_steps=outcome.n_steps,
         n_rejected=outcome.n_rejected,
         n_evaluations=outcome.n_evaluations,
-        dense=Dense(outcome.dense_time, outcome.dense) if len(outcome.dense) else None,
+        dense=Dense(outcome.dense_time, outcome.dense[:, :, :n_x]) if len(outcome.dense) else None,
     )
     if outcome.status == "done":
         return motion

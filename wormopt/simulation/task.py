@@ -29,7 +29,7 @@ class Task:
     span : (float, float)
         First and last time.
     x0 : ndarray, shape (n_x,)
-        State at the first.
+        State at the first; the model's own states, then those that `System.n_pushes` counts.
     p : ndarray
         From `System.parameters`.
     schedules : tuple of Schedule
@@ -54,7 +54,8 @@ class Task:
     @cached_property
     def absolute(self) -> np.ndarray:
         """Absolute tolerance of every state."""
-        return self.tolerance.absolute * _nominals(self.system.model.x)
+        pushed = [c.nominal_speed for c in self.system.contacts[: self.system.n_pushes]]
+        return self.tolerance.absolute * np.append(_nominals(self.system.model.x), pushed)
 
     @cached_property
     def v_rest(self) -> np.ndarray:

@@ -32,8 +32,9 @@ __all__ = [
     "warnings_of_motion",
 ]
 
-# Both routes shall agree at the end, and energies balance, to this or to so many tolerances.
-_AGREED, _TOLERANCES = 1e-7, 1e4
+# Both routes shall agree at the end, and energies balance, to this or to so many tolerances, but
+# at most to a hundredth.
+_AGREED, _TOLERANCES, _LARGEST = 1e-7, 1e3, 1e-2
 # Implicit integrators take more steps than explicit ones of order 8.
 _MORE_STEPS = 100
 
@@ -153,9 +154,10 @@ def accepted_error(tolerance: Tolerance) -> float:
     Examples
     --------
     >>> accepted_error(Tolerance()), accepted_error(Tolerance(relative=1e-6))
-    (1e-07, 0.01)
+    (1e-07, 0.001)
     """
-    return max(_AGREED, _TOLERANCES * max(tolerance.relative, tolerance.absolute))
+    several = _TOLERANCES * max(tolerance.relative, tolerance.absolute)
+    return min(max(_AGREED, several), _LARGEST)
 
 
 def _second_route(model: Model, motion: Trajectory) -> Route:
