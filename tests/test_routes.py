@@ -401,18 +401,21 @@ def test_a_spike_that_is_hit_and_pulled_on_has_its_impact(route: Route):
 
 @pytest.mark.parametrize("route", STEPPING)
 def test_a_guard_left_above_zero_must_come_back_before_it_fires_again(route: Route):
-    """It fires at v = -0.5 and is thrown to v = 0.5, from where it tends to 0."""
-    v, count = ca.SX.sym("v"), ca.SX.sym("count")
+    """It is thrown from 0 to 1, falls to 7/8 and rises for ever."""
+    v, w, count = ca.SX.sym("v"), ca.SX.sym("w"), ca.SX.sym("count")
+    values = {"v": -0.5, "w": 1.5, "count": 0.0}
     model = Model(
-        "halved",
-        x=[Signal("v", v, value=-0.8), Signal("count", count, value=0.0)],
-        ode=ca.vertcat(-2 * v, 0),
-        switches=[Switch("rises", v + 0.5, ca.vertcat(-v, count + 1))],
+        "thrown",
+        x=[Signal(str(s), s, value=values[str(s)]) for s in (v, w, count)],
+        ode=ca.vertcat(w - 0.5, 1, 0),
+        switches=[Switch("rises", v, ca.vertcat(1, 0, count + 1))],
     )
-    motion = simulate(model, 20.0, route=route)
-    assert len(motion.events) == 1
-    assert motion.events[0].time == pytest.approx(np.log(1.6) / 2, abs=1e-11)
-    assert motion.end == pytest.approx([0.0, 1.0], abs=1e-9)
+    motion = simulate(model, 10.0, route=route)
+    time = np.sqrt(2) - 1
+    assert event_times(motion) == pytest.approx([time], abs=1e-12)
+    assert motion.end[2] == 1
+    since = 10 - time
+    assert motion.end[0] == pytest.approx(1 - since / 2 + since**2 / 2, abs=1e-9)
 
 
 @pytest.mark.parametrize("route", STEPPING)

@@ -244,7 +244,7 @@ def _high_gains() -> Iterator[Cell]:
         if radius != 1e-3 and gain in (1e2, 1e4):
             name = f"exact {name}"
             worm = _worm(name, 2, _ONE_TEN, "block", stiffness=10.0)
-            yield Cell(name, "high gains", worm, 2.0, tracker=Tracker(feedback, radius, gain))
+            yield Cell(name, "high gains", worm, 0.3, tracker=Tracker(feedback, radius, gain))
 
 
 def _ratios() -> Iterator[Cell]:
@@ -297,7 +297,8 @@ def _jumps() -> Iterator[Cell]:
             grip = Grip.spike() if kind == "spikes" else _ONE_TEN
             gait = jumping_gait(2 + seed % 2, seed)
             worm = _worm(name, gait.links, grip, gait, drag=1.0 if kind == "spikes" else 0.0)
-            tracker = Tracker(_FEEDBACKS[seed // 2 % 2], 0.2, 1.0) if "tracker" in kind else None
+            feedback = _FEEDBACKS[seed // 2 % 2]
+            tracker = Tracker(feedback, 0.2, 1.0, watched=True) if "tracker" in kind else None
             smooth = kind in ("smooth", "tracker")
             yield Cell(name, "jumps", worm, 8.0, 1 / 40 if smooth else None, tracker)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 from time import perf_counter
@@ -55,7 +55,9 @@ class Length:
     failure: str = ""
 
 
-def measure_lengths(lengths: Sequence[int], rounds: int, report: Report) -> Iterator[list[Length]]:
+def measure_lengths(
+    lengths: Mapping[str, Sequence[int]], rounds: int, report: Report
+) -> Iterator[list[Length]]:
     """Measure chains of several lengths.
 
     Parameters

@@ -82,7 +82,7 @@ class _Loop:
         self.behind = np.array([g.backward if np.isfinite(g.backward) else 0 for g in plant.grips])
         # A mass is let go when its force is out of bounds by more than rounding, so that its
         # acceleration then has the right sign.
-        self.hold = np.array([grip.hold for grip in plant.grips]) + [-_SLACK, _SLACK]
+        self.hold = np.array([grip.hold for grip in plant.grips]) + np.array([-_SLACK, _SLACK])
         self.modes = np.zeros(len(self.mass), dtype=int)
         self.slip = np.zeros(len(self.mass))
         self.let_go = np.full(len(self.mass), -np.inf)  # when

@@ -206,12 +206,12 @@ def _falls(q: np.ndarray, a: float, b: float) -> float:
         return float(a)
     c = 0.5 * (a + b)
     for _ in range(100):
-        value = q @ c**exponents
+        value = float(q @ c**exponents)
         if value > 0:
             a = c
         else:
             b = c
-        steep = slope @ c ** exponents[:-1]
+        steep = float(slope @ c ** exponents[:-1])
         newton = c - value / steep if steep else a
         if abs(newton - c) <= 1e-16:
             break

@@ -111,7 +111,7 @@ def _scipy(method: str, case: Case) -> Run:
 
 
 def _numba(method: str, case: Case) -> Run:
-    import numba
+    import numba  # type: ignore[import-not-found]
 
     rates = numba.njit(track_loops(case.feedback or "filter"))
     return partial(_solve_ivp, rates, method, case)
@@ -158,9 +158,9 @@ def _casadi(plugin: str, options: dict[str, str], case: Case) -> Run:
 
 
 def _diffrax(case: Case) -> Run:
-    import diffrax
-    import jax
-    import jax.numpy as jnp
+    import diffrax  # type: ignore[import-not-found]
+    import jax  # type: ignore[import-not-found]
+    import jax.numpy as jnp  # type: ignore[import-not-found]
 
     jax.config.update("jax_enable_x64", True)
     feedback = case.feedback or "filter"
@@ -197,7 +197,7 @@ def _diffrax(case: Case) -> Run:
 
 
 def _sundae(case: Case) -> Run:
-    from sksundae.cvode import CVODE
+    from sksundae.cvode import CVODE  # type: ignore[import-not-found]
 
     hand = track_rates(case.feedback or "filter")
 
@@ -228,7 +228,7 @@ class _HeyokaFunctions:
 
 
 def _heyoka(case: Case) -> Run:
-    import heyoka as hy
+    import heyoka as hy  # type: ignore[import-not-found]
 
     feedback = case.feedback or "filter"
     start = track_start(feedback)

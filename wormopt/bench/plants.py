@@ -1,4 +1,4 @@
-"""Right-hand sides of the benchmarks as one would write them by hand, for solvers that want code."""
+"""Right-hand sides of the benchmarks as one would write them by hand."""
 
 from __future__ import annotations
 

@@ -136,22 +136,23 @@ def _number(value: float) -> float | None:
 
 
 def _chain_length(quick: bool, folder: Path, report: Report) -> Iterator[Found]:
-    found: list[Length] = []
-
-    def described(done: bool) -> Found:
-        rows = [asdict(c) | {"step": _number(c.step)} for c in found]
-        slopes = {contact: _number(slope(found, contact)) for contact in ("smooth", "exact")}
-        return {"case": "chain_length", "lengths": rows, "slopes": slopes, "done": done}
-
     smooth = [n for n in LENGTHS if n <= (50 if quick else LENGTHS[-1])]
     exact = [n for n in smooth if n <= _LONGEST_EXACT]
+    known: list[Length] = []
     for found in measure_lengths({"smooth": smooth, "exact": exact}, 3 if quick else 5, report):
-        yield described(False)
+        known = found
+        yield _lengths(known)
     picture = folder / "chain_length.png"
     from wormopt.bench.pictures import draw_lengths
 
-    draw_lengths(found, picture)
-    yield described(True) | {"picture": str(picture)}
+    draw_lengths(known, picture)
+    yield _lengths(known) | {"picture": str(picture), "done": True}
+
+
+def _lengths(found: Sequence[Length]) -> Found:
+    rows = [asdict(c) | {"step": _number(c.step)} for c in found]
+    slopes = {contact: _number(slope(found, contact)) for contact in ("smooth", "exact")}
+    return {"case": "chain_length", "lengths": rows, "slopes": slopes, "done": False}
 
 
 # -- text --------------------------------------------------------------------------------------

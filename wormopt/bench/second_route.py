@@ -2,7 +2,8 @@
 
 Which other means depends on the cell: the closed form between events for chains that gaits command
 (exact contact), solve_ivp with terminal events for trackers (exact contact), CVODES for smooth
-contact, and LSODA with an analytic Jacobian where `simulate` has used an implicit integrator itself.
+contact. Where `simulate` has used an implicit integrator itself, and where references jump, it is
+LSODA with an analytic Jacobian.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from wormopt.bench.cells import Cell
 from wormopt.bench.event_loop import Plant, event_loop
 from wormopt.bench.linear_flow import linear_flow
-from wormopt.bench.smoothed import Smoothed
+from wormopt.bench.smoothed import Smoothed, called
 from wormopt.core.model import Model
 
 __all__ = ["NAMES", "second_route"]
@@ -107,21 +108,15 @@ def _means(
 def _plant(cell: Cell, model: Model) -> Plant:
     """Closed loop of a tracker with the contact forces left open."""
     free = Smoothed(model, None)
-    buffer, trigger = free.function.buffer()
-    pieces = list(free.pieces(cell.span))
+    call, pieces = called(free.function), list(free.pieces(cell.span))
     starts = np.array([piece.start for piece in pieces])
-    result = np.zeros(len(free.start))
-    buffer.set_res(0, memoryview(result))
+    masses = cell.worm.links + 1
 
     def rates(t: float, y: np.ndarray, force: np.ndarray) -> np.ndarray:
-        piece = pieces[max(int(np.searchsorted(starts, t, side="right")) - 1, 0)]
-        inputs = [np.array([t]), np.ascontiguousarray(y), np.append(piece.values, force)]
-        for k, array in enumerate(inputs):
-            buffer.set_arg(k, memoryview(array))
-        trigger()
-        return result.copy()
+        piece = pieces[max(int(starts.searchsorted(t, side="right")) - 1, 0)]
+        return call(t, y, np.concatenate([piece.values, force]))
 
-    velocity = np.arange(cell.worm.links + 1, 2 * cell.worm.links + 2)
+    velocity = np.arange(masses, 2 * masses)
     return Plant(rates, free.start, velocity, cell.worm.mass, cell.worm.grips, lambda _: starts[1:])
 
 
@@ -147,22 +142,18 @@ def _lsoda(
 ) -> np.ndarray:
     from scipy.integrate import solve_ivp
 
-    rates, jacobian = smoothed.function, smoothed.jacobian
+    rates, jacobian = called(smoothed.function), called(smoothed.jacobian)
     n, y = len(start), start
     found, sampled = np.empty((n, len(times))), 0
     for piece in smoothed.pieces(float(times[-1])):
         within = times[(times > piece.start) & (times <= piece.end)]
-        call_rates, call_jacobian = (
-            _call(rates, piece.values, n),
-            _call(jacobian, piece.values, n * n),
-        )
         done = solve_ivp(
-            call_rates,
+            lambda t, x, q=piece.values: rates(t, x, q),
             (piece.start, piece.end),
             y,
             "LSODA",
             t_eval=np.unique(np.append(within, piece.end)),
-            jac=lambda t, x, call=call_jacobian: call(t, x).reshape(n, n, order="F"),
+            jac=lambda t, x, q=piece.values: jacobian(t, x, q).reshape(n, n, order="F"),
             rtol=tolerance,
             atol=0.1 * tolerance,
         )
@@ -172,22 +163,3 @@ def _lsoda(
         sampled += len(within)
         y = done.y[:, -1]
     return found
-
-
-def _call(
-    function: ca.Function, values: np.ndarray, size: int
-) -> Callable[[float, np.ndarray], np.ndarray]:
-    """Function of (t, x) for given scheduled values, without CasADi's cost of a call."""
-    result = np.zeros(size)
-    buffer, trigger = function.buffer()
-    buffer.set_arg(2, memoryview(values))
-    buffer.set_res(0, memoryview(result))
-
-    def call(t: float, x: np.ndarray) -> np.ndarray:
-        now, state = np.array([t]), np.ascontiguousarray(x)
-        buffer.set_arg(0, memoryview(now))
-        buffer.set_arg(1, memoryview(state))
-        trigger()
-        return result.copy()
-
-    return call

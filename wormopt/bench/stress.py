@@ -37,7 +37,7 @@ __all__ = ["Verdict", "judge", "stress", "summary", "table"]
 _BASE, _FACTOR, _UNKNOWN = 1e-8, 10.0, 1e-3
 _SAMPLES = 40
 _LONGEST = 60.0  # seconds after which simulate is stopped
-_TOLERANCE = Tolerance(1e-11, 1e-12, max_steps=3_000_000)
+_TOLERANCE = Tolerance(1e-11, 1e-12, max_steps=2_000_000)
 
 Class = Literal["right", "refused", "wrong", "undecided"]
 
@@ -268,9 +268,9 @@ def table(verdicts: Sequence[Verdict]) -> str:
         count = Counter(v.verdict for v in verdicts if group in (v.group, "all"))
         row = "".join(f"{count[kind]:11}" for kind in kinds)
         lines.append(f"{group:24}{sum(count.values()):7}{row}")
-    for v in sorted(verdicts, key=lambda v: (v.verdict, v.group)):
-        if v.verdict != "right":
-            lines.append(f"{v.verdict}: {v.name} ({v.group}): {v.reason}")
+    others = [v for v in verdicts if v.verdict != "right"]
+    others.sort(key=lambda v: (v.verdict, v.group))
+    lines += [f"{v.verdict}: {v.name} ({v.group}): {v.reason}" for v in others]
     found = summary(verdicts)
     share = found["right"] / max(found["cells"], 1)
     lines.append(
