@@ -1,74 +1,252 @@
-"""`wormopt bench` and `wormopt stress`: their references, their judge, a quick cut of both."""
+"""`wormopt bench`: its references by a second route, its helpers, a short cut of it."""
 
 import json
+import math
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from wormopt import cli
-from wormopt.bench import stress
-from wormopt.bench.cells import cells
-from wormopt.bench.event_loop import event_loop
-from wormopt.bench.plants import mag2_plant
-from wormopt.bench.stress import judge, summary
+from wormopt.bench import CASES, run
+from wormopt.bench.cases import GOAL, WORK_PRECISION, long_chain, track
+from wormopt.bench.driven_chain import DrivenChain, Grip
+from wormopt.bench.event_loop import event_loop, plant_of_chain
+from wormopt.bench.linear_flow import linear_flow
+from wormopt.bench.peers import SOLVERS, hand_written
+from wormopt.bench.plants import mag2_plant, thirds, track_loops, track_rates, track_traced
+from wormopt.bench.smoothed import Smoothed
+from wormopt.bench.work_precision import Effort, Point, Record, measure, time_at
+from wormopt.core.gait import Gait
+from wormopt.simulation.native.build import compiler
+from wormopt.simulation.simulate import simulate
 
-# theory.md, benchmark MAG2
+compiled = pytest.mark.skipif(compiler() is None, reason="there is no C compiler")
+
+# theory.md
 MAG2_END = [68.6821179593, 69.1082146640, -0.1937052220, 0.7347495453]
+MAG2_STICKS = [
+    (0, 1.302637, 1.309360),
+    (1, 2.795280, 3.270012),
+    (0, 5.092701, 5.351588),
+    (1, 7.344490, 7.451483),
+    (0, 9.562752, 9.563212),
+]
+TRACK14_END = [
+    *(13.7293026425339, 12.5129899383629, 11.2234323017047),
+    *(1.5442046082437, 1.2147444914821, 0.6496895012235),
+    17.0537482219161,
+    *(-0.7848014274676, -0.7122939752036),
+]
 
 
-def test_the_event_loop_finds_the_known_events_of_two_masses():
+def mag2_chain() -> DrivenChain:
+    """Benchmark MAG2 as a driven chain: its drive is a commanded length."""
+    eps = 0.036
+    drive = Gait(
+        np.array([0.0, 1000.0]),
+        np.array([[[-eps]]]),
+        np.array([math.sqrt(2) + 0.5 * eps]),
+        np.array([[-eps]]),
+        np.zeros((1, 1)),
+    )
+    grips = [Grip(0.5 * eps, eps)] * 2
+    return DrivenChain(np.ones(2), np.ones(1), np.zeros(1), drive, grips, position=np.zeros(2))
+
+
+# -- references ----------------------------------------------------------------------------------
+
+
+def test_the_closed_form_of_two_masses_is_that_of_theory():
+    motion = linear_flow(mag2_chain(), 400.0, np.array([400.0]))
+    kinds = Counter(happening.kind for happening in motion.happenings)
+    assert (sum(kinds.values()), kinds["stick"]) == (369, 5)
+    assert motion.end == pytest.approx(MAG2_END, abs=1e-10)
+    assert motion.states[:, 0] == pytest.approx(motion.end, abs=1e-12)
+    held = [h for h in motion.happenings if h.kind != "reversal"]
+    for (mass, start, end), stick, release in zip(MAG2_STICKS, held[::2], held[1::2], strict=True):
+        assert (stick.mass, stick.kind, release.kind) == (mass, "stick", "release")
+        assert (stick.time, release.time) == pytest.approx((start, end), abs=1e-6)
+
+
+def test_the_event_loop_finds_the_events_of_two_masses():
     motion = event_loop(mag2_plant(), 400.0, relative=1e-11, absolute=1e-12, max_step=0.2)
     kinds = Counter(happening.kind for happening in motion.happenings)
-    assert sum(kinds.values()) == 369
-    assert kinds["stick"] == 5
+    assert (sum(kinds.values()), kinds["stick"]) == (369, 5)
     assert motion.end == pytest.approx(MAG2_END, abs=2e-8)
 
 
-def test_the_matrix_is_as_large_as_promised():
-    matrix = cells()
-    assert len(matrix) >= 450
-    assert sum(cell.core for cell in matrix) == 200
-    assert len({cell.name for cell in matrix}) == len(matrix)
-    assert max(cell.worm.links for cell in matrix) == 100
-    widths = {cell.v_reg for cell in matrix if cell.v_reg}
-    assert min(widths) <= 1e-7
-    assert max(widths) >= 0.1
+@compiled
+def test_hand_written_c_reproduces_track14():
+    state, steps, evaluations = hand_written(10.0, 1e-12)
+    assert state == pytest.approx(TRACK14_END, abs=1e-11)
+    assert 11 * steps < evaluations < 20 * steps
 
 
-def test_a_cut_of_the_stress_matrix_has_nothing_wrong():
-    cut = [replace(cell, span=min(cell.span, 1.0)) for cell in cells(quick=True)[::8]]
-    verdicts = [judge(cell) for cell in cut]
-    assert [v for v in verdicts if v.verdict == "wrong"] == []
-    assert all(v.verdict == "right" for v in verdicts if v.core)
-    found = summary(verdicts)
-    assert found["cells"] == len(cut) == sum(found[k] for k in ("right", "refused", "undecided"))
+@pytest.mark.parametrize("name", ["spiked_chain", "stick_chain"])
+def test_references_of_chains_are_those_of_the_closed_form(name: str):
+    case = WORK_PRECISION[name]
+    assert case.plant is not None
+    chain = case.build.__self__  # the build of these cases is the method of a driven chain
+    motion = linear_flow(chain, case.span, np.array([case.span]), reach=0.7)
+    assert motion.end == pytest.approx(case.reference, abs=1e-10)
 
 
-def test_the_judge_sees_a_wrong_motion(monkeypatch: pytest.MonkeyPatch):
-    cell = replace(cells(quick=True)[0], span=1.0)
-    simulate = stress.simulate
-
-    def wrong(*given, **options):
-        motion = simulate(*given, **options)
-        return replace(motion, states=motion.states * (1 + 1e-5))
-
-    monkeypatch.setattr(stress, "simulate", wrong)
-    assert judge(cell).verdict == "wrong"
+@pytest.mark.parametrize("name", [n for n in WORK_PRECISION if not n.startswith("track")])
+@compiled
+def test_wormopt_comes_to_the_goal(name: str):
+    case = WORK_PRECISION[name]
+    assert SOLVERS["wormopt"](case)(1e-13) == pytest.approx(case.reference, abs=GOAL)
 
 
-@pytest.mark.slow
-def test_a_quick_benchmark_is_well_formed(
+def test_a_chain_is_the_same_in_numpy_and_in_closed_form():
+    chain = DrivenChain(
+        mass=np.array([1.0, 0.7, 1.4]),
+        stiffness=np.array([20.0, 30.0]),
+        damping=np.array([1.0, 2.0]),
+        gait=Gait(np.array([0.0, 0.4, 1.0]), np.array([[[2.0, 0.5], [1.5, 0]], [[1, 0], [2, 0]]])),
+        grips=[Grip(0.5, 1.0, 0.8, 2.0), Grip.spike(), Grip(0.2, 0.2)],
+        drag=0.3,
+    )
+    times = np.linspace(0.1, 3.0, 30)
+    closed = linear_flow(chain, 3.0, times)
+    loop = event_loop(
+        plant_of_chain(chain), 3.0, times, relative=1e-12, absolute=1e-13, max_step=0.01
+    )
+    assert loop.states == pytest.approx(closed.states, abs=1e-10)
+    assert Counter(h.kind for h in loop.happenings) == Counter(h.kind for h in closed.happenings)
+
+
+def test_event_loops_that_cannot_go_on_say_so():
+    with pytest.raises(RuntimeError, match="given up"):
+        linear_flow(mag2_chain(), 400.0, np.array([400.0]), max_steps=5)
+    with pytest.raises(RuntimeError, match="given up"):
+        event_loop(mag2_plant(), 20.0, max_events=3)
+
+
+@pytest.mark.parametrize("feedback", ["filter", "derivative"])
+def test_right_hand_sides_written_by_hand_are_those_of_the_model(feedback):
+    smoothed = Smoothed(track(feedback), 1 / 40)
+    dice = np.random.default_rng(1)
+    for piece, (_, _, middle, wave) in zip(smoothed.pieces(2.0), thirds(2.0), strict=True):
+        y, t = dice.normal(size=len(smoothed.start)), dice.uniform(piece.start, piece.end)
+        expected = np.array(smoothed.function(t, y, piece.values)).ravel()
+        traced = track_traced(feedback, list(y), t - piece.start, middle, wave, np)
+        for found in (track_rates(feedback)(t, y), track_loops(feedback)(t, y), traced):
+            assert np.array(found) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+# -- measuring -----------------------------------------------------------------------------------
+
+
+def test_times_are_interpolated_on_the_front_alone():
+    points = [
+        Point(1e-5, 1e-6, [0.1]),
+        Point(1e-6, 1e-5, [0.2]),  # slower and worse than the first: of no matter
+        Point(1e-8, 1e-10, [0.4, 9.0, 0.1]),
+    ]
+    assert time_at(points, 1e-8) == pytest.approx(0.2)
+    assert time_at(points, 1e-3) == pytest.approx(0.1)
+    assert math.isnan(time_at(points, 1e-12))
+
+
+def test_what_a_solver_does_wrong_is_counted(monkeypatch: pytest.MonkeyPatch):
+    case = WORK_PRECISION["mag2"]
+
+    def absent(_):
+        raise ImportError("no module", name="fancy")
+
+    def silent(_):
+        return lambda tolerance: case.reference + (1.0 if tolerance < 1e-6 else tolerance)
+
+    def failing(_):
+        def run(_tolerance):
+            raise RuntimeError("will not")
+
+        return run
+
+    for name, solver in (("absent", absent), ("silent", silent), ("failing", failing)):
+        monkeypatch.setitem(SOLVERS, name, solver)
+    effort, names = Effort(rounds=2), ("absent", "silent", "failing")
+    *_, records = measure(case, effort, lambda *_: None, names)
+    gone, wrong, bad = records
+    assert (gone.missing, gone.points, math.isnan(gone.time)) == ("not installed: fancy", [], True)
+    assert any("without a word" in failure for failure in wrong.failures)
+    assert all(len(point.times) == 2 for point in wrong.points)
+    assert (bad.points, bad.failures[0]) == ([], "1e-04: RuntimeError: will not")
+
+
+def test_every_case_has_solvers_and_a_name_on_the_command_line():
+    assert set(CASES) == {*WORK_PRECISION, "chain_length"}
+    for case in WORK_PRECISION.values():
+        assert set(case.solvers) <= set(SOLVERS)
+        assert {name for target in case.targets for name in target.than} <= set(case.solvers)
+
+
+def test_long_chains_share_their_compiled_form():
+    motion = simulate(long_chain(3), 0.2)
+    assert motion.end_time == pytest.approx(0.2)
+
+
+@compiled
+def test_a_benchmark_is_well_formed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(["bench", "track14", "--quick", "--json"]) == 0
+    short = replace(
+        WORK_PRECISION["track14"], solvers=("wormopt", "hand-written C", "CasADi CVODES", "heyoka")
+    )
+    monkeypatch.setitem(WORK_PRECISION, "track14", short)
+    arguments = ["bench", "track14", "--quick", "--json", "-o", str(tmp_path / "plots")]
+    assert cli.main(arguments) == 0
     found = json.loads(capsys.readouterr().out)
-    assert "track14" in json.dumps(found)
-    assert list(tmp_path.rglob("*.png"))
+    case = found["cases"]["track14"]
+    assert found["machine"]["numpy"] == np.__version__
+    assert case["done"]
+    solvers = {s["solver"]: s for s in case["solvers"]}
+    assert set(solvers) == set(short.solvers)
+    for name in ("wormopt", "hand-written C"):
+        errors = [p["error"] for p in solvers[name]["points"]]
+        assert min(errors) < GOAL < max(errors)
+        assert not solvers[name]["failures"]
+        assert solvers[name]["time_s"] > 0
+    assert {target["met"] for target in case["targets"]} <= {True, False, None}
+    assert (tmp_path / "plots" / "track14.png").stat().st_size > 10_000
+    assert "hand-written C" in run.table(case)
+
+
+def test_chain_lengths_are_told_with_their_slope(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(run, "LENGTHS", (2, 20, 40))
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["bench", "chain_length", "--quick"]) == 0
+    told = capsys.readouterr().out
+    assert "smooth: a step costs n^" in told
+    assert (tmp_path / "results" / "bench" / "chain_length.png").is_file()
+
+
+def test_an_interrupted_benchmark_tells_what_it_knows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    def stopped(*_given, **_options):
+        yield [Record("wormopt", 0.5, [Point(1e-4, 1e-5, [0.1])])]
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run, "measure", stopped)
+    assert cli.main(["bench", "mag2", "-o", str(tmp_path)]) == 130
+    told = capsys.readouterr().out
+    assert "unfinished" in told
+    assert "wormopt" in told
 
 
 def test_an_unknown_benchmark_is_refused(capsys: pytest.CaptureFixture[str]):
     assert cli.main(["bench", "TRACK99"]) == 2
     assert "track14" in capsys.readouterr().err
+
+
+def test_plots_need_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "taken").write_text("")
+    assert cli.main(["bench", "mag2", "-o", str(tmp_path / "taken")]) == 2
+    assert "cannot be written" in capsys.readouterr().err

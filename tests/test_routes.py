@@ -547,6 +547,16 @@ def test_work_without_end_is_refused(route: Route):
     assert error.partial.end_time < 1e3
 
 
+@pytest.mark.parametrize("route", STEPPING)
+def test_a_guard_that_is_no_number_is_refused(route: Route):
+    x, t = ca.SX.sym("x"), ca.SX.sym("t")
+    guard = Switch("root", ca.sqrt(1 - t), x)
+    model = Model("root", x=[Signal("x", x, value=1.0)], ode=-x, t=t, switches=[guard])
+    error = refused(model, 2.0, route)
+    assert error.code == "not_finite"
+    assert error.partial.end_time <= 1.0
+
+
 def bouncing_ball() -> Model:
     y, v = ca.SX.sym("y"), ca.SX.sym("v")
     bounce = Switch("bounce", -y, ca.vertcat(0, -0.8 * v))

@@ -199,7 +199,8 @@ def _stress(options: argparse.Namespace) -> int:
     verdicts, code = [], DONE
     try:
         with shown_on_terminal(options.quiet) as report:
-            verdicts.extend(stress(quick=options.quick, report=report))
+            for verdict in stress(quick=options.quick, report=report):
+                verdicts.append(verdict)  # noqa: PERF402  one by one: it may be interrupted
     except KeyboardInterrupt:
         code = INTERRUPTED
     found = summary(verdicts)

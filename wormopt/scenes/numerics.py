@@ -65,6 +65,8 @@ class ToleranceTable(Table, frozen=True, kw_only=True):
         The same against the state's nominal size.
     max_steps : int
         Steps after which the run is given up.
+    max_step : float, optional
+        Longest step; a fiftieth of the time if left out.
     recheck : bool
         Whether a second route finds the end again.
     """
@@ -76,6 +78,7 @@ class ToleranceTable(Table, frozen=True, kw_only=True):
     max_steps: Annotated[int, Meta(ge=1, le=10**12, description="a whole number, 1 or above")] = (
         10_000_000
     )
+    max_step: Positive | None = None
     recheck: bool = True
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar, root_scalar
 
 from wormopt.simulation.functions import System
-from wormopt.simulation.steps import Call, Step, Stepper, floor_of_step
+from wormopt.simulation.steps import Call, GivenUp, Step, Stepper, floor_of_step
 from wormopt.simulation.task import Task
 
 __all__ = ["Crossing", "Located", "Watch"]
@@ -237,8 +237,15 @@ class Watch:
         Returns
         -------
         Crossing or None
+
+        Raises
+        ------
+        GivenUp
+            If an event function is no number.
         """
         values = self._scan(step.t, step.h, step.rows.ravel())[0].reshape(len(_SAMPLES), self.n)
+        if np.isnan(values).any():
+            raise GivenUp("not_finite")
         a, b, c = values[:-2], values[1:-1], values[2:]
         dips = (b < a) & (b <= c) & (b < 4 * (np.maximum(a, c) - b))
         suspects = np.flatnonzero((values.min(axis=0) < 0) | dips.any(axis=0))

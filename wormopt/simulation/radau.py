@@ -57,6 +57,7 @@ class Stiff:
             "rtol": max(self._task.tolerance.relative, _LEAST_RELATIVE),
             "atol": self._task.absolute,
             "jac": self._slopes,
+            "max_step": self._task.max_step,
             "first_step": min(h, stop - t) if h > 0 else None,
         }
         return Radau(self._derivative, t, x, stop, **options)

@@ -205,4 +205,4 @@ def tolerance_of(table: ToleranceTable) -> Tolerance:
     -------
     Tolerance
     """
-    return Tolerance(table.relative, table.absolute, table.max_steps)
+    return Tolerance(table.relative, table.absolute, table.max_steps, table.max_step)
