@@ -79,7 +79,7 @@ class Contacts:
 
     def _look(self, t: float, x: np.ndarray) -> _Probe:
         found = self._probe(t, x)[0].copy()
-        return _Probe(*found[:-1].reshape(5, -1), found[-1])
+        return _Probe(*found[:-1].reshape(5, -1), determined=float(found[-1]))
 
     def decide(
         self, t: float, x: np.ndarray, forced: int | None = None
