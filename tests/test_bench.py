@@ -89,7 +89,7 @@ def test_hand_written_c_reproduces_track14():
 def test_references_of_chains_are_those_of_the_closed_form(name: str):
     case = WORK_PRECISION[name]
     assert case.plant is not None
-    chain = case.build.__self__  # the build of these cases is the method of a driven chain
+    chain = getattr(case.build, "__self__")  # noqa: B009  the method of a driven chain
     motion = linear_flow(chain, case.span, np.array([case.span]), reach=0.7)
     assert motion.end == pytest.approx(case.reference, abs=1e-10)
 

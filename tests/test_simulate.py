@@ -519,3 +519,17 @@ def test_a_member_that_fails_is_marked_and_the_others_are_kept():
     assert found.codes[1] in ("step_too_small", "not_finite")
     assert np.isnan(found.states[:, 0, 2]).tolist() == [False, True, False]
     assert found.end[2, 0] == pytest.approx(1 / 3)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"contact": "smooth"}, r"contact must be Exact\(\) or Smooth"),
+        ({"contact": Smooth}, r"contact must be Exact\(\) or Smooth"),
+        ({"route": "pyhton"}, "route must be one of auto, native, python, cvodes"),
+        ({"tolerance": 1e-6}, r"tolerance must be Tolerance\("),
+    ],
+)
+def test_what_is_not_of_its_kind_is_not_taken_for_something_else(options: dict, words: str):
+    with pytest.raises(ValueError, match=words):
+        simulate(oscillator(), 1.0, **options)

@@ -651,3 +651,13 @@ WIDE = Funnel(9.0, 1.0, 1.0)
 def test_loops_that_make_no_sense_are_refused(build: Callable[[], object], message: str):
     with pytest.raises(ValueError, match=message):
         build()
+
+
+def test_a_misspelt_feedback_and_a_reference_of_another_time_are_refused():
+    plant = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0)
+    reference = follow(fast_gait(1.0), plant.t)
+    with pytest.raises(ValueError, match="feedback must be"):
+        lambda_tracker(plant, reference, tube_radius=0.2, feedback="derivativ")  # type: ignore[arg-type]
+    other = follow(fast_gait(1.0), ca.SX.sym("t"))
+    with pytest.raises(ValueError, match=r"plant\.t"):
+        lambda_tracker(plant, other, tube_radius=0.2)

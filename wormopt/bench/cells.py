@@ -253,9 +253,9 @@ def _ratios() -> Iterator[Cell]:
         (1, 2, 3, 4, 6), ("stiffness", "mass", "both"), ("exact", "smooth")
     ):
         name = f"{what} over {decades} decades, {contact}"
-        spread = 10.0 ** (decades * np.linspace(-0.5, 0.5, 5))
-        c = 40.0 * spread[1:] if what != "mass" else 40.0
-        m = spread[::-1] if what != "stiffness" else 1.0
+        c, m = (10.0 ** (decades * np.linspace(-0.5, 0.5, size)) for size in (4, 5))
+        c = 40.0 * c if what != "mass" else 40.0
+        m = m[::-1] if what != "stiffness" else 1.0
         worm = _worm(name, 4, _ONE_TWO, "sine", stiffness=c, mass=m)
         yield Cell(name, "ratios", worm, 3.0, None if contact == "exact" else 1 / 40)
 

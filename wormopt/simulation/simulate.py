@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +15,7 @@ from wormopt.core.values import signal_values
 from wormopt.errors import SolveError
 from wormopt.progress import Report, silent
 from wormopt.simulation.functions import System
-from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
+from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.routes import integrate
 from wormopt.simulation.task import KINDS, Outcome, Task
 from wormopt.simulation.trajectory import Dense, Event, Trajectory
@@ -132,6 +133,7 @@ def simulate(
     >>> motion.end.round(12), [(round(e.time, 12), e.kind) for e in motion.events]
     (array([0.5, 0. ]), [(1.0, 'stick')])
     """
+    _check(model, contact, tolerance, route)
     task = _task(
         model,
         span,
@@ -144,6 +146,18 @@ def simulate(
         tolerance=tolerance,
     )
     return _trajectory(task, integrate(task, route, report))
+
+
+def _check(model: object, contact: object, tolerance: object, route: object) -> None:
+    """Refuse what is not of the kind it should be, before it is taken for something else."""
+    if not isinstance(model, Model):
+        raise ValueError(f"model must be a Model, not {type(model).__name__}")
+    if not isinstance(contact, Smooth | Exact):
+        raise ValueError(f"contact must be Exact() or Smooth(v_reg), not {contact!r}")
+    if not isinstance(tolerance, Tolerance):
+        raise ValueError(f"tolerance must be Tolerance(relative, absolute), not {tolerance!r}")
+    if route not in get_args(Route):
+        raise ValueError(f"route must be one of {', '.join(get_args(Route))}, not {route!r}")
 
 
 @lru_cache(maxsize=64)
@@ -164,7 +178,7 @@ def _task(
     tolerance: Tolerance,
 ) -> Task:
     system = _system(model, contact)
-    start, end = span if isinstance(span, tuple) else (0.0, span)
+    start, end = span if isinstance(span, tuple | list) else (0.0, span)
     if not (np.isfinite(start) and np.isfinite(end) and start < end):
         raise ValueError(f"the time must run forward, not from {start} to {end}")
     sampled = np.array([start, end]) if times is None else np.asarray(times, dtype=float).ravel()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import get_args, Literal, Protocol
 
 import casadi as ca
 import numpy as np
@@ -288,6 +288,8 @@ def lambda_tracker(
     """
     _check("tube_radius", tube_radius, above=0.0)
     _check("gain_start", gain_start, above=0.0)
+    if feedback not in get_args(Feedback):
+        raise ValueError(f"feedback must be 'derivative' or 'filter', not {feedback!r}")
     error = TrackingError.of(plant, reference)
     n = error.value.numel()
     k, lam = ca.SX.sym("gain"), ca.SX.sym("tube_radius")

@@ -99,9 +99,16 @@ class TrackingError:
         Raises
         ------
         ValueError
-            If the sizes of output and reference differ, or the output's rate depends on inputs or
+            If the sizes of output and reference differ, the reference is made with another time
+            than the plant's, or the output's rate depends on inputs or
             contact forces at once (relative degree below two).
         """
+        own = ca.vertcat(plant.t, *(ca.vertcat(s.symbol, s.begin) for s in reference.schedules))
+        if any(
+            not any(ca.is_equal(symbol, known) for known in own.elements())
+            for symbol in ca.symvar(ca.vertcat(reference.value, reference.rate))
+        ):
+            raise ValueError("the reference must be a function of the plant's own time, plant.t")
         y = plant.output("length")
         if y.shape != reference.value.shape:
             raise ValueError(

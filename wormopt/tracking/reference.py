@@ -87,6 +87,12 @@ def follow(gait: Gait, time: ca.SX, *, shift: float = 0.0) -> Reference:
         value += cosine * ca.cos(omega * s) + sine * ca.sin(omega * s)
     rate = ca.jacobian(value, time)
     schedule = Schedule(
-        "reference", symbol, begin, gait.breaks, values, periodic=True, start=-float(np.mod(shift, gait.period))
+        "reference",
+        symbol,
+        begin,
+        gait.breaks,
+        values,
+        periodic=True,
+        start=-float(np.mod(shift, gait.period)),
     )
     return Reference(value, rate, ca.jacobian(rate, time), schedule)
