@@ -399,18 +399,7 @@ def test_a_spike_that_is_hit_and_pulled_on_has_its_impact(route: Route):
     assert motion.end[1] == pytest.approx((14.0 - throws[-1]) / 3, abs=1e-10)
 
 
-@pytest.mark.parametrize(
-    "route",
-    [
-        pytest.param(
-            "native",
-            marks=pytest.mark.xfail(
-                reason="note_fired of contact.c lets a guard left at g > 0 fire at 2 g", strict=True
-            ),
-        ),
-        "python",
-    ],
-)
+@pytest.mark.parametrize("route", STEPPING)
 def test_a_guard_left_above_zero_must_come_back_before_it_fires_again(route: Route):
     """It is thrown from 0 to 1, falls to 7/8 and rises for ever."""
     v, w, count = ca.SX.sym("v"), ca.SX.sym("w"), ca.SX.sym("count")

@@ -25,6 +25,9 @@ __all__ = ["Cell", "Tracker", "cells", "jumping_gait"]
 class Tracker:
     """A lambda-tracker in the place of the command.
 
+    Crossings of its tube, where the growth of the gain has a kink, are events, as they are in
+    scenes.
+
     Parameters
     ----------
     feedback : {"derivative", "filter"}
@@ -33,14 +36,11 @@ class Tracker:
         Tube radius lambda.
     gain : float
         Gain at the start, k(0).
-    watched : bool, optional
-        Whether crossings of the tube, where the growth of the gain has a kink, are events.
     """
 
     feedback: Feedback
     radius: float
     gain: float
-    watched: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class Cell:
             feedback=tracker.feedback,
             gain_start=tracker.gain,
             filter_start=0.0,
-            watch=tracker.watched,
+            watch=True,
         )
 
 
@@ -281,7 +281,7 @@ def _long_times() -> Iterator[Cell]:
         for feedback in _FEEDBACKS if periods < 300 else ("filter",):
             name = f"{feedback} tracker for {periods:g} periods"
             worm = _worm(name, 2, _ONE_TWO, "sine", stiffness=10.0)
-            tracker = Tracker(feedback, 0.5, 1.0, watched=True)
+            tracker = Tracker(feedback, 0.5, 1.0)
             yield Cell(name, "long times", worm, periods, 1 / 10, tracker)
         for kind in ("exact", "stiction", "spikes", "smooth")[: 4 if periods < 300 else 3]:
             name = f"chain, {kind}, for {periods:g} periods"
@@ -298,7 +298,7 @@ def _jumps() -> Iterator[Cell]:
             gait = jumping_gait(2 + seed % 2, seed)
             worm = _worm(name, gait.links, grip, gait, drag=1.0 if kind == "spikes" else 0.0)
             feedback = _FEEDBACKS[seed // 2 % 2]
-            tracker = Tracker(feedback, 0.2, 1.0, watched=True) if "tracker" in kind else None
+            tracker = Tracker(feedback, 0.2, 1.0) if "tracker" in kind else None
             smooth = kind in ("smooth", "tracker")
             yield Cell(name, "jumps", worm, 8.0, 1 / 40 if smooth else None, tracker)
 

@@ -112,6 +112,8 @@ def simulate(
 
     Raises
     ------
+    TypeError
+        If model, contact or tolerance are something else.
     ValueError
         If names, sizes, times or the route do not fit the model.
     SolveError
@@ -151,11 +153,11 @@ def simulate(
 def _check(model: object, contact: object, tolerance: object, route: object) -> None:
     """Refuse what is not of the kind it should be, before it is taken for something else."""
     if not isinstance(model, Model):
-        raise ValueError(f"model must be a Model, not {type(model).__name__}")
+        raise TypeError(f"model must be a Model, not {type(model).__name__}")
     if not isinstance(contact, Smooth | Exact):
-        raise ValueError(f"contact must be Exact() or Smooth(v_reg), not {contact!r}")
+        raise TypeError(f"contact must be Exact() or Smooth(v_reg), not {contact!r}")
     if not isinstance(tolerance, Tolerance):
-        raise ValueError(f"tolerance must be Tolerance(relative, absolute), not {tolerance!r}")
+        raise TypeError(f"tolerance must be Tolerance(relative, absolute), not {tolerance!r}")
     if route not in get_args(Route):
         raise ValueError(f"route must be one of {', '.join(get_args(Route))}, not {route!r}")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import get_args, Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import casadi as ca
 import numpy as np

@@ -234,11 +234,7 @@ static int modes_by_velocity(Run *run, long long forced, const double *v) {
     int jump = 0;
     for (long long i = 0; i < n; i++) {
         double *mode = run->modes + i, rest = run->in.v_rest[i];
-        if (i == forced && run->before[i] == 0.0) {
-            double force = run->probe[2 * n + i];
-            *mode = force - run->probe[3 * n + i] < run->probe[4 * n + i] - force ? 1.0 : -1.0;
-            run->released[i] = run->out.t;
-        } else if (i == forced || fabs(v[i]) <= (run->before[i] == 0.0 ? run->in.v_drift[i] : rest)) {
+        if (i == forced || fabs(v[i]) <= (run->before[i] == 0.0 ? run->in.v_drift[i] : rest)) {
             if (run->released[i] == run->out.t) continue; /* let go this very instant */
             *mode = 0.0;
             jump |= v[i] != 0.0;
@@ -326,6 +322,11 @@ void decide_modes(Run *run, long long forced, int record) {
     memcpy(run->before, run->modes, n * sizeof(double));
     evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
     memcpy(run->scan, run->probe, n * sizeof(double)); /* velocities before a jump */
+    double toward = 0.0;
+    if (forced >= 0) {
+        double force = run->probe[2 * n + forced];
+        toward = force - run->probe[3 * n + forced] < run->probe[4 * n + forced] - force ? 1.0 : -1.0;
+    }
     if (modes_by_velocity(run, forced, run->scan)) {
         if (run->in.coupled && must_jump(run, forced)) run->out.status = NO_CONTACT_MODE;
         evaluate(run, run->in.project, run->out.t, run->out.x, run->column);
@@ -335,6 +336,10 @@ void decide_modes(Run *run, long long forced, int record) {
                 run->out.x[run->in.velocity_state[i]] = 0.0;
     }
     memcpy(run->scan + n, run->modes, n * sizeof(double)); /* modes before anything is let go */
+    if (forced >= 0 && run->before[forced] == 0.0) { /* what it had of drift has been stopped */
+        run->modes[forced] = toward;
+        run->released[forced] = run->out.t;
+    }
     long long trials = 0;
     for (int again = 1; again; trials++) {
         if (trials > 8 + 8 * n) {
@@ -353,7 +358,8 @@ void decide_modes(Run *run, long long forced, int record) {
         int jumped = jumps(run, i, forced) && run->scan[n + i] == 0.0;
         if (record) record_change(run, i, forced, jumped);
         if (run->before[i] != run->modes[i]) changed = 1;
-        if (run->before[i] != run->modes[i] || i == forced) run->level[i] = -small(run, i);
+        if (run->before[i] != run->modes[i] || i == forced || run->scan[n + i] == 0.0)
+            run->level[i] = -small(run, i);
     }
     double *row = changed ? grow(&run->out.modes) : NULL;
     if (row) row[0] = run->out.t, memcpy(row + 1, run->modes, n * sizeof(double));
@@ -361,17 +367,24 @@ void decide_modes(Run *run, long long forced, int record) {
 
 /* A switch that has fired may do so again at once if its guard falls now, be it from a rounding
    error above 0: a ball that bounces lower and lower must not fall through the floor. */
-static void note_fired(Run *run, long long which) {
+static void note_fired(Run *run, long long which, double residual) {
     event_values(run, run->out.t, run->out.x, run->value);
     double rate = run->guard[run->in.n_switches + which - n_exact(run)];
-    run->level[which] = rate < 0.0 ? 2.0 * fmin(run->value[which], 0.0) - 1e-300 : -INFINITY;
+    int near = run->value[which] >= -residual; /* left clearly above 0, it must come from below */
+    run->level[which] = rate < 0.0 && near ? 2.0 * fmin(run->value[which], 0.0) - 1e-300 : -INFINITY;
 }
 
-void apply_event(Run *run, long long which) {
+void apply_event(Run *run, long long which, int jumped) {
     const long long k = which - n_exact(run);
     if (k < 0) {
         decide_modes(run, which, 1);
         return;
+    }
+    double residual = 0.0; /* how far above 0 the guard may be by rounding */
+    if (!jumped) {
+        event_values(run, run->out.t, run->out.x, run->value);
+        double rate = run->guard[run->in.n_switches + k];
+        residual = 2.0 * fabs(run->value[which]) + fabs(rate) * floor_of_step(run);
     }
     evaluate(run, run->in.resets, run->out.t, run->out.x, run->reset);
     memcpy(run->out.x, run->reset + k * run->in.n_x, run->in.n_x * sizeof(double));
@@ -382,7 +395,7 @@ void apply_event(Run *run, long long which) {
     }
     row[0] = run->out.t, row[1] = run->in.n_contacts + k, row[2] = SWITCH, row[3] = 0.0;
     decide_modes(run, -1, 1);
-    note_fired(run, which);
+    note_fired(run, which, residual);
 }
 
 /* After a jump of state or schedule, fire switches whose guards have jumped above 0. */
@@ -398,7 +411,7 @@ void fire_jumped_switches(Run *run) {
             set_levels(run, 0);
             return;
         }
-        apply_event(run, fired);
+        apply_event(run, fired, 1);
     }
     run->out.status = EVENTS_ACCUMULATE;
 }

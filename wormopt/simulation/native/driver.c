@@ -135,7 +135,7 @@ static void go_to_event(Run *run, double h, double theta, long long which) {
     if (run->out.t - run->crowd_start > 1e-10 * (run->in.t_end - run->in.t_start))
         run->crowd = 0, run->crowd_start = run->out.t;
     if (++run->crowd > 32 + 16 * n_functions(run)) run->out.status = EVENTS_ACCUMULATE;
-    if (run->out.status == RUNNING) apply_event(run, which);
+    if (run->out.status == RUNNING) apply_event(run, which, 0);
     start_afresh(run);
     run->h_next = h;
 }

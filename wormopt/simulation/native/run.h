@@ -52,7 +52,7 @@ double polish_event(Run *run, double h, double theta, long long which);
 int dips_into_layer(Run *run, double h);
 void set_levels(Run *run, int at_start);
 void decide_modes(Run *run, long long forced, int record);
-void apply_event(Run *run, long long which);
+void apply_event(Run *run, long long which, int jumped);
 void fire_jumped_switches(Run *run);
 
 /* driver.c */
