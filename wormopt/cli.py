@@ -203,9 +203,10 @@ def _stress(options: argparse.Namespace) -> int:
                 verdicts.append(verdict)  # noqa: PERF402  one by one: it may be interrupted
     except KeyboardInterrupt:
         code = INTERRUPTED
-    found = summary(verdicts)
-    print(json.dumps(found) if options.json else table(verdicts))
-    return NOT_SOLVED if code == DONE and not found["passed"] else code
+    complete = code == DONE
+    found = summary(verdicts, complete=complete)
+    print(json.dumps(found) if options.json else table(verdicts, complete=complete))
+    return NOT_SOLVED if complete and not found["passed"] else code
 
 
 def _attempt(scene: Scene[Any], report: Report) -> tuple[Result, int]:

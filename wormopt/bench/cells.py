@@ -351,9 +351,7 @@ def cells(*, quick: bool = False) -> list[Cell]:
         return found
     groups: dict[str, list[Cell]] = {}
     for cell in found:
-        groups.setdefault(cell.group, []).append(cell)
-    return [
-        replace(c, span=min(c.span, 2.0))
-        for part in groups.values()
-        for c in part[:: max(len(part) // 4, 1)]
-    ]
+        if cell.worm.links <= 20 and not (cell.tracker and cell.tracker.gain > 100.0):
+            groups.setdefault(cell.group, []).append(cell)
+    chosen = [cell for group in groups.values() for cell in group[:: len(group) // 3 + 1]]
+    return [replace(cell, span=min(cell.span, 1.0)) for cell in chosen]

@@ -207,25 +207,25 @@ def stress(*, quick: bool, report: Report) -> Iterator[Verdict]:
             report(f"{k} of {len(todo)} cells, {wrong} wrong", k / len(todo))
             yield verdict
     finally:
-        for future in futures:
-            future.cancel()
-        executor.shutdown(wait=False, kill_workers=True)
+        executor.shutdown(wait=True, kill_workers=True)
 
 
-def summary(verdicts: Sequence[Verdict]) -> dict[str, Any]:
+def summary(verdicts: Sequence[Verdict], *, complete: bool = True) -> dict[str, Any]:
     """Count what became of the cells.
 
     Parameters
     ----------
     verdicts : sequence of Verdict
         Of all cells, or of those that are done.
+    complete : bool, optional
+        Whether it is all of them; an interrupted run has not passed.
 
     Returns
     -------
     dict
         ``cells``, ``right``, ``refused``, ``wrong``, ``undecided``, ``core``, ``core_right``,
         ``right_in_part`` (right as far as can be known, not to the end), ``reasons`` (refusals by
-        code), ``not_right`` (every cell that is not right, and why) and ``passed``.
+        code), ``not_right`` (every cell that is not right, and why), ``complete`` and ``passed``.
     """
     count = Counter(v.verdict for v in verdicts)
     core = [v for v in verdicts if v.core]
@@ -242,20 +242,24 @@ def summary(verdicts: Sequence[Verdict]) -> dict[str, Any]:
             for v in verdicts
             if v.verdict != "right"
         ],
-        "passed": bool(verdicts)
+        "complete": complete,
+        "passed": complete
+        and bool(verdicts)
         and count["wrong"] == 0
         and core_right == len(core)
         and count["right"] >= 0.9 * len(verdicts),
     }
 
 
-def table(verdicts: Sequence[Verdict]) -> str:
+def table(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
     """Lay out verdicts for readers: counts by group, and every cell that is not right.
 
     Parameters
     ----------
     verdicts : sequence of Verdict
         Of all cells, or of those that are done.
+    complete : bool, optional
+        Whether it is all of them.
 
     Returns
     -------
@@ -271,11 +275,11 @@ def table(verdicts: Sequence[Verdict]) -> str:
     others = [v for v in verdicts if v.verdict != "right"]
     others.sort(key=lambda v: (v.verdict, v.group))
     lines += [f"{v.verdict}: {v.name} ({v.group}): {v.reason}" for v in others]
-    found = summary(verdicts)
+    found = summary(verdicts, complete=complete)
     share = found["right"] / max(found["cells"], 1)
     lines.append(
         f"{found['wrong']} wrong, {share:.1%} right, "
         f"{found['core_right']} of {found['core']} ordinary cells right: "
-        + ("passed" if found["passed"] else "NOT passed")
+        + ("passed" if found["passed"] else "NOT passed" if complete else "interrupted")
     )
     return "\n".join(lines)

@@ -104,10 +104,9 @@ class TrackingError:
             contact forces at once (relative degree below two).
         """
         own = ca.vertcat(plant.t, *(ca.vertcat(s.symbol, s.begin) for s in reference.schedules))
-        if any(
-            not any(ca.is_equal(symbol, known) for known in own.elements())
-            for symbol in ca.symvar(ca.vertcat(reference.value, reference.rate))
-        ):
+        known = {symbol.element_hash() for symbol in ca.symvar(own)}
+        used = ca.symvar(ca.vertcat(reference.value, reference.rate))
+        if not all(symbol.element_hash() in known for symbol in used):
             raise ValueError("the reference must be a function of the plant's own time, plant.t")
         y = plant.output("length")
         if y.shape != reference.value.shape:
