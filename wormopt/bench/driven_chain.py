@@ -160,7 +160,17 @@ class DrivenChain:
         return np.concatenate([v, net / self.mass])
 
     def commanded(self, t: float) -> np.ndarray:
-        """Lengths that the gait commands, shape (n,)."""
+        """Lengths that the gait commands.
+
+        Parameters
+        ----------
+        t : float
+            Time.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
         gait = self.gait
         since = t % gait.period
         piece = min(int(np.searchsorted(gait.breaks, since, side="right")) - 1, gait.pieces - 1)
