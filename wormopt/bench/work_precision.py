@@ -34,18 +34,18 @@ class Effort:
     Parameters
     ----------
     rounds : int, optional
-        Runs of everything, in turn.
+        Runs of everything that is fast and near the goal, in turn; of the others at most three.
     longest : float, optional
         Seconds of a run after which a solver is not asked for more.
     slow : float, optional
-        Seconds from which a run is repeated at most twice, and only near the goal.
+        Seconds from which a run is not fast, and repeated near the goal only.
     per_decade : int, optional
         Tolerances per decade near the goal, for fast runs; elsewhere there is one. The error of a
         single tolerance depends on luck, by a factor of ten and more.
     """
 
     rounds: int = 9
-    longest: float = 20.0
+    longest: float = 10.0
     slow: float = 0.3
     per_decade: int = 4
 
@@ -179,9 +179,9 @@ def measure(
 
 
 def _again(point: Point, turn: int, effort: Effort) -> bool:
-    if point.times[0] < effort.slow:
-        return True
-    return turn <= 2 and GOAL / 100 <= point.error <= 100 * GOAL
+    near = GOAL / 100 <= point.error <= 100 * GOAL
+    fast = point.times[0] < effort.slow
+    return (near or fast) and (turn <= 2 or (near and fast))
 
 
 def _timed(run: Run, tolerance: float) -> tuple[float, np.ndarray]:
