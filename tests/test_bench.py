@@ -25,7 +25,7 @@ from wormopt.simulation.simulate import simulate
 
 compiled = pytest.mark.skipif(compiler() is None, reason="there is no C compiler")
 
-# theory.md
+# docs/verification.md
 MAG2_END = [68.6821179593, 69.1082146640, -0.1937052220, 0.7347495453]
 MAG2_STICKS = [
     (0, 1.302637, 1.309360),
@@ -219,7 +219,7 @@ def test_a_benchmark_is_well_formed(
 def test_chain_lengths_are_told_with_their_slope(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(run, "LENGTHS", (2, 20, 40))
+    monkeypatch.setattr(run, "LENGTHS", (2, 50, 100))
     monkeypatch.chdir(tmp_path)
     assert cli.main(["bench", "chain_length", "--quick"]) == 0
     told = capsys.readouterr().out

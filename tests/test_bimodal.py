@@ -1,4 +1,4 @@
-"""The event-located integration of (7) against theory.md, section 1, and motions solved by hand."""
+"""The event-located integration of (7) against docs/theory-kinematic.md, and motions solved by hand."""
 
 import math
 from collections.abc import Callable, Sequence

@@ -159,7 +159,7 @@ def test_what_does_not_fit_is_refused():
 @pytest.mark.parametrize("law", [None, DRY])
 @pytest.mark.parametrize("mass", [1.0, 0.25])
 def test_high_frequency_gain_of_three_masses(law: Law | None, mass: float):
-    """theory.md, section 2."""
+    """docs/theory-dynamics.md."""
     linear = linearise(worm(2, law, mass=mass, drag=0.3), output="length")
     assert linear.relative_degree == (2, 2)
     assert np.allclose(linear.high_frequency_gain, np.array([[2, -1], [-1, 2]]) / mass, rtol=1e-14)
@@ -606,7 +606,7 @@ def test_control_follows_schedules(control: Any):
 
 
 def closed_loop() -> Model:
-    """TRACK14 of theory.md."""
+    """TRACK14 of docs/verification.md."""
     plant = worm(2, DRY, rest_length=0.0, position=(0.0, 2.0, 4.0))
     return lambda_tracker(
         plant, follow(fast_gait(1.0), plant.t), tube_radius=0.2, feedback="filter"
@@ -630,7 +630,7 @@ def test_control_simulates_a_closed_loop_alike(control: Any):
 
 @pytest.mark.slow
 def test_control_reproduces_the_benchmark(control: Any):
-    """TRACK14 of theory.md at t = 10."""
+    """TRACK14 of docs/verification.md at t = 10."""
     end = run_by_control(control, closed_loop(), 10.0)
     x, v = end[:3], end[3:6]
     assert x == pytest.approx([13.7293026425339, 12.5129899383629, 11.2234323017047], abs=1e-7)

@@ -454,7 +454,7 @@ def test_the_smooth_law_tends_to_the_set_valued_one_with_order_one():
 def test_a_chain_stretched_slowly_advances_as_statics_says(
     masses: int, forward: float, backward: float
 ):
-    # theory.md, "other exact answers"; elastic links lag by friction / stiffness, which is linear
+    # docs/theory-dynamics.md: elastic links lag by friction / stiffness, which is linear
     advances, stiffnesses, period, stroke = [], np.array([1e3, 2e3]), 100.0, 0.5
     for c in stiffnesses:
         worm = chain(
@@ -474,7 +474,7 @@ def test_a_chain_stretched_slowly_advances_as_statics_says(
 
 
 def test_harmonic_velocities_with_small_friction_drift_as_averaging_says():
-    # theory.md: mean V solves sum arcsin(V/A_i) = N Phi; the phasors of a triangle sum to zero
+    # docs/theory-dynamics.md: mean V solves sum arcsin(V/A_i) = N Phi; the phasors of a triangle sum to zero
     sizes, forward, backward = np.array([1.0, 0.8, 0.6]), 0.5, 1.0
     turn = np.pi - np.arccos((1 + 0.8**2 - 0.6**2) / 1.6)
     last = np.angle(-1 - 0.8 * np.exp(1j * turn))

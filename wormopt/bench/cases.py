@@ -203,7 +203,7 @@ WORK_PRECISION = {
                     *(1.5265682540374, 1.2068425686835, 0.6714590289857),
                 ]
             ),
-            "theory.md, TRACK13",
+            "13 digits by independent code, docs/verification.md",
             _SMOOTH,
             _TRACK,
             feedback="derivative",
@@ -220,7 +220,7 @@ WORK_PRECISION = {
                     *(1.5442046082437, 1.2147444914821, 0.6496895012235),
                 ]
             ),
-            "theory.md, TRACK14",
+            "13 digits by independent code, docs/verification.md",
             ("wormopt", "hand-written C", *_SMOOTH[1:]),
             (*_TRACK, Target(("hand-written C",), 1.5)),
             feedback="filter",
@@ -232,7 +232,7 @@ WORK_PRECISION = {
             Exact(),
             400.0,
             np.array([68.6821179593, 69.1082146640, -0.1937052220, 0.7347495453]),
-            f"theory.md, MAG2, and {_CLOSED}",
+            f"13 digits by independent code, docs/verification.md, and {_CLOSED}",
             _EXACT,
             (Target(("event loop DOP853",), 1 / 50),),
             plant=mag2_plant,

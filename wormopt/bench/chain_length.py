@@ -16,10 +16,13 @@ from wormopt.progress import Report
 from wormopt.simulation.options import Exact, Smooth, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 
-__all__ = ["LENGTHS", "Length", "measure_lengths", "slope"]
+__all__ = ["LENGTHS", "LONG", "Length", "measure_lengths", "slope"]
 
 LENGTHS = (2, 5, 10, 20, 50, 100, 200, 500, 1000)
 """Numbers of links."""
+
+LONG = 50
+"""From here on a chain is long: code and numbers no longer fit into the nearest cache."""
 
 _TREATMENTS: dict[str, Treatment] = {"smooth": Smooth(1 / 40), "exact": Exact()}
 _TOLERANCE = Tolerance(1e-8, 1e-9)
@@ -107,8 +110,8 @@ def _measure(links: int, contact: str, rounds: int) -> Length:
     return Length(links, contact, first, median(times) / steps, steps, events)
 
 
-def slope(found: Sequence[Length], contact: str, least: int = 20) -> float:
-    """Exponent p of a step's cost ~ n^p, fitted to the long chains.
+def slope(found: Sequence[Length], contact: str) -> float:
+    """Exponent p of a step's cost ~ n^p, fitted to chains of `LONG` links and more.
 
     Parameters
     ----------
@@ -116,8 +119,6 @@ def slope(found: Sequence[Length], contact: str, least: int = 20) -> float:
         From `measure_lengths`.
     contact : {"smooth", "exact"}
         Which of them.
-    least : int, optional
-        Shortest chain that counts; short ones are ruled by what does not depend on n.
 
     Returns
     -------
@@ -126,10 +127,10 @@ def slope(found: Sequence[Length], contact: str, least: int = 20) -> float:
 
     Examples
     --------
-    >>> round(slope([Length(n, "smooth", 1.0, 1e-7 * n, 9, 0) for n in (20, 50)], "smooth"), 6)
+    >>> round(slope([Length(n, "smooth", 1.0, 1e-7 * n, 9, 0) for n in (50, 99)], "smooth"), 6)
     1.0
     """
-    kept = [c for c in found if c.contact == contact and c.links >= least and c.step > 0]
+    kept = [c for c in found if c.contact == contact and c.links >= LONG and c.step > 0]
     if len(kept) < 2:
         return math.nan
     n, time = np.log([c.links for c in kept]), np.log([c.step for c in kept])

@@ -9,7 +9,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from wormopt.bench.cases import GOAL, Case
-from wormopt.bench.chain_length import Length, slope
+from wormopt.bench.chain_length import LONG, Length, slope
 from wormopt.bench.work_precision import Record
 
 __all__ = ["draw_lengths", "draw_records"]
@@ -65,7 +65,9 @@ def draw_lengths(found: Sequence[Length], path: Path) -> None:
     for k, contact in enumerate(("smooth", "exact")):
         kept = [c for c in found if c.contact == contact and c.step > 0]
         exponent = slope(found, contact)
-        label = contact if math.isnan(exponent) else f"{contact}: n^{exponent:.2f} from n = 20 on"
+        label = (
+            contact if math.isnan(exponent) else f"{contact}: n^{exponent:.2f} from n = {LONG} on"
+        )
         axes.plot(
             [c.links for c in kept],
             [c.step for c in kept],

@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 
 from wormopt.bench.cases import GOAL, WORK_PRECISION, Case
-from wormopt.bench.chain_length import LENGTHS, Length, measure_lengths, slope
+from wormopt.bench.chain_length import LENGTHS, LONG, Length, measure_lengths, slope
 from wormopt.bench.work_precision import Effort, Record, measure, ratio
 from wormopt.core.model import Model, Signal
 from wormopt.progress import Report
@@ -136,7 +136,7 @@ def _number(value: float) -> float | None:
 
 
 def _chain_length(quick: bool, folder: Path, report: Report) -> Iterator[Found]:
-    smooth = [n for n in LENGTHS if n <= (50 if quick else LENGTHS[-1])]
+    smooth = [n for n in LENGTHS if n <= (200 if quick else LENGTHS[-1])]
     exact = [n for n in smooth if n <= _LONGEST_EXACT]
     known: list[Length] = []
     for found in measure_lengths({"smooth": smooth, "exact": exact}, 3 if quick else 5, report):
@@ -227,7 +227,7 @@ def _lengths_table(found: Mapping[str, Any]) -> list[str]:
     lines = ["chain_length: cost of a step against the number of links", *_aligned(rows)]
     for contact, value in found["slopes"].items():
         if value is not None:
-            lines.append(f"  {contact}: a step costs n^{value:.2f} from n = 20 on")
+            lines.append(f"  {contact}: a step costs n^{value:.2f} from n = {LONG} on")
     return lines
 
 

@@ -103,15 +103,21 @@ static double crossing(Run *run, long long j, double h, double a, double b, doub
     return b;
 }
 
-/* First crossing of function j in the sampled step, 2 if there is none; notes its level then. */
-static double first_crossing(Run *run, long long j, double h, const double *value, long long n) {
+/* First crossing of function j in the sampled step if it is before `limit`, else 2; notes its level
+   if there is none at all. The values at the limit are the last row but one. */
+static double first_crossing(Run *run, long long j, double h, const double *value, double limit) {
+    const long long n = n_functions(run);
     double level = run->level[j];
     for (int k = 0; k < N_SAMPLES; k++) {
-        const double here = value[k * n + j];
+        const double here = value[k * n + j], at_limit = value[N_SAMPLES * n + j];
+        if (k > 0 && SAMPLES[k - 1] >= limit) return 2.0;
         if (here < level) {
             if (k == 0) return 0.0;
-            double before = value[(k - 1) * n + j];
-            return crossing(run, j, h, SAMPLES[k - 1], SAMPLES[k], before, here, level);
+            const double before = value[(k - 1) * n + j];
+            if (limit >= SAMPLES[k])
+                return crossing(run, j, h, SAMPLES[k - 1], SAMPLES[k], before, here, level);
+            if (at_limit >= level) return 2.0;
+            return crossing(run, j, h, SAMPLES[k - 1], limit, before, at_limit, level);
         }
         if (k >= 2) { /* a dip between samples */
             double a = value[(k - 2) * n + j], b = value[(k - 1) * n + j], at;
@@ -124,7 +130,7 @@ static double first_crossing(Run *run, long long j, double h, const double *valu
         }
         if (k > 0 && here > small(run, j)) level = 0.0;
     }
-    run->scan[N_SAMPLES * n + j] = level;
+    run->scan[(N_SAMPLES + 1) * n + j] = level;
     return 2.0;
 }
 
@@ -136,10 +142,12 @@ double find_event(Run *run, double h, long long *which) {
         if (isnan(run->scan[i])) run->out.status = NOT_FINITE;
     double first = 2.0;
     for (long long j = 0; j < n; j++) {
-        double theta = first_crossing(run, j, h, run->scan, n);
-        if (theta < first) first = theta, *which = j;
+        double theta = first_crossing(run, j, h, run->scan, first);
+        if (theta >= first) continue;
+        first = theta, *which = j;
+        values_within(run, first, h, run->scan + N_SAMPLES * n);
     }
-    if (first > 1.0) memcpy(run->level, run->scan + N_SAMPLES * n, n * sizeof(double));
+    if (first > 1.0) memcpy(run->level, run->scan + (N_SAMPLES + 1) * n, n * sizeof(double));
     /* what has been well above 0 before the event is armed, whoever has it */
     for (int k = 1; k < N_SAMPLES && SAMPLES[k] < first && first <= 1.0; k++)
         for (long long j = 0; j < n; j++)

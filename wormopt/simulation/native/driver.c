@@ -242,7 +242,7 @@ static int allocate(Run *run, long long n_p) {
     ROOM(run->reset, n * (in->n_switches + 1));
     ROOM(run->value, f);
     ROOM(run->level, f);
-    ROOM(run->scan, 12 * f + 2 * c);
+    ROOM(run->scan, 13 * f + 2 * c);
     ROOM(run->column, n);
     ROOM(run->cycle, in->n_schedules);
     ROOM(run->piece, in->n_schedules);

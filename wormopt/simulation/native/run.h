@@ -17,7 +17,7 @@ typedef struct {
     double *probe;         /* velocities, accelerations, forces, least, largest force */
     double *guard, *reset; /* guards and their rates; states after switches */
     double *value, *level; /* per event function: value, and what it falls below at an event */
-    double *scan;          /* values at the samples of a step */
+    double *scan;          /* values at the samples of a step, at the first event, levels */
     double *column;        /* a state in between */
     double t_break;        /* next break of any schedule */
     double h_next, h_whole; /* next step; the one that a break or the end has cut */
