@@ -1,4 +1,4 @@
-"""The event-located integration of (7) against docs/theory-kinematic.md, and motions solved by hand."""
+"""The event-located integration of (7): docs/theory-kinematic.md, motions solved by hand."""
 
 import math
 from collections.abc import Callable, Sequence

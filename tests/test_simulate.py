@@ -474,7 +474,8 @@ def test_a_chain_stretched_slowly_advances_as_statics_says(
 
 
 def test_harmonic_velocities_with_small_friction_drift_as_averaging_says():
-    # docs/theory-dynamics.md: mean V solves sum arcsin(V/A_i) = N Phi; the phasors of a triangle sum to zero
+    # docs/theory-dynamics.md: mean V solves sum arcsin(V/A_i) = N Phi;
+    # the phasors of a triangle sum to zero
     sizes, forward, backward = np.array([1.0, 0.8, 0.6]), 0.5, 1.0
     turn = np.pi - np.arccos((1 + 0.8**2 - 0.6**2) / 1.6)
     last = np.angle(-1 - 0.8 * np.exp(1j * turn))
