@@ -1,0 +1,80 @@
+"""Small scenes of the kinds "track" and "simulate" as text, for tests to change."""
+
+from pathlib import Path
+from typing import Any
+
+from wormopt.result import Result
+
+TRACK = """
+schema = 1
+kind = "track"
+[worm]
+links = 2
+mass = 1.0
+stiffness = 10.0
+damping = 5.0
+rest_length = 2.0
+friction = { kind = "coulomb", forward = 1.0, backward = 10.0 }
+[start]
+position = [4.0, 2.0, 0.0]
+[reference.gait]
+shape = "fast"
+period = 1.0
+[tracker]
+feedback = "derivative"
+tube_radius = 0.2
+growth = 1e4
+[time]
+end = 2.0
+"""
+SIMULATE = """
+schema = 1
+kind = "simulate"
+[worm]
+links = 2
+mass = 1.0
+stiffness = 10.0
+damping = 0.5
+rest_length = 2.0
+friction = { kind = "coulomb", forward = 1.0, backward = 3.0 }
+[time]
+end = 2.0
+"""
+MODEL = """
+schema = 1
+kind = "simulate"
+model = "own.py:build"
+[time]
+end = 1.0
+"""
+OWN = """
+import casadi as ca
+from wormopt import Model, Signal
+def build(rate=1.0):
+    x = ca.SX.sym("x")
+    return Model("decay", x=[Signal("x", x, value=1.0)], ode=-rate * x)
+"""
+
+RANDOM = (
+    TRACK.replace("[start]", 'random = { stiffness = { process = "fixed", spread = 1 } }\n[start]')
+    + "[ensemble]\nmembers = 5\n"
+)
+CHANCE = (
+    'worm.random={seed=3, stiffness={process="ornstein_uhlenbeck", deviation=3, '
+    'correlation_time=0.5, step=0.1}, damping={process="steps", spread=2, interval=0.5}, '
+    'rest_length={process="fixed", spread=[0.1, 0.3]}}'
+)
+
+
+def write(folder: Path, text: str, own: str | None = None) -> Path:
+    (folder / "folder.py").mkdir(exist_ok=True)
+    (folder / "broken.py").write_text("x = 1\ndef build(:\n")
+    (folder / "null.py").write_bytes(b"x = 1\0")
+    (folder / "own.py").write_text(OWN if own is None else own)
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return path
+
+
+def value(result: Result, name: str) -> Any:
+    return result.scalars[name].value

@@ -1,0 +1,234 @@
+"""Scenes of the kinds "track" and "simulate": trust reports, saved files, documentation."""
+
+import dataclasses
+import re
+from pathlib import Path
+from typing import Any, get_args
+
+import msgspec
+import numpy as np
+import pytest
+from by_text import CHANCE, SIMULATE, TRACK, value, write
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.core.friction import Coulomb
+from wormopt.errors import SceneError, SolveError
+from wormopt.result import Result
+from wormopt.scenes import load_scene, packaged_scenes
+from wormopt.scenes.simulate import SimulateScene
+from wormopt.scenes.track import TrackScene
+from wormopt.simulation.options import Smooth
+from wormopt.simulation.simulate import simulate
+from wormopt.studies import proof, signals
+from wormopt.studies.proof import warnings_of_contact
+
+# -- what is not trusted -------------------------------------------------------------------------
+
+
+def test_a_second_route_that_disagrees_makes_the_result_fail(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def elsewhere(*given: Any, **options: Any) -> Any:
+        motion = simulate(*given, **options)
+        return dataclasses.replace(motion, end=motion.end + 1e-6)
+
+    monkeypatch.setattr(proof, "simulate", elsewhere)
+    result = wo.run(write(tmp_path, TRACK))
+    assert result.status == "failed"
+    assert "the second route (python) ends elsewhere" in result.reason
+    assert value(result, "recheck_error") == pytest.approx(1e-6, rel=1)
+
+
+@pytest.mark.parametrize("relative", [1e-4, 1e-6, 1e-8])
+def test_loose_tolerances_are_judged_by_themselves(tmp_path: Path, relative: float):
+    change = [f"tolerance.relative={relative}", f"tolerance.absolute={relative / 10}"]
+    loose = wo.run(load_scene(write(tmp_path, TRACK), change))
+    exact = wo.run(load_scene(write(tmp_path, TRACK), ["tolerance.recheck=false"]))
+    assert loose.status == "ok", loose.reason
+    accepted = loose.trust["recheck"]["accepted"]
+    assert accepted == pytest.approx(min(1e3 * relative, 0.01))
+    # what is accepted bounds the true error too
+    assert value(loose, "x_end") == pytest.approx(value(exact, "x_end"), abs=4 * accepted)
+
+
+def test_a_second_route_that_gives_up_makes_the_result_fail(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def gives_up(*given: Any, **options: Any) -> Any:
+        raise SolveError("too hard", code="stiff")
+
+    monkeypatch.setattr(proof, "simulate", gives_up)
+    result = wo.run(write(tmp_path, TRACK))
+    assert result.status == "failed"
+    assert "gave up: too hard; tolerance.recheck = false" in result.reason
+    assert value(result, "recheck_error") is None
+    result = wo.run(load_scene(write(tmp_path, TRACK), ["tolerance.recheck=false"]))
+    assert result.status == "ok"
+    assert any("not rechecked" in text for text in result.trust["warnings"])
+
+
+def test_a_motion_that_is_given_up_is_kept_as_far_as_it_came(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    path = write(tmp_path, TRACK)
+    out = tmp_path / "out"
+    change = ["--set", "tolerance.max_steps=60", "--set", 'want=["trackers", "motion"]']
+    assert main(["run", str(path), "-o", str(out), *change]) == 3
+    assert "60 steps were spent" in capsys.readouterr().err
+    loaded = Result.load(out)
+    assert loaded.status == "failed"
+    assert 1 < len(loaded["time"].values) < 2001
+    assert {p.name for p in out.iterdir()} >= {"trackers.png", "motion.png", "result.nc"}
+    with pytest.raises(SolveError) as caught:
+        wo.run(load_scene(write(tmp_path, SIMULATE), ["tolerance.max_steps=1", "worm.load=5"]))
+    assert caught.value.code == "too_many_steps"
+    assert caught.value.partial.status == "failed"
+
+
+def test_stiction_that_the_smooth_law_does_not_know_is_named():
+    laws = [Coulomb(1.0, 3.0, 2.0, 6.0), Coulomb(1.0, 1.0)]
+    said = list(warnings_of_contact(Smooth(), laws))
+    assert len(said) == 2
+    assert "+1" in said[0]
+    assert "no stiction" in said[1]
+
+
+def test_a_machine_without_a_compiler_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from wormopt.simulation.native import build, kernel
+
+    def none() -> None:
+        return None
+
+    monkeypatch.setattr(build, "compiler", none)
+    monkeypatch.setattr(kernel, "library", missing)
+    kernel._driver.cache_clear()
+    try:
+        for text in (TRACK, SIMULATE + '[contact]\ntreatment = "smooth"\n'):
+            result = wo.run(load_scene(write(tmp_path, text), ["time.end=0.5"]))
+            assert result.status == "ok", result.reason
+            assert result.trust["route"] in ("python", "cvodes")
+            assert any("no C compiler" in said for said in result.trust["warnings"])
+    finally:
+        kernel._driver.cache_clear()
+
+
+def missing(*_: Any) -> None:
+    from wormopt.simulation.native.build import CompilerError
+
+    raise CompilerError("none")
+
+
+def test_a_motion_too_long_to_keep_is_sampled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    whole = wo.run(write(tmp_path, TRACK))
+    monkeypatch.setattr(signals, "_MEMORY", 64 * 100.0)
+    result = wo.run(write(tmp_path, TRACK))
+    assert any("not kept whole" in text for text in result.trust["warnings"])
+    assert value(result, "x_end") == pytest.approx(value(whole, "x_end"), abs=1e-12)
+    assert 0.9 < value(result, "input_peak") / value(whole, "input_peak") <= 1
+
+
+# -- the command line and the files --------------------------------------------------------------
+
+
+def test_pictures_are_drawn_and_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = write(tmp_path, TRACK)
+    out = tmp_path / "out"
+    arguments = ["run", str(path), "-o", str(out), "--set", 'want=["trackers", "motion"]']
+    arguments += ["--set", "time.end=0.5"]
+    assert main([*arguments, "--no-plots"]) == 0
+    assert {p.name for p in out.iterdir()} == {"result.nc", "summary.json"}
+    assert main(arguments) == 0
+    assert {p.name for p in out.iterdir()} >= {"trackers.png", "motion.png"}
+    assert "x_end" in capsys.readouterr().out
+
+
+def test_results_are_saved_and_loaded(tmp_path: Path, fig05: Result):
+    fig05.save(tmp_path)
+    loaded = Result.load(tmp_path)
+    assert value(loaded, "x_end") == value(fig05, "x_end")
+    assert loaded["gain"].values.tolist() == fig05["gain"].values.tolist()
+    assert loaded.trust == fig05.trust
+    assert wo.load_gait(tmp_path).period == 1.0
+
+
+def test_a_designed_gait_is_tracked_from_its_result(tmp_path: Path):
+    change = ["tolerance.recheck=false", "time.end=0.5"]
+    wo.run("fast_gait").save(tmp_path)
+    text = TRACK.replace('shape = "fast"\nperiod = 1.0', 'shape = "file"\nfile = "result.nc"')
+    result = wo.run(load_scene(write(tmp_path, text), change))
+    same = wo.run(load_scene(write(tmp_path, TRACK), change))
+    assert value(result, "x_end") == pytest.approx(value(same, "x_end"), abs=1e-12)
+    path = write(tmp_path, text.replace("links = 2", "links = 3").replace("[4.0, ", "[6.0, 4.0, "))
+    with pytest.raises(SceneError, match=r"the file has 2 links; set worm\.links = 2"):
+        wo.run(path)
+
+
+def test_units_of_si_scenes(tmp_path: Path):
+    result = wo.run(load_scene(write(tmp_path, TRACK), ['units="SI"', "time.end=0.5"]))
+    units = {name: result.scalars[name].unit for name in ("x_end", "v_end", "k_end", "input_rms")}
+    assert units == {"x_end": "m", "v_end": "m s-1", "k_end": "1", "input_rms": "N"}
+    assert result["energy"].unit == "J"
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in packaged_scenes() if load_scene(n).table.kind in ("track", "simulate")]
+)
+def test_packaged_scenes_say_what_to_try(name: str):
+    text = packaged_scenes()[name].read_text(encoding="utf-8")
+    assert text.startswith("# ")
+    assert "wormopt run" in text
+    for line in text.splitlines():
+        if "--set" in line and line.startswith("#") and not line.rstrip().endswith("\\"):
+            words = [w.strip("'") for w in line.split("--set ")[1:]]
+            sets = [word.split("   ")[0].split(" (")[0].strip().strip("'") for word in words]
+            load_scene(name, sets)
+
+
+# -- the documentation ---------------------------------------------------------------------------
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def test_the_page_on_simulation_runs(capsys: pytest.CaptureFixture[str]):
+    text = (DOCS / "simulation.md").read_text(encoding="utf-8")
+    program = "\n".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL))
+    scope: dict[str, Any] = {"__name__": "page"}
+    exec(compile(program, "simulation.md", "exec"), scope)
+    printed = capsys.readouterr().out
+    assert "(20, 7, 101) {''}" in printed
+    assert "too_many_steps" in printed
+    assert np.abs(scope["exact"].end - scope["smooth"].end).max() < 1e-3
+    # the model on the page is the one that comes with the package
+    own = packaged_scenes()["own_model"].with_name("my_worm.py").read_text(encoding="utf-8")
+    assert own.partition("def build(")[2].strip() in program
+
+
+def test_every_key_of_the_scenes_is_documented():
+    text = (DOCS / "scenes.md").read_text(encoding="utf-8")
+    tables = [TrackScene, SimulateScene]
+    seen = set()
+    while tables:
+        table = tables.pop()
+        for item in msgspec.structs.fields(table):
+            assert f"`{item.name}`" in text or f"[{item.name}]" in text, f"{table}: {item.name}"
+            for kind in kinds_in(item.type):
+                if kind not in seen:
+                    seen.add(kind)
+                    tables.append(kind)
+
+
+def kinds_in(kind: Any) -> list[Any]:
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return [kind]
+    return [found for part in get_args(kind) for found in kinds_in(part)]
+
+
+def test_every_scalar_and_variable_is_documented(fig05: Result, tmp_path: Path):
+    text = (DOCS / "scenes.md").read_text(encoding="utf-8")
+    change = [CHANCE, "ensemble.members=3", "time.samples=11", "time.end=0.5"]
+    herd = wo.run(load_scene(write(tmp_path, TRACK), change))
+    for result in (fig05, herd, wo.run("stiction")):
+        names = {*result.scalars, *(v.name for v in result.variables), *result.trust}
+        for name in names:
+            assert f"`{name}`" in text, name
