@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from wormopt.core.friction import Coulomb, Law, Spike, Stribeck
 from wormopt.core.model import Model, pack
 from wormopt.core.path import ParameterPath
+from wormopt.errors import ArgumentError
 from wormopt.worms.chain import chain
 
 seeds = st.integers(0, 10**6)
@@ -245,10 +246,15 @@ def test_work_grows_linearly_with_the_links():
         (lambda: worm(2, mass=0.0), "mass must be positive"),
         (lambda: worm(2, mass=float("nan")), "mass must be finite"),
         (lambda: worm(2, mass=[1.0, 2.0]), "mass must be one number or 3"),
-        (lambda: worm(2, stiffness=-1.0), "stiffness must not be negative"),
-        (lambda: worm(2, damping=-1.0), "damping must not be negative"),
-        (lambda: worm(2, drag=-1.0), "drag must not be negative"),
+        (lambda: worm(2, stiffness=-1.0), "stiffness must be 0 or above, not -1"),
+        (lambda: worm(2, damping=-1.0), "damping must be 0 or above, not -1"),
+        (lambda: worm(2, drag=-1.0), "drag must be 0 or above, not -1"),
         (lambda: worm(2, position=[0.0, 1.0]), "position must be one number or 3"),
+        (lambda: worm(2, mass="heavy"), "mass must be a number or a list of numbers, not 'heavy'"),
+        (lambda: worm(2.5), "at least one link, and whole ones, not 2.5"),  # type: ignore[arg-type]
+        (lambda: worm(2, law="coulomb"), r"law must be Coulomb\(.*not 'coulomb'"),  # type: ignore[arg-type]
+        (lambda: worm(2, law=Spike), r"law must be Coulomb\(.*not <class"),  # type: ignore[arg-type]
+        (lambda: worm(2, law=[Spike(), Spike(), 3.0]), r"law must be Coulomb\(.*not 3.0"),  # type: ignore[arg-type]
         (lambda: worm(2, law=[Spike()]), "law must be one or 3, not 1"),
         (
             lambda: worm(2, damping=ParameterPath(np.array([0.0, 1.0]), np.ones((1, 3, 1)))),
@@ -257,5 +263,5 @@ def test_work_grows_linearly_with_the_links():
     ],
 )
 def test_chains_that_make_no_sense_are_refused(build: Callable[[], Model], message: str):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ArgumentError, match=message):
         build()

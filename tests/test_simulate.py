@@ -7,17 +7,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from wormopt.core.friction import Coulomb, Law, Spike, Viscous
+from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.core.lift import lift
 from wormopt.core.model import Contact, Model, Schedule, Signal, Switch
-from wormopt.errors import SolveError
+from wormopt.errors import ArgumentError, SolveError, UnknownNameError
+from wormopt.gaits.construct import fast_gait
 from wormopt.simulation.ensemble import Member, simulate_ensemble
 from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.tracking.lambda_tracker import Exponent, lambda_tracker
+from wormopt.tracking.reference import follow
 from wormopt.worms.chain import chain
 
 SHARP = Tolerance(1e-12, 1e-13)
@@ -379,11 +383,16 @@ def test_work_without_end_is_refused():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"p": {"colour": 1.0}}, "no parameter or input is called"),
+        ({"p": {"colour": 1.0}}, "has no parameter or input 'colour'"),
         ({"x0": {"x": [1.0, 2.0, 3.0]}}, "has 2 entries, not 3"),
+        ({"x0": np.zeros(2)}, r"write each state by its name, \{'x': ...\}, not ndarray"),
+        ({"p": [1.0]}, r"write each parameter or input by its name, .*, not list"),
+        ({"schedules": [1.0]}, r"write each schedule by its name, .*, not list"),
+        ({"x0": {"x": "far"}}, "state x must be a number or a list of numbers, not 'far'"),
+        ({"times": "all"}, "times must be a number or a list of numbers, not 'all'"),
         ({"times": [0.0, 2.0]}, "sample times must ascend within"),
         ({"times": [0.5, 0.2]}, "sample times must ascend within"),
-        ({"schedules": {"reference": np.zeros((1, 1))}}, "no schedule is called"),
+        ({"schedules": {"reference": np.zeros((1, 1))}}, "has no schedule 'reference'"),
     ],
 )
 def test_what_does_not_fit_the_model_is_said(options: dict, words: str):
@@ -392,8 +401,57 @@ def test_what_does_not_fit_the_model_is_said(options: dict, words: str):
 
 
 def test_time_must_run_forward():
-    with pytest.raises(ValueError, match="must run forward"):
-        simulate(oscillator(), (1.0, 1.0))
+    for span in ((1.0, 1.0), (0.0, 1.0, 2.0), (), (0.0, np.inf), -1.0):
+        with pytest.raises(ValueError, match="must run forward"):
+            simulate(oscillator(), span)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="span must be a number"):
+        simulate(oscillator(), "long")  # type: ignore[arg-type]
+
+
+def test_names_that_are_not_there_are_told_with_those_that_are():
+    motion = simulate(crawler(), 0.1)
+    for ask, there in ((motion.state, "'position', 'velocity'"), (motion.output, "'length'")):
+        with pytest.raises(UnknownNameError, match=f"no .* 'nonsense'; it has {there}") as caught:
+            ask("nonsense")
+        assert isinstance(caught.value, KeyError | ValueError)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("mass", -1.0, "mass must be positive, not -1"),
+        ("mass", [1.0, 0.0, 1.0], "mass must be positive, not 0"),
+        ("mass", np.nan, "mass must be positive, not nan"),
+        ("stiffness", [1.0, -2.0], "stiffness must be 0 or above, not -2"),
+        ("damping", -1.0, "damping must be 0 or above"),
+        ("drag", -1.0, "drag must be 0 or above"),
+        ("friction_forward", -1.0, "friction_forward must be 0 or above"),
+        ("friction_v_stribeck", 0.0, "friction_v_stribeck must be positive"),
+        ("tube_radius", 0.0, "tube_radius must be positive"),
+        ("gain_exponent", 0.5, "gain_exponent must be at least 1, not 0.5"),
+    ],
+)
+def test_parameters_out_of_their_bounds_are_refused_by_name(
+    name: str, value: ArrayLike, words: str
+):
+    law = Stribeck(1.0, 2.0, stick_forward=1.0, stick_backward=2.0, v_stribeck=0.1)
+    worm = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=law)
+    reference = follow(fast_gait(1.0), worm.t)
+    loop = lambda_tracker(worm, reference, tube_radius=0.2, adaptation=Exponent(2.0))
+    with pytest.raises(ArgumentError, match=words):
+        simulate(loop, 0.1, p={name: value})
+    members = [Member(), Member(p={name: value})]
+    with pytest.raises(ArgumentError, match=words):
+        simulate_ensemble(loop, 0.001, members)
+
+
+def test_bounds_of_a_model_of_ones_own_hold():
+    x, a = ca.SX.sym("x"), ca.SX.sym("a")
+    share = Signal("share", a, lower=0.0, upper=1.0)
+    model = Model("decay", x=[Signal("x", x, value=1.0)], ode=-a * x, p=[share])
+    assert simulate(model, 1.0, p={"share": 1.0}).end == pytest.approx([np.exp(-1.0)])
+    with pytest.raises(ArgumentError, match="share must be 0 or above and at most 1, not 2"):
+        simulate(model, 1.0, p={"share": 2.0})
 
 
 def test_contacts_that_rest_together_on_one_freedom_are_refused():

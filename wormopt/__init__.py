@@ -19,7 +19,14 @@ if TYPE_CHECKING:
     from wormopt.core.gait import Gait
     from wormopt.core.model import Contact, Model, Output, Schedule, Signal, Switch
     from wormopt.core.modes import ModeSequence
-    from wormopt.errors import Interrupted, SceneError, SolveError, WormoptError
+    from wormopt.errors import (
+        ArgumentError,
+        Interrupted,
+        SceneError,
+        SolveError,
+        UnknownNameError,
+        WormoptError,
+    )
     from wormopt.gaits.construct import fast_gait, travelling_sine
     from wormopt.gaits.files import load_gait
     from wormopt.gaits.optimize import design
@@ -45,6 +52,7 @@ __version__ = VERSION
 
 # Public name -> module it lives in. The imports above repeat it for type checkers.
 _HOMES = {
+    "ArgumentError": "wormopt.errors",
     "Contact": "wormopt.core.model",
     "Coulomb": "wormopt.core.friction",
     "Decay": "wormopt.tracking.lambda_tracker",
@@ -78,6 +86,7 @@ _HOMES = {
     "Switch": "wormopt.core.model",
     "Tolerance": "wormopt.simulation.options",
     "Trajectory": "wormopt.simulation.trajectory",
+    "UnknownNameError": "wormopt.errors",
     "Variable": "wormopt.result",
     "Viscous": "wormopt.core.friction",
     "WormoptError": "wormopt.errors",
@@ -100,6 +109,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "ArgumentError",
     "Contact",
     "Coulomb",
     "Decay",
@@ -133,6 +143,7 @@ __all__ = [
     "Switch",
     "Tolerance",
     "Trajectory",
+    "UnknownNameError",
     "Variable",
     "Viscous",
     "WormoptError",

@@ -17,6 +17,48 @@ class WormoptError(Exception):
     """Base of every error the package raises on purpose."""
 
 
+class ArgumentError(WormoptError, ValueError, TypeError):
+    """An argument from Python that cannot be used, by its value or by its type.
+
+    Examples
+    --------
+    >>> isinstance(ArgumentError("mass must be positive, not -1"), ValueError)
+    True
+    """
+
+
+class UnknownNameError(ArgumentError, KeyError):
+    """A name that is not there; the message lists those that are.
+
+    Parameters
+    ----------
+    where : str
+        What has no such name.
+    what : str
+        What would be called so, "state" say.
+    unknown : iterable of str
+        The names asked for.
+    known : iterable of str
+        Those there are.
+
+    Examples
+    --------
+    >>> print(UnknownNameError("the motion", "state", ["speed"], ["position", "velocity"]))
+    the motion has no state 'speed'; it has 'position', 'velocity'
+    """
+
+    def __init__(
+        self, where: str, what: str, unknown: Iterable[object], known: Iterable[object]
+    ) -> None:
+        asked, there = (", ".join(map(repr, names)) for names in (unknown, known))
+        self.message = f"{where} has no {what} {asked}; it has {there or 'none'}"
+        super().__init__(self.message)
+
+    # KeyError's own puts the message in quotes.
+    def __str__(self) -> str:
+        return self.message
+
+
 class SceneError(WormoptError):
     """A scene that cannot be used, with everything that is wrong with it.
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.core.values import signal_values
+from wormopt.errors import ArgumentError, UnknownNameError
 
 __all__ = ["Described", "Explicit", "import_control", "scalar_names"]
 
@@ -107,9 +108,9 @@ class Explicit:
 
     Raises
     ------
-    KeyError
+    UnknownNameError
         If the model has no output of that name.
-    ValueError
+    ArgumentError
         If the model has algebraic variables.
 
     Examples
@@ -129,7 +130,7 @@ class Explicit:
 
     def __post_init__(self) -> None:
         if len(self.model.z) > 0:
-            raise ValueError(f"{self.model.name} has algebraic variables; solve for them first")
+            raise ArgumentError(f"{self.model.name} has algebraic variables; solve for them first")
         _ = self.outputs
 
     @cached_property
@@ -139,8 +140,7 @@ class Explicit:
         expressions = {o.name: o.expression for o in self.model.outputs}
         for name in names:
             if name not in expressions:
-                raise KeyError(f"{self.model.name} has no output {name!r}; it has "
-                               f"{list(expressions)}")  # fmt: skip
+                raise UnknownNameError(self.model.name, "output", [name], expressions)
         return {name: expressions[name] for name in names}
 
     @cached_property
@@ -236,10 +236,12 @@ class Explicit:
         model, control = self.model, import_control()
         if model.switches:
             events = [s.name for s in model.switches]
-            raise ValueError(f"{model.name} has switches {events}, at which its states may jump; "
-                             "python-control knows none: use simulate")  # fmt: skip
+            raise ArgumentError(
+                f"{model.name} has switches {events}, at which its states may jump; "
+                "python-control knows none: use simulate"
+            )
         if not v_reg > 0:
-            raise ValueError("v_reg must be positive")
+            raise ArgumentError("v_reg must be positive")
         numbers = signal_values(model.p, p, "parameter")
         places = _slices(s.size for s in model.p)
         params = {s.name: numbers[at] for s, at in zip(model.p, places, strict=True)}

@@ -7,11 +7,14 @@ is symbolic is not checked.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
-from typing import Protocol, runtime_checkable
+from numbers import Real
+from typing import Any, Protocol, runtime_checkable
 
 import casadi as ca
+
+from wormopt.errors import ArgumentError
 
 __all__ = ["Coulomb", "Law", "Spike", "Stribeck", "Viscous"]
 
@@ -112,10 +115,21 @@ class _TwoWay:
         raise NotImplementedError
 
 
+def _check_numbers(law: Any) -> None:
+    """Refuse fields that are neither numbers nor symbols, a list for instance."""
+    for item in fields(law):
+        value = getattr(law, item.name)
+        if value is not None and not isinstance(value, Real | ca.SX):
+            raise ArgumentError(
+                f"{item.name} must be a number, not {value!r}; for masses that differ, write a "
+                "list of laws"
+            )
+
+
 def _check_forces(law: Law, forward: Expression, backward: Expression) -> None:
     low, high = law.stick_interval
     if not (_ascend(0.0, forward, -low) and _ascend(0.0, backward, high)):
-        raise ValueError("friction forces must satisfy 0 <= sliding force <= stiction force")
+        raise ArgumentError("friction forces must satisfy 0 <= sliding force <= stiction force")
 
 
 @dataclass(frozen=True)
@@ -134,7 +148,7 @@ class Coulomb(_TwoWay):
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If a force is negative or a stiction force is below its sliding force.
 
     Examples
@@ -150,6 +164,7 @@ class Coulomb(_TwoWay):
     stick_backward: Expression | None = None
 
     def __post_init__(self) -> None:
+        _check_numbers(self)
         _check_forces(self, self.forward, self.backward)
 
     @property
@@ -194,7 +209,7 @@ class Stribeck(_TwoWay):
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the forces are out of order or ``v_stribeck`` is not positive.
 
     Examples
@@ -211,9 +226,10 @@ class Stribeck(_TwoWay):
     v_stribeck: Expression
 
     def __post_init__(self) -> None:
+        _check_numbers(self)
         _check_forces(self, self.forward, self.backward)
         if not _positive(self.v_stribeck):
-            raise ValueError("v_stribeck must be positive")
+            raise ArgumentError("v_stribeck must be positive")
 
     @property
     def stick_interval(self) -> tuple[Expression, Expression]:
@@ -252,7 +268,7 @@ class Viscous(_TwoWay):
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If ``drag`` is negative.
 
     Examples
@@ -264,8 +280,9 @@ class Viscous(_TwoWay):
     drag: Expression
 
     def __post_init__(self) -> None:
+        _check_numbers(self)
         if not _ascend(0.0, self.drag):
-            raise ValueError("drag must not be negative")
+            raise ArgumentError("drag must not be negative")
 
     @property
     def stick_interval(self) -> tuple[float, float]:
@@ -321,7 +338,7 @@ class Spike:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If ``scale`` is not positive.
 
     Examples
@@ -333,8 +350,9 @@ class Spike:
     scale: Expression = 1.0
 
     def __post_init__(self) -> None:
+        _check_numbers(self)
         if not _positive(self.scale):
-            raise ValueError("scale must be positive")
+            raise ArgumentError("scale must be positive")
 
     @property
     def directions(self) -> tuple[int, ...]:
@@ -363,11 +381,11 @@ class Spike:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             If ``direction`` is backward.
         """
         if direction < 0:
-            raise ValueError("a spike does not slide backward")
+            raise ArgumentError("a spike does not slide backward")
         return 0.0
 
     def smooth(self, v: Expression, v_reg: Expression) -> Expression:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from wormopt.errors import ArgumentError
+
 __all__ = ["Gait"]
 
 
@@ -32,7 +34,7 @@ class Gait:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If shapes disagree or the breaks do not ascend from 0.
 
     Examples
@@ -51,17 +53,17 @@ class Gait:
 
     def __post_init__(self) -> None:
         if self.polynomial.ndim != 3:
-            raise ValueError("polynomial must have the shape (pieces, n, degree + 1)")
+            raise ArgumentError("polynomial must have the shape (pieces, n, degree + 1)")
         breaks, (pieces, links, _) = self.breaks, self.polynomial.shape
         ascending = np.all(np.isfinite(breaks)) and np.all(np.diff(breaks) > 0)
         if breaks.shape != (pieces + 1,) or breaks[0] != 0 or not ascending:
-            raise ValueError("breaks must ascend from 0, one more than there are pieces")
+            raise ArgumentError("breaks must ascend from 0, one more than there are pieces")
         harmonic = (self.omega, self.cosine, self.sine)
         if any(h is None for h in harmonic) and any(h is not None for h in harmonic):
-            raise ValueError("omega, cosine and sine go together")
+            raise ArgumentError("omega, cosine and sine go together")
         shapes = [h.shape for h in harmonic if h is not None]
         if shapes and shapes != [(pieces,), (pieces, links), (pieces, links)]:
-            raise ValueError("omega must have the shape (pieces,), cosine and sine (pieces, n)")
+            raise ArgumentError("omega must have the shape (pieces,), cosine and sine (pieces, n)")
 
     @property
     def period(self) -> float:
@@ -198,7 +200,7 @@ class Gait:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             If the table is not text in UTF-8, has no header, is not numeric, has fewer than 4
             rows or rows of different lengths, its times do not ascend from 0, a length is not
             positive, or the last row does not repeat the first.
@@ -207,24 +209,26 @@ class Gait:
             with Path(path).open(newline="", encoding="utf-8-sig") as stream:
                 rows = [row for row in csv.reader(stream) if row]
         except (UnicodeDecodeError, csv.Error) as error:
-            raise ValueError(f"a gait table must be CSV text in UTF-8 ({error})") from None
+            raise ArgumentError(f"a gait table must be CSV text in UTF-8 ({error})") from None
         needs = "a gait table needs a header t,l_1,...,l_n and at least 4 rows"
         if len(rows) < 5 or len(rows[0]) < 2 or _is_number(rows[0][0]):
-            raise ValueError(needs)
+            raise ArgumentError(needs)
         for number, row in enumerate(rows[1:], start=1):
             if len(row) != len(rows[0]):
-                raise ValueError(f"row {number} has {len(row)} entries, the header {len(rows[0])}")
+                raise ArgumentError(
+                    f"row {number} has {len(row)} entries, the header {len(rows[0])}"
+                )
         try:
             table = np.array([[float(v) for v in row] for row in rows[1:]])
         except ValueError as error:
-            raise ValueError(f"every row after the header must hold numbers ({error})") from None
+            raise ArgumentError(f"every row after the header must hold numbers ({error})") from None
         t, lengths = table[:, 0], table[:, 1:]
         if not np.all(np.isfinite(table)) or t[0] != 0 or np.any(np.diff(t) <= 0):
-            raise ValueError("times must be finite and ascend from 0")
+            raise ArgumentError("times must be finite and ascend from 0")
         if np.any(lengths <= 0):
-            raise ValueError("link lengths must be positive")
+            raise ArgumentError("link lengths must be positive")
         if np.abs(lengths[-1] - lengths[0]).max() > 1e-9 * np.abs(lengths).max():
-            raise ValueError("the last row must repeat the first: one closed period")
+            raise ArgumentError("the last row must repeat the first: one closed period")
         lengths[-1] = lengths[0]
         from scipy.interpolate import CubicSpline  # loads for half a second, for tables only
 

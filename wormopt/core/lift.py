@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from numbers import Real
@@ -9,7 +10,7 @@ from typing import Any, TypeVar
 
 import casadi as ca
 
-from wormopt.core.model import Signal
+from wormopt.core.model import TINY, Signal
 
 __all__ = ["lift"]
 
@@ -23,6 +24,13 @@ _FRICTION = {
     "scale": "force",
     "v_stribeck": "speed",
     "drag": "drag",
+}
+# Of friction and control laws alike; what is not in it may be any number.
+_LEAST = {
+    **dict.fromkeys(("forward", "backward", "stick_forward", "stick_backward", "drag"), 0.0),
+    **dict.fromkeys(("scale", "v_stribeck", "growth", "dwell", "start", "end", "time"), TINY),
+    "decay": 0.0,
+    "exponent": 1.0,
 }
 
 
@@ -68,7 +76,13 @@ def lift(
     left = {name: iter(ca.vertsplit(symbol)) for name, symbol in symbols.items()}
     lifted = [_replaced(law, {name: next(left[name]) for name in _numbers(law)}) for law in laws]
     parameters = [
-        Signal(f"{prefix}_{name}", symbol, units.get(name, "1"), value=tuple(numbers[name]))
+        Signal(
+            f"{prefix}_{name}",
+            symbol,
+            units.get(name, "1"),
+            lower=_LEAST.get(name, -math.inf),
+            value=tuple(numbers[name]),
+        )
         for name, symbol in symbols.items()
     ]
     return tuple(lifted), tuple(parameters)

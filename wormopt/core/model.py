@@ -13,8 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.core.friction import Law
+from wormopt.errors import ArgumentError, UnknownNameError
 
-__all__ = ["Contact", "Model", "Output", "Schedule", "Signal", "Switch"]
+__all__ = ["TINY", "Contact", "Model", "Output", "Schedule", "Signal", "Switch"]
+
+TINY = math.ulp(0.0)
+"""Smallest number above 0: the lower bound of what must be positive."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +36,8 @@ class Signal:
     nominal : float, optional
         Usual size, by which solvers scale it.
     lower, upper : float, optional
-        Bounds that hold by the model's own nature.
+        Bounds that hold by the model's own nature; `TINY` below what must be positive. Values
+        beyond them are refused.
     value : float or sequence of float, optional
         What a state starts from and what a parameter or input is, unless a solver is told
         otherwise.
@@ -56,6 +61,31 @@ class Signal:
     def size(self) -> int:
         """Number of scalars."""
         return self.symbol.numel()
+
+    def check(self, values: np.ndarray) -> None:
+        """Refuse values beyond the bounds.
+
+        Parameters
+        ----------
+        values : ndarray
+            Numbers that shall take the symbols' place.
+
+        Raises
+        ------
+        ArgumentError
+            If one is too small, too large or, where there are bounds, not a number.
+        """
+        if self.lower == -math.inf and self.upper == math.inf:
+            return  # NaN may pass: who simulates it is told when
+        outside = values[~((self.lower <= values) & (values <= self.upper))]
+        if outside.size:
+            raise ArgumentError(f"{self.name} must be {self._range}, not {outside.flat[0]:g}")
+
+    @property
+    def _range(self) -> str:
+        least = {TINY: "positive", 0.0: "0 or above"}.get(self.lower, f"at least {self.lower:g}")
+        bounds = ((self.lower, least), (self.upper, f"at most {self.upper:g}"))
+        return " and ".join(words for bound, words in bounds if math.isfinite(bound))
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +185,7 @@ class Schedule:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If shapes disagree or the breaks do not ascend from 0.
 
     Examples
@@ -177,10 +207,12 @@ class Schedule:
     def __post_init__(self) -> None:
         ascending = np.all(np.isfinite(self.breaks)) and np.all(np.diff(self.breaks) > 0)
         if self.breaks.ndim != 1 or self.breaks[0] != 0 or not ascending:
-            raise ValueError(f"schedule {self.name}: breaks must ascend from 0")
+            raise ArgumentError(f"schedule {self.name}: breaks must ascend from 0")
         shape = (len(self.breaks) - 1, self.symbol.numel())
         if self.values.shape != shape:
-            raise ValueError(f"schedule {self.name}: values have {self.values.shape}, not {shape}")
+            raise ArgumentError(
+                f"schedule {self.name}: values have {self.values.shape}, not {shape}"
+            )
 
     @property
     def pieces(self) -> int:
@@ -259,7 +291,7 @@ class Model:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the ode's length is not the number of states, a contact or a switch has not the right
         size, or two signals share a name.
 
@@ -287,19 +319,21 @@ class Model:
 
     def __post_init__(self) -> None:
         if self.ode.numel() != self.n_x:
-            raise ValueError(f"model {self.name}: {self.ode.numel()} equations, {self.n_x} states")
+            raise ArgumentError(
+                f"model {self.name}: {self.ode.numel()} equations, {self.n_x} states"
+            )
         names = [s.name for s in (*self.x, *self.z, *self.u, *self.p)]
         if len(set(names)) < len(names):
-            raise ValueError(f"model {self.name}: two signals share a name in {names}")
+            raise ArgumentError(f"model {self.name}: two signals share a name in {names}")
         if self.alg.numel() != sum(s.size for s in self.z):
-            raise ValueError(f"model {self.name}: {self.alg.numel()} algebraic equations for z")
+            raise ArgumentError(f"model {self.name}: {self.alg.numel()} algebraic equations for z")
         for contact in self.contacts:
             if contact.velocity.numel() != 1 or contact.force.numel() != 1:
-                raise ValueError(f"contact {contact.name}: velocity and force must be scalars")
+                raise ArgumentError(f"contact {contact.name}: velocity and force must be scalars")
         for switch in self.switches:
             if switch.guard.numel() != 1 or switch.reset.numel() != self.n_x:
                 message = f"a scalar guard and a reset of {self.n_x} states"
-                raise ValueError(f"switch {switch.name} needs {message}")
+                raise ArgumentError(f"switch {switch.name} needs {message}")
 
     @property
     def n_x(self) -> int:
@@ -341,15 +375,13 @@ class Model:
 
         Raises
         ------
-        KeyError
+        UnknownNameError
             If there is none; the message lists those there are.
         """
         for output in self.outputs:
             if output.name == name:
                 return output.expression
-        raise KeyError(
-            f"{self.name} has no output {name!r}; it has {[o.name for o in self.outputs]}"
-        )
+        raise UnknownNameError(self.name, "output", [name], [o.name for o in self.outputs])
 
     def to_control(
         self,
@@ -382,9 +414,9 @@ class Model:
         ------
         ImportError
             If python-control is not installed.
-        ValueError
+        ArgumentError
             If names or sizes do not fit, or the model has switches or algebraic variables.
-        KeyError
+        UnknownNameError
             If there is no such output.
         """
         # here, not above: only who asks for it needs it

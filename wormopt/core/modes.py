@@ -8,6 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
+from wormopt.errors import ArgumentError
+
 __all__ = ["ModeSequence", "ceiling"]
 
 
@@ -22,7 +24,7 @@ class ModeSequence:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If there is no phase, phases differ in their number of contacts, or a state is none.
 
     Examples
@@ -35,9 +37,11 @@ class ModeSequence:
 
     def __post_init__(self) -> None:
         if len({len(phase) for phase in self.phases}) != 1:
-            raise ValueError("a mode sequence needs phases over one and the same set of contacts")
+            raise ArgumentError(
+                "a mode sequence needs phases over one and the same set of contacts"
+            )
         if not {state for phase in self.phases for state in phase} <= {0, 1, -1}:
-            raise ValueError("the state of a contact is 0, +1 or -1")
+            raise ArgumentError("the state of a contact is 0, +1 or -1")
 
     @classmethod
     def of_resting(cls, resting: Sequence[Iterable[int]], contacts: int) -> ModeSequence:
@@ -57,12 +61,12 @@ class ModeSequence:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             If there is no phase, or a phase names a contact that does not exist.
         """
         sets = [frozenset(phase) for phase in resting]
         if not frozenset().union(*sets) <= frozenset(range(contacts)):
-            raise ValueError(
+            raise ArgumentError(
                 f"resting contacts must lie within 0..{contacts - 1}, not in {resting}"
             )
         return cls(tuple(tuple(int(i not in s) for i in range(contacts)) for s in sets))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.core.model import Schedule
+from wormopt.errors import ArgumentError
 
 __all__ = ["ParameterPath", "ornstein_uhlenbeck", "piecewise_constant"]
 
@@ -28,7 +29,7 @@ class ParameterPath:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If shapes disagree or the breaks do not ascend from 0.
 
     Examples
@@ -43,10 +44,10 @@ class ParameterPath:
 
     def __post_init__(self) -> None:
         if self.coefficients.ndim != 3 or self.breaks.shape != (len(self.coefficients) + 1,):
-            raise ValueError("coefficients must have the shape (pieces, n, degree + 1)")
+            raise ArgumentError("coefficients must have the shape (pieces, n, degree + 1)")
         ascending = np.all(np.isfinite(self.breaks)) and np.all(np.diff(self.breaks) > 0)
         if self.breaks[0] != 0 or not ascending:
-            raise ValueError("breaks must ascend from 0, one more than there are pieces")
+            raise ArgumentError("breaks must ascend from 0, one more than there are pieces")
 
     @property
     def size(self) -> int:
@@ -142,7 +143,7 @@ def piecewise_constant(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If a parameter might not be positive, or a time is not.
 
     Examples
@@ -153,7 +154,7 @@ def piecewise_constant(
     """
     mean, spread = _columns(mean, spread)
     if not np.all((spread >= 0) & (spread < mean) & np.isfinite(mean)):
-        raise ValueError("a random parameter stays positive only with 0 <= spread < mean")
+        raise ArgumentError("a random parameter stays positive only with 0 <= spread < mean")
     breaks = _grid(interval, horizon, "interval")
     values = rng.uniform(mean - spread, mean + spread, (len(breaks) - 1, len(mean)))
     return ParameterPath(breaks, values[:, :, None])
@@ -195,7 +196,7 @@ def ornstein_uhlenbeck(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If a mean is not positive, a deviation negative, or a time not positive.
 
     Examples
@@ -207,9 +208,9 @@ def ornstein_uhlenbeck(
     """
     mean, deviation = _columns(mean, deviation)
     if not np.all((mean > 0) & (deviation >= 0) & np.isfinite(mean + deviation)):
-        raise ValueError("a random parameter needs mean > 0 and deviation >= 0")
+        raise ArgumentError("a random parameter needs mean > 0 and deviation >= 0")
     if not 0 < correlation_time < math.inf:
-        raise ValueError("correlation_time must be positive and finite")
+        raise ArgumentError("correlation_time must be positive and finite")
     breaks = _grid(step, horizon, "step")
     breaks = np.append(breaks, breaks[-1] + step)
     kept = math.exp(-step / correlation_time)
@@ -233,6 +234,6 @@ def _columns(mean: ArrayLike, spread: ArrayLike) -> tuple[np.ndarray, np.ndarray
 def _grid(step: float, horizon: float, name: str) -> np.ndarray:
     """Multiples of ``step`` up to the first that reaches the horizon."""
     if not (0 < step < math.inf and 0 < horizon < math.inf):
-        raise ValueError(f"{name} and horizon must be positive and finite")
+        raise ArgumentError(f"{name} and horizon must be positive and finite")
     # A horizon of whole steps shall not get one more by rounding.
     return step * np.arange(math.ceil(horizon / step * (1 - 1e-12)) + 1)

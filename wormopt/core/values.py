@@ -7,11 +7,79 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["signal_values"]
+from wormopt.errors import ArgumentError, UnknownNameError
+
+__all__ = ["check_names", "numbers", "signal_values"]
+
+
+def numbers(name: str, given: object) -> np.ndarray:
+    """Array of numbers from whatever a caller wrote.
+
+    Parameters
+    ----------
+    name : str
+        What it is, for the message.
+    given : array_like
+        A number, a list, an array.
+
+    Returns
+    -------
+    ndarray
+
+    Raises
+    ------
+    ArgumentError
+        If it is no number and no array of numbers.
+
+    Examples
+    --------
+    >>> numbers("mass", [1, 2])
+    array([1., 2.])
+    """
+    try:
+        return np.asarray(given, dtype=float)
+    except (TypeError, ValueError, RuntimeError):  # the last is CasADi's, of symbols
+        raise ArgumentError(
+            f"{name} must be a number or a list of numbers, not {given!r}"
+        ) from None
+
+
+def check_names(given: object, known: Sequence[str], what: str) -> None:
+    """Refuse what is no mapping from names that are known.
+
+    Parameters
+    ----------
+    given : object
+        From a caller.
+    known : sequence of str
+        The names there are.
+    what : str
+        What they are names of, "state" say.
+
+    Raises
+    ------
+    ArgumentError
+        If it is no mapping.
+    UnknownNameError
+        If it has other names.
+
+    Examples
+    --------
+    >>> check_names({"position": 1.0}, ["position", "velocity"], "state")
+    """
+    if not isinstance(given, Mapping):
+        example = f"{{{known[0] if known else 'name'!r}: ...}}"
+        raise ArgumentError(f"write each {what} by its name, {example}, not {type(given).__name__}")
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise UnknownNameError("the model", what, unknown, known)
 
 
 def signal_values(
-    signals: Sequence[Any], given: Mapping[str, object], what: str, fill: float | None = None
+    signals: Sequence[Any],
+    given: Mapping[str, object] | None,
+    what: str,
+    fill: float | None = None,
 ) -> np.ndarray:
     """Stack the values of signals, those given before those the model brings.
 
@@ -19,7 +87,7 @@ def signal_values(
     ----------
     signals : sequence of Signal
         What needs a value.
-    given : mapping of str to float or array
+    given : mapping of str to float or array, optional
         Values by name; a number stands for all entries.
     what : str
         What they are called in messages.
@@ -32,8 +100,9 @@ def signal_values(
 
     Raises
     ------
-    ValueError
-        If a name is unknown, a value is missing or not of the signal's size.
+    ArgumentError
+        If a name is unknown, a value is missing, no number, not of the signal's size or beyond its
+        bounds.
 
     Examples
     --------
@@ -43,19 +112,18 @@ def signal_values(
     >>> signal_values((stiffness,), {"stiffness": 9.0}, "parameter")
     array([9., 9.])
     """
-    unknown = set(given) - {s.name for s in signals}
-    if unknown:
-        names = [s.name for s in signals]
-        raise ValueError(f"no {what} is called {sorted(unknown)}; the model has {names}")
+    given = {} if given is None else given
+    check_names(given, [s.name for s in signals], what)
     sizes = [s.size for s in signals]
     stacked, at = np.empty(sum(sizes)), 0
     for signal, size in zip(signals, sizes, strict=True):
         value = given.get(signal.name, fill if signal.value is None else signal.value)
         if value is None:
-            raise ValueError(f"{what} {signal.name} has no value; give one")
-        array = np.asarray(value, dtype=float).ravel()
+            raise ArgumentError(f"{what} {signal.name} has no value; give one")
+        array = numbers(f"{what} {signal.name}", value).ravel()
         if array.size not in (1, size):
-            raise ValueError(f"{what} {signal.name} has {size} entries, not {array.size}")
+            raise ArgumentError(f"{what} {signal.name} has {size} entries, not {array.size}")
+        signal.check(array)
         stacked[at : at + size] = array
         at += size
     return stacked

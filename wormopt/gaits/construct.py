@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from wormopt.core.gait import Gait
+from wormopt.errors import ArgumentError
 
 __all__ = [
     "Profile",
@@ -85,7 +86,7 @@ def travelling_sine(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If there is no link.
 
     Examples
@@ -96,7 +97,7 @@ def travelling_sine(
            [2. , 1.5, 2. ]])
     """
     if links < 1:
-        raise ValueError("a worm has at least one link")
+        raise ArgumentError("a worm has at least one link")
     behind = 2 * np.pi * lag * np.arange(1, links + 1)
     return Gait(
         np.array([0.0, period]),

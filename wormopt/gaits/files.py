@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from wormopt.core.gait import Gait
+from wormopt.errors import ArgumentError
 from wormopt.result import Result, Variable, unit_of
 
 __all__ = ["gait_of_result", "gait_variables", "load_gait"]
@@ -61,11 +62,11 @@ def gait_of_result(result: Result) -> Gait:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the result holds no gait.
     """
     if "gait_polynomial" not in result:
-        raise ValueError(f"the result of scene {result.scene!r} holds no gait")
+        raise ArgumentError(f"the result of scene {result.scene!r} holds no gait")
     return Gait(**{k: result[f"gait_{k}"].values for k in _DIMS if f"gait_{k}" in result})
 
 
@@ -85,7 +86,7 @@ def load_gait(path: str | Path) -> Gait:
     ------
     OSError
         If the file cannot be read.
-    ValueError
+    ArgumentError
         If it is neither a gait table nor a result with a gait.
     """
     path = Path(path)

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike
 
+from wormopt.errors import ArgumentError
 from wormopt.linear.linearise import Linear
 
 __all__ = ["bode", "frequencies"]
@@ -77,7 +78,7 @@ def bode(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the system has no inputs or outputs, the axes are not 2 for each input, or a frequency
         is not positive or a pole.
 
@@ -92,13 +93,15 @@ def bode(
     """
     inputs = len(linear.inputs)
     if not (inputs and linear.outputs):
-        raise ValueError(f"{linear.name} has no inputs or no outputs: nothing to draw")
+        raise ArgumentError(f"{linear.name} has no inputs or no outputs: nothing to draw")
     omega = frequencies(linear) if omega is None else np.asarray(omega, dtype=float).ravel()
     if not (omega.size and np.all(omega > 0) and np.all(np.diff(omega) > 0)):
-        raise ValueError("frequencies must be positive and ascend")
+        raise ArgumentError("frequencies must be positive and ascend")
     axes = to if isinstance(to, np.ndarray) else _axes(inputs)
     if axes.shape != (2, inputs):
-        raise ValueError(f"a Bode picture needs axes of the shape {(2, inputs)}, not {axes.shape}")
+        raise ArgumentError(
+            f"a Bode picture needs axes of the shape {(2, inputs)}, not {axes.shape}"
+        )
     response = linear.frequency_response(omega)
     for j, (gain, phase) in enumerate(axes.T):
         _column(gain, phase, omega, response[:, j], linear.outputs)

@@ -46,11 +46,11 @@ def relative_degree(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If names or sizes do not fit the model, or it has algebraic variables.
     ZeroDivisionError
         If the model divides by zero for these parameters.
-    KeyError
+    UnknownNameError
         If the model has no such output.
 
     Examples
@@ -67,7 +67,7 @@ def relative_degree(
     explicit = Explicit(model, output)
     symbols = explicit.symbols
     known = ca.vertcat(symbols["p"], symbols["v_reg"])
-    numbers = np.append(signal_values(model.p, p or {}, "parameter"), v_reg)
+    numbers = np.append(signal_values(model.p, p, "parameter"), v_reg)
     everything = ca.vertcat(known, *(symbols[key] for key in "txus"))
     values = {i: float(number) for i, number in enumerate(numbers)}
 

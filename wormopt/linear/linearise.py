@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from wormopt.core.explicit import Explicit, import_control
 from wormopt.core.model import Model
 from wormopt.core.values import signal_values
+from wormopt.errors import ArgumentError
 from wormopt.linear.pencil import Matrices, balanced, invariant_zeros, without_shifts
 
 __all__ = ["Linear", "PhaseKind", "linearise"]
@@ -52,7 +53,7 @@ class Linear:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If shapes and names do not fit, or an entry is not finite.
 
     Examples
@@ -78,9 +79,9 @@ class Linear:
         n, m, p = len(self.states), len(self.inputs), len(self.outputs)
         shapes = ((n, n), (n, m), (p, n), (p, m))
         if tuple(matrix.shape for matrix in self._matrices) != shapes:
-            raise ValueError(f"{self.name}: A, B, C, D must have the shapes {shapes}")
+            raise ArgumentError(f"{self.name}: A, B, C, D must have the shapes {shapes}")
         if not all(np.all(np.isfinite(matrix)) for matrix in self._matrices):
-            raise ValueError(f"{self.name}: the matrices have entries that are not finite")
+            raise ArgumentError(f"{self.name}: the matrices have entries that are not finite")
 
     @property
     def _matrices(self) -> Matrices:
@@ -102,8 +103,10 @@ class Linear:
         zeros = invariant_zeros(self._reduced[0])
         expected = self._zero_count
         if expected is not None and len(zeros[0]) + self.shifts != expected:
-            raise ValueError(f"{self.name}: its numbers spread over too many decades to tell the "
-                             f"{expected} zeros from those at infinity")  # fmt: skip
+            raise ArgumentError(
+                f"{self.name}: its numbers spread over too many decades to tell the "
+                f"{expected} zeros from those at infinity"
+            )
         return zeros
 
     @property
@@ -137,7 +140,7 @@ class Linear:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             If the numbers spread over too many decades (about nine for a chain) to tell them.
         """
         return _sorted(self._zeros[0], self.shifts)
@@ -227,7 +230,7 @@ class Linear:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             If a frequency is a pole, be it one that no output shows.
 
         Examples
@@ -240,7 +243,7 @@ class Linear:
         frequencies = np.asarray(omega, dtype=float).ravel()
         poles, uncertainty = self._poles
         if np.any(np.abs(1j * frequencies[:, None] - poles) <= uncertainty):
-            raise ValueError("a frequency is a pole of the system; leave it out, 0 for instance")
+            raise ArgumentError("a frequency is a pole of the system; leave it out, 0 for instance")
         a, b, c, _ = self._quotient
         unit = np.eye(len(a))
         columns = [c @ np.linalg.solve(1j * w * unit - a, b) for w in frequencies]
@@ -319,10 +322,10 @@ def linearise(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If names or sizes do not fit the model, it has algebraic variables, or ``v_reg`` is not
         positive.
-    KeyError
+    UnknownNameError
         If the model has no such output.
 
     Examples
@@ -336,7 +339,7 @@ def linearise(
     (array([-0.2,  0. ]), ('length[0]', 'length[1]'))
     """
     if not v_reg > 0:
-        raise ValueError("v_reg must be positive: the set-valued law has no slope")
+        raise ArgumentError("v_reg must be positive: the set-valued law has no slope")
     explicit = Explicit(model, output)
     symbols = explicit.symbols
     matrices = explicit.function(
@@ -344,9 +347,9 @@ def linearise(
         *(ca.jacobian(f, symbols[w]) for f in (explicit.rates, explicit.observed) for w in "xu"),
     )(
         t,
-        signal_values(model.x, x or {}, "state", fill=0.0),
-        signal_values(model.u, u or {}, "input", fill=0.0),
-        signal_values(model.p, p or {}, "parameter"),
+        signal_values(model.x, x, "state", fill=0.0),
+        signal_values(model.u, u, "input", fill=0.0),
+        signal_values(model.p, p, "parameter"),
         v_reg,
         explicit.scheduled(t),
     )

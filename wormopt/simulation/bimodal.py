@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import fminbound
 
 from wormopt.core.gait import Gait
-from wormopt.errors import SolveError
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.simulation.arcs import TIE, Arc, DrivenWorm, Spell, Vectorised, cut_piece
 
 __all__ = ["BimodalMotion", "integrate"]
@@ -103,7 +103,7 @@ def integrate(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the number of masses does not fit the gait.
     SolveError
         If a glide cannot be integrated, or the motion does not become periodic.
@@ -119,7 +119,7 @@ def integrate(
     (2.0, 1)
     """
     if len(mass) != gait.links + 1:
-        raise ValueError(f"{len(mass)} masses on {gait.links} links")
+        raise ArgumentError(f"{len(mass)} masses on {gait.links} links")
     worm = DrivenWorm(gait, np.asarray(mass, dtype=float), drag, load)
     arcs = [arc for piece in range(gait.pieces) for arc in cut_piece(worm, piece)]
     w = 0.0

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.core.model import Model
-from wormopt.errors import SolveError
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.progress import Report, silent
 from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate
@@ -86,8 +86,8 @@ class Ensemble:
 
         Raises
         ------
-        KeyError
-            If there is none of that name.
+        UnknownNameError
+            If there is none of that name; the message lists those there are.
         """
         return np.array([_filled(motion.output(name), len(self.time)) for motion in self.motions])
 
@@ -134,7 +134,7 @@ def simulate_ensemble(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If there are no members, or one does not fit the model.
 
     Examples
@@ -150,7 +150,10 @@ def simulate_ensemble(
            [0.5]])
     """
     if not members:
-        raise ValueError("an ensemble needs at least one member")
+        raise ArgumentError("an ensemble needs at least one member")
+    for member in members:
+        if not isinstance(member, Member):
+            raise ArgumentError(f"write each member as Member(p=..., x0=...), not {member!r}")
     one = partial(_one, model, span, contact=contact, times=times, tolerance=tolerance, route=route)
     found = [one(members[0])]  # compiles, once
     with ThreadPoolExecutor(threads or os.cpu_count()) as pool:

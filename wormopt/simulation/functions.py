@@ -8,7 +8,7 @@ for sliding forward and backward, 0 at rest.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -16,6 +16,7 @@ import numpy as np
 
 from wormopt.core.model import Contact, Model, Schedule, Signal, pack
 from wormopt.core.values import signal_values
+from wormopt.errors import ArgumentError
 from wormopt.simulation.options import Smooth, Treatment
 
 __all__ = ["System"]
@@ -124,9 +125,9 @@ class System:
         new = ca.vertcat(ca.SX(0, 1), *(c.law.slip_force(c.velocity, 1) for c in plain))
         velocity = ca.vertcat(ca.SX(0, 1), *(c.velocity for c in self.contacts))
         if any(c.gap is not None or c.normal_force is not None for c in model.contacts):
-            raise ValueError("walls with a gap or a normal force cannot be simulated")
+            raise ArgumentError("walls with a gap or a normal force cannot be simulated")
         if ca.depends_on(ca.jacobian(model.ode, model.forces), model.forces):
-            raise ValueError(f"the ode of {model.name} must be affine in the contact forces")
+            raise ArgumentError(f"the ode of {model.name} must be affine in the contact forces")
         (ode,) = ca.substitute([model.ode], [old], [new]) if plain else [model.ode]
         acceleration = ca.jtimes(velocity, pack(model.x), ode) + ca.jacobian(velocity, model.t)
         return [ode, velocity, acceleration]
@@ -315,12 +316,12 @@ class System:
 
     # -- numbers ---------------------------------------------------------------------------
 
-    def parameters(self, given: Mapping[str, object]) -> np.ndarray:
+    def parameters(self, given: Mapping[str, object] | None) -> np.ndarray:
         """Values of p, zeros for what schedules set.
 
         Parameters
         ----------
-        given : mapping of str to float or array
+        given : mapping of str to float or array, optional
             Values of parameters and inputs by name; the model's own for the others.
 
         Returns
@@ -329,7 +330,7 @@ class System:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             As `signal_values`.
         """
         signals = (*self.model.p, *(self._input(u) for u in self.model.u))
@@ -340,7 +341,7 @@ class System:
 
     @staticmethod
     def _input(u: Signal) -> Signal:
-        return u if u.value is not None else Signal(u.name, u.symbol, value=0.0)
+        return u if u.value is not None else replace(u, value=0.0)
 
     def scheduled(self, p: np.ndarray, schedules: Sequence[Schedule], t: np.ndarray) -> np.ndarray:
         """Put the values that schedules have into p.

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 from typing import Literal
+
+from wormopt.errors import ArgumentError
 
 __all__ = ["Exact", "Route", "Smooth", "Tolerance", "Treatment"]
 
@@ -20,8 +23,8 @@ class Smooth:
 
     Raises
     ------
-    ValueError
-        If ``v_reg`` is not positive.
+    ArgumentError
+        If ``v_reg`` is not positive and finite.
 
     Examples
     --------
@@ -32,8 +35,11 @@ class Smooth:
     v_reg: float = 1 / 40
 
     def __post_init__(self) -> None:
-        if not self.v_reg > 0:
-            raise ValueError("v_reg must be positive; for the limit v_reg = 0 take Exact()")
+        if not (isinstance(self.v_reg, Real) and 0 < self.v_reg < math.inf):
+            raise ArgumentError(
+                f"v_reg must be positive and finite, not {self.v_reg!r}; for the limit "
+                "v_reg = 0 take Exact()"
+            )
 
 
 @dataclass(frozen=True)
@@ -68,8 +74,9 @@ class Tolerance:
 
     Raises
     ------
-    ValueError
-        If a tolerance is not positive, or ``relative`` is below what double precision can tell.
+    ArgumentError
+        If something is no number, a tolerance not positive, or ``relative`` below what double
+        precision can tell.
 
     Examples
     --------
@@ -83,12 +90,16 @@ class Tolerance:
     max_step: float | None = None
 
     def __post_init__(self) -> None:
+        for name in ("relative", "absolute", "max_steps", "max_step"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, Real):
+                raise ArgumentError(f"{name} must be a number, not {value!r}")
         if not (1e-14 <= self.relative < 1 and 0 < self.absolute < math.inf):
-            raise ValueError("tolerances must be positive and finite, relative from 1e-14 to 1")
+            raise ArgumentError("tolerances must be positive and finite, relative from 1e-14 to 1")
         if self.max_step is not None and not self.max_step > 0:
-            raise ValueError("max_step must be positive")
+            raise ArgumentError("max_step must be positive")
         if self.max_steps < 1:
-            raise ValueError("max_steps must be at least 1")
+            raise ArgumentError("max_steps must be at least 1")
 
 
 Route = Literal["auto", "native", "python", "cvodes"]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.core.model import Model, Schedule
-from wormopt.core.values import signal_values
-from wormopt.errors import SolveError
+from wormopt.core.values import check_names, numbers, signal_values
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.progress import Report, silent
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
@@ -112,10 +112,9 @@ def simulate(
 
     Raises
     ------
-    TypeError
-        If model, contact or tolerance are something else.
-    ValueError
-        If names, sizes, times or the route do not fit the model.
+    ArgumentError
+        If an argument is something else, or names, sizes, bounds, times or the route do not fit
+        the model.
     SolveError
         If the motion could not be followed to its end; `partial` is the trajectory up to there,
         `code` the reason in one word.
@@ -153,13 +152,13 @@ def simulate(
 def _check(model: object, contact: object, tolerance: object, route: object) -> None:
     """Refuse what is not of the kind it should be, before it is taken for something else."""
     if not isinstance(model, Model):
-        raise TypeError(f"model must be a Model, not {type(model).__name__}")
+        raise ArgumentError(f"model must be a Model, not {type(model).__name__}")
     if not isinstance(contact, Smooth | Exact):
-        raise TypeError(f"contact must be Exact() or Smooth(v_reg), not {contact!r}")
+        raise ArgumentError(f"contact must be Exact() or Smooth(v_reg), not {contact!r}")
     if not isinstance(tolerance, Tolerance):
-        raise TypeError(f"tolerance must be Tolerance(relative, absolute), not {tolerance!r}")
+        raise ArgumentError(f"tolerance must be Tolerance(relative, absolute), not {tolerance!r}")
     if route not in get_args(Route):
-        raise ValueError(f"route must be one of {', '.join(get_args(Route))}, not {route!r}")
+        raise ArgumentError(f"route must be one of {', '.join(get_args(Route))}, not {route!r}")
 
 
 @lru_cache(maxsize=64)
@@ -180,36 +179,41 @@ def _task(
     tolerance: Tolerance,
 ) -> Task:
     system = _system(model, contact)
-    start, end = span if isinstance(span, tuple | list) else (0.0, span)
-    if not (np.isfinite(start) and np.isfinite(end) and start < end):
-        raise ValueError(f"the time must run forward, not from {start} to {end}")
-    sampled = np.array([start, end]) if times is None else np.asarray(times, dtype=float).ravel()
+    start, end = _ends(span)
+    sampled = np.array([start, end]) if times is None else numbers("times", times).ravel()
     if sampled.size and not (
         np.all(np.diff(sampled) >= 0) and start <= sampled[0] and sampled[-1] <= end
     ):
-        raise ValueError(f"sample times must ascend within [{start:g}, {end:g}]")
+        raise ArgumentError(f"sample times must ascend within [{start:g}, {end:g}]")
     return Task(
         system=system,
-        span=(float(start), float(end)),
-        x0=np.append(
-            signal_values(model.x, x0 or {}, "state", fill=0.0), np.zeros(system.n_pushes)
-        ),
-        p=system.parameters(p or {}),
-        schedules=_with_values(tuple(model.schedules), schedules or {}),
+        span=(start, end),
+        x0=np.append(signal_values(model.x, x0, "state", fill=0.0), np.zeros(system.n_pushes)),
+        p=system.parameters(p),
+        schedules=_with_values(tuple(model.schedules), schedules),
         tolerance=tolerance,
         times=sampled,
         dense=dense,
     )
 
 
+def _ends(span: float | tuple[float, float]) -> tuple[float, float]:
+    given = numbers("span", span)
+    start, end = np.append([0.0, 0.0], given)[-2:].tolist()
+    if given.size > 2 or not -np.inf < start < end < np.inf:
+        raise ArgumentError(f"the time must run forward; write last or (first, last), not {span!r}")
+    return start, end
+
+
 def _with_values(
-    schedules: tuple[Schedule, ...], given: Mapping[str, np.ndarray]
+    schedules: tuple[Schedule, ...], given: Mapping[str, np.ndarray] | None
 ) -> tuple[Schedule, ...]:
-    unknown = set(given) - {s.name for s in schedules}
-    if unknown:
-        names = [s.name for s in schedules]
-        raise ValueError(f"no schedule is called {sorted(unknown)}; the model has {names}")
-    return tuple(replace(s, values=given[s.name]) if s.name in given else s for s in schedules)
+    given = {} if given is None else given
+    check_names(given, [s.name for s in schedules], "schedule")
+    return tuple(
+        replace(s, values=numbers(f"schedule {s.name}", given[s.name])) if s.name in given else s
+        for s in schedules
+    )
 
 
 def _trajectory(task: Task, outcome: Outcome) -> Trajectory:

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.core.model import Schedule
+from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.simulation.functions import System
 
 __all__ = ["Dense", "Event", "Trajectory"]
@@ -143,9 +144,11 @@ class Trajectory:
 
         Raises
         ------
-        KeyError
-            If there is none of that name.
+        UnknownNameError
+            If there is none of that name; the message lists those there are.
         """
+        if name not in self._rows:
+            raise UnknownNameError(self.system.model.name, "state", [name], self._rows)
         return self.states[self._rows[name]]
 
     def at(self, t: np.ndarray) -> Trajectory:
@@ -162,15 +165,15 @@ class Trajectory:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             If the motion was simulated without ``dense = True``, or a time lies outside it.
         """
         if self.dense is None:
-            raise ValueError("simulate with dense=True to sample the motion afterwards")
+            raise ArgumentError("simulate with dense=True to sample the motion afterwards")
         t = np.asarray(t, dtype=float)
         first, last = self.dense.time[0], self.dense.time[-1]
         if t.size and not (first <= t.min() and t.max() <= last):
-            raise ValueError(f"the motion goes from {first:g} to {last:g}")
+            raise ArgumentError(f"the motion goes from {first:g} to {last:g}")
         return replace(self, time=t, states=self.dense(t))
 
     def modes_at(self, t: np.ndarray) -> np.ndarray:
@@ -221,7 +224,7 @@ class Trajectory:
 
         Raises
         ------
-        KeyError
-            If there is none of that name.
+        UnknownNameError
+            If there is none of that name; the message lists those there are.
         """
         return self.observe(self.system.model.output(name))

@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 
 from wormopt.core.lift import lift
-from wormopt.core.model import Model, Output, Signal
+from wormopt.core.model import TINY, Model, Output, Signal
+from wormopt.errors import ArgumentError
 from wormopt.tracking.loop import FeedForward, TrackingError, close
 from wormopt.tracking.reference import Reference
 
@@ -31,7 +32,7 @@ class Funnel:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If a number is not positive and finite.
     """
 
@@ -43,7 +44,7 @@ class Funnel:
         for name in ("start", "end", "time"):
             value = getattr(self, name)
             if not isinstance(value, ca.SX) and not 0 < value < math.inf:
-                raise ValueError(f"{name} of a funnel must be positive and finite")
+                raise ArgumentError(f"{name} of a funnel must be positive and finite")
 
     def width(self, t: ca.SX) -> ca.SX:
         """Bound at a time.
@@ -111,7 +112,7 @@ def funnel_tracker(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If a number is out of range, sizes of plant and reference differ, forces act on the
         output's rate at once, or the plant starts outside a funnel.
 
@@ -128,7 +129,7 @@ def funnel_tracker(
     ['position', 'velocity']
     """
     if not 0 < gain < math.inf:
-        raise ValueError("gain must be positive and finite")
+        raise ArgumentError("gain must be positive and finite")
     error = TrackingError.of(plant, reference)
     _check_start(error.at_start(plant, reference), funnel, rate_funnel)
     strength = ca.SX.sym("gain")
@@ -148,7 +149,7 @@ def funnel_tracker(
         ahead - strength * k1 * rate_error,
         name="a funnel controller",
         parameters=[
-            Signal("gain", strength, "drag", value=gain),
+            Signal("gain", strength, "drag", lower=TINY, value=gain),
             *numbers,
             *rate_numbers,
             *believed,
@@ -174,9 +175,11 @@ def _check_start(
     error, rate = start
     size = float(np.linalg.norm(error))
     if not size < funnel.start:
-        raise ValueError(f"the error starts at {size:.6g}, outside its funnel of {funnel.start:g}")
+        raise ArgumentError(
+            f"the error starts at {size:.6g}, outside its funnel of {funnel.start:g}"
+        )
     rate_size = float(np.linalg.norm(rate + error / (1 - (size / funnel.start) ** 2)))
     if not rate_size < rate_funnel.start:
-        raise ValueError(
+        raise ArgumentError(
             f"e' + k_0 e starts at {rate_size:.6g}, outside its funnel of {rate_funnel.start:g}"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Literal, Protocol, get_args
 
 import casadi as ca
@@ -11,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.core.lift import lift
-from wormopt.core.model import Model, Output, Signal, Switch
+from wormopt.core.model import TINY, Model, Output, Signal, Switch
+from wormopt.errors import ArgumentError
 from wormopt.tracking.loop import FeedForward, TrackingError, close
 from wormopt.tracking.reference import Reference
 
@@ -84,7 +86,7 @@ class Quadratic:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If ``growth`` is not positive.
     """
 
@@ -121,7 +123,7 @@ class Exponent:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If a number is out of range.
     """
 
@@ -171,7 +173,7 @@ class Decay:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If a number is out of range.
     """
 
@@ -271,7 +273,7 @@ def lambda_tracker(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If a number is out of range, sizes of plant and reference differ, or forces act on the
         output's rate at once.
 
@@ -289,7 +291,7 @@ def lambda_tracker(
     _check("tube_radius", tube_radius, above=0.0)
     _check("gain_start", gain_start, above=0.0)
     if feedback not in get_args(Feedback):
-        raise ValueError(f"feedback must be 'derivative' or 'filter', not {feedback!r}")
+        raise ArgumentError(f"feedback must be 'derivative' or 'filter', not {feedback!r}")
     error = TrackingError.of(plant, reference)
     n = error.value.numel()
     k, lam = ca.SX.sym("gain"), ca.SX.sym("tube_radius")
@@ -322,7 +324,7 @@ def lambda_tracker(
         states=states,
         rates=[*rates, *growth.rates],
         parameters=[
-            Signal("tube_radius", lam, "length", value=tube_radius),
+            Signal("tube_radius", lam, "length", lower=TINY, value=tube_radius),
             *numbers,
             *believed,
         ],
@@ -348,6 +350,6 @@ def _crossings(square: ca.SX, radius: ca.SX, reset: ca.SX, name: str = "tube") -
 def _check(name: str, value: Number, *, above: float = -np.inf, least: float = -np.inf) -> None:
     if isinstance(value, ca.SX):
         return
-    if not (above < value < np.inf and least <= value):
+    if not (isinstance(value, Real) and above < value < np.inf and least <= value):
         bound = f"above {above:g}" if above > -np.inf else f"at least {least:g}"
-        raise ValueError(f"{name} must be finite and {bound}")
+        raise ArgumentError(f"{name} must be finite and {bound}, not {value!r}")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.core.model import Model, Output, Signal, Switch, pack
+from wormopt.errors import ArgumentError
 from wormopt.tracking.reference import Reference
 
 __all__ = ["FeedForward", "TrackingError", "close"]
@@ -98,25 +99,28 @@ class TrackingError:
 
         Raises
         ------
-        ValueError
-            If the sizes of output and reference differ, the reference is made with another time
-            than the plant's, or the output's rate depends on inputs or
-            contact forces at once (relative degree below two).
+        ArgumentError
+            If the reference is something else, its size is not the output's, it is made with
+            another time than the plant's, or the output's rate depends on inputs or contact
+            forces at once (relative degree below two).
         """
+        if not isinstance(reference, Reference):
+            what = type(reference).__name__
+            raise ArgumentError(f"reference must be follow(gait, plant.t), not {what}")
         own = ca.vertcat(plant.t, *(ca.vertcat(s.symbol, s.begin) for s in reference.schedules))
         known = {symbol.element_hash() for symbol in ca.symvar(own)}
         used = ca.symvar(ca.vertcat(reference.value, reference.rate))
         if not all(symbol.element_hash() in known for symbol in used):
-            raise ValueError("the reference must be a function of the plant's own time, plant.t")
+            raise ArgumentError("the reference must be a function of the plant's own time, plant.t")
         y = plant.output("length")
         if y.shape != reference.value.shape:
-            raise ValueError(
+            raise ArgumentError(
                 f"the reference has {reference.value.numel()} links, the worm {y.numel()}"
             )
         rate = ca.jtimes(y, pack(plant.x), plant.ode) + ca.jacobian(y, plant.t)
         acting = ca.vertcat(pack(plant.u), plant.forces)
         if ca.depends_on(rate, acting):
-            raise ValueError(f"forces act on the rates of {plant.name} at once, not by inertia")
+            raise ArgumentError(f"forces act on the rates of {plant.name} at once, not by inertia")
         return cls(y - reference.value, rate - reference.rate)
 
     @property
@@ -197,12 +201,12 @@ def close(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the plant has no input ``input`` of the force's size.
     """
     found = [signal for signal in plant.u if signal.name == "input"]
     if not found or found[0].symbol.shape != force.shape:
-        raise ValueError(f"{plant.name} has no input 'input' of {force.numel()} scalars")
+        raise ArgumentError(f"{plant.name} has no input 'input' of {force.numel()} scalars")
     x, own = pack(plant.x), pack(states)
     expressions = [plant.ode, plant.alg, *(o.expression for o in plant.outputs)]
     for switch in plant.switches:

@@ -9,6 +9,7 @@ import numpy as np
 
 from wormopt.core.gait import Gait
 from wormopt.core.model import Schedule
+from wormopt.errors import ArgumentError
 
 __all__ = ["Reference", "follow"]
 
@@ -56,7 +57,7 @@ def follow(gait: Gait, time: ca.SX, *, shift: float = 0.0) -> Reference:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If ``shift`` is not finite.
 
     Examples
@@ -69,7 +70,7 @@ def follow(gait: Gait, time: ca.SX, *, shift: float = 0.0) -> Reference:
            [ 1.5, -0.5]]), -0.25)
     """
     if not np.isfinite(shift):
-        raise ValueError("shift must be finite")
+        raise ArgumentError("shift must be finite")
     pieces, n, powers = gait.polynomial.shape
     parts = [gait.polynomial.transpose(0, 2, 1).reshape(pieces, -1)]
     if gait.omega is not None and gait.cosine is not None and gait.sine is not None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from numbers import Integral
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -10,10 +13,14 @@ from numpy.typing import ArrayLike
 
 from wormopt.core.friction import Law
 from wormopt.core.lift import lift
-from wormopt.core.model import Contact, Model, Output, Schedule, Signal
+from wormopt.core.model import TINY, Contact, Model, Output, Schedule, Signal
 from wormopt.core.path import ParameterPath
+from wormopt.core.values import numbers
+from wormopt.errors import ArgumentError
 
 __all__ = ["chain"]
+
+_LEAST = {"mass": TINY, "stiffness": 0.0, "damping": 0.0, "drag": 0.0}
 
 
 def chain(
@@ -77,9 +84,9 @@ def chain(
 
     Raises
     ------
-    ValueError
-        If a number of links is below 1, a length of a sequence wrong, a mass not positive, a
-        stiffness, damping or drag negative, or anything not finite.
+    ArgumentError
+        If links is no whole number from 1 on, a length of a sequence wrong, a mass not positive, a
+        stiffness, damping or drag negative, anything not finite, or the law no friction law.
 
     Examples
     --------
@@ -92,8 +99,8 @@ def chain(
     >>> worm.n_x, [s.name for s in worm.u], len(worm.contacts), worm.x[0].value
     (6, ['input'], 3, (4.0, 2.0, 0.0))
     """
-    if links < 1:
-        raise ValueError("a chain has at least one link")
+    if not isinstance(links, Integral) or links < 1:
+        raise ArgumentError(f"a chain has at least one link, and whole ones, not {links!r}")
     masses = links + 1
     speed = length_nominal / time_nominal
     t = ca.SX.sym("t")
@@ -161,21 +168,19 @@ def chain(
 
 
 def _numbers(name: str, given: ArrayLike, size: int) -> tuple[float, ...]:
-    values = np.asarray(given, dtype=float)
+    values = numbers(name, given)
     if values.shape not in ((), (size,)):
-        raise ValueError(f"{name} must be one number or {size}, not of the shape {values.shape}")
+        raise ArgumentError(f"{name} must be one number or {size}, not of the shape {values.shape}")
     if not np.all(np.isfinite(values)):
-        raise ValueError(f"{name} must be finite")
+        raise ArgumentError(f"{name} must be finite")
     return tuple(np.broadcast_to(values, (size,)).tolist())
 
 
 def _parameter(name: str, given: ArrayLike, size: int, unit: str) -> Signal:
-    values = _numbers(name, given, size)
-    if name == "mass" and min(values) <= 0:
-        raise ValueError("mass must be positive")
-    if name in ("stiffness", "damping", "drag") and min(values) < 0:
-        raise ValueError(f"{name} must not be negative")
-    return Signal(name, ca.SX.sym(name, size), unit, value=values)
+    values, lower = _numbers(name, given, size), _LEAST.get(name, -math.inf)
+    signal = Signal(name, ca.SX.sym(name, size), unit, lower=lower, value=values)
+    signal.check(np.array(values))
+    return signal
 
 
 def _link_parameter(
@@ -186,16 +191,21 @@ def _link_parameter(
         signal = _parameter(name, given, links, unit)
         return signal.symbol, signal
     if given.size != links:
-        raise ValueError(f"the path of {name} has {given.size} parameters for {links} links")
+        raise ArgumentError(f"the path of {name} has {given.size} parameters for {links} links")
     return given.schedule(name, t)
 
 
 def _laws(law: Law | Sequence[Law] | None, masses: int) -> Sequence[Law]:
     if law is None:
         return ()
-    laws = [law] * masses if isinstance(law, Law) else law
+    laws: list[Any] = [law] * masses
+    if isinstance(law, Sequence) and not isinstance(law, str):
+        laws = [*law]
     if len(laws) != masses:
-        raise ValueError(f"law must be one or {masses}, not {len(laws)}")
+        raise ArgumentError(f"law must be one or {masses}, not {len(laws)}")
+    for each in laws:
+        if not isinstance(each, Law) or isinstance(each, type):
+            raise ArgumentError(f"law must be Coulomb(forward, backward) or the like, not {each!r}")
     return laws
 
 

@@ -16,6 +16,7 @@ from scipy.optimize import root_scalar
 
 from wormopt.core.chebyshev import Series, resolve
 from wormopt.core.gait import Gait
+from wormopt.errors import ArgumentError
 from wormopt.worms.sharing import Sharing, share_load
 from wormopt.worms.stretches import Drive, Stretch, periodic_stretches
 
@@ -379,7 +380,7 @@ def crawl(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the number of masses is not that of the links plus one.
     SolveError
         If no periodic motion is reached: the worm glides faster from period to period.
@@ -398,6 +399,6 @@ def crawl(
     (0.25, [[1], [0]])
     """
     if len(mass) != gait.links + 1:
-        raise ValueError(f"{gait.links} links join {gait.links + 1} masses, not {len(mass)}")
+        raise ArgumentError(f"{gait.links} links join {gait.links + 1} masses, not {len(mass)}")
     drive = Drive(gait, np.asarray(mass, dtype=float), drag, load, sharing)
     return Crawl(gait, *periodic_stretches(drive), drive)
