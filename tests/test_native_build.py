@@ -145,6 +145,22 @@ def test_an_entry_depends_on_the_compiler_and_its_options(logged: Compiler):
     assert len(logged.entries) == 3
 
 
+def test_an_entry_depends_on_every_program_of_the_command(
+    logged: Compiler, monkeypatch: pytest.MonkeyPatch
+):
+    wrapper = logged.folder / "wrapper"
+    wrapper.write_text('#!/bin/sh\nexec "$@"\n')
+    wrapper.chmod(0o755)
+    monkeypatch.setenv("CC", f"{wrapper} {logged.path} -DUNUSED")
+    compiler.cache_clear()
+    for expected in (1, 1):
+        assert answer() == 42
+        assert logged.calls == expected
+    logged.set(": another one")
+    assert answer() == 42
+    assert logged.calls == 2
+
+
 def test_the_folder_is_closed_to_others(logged: Compiler):
     folder = logged.folder / "cache" / "wormopt" / "native"
     folder.mkdir(parents=True)

@@ -120,9 +120,12 @@ def _machine() -> str:
 
 
 def _key(sources: Sequence[tuple[str, str]], flags: Sequence[str], command: Sequence[str]) -> str:
-    found = shutil.which(command[0]) or command[0]
-    made = Path(found).stat()
-    parts = [*flags, *command, found, str(made.st_size), str(made.st_mtime_ns), _machine()]
+    parts = [*flags, *command, _machine()]
+    for word in command:  # "ccache gcc" is two programs
+        found = shutil.which(word)
+        if found:
+            made = Path(found).stat()
+            parts += [found, str(made.st_size), str(made.st_mtime_ns)]
     parts += [text for source in sources for text in source]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
 
