@@ -20,6 +20,15 @@ HOSTILE = [
     (TRACK, "worm.mass=0", "worm.mass", "above 0"),
     (TRACK, "worm.mass=[1, 1]", "worm.mass", "2 entries for 3 masses"),
     (TRACK, "worm.stiffness=-1", "worm.stiffness", "0 or above"),
+    (TRACK, "worm.mass=1e-40", "worm.mass", "1e-40 is too small to compute with"),
+    (TRACK, "worm.mass=1e40", "worm.mass", "1e+40 is too large to compute with"),
+    (TRACK, "worm.mass=[1, 1]", "worm.mass", "one number for all masses, or a list of 3"),
+    (
+        TRACK,
+        'worm.friction=[{kind="spike"}, {kind="spike"}]',
+        "worm.friction",
+        "2 entries for 3 masses; write one table for all masses, or a list of 3",
+    ),
     (TRACK, "worm.damping=[1, 2, 3]", "worm.damping", "3 entries for 2 links"),
     (TRACK, "worm.rest_length=nan", "worm.rest_length", "finite"),
     (TRACK, "worm.drag=[1, 2]", "worm.drag", "2 entries for 3 masses"),
@@ -207,7 +216,13 @@ HOSTILE_MODELS = [
     (OWN.replace('"x", x', '"x 1", x'), "model", "is no name"),
     (OWN.replace("ode=-rate * x", 'ode=-ca.SX.sym("c") * x'), "model", ": c; give them"),
     (OWN.replace("ca.SX", "ca.MX"), "model", "no casadi.SX"),
-    (OWN.replace("ode=-rate * x", "ode=ca.SX(2, 1)"), "model", "line 6: ValueError"),
+    (
+        OWN.replace("value=1.0", 'value=1.0, unit="lenght"'),
+        "model",
+        "the unit of 'x' is 'lenght'; did you mean 'length'?",
+    ),
+    (OWN.replace("value=1.0", "value=1.0, unit=3"), "model", "the unit of 'x' is 3; write"),
+    (OWN.replace("ode=-rate * x", "ode=ca.SX(2, 1)"), "model", "line 6: ArgumentError"),
     (
         OWN.replace("[Signal", "[] and [Signal").replace("-rate * x", "ca.SX(0, 1)"),
         "model",
@@ -254,6 +269,33 @@ def test_wrong_parameters_of_a_model_are_named(tmp_path: Path):
     path = write(tmp_path, MODEL)
     with pytest.raises(SceneError, match=r"parameters\.raet: .*did you mean rate"):
         wo.run(load_scene(path, ["parameters.raet=2"]))
+
+
+@pytest.mark.parametrize(
+    ("body", "given", "key", "message"),
+    [
+        ("1 / rate", ["rate=0"], "parameters.rate", "own.py line 2: ZeroDivisionError"),
+        ("1 / rate", ["rate=0", "size=2"], "parameters", "write other values, or mend the file"),
+        ("assert size > 0, 'size: above 0'", ["rate=1", "size=0"], "parameters.size", "size: abo"),
+    ],
+)
+def test_a_model_that_fails_with_given_parameters_names_their_key(
+    tmp_path: Path, body: str, given: list[str], key: str, message: str
+):
+    path = write(tmp_path, MODEL, f"def build(rate=1, size=1):\n    {body}\n")
+    with pytest.raises(SceneError) as caught:
+        wo.run(load_scene(path, [f"parameters.{each}" for each in given]))
+    ((found, said),) = caught.value.faults
+    assert found == key
+    assert message in said
+
+
+def test_a_given_parameter_beyond_its_bounds_is_named(tmp_path: Path):
+    own = OWN.replace("-rate * x)", "-r * x, p=[Signal('rate', r, lower=0, value=rate)])")
+    own = own.replace("    x = ", '    r = ca.SX.sym("r")\n    x = ')
+    path = write(tmp_path, MODEL, own)
+    with pytest.raises(SceneError, match=r"parameters\.rate: rate must be 0 or above, not -2"):
+        wo.run(load_scene(path, ["parameters.rate=-2"]))
 
 
 def test_all_tables_of_a_list_are_checked_at_once(tmp_path: Path):

@@ -232,7 +232,7 @@ class ChainTable(Table, frozen=True, kw_only=True):
             if self.friction:
                 yield from _faults_of_law("worm.friction", self.friction, self.links + 1)
             return
-        yield from wrong_count("worm.friction", self.friction, self.links + 1, "masses")
+        yield from wrong_count("worm.friction", self.friction, self.links + 1, "masses", "table")
         for i, law in enumerate(self.friction):
             for name in law.__struct_fields__:
                 if isinstance(getattr(law, name), tuple):

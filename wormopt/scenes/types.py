@@ -139,7 +139,11 @@ def extreme_numbers(value: object, key: str = "") -> Iterator[Fault]:
         for index, item in enumerate(value):
             yield from extreme_numbers(item, f"{key}[{index}]")
     elif isinstance(value, float) and value != 0 and not _SMALL <= abs(value) <= 1 / _SMALL:
-        yield key, f"{value:g} is out of range; choose units in which it lies within 1e-30 and 1e30"
+        size = "small" if abs(value) < 1 else "large"
+        yield (
+            key,
+            f"{value:g} is too {size} to compute with; choose units in which it is nearer to 1",
+        )
 
 
 def per(value: float | tuple[float, ...], count: int) -> tuple[float, ...]:
@@ -161,7 +165,11 @@ def per(value: float | tuple[float, ...], count: int) -> tuple[float, ...]:
 
 
 def wrong_count(
-    key: str, value: object, count: int, things: Literal["links", "masses"]
+    key: str,
+    value: object,
+    count: int,
+    things: Literal["links", "masses"],
+    entry: Literal["number", "table"] = "number",
 ) -> Iterator[Fault]:
     """Yield a fault if a list does not hold one entry per link or per mass.
 
@@ -175,9 +183,22 @@ def wrong_count(
         Number of things there are.
     things : {"links", "masses"}
         What there are so many of.
+    entry : {"number", "table"}, optional
+        What is written for each.
+
+    Examples
+    --------
+    >>> list(wrong_count("worm.mass", (1.0, 2.0), 3, "masses"))
+    [('worm.mass', '2 entries for 3 masses; write one number for all masses, or a list of 3')]
     """
     if isinstance(value, tuple) and len(value) != count:
-        yield key, f"{_entries(len(value))} for {count} {things}; write one number, or {count}"
+        yield (
+            key,
+            (
+                f"{_entries(len(value))} for {count} {things}; write one {entry} for all {things}, "
+                f"or a list of {count}"
+            ),
+        )
 
 
 def wrong_order(key: str, pair: tuple[float, ...], *, may_be_equal: bool) -> Iterator[Fault]:

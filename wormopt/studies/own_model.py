@@ -16,7 +16,9 @@ from typing import Any
 import casadi as ca
 
 from wormopt.core.model import Model, pack
-from wormopt.errors import SceneError
+from wormopt.core.values import signal_values
+from wormopt.errors import ArgumentError, SceneError
+from wormopt.result import UNITS
 from wormopt.scenes.scene import Scene
 from wormopt.scenes.simulate import SimulateScene
 
@@ -64,7 +66,8 @@ def load_model(scene: Scene[SimulateScene]) -> Model:
         _attempt(scene, path, lambda: exec(code, module.__dict__))  # noqa: S102
         function = _function(scene, module)
         _check_parameters(scene, function)
-        model = _attempt(scene, path, lambda: function(**(table.parameters or {})))
+        given = table.parameters or {}
+        model = _attempt(scene, path, lambda: function(**given), given)
     if not isinstance(model, Model):
         what = f"{table.model_function}() returns {_shown(model)}, not a Model"
         raise _refused(scene, f"{what}; end it with return Model(...), from wormopt import Model")
@@ -80,7 +83,12 @@ def _shown(value: object) -> str:
     return "nothing" if value is None else type(value).__name__
 
 
-def _attempt(scene: Scene[SimulateScene], path: Path, action: Callable[[], Any]) -> Any:
+def _attempt(
+    scene: Scene[SimulateScene],
+    path: Path,
+    action: Callable[[], Any],
+    given: Mapping[str, Any] | None = None,
+) -> Any:
     try:
         return action()
     except (Exception, SystemExit) as error:
@@ -92,7 +100,19 @@ def _attempt(scene: Scene[SimulateScene], path: Path, action: Callable[[], Any])
         where = f" line {lines[-1]}" if lines else ""
         said = " ".join(str(error).split()) or "no message"
         message = f"{scene.table.model_file}{where}: {type(error).__name__}: {said}"
-        raise _refused(scene, f"{message}; mend it there") from error
+        if not given:
+            raise _refused(scene, f"{message}; mend it there") from error
+        message = f"{scene.table.model_function}() fails with what is given: {message}"
+        what = "write other values, or mend the file"
+        raise _refused(scene, f"{message}; {what}", _blamed(given, said)) from error
+
+
+def _blamed(given: Mapping[str, Any] | None, said: str) -> str:
+    """Key of the parameter that an error speaks of, where there is one."""
+    if not given:
+        return "model"
+    named = [name for name in given if re.search(rf"\b{re.escape(name)}\b", said)] or list(given)
+    return f"parameters.{named[0]}" if len(named) == 1 else "parameters"
 
 
 def _function(scene: Scene[SimulateScene], module: ModuleType) -> Callable[..., Any]:
@@ -148,6 +168,11 @@ def _check_model(scene: Scene[SimulateScene], model: Model) -> None:
     for name in names:
         if used.count(name) > 1 or name in _TAKEN:
             raise _refused(scene, f"the name {name!r} is taken; rename that state or output")
+    _check_units(scene, model)
+    try:
+        signal_values(model.p, None, "parameter")
+    except ArgumentError as error:
+        raise _refused(scene, str(error), _blamed(scene.table.parameters, str(error))) from error
     if not model.n_x:
         raise _refused(scene, "the Model has no states; give it at least one in x")
     try:
@@ -158,6 +183,16 @@ def _check_model(scene: Scene[SimulateScene], model: Model) -> None:
     if stray:
         what = "symbols that are neither state, input, parameter, time, contact force nor schedule"
         raise _refused(scene, f"there are {what}: {', '.join(stray)}; give them to the Model too")
+
+
+def _check_units(scene: Scene[SimulateScene], model: Model) -> None:
+    """Refuse misspelt quantities; other text is taken for the name of a unit."""
+    for signal in (*model.x, *model.outputs):
+        unit = signal.unit
+        close = get_close_matches(unit, UNITS, n=1, cutoff=0.8) if isinstance(unit, str) else []
+        if not isinstance(unit, str) or (close and unit not in UNITS):
+            hint = f"did you mean {close[0]!r}?" if close else 'write "length" or "m", say'
+            raise _refused(scene, f"the unit of {signal.name!r} is {unit!r}; {hint}")
 
 
 def _stray_symbols(model: Model) -> list[str]:
