@@ -445,6 +445,15 @@ def test_parameters_out_of_their_bounds_are_refused_by_name(
         simulate_ensemble(loop, 0.001, members)
 
 
+def test_stiction_below_sliding_friction_is_refused_also_as_parameters():
+    law = Coulomb(1.0, 3.0, stick_forward=2.0)
+    worm = chain(1, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0, law=law)
+    assert simulate(worm, 0.1, p={"friction_forward": 2.0}).end_time == 0.1
+    words = r"mass 1 with forward = 5, backward = 3, stick_forward = 2: .* <= stiction force"
+    with pytest.raises(ArgumentError, match=words):
+        simulate(worm, 0.1, p={"friction_forward": [1.0, 5.0]})
+
+
 def test_bounds_of_a_model_of_ones_own_hold():
     x, a = ca.SX.sym("x"), ca.SX.sym("a")
     share = Signal("share", a, lower=0.0, upper=1.0)

@@ -8,7 +8,7 @@ for sliding forward and backward, 0 at rest.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -331,13 +331,44 @@ class System:
         Raises
         ------
         ArgumentError
-            As `signal_values`.
+            As `signal_values`, or if a friction law refuses its numbers.
         """
         signals = (*self.model.p, *(self._input(u) for u in self.model.u))
         fixed = signal_values(signals, given, "parameter or input")
+        self._check_laws(fixed)
         v_reg = self.treatment.v_reg if isinstance(self.treatment, Smooth) else 0.0
         scheduled = sum(1 + s.symbol.numel() for s in self.model.schedules)
         return np.concatenate([fixed, [v_reg], np.zeros(scheduled)])
+
+    def _check_laws(self, fixed: np.ndarray) -> None:
+        """Let each law see its numbers together: stiction below sliding friction, say."""
+        numbers = self._law_numbers(fixed).full().ravel()
+        for contact, names in self._law_fields:
+            own, numbers = numbers[: len(names)].tolist(), numbers[len(names) :]
+            try:
+                replace(contact.law, **dict(zip(names, own, strict=True)))  # type: ignore[type-var]
+            except ValueError as error:
+                said = ", ".join(f"{n} = {v:g}" for n, v in zip(names, own, strict=True))
+                raise ArgumentError(f"{contact.name} with {said}: {error}") from None
+
+    @cached_property
+    def _law_fields(self) -> list[tuple[Contact, list[str]]]:
+        """Contacts, and the fields of their laws that parameters and inputs alone decide."""
+        fixed = ca.symvar(ca.vertcat(pack(self.model.p), pack(self.model.u)))
+        known = {symbol.element_hash() for symbol in fixed}
+
+        def decided(value: object) -> bool:
+            symbols = ca.symvar(value) if isinstance(value, ca.SX) else []
+            return len(symbols) > 0 and all(s.element_hash() in known for s in symbols)
+
+        laws = [(c, fields(c.law)) for c in self.model.contacts if is_dataclass(c.law)]
+        return [(c, [i.name for i in own if decided(getattr(c.law, i.name))]) for c, own in laws]
+
+    @cached_property
+    def _law_numbers(self) -> ca.Function:
+        values = [getattr(c.law, name) for c, names in self._law_fields for name in names]
+        symbols = ca.vertcat(pack(self.model.p), pack(self.model.u))
+        return ca.Function("law_numbers", [symbols], [ca.densify(ca.vertcat(ca.SX(0, 1), *values))])
 
     @staticmethod
     def _input(u: Signal) -> Signal:
