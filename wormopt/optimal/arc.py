@@ -11,6 +11,7 @@ import numpy as np
 
 from wormopt.core.model import Signal, pack
 from wormopt.optimal.collocation import bernstein_matrix
+from wormopt.optimal.contact import Prescribed, Treatment
 from wormopt.optimal.mesh import Mesh
 from wormopt.optimal.problem import Problem
 
@@ -46,25 +47,29 @@ class Layout:
 
     Parameters
     ----------
+    clock : slice
+        Time at the arc's start, where the model depends on it.
     start : slice
         State at the arc's start, after its impulses.
     points : slice
         States at the collocation points.
     inputs : slice
         Bernstein coefficients of the inputs.
-    slacks, forces : slice
-        Slacks and contact forces at the collocation points.
+    slacks, algebraic, unknowns : slice
+        Slacks, algebraic variables and what contacts leave unknown, at the collocation points.
     jumps : slice
         Impulses of inputs and contacts at the arc's start.
     size : int
         Number of rows.
     """
 
+    clock: slice
     start: slice
     points: slice
     inputs: slice
     slacks: slice
-    forces: slice
+    algebraic: slice
+    unknowns: slice
     jumps: slice
     size: int
 
@@ -83,7 +88,7 @@ class Layout:
 
 
 class Arc:
-    """The piece from which a `PhaseProgram` is built: one arc, any mode, all scaled.
+    """The piece from which a `Transcription` is built: one arc, any mode, all scaled.
 
     Parameters
     ----------
@@ -91,118 +96,252 @@ class Arc:
         What to optimise.
     mesh : Mesh
         Polynomials on each arc.
+    treatment : Treatment
+        How contacts are treated.
 
     Raises
     ------
-    NotImplementedError
-        If the model depends on time explicitly or has algebraic equations.
+    ValueError
+        If impulses are asked for without prescribed modes.
     """
 
-    def __init__(self, problem: Problem, mesh: Mesh) -> None:
+    def __init__(self, problem: Problem, mesh: Mesh, treatment: Treatment) -> None:
         model = problem.model
-        if ca.depends_on(model.ode, model.t) or model.alg.numel() or model.schedules:
-            raise NotImplementedError("phases take autonomous models without algebraic equations")
         self.problem, self.mesh = problem, mesh
+        self.closure = treatment.close(model)
+        self.modal = isinstance(treatment, Prescribed)
+        if problem.impulses and not self.modal:
+            raise ValueError("impulses need prescribed contact modes")
+        self.timed = bool(model.schedules) or ca.depends_on(
+            ca.vertcat(
+                model.ode, model.alg, problem.integrands, *(b.expression for b in problem.along)
+            ),
+            model.t,
+        )
         self.x_nominal = _nominals(model.x)
+        self.z_nominal = _nominals(model.z)
         self.u_nominal = _nominals(model.u)
         self.s_nominal = _nominals(problem.slacks)
-        self.p_nominal = _nominals(problem.design)
+        self.design_nominal = _nominals(problem.design)
         self.f_nominal = np.array([c.nominal_force for c in model.contacts])
         self.v_nominal = np.array([c.nominal_speed for c in model.contacts])
         self.time_nominal = problem.duration[1]
         d, n_c, n_u = mesh.collocation.degree, len(model.contacts), len(self.u_nominal)
         self.layout = Layout.of(
             {
+                "clock": int(self.timed),
                 "start": model.n_x,
                 "points": model.n_x * d,
                 "inputs": n_u * (mesh.input_degree + 1),
                 "slacks": len(self.s_nominal) * d,
-                "forces": n_c * d,
+                "algebraic": len(self.z_nominal) * d,
+                "unknowns": len(self.closure.nominal) * d,
                 "jumps": (n_u + n_c) if problem.impulses else 0,
             }
         )
 
+    # -- symbols ---------------------------------------------------------------------------
+
     @cached_property
-    def symbols(self) -> list[ca.SX]:
-        """States, inputs, slacks, contact forces and design constants, as columns."""
-        problem, model = self.problem, self.problem.model
+    def _varying(self) -> list[ca.SX]:
+        """What differs from point to point: time, states, inputs, slacks, z, unknowns."""
+        model = self.problem.model
         return [
+            model.t,
             pack(model.x),
             pack(model.u),
-            pack(problem.slacks),
-            model.forces,
-            ca.vertcat(ca.SX(0, 1), *(s.symbol for s in problem.design)),
+            pack(self.problem.slacks),
+            pack(model.z),
+            self.closure.unknowns,
         ]
+
+    @cached_property
+    def constants(self) -> list[ca.SX]:
+        """What is constant on an arc: level and schedules; design and the model's parameters."""
+        model = self.problem.model
+        scheduled = [part for s in model.schedules for part in (s.begin, s.symbol)]
+        return [
+            self.closure.level,
+            ca.vertcat(ca.SX(0, 1), *scheduled),
+            pack(self.problem.design),
+            pack(model.p),
+        ]
+
+    @cached_property
+    def symbols(self) -> list[ca.SX]:
+        """Time, states, inputs, slacks, z, unknowns; level, schedules, design, parameters."""
+        return [*self._varying, *self.constants]
+
+    @property
+    def nominals(self) -> list[np.ndarray]:
+        """Usual sizes of states, inputs, slacks, z and unknowns."""
+        sizes = [self.x_nominal, self.u_nominal, self.s_nominal, self.z_nominal]
+        return [*sizes, self.closure.nominal]
+
+    def at_forces(self, expression: ca.SX) -> ca.SX:
+        """Express contact forces as the treatment has them.
+
+        Parameters
+        ----------
+        expression : casadi.SX
+            In the problem's symbols.
+
+        Returns
+        -------
+        casadi.SX
+        """
+        forces = self.problem.model.forces
+        return (
+            ca.substitute(expression, forces, self.closure.forces) if forces.numel() else expression
+        )
+
+    def unknown_limits(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of what contacts leave unknown, scaled.
+
+        Parameters
+        ----------
+        p : ndarray, shape (n_p,)
+            Parameters of the model.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (n_unknowns,)
+        """
+        closure = self.closure
+        box = ca.Function("box", [self.constants[3]], [closure.lower, closure.upper])(p)
+        low, high = (np.asarray(side, dtype=float).ravel() for side in box)
+        return low / closure.nominal, high / closure.nominal
+
+    def rests(self, p: np.ndarray) -> np.ndarray:
+        """Least and largest force of each contact at rest, scaled.
+
+        Parameters
+        ----------
+        p : ndarray, shape (n_p,)
+            Parameters of the model.
+
+        Returns
+        -------
+        ndarray, shape (n_c, 2)
+        """
+        ends = [ca.SX(e) for c in self.problem.model.contacts for e in c.law.stick_interval]
+        values = ca.Function("rests", [self.constants[3]], [ca.vertcat(ca.SX(0, 1), *ends)])(p)
+        return np.asarray(values, dtype=float).reshape(-1, 2) / self.f_nominal[:, None]
+
+    @cached_property
+    def _bounds(self) -> list[ca.SX]:
+        return [self.at_forces(b.expression / b.nominal) for b in self.problem.along]
 
     @cached_property
     def state_only(self) -> list[bool]:
         """Which of the bounds along the way hang on states alone."""
-        others = ca.vertcat(*self.symbols[1:4])
-        return [not ca.depends_on(b.expression, others) for b in self.problem.along]
+        others = ca.vertcat(*self._varying[2:])
+        return [not ca.depends_on(b, others) for b in self._bounds]
 
     @cached_property
     def keeps_ends(self) -> bool:
         """Whether an arc's end must be bounded by itself: else the next arc's start says it all."""
         problem = self.problem
         open_states = [s.symbol for s in problem.model.x if s.name not in problem.periodic]
-        state_only = [
-            bound.expression
-            for bound, yes in zip(problem.along, self.state_only, strict=True)
-            if yes
-        ]
-        bounded = ca.vertcat(problem.model.contact_velocities, *state_only)
+        state_only = [b for b, yes in zip(self._bounds, self.state_only, strict=True) if yes]
+        speeds = problem.model.contact_velocities if self.modal else ca.SX(0, 1)
+        bounded = ca.vertcat(speeds, *state_only)
         return problem.impulses or any(ca.depends_on(bounded, s) for s in open_states)
 
-    @cached_property
-    def function(self) -> ca.Function:
-        """Map one arc's variables, modes and the design to residuals, bounded rows, end, integrals.
+    def closure_start(self, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """Guess what contacts leave unknown from states and forces; bounds are left aside.
 
-        Modes of one contact: sticks (0/1), direction of sliding, follows (0/1: sticks, but its
-        force is left open by the motion and given by the sharing rule).
+        Parameters
+        ----------
+        points : ndarray, shape (n_x, degree, N)
+            States at the collocation points.
+        forces : ndarray, shape (n_c, degree, N)
+            Contact forces there.
+
+        Returns
+        -------
+        ndarray, shape (n_unknowns, degree, N)
+            Forces, then each velocity's parts.
         """
-        problem, model, mesh, at = self.problem, self.problem.model, self.mesh, self.layout
-        d, n_c, n_x = mesh.collocation.degree, len(model.contacts), model.n_x
-        y, design = ca.SX.sym("y", at.size), ca.SX.sym("design", len(self.p_nominal))
-        modes = ca.SX.sym("modes", 3 * n_c)
-        stick, direction, follow = modes[:n_c], modes[n_c : 2 * n_c], modes[2 * n_c :]
+        n, shape = len(self.closure.nominal), points.shape[1:]
+        if n == 0:
+            return np.zeros((0, *shape))
+        model = self.problem.model
+        speeds = ca.Function("speeds", [pack(model.x)], [model.contact_velocities])
+        v = np.array(speeds(points.reshape(len(points), -1))).reshape(-1, *shape)
+        parts = [
+            np.maximum(d * v[i], 0.0)
+            for i, c in enumerate(model.contacts)
+            for d in c.law.directions
+        ]
+        return np.concatenate([forces, np.array(parts).reshape(-1, *shape)])[:n]
 
-        h = y[0] * self.time_nominal
-        start = y[at.start] * self.x_nominal
-        x = ca.reshape(y[at.points], n_x, d) * ca.repmat(ca.DM(self.x_nominal), 1, d)
-        n_u, n_k = len(self.u_nominal), mesh.input_degree + 1
-        coefficients = ca.reshape(y[at.inputs], n_u, n_k) * ca.repmat(ca.DM(self.u_nominal), 1, n_k)
-        u = ca.mtimes(coefficients, ca.DM(mesh.inputs_at_points.T))
-        s = ca.reshape(y[at.slacks], -1, d) * ca.repmat(ca.DM(self.s_nominal), 1, d)
-        f = ca.reshape(y[at.forces], n_c, d) * ca.repmat(ca.DM(self.f_nominal), 1, d)
-        p = design * self.p_nominal
+    # -- the arc ---------------------------------------------------------------------------
 
-        symbols = self.symbols
+    @cached_property
+    def _point(self) -> ca.Function:
+        """Rates of the states, what vanishes, what is small, accelerations, integrands."""
+        model, closure = self.problem.model, self.closure
+        ode, alg, integrands = (
+            self.at_forces(e) for e in (model.ode, model.alg, self.problem.integrands)
+        )
+        equal, held = closure.equal, ca.SX(0, 1)
+        if self.modal:
+            equal, held = self._modal_conditions()
+        return ca.Function(
+            "point", self.symbols, [ode, ca.vertcat(alg, equal), closure.small, held, integrands]
+        )
+
+    def _modal_conditions(self) -> tuple[ca.SX, ca.SX]:
+        """What vanishes by each contact's mode, and contact accelerations, scaled."""
+        model, problem = self.problem.model, self.problem
+        n = len(model.contacts)
+        stick, direction, follow = (self.closure.level[k * n : (k + 1) * n] for k in range(3))
         acceleration = model.contact_accelerations
-        slide = ca.vertcat(ca.SX(0, 1), *(self._slide_force(i, direction) for i in range(n_c)))
+        slide = ca.vertcat(ca.SX(0, 1), *(self._slide_force(i, direction) for i in range(n)))
         sharing = problem.sharing(stick) if problem.sharing is not None else acceleration
         scaled = acceleration / self.v_nominal * self.time_nominal
         closure = (1 - stick) * (model.forces - slide) / self.f_nominal + stick * (
             (1 - follow) * scaled + follow * sharing / self.f_nominal
         )
-        point = ca.Function(
-            "point",
-            [*symbols, modes],
-            [model.ode, closure, scaled, problem.integrands],
+        return closure, scaled
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """Map one arc's variables, level, schedules, design and parameters to what they give.
+
+        Results: what vanishes; what is small; accelerations that following contacts must not
+        have; bounded rows; state before the arc and at its end, scaled; integrals.
+        """
+        mesh, at = self.mesh, self.layout
+        d = mesh.collocation.degree
+        y = ca.SX.sym("y", at.size)
+        level, schedules, design, p = (
+            ca.SX.sym(f"c{k}", s.shape) for k, s in enumerate(self.constants)
         )
-        ode, closures, held, integrands = point.map(d)(
-            x, u, s, f, ca.repmat(p, 1, d), ca.repmat(modes, 1, d)
-        )
-        end = start + h * ca.mtimes(ode, ca.DM(mesh.collocation.B))
+        fixed = [level, schedules, design * ca.DM(self.design_nominal), p]
+        h = y[0] * self.time_nominal
+        start = y[at.start] * self.x_nominal
+        varying = self._at_points(y, h)
+        x = varying[1]
+        repeated = [ca.repmat(c, 1, d) for c in fixed]
+        ode, equal, small, held, integrands = self._point.map(d)(*varying, *repeated)
+        if mesh.collocation.scheme == "radau":  # the last point is the end
+            end = x[:, d - 1]
+        else:
+            end = start + h * ca.mtimes(ode, ca.DM(mesh.collocation.B))
         defect = (x - ca.repmat(start, 1, d)) - h * ca.mtimes(ode, ca.DM(mesh.collocation.A.T))
         defect = defect / ca.repmat(ca.DM(self.x_nominal), 1, d)
-        following = ca.vec(held[:, :n_k]) if problem.sharing is not None else ca.SX(0, 1)
-        rows = ca.vertcat(*self._bounded_rows(start, x, u, s, f, p, stick))
-        jump = self._jump(y[at.jumps], start, p)
+        shared = self.problem.sharing is not None
+        following = ca.vec(held[:, : mesh.input_degree + 1]) if shared else ca.SX(0, 1)
+        rows = ca.vertcat(ca.SX(0, 1), *self._bounded_rows(self._begin(y), start, varying, fixed))
+        jump = self._jump(y[at.jumps], start, fixed)
         return ca.Function(
             "arc",
-            [y, modes, design],
+            [y, level, schedules, design, p],
             [
-                ca.vertcat(ca.vec(defect), ca.vec(closures)),
+                ca.vertcat(ca.vec(defect), ca.vec(equal)),
+                ca.vec(small),
                 following,
                 rows,
                 (start - jump) / self.x_nominal,
@@ -211,6 +350,28 @@ class Arc:
             ],
         )
 
+    def _at_points(self, y: ca.SX, h: ca.SX) -> list[ca.SX]:
+        """Time, states, inputs, slacks, z and unknowns at the collocation points, one a column."""
+        mesh, at, d = self.mesh, self.layout, self.mesh.collocation.degree
+
+        def block(rows: slice, nominal: np.ndarray, columns: int) -> ca.SX:
+            values = ca.reshape(y[rows], len(nominal), columns)
+            return values * ca.repmat(ca.DM(nominal), 1, columns)
+
+        t = self._begin(y) + h * ca.DM(mesh.collocation.tau).T
+        coefficients = block(at.inputs, self.u_nominal, mesh.input_degree + 1)
+        return [
+            t,
+            block(at.points, self.x_nominal, d),
+            ca.mtimes(coefficients, ca.DM(mesh.inputs_at_points.T)),
+            block(at.slacks, self.s_nominal, d),
+            block(at.algebraic, self.z_nominal, d),
+            block(at.unknowns, self.closure.nominal, d),
+        ]
+
+    def _begin(self, y: ca.SX) -> ca.SX:
+        return y[self.layout.clock] * self.time_nominal if self.timed else ca.SX(0)
+
     def _slide_force(self, i: int, direction: ca.SX) -> ca.SX:
         contact = self.problem.model.contacts[i]
         forces = {k: contact.law.slip_force(contact.velocity, k) for k in contact.law.directions}
@@ -218,42 +379,47 @@ class Arc:
             return ca.SX(next(iter(forces.values())))
         return (1 + direction[i]) / 2 * forces[1] + (1 - direction[i]) / 2 * forces[-1]
 
-    def _jump(self, impulses: ca.SX, start: ca.SX, p: ca.SX) -> ca.SX:
+    def _jump(self, impulses: ca.SX, start: ca.SX, fixed: list[ca.SX]) -> ca.SX:
         """State jump by impulses of inputs and contacts, through the affine ode."""
         model = self.problem.model
         if not self.problem.impulses:
             return ca.SX.zeros(model.n_x)
         actions = ca.vertcat(pack(model.u), model.forces)
         effect = ca.Function("effect", self.symbols, [ca.jacobian(model.ode, actions)])
-        zero = [ca.SX.zeros(v.shape) for v in self.symbols[1:4]]
+        others = [ca.SX.zeros(v.shape) for v in self._varying[2:]]
         nominal = np.concatenate([self.u_nominal, self.f_nominal]) * self.time_nominal
-        return ca.mtimes(effect(start, *zero, p), impulses * nominal)
+        return ca.mtimes(effect(ca.SX(0), start, *others, *fixed), impulses * nominal)
 
     def _bounded_rows(
-        self, start: ca.SX, x: ca.SX, u: ca.SX, s: ca.SX, f: ca.SX, p: ca.SX, stick: ca.SX
+        self, begin: ca.SX, start: ca.SX, varying: list[ca.SX], fixed: list[ca.SX]
     ) -> list[ca.SX]:
         """Bernstein coefficients of contact velocities or forces, and of bounds along the arc."""
         model, d = self.problem.model, self.mesh.collocation.degree
         tau = self.mesh.collocation.tau
         to_coefficients = ca.DM(bernstein_matrix(tau).T)
         with_start = ca.DM(bernstein_matrix(np.concatenate([[0.0], tau])).T)
+        repeated = [ca.repmat(c, 1, d) for c in fixed]
 
         def coefficients(expression: ca.SX, state_only: bool) -> ca.SX:
             function = ca.Function("row", self.symbols, [expression])
-            values = function.map(d)(x, u, s, f, ca.repmat(p, 1, d))
+            values = function.map(d)(*varying, *repeated)
             if not state_only:
                 return ca.mtimes(values, to_coefficients)
-            first = function(start, u[:, 0], s[:, 0], f[:, 0], p)
+            others = [v[:, 0] for v in varying[2:]]  # without effect
+            first = function(begin, start, *others, *fixed)
             return ca.mtimes(ca.horzcat(first, values), with_start)
 
-        speeds = coefficients(model.contact_velocities / self.v_nominal, True)
-        forces = coefficients(model.forces / self.f_nominal, False)
-        # A sliding contact has a bounded speed, a sticking one a bounded force: one row for both.
-        stuck = ca.repmat(stick, 1, d)
-        rows = [speeds[:, 0], ca.vec((1 - stuck) * speeds[:, :d] + stuck * forces)]
-        if self.keeps_ends:
-            rows.append(speeds[:, d])
-        for bound, state_only in zip(self.problem.along, self.state_only, strict=True):
-            row = coefficients(bound.expression / bound.nominal, state_only)
+        rows = []
+        if self.modal:
+            speeds = coefficients(model.contact_velocities / self.v_nominal, True)
+            forces = coefficients(model.forces / self.f_nominal, False)
+            # A sliding contact has a bounded speed, a sticking one a bounded force: one row
+            # for both.
+            stuck = ca.repmat(fixed[0][: len(model.contacts)], 1, d)
+            rows += [speeds[:, 0], ca.vec((1 - stuck) * speeds[:, :d] + stuck * forces)]
+            if self.keeps_ends:
+                rows.append(speeds[:, d])
+        for bound, state_only in zip(self._bounds, self.state_only, strict=True):
+            row = coefficients(bound, state_only)
             rows.append(ca.vec(row[:, :d] if state_only and not self.keeps_ends else row))
         return rows

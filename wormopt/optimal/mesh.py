@@ -8,7 +8,7 @@ import numpy as np
 
 from wormopt.optimal.collocation import Collocation, bernstein_matrix
 
-__all__ = ["Arcs", "Mesh", "on_finer_mesh"]
+__all__ = ["Arcs", "Mesh", "interpolation", "on_finer_mesh"]
 
 
 @dataclass(frozen=True)
@@ -18,37 +18,106 @@ class Mesh:
     Parameters
     ----------
     phases : int
-        Number of contact phases.
-    arcs : int
-        Arcs of free duration per phase.
+        Number of phases.
+    arcs : int or tuple of int
+        Arcs per phase, alike for all or one number each.
     collocation : Collocation
         Scheme and degree of the state polynomials on each arc.
-    input_degree : int
+    input_degree : int, optional
         Degree of the input polynomials; 0 is piecewise constant. With ``collocation.degree - 2``
         a state two integrations behind the input is still represented exactly.
+    shares : tuple of float, optional
+        Part that each arc has of its phase's duration; without it durations of arcs are free.
+
+    Raises
+    ------
+    ValueError
+        If the numbers do not fit each other or shares are not positive.
+
+    Examples
+    --------
+    >>> mesh = Mesh.even(2, 4, Collocation(3))
+    >>> mesh.total, mesh.shares[:4]
+    (8, (0.25, 0.25, 0.25, 0.25))
     """
 
     phases: int
-    arcs: int
+    arcs: int | tuple[int, ...]
     collocation: Collocation
     input_degree: int = 0
+    shares: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.counts) != self.phases or min(self.counts) < 1:
+            raise ValueError("a mesh needs at least one arc in each of its phases")
+        if self.shares is None:
+            return
+        if len(self.shares) != self.total or not min(self.shares) > 0:
+            raise ValueError(f"a mesh of {self.total} arcs needs as many positive shares")
+
+    @classmethod
+    def even(
+        cls,
+        phases: int,
+        arcs: int | tuple[int, ...],
+        collocation: Collocation,
+        input_degree: int = 0,
+    ) -> Mesh:
+        """Make a mesh on which all arcs of a phase are equally long.
+
+        Parameters
+        ----------
+        phases : int
+            Number of phases.
+        arcs : int or tuple of int
+            Arcs per phase.
+        collocation : Collocation
+            Scheme and degree.
+        input_degree : int, optional
+            Degree of the inputs.
+
+        Returns
+        -------
+        Mesh
+        """
+        counts = arcs if isinstance(arcs, tuple) else (arcs,) * phases
+        shares = tuple(1 / n for n in counts for _ in range(n))
+        return cls(phases, arcs, collocation, input_degree, shares)
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Arcs of each phase."""
+        return self.arcs if isinstance(self.arcs, tuple) else (int(self.arcs),) * self.phases
 
     @property
     def total(self) -> int:
         """Number of arcs in all phases."""
-        return self.phases * self.arcs
+        return sum(self.counts)
+
+    @property
+    def phase(self) -> np.ndarray:
+        """Phase of each arc, shape (total,)."""
+        return np.repeat(np.arange(self.phases), self.counts)
 
     @property
     def inputs_at_points(self) -> np.ndarray:
         """Matrix from an input's Bernstein coefficients to its values at collocation points."""
+        return self.inputs_at(self.collocation.tau)
+
+    def inputs_at(self, s: np.ndarray) -> np.ndarray:
+        """Matrix from an input's Bernstein coefficients to its values at places on an arc.
+
+        Parameters
+        ----------
+        s : ndarray, shape (m,)
+            Places in [0, 1].
+
+        Returns
+        -------
+        ndarray, shape (m, input_degree + 1)
+        """
         nodes = self.input_nodes
-        powers = np.arange(self.input_degree + 1)
-        to_values = self.collocation.tau[:, None] ** powers
-        return (
-            to_values
-            @ np.linalg.inv(nodes[:, None] ** powers)
-            @ np.linalg.inv(bernstein_matrix(nodes))
-        )
+        return interpolation(nodes, s) @ np.linalg.inv(bernstein_matrix(nodes))
 
     @property
     def input_nodes(self) -> np.ndarray:
@@ -75,15 +144,15 @@ class Arcs:
         Bernstein coefficients of the inputs.
     slacks : ndarray, shape (n_s, degree, N)
         Slacks at the collocation points.
-    forces : ndarray, shape (contacts, degree, N)
-        Contact forces at the collocation points.
+    algebraic : ndarray, shape (n_z, degree, N)
+        Algebraic variables at the collocation points.
+    unknowns : ndarray, shape (n_unknowns, degree, N)
+        What the treatment of contacts leaves unknown, at the collocation points: forces first.
     jumps : ndarray, shape (n_u + contacts, N)
         Impulses of inputs and contacts at the start of each arc, in nominal sizes times nominal
         time; no rows where the problem allows none.
     design : ndarray, shape (n_p,)
         Design constants.
-    phase : ndarray of int, shape (N,)
-        Phase of each arc.
     """
 
     duration: np.ndarray
@@ -91,10 +160,10 @@ class Arcs:
     points: np.ndarray
     inputs: np.ndarray
     slacks: np.ndarray
-    forces: np.ndarray
+    algebraic: np.ndarray
+    unknowns: np.ndarray
     jumps: np.ndarray
     design: np.ndarray
-    phase: np.ndarray
 
 
 def on_finer_mesh(arcs: Arcs, coarse: Mesh, mesh: Mesh) -> Arcs:
@@ -114,7 +183,7 @@ def on_finer_mesh(arcs: Arcs, coarse: Mesh, mesh: Mesh) -> Arcs:
     Arcs
         The same motion; impulses stay at the start of the first part of their arc.
     """
-    split = mesh.arcs // coarse.arcs
+    split = mesh.total // coarse.total
     with_start = np.concatenate([[0.0], coarse.collocation.tau])
     states = np.concatenate([arcs.start[:, None], arcs.points], axis=1)
     parts = [(np.arange(split) + offset) / split for offset in (0.0, 1.0)]
@@ -122,7 +191,7 @@ def on_finer_mesh(arcs: Arcs, coarse: Mesh, mesh: Mesh) -> Arcs:
     def on(nodes: np.ndarray, values: np.ndarray, targets: np.ndarray) -> np.ndarray:
         """Values of the interpolant at targets within each part: (rows, targets, N split)."""
         at = parts[0][:, None] + (parts[1] - parts[0])[:, None] * targets
-        matrix = _interpolation(nodes, at.ravel())
+        matrix = interpolation(nodes, at.ravel())
         fine = np.einsum("tk,rkn->rnt", matrix, values)
         shape = (values.shape[0], values.shape[2] * split, len(targets))
         return np.swapaxes(fine.reshape(shape), 1, 2)
@@ -140,15 +209,32 @@ def on_finer_mesh(arcs: Arcs, coarse: Mesh, mesh: Mesh) -> Arcs:
         points=on(with_start, states, new),
         inputs=np.einsum("tk,rkn->rtn", bernstein_matrix(mesh.input_nodes), fine_inputs),
         slacks=on(old, arcs.slacks, new),
-        forces=on(old, arcs.forces, new),
+        algebraic=on(old, arcs.algebraic, new),
+        unknowns=on(old, arcs.unknowns, new),
         jumps=jumps,
         design=arcs.design,
-        phase=np.repeat(np.arange(mesh.phases), mesh.arcs),
     )
 
 
-def _interpolation(nodes: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """Matrix from values at nodes to values of the interpolating polynomial at targets."""
+def interpolation(nodes: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Matrix from values at nodes to values of the interpolating polynomial at targets.
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (n,)
+        Distinct places in [0, 1].
+    targets : ndarray, shape (m,)
+        Places in [0, 1].
+
+    Returns
+    -------
+    ndarray, shape (m, n)
+
+    Examples
+    --------
+    >>> interpolation(np.array([0.0, 1.0]), np.array([0.25])).round(12)
+    array([[0.75, 0.25]])
+    """
     degree = len(nodes) - 1
     basis = np.polynomial.legendre.legvander(2 * nodes - 1, degree)
     return np.linalg.solve(basis.T, np.polynomial.legendre.legvander(2 * targets - 1, degree).T).T

@@ -108,6 +108,9 @@ class Problem:
         Shortest and longest duration, positive.
     periodic : sequence of str, optional
         Names of the states that return to their start.
+    displaced : sequence of str, optional
+        Names of the states that return to their start but for one displacement, common to all
+        entries of such a state: positions of masses, for instance.
     integrands : casadi.SX, optional
         Column of expressions along the way; their integrals are ``ends.integrals``.
     along : sequence of Bound, optional
@@ -158,6 +161,7 @@ class Problem:
     minimise: ca.SX
     duration: tuple[float, float]
     periodic: Sequence[str] = ()
+    displaced: Sequence[str] = ()
     integrands: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     along: Sequence[Bound] = ()
     at_ends: Sequence[Bound] = ()

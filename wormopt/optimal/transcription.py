@@ -1,29 +1,35 @@
-"""Collocation over contact phases with free durations: any Model, any mode sequence.
+"""Direct collocation: the nonlinear program of a Problem on a Mesh, for any Model.
 
 Every phase is a row of arcs; on an arc the states are polynomials (collocation), the inputs
-polynomials of lower degree. The contact modes enter as parameters, so one nonlinear program
-serves all sequences of as many phases. Bounds are put on Bernstein coefficients: they hold at
-every instant of the polynomials, not only at nodes.
+polynomials of lower degree. Arcs are free in duration, or have fixed shares of their phase, whose
+duration may be free. What contacts do enters by parameters, so that one nonlinear program serves
+all mode sequences of as many phases, all widths of a smoothed law, all relaxations of a
+complementarity. Bounds are put on Bernstein coefficients: they hold at every instant of the
+polynomials, not only at nodes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from wormopt.core.modes import ModeSequence
+from wormopt.core.values import signal_values
 from wormopt.optimal.arc import Arc, limits_of
+from wormopt.optimal.contact import Prescribed, Treatment
 from wormopt.optimal.mesh import Arcs, Mesh
 from wormopt.optimal.nlp import Bounds, NonlinearProgram
 from wormopt.optimal.problem import Problem
 
-__all__ = ["PhaseProgram"]
+__all__ = ["Transcription"]
 
 
-class PhaseProgram:
-    """The nonlinear program of a problem on a mesh, for every mode sequence of its length.
+class Transcription:
+    """The nonlinear program of a problem on a mesh, with contacts treated in one of three ways.
 
     Parameters
     ----------
@@ -31,17 +37,19 @@ class PhaseProgram:
         What to optimise.
     mesh : Mesh
         Phases, arcs and polynomials.
+    treatment : Treatment, optional
+        How contacts are treated: prescribed modes where nothing is said.
 
     Raises
     ------
-    NotImplementedError
-        If the model depends on time explicitly or has algebraic equations.
+    ValueError
+        If impulses are asked for without prescribed modes.
 
     Notes
     -----
     Attributes ``problem`` and ``mesh`` are those given, ``nlp`` is the NonlinearProgram. Its
-    variables are scaled by nominal sizes: arc after arc duration, start, points, inputs, slacks,
-    forces and jumps, then the design constants.
+    variables are scaled by nominal sizes: arc after arc the rows of `Layout`, then the design
+    constants.
 
     Examples
     --------
@@ -62,7 +70,7 @@ class PhaseProgram:
     >>> problem = Problem(
     ...     cart, ends, ends.duration, (0.1, 10.0), along=[force], at_ends=[origin, target]
     ... )
-    >>> program = PhaseProgram(problem, Mesh(phases=1, arcs=2, collocation=Collocation(2)))
+    >>> program = Transcription(problem, Mesh(phases=1, arcs=2, collocation=Collocation(2)))
     >>> bounds = program.bounds(ModeSequence(((),)))  # one phase, no contacts
     >>> start = program.rest(np.ones(2), np.zeros(2))
     >>> arcs = program.unpack(program.nlp.solve(start, bounds, Ipopt()).w)
@@ -70,105 +78,289 @@ class PhaseProgram:
     (array([1., 1.]), array([ 1., -1.]))
     """
 
-    def __init__(self, problem: Problem, mesh: Mesh) -> None:
+    def __init__(self, problem: Problem, mesh: Mesh, treatment: Treatment | None = None) -> None:
         self.problem, self.mesh = problem, mesh
-        self.arc = Arc(problem, mesh)
+        self.arc = Arc(problem, mesh, treatment or Prescribed())
         self.nlp = self._assemble()
 
     # -- all arcs --------------------------------------------------------------------------
 
     def _assemble(self) -> NonlinearProgram:
-        problem, mesh, n_x = self.problem, self.mesh, self.problem.model.n_x
-        n, n_p, n_c = mesh.total, len(self.arc.p_nominal), len(problem.model.contacts)
+        at, n = self.arc.layout, self.mesh.total
         arc = self.arc.function
-        w = ca.MX.sym("w", self.arc.layout.size * n + n_p)
-        modes = ca.MX.sym("modes", 3 * n_c, n)
-        y = ca.reshape(w[: self.arc.layout.size * n], self.arc.layout.size, n)
-        design = w[self.arc.layout.size * n :]
-        equal, following, rows, before, end, integrals = arc.map(n)(
-            y, modes, ca.repmat(design, 1, n)
+        w = ca.MX.sym("w", at.size * n + len(self.arc.design_nominal))
+        levels, schedules, _, p = (
+            ca.MX.sym(name, c.numel() * (n if k < 2 else 1))
+            for k, (name, c) in enumerate(
+                zip(("levels", "schedules", "design", "p"), self.arc.constants, strict=True)
+            )
         )
-        self._sizes = (equal.shape[0], following.shape[0], rows.shape[0])
-        periodic = self._periodic_rows()
-        finish = ca.Function(
-            "finish",
-            [*vars(problem.ends).values(), self.arc.symbols[4]],
-            [
-                problem.minimise,
-                ca.vertcat(ca.SX(0, 1), *(b.expression / b.nominal for b in problem.at_ends)),
-            ],
+        y = ca.reshape(w[: at.size * n], at.size, n)
+        design = w[at.size * n :]
+        equal, small, following, rows, before, end, integrals = arc.map(n)(
+            y,
+            ca.reshape(levels, -1, n),
+            ca.reshape(schedules, -1, n),
+            ca.repmat(design, 1, n),
+            ca.repmat(p, 1, n),
         )
-        total = ca.sum2(y[0, :]) * self.arc.time_nominal
-        objective, at_ends = finish(
-            before[:, 0] * self.arc.x_nominal,
-            end[:, n - 1] * self.arc.x_nominal,
-            total,
-            ca.sum2(integrals),
-            design * self.arc.p_nominal,
-        )
+        joints = self._joints(y, before, end)
+        self._sizes = {
+            "joints": joints.shape[0],
+            "equal": equal.shape[0],
+            "small": small.shape[0],
+            "following": following.shape[0],
+            "rows": rows.shape[0],
+        }
         constraints = ca.vertcat(
             ca.vec(equal),
+            ca.vec(small),
             ca.vec(following),
             ca.vec(rows),
-            ca.vec(before[:, 1:] - end[:, : n - 1]),
-            (end[:, n - 1] - before[:, 0])[periodic] if periodic else ca.MX(0, 1),
-            total / self.arc.time_nominal,
-            at_ends,
+            joints,
+            ca.sum2(y[0, :]),
         )
-        assert before.shape[0] == n_x
-        return NonlinearProgram(w, ca.vec(modes), objective, constraints)
+        objective, at_ends = self._finish(before[:, 0], end[:, n - 1], y, integrals, design, p)
+        parameters = ca.vertcat(levels, schedules, p)
+        return NonlinearProgram(w, parameters, objective, ca.vertcat(constraints, at_ends))
 
-    def _periodic_rows(self) -> list[int]:
-        rows, first = [], 0
-        for signal in self.problem.model.x:
-            if signal.name in self.problem.periodic:
-                rows += range(first, first + signal.size)
-            first += signal.size
-        return rows
+    def _joints(self, y: ca.MX, before: ca.MX, end: ca.MX) -> ca.MX:
+        """What vanishes where arcs join: states, clocks, shares of durations, the period."""
+        n, at = self.mesh.total, self.arc.layout
+        parts = [ca.vec(before[:, 1:] - end[:, : n - 1])]
+        if self.arc.timed:
+            parts.append((y[at.clock, 1:] - y[at.clock, : n - 1] - y[0, : n - 1]).T)
+        if self.mesh.shares is not None and not self._fixed_grid:
+            first = np.searchsorted(self.mesh.phase, self.mesh.phase)
+            share = np.array(self.mesh.shares)
+            later = [k for k in range(n) if first[k] != k]
+            parts += [y[0, k] * share[first[k]] - y[0, int(first[k])] * share[k] for k in later]
+        last = end[:, n - 1] - before[:, 0]
+        if self._periodic_rows:
+            parts.append(last[self._periodic_rows])
+        for rows in self._displaced_rows:
+            parts.append(last[rows[1:]] - last[rows[0]])
+        return ca.vertcat(*parts)
 
-    # -- bounds of a mode sequence ---------------------------------------------------------
+    def _finish(
+        self,
+        first: ca.MX,
+        last: ca.MX,
+        y: ca.MX,
+        integrals: ca.MX,
+        design: ca.MX,
+        p: ca.MX,
+    ) -> tuple[ca.MX, ca.MX]:
+        """Objective and bounds at the ends."""
+        problem = self.problem
+        bounded = (b.expression / b.nominal for b in problem.at_ends)
+        finish = ca.Function(
+            "finish",
+            [*vars(problem.ends).values(), *self.arc.constants[2:]],
+            [problem.minimise, ca.vertcat(ca.SX(0, 1), *bounded)],
+        )
+        objective, at_ends = finish(
+            first * self.arc.x_nominal,
+            last * self.arc.x_nominal,
+            ca.sum2(y[0, :]) * self.arc.time_nominal,
+            ca.sum2(integrals),
+            design * self.arc.design_nominal,
+            p,
+        )
+        return objective, at_ends
 
-    def bounds(self, modes: ModeSequence) -> Bounds:
-        """Bounds and parameters that make the program one for ``modes``.
+    @cached_property
+    def _fixed_grid(self) -> bool:
+        """Whether the durations of all arcs are known beforehand."""
+        shortest, longest = self.problem.duration
+        return self.mesh.shares is not None and self.mesh.phases == 1 and shortest == longest
+
+    def rows_of(self, name: str) -> list[int]:
+        """Rows of the state called ``name`` among all scalar states.
 
         Parameters
         ----------
-        modes : ModeSequence
-            As many phases as the mesh has.
+        name : str
+            Name of a state.
 
         Returns
         -------
-        Bounds
-            For ``nlp.solve``. A contact that sticks keeps its force in the law's interval, one
-            that slides keeps its speed from changing sign.
+        list of int
 
         Raises
         ------
         ValueError
-            If the number of phases differs from the mesh's.
+            If there is no such state.
         """
+        first = 0
+        for signal in self.problem.model.x:
+            if signal.name == name:
+                return list(range(first, first + signal.size))
+            first += signal.size
+        raise ValueError(f"{self.problem.model.name} has no state {name!r}")
+
+    @cached_property
+    def _periodic_rows(self) -> list[int]:
+        return [row for name in self.problem.periodic for row in self.rows_of(name)]
+
+    @cached_property
+    def _displaced_rows(self) -> list[list[int]]:
+        rows = [self.rows_of(name) for name in self.problem.displaced]
+        return [r for r in rows if len(r) > 1]
+
+    # -- bounds ----------------------------------------------------------------------------
+
+    def bounds(
+        self,
+        level: ModeSequence | float = 0.0,
+        *,
+        p: Mapping[str, ArrayLike] | None = None,
+        pins: Mapping[int, float] | None = None,
+    ) -> Bounds:
+        """Bounds and parameters of the program for given modes, width or relaxation.
+
+        Parameters
+        ----------
+        level : ModeSequence or float, optional
+            What the treatment of contacts takes: modes, ``v_reg``, or the relaxation of
+            complementarity.
+        p : mapping of str to array_like, optional
+            Parameters of the model by name, where they are not its own.
+        pins : mapping of int to float, optional
+            Times at which phases begin, by their number. Each phase takes of the model's
+            schedules the piece that holds at the last of these times up to it; on a fixed grid
+            each arc takes its own.
+
+        Returns
+        -------
+        Bounds
+            For ``nlp.solve``. With prescribed modes a contact that sticks keeps its force in the
+            law's interval, one that slides keeps its speed from changing sign.
+
+        Raises
+        ------
+        ValueError
+            If the number of phases differs from the mesh's, or a schedule breaks within an arc.
+        """
+        n, at = self.mesh.total, self.arc.layout
+        fixed = signal_values(self.problem.model.p, p, "parameter")
+        lower, upper = self._variable_bounds(fixed)
+        starts = self._pin_times(lower, upper, pins)
+        if self.arc.modal:
+            levels, following, rows = self._modal(level, fixed, lower, upper)
+        else:
+            levels = np.full(n * self.arc.closure.level.numel(), level)
+            following, rows = np.zeros(0), self._row_bounds(None, fixed)
+        shortest, longest = (t / self.arc.time_nominal for t in self.problem.duration)
+        small = np.full(self._sizes["small"] * n, levels[0] if len(levels) else 0.0)
+        parts = [
+            (np.zeros(self._sizes["equal"] * n), np.zeros(self._sizes["equal"] * n)),
+            (-small, small),
+            (-following, following),
+            rows,
+            (np.zeros(self._sizes["joints"]), np.zeros(self._sizes["joints"])),
+            (np.array([shortest]), np.array([longest])),
+            *(b.scaled for b in self.problem.at_ends),
+        ]
+        lbg, ubg = (np.concatenate([part[k] for part in parts]) for k in range(2))
+        design = limits_of(self.problem.design)
+        lbw, ubw = (
+            np.concatenate([box.ravel(order="F"), d])
+            for box, d in zip((lower, upper), design, strict=True)
+        )
+        assert lower.shape == (at.size, n)
+        parameters = np.concatenate([levels, self._schedules(starts), fixed])
+        return Bounds(lbw, ubw, lbg, ubg, parameters)
+
+    def _variable_bounds(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Boxes of all arcs' variables, shape (size, n)."""
+        arc, at, n = self.arc, self.arc.layout, self.mesh.total
+        lower, upper = np.full((at.size, n), -np.inf), np.full((at.size, n), np.inf)
+        lower[0], upper[0] = 0.0, self.problem.duration[1] / arc.time_nominal
+        d = self.mesh.collocation.degree
+        blocks = [
+            (at.start, limits_of(self.problem.model.x), 1),
+            (at.inputs, limits_of(self.problem.model.u), self.mesh.input_degree + 1),
+            (at.slacks, limits_of(self.problem.slacks), d),
+            (at.algebraic, limits_of(self.problem.model.z), d),
+            (at.unknowns, arc.unknown_limits(p), d),
+        ]
+        for rows, (low, high), repeats in blocks:
+            lower[rows] = np.tile(low, repeats)[:, None]
+            upper[rows] = np.tile(high, repeats)[:, None]
+        return lower, upper
+
+    def _pin_times(
+        self, lower: np.ndarray, upper: np.ndarray, pins: Mapping[int, float] | None
+    ) -> np.ndarray:
+        """Fix durations and clocks that are known; times by which schedules are looked up."""
+        n, at, nominal = self.mesh.total, self.arc.layout, self.arc.time_nominal
+        if self._fixed_grid:
+            duration = np.array(self.mesh.shares) * self.problem.duration[1]
+            begin = np.concatenate([[0.0], np.cumsum(duration)[:-1]])
+            lower[0] = upper[0] = duration / nominal
+            if self.arc.timed:
+                lower[at.clock] = upper[at.clock] = begin / nominal
+            self._check_breaks(begin, duration)
+            return begin
+        times = {0: 0.0, **(pins or {})}
+        first = np.searchsorted(self.mesh.phase, np.arange(self.mesh.phases))
+        if self.arc.timed:
+            for phase, time in times.items():
+                lower[at.clock, first[phase]] = upper[at.clock, first[phase]] = time / nominal
+        known = np.array(sorted(times))
+        last = np.searchsorted(known, self.mesh.phase, side="right") - 1
+        assert len(last) == n
+        return np.array([times[k] for k in known])[last]
+
+    def _check_breaks(self, begin: np.ndarray, duration: np.ndarray) -> None:
+        slack = 1e-9 * duration
+        for schedule in self.problem.model.schedules:
+            _, there = schedule.locate(begin + slack)
+            since, piece = schedule.locate(begin + duration - slack)
+            if np.any(there != piece) or np.any(since > begin + slack):
+                raise ValueError(
+                    f"the {schedule.name} breaks within an arc; put its breaks between arcs "
+                    "(Mesh.over)"
+                )
+
+    def _schedules(self, starts: np.ndarray) -> np.ndarray:
+        """Values of schedules, arc after arc."""
+        columns = []
+        for schedule in self.problem.model.schedules:
+            begin, piece = schedule.locate(starts)
+            columns += [begin[:, None], schedule.values[piece]]
+        return np.hstack(columns).ravel() if columns else np.zeros(0)
+
+    # -- bounds of prescribed modes ----------------------------------------------------------
+
+    def _modal(
+        self, modes: ModeSequence | float, p: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+        """Levels, slack of followers and bounded rows of a mode sequence; impulses' bounds."""
+        if not isinstance(modes, ModeSequence):
+            raise TypeError("prescribed contacts need a ModeSequence")
         if len(modes.phases) != self.mesh.phases:
             raise ValueError(f"{len(modes.phases)} phases given, the mesh has {self.mesh.phases}")
-        states = np.repeat(modes.states, self.mesh.arcs, axis=0)  # (arcs, contacts)
+        states = modes.states[self.mesh.phase]  # (arcs, contacts)
         stick = states == 0
         follow = np.array([self._followers(row) for row in stick]).reshape(stick.shape)
-        lbw, ubw = self._variable_bounds(stick)
-        lbg, ubg = self._constraint_bounds(states, follow)
-        parameters = np.concatenate([stick, np.where(states == 0, 1, states), follow], axis=1)
-        return Bounds(lbw, ubw, lbg, ubg, parameters.astype(float).ravel())
+        if self.problem.impulses:
+            jumps = self.arc.layout.jumps
+            contacts = slice(jumps.stop - states.shape[1], jumps.stop)
+            lower[contacts], upper[contacts] = 0.0, np.where(stick.T, np.inf, 0.0)
+        levels = np.concatenate([stick, np.where(stick, 1, states), follow], axis=1)
+        held = np.where(np.tile(follow, (1, self.mesh.input_degree + 1)), 0.0, np.inf)
+        held = held if self._sizes["following"] else np.zeros((len(states), 0))
+        return levels.astype(float).ravel(), held.ravel(), self._row_bounds(states, p)
 
     @cached_property
     def _delassus(self) -> np.ndarray:
-        model = self.problem.model
-        function = ca.Function("delassus", self.arc.symbols, [model.delassus])
-        nominal = [
-            self.arc.x_nominal,
-            self.arc.u_nominal,
-            self.arc.s_nominal,
-            self.arc.f_nominal,
-            self.arc.p_nominal,
-        ]
-        return np.asarray(function(*nominal))
+        function = ca.Function("delassus", self.arc.symbols, [self.problem.model.delassus])
+        arc = self.arc
+        constants = [np.ones(c.shape) for c in arc.constants[:2]]
+        fixed = signal_values(self.problem.model.p, {}, "parameter", fill=1.0)
+        return np.asarray(function(0.0, *arc.nominals, *constants, arc.design_nominal, fixed))
 
     def _followers(self, stick: np.ndarray) -> np.ndarray:
         """Sticking contacts whose force does not move the worm in any new way."""
@@ -182,73 +374,30 @@ class PhaseProgram:
                 follow[i] = True
         return follow
 
-    def _variable_bounds(self, stick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        at, n = self.arc.layout, self.mesh.total
-        lower = np.full((at.size, n), -np.inf)
-        upper = np.full((at.size, n), np.inf)
-        lower[0] = 0.0
-        upper[0] = self.problem.duration[1] / self.arc.time_nominal
-        x_low, x_high = limits_of(self.problem.model.x)
-        lower[at.start], upper[at.start] = x_low[:, None], x_high[:, None]
-        n_u = len(self.arc.u_nominal)
-        u_low, u_high = limits_of(self.problem.model.u)
-        repeats = self.mesh.input_degree + 1
-        lower[at.inputs], upper[at.inputs] = (np.tile(v, repeats)[:, None] for v in (u_low, u_high))
+    def _row_bounds(self, states: np.ndarray | None, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of all bounded rows, arc after arc; nothing is stated twice."""
+        lows, highs = [np.zeros(0)], [np.zeros(0)]
+        hold = self.arc.rests(p)
+        for k in range(self.mesh.total):
+            for box in [*self._contact_rows(states, hold, k), *self._along_rows(k)]:
+                lows.append(box[0].ravel(order="F"))
+                highs.append(box[1].ravel(order="F"))
+        return np.concatenate(lows), np.concatenate(highs)
+
+    def _contact_rows(
+        self, states: np.ndarray | None, hold: np.ndarray, k: int
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Bounds on speeds and forces of the contacts in arc k, none beside an equality."""
+        if states is None:
+            return []
         d = self.mesh.collocation.degree
-        if self.problem.impulses:
-            contact_rows = slice(at.jumps.start + n_u, at.jumps.stop)
-            lower[contact_rows] = 0.0
-            upper[contact_rows] = np.where(stick.T, np.inf, 0.0)
-        s_low, s_high = limits_of(self.problem.slacks)
-        lower[at.slacks], upper[at.slacks] = np.tile(s_low, d)[:, None], np.tile(s_high, d)[:, None]
-        p_low, p_high = limits_of(self.problem.design)
-        return (
-            np.concatenate([lower.ravel(order="F"), p_low]),
-            np.concatenate([upper.ravel(order="F"), p_high]),
-        )
-
-    def _constraint_bounds(
-        self, states: np.ndarray, follow: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        n, n_x = self.mesh.total, self.problem.model.n_x
-        n_equal, n_following, n_rows = self._sizes
-        rows = [self._row_bounds(states, k) for k in range(n)]
-        held = np.where(np.tile(follow, (1, self.mesh.input_degree + 1)), 0.0, np.inf)
-        held = held if n_following else np.zeros((n, 0))
-        n_exact = n_x * (n - 1) + len(self._periodic_rows())
-        shortest, longest = self.problem.duration
-        ends = [b.scaled for b in self.problem.at_ends]
-        parts_low = [
-            np.zeros(n_equal * n),
-            -held.ravel(),
-            *(low for low, _ in rows),
-            np.zeros(n_exact),
-            [shortest / self.arc.time_nominal],
-            *(low for low, _ in ends),
-        ]
-        parts_high = [
-            np.zeros(n_equal * n),
-            held.ravel(),
-            *(high for _, high in rows),
-            np.zeros(n_exact),
-            [longest / self.arc.time_nominal],
-            *(high for _, high in ends),
-        ]
-        assert sum(len(r[0]) for r in rows) == n_rows * n
-        return np.concatenate(parts_low), np.concatenate(parts_high)
-
-    def _row_bounds(self, states: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of arc k's bounded rows; nothing is stated twice, nor beside an equality."""
-        model, d = self.problem.model, self.mesh.collocation.degree
         now, before = states[k], states[k - 1]
-        begins = k == 0 and not self.problem.periodic
+        begins = k == 0 and not self._returns
         ends = self.problem.impulses or k == self.mesh.total - 1
         always = (states == 0).all(axis=0) & (k == 0)
         turns = (now * before == -1) & (not begins)
         fresh = (now == 0) & ((before != 0) | begins | always | self.problem.impulses) | turns
         start = np.where(fresh, 0.0, np.inf)
-        intervals = np.array([c.law.stick_interval for c in model.contacts]).reshape(-1, 2)
-        hold = intervals / self.arc.f_nominal[:, None]
         low = np.repeat(
             np.where(now == 0, hold[:, 0], np.where(now > 0, 0, -np.inf))[:, None], d, 1
         )
@@ -258,20 +407,32 @@ class PhaseProgram:
         if not (begins or self.problem.impulses):  # its speed starts at 0 by an equality
             settled = (now != 0) & ((before == 0) | turns)
             low[settled, 0], high[settled, 0] = -np.inf, np.inf
-        lows, highs = [-start, low.ravel(order="F")], [start, high.ravel(order="F")]
+        rows = [(-start, start), (low, high)]
         if self.arc.keeps_ends:
-            lows.append(np.where((now > 0) & ends, 0.0, -np.inf))
-            highs.append(np.where((now < 0) & ends, 0.0, np.inf))
+            last = np.where((now > 0) & ends, 0.0, -np.inf), np.where((now < 0) & ends, 0.0, np.inf)
+            rows.append(last)
+        return rows
+
+    def _along_rows(self, k: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Bounds along arc k."""
+        d = self.mesh.collocation.degree
+        ends = self.problem.impulses or k == self.mesh.total - 1
+        rows = []
         for bound, state_only in zip(self.problem.along, self.arc.state_only, strict=True):
             columns = d + (state_only and self.arc.keeps_ends)
-            for value, out, free in zip(
-                bound.scaled, (lows, highs), (-np.inf, np.inf), strict=True
-            ):
+            boxes = []
+            for value, free in zip(bound.scaled, (-np.inf, np.inf), strict=True):
                 box = np.repeat(value[:, None], columns, axis=1)
                 if columns > d and not ends:
                     box[:, d] = free
-                out.append(box.ravel(order="F"))
-        return np.concatenate(lows), np.concatenate(highs)
+                boxes.append(box)
+            rows.append((boxes[0], boxes[1]))
+        return rows
+
+    @property
+    def _returns(self) -> bool:
+        """Whether the end of the motion is its start again, at least for the contacts' speeds."""
+        return bool(self.problem.periodic)
 
     # -- variables in and out --------------------------------------------------------------
 
@@ -287,7 +448,7 @@ class PhaseProgram:
         -------
         Arcs
         """
-        at, n, d = self.arc.layout, self.mesh.total, self.mesh.collocation.degree
+        arc, at, n, d = self.arc, self.arc.layout, self.mesh.total, self.mesh.collocation.degree
         y = w[: at.size * n].reshape((at.size, n), order="F")
 
         def block(rows: slice, nominal: np.ndarray, columns: int) -> np.ndarray:
@@ -295,15 +456,15 @@ class PhaseProgram:
             return y[rows].reshape(shape, order="F") * nominal[:, None, None]
 
         return Arcs(
-            duration=y[0] * self.arc.time_nominal,
-            start=y[at.start] * self.arc.x_nominal[:, None],
-            points=block(at.points, self.arc.x_nominal, d),
-            inputs=block(at.inputs, self.arc.u_nominal, self.mesh.input_degree + 1),
-            slacks=block(at.slacks, self.arc.s_nominal, d),
-            forces=block(at.forces, self.arc.f_nominal, d),
+            duration=y[0] * arc.time_nominal,
+            start=y[at.start] * arc.x_nominal[:, None],
+            points=block(at.points, arc.x_nominal, d),
+            inputs=block(at.inputs, arc.u_nominal, self.mesh.input_degree + 1),
+            slacks=block(at.slacks, arc.s_nominal, d),
+            algebraic=block(at.algebraic, arc.z_nominal, d),
+            unknowns=block(at.unknowns, arc.closure.nominal, d),
             jumps=y[at.jumps],
-            design=w[at.size * n :] * self.arc.p_nominal,
-            phase=np.repeat(np.arange(self.mesh.phases), self.mesh.arcs),
+            design=w[at.size * n :] * arc.design_nominal,
         )
 
     def pack(self, arcs: Arcs) -> np.ndarray:
@@ -312,7 +473,7 @@ class PhaseProgram:
         Parameters
         ----------
         arcs : Arcs
-            Motion on this program's mesh; `refine` brings it there from a coarser one.
+            Motion on this program's mesh; `on_finer_mesh` brings it there from a coarser one.
 
         Returns
         -------
@@ -323,18 +484,23 @@ class PhaseProgram:
             scaled = values / nominal[:, None, None]
             return scaled.reshape((-1, self.mesh.total), order="F")
 
+        arc = self.arc
+        duration = arcs.duration / arc.time_nominal
+        clock = np.concatenate([[0.0], np.cumsum(duration)[:-1]])
         y = np.vstack(
             [
-                arcs.duration / self.arc.time_nominal,
-                arcs.start / self.arc.x_nominal[:, None],
-                block(arcs.points, self.arc.x_nominal),
-                block(arcs.inputs, self.arc.u_nominal),
-                block(arcs.slacks, self.arc.s_nominal),
-                block(arcs.forces, self.arc.f_nominal),
+                duration,
+                *([clock] if arc.timed else []),
+                arcs.start / arc.x_nominal[:, None],
+                block(arcs.points, arc.x_nominal),
+                block(arcs.inputs, arc.u_nominal),
+                block(arcs.slacks, arc.s_nominal),
+                block(arcs.algebraic, arc.z_nominal),
+                block(arcs.unknowns, arc.closure.nominal),
                 arcs.jumps,
             ]
         )
-        return np.concatenate([y.ravel(order="F"), arcs.design / self.arc.p_nominal])
+        return np.concatenate([y.ravel(order="F"), arcs.design / arc.design_nominal])
 
     def rest(self, durations: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Variables of a worm that does not move, on arcs of given durations.
@@ -355,9 +521,10 @@ class PhaseProgram:
         at, n = self.arc.layout, self.mesh.total
         y = np.zeros((at.size, n))
         y[0] = durations / self.arc.time_nominal
+        y[at.clock] = np.cumsum(y[0]) - y[0]
         y[at.start] = (start / self.arc.x_nominal)[:, None]
         y[at.points] = np.tile(start / self.arc.x_nominal, self.mesh.collocation.degree)[:, None]
-        return np.concatenate([y.ravel(order="F"), np.zeros(len(self.arc.p_nominal))])
+        return np.concatenate([y.ravel(order="F"), np.zeros(len(self.arc.design_nominal))])
 
     def nominal_extras(self) -> dict[str, np.ndarray]:
         """Slacks and design constants at their nominal sizes: what a motion does not tell.
@@ -370,7 +537,7 @@ class PhaseProgram:
         shape = (1, self.mesh.collocation.degree, self.mesh.total)
         return {
             "slacks": np.tile(self.arc.s_nominal[:, None, None], shape),
-            "design": self.arc.p_nominal.copy(),
+            "design": self.arc.design_nominal.copy(),
         }
 
     def hold_durations(self, free: float = np.inf) -> np.ndarray:
@@ -388,4 +555,6 @@ class PhaseProgram:
         """
         radius = np.full((self.arc.layout.size, self.mesh.total), free)
         radius[0] = 0.0
-        return np.concatenate([radius.ravel(order="F"), np.full(len(self.arc.p_nominal), free)])
+        return np.concatenate(
+            [radius.ravel(order="F"), np.full(len(self.arc.design_nominal), free)]
+        )
