@@ -1,7 +1,10 @@
 """Scenes of the kinds "track" and "simulate": trust reports, saved files, documentation."""
 
 import dataclasses
+import json
 import re
+import signal
+import threading
 from pathlib import Path
 from typing import Any, get_args
 
@@ -13,7 +16,8 @@ from by_text import CHANCE, SIMULATE, TRACK, value, write
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.core.friction import Coulomb
-from wormopt.errors import SceneError, SolveError
+from wormopt.errors import Interrupted, SceneError, SolveError
+from wormopt.progress import Report
 from wormopt.result import Result
 from wormopt.scenes import load_scene, packaged_scenes
 from wormopt.scenes.simulate import SimulateScene
@@ -84,6 +88,99 @@ def test_a_motion_that_is_given_up_is_kept_as_far_as_it_came(
         wo.run(load_scene(write(tmp_path, SIMULATE), ["tolerance.max_steps=1", "worm.load=5"]))
     assert caught.value.code == "too_many_steps"
     assert caught.value.partial.status == "failed"
+
+
+def stop_at(text: str, call: int = 1) -> Report:
+    """Interrupt when so much is reported of what begins with a text."""
+    heard: list[str] = []
+
+    def report(what: str, fraction: float | None) -> None:
+        heard.extend([what] * what.startswith(text))
+        if len(heard) >= call:
+            raise KeyboardInterrupt
+
+    return report
+
+
+@pytest.mark.parametrize("text", [TRACK, SIMULATE])
+def test_a_motion_that_is_interrupted_is_kept_as_far_as_it_came(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
+):
+    from wormopt.simulation.native import kernel
+
+    monkeypatch.setattr(kernel, "_WORK_PER_CALL", 1)
+    drive = ["worm.load=[0.5, -0.5, 0.2]", "time.end=20"]
+    scene = load_scene(write(tmp_path, text), drive)
+    whole = wo.run(load_scene(write(tmp_path, text), [*drive, "tolerance.recheck=false"]))
+    with pytest.raises(Interrupted) as caught:
+        wo.run(scene, stop_at("simulating", 3))
+    partial = caught.value.partial
+    assert partial.status == "failed"
+    assert "interrupted at t = " in partial.reason
+    reached = len(partial["time"].values)
+    assert 1 < reached < len(whole["time"].values)
+    kept = partial["position"].values
+    assert kept == pytest.approx(whole["position"].values[..., :reached], abs=1e-12)
+    with pytest.raises(Interrupted) as caught:
+        wo.run(scene, stop_at("rechecking"))
+    assert "before the second route was done" in caught.value.partial.reason
+    assert caught.value.partial["time"].values.tolist() == whole["time"].values.tolist()
+
+
+def test_trackers_that_are_done_are_kept_when_interrupted():
+    scene = load_scene("fig05_lambda_trackers", ["tolerance.recheck=false"])
+    with pytest.raises(Interrupted) as caught:
+        wo.run(scene, stop_at("simulating tracker (13)"))
+    partial = caught.value.partial
+    assert partial.reason == "interrupted after 1 of 2 trackers"
+    assert partial.attributes["trackers"] == ["tracker (14)"]
+    assert partial["time"].values[-1] == 10.0
+
+
+def test_members_that_are_done_are_kept_when_interrupted(tmp_path: Path):
+    change = [CHANCE, "ensemble.members=12", "time.samples=11"]
+    scene = load_scene(write(tmp_path, TRACK), change)
+    with pytest.raises(Interrupted) as caught:
+        wo.run(scene, stop_at("simulating members", 4))
+    partial = caught.value.partial
+    done = np.isfinite(partial["member_distance"].values[0]).sum()
+    assert 4 <= done <= 12
+    assert partial.reason == f"interrupted after {done} of 12 members"
+    with pytest.raises(Interrupted) as caught:
+        wo.run(scene, stop_at("rechecking"))
+    assert np.isfinite(caught.value.partial["member_distance"].values).all()
+
+
+def test_ctrl_c_while_the_second_route_runs_is_heard(tmp_path: Path):
+    """CasADi takes the signal for a failure of the integrator."""
+    drive = 'actuation={law="harmonic", amplitude=0.8, period=2, lag=0.3}'
+    change = [drive, 'contact.treatment="smooth"', "time.end=500"]
+    scene = load_scene(write(tmp_path, SIMULATE), change)
+
+    def press(text: str, fraction: float | None) -> None:
+        if text == "rechecking" and not pressed:
+            pressed.append(threading.Timer(0.1, signal.raise_signal, [signal.SIGINT]))
+            pressed[0].start()
+
+    pressed: list[threading.Timer] = []
+    with pytest.raises(Interrupted, match="interrupted") as caught:
+        wo.run(scene, press)
+    assert "before the second route was done" in caught.value.partial.reason
+
+
+def test_the_command_line_saves_what_was_interrupted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    def stop(*given: Any, report: Report, **options: Any) -> Any:
+        return simulate(*given, report=stop_at("simulating"), **options)
+
+    monkeypatch.setattr(signals, "simulate", stop)
+    out = tmp_path / "out"
+    assert main(["run", str(write(tmp_path, SIMULATE)), "-o", str(out), "--json"]) == 130
+    printed, said = capsys.readouterr()
+    assert json.loads(printed)["reason"] == "interrupted at t = 0"
+    assert "interrupted at t = 0" in said
+    assert Result.load(out).status == "failed"
 
 
 def test_stiction_that_the_smooth_law_does_not_know_is_named():

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.core.lift import lift
 from wormopt.core.model import Contact, Model, Schedule, Signal, Switch
-from wormopt.errors import ArgumentError, SolveError, UnknownNameError
+from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
 from wormopt.gaits.construct import fast_gait
 from wormopt.simulation.ensemble import Member, simulate_ensemble
 from wormopt.simulation.options import Exact, Smooth, Tolerance
@@ -475,8 +475,11 @@ def test_a_user_who_stops_is_heard():
     def stop(text: str, fraction: float | None = None) -> None:
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        simulate(oscillator(), 1e6, report=stop)
+    for route in ("native", "python", "cvodes"):
+        with pytest.raises(Interrupted) as caught:
+            simulate(oscillator(), 1e6, route=route, report=stop)
+        assert isinstance(caught.value, KeyboardInterrupt)
+        assert caught.value.partial.end_time == 0.0
 
 
 # -- physics ---------------------------------------------------------------------------------

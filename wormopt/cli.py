@@ -215,8 +215,9 @@ def _attempt(scene: Scene[Any], report: Report) -> tuple[Result, int]:
         result = run(scene, report)
     except SolveError as error:
         return _failed(scene, error.partial, str(error)), NOT_SOLVED
-    except Interrupted as error:
-        return _failed(scene, error.partial, "interrupted"), INTERRUPTED
+    except Interrupted as stop:
+        reason = stop.partial.reason if stop.partial else ""
+        return _failed(scene, stop.partial, reason or "interrupted"), INTERRUPTED
     return result, DONE if result.status == "ok" else NOT_SOLVED
 
 

@@ -6,7 +6,11 @@ escapes is a defect of the package.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import signal
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from threading import current_thread, main_thread
+from types import FrameType
 from typing import Any
 
 Fault = tuple[str, str]
@@ -125,13 +129,15 @@ class SolveError(WormoptError):
         return f"{self.reason}; {self.suggestion}" if self.suggestion else self.reason
 
 
-class Interrupted(WormoptError):
-    """The user stopped a study that had something to keep.
+class Interrupted(KeyboardInterrupt):
+    """The user stopped a study or a simulation that had something to keep.
+
+    A KeyboardInterrupt, so that no handler of errors takes it for one.
 
     Parameters
     ----------
-    partial : Result, optional
-        What was found so far; it is saved, marked as failed.
+    partial : Result, Trajectory or Ensemble, optional
+        What was found so far; a Result is saved, marked as failed.
     """
 
     def __init__(self, partial: Any = None) -> None:
@@ -140,3 +146,40 @@ class Interrupted(WormoptError):
 
     def __str__(self) -> str:
         return "interrupted"
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let the user's interrupt through calls of CasADi, which turn it into some other error.
+
+    Examples
+    --------
+    >>> try:
+    ...     with interruptible():
+    ...         try:
+    ...             signal.raise_signal(signal.SIGINT)
+    ...         except KeyboardInterrupt:
+    ...             raise RuntimeError("rhs failed") from None
+    ... except KeyboardInterrupt:
+    ...     print("heard")
+    heard
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if current_thread() is not main_thread() or not callable(before):
+        yield
+        return
+    heard: list[int] = []
+
+    def hear(number: int, frame: FrameType | None) -> None:
+        heard.append(number)
+        before(number, frame)
+
+    signal.signal(signal.SIGINT, hear)
+    try:
+        yield
+    except RuntimeError:
+        if heard:
+            raise KeyboardInterrupt from None
+        raise
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -7,6 +7,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from wormopt.errors import interruptible
 from wormopt.kinds import KINDS
 from wormopt.progress import Report, silent
 from wormopt.scenes import Scene, load_scene
@@ -50,6 +51,7 @@ def run(scene: Scene[Any] | str | Path, report: Report = silent) -> Result:
     start = perf_counter()
     study = KINDS[scene.table.kind].load_study()
     loaded = perf_counter()
-    result = study.run(scene, report)
+    with interruptible():
+        result = study.run(scene, report)
     timings = {"load": loaded - start, **result.timings_s, "study": perf_counter() - loaded}
     return dataclasses.replace(result, timings_s=timings)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from wormopt.errors import interruptible
 from wormopt.progress import Report
 from wormopt.simulation.contacts import Contacts
 from wormopt.simulation.crossings import Crossing, Watch
@@ -127,17 +128,23 @@ class _Motion:
 
     def follow(self, report: Report) -> str:
         """Go to the end, or as far as it goes; gives the status."""
-        task, (start, end) = self._task, self._task.span
         try:
-            self._begin()
-            while self._t < end:
-                if self._n_steps + self._stepper.n_rejected >= task.tolerance.max_steps:
-                    return "too_many_steps"
-                self._go_on()
-                if self._n_steps % _STEPS_PER_REPORT == 0:
-                    report("simulating", (self._t - start) / (end - start))
+            with interruptible():
+                return self._follow(report)
         except GivenUp as reason:
             return reason.status
+        except KeyboardInterrupt:
+            return "interrupted"
+
+    def _follow(self, report: Report) -> str:
+        task, (start, end) = self._task, self._task.span
+        self._begin()
+        while self._t < end:
+            if self._n_steps % _STEPS_PER_REPORT == 0:
+                report("simulating", (self._t - start) / (end - start))
+            if self._n_steps + self._stepper.n_rejected >= task.tolerance.max_steps:
+                return "too_many_steps"
+            self._go_on()
         return "done"
 
     def _begin(self) -> None:
@@ -242,17 +249,20 @@ class _Motion:
         """What was found."""
         task, record, n_x = self._task, self._record, len(self._x)
         record.keep_end(self._t, self._x)
+        # An interrupted step may have left more behind than it came to.
+        reached = int(np.searchsorted(task.times, self._t, side="right"))
+        steps = min(int(np.searchsorted(record.ends, self._t, side="right")), len(record.rows))
         return Outcome(
             status=status,
             route="python",
             t=float(self._t),
             x=self._x.copy(),
-            samples=np.array(record.samples).reshape(-1, n_x),
+            samples=np.array(record.samples[:reached]).reshape(-1, n_x),
             n_steps=self._n_steps,
             n_rejected=self._stepper.n_rejected,
             n_evaluations=self._stepper.n_evaluations,
             events=np.array(record.events).reshape(-1, 4),
             modes=np.array(record.modes).reshape(-1, 1 + len(task.system.contacts)),
-            dense_time=np.array([task.span[0], *record.ends]) if task.dense else np.zeros(0),
-            dense=np.array(record.rows).reshape(-1, 8, n_x),
+            dense_time=np.array([task.span[0], *record.ends[:steps]] if task.dense else []),
+            dense=np.array(record.rows[:steps]).reshape(-1, 8, n_x),
         )

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from threading import Event
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.core.model import Model
-from wormopt.errors import ArgumentError, SolveError
+from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.progress import Report, silent
 from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate
@@ -56,7 +57,8 @@ class Ensemble:
     motions : tuple of Trajectory
         Every member's own trajectory, as far as it came.
     codes : tuple of str
-        Empty for a member that came to its end, else why it did not, as in `SolveError.code`.
+        Empty for a member that came to its end, else why it did not, as in `SolveError.code`;
+        "interrupted" if the user stopped it.
     """
 
     time: np.ndarray
@@ -136,6 +138,8 @@ def simulate_ensemble(
     ------
     ArgumentError
         If there are no members, or one does not fit the model.
+    Interrupted
+        If the user stopped it; `partial` is the ensemble as far as its members came.
 
     Examples
     --------
@@ -154,22 +158,37 @@ def simulate_ensemble(
     for member in members:
         if not isinstance(member, Member):
             raise ArgumentError(f"write each member as Member(p=..., x0=...), not {member!r}")
-    one = partial(_one, model, span, contact=contact, times=times, tolerance=tolerance, route=route)
-    found = [one(members[0])]  # compiles, once
+    stopped = Event()
+    one = partial(
+        _one,
+        model,
+        span,
+        contact=contact,
+        times=times,
+        tolerance=tolerance,
+        route=route,
+        report=partial(_stop_if, stopped),
+    )
     with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
-        waiting = [pool.submit(one, member) for member in members[1:]]
+        found = [pool.submit(one, members[0])]
         try:
-            for number, future in enumerate(waiting, start=1):
-                found.append(future.result())
+            found[0].result()  # compiles, once
+            found += [pool.submit(one, member) for member in members[1:]]
+            for number, future in enumerate(found, start=1):
+                future.result()
                 report("simulating members", number / len(members))
-        except BaseException:
-            _cancel(waiting)
-            raise
-    motions, codes = zip(*found, strict=True)
+        except BaseException as error:
+            stopped.set()  # members under way end soon, those that wait at once
+            if not isinstance(error, KeyboardInterrupt) or len(found) < len(members):
+                raise
+    motions, codes = zip(*(future.result() for future in found), strict=True)
     start, end = span if isinstance(span, tuple) else (0.0, span)
     time = np.array([start, end]) if times is None else np.asarray(times, dtype=float)
     states = np.array([_filled(motion.states, len(time)) for motion in motions])
-    return Ensemble(time, states, motions, codes)
+    ensemble = Ensemble(time, states, motions, codes)
+    if stopped.is_set():
+        raise Interrupted(ensemble)
+    return ensemble
 
 
 def _one(
@@ -181,6 +200,7 @@ def _one(
     times: ArrayLike | None,
     tolerance: Tolerance,
     route: Route,
+    report: Report,
 ) -> tuple[Trajectory, str]:
     try:
         motion = simulate(
@@ -193,15 +213,18 @@ def _one(
             times=times,
             tolerance=tolerance,
             route=route,
+            report=report,
         )
     except SolveError as error:
         return error.partial, error.code
+    except Interrupted as stop:
+        return stop.partial, "interrupted"
     return motion, ""
 
 
-def _cancel(waiting: Sequence[Future[tuple[Trajectory, str]]]) -> None:
-    for future in waiting:
-        future.cancel()
+def _stop_if(stopped: Event, _text: str, _fraction: float | None) -> None:
+    if stopped.is_set():
+        raise KeyboardInterrupt
 
 
 def _filled(values: np.ndarray, count: int) -> np.ndarray:

@@ -45,7 +45,7 @@ def integrate(task: Task, route: Route, report: Report) -> Outcome:
         implicit = _in_python(task, report, stiff=True)
     else:
         implicit = _implicitly(task, report)
-    if implicit.status == "done":
+    if implicit.status in ("done", "interrupted"):
         return implicit
     # neither can: let explicit steps find out why
     return _native(task, report, required=False, stiff_steps=2**62) or outcome

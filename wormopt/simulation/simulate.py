@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.core.model import Model, Schedule
 from wormopt.core.values import check_names, numbers, signal_values
-from wormopt.errors import ArgumentError, SolveError
+from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.progress import Report, silent
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
@@ -118,6 +118,8 @@ def simulate(
     SolveError
         If the motion could not be followed to its end; `partial` is the trajectory up to there,
         `code` the reason in one word.
+    Interrupted
+        If the user stopped it; `partial` is the trajectory up to there.
 
     Examples
     --------
@@ -237,6 +239,8 @@ def _trajectory(task: Task, outcome: Outcome) -> Trajectory:
     )
     if outcome.status == "done":
         return motion
+    if outcome.status == "interrupted":
+        raise Interrupted(motion)
     reason, suggestion = _REFUSALS[outcome.status]
     reason = reason.format(t=outcome.t, steps=outcome.n_steps + outcome.n_rejected)
     raise SolveError(reason, suggestion, motion, outcome.status)

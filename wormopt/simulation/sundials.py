@@ -20,6 +20,7 @@ import numpy as np
 
 from wormopt.core.model import Schedule
 from wormopt.core.values import signal_values
+from wormopt.errors import interruptible
 from wormopt.progress import Report
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.task import Outcome, Task
@@ -78,7 +79,9 @@ def integrate(task: Task, report: Report) -> Outcome:
     for k in range(_RUNS):
         exact = min(_STEP_DOWN * relative, _LOOSEST) / _STEP_DOWN**k
         run = _run(task, grid, max(exact, _LEAST_RELATIVE), report)
-        if run.status == "too_many_steps" or any(run.agrees(other) for other in runs):
+        if run.status in ("too_many_steps", "interrupted") or any(
+            run.agrees(other) for other in runs
+        ):
             return run.outcome()
         runs.append(run)
     ended = [run for run in runs if run.status == "done"]
@@ -189,10 +192,13 @@ def _run(task: Task, grid: _Grid, relative: float, report: Report) -> _Run:
     todo = [(k, min(k + _CHUNK, last)) for k in range(0, last, _CHUNK)][::-1]
     while todo:
         first, end = todo.pop()
-        report("simulating", (grid.times[first] - task.span[0]) / span)
-        solver = _solver(run, first, end)
         try:
-            guess = _advance(run, solver, guess, first, end)
+            report("simulating", (grid.times[first] - task.span[0]) / span)
+            with interruptible():
+                guess = _advance(run, _solver(run, first, end), guess, first, end)
+        except KeyboardInterrupt:
+            run.status = "interrupted"
+            break
         except RuntimeError as failure:
             if end - first > 1:  # find out how far it goes
                 middle = (first + end) // 2

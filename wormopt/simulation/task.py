@@ -108,7 +108,7 @@ class Outcome:
     status : str
         "done", or the reason for which it was given up: "step_too_small", "not_finite",
         "too_many_steps", "stiff", "events_accumulate", "no_contact_mode", "no_memory",
-        "layer_not_resolved", "solver_failed".
+        "layer_not_resolved", "solver_failed", "interrupted".
     route : str
         Which integrator.
     t : float

@@ -12,7 +12,7 @@ import numpy as np
 
 from wormopt.core.gait import Gait
 from wormopt.core.model import Model, Output
-from wormopt.errors import SceneError, SolveError
+from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.progress import Report
 from wormopt.result import UNITS, Result, Scalar, Variable, unit_of
 from wormopt.scenes.chain import ChainTable
@@ -73,6 +73,8 @@ def run(scene: Scene[SimulateScene], report: Report) -> Result:
         If a gait's file or the user's model cannot be used.
     SolveError
         If the motion cannot be followed to its end; the partial result holds it up to there.
+    Interrupted
+        If the user stops it; the partial result holds the motion as far as it came.
     """
     table = scene.table
     clock = time.perf_counter()
@@ -88,14 +90,22 @@ def run(scene: Scene[SimulateScene], report: Report) -> Result:
             model, table.time.end, table.time.samples, treatment, tolerance, report
         )
     except SolveError as error:
-        partial = replace(_result(scene, error.partial), status="failed", reason=error.reason)
+        partial = _unfinished(scene, error.partial, error.reason)
         raise SolveError(error.reason, error.suggestion, partial, error.code) from None
+    except Interrupted as stop:
+        why = f"interrupted at t = {stop.partial.end_time:.6g}"
+        raise Interrupted(_unfinished(scene, stop.partial, why)) from None
     except (ValueError, RuntimeError, NotImplementedError) as error:
         if table.worm is not None:
             raise
         raise SceneError(scene.name, [("model", f"cannot be simulated: {error}")]) from error
     simulated = time.perf_counter()
-    second = recheck(plain, motion, tolerance, report=report) if table.tolerance.recheck else None
+    try:
+        wanted = table.tolerance.recheck
+        second = recheck(plain, motion, tolerance, report=report) if wanted else None
+    except KeyboardInterrupt:
+        why = "interrupted before the second route was done"
+        raise Interrupted(_unfinished(scene, motion, why)) from None
     energies = [balance(motion)] if table.worm is not None else []
     faults = faults_of_motion(second, energies[0] if energies else None, tolerance)
     error = Scalar(second and second.error)
@@ -184,6 +194,10 @@ def _result(scene: Scene[SimulateScene], motion: Trajectory) -> Result:
             "signals": [name for name in names if any(v.name == name for v in found)],
         },
     )
+
+
+def _unfinished(scene: Scene[SimulateScene], motion: Trajectory, why: str) -> Result:
+    return replace(_result(scene, motion), status="failed", reason=why)
 
 
 def _variables(scene: Scene[SimulateScene], motion: Trajectory) -> Iterator[Variable]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from wormopt.core.gait import Gait
-from wormopt.errors import SolveError
+from wormopt.errors import Interrupted, SolveError
 from wormopt.gaits.files import gait_variables
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
@@ -68,6 +68,9 @@ def run(scene: Scene[TrackScene], report: Report) -> Result:
         If a gait's file cannot be used, or a tracker cannot start.
     SolveError
         If a motion cannot be followed to its end; the partial result holds it up to there.
+    Interrupted
+        If the user stops it; the partial result holds the motions that are done, or the first as
+        far as it came.
     """
     if scene.table.ensemble is not None:
         from wormopt.studies.track_ensemble import run_ensemble
@@ -77,10 +80,13 @@ def run(scene: Scene[TrackScene], report: Report) -> Result:
     clock = time.perf_counter()
     gait = gait_of_shape(table.reference.gait, scene, "reference.gait")
     found: list[Tracked] = []
-    for index in range(len(table.trackers)):
-        found.append(_follow(scene, index, gait, found, report))
-    simulated = time.perf_counter()
-    seconds = [_second(scene, each, report) for each in found]
+    try:
+        for index in range(len(table.trackers)):
+            found.append(_follow(scene, index, gait, found, report))
+        simulated = time.perf_counter()
+        seconds = [_second(scene, each, report) for each in found]
+    except KeyboardInterrupt as stop:
+        raise _interrupted(scene, gait, found, stop) from None
     timings = {"simulate": simulated - clock, "recheck": time.perf_counter() - simulated}
     return _result(scene, gait, found, seconds, timings)
 
@@ -107,6 +113,8 @@ def _follow(
         reason = f"{label}: {error.reason}" if several else error.reason
         result = _unfinished(scene, gait, partial, reason)
         raise SolveError(reason, error.suggestion, result, error.code) from None
+    except Interrupted as stop:
+        raise Interrupted(Tracked(label, tracker, loop, stop.partial)) from None
     return Tracked(label, tracker, loop, motion)
 
 
@@ -175,6 +183,23 @@ def _unfinished(scene: Scene[TrackScene], gait: Gait, found: Sequence[Tracked], 
         scene_text=scene.text,
         attributes={"trackers": [each.label for each in found]},
     )
+
+
+def _interrupted(
+    scene: Scene[TrackScene], gait: Gait, found: Sequence[Tracked], stop: KeyboardInterrupt
+) -> KeyboardInterrupt:
+    """Keep the motions that are done, or the first as far as it came."""
+    total = len(scene.table.trackers)
+    if len(found) == total:
+        why = "before the second route was done"
+    elif found:
+        why = f"after {len(found)} of {total} trackers"
+    elif isinstance(stop, Interrupted):
+        found = [stop.partial]
+        why = f"at t = {found[0].motion.end_time:.6g}"
+    else:
+        return stop
+    return Interrupted(_unfinished(scene, gait, found, f"interrupted {why}"))
 
 
 def _variables(

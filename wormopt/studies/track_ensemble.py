@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from wormopt.core.gait import Gait
-from wormopt.errors import SolveError
+from wormopt.core.model import Model
+from wormopt.errors import Interrupted, SolveError
 from wormopt.gaits.files import gait_variables
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.scene import Scene
-from wormopt.scenes.track import TrackScene
+from wormopt.scenes.track import Tracker, TrackScene
 from wormopt.simulation.ensemble import Ensemble, Member, simulate_ensemble
 from wormopt.studies.chains import draw_links, laws_of, tolerance_of, treatment_of
 from wormopt.studies.loops import build_loop, labels
@@ -103,14 +104,21 @@ def run_ensemble(scene: Scene[TrackScene], report: Report) -> Result:
         If a gait's file cannot be used, or a tracker cannot start.
     SolveError
         If no member came to its end.
+    Interrupted
+        If the user stops it; the partial result holds the members that came to their end.
     """
     clock = time.perf_counter()
     table = scene.table
     gait = gait_of_shape(table.reference.gait, scene, "reference.gait")
     members = _members(table)
-    herds = [_simulate(scene, k, gait, members, report) for k in range(len(table.trackers))]
-    simulated = time.perf_counter()
-    seconds = [_seconds(scene, herd, members, report) for herd in herds]
+    herds: list[_Herd] = []
+    try:
+        for index in range(len(table.trackers)):
+            herds += [_simulate(scene, index, gait, members, report)]
+        simulated = time.perf_counter()
+        seconds = [_seconds(scene, herd, members, report) for herd in herds]
+    except KeyboardInterrupt as stop:
+        raise _interrupted(scene, gait, herds, stop) from None
     timings = {"simulate": simulated - clock, "recheck": time.perf_counter() - simulated}
     return _result(scene, gait, herds, seconds, timings)
 
@@ -127,26 +135,62 @@ def _simulate(
     table = scene.table
     tracker, label = table.trackers[index], labels(table.trackers)[index]
     loop = build_loop(scene, index, gait, draw_links(table.worm, table.time.end))
-    ensemble = simulate_ensemble(
-        watched(loop, tracker),
-        table.time.end,
-        members,
-        contact=treatment_of(table.contact),
-        times=np.linspace(0.0, table.time.end, table.time.samples),
-        tolerance=tolerance_of(table.tolerance),
-        report=lambda _, fraction: report(f"simulating members under {label}", fraction),
-    )
-    whole = [k for k, code in enumerate(ensemble.codes) if not code]
-    if not whole:
+    try:
+        ensemble = simulate_ensemble(
+            watched(loop, tracker),
+            table.time.end,
+            members,
+            contact=treatment_of(table.contact),
+            times=np.linspace(0.0, table.time.end, table.time.samples),
+            tolerance=tolerance_of(table.tolerance),
+            report=lambda _, fraction: report(f"simulating members under {label}", fraction),
+        )
+    except Interrupted as stop:
+        raise Interrupted(_herd(label, tracker, loop, stop.partial)) from None
+    herd = _herd(label, tracker, loop, ensemble)
+    if not herd.whole:
         codes = ", ".join(sorted(set(ensemble.codes)))
         raise SolveError(
             f"{label}: no member came to its end ({codes})",
             "run the scene without [ensemble] to see why",
             code=ensemble.codes[0],
         )
+    return herd
+
+
+def _herd(label: str, tracker: Tracker, loop: Model, ensemble: Ensemble) -> _Herd:
     first = Tracked(label, tracker, loop, ensemble.motions[0])
+    whole = [k for k, code in enumerate(ensemble.codes) if not code]
     numbers = [loop_numbers(replace(first, motion=ensemble.motions[k])) for k in whole]
     return _Herd(first, ensemble, numbers, whole)
+
+
+def _interrupted(
+    scene: Scene[TrackScene], gait: Gait, herds: Sequence[_Herd], stop: KeyboardInterrupt
+) -> KeyboardInterrupt:
+    """Keep the trackers that are done, or the members of the first that came to their end."""
+    total = len(scene.table.trackers)
+    if len(herds) == total:
+        why = "before the second route was done"
+    elif herds:
+        why = f"after {len(herds)} of {total} trackers"
+    elif isinstance(stop, Interrupted) and stop.partial.whole:
+        herds = [stop.partial]
+        why = f"after {len(herds[0].whole)} of {len(herds[0].ensemble.codes)} members"
+    else:
+        return KeyboardInterrupt()
+    return Interrupted(
+        Result(
+            scene.name,
+            scene.table.kind,
+            scene.title,
+            "failed",
+            reason=f"interrupted {why}",
+            variables=tuple(_variables(scene, gait, herds)),
+            scene_text=scene.text,
+            attributes={"trackers": [herd.first.label for herd in herds]},
+        )
+    )
 
 
 def _seconds(

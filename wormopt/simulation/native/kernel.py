@@ -9,6 +9,7 @@ from ctypes import POINTER, Structure, c_double, c_longlong, c_void_p
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -291,20 +292,29 @@ def integrate(task: Task, ready: Compiled, report: Progress, stiff_steps: int) -
     if not run:
         raise MemoryError("no memory for the samples asked for")
     try:
-        chunk = max(_WORK_PER_CALL // n_x, 20)
-        while driver.wormopt_advance(run, chunk) == 0:
-            report("simulating", (run.contents.t - task.span[0]) / (task.span[1] - task.span[0]))
-        return _outcome(run.contents, n_x, task)
+        _advance(driver, run, task, report)
+        return _outcome(run.contents, _STATUS[run.contents.status], n_x, task)
+    except KeyboardInterrupt:
+        return _outcome(run.contents, "interrupted", n_x, task)
     finally:
         driver.wormopt_free(run)
         del kept
 
 
-def _outcome(found: _Report, n_x: int, task: Task) -> Outcome:
+def _advance(driver: ctypes.CDLL, run: Any, task: Task, report: Progress) -> None:
+    """Go to the end, or as far as it goes."""
+    start, end = task.span
+    chunk = max(_WORK_PER_CALL // len(task.x0), 20)
+    report("simulating", 0.0)
+    while driver.wormopt_advance(run, chunk) == 0:
+        report("simulating", (run.contents.t - start) / (end - start))
+
+
+def _outcome(found: _Report, status: str, n_x: int, task: Task) -> Outcome:
     dense = found.dense.array()
     samples = np.ctypeslib.as_array(found.samples, (max(found.n_sampled, 1), n_x))
     return Outcome(
-        status=_STATUS[found.status],
+        status=status,
         route="native",
         t=found.t,
         x=np.ctypeslib.as_array(found.x, (n_x,)).copy(),
