@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.core.lift import lift
 from wormopt.core.model import pack
+from wormopt.errors import ArgumentError
 
 DRY = [
     Coulomb(1.0, 10.0),
@@ -204,4 +205,18 @@ NAN = float("nan")
 )
 def test_laws_that_make_no_sense_are_refused(build: Callable[[], object], message: str):
     with pytest.raises(ValueError, match=message):
+        build()
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda: Coulomb("rough", 1.0),  # type: ignore[arg-type]
+        lambda: Coulomb([1.0, 2.0], 1.0),  # type: ignore[arg-type]
+        lambda: Viscous([1.0]),  # type: ignore[arg-type]
+        lambda: Spike("sharp"),  # type: ignore[arg-type]
+    ],
+)
+def test_numbers_of_laws_are_numbers(build: Callable[[], object]):
+    with pytest.raises(ArgumentError, match="must be a number, not"):
         build()

@@ -1,5 +1,7 @@
 """The Model and the spiked worm as one, against the closed-form crawl and Newton's laws."""
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -8,7 +10,8 @@ from hypothesis import strategies as st
 
 from wormopt.core.friction import Spike, Viscous
 from wormopt.core.gait import Gait
-from wormopt.core.model import Contact, Model, Output, Signal, pack
+from wormopt.core.model import TINY, Contact, Model, Output, Signal, pack
+from wormopt.errors import ArgumentError
 from wormopt.gaits.construct import block_wave, fast_gait
 from wormopt.worms.crawl import crawl
 from wormopt.worms.spiked import spiked_worm
@@ -148,3 +151,20 @@ def test_models_that_do_not_fit_together_are_refused():
         signals = {other: [Signal("velocity", w)]}
         with pytest.raises(ValueError, match="two signals share a name"):
             Model("cart", [Signal("velocity", v)], v, **signals)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("bounds", "value", "words"),
+    [
+        ({"lower": TINY}, 0.0, "c must be positive, not 0"),
+        ({"lower": 0.0}, -1.0, "c must be 0 or above, not -1"),
+        ({"lower": 0.0, "upper": 1.0}, np.nan, "c must be 0 or above and at most 1, not nan"),
+        ({"lower": 0.5}, 0.4, "c must be at least 0.5, not 0.4"),
+        ({"upper": 2.0}, 2.5, "c must be at most 2, not 2.5"),
+    ],
+)
+def test_values_beyond_their_bounds_are_refused(bounds: dict[str, Any], value: float, words: str):
+    signal = Signal("c", ca.SX.sym("c", 2), **bounds)
+    signal.check(np.array([1.0, 1.0]))
+    with pytest.raises(ArgumentError, match=words):
+        signal.check(np.array([1.0, value]))

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from wormopt.errors import UnknownNameError
 from wormopt.files import RESULT_FILE, SUMMARY_FILE
 from wormopt.version import VERSION
 
@@ -257,11 +258,11 @@ class Result:
         return lengths
 
     def __getitem__(self, name: str) -> Variable:
-        """Variable of that name; KeyError where the result has none."""
+        """Variable of that name; UnknownNameError, a KeyError, where the result has none."""
         for variable in self.variables:
             if variable.name == name:
                 return variable
-        raise KeyError(name)
+        raise UnknownNameError("the result", "variable", [name], [v.name for v in self.variables])
 
     def __contains__(self, name: str) -> bool:
         """Whether there is a variable of that name."""
