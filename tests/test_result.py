@@ -144,7 +144,7 @@ def test_a_variable_is_found_by_name():
     assert "time" in result
     assert "speed" not in result
     assert result["time"].unit == "s"
-    with pytest.raises(KeyError, match="no variable 'speed'; it has .*'time'"):
+    with pytest.raises(KeyError, match=r"no variable 'speed'; it has .*'time'"):
         result["speed"]
 
 
