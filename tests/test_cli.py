@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wormopt import progress
 from wormopt.cli import main
 from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.kinds import KINDS
@@ -397,7 +398,7 @@ def test_wrong_usage_ends_with_two(arguments: list[str]):
     assert caught.value.code == 2
 
 
-def test_progress_is_drawn_on_a_terminal_only(
+def test_progress_is_drawn_on_a_terminal(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
@@ -405,3 +406,48 @@ def test_progress_is_drawn_on_a_terminal_only(
     json.loads(capsys.readouterr().out)
     assert main(["run", "fast_gait", "--json", "--quiet"]) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_long_runs_say_a_line_now_and_then_without_a_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, study: Install
+):
+    clock = iter([0.0, *np.arange(1.0, 101.0)])
+    monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
+
+    def patient(scene: Scene[Any], report: Report) -> Result:
+        for k in range(100):
+            report("solving", (k + 1) / 200)
+        return found(scene)
+
+    study(patient)
+    assert main(["run", "fast_gait"]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[:3] == ["10 s: solving, 5%", "20 s: solving, 10%", "30 s: solving, 15%"]
+    assert 4 < len(lines) < 8
+    clock = iter([])
+    assert main(["run", "fast_gait", "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_the_report_is_readable(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, study: Install
+):
+    monkeypatch.setenv("COLUMNS", "60")
+    routes = [{"route": "cvodes", "error": 1.0e-9}, {"route": "python", "error": None}]
+    ends = [[1 / 3, 2 / 3, 1.0], [0.25, 0.5, 0.75]]
+    told = ["a warning that is much too long to stand in a line of sixty characters", "another"]
+    trust = {"recheck": routes, "events": {}, "warnings": told}
+    study(lambda scene, report: found(scene, scalars={"ends": Scalar(ends, "m")}, trust=trust))
+    assert main(["run", "fast_gait"]) == 0
+    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()[1:-1]]
+    assert lines == [
+        "  ends  [0.333333333333, 0.666666666667, 1]  m",
+        "        [0.25, 0.5, 0.75]",
+        "Trust:",
+        "  recheck   route cvodes, error 1e-09",
+        "            route python, error unknown",
+        "  events    none",
+        "  warnings  a warning that is much too long to stand in a",
+        "              line of sixty characters",
+        "            another",
+    ]

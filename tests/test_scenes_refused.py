@@ -298,6 +298,27 @@ def test_a_given_parameter_beyond_its_bounds_is_named(tmp_path: Path):
         wo.run(load_scene(path, ["parameters.rate=-2"]))
 
 
+def test_entries_of_lists_are_set_by_their_index(tmp_path: Path):
+    path = write(tmp_path, TRACK.replace("[tracker]", "[[tracker]]"))
+    changes = ["tracker.0.growth=7", "tracker[0].tube_radius=0.3", "start.position.1=2.5"]
+    table = load_scene(path, changes).table
+    assert (table.trackers[0].growth, table.trackers[0].tube_radius) == (7.0, 0.3)
+    assert table.start.position == (4.0, 2.5, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("start.position.3=1", r"start.position is a list; its entries are start.position.0 to 2"),
+        ("start.position.x=1", r"start.position is a list; its entries are start.position.0 to 2"),
+        ("worm.mass.0=1", r"worm.mass is not a table or list; give all of it: worm.mass=\[...\]"),
+    ],
+)
+def test_entries_that_are_not_there_are_refused(tmp_path: Path, change: str, message: str):
+    with pytest.raises(SceneError, match=message):
+        load_scene(write(tmp_path, TRACK), [change])
+
+
 def test_all_tables_of_a_list_are_checked_at_once(tmp_path: Path):
     text = 'tracker=[{feedback="filter", tube_radius=0}, {feedback="funnel", gain=-1}]'
     with pytest.raises(SceneError) as caught:

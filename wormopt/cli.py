@@ -11,8 +11,10 @@ import dataclasses
 import io
 import json
 import os
+import shutil
 import sys
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +22,7 @@ from wormopt.errors import Interrupted, OutputError, SceneError, SolveError
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, picture_file
 from wormopt.kinds import KINDS
 from wormopt.output import check_output, output_folder
-from wormopt.progress import Report, shown_on_terminal
+from wormopt.progress import Report, shown_on_stderr
 from wormopt.runner import run
 from wormopt.scenes import Scene, load_scene, packaged_scenes
 from wormopt.version import VERSION
@@ -149,7 +151,7 @@ def _run(options: argparse.Namespace) -> int:
     folder = Path(options.output) if options.output else Path("results") / scene.name
     files = [RESULT_FILE, SUMMARY_FILE, *pictures.values()]
     folder = check_output(folder, scene.name, files, options.force)
-    with shown_on_terminal(options.quiet) as report:
+    with shown_on_stderr(options.quiet) as report:
         result, code = _attempt(scene, report)
     with output_folder(folder) as staging:
         result.save(staging, tuple(pictures.values()))
@@ -176,7 +178,7 @@ def _bench(options: argparse.Namespace) -> int:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name in options.cases or CASES:
-            with shown_on_terminal(options.quiet) as report:
+            with shown_on_stderr(options.quiet) as report:
                 for found in bench(name, quick=options.quick, folder=folder, report=report):
                     known[name] = found
             if not options.json:
@@ -198,7 +200,7 @@ def _stress(options: argparse.Namespace) -> int:
 
     verdicts, code = [], DONE
     try:
-        with shown_on_terminal(options.quiet) as report:
+        with shown_on_stderr(options.quiet) as report:
             for verdict in stress(quick=options.quick, report=report):
                 verdicts.append(verdict)  # noqa: PERF402  one by one: it may be interrupted
     except KeyboardInterrupt:
@@ -251,16 +253,43 @@ def _draw(result: Result, pictures: dict[str, str], folder: Path) -> None:
 
 def _print_result(result: Result, folder: Path) -> None:
     print(result.title)
-    _print_table(
-        [
-            (name, _text(scalar.value), "" if scalar.unit == "1" else scalar.unit)
-            for name, scalar in result.scalars.items()
-        ]
-    )
+    units = {name: s.unit for name, s in result.scalars.items() if s.unit != "1"}
+    _print_values({name: s.value for name, s in result.scalars.items()}, units)
     if result.trust:
         print("Trust:")
-        _print_table([(name, _text(value)) for name, value in result.trust.items()])
+        _print_values(result.trust, {})
     print(f"Saved in {folder}")
+
+
+def _print_values(values: Mapping[str, Any], units: Mapping[str, str]) -> None:
+    width = shutil.get_terminal_size((100, 24)).columns
+    width = max(width - 4 - max(map(len, values), default=0), 40)
+    rows = []
+    for name, value in values.items():
+        first, *others = _lines(value, width)
+        rows += [(name, first, units.get(name, "")), *(("", line, "") for line in others)]
+    _print_table(rows)
+
+
+def _lines(value: Any, width: int) -> list[str]:
+    """Write a value whole where it fits and is no list of texts, else entry by entry."""
+    if isinstance(value, str):
+        return textwrap.wrap(value, width, subsequent_indent="  ") or [""]
+    whole = _text(value).strip("{}") or "none"
+    if isinstance(value, list) and any(isinstance(item, str | dict) for item in value):
+        return [line for item in value for line in _lines(item, width)]
+    if len(whole) <= width:
+        return [whole]
+    if isinstance(value, dict):
+        named = ((f"{key} ", _lines(item, width - len(key) - 1)) for key, item in value.items())
+        return [line for name, lines in named for line in _hanging(name, lines)]
+    if isinstance(value, list) and any(isinstance(item, list) for item in value):
+        return [line for item in value for line in _lines(item, width)]
+    return textwrap.wrap(whole, width, subsequent_indent=" ")
+
+
+def _hanging(name: str, lines: Sequence[str]) -> list[str]:
+    return [(" " * len(name) if k else name) + line for k, line in enumerate(lines)]
 
 
 def _text(value: Any) -> str:
@@ -268,7 +297,11 @@ def _text(value: Any) -> str:
         return "unknown"
     if isinstance(value, float):
         return f"{value:.12g}"
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    if isinstance(value, list):
+        return f"[{', '.join(map(_text, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key} {_text(item)}' for key, item in value.items())}}}"
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _print_table(rows: Sequence[tuple[str, ...]]) -> None:

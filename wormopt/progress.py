@@ -9,6 +9,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import monotonic
+
+# Seconds to the first line where there is no terminal, and longest between two of them.
+_FIRST_LINE, _RAREST_LINE = 10.0, 300.0
 
 Report = Callable[[str, "float | None"], None]
 
@@ -30,14 +34,16 @@ def silent(text: str, fraction: float | None = None) -> None:
 
 
 @contextmanager
-def shown_on_terminal(quiet: bool = False) -> Iterator[Report]:
-    """Give a `Report` that draws a progress bar on stderr while the context lasts.
+def shown_on_stderr(quiet: bool = False) -> Iterator[Report]:
+    """Give a `Report` that shows progress on stderr while the context lasts.
+
+    On a terminal it is a bar. Elsewhere it is a line now and then, the first after ten seconds,
+    and the drawing library is not even loaded.
 
     Parameters
     ----------
     quiet : bool
-        Show nothing. Nothing is shown either where stderr is no terminal, and the drawing
-        library is not even loaded then.
+        Show nothing.
 
     Yields
     ------
@@ -46,11 +52,11 @@ def shown_on_terminal(quiet: bool = False) -> Iterator[Report]:
 
     Examples
     --------
-    >>> with shown_on_terminal(quiet=True) as report:
+    >>> with shown_on_stderr(quiet=True) as report:
     ...     report("polishing", None)
     """
     if quiet or not sys.stderr.isatty():
-        yield silent
+        yield silent if quiet else _lines()
         return
 
     from rich.console import Console
@@ -67,3 +73,20 @@ def shown_on_terminal(quiet: bool = False) -> Iterator[Report]:
                 bar.update(task, description=text, total=1.0, completed=fraction)
 
         yield report
+
+
+def _lines() -> Report:
+    """Write a line every ten seconds, less often in long runs."""
+    start, due = monotonic(), _FIRST_LINE
+
+    def report(text: str, fraction: float | None = None) -> None:
+        nonlocal due
+        spent = monotonic() - start
+        if spent < due:
+            return
+        due = spent + min(max(spent / 2, _FIRST_LINE), _RAREST_LINE)
+        share = "" if fraction is None else f", {fraction:.0%}"
+        sys.stderr.write(f"{spent:.0f} s: {text}{share}\n")
+        sys.stderr.flush()
+
+    return report

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -154,7 +155,7 @@ def _override(file: str, raw: dict[str, Any], overrides: Iterable[str]) -> None:
 def _override_one(raw: dict[str, Any], text: str) -> Iterator[Fault]:
     path, equals, value = text.partition("=")
     path = path.strip()
-    keys = path.split(".")
+    keys = re.sub(r"\[(\d+)\]", r".\1", path).split(".")  # tracker[0].gain or tracker.0.gain
     if not equals or not all(keys):
         yield path or "--set", f"{text!r} does not read key=value, worm.links=3 say"
         return
@@ -166,13 +167,31 @@ def _override_one(raw: dict[str, Any], text: str) -> Iterator[Fault]:
     if parsed.keys() != {"value"}:
         yield path, f"{value!r} is no TOML value; put text in quotes: --set '{path}=\"...\"'"
         return
-    table = raw
-    for key in keys[:-1]:
-        table = table.setdefault(key, {})
-        if not isinstance(table, dict):
-            yield path, f"{key} is not a table"
-            return
-    table[keys[-1]] = parsed["value"]
+    try:
+        _set(raw, keys, parsed["value"])
+    except ValueError as error:
+        yield path, str(error)
+    except RecursionError:
+        yield path, "is nested too deeply"
+
+
+def _set(inside: Any, keys: list[str], value: Any, name: str = "") -> None:
+    """Set what a path of keys and, in lists, of indices leads to; tables on the way may be new."""
+    key, *rest = keys
+    place: Any = key
+    if isinstance(inside, list):
+        place = int(key) if key.isdecimal() else len(inside)
+        if place >= len(inside):
+            raise ValueError(f"{name} is a list; its entries are {name}.0 to {len(inside) - 1}")
+    elif not isinstance(inside, dict):
+        what = f"{name} is not a table or list; give all of it: {name}=[...]"
+        raise ValueError(what)  # noqa: TRY004  a fault of the user's
+    if not rest:
+        inside[place] = value
+        return
+    if isinstance(inside, dict):
+        inside.setdefault(place, {})
+    _set(inside[place], rest, value, f"{name}.{key}" if name else key)
 
 
 def _read_kind(file: str, raw: dict[str, Any]) -> SceneTable:
