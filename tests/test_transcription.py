@@ -11,8 +11,8 @@ from wormopt.optimal.collocation import Collocation
 from wormopt.optimal.elastic import elastic
 from wormopt.optimal.mesh import Mesh, on_finer_mesh
 from wormopt.optimal.nlp import Ipopt
-from wormopt.optimal.phases import PhaseProgram
 from wormopt.optimal.problem import Bound, Ends, Problem
+from wormopt.optimal.transcription import Transcription
 
 ROOT_ONE_AND_A_HALF = 1.224744871391589
 
@@ -42,7 +42,7 @@ def fastest(model: Model, start: tuple[float, ...], end: tuple[float, float]) ->
     )
 
 
-def solved(program: PhaseProgram, modes: list[int], speed: float = 0.1):
+def solved(program: Transcription, modes: list[int], speed: float = 0.1):
     bounds = program.bounds(ModeSequence(tuple((m,) for m in modes)))
     w = program.rest(np.full(program.mesh.total, 0.5), np.array([0.0, speed]))
     return program.nlp.finish(program.nlp.solve(w, bounds, Ipopt()), bounds), bounds
@@ -58,7 +58,7 @@ def solved(program: PhaseProgram, modes: list[int], speed: float = 0.1):
     ],
 )
 def test_time_optimal_block_on_dry_ground_is_exact(start, end, modes, exact):
-    program = PhaseProgram(fastest(block(), start, end), Mesh(len(modes), 2, Collocation(2)))
+    program = Transcription(fastest(block(), start, end), Mesh(len(modes), 2, Collocation(2)))
     solution, _ = solved(program, modes)
     assert solution.objective == pytest.approx(exact, abs=1e-9)
     assert solution.violation <= 1e-12
@@ -66,14 +66,14 @@ def test_time_optimal_block_on_dry_ground_is_exact(start, end, modes, exact):
 
 def test_a_sticking_contact_does_not_move_and_its_force_stays_in_the_interval():
     # the sticking mode itself says that it starts at rest: only the position is given
-    program = PhaseProgram(
+    program = Transcription(
         fastest(block(), (0.0,), (1.0, 0.0)), Mesh(2, 2, Collocation(3), input_degree=1)
     )
     solution, _ = solved(program, [0, 1])
     arcs = program.unpack(solution.w)
-    assert np.abs(arcs.points[1][:, arcs.phase == 0]).max() < 1e-9
-    assert np.all(arcs.forces[0][:, arcs.phase == 0] <= 2.0 + 1e-9)
-    assert np.all(arcs.forces[0][:, arcs.phase == 0] >= -1.0 - 1e-9)
+    assert np.abs(arcs.points[1][:, program.mesh.phase == 0]).max() < 1e-9
+    assert np.all(arcs.unknowns[0][:, program.mesh.phase == 0] <= 2.0 + 1e-9)
+    assert np.all(arcs.unknowns[0][:, program.mesh.phase == 0] >= -1.0 - 1e-9)
     assert solution.objective == pytest.approx(ROOT_ONE_AND_A_HALF, abs=1e-7)
 
 
@@ -102,7 +102,7 @@ def oscillator(scheme, degree: int, arcs: int) -> float:
             Bound("end", ends.end, [1, 0], [1, 0]),
         ],
     )
-    program = PhaseProgram(problem, Mesh(1, arcs, Collocation(degree, scheme), degree - 1))
+    program = Transcription(problem, Mesh(1, arcs, Collocation(degree, scheme), degree - 1))
     bounds = program.bounds(ModeSequence(((),)))
     # equal arcs, so that the error is one of the step alone
     rows = np.arange(program.mesh.total) * ((len(bounds.lbw)) // program.mesh.total)
@@ -142,7 +142,7 @@ def test_bounds_hold_inside_arcs_not_only_at_nodes():
         along=[Bound("ceiling", y, upper=0.5)],
         at_ends=[Bound("start", ends.start[0], 0, 0), Bound("end", ends.end[0], 0, 0)],
     )
-    program = PhaseProgram(problem, Mesh(1, 4, Collocation(2)))
+    program = Transcription(problem, Mesh(1, 4, Collocation(2)))
     bounds = program.bounds(ModeSequence(((),)))
     w = program.rest(np.full(4, 0.2), np.array([0.0, 0.5]))
     solution = program.nlp.finish(program.nlp.solve(w, bounds, Ipopt()), bounds)
@@ -156,10 +156,10 @@ def test_bounds_hold_inside_arcs_not_only_at_nodes():
 
 def test_refining_a_mesh_keeps_the_motion():
     problem = fastest(block(), (0.0, 0.0), (1.0, 0.0))
-    coarse = PhaseProgram(problem, Mesh(1, 2, Collocation(2)))
+    coarse = Transcription(problem, Mesh(1, 2, Collocation(2)))
     solution, _ = solved(coarse, [1])
     mesh = Mesh(1, 6, Collocation(5), input_degree=3)
-    fine = PhaseProgram(problem, mesh)
+    fine = Transcription(problem, mesh)
     bounds = fine.bounds(ModeSequence(((1,),)))
     carried = fine.nlp.start(
         fine.pack(on_finer_mesh(coarse.unpack(solution.w), coarse.mesh, mesh)), bounds
@@ -169,7 +169,7 @@ def test_refining_a_mesh_keeps_the_motion():
 
 
 def test_pack_is_the_inverse_of_unpack():
-    program = PhaseProgram(fastest(block(), (0, 0), (1, 0)), Mesh(2, 3, Collocation(3), 1))
+    program = Transcription(fastest(block(), (0, 0), (1, 0)), Mesh(2, 3, Collocation(3), 1))
     w = np.random.default_rng(0).normal(size=len(program.rest(np.ones(6), np.zeros(2))))
     assert program.pack(program.unpack(w)) == pytest.approx(w, abs=1e-14)
 
@@ -188,7 +188,7 @@ def test_an_impossible_problem_is_explained_by_the_limits_in_conflict():
             Bound("distance", ends.end[0], 2.0),
         ],
     )
-    program = PhaseProgram(elastic(problem), Mesh(1, 4, Collocation(2)))
+    program = Transcription(elastic(problem), Mesh(1, 4, Collocation(2)))
     bounds = program.bounds(ModeSequence(((1,),)))
     w = program.rest(np.full(4, 0.25), np.zeros(2))
     w[-2:] = 3.0
@@ -200,14 +200,36 @@ def test_an_impossible_problem_is_explained_by_the_limits_in_conflict():
 
 
 def test_wrong_number_of_phases_is_refused():
-    program = PhaseProgram(fastest(block(), (0, 0), (1, 0)), Mesh(2, 1, Collocation(2)))
+    program = Transcription(fastest(block(), (0, 0), (1, 0)), Mesh(2, 1, Collocation(2)))
     with pytest.raises(ValueError, match="1 phases given, the mesh has 2"):
         program.bounds(ModeSequence(((1,),)))
 
 
-def test_a_model_that_depends_on_time_is_refused():
-    x, t = ca.SX.sym("x"), ca.SX.sym("t")
-    model = Model("clock", x=[Signal("x", x)], ode=t, t=t)
-    ends = Ends.of(model)
-    with pytest.raises(NotImplementedError, match="autonomous"):
-        PhaseProgram(Problem(model, ends, ends.duration, (1, 1)), Mesh(1, 1, Collocation(2)))
+def test_a_model_may_depend_on_time_and_have_algebraic_equations():
+    """x' = z with z = cos(2 t): the end is sin(2 T)/2 whatever the input does."""
+    x, t, z, u = (ca.SX.sym(name) for name in ("x", "t", "z", "u"))
+    model = Model(
+        "clock",
+        x=[Signal("x", x)],
+        ode=z,
+        t=t,
+        z=[Signal("z", z)],
+        alg=z - ca.cos(2 * t),
+        u=[Signal("u", u)],
+    )
+    ends = Ends.of(model, 1)
+    problem = Problem(
+        model,
+        ends,
+        ends.integrals[0],
+        (1.5, 1.5),
+        integrands=(u - z) ** 2,
+        at_ends=[Bound("start", ends.start, 0, 0)],
+    )
+    program = Transcription(problem, Mesh.even(1, 6, Collocation(5), input_degree=4))
+    bounds = program.bounds(ModeSequence(((),)))
+    w = program.rest(np.full(6, 0.25), np.zeros(1))
+    arcs = program.unpack(program.nlp.solve(w, bounds, Ipopt()).w)
+    end = arcs.start[0, -1] + (arcs.duration * (arcs.algebraic[0].T @ Collocation(5).B))[-1]
+    assert end == pytest.approx(np.sin(3.0) / 2, abs=1e-9)
+    assert arcs.inputs[0, 0, 0] == pytest.approx(1.0, abs=1e-4)

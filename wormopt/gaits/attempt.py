@@ -14,7 +14,7 @@ from wormopt.gaits.sequences import Sequence_
 from wormopt.optimal.collocation import Collocation
 from wormopt.optimal.mesh import Arcs, Mesh
 from wormopt.optimal.nlp import Bounds, Ipopt
-from wormopt.optimal.phases import PhaseProgram
+from wormopt.optimal.transcription import Transcription
 from wormopt.scenes.gait_design import GaitLimits, Objective
 from wormopt.scenes.worm import WormTable
 
@@ -99,7 +99,7 @@ def mesh_of(sequence: Sequence_, arcs: int, degree: int = 2) -> Mesh:
 
 
 @lru_cache(maxsize=32)
-def program_of(task: Task, mesh: Mesh) -> PhaseProgram:
+def program_of(task: Task, mesh: Mesh) -> Transcription:
     """Program of a task on a mesh, built once per process and kept.
 
     Parameters
@@ -111,9 +111,9 @@ def program_of(task: Task, mesh: Mesh) -> PhaseProgram:
 
     Returns
     -------
-    PhaseProgram
+    Transcription
     """
-    return PhaseProgram(gait_problem(task.worm, task.limits, task.objective), mesh)
+    return Transcription(gait_problem(task.worm, task.limits, task.objective), mesh)
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def attempt(job: Job) -> Candidate | None:
     return Candidate(job.sequence, found.objective, program.unpack(found.w), mesh)
 
 
-def _start(job: Job, program: PhaseProgram, bounds: Bounds) -> np.ndarray | None:
+def _start(job: Job, program: Transcription, bounds: Bounds) -> np.ndarray | None:
     """Where to start: for a cost, at a fast gait of the same sequence; None if it is too slow."""
     required = job.task.objective.speed
     if required is None:
@@ -180,7 +180,7 @@ def _start(job: Job, program: PhaseProgram, bounds: Bounds) -> np.ndarray | None
     return program.pack(replace(fast.arcs, **program.nominal_extras()))
 
 
-def _linear_start(job: Job, program: PhaseProgram, bounds: Bounds) -> np.ndarray | None:
+def _linear_start(job: Job, program: Transcription, bounds: Bounds) -> np.ndarray | None:
     """Best motion with durations drawn at random, to first order from rest; None if none fits."""
     random = np.random.default_rng(job.seed)
     mesh = program.mesh

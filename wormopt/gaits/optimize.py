@@ -20,7 +20,7 @@ from wormopt.optimal.collocation import bernstein_matrix
 from wormopt.optimal.elastic import elastic
 from wormopt.optimal.mesh import Arcs, Mesh
 from wormopt.optimal.nlp import Ipopt, Solution
-from wormopt.optimal.phases import PhaseProgram
+from wormopt.optimal.transcription import Transcription
 from wormopt.progress import Report
 from wormopt.scenes.gait_design import Search
 
@@ -195,7 +195,7 @@ def _conflict(task: Task, sequences: Sequence[Sequence_]) -> SolveError:
     problem = elastic(rigid)
     least, slack = np.inf, np.zeros(len(problem.design))
     for sequence in sequences:
-        program = PhaseProgram(problem, mesh_of(sequence, 4))
+        program = Transcription(problem, mesh_of(sequence, 4))
         bounds = program.bounds(ModeSequence.of_resting(sequence, task.worm.links + 1))
         total = program.mesh.total
         w = program.rest(np.full(total, np.mean(task.limits.period_range) / total), task.rest)

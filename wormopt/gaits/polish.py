@@ -14,7 +14,7 @@ from wormopt.gaits.sequences import Sequence_
 from wormopt.optimal.collocation import Collocation
 from wormopt.optimal.mesh import Mesh, on_finer_mesh
 from wormopt.optimal.nlp import Bounds, Ipopt, Solution
-from wormopt.optimal.phases import PhaseProgram
+from wormopt.optimal.transcription import Transcription
 from wormopt.scenes.gait_design import Search
 
 __all__ = ["Solved", "as_found", "polish", "refine"]
@@ -34,7 +34,7 @@ class Solved:
     ----------
     sequence : tuple of tuple of int
         Resting masses, phase after phase.
-    program : PhaseProgram
+    program : Transcription
         The program solved.
     bounds : Bounds
         Its bounds for this sequence.
@@ -43,7 +43,7 @@ class Solved:
     """
 
     sequence: Sequence_
-    program: PhaseProgram
+    program: Transcription
     bounds: Bounds
     solution: Solution
 
@@ -171,7 +171,7 @@ def _optimise_on(task: Task, solved: Solved, mesh: Mesh) -> Solved:
     return Solved(solved.sequence, program, bounds, _optimise(program, start, bounds))
 
 
-def _carry(task: Task, solved: Solved, mesh: Mesh) -> tuple[PhaseProgram, Bounds, Solution]:
+def _carry(task: Task, solved: Solved, mesh: Mesh) -> tuple[Transcription, Bounds, Solution]:
     fine = program_of(task, mesh)
     bounds = fine.bounds(ModeSequence.of_resting(solved.sequence, task.worm.links + 1))
     coarse = solved.program
@@ -179,7 +179,7 @@ def _carry(task: Task, solved: Solved, mesh: Mesh) -> tuple[PhaseProgram, Bounds
     return fine, bounds, fine.nlp.start(w, bounds)
 
 
-def _start(task: Task, candidate: Candidate) -> tuple[PhaseProgram, Bounds, Solution]:
+def _start(task: Task, candidate: Candidate) -> tuple[Transcription, Bounds, Solution]:
     program = program_of(task, candidate.mesh)
     bounds = program.bounds(ModeSequence.of_resting(candidate.sequence, task.worm.links + 1))
     return program, bounds, program.nlp.start(program.pack(candidate.arcs), bounds)
@@ -190,7 +190,7 @@ def _solve(task: Task, candidate: Candidate) -> Solved:
     return Solved(candidate.sequence, program, bounds, _optimise(program, start, bounds))
 
 
-def _optimise(program: PhaseProgram, start: Solution, bounds: Bounds) -> Solution:
+def _optimise(program: Transcription, start: Solution, bounds: Bounds) -> Solution:
     """Solve from a near solution and remove the interior point's bias.
 
     On arcs of constant acceleration the optimum is mostly a vertex, which linear programs find
