@@ -3,8 +3,10 @@
 import json
 import math
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -239,6 +241,28 @@ def test_an_interrupted_benchmark_tells_what_it_knows(
     told = capsys.readouterr().out
     assert "unfinished" in told
     assert "wormopt" in told
+
+
+def test_benchmarks_are_told_by_the_help_and_found_in_any_letter_case(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    asked = []
+
+    def no_time(name: str, **_: Any) -> Iterator[dict[str, Any]]:
+        asked.append(name)
+        raise KeyboardInterrupt
+        yield
+
+    monkeypatch.setattr(run, "bench", no_time)
+    assert cli.main(["bench", "Track14", "-o", str(tmp_path), "--json"]) == 130
+    assert asked == ["track14"]
+    for command in ("bench", "stress"):
+        with pytest.raises(SystemExit):
+            cli.main([command, "--help"])
+    said = capsys.readouterr().out
+    assert all(name in said and what in said for name, what in CASES.items())
+    assert "ours/theirs" in said
+    assert "undecided" in said
 
 
 def test_an_unknown_benchmark_is_refused(capsys: pytest.CaptureFixture[str]):

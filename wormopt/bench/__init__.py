@@ -1,4 +1,11 @@
 """Benchmarks and the stress matrix: how fast `simulate` is, and whether it is right."""
 
-CASES = ("track13", "track14", "mag2", "spiked_chain", "stick_chain", "chain_length")
-"""Names of the benchmarks, here so that the command line can tell them without loading any."""
+CASES = {
+    "track13": "the chapter's worm under tracker (13), smooth law",
+    "track14": "the same under tracker (14)",
+    "mag2": "two masses on a spring, dry friction, 369 events",
+    "spiked_chain": "a driven chain on spikes, exact contact",
+    "stick_chain": "a driven chain that sticks and slips, exact contact",
+    "chain_length": "time of a step for 2 to 1000 links",
+}
+"""Benchmarks and what they are, here so that the command line can tell without loading any."""

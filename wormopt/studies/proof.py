@@ -35,6 +35,11 @@ __all__ = [
 # Both routes shall agree at the end, and energies balance, to this or to so many tolerances, but
 # at most to a hundredth.
 _AGREED, _TOLERANCES, _LARGEST = 1e-7, 1e3, 1e-2
+# What a second route has in common with the first.
+_SHARED = {
+    "cvodes": "the model",
+    "python": "the model; the rules for steps, events and contact modes, though not their code",
+}
 # Implicit integrators take more steps than explicit ones of order 8.
 _MORE_STEPS = 100
 
@@ -52,6 +57,8 @@ class Recheck:
         nominal size; None if unknown.
     accepted : float
         Largest error that is accepted.
+    shared : str
+        What it has in common with the first route, so that errors there are not seen.
     reason : str
         Why the error is not known.
     """
@@ -59,6 +66,7 @@ class Recheck:
     route: str
     error: float | None
     accepted: float
+    shared: str = ""
     reason: str = ""
 
     @property
@@ -112,10 +120,11 @@ def recheck(
     treatment, end = motion.system.treatment, motion.end_time
     route = _second_route(model, motion)
     accepted = accepted_error(tolerance)
-    label = str(route)
+    label, shared = str(route), _SHARED[route]
     if route == motion.route or model.alg.numel():
         label = motion.route
         label += " with a tenth of the tolerance"
+        shared = "all but the tolerance"
         relative = max(tolerance.relative / 10, 1e-14)
         tolerance = replace(tolerance, relative=relative, absolute=tolerance.absolute / 10)
     tolerance = replace(tolerance, max_steps=_MORE_STEPS * tolerance.max_steps)
@@ -132,11 +141,11 @@ def recheck(
             report=lambda _, fraction: report("rechecking", fraction),
         )
     except SolveError as error:
-        return Recheck(label, None, accepted, error.reason)
+        return Recheck(label, None, accepted, shared, error.reason)
     sizes = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
     size = np.maximum(sizes, np.abs(again.end))
     error = np.max(np.abs(motion.end[: model.n_x] - again.end) / size)
-    return Recheck(label, float(error), accepted)
+    return Recheck(label, float(error), accepted, shared)
 
 
 def accepted_error(tolerance: Tolerance) -> float:
@@ -321,7 +330,16 @@ def trust(
         "route": one_or_all([motion.route for motion in motions]),
         "tolerance": {"relative": tolerance.relative, "absolute": tolerance.absolute},
         "recheck": one_or_all(
-            [r and {"route": r.route, "error": r.error, "accepted": r.accepted} for r in rechecks]
+            [
+                r
+                and {
+                    "route": r.route,
+                    "error": r.error,
+                    "accepted": r.accepted,
+                    "shared": r.shared,
+                }
+                for r in rechecks
+            ]
         ),
         **({"energy_balance": one_or_all([e and asdict(e) for e in energies])} if energies else {}),
         "events": one_or_all([count_events(motion) for motion in motions]),
