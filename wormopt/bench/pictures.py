@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, LogLocator, NullLocator
 
 from wormopt.bench.cases import GOAL, Case
 from wormopt.bench.chain_length import LONG, Length, slope
@@ -46,6 +47,9 @@ def draw_records(case: Case, records: Sequence[Record], path: Path) -> None:
             linestyle="-" if k < len(_COLOURS) else "--",
             label=record.solver,
         )
+    axes.yaxis.set_major_locator(LogLocator(numticks=20))  # every decade has its label
+    axes.text(1.0, GOAL, "compared here ", transform=axes.get_yaxis_transform(), color="#666666",
+              fontsize=7.5, ha="right", va="bottom")  # fmt: skip
     axes.set_title(f"{case.name}: {case.title}", fontsize=9)
     axes.legend(fontsize=7.5, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     figure.savefig(path, dpi=130)
@@ -76,6 +80,10 @@ def draw_lengths(found: Sequence[Length], path: Path) -> None:
             markersize=4,
             label=label,
         )
+    lengths = sorted({c.links for c in found})
+    axes.xaxis.set_major_locator(FixedLocator(lengths))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_locator(NullLocator())
     axes.set_title("chain_length: cost of a step of a chain of n links", fontsize=9)
     axes.legend(fontsize=8, frameon=False)
     figure.savefig(path, dpi=130)

@@ -30,6 +30,8 @@ from wormopt.result import Result
 __all__ = ["bands", "motion", "signals", "trackers"]
 
 _STRIP, _REFERENCE = 0.16, (0, (1, 1.2))
+# Widths of the bars that show rests, and the length of the shortest shown, in points.
+_REST, _THIN_REST, _SHORTEST_REST = 5.0, 2.5, 1.5
 _MOST_SIGNALS = 16  # shown in one picture
 # Rows of the pictures of trackers: the chapter's figures 5 to 8, and the error itself.
 _ROWS = {
@@ -170,12 +172,17 @@ def _draw_rests(axes: Axes, result: Result, column: int, *, upward: bool) -> Non
     time, position = result["time"].values, result["position"].values
     position = position[column] if position.ndim == 3 else position
     colours = _colours(MASSES, len(position))
-    for mass, start, end in _rests(result, column):
+    points = (390 if upward else 250) / (time[-1] - time[0])
+    shown = [r for r in _rests(result, column) if points * (r[2] - r[1]) >= _SHORTEST_REST]
+    bars = []
+    for mass, start, end in shown:
         x = np.interp((start + end) / 2, time, position[mass])
-        ends = [(x, start), (x, end)] if upward else [(start, x), (end, x)]
-        axes.add_collection(
-            LineCollection([ends], colors=colours[mass], linewidths=5, capstyle="butt")
-        )
+        bars.append([(x, start), (x, end)] if upward else [(start, x), (end, x)])
+    # no wider than long, lest short ones look like crosses
+    widths = [min(max(points * (end - start), _THIN_REST), _REST) for _, start, end in shown]
+    lines = LineCollection(bars, colors=[colours[mass] for mass, *_ in shown], linewidths=widths)
+    lines.set_capstyle("butt")
+    axes.add_collection(lines)
 
 
 def _rests(result: Result, column: int) -> Iterator[tuple[int, float, float]]:
