@@ -181,7 +181,7 @@ def test_what_a_solver_does_wrong_is_counted(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_every_case_has_solvers_and_a_name_on_the_command_line():
-    assert set(CASES) == {*WORK_PRECISION, "chain_length"}
+    assert set(CASES) == {*WORK_PRECISION, "chain_length", "smoothing"}
     for case in WORK_PRECISION.values():
         assert set(case.solvers) <= set(SOLVERS)
         assert {name for target in case.targets for name in target.than} <= set(case.solvers)
@@ -227,6 +227,16 @@ def test_chain_lengths_are_told_with_their_slope(
     told = capsys.readouterr().out
     assert "smooth: a step costs n^" in told
     assert (tmp_path / "results" / "bench" / "chain_length.png").is_file()
+
+
+def test_the_smooth_law_tends_to_the_exact_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert cli.main(["bench", "smoothing", "--quick", "--json", "-o", str(tmp_path)]) == 0
+    found = json.loads(capsys.readouterr().out)["cases"]["smoothing"]
+    differences = [row["difference"] for row in found["widths"]]
+    assert differences == sorted(differences, reverse=True)
+    assert 0.8 < found["order"] < 1.1
+    assert "goes like v_reg^" in run.table(found)
+    assert (tmp_path / "smoothing.png").is_file()
 
 
 def test_an_interrupted_benchmark_tells_what_it_knows(

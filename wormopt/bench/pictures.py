@@ -11,9 +11,10 @@ from matplotlib.ticker import FixedLocator, LogLocator, NullLocator
 
 from wormopt.bench.cases import GOAL, Case
 from wormopt.bench.chain_length import LONG, Length, slope
+from wormopt.bench.smoothing import Smoothing, order
 from wormopt.bench.work_precision import Record
 
-__all__ = ["draw_lengths", "draw_records"]
+__all__ = ["draw_lengths", "draw_records", "draw_smoothing"]
 
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#332288", "#882255")
 _MARKS = "os^Dv<>pP*Xh"
@@ -89,9 +90,34 @@ def draw_lengths(found: Sequence[Length], path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
-def _axes(across: str, up: str):
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    axes = figure.add_subplot(xscale="log", yscale="log", xlabel=across, ylabel=up)
+def draw_smoothing(found: Sequence[Smoothing], path: Path) -> None:
+    """Draw how far the smooth motion is from the exact one, and its steps.
+
+    Parameters
+    ----------
+    found : sequence of Smoothing
+        What was measured.
+    path : Path
+        PNG file to write.
+    """
+    width = "width of the smooth law v_reg"
+    figure, left = _axes(width, "largest difference of positions", place=121)
+    _, right = _axes(width, "steps", figure=figure, place=122)
+    widths = [s.v_reg for s in found]
+    label = f"order {order(found):.2f} below 1e-2"
+    style = {"color": _COLOURS[1], "marker": "o", "markersize": 4}
+    left.plot(widths, [s.difference for s in found], label=label, **style)
+    right.plot(widths, [s.steps for s in found], label="smooth", **style)
+    label = f"exact, with {found[0].events} events"
+    right.axhline(found[0].exact_steps, color=_COLOURS[0], label=label)
+    for axes in (left, right):
+        axes.legend(fontsize=8, frameon=False)
+    figure.savefig(path, dpi=130)
+
+
+def _axes(across: str, up: str, figure: Figure | None = None, place: int = 111):
+    figure = figure or Figure(figsize=(8, 4.5), layout="constrained")
+    axes = figure.add_subplot(place, xscale="log", yscale="log", xlabel=across, ylabel=up)
     axes.grid(visible=True, color="#E6E6E6", linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     return figure, axes

@@ -14,6 +14,7 @@ import casadi as ca
 
 from wormopt.bench.cases import GOAL, WORK_PRECISION, Case
 from wormopt.bench.chain_length import LENGTHS, LONG, Length, measure_lengths, slope
+from wormopt.bench.smoothing import WIDTHS, Smoothing, measure_smoothing, order
 from wormopt.bench.work_precision import Effort, Record, measure, ratio
 from wormopt.core.model import Model, Signal
 from wormopt.progress import Report
@@ -71,6 +72,8 @@ def bench(name: str, *, quick: bool, folder: Path, report: Report) -> Iterator[F
     """
     if name in WORK_PRECISION:
         yield from _work_precision(WORK_PRECISION[name], quick, folder, report)
+    elif name == "smoothing":
+        yield from _smoothing(quick, folder, report)
     else:
         yield from _chain_length(quick, folder, report)
 
@@ -155,6 +158,23 @@ def _lengths(found: Sequence[Length]) -> Found:
     return {"case": "chain_length", "lengths": rows, "slopes": slopes, "done": False}
 
 
+def _smoothing(quick: bool, folder: Path, report: Report) -> Iterator[Found]:
+    known: list[Smoothing] = []
+    for found in measure_smoothing(WIDTHS[:6] if quick else WIDTHS, report):
+        known.append(found)
+        yield _widths(known)
+    picture = folder / "smoothing.png"
+    from wormopt.bench.pictures import draw_smoothing
+
+    draw_smoothing(known, picture)
+    yield _widths(known) | {"picture": str(picture), "done": True}
+
+
+def _widths(found: Sequence[Smoothing]) -> Found:
+    rows = [asdict(s) for s in found]
+    return {"case": "smoothing", "widths": rows, "order": _number(order(found)), "done": False}
+
+
 # -- text --------------------------------------------------------------------------------------
 
 
@@ -170,7 +190,10 @@ def table(found: Mapping[str, Any]) -> str:
     -------
     str
     """
-    lines = _lengths_table(found) if "lengths" in found else _solvers_table(found)
+    if "widths" in found:
+        lines = _widths_table(found)
+    else:
+        lines = _lengths_table(found) if "lengths" in found else _solvers_table(found)
     if not found["done"]:
         lines.append("  (unfinished)")
     return "\n".join(lines)
@@ -228,6 +251,17 @@ def _lengths_table(found: Mapping[str, Any]) -> list[str]:
     for contact, value in found["slopes"].items():
         if value is not None:
             lines.append(f"  {contact}: a step costs n^{value:.2f} from n = {LONG} on")
+    return lines
+
+
+def _widths_table(found: Mapping[str, Any]) -> list[str]:
+    widths = found["widths"]
+    rows = [("v_reg", "difference", "steps")]
+    rows += [(f"{s['v_reg']:.1e}", f"{s['difference']:.2e}", str(s["steps"])) for s in widths]
+    rows += [("exact", f"{s['events']} events", str(s["exact_steps"])) for s in widths[:1]]
+    lines = ["smoothing: difference of the smooth from the exact motion", *_aligned(rows)]
+    if found["order"] is not None:
+        lines.append(f"  the difference goes like v_reg^{found['order']:.2f} below 1e-2")
     return lines
 
 

@@ -1,0 +1,100 @@
+"""How the smooth treatment of contact tends to the exact one, and what that costs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wormopt.bench.driven_chain import DrivenChain, Grip
+from wormopt.gaits.construct import travelling_sine
+from wormopt.progress import Report
+from wormopt.simulation.options import Exact, Smooth
+from wormopt.simulation.simulate import simulate
+
+__all__ = ["WIDTHS", "Smoothing", "measure_smoothing", "order"]
+
+WIDTHS = tuple(np.logspace(-1, -5, 9).tolist())
+"""Widths v_reg of the smooth law."""
+
+_END = 15.0
+
+
+@dataclass(frozen=True)
+class Smoothing:
+    """One smooth motion beside the exact one.
+
+    Parameters
+    ----------
+    v_reg : float
+        Width of the smooth law.
+    difference : float
+        Largest difference of positions at any sample time.
+    steps, exact_steps : int
+        Steps of the smooth and of the exact motion.
+    events : int
+        Of the exact motion.
+    """
+
+    v_reg: float
+    difference: float
+    steps: int
+    exact_steps: int
+    events: int
+
+
+def measure_smoothing(widths: Sequence[float], report: Report) -> Iterator[Smoothing]:
+    """Simulate a chain that sticks and slips by the smooth law of several widths.
+
+    Parameters
+    ----------
+    widths : sequence of float
+        Widths v_reg.
+    report : callable
+        Told how far it is.
+
+    Yields
+    ------
+    Smoothing
+    """
+    worm = DrivenChain(
+        mass=np.ones(3),
+        stiffness=np.full(2, 10.0),
+        damping=np.full(2, 0.5),
+        gait=travelling_sine(2, 4.0),
+        grips=[Grip(1.0, 3.0)] * 3,
+    )
+    model, times = worm.model(), np.linspace(0.0, _END, 601)
+    exact = simulate(model, _END, contact=Exact(), times=times)
+    for k, width in enumerate(widths):
+        report(f"smoothing: v_reg = {width:.1e}", k / len(widths))
+        smooth = simulate(model, _END, contact=Smooth(width), times=times)
+        apart = np.abs(smooth.state("position") - exact.state("position")).max()
+        yield Smoothing(width, float(apart), smooth.n_steps, exact.n_steps, len(exact.events))
+
+
+def order(found: Sequence[Smoothing]) -> float:
+    """Exponent p of differences ~ v_reg^p, fitted to widths below 1e-2.
+
+    Parameters
+    ----------
+    found : sequence of Smoothing
+        What was measured.
+
+    Returns
+    -------
+    float
+        NaN where there are less than two.
+
+    Examples
+    --------
+    >>> round(order([Smoothing(1e-3, 2e-3, 1, 1, 1), Smoothing(1e-4, 2e-4, 1, 1, 1)]), 9)
+    1.0
+    """
+    kept = [s for s in found if s.v_reg < 1e-2]
+    if len(kept) < 2:
+        return float("nan")
+    return float(
+        np.polyfit(np.log([s.v_reg for s in kept]), np.log([s.difference for s in kept]), 1)[0]
+    )
