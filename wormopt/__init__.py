@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from wormopt.simulation.options import Exact, Smooth, Tolerance
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Event, Trajectory
+    from wormopt.tracking.drive import drive
     from wormopt.tracking.funnel import Funnel, funnel_tracker
     from wormopt.tracking.lambda_tracker import Decay, Exponent, Quadratic, lambda_tracker
     from wormopt.tracking.loop import FeedForward
@@ -94,6 +95,7 @@ _HOMES = {
     "chain": "wormopt.worms.chain",
     "crawl": "wormopt.worms.crawl",
     "design": "wormopt.gaits.optimize",
+    "drive": "wormopt.tracking.drive",
     "fast_gait": "wormopt.gaits.construct",
     "follow": "wormopt.tracking.reference",
     "funnel_tracker": "wormopt.tracking.funnel",
@@ -152,6 +154,7 @@ __all__ = [
     "chain",
     "crawl",
     "design",
+    "drive",
     "fast_gait",
     "follow",
     "funnel_tracker",

@@ -9,11 +9,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.core.model import Model, Output, Signal, Switch, pack
+from wormopt.core.model import Model, Output, Schedule, Signal, Switch, pack
 from wormopt.errors import ArgumentError
 from wormopt.tracking.reference import Reference
 
-__all__ = ["FeedForward", "TrackingError", "close"]
+__all__ = ["FeedForward", "TrackingError", "at_zero", "close", "feed", "input_of", "lie"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ class TrackingError:
             raise ArgumentError(
                 f"the reference has {reference.value.numel()} links, the worm {y.numel()}"
             )
-        rate = ca.jtimes(y, pack(plant.x), plant.ode) + ca.jacobian(y, plant.t)
+        rate = lie(plant, y)
         acting = ca.vertcat(pack(plant.u), plant.forces)
         if ca.depends_on(rate, acting):
             raise ArgumentError(f"forces act on the rates of {plant.name} at once, not by inertia")
@@ -150,12 +150,110 @@ class TrackingError:
         for signal in known:
             symbols.append(signal.symbol)
             numbers.append(ca.DM(np.broadcast_to(np.asarray(signal.value, float), signal.size)))
-        for schedule in (*plant.schedules, *reference.schedules):
-            begin, piece = schedule.locate(np.zeros(1))
-            symbols += [schedule.symbol, schedule.begin]
-            numbers += [ca.DM(schedule.values[piece[0]]), ca.DM(begin)]
-        value, rate = ca.Function("start", symbols, [self.value, self.rate])(*numbers)
+        scheduled, values = at_zero((*plant.schedules, *reference.schedules))
+        outputs = [self.value, self.rate]
+        value, rate = ca.Function("start", [*symbols, scheduled], outputs)(*numbers, values)
         return np.array(value).ravel(), np.array(rate).ravel()
+
+
+def lie(plant: Model, expression: ca.SX) -> ca.SX:
+    """Time derivative of an expression along the plant's ode.
+
+    Parameters
+    ----------
+    plant : Model
+        What moves.
+    expression : casadi.SX
+        Column of its states and time.
+
+    Returns
+    -------
+    casadi.SX
+    """
+    return ca.jtimes(expression, pack(plant.x), plant.ode) + ca.jacobian(expression, plant.t)
+
+
+def at_zero(schedules: Sequence[Schedule]) -> tuple[ca.SX, np.ndarray]:
+    """Symbols of schedules and their values at time 0.
+
+    Parameters
+    ----------
+    schedules : sequence of Schedule
+        Of a plant, a reference.
+
+    Returns
+    -------
+    symbols : casadi.SX, shape (m, 1)
+    values : ndarray, shape (m,)
+    """
+    symbols, values = ca.SX(0, 1), np.zeros(0)
+    for schedule in schedules:
+        begin, piece = schedule.locate(np.zeros(1))
+        symbols = ca.vertcat(symbols, schedule.symbol, schedule.begin)
+        values = np.concatenate([values, schedule.values[piece[0]], begin])
+    return symbols, values
+
+
+def input_of(plant: Model, size: int) -> Signal:
+    """Take the plant's input ``input``, by which loops are closed.
+
+    Parameters
+    ----------
+    plant : Model
+        What is controlled.
+    size : int
+        Number of scalars it must have.
+
+    Returns
+    -------
+    Signal
+
+    Raises
+    ------
+    ArgumentError
+        If there is none of this size.
+    """
+    for signal in plant.u:
+        if signal.name == "input" and signal.size == size:
+            return signal
+    raise ArgumentError(f"{plant.name} has no input 'input' of {size} scalars")
+
+
+def feed(plant: Model, inputs: Sequence[Signal], force: ca.SX) -> Model:
+    """Put an expression for inputs of a plant, wherever they stand.
+
+    Parameters
+    ----------
+    plant : Model
+        With these inputs.
+    inputs : sequence of Signal
+        Which of its inputs.
+    force : casadi.SX, shape (m, 1)
+        Takes their place, in their order.
+
+    Returns
+    -------
+    Model
+        The plant without these inputs. Symbols that are new in the force have still to be
+        declared: as states, parameters or schedules.
+    """
+    expressions = [plant.ode, plant.alg, *(o.expression for o in plant.outputs)]
+    for switch in plant.switches:
+        expressions += [switch.guard, switch.reset]
+    # All at once, so that they go on sharing what they share.
+    ode, alg, *rest = ca.substitute(expressions, [pack(inputs)], [force])
+    shown, left = rest[: len(plant.outputs)], rest[len(plant.outputs) :]
+    return replace(
+        plant,
+        ode=ode,
+        alg=alg,
+        u=[signal for signal in plant.u if signal not in inputs],
+        outputs=[replace(o, expression=e) for o, e in zip(plant.outputs, shown, strict=True)],
+        switches=[
+            Switch(s.name, guard, reset)
+            for s, guard, reset in zip(plant.switches, left[::2], left[1::2], strict=True)
+        ],
+    )
 
 
 def close(
@@ -170,6 +268,7 @@ def close(
     parameters: Sequence[Signal] = (),
     outputs: Sequence[Output] = (),
     switches: Sequence[Switch] = (),
+    schedules: Sequence[Schedule] = (),
 ) -> Model:
     """Put a force for the plant's input and add the controller's states and parameters.
 
@@ -193,6 +292,8 @@ def close(
         More than plant, reference, error and input have.
     switches : sequence of Switch, optional
         Events of the controller; ``reset`` is the column of its own states alone.
+    schedules : sequence of Schedule, optional
+        More than plant and reference have.
 
     Returns
     -------
@@ -204,40 +305,26 @@ def close(
     ArgumentError
         If the plant has no input ``input`` of the force's size.
     """
-    found = [signal for signal in plant.u if signal.name == "input"]
-    if not found or found[0].symbol.shape != force.shape:
-        raise ArgumentError(f"{plant.name} has no input 'input' of {force.numel()} scalars")
+    signal = input_of(plant, force.numel())
+    fed = feed(plant, [signal], force)
     x, own = pack(plant.x), pack(states)
-    expressions = [plant.ode, plant.alg, *(o.expression for o in plant.outputs)]
-    for switch in plant.switches:
-        expressions += [switch.guard, switch.reset]
-    # All at once, so that they go on sharing what they share.
-    ode, alg, *rest = ca.substitute(expressions, [found[0].symbol], [force])
-    shown, left = rest[: len(plant.outputs)], rest[len(plant.outputs) :]
-    return Model(
+    return replace(
+        fed,
         name=f"{plant.name} under {name}",
         x=[*plant.x, *states],
-        ode=ca.vertcat(ode, *rates),
-        u=[signal for signal in plant.u if signal is not found[0]],
-        z=plant.z,
+        ode=ca.vertcat(fed.ode, *rates),
         p=[*plant.p, *parameters],
-        alg=alg,
-        t=plant.t,
         outputs=[
-            *(replace(o, expression=e) for o, e in zip(plant.outputs, shown, strict=True)),
+            *fed.outputs,
             Output("reference", reference.value, "length"),
             Output("error", error.value, "length"),
             Output("error_norm", ca.sqrt(error.square), "length"),
-            Output("input", force, found[0].unit),
+            Output("input", force, signal.unit),
             *outputs,
         ],
-        contacts=plant.contacts,
         switches=[
-            *(
-                Switch(s.name, guard, ca.vertcat(reset, own))
-                for s, guard, reset in zip(plant.switches, left[::2], left[1::2], strict=True)
-            ),
+            *(replace(s, reset=ca.vertcat(s.reset, own)) for s in fed.switches),
             *(replace(s, reset=ca.vertcat(x, s.reset)) for s in switches),
         ],
-        schedules=[*plant.schedules, *reference.schedules],
+        schedules=[*plant.schedules, *reference.schedules, *schedules],
     )

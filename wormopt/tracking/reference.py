@@ -37,7 +37,14 @@ class Reference:
         return () if self.schedule is None else (self.schedule,)
 
 
-def follow(gait: Gait, time: ca.SX, *, shift: float = 0.0) -> Reference:
+def follow(
+    gait: Gait,
+    time: ca.SX,
+    *,
+    shift: float = 0.0,
+    periodic: bool = True,
+    name: str = "reference",
+) -> Reference:
     """Make the reference of which the value at time t is the gait's at t + shift.
 
     Parameters
@@ -48,12 +55,17 @@ def follow(gait: Gait, time: ca.SX, *, shift: float = 0.0) -> Reference:
         The model's symbol of time.
     shift : float, optional
         How far the gait is ahead.
+    periodic : bool, optional
+        Whether the gait repeats. Otherwise it runs once; its first value is held before, its last
+        value after.
+    name : str, optional
+        Name of the schedule.
 
     Returns
     -------
     Reference
-        With a periodic schedule, by which solvers stop at every break. Gaits with as many
-        pieces, links and powers share one compiled model.
+        With a schedule, by which solvers stop at every break. Gaits with as many pieces, links
+        and powers share one compiled model.
 
     Raises
     ------
@@ -71,13 +83,16 @@ def follow(gait: Gait, time: ca.SX, *, shift: float = 0.0) -> Reference:
     """
     if not np.isfinite(shift):
         raise ArgumentError("shift must be finite")
+    start = -float(np.mod(shift, gait.period)) if periodic else -shift - gait.period
+    if not periodic:
+        gait = _with_held_ends(gait)
     pieces, n, powers = gait.polynomial.shape
     parts = [gait.polynomial.transpose(0, 2, 1).reshape(pieces, -1)]
     if gait.omega is not None and gait.cosine is not None and gait.sine is not None:
         parts += [gait.omega[:, None], gait.cosine, gait.sine]
     values = np.hstack(parts)
 
-    symbol, begin = ca.SX.sym("reference", values.shape[1]), ca.SX.sym("reference_begin")
+    symbol, begin = ca.SX.sym(name, values.shape[1]), ca.SX.sym(f"{name}_begin")
     s = time - begin
     coefficients = ca.vertsplit(symbol[: n * powers], n)
     value = coefficients[-1]
@@ -87,13 +102,19 @@ def follow(gait: Gait, time: ca.SX, *, shift: float = 0.0) -> Reference:
         omega, cosine, sine = ca.vertsplit(symbol[n * powers :], [0, 1, 1 + n, 1 + 2 * n])
         value += cosine * ca.cos(omega * s) + sine * ca.sin(omega * s)
     rate = ca.jacobian(value, time)
-    schedule = Schedule(
-        "reference",
-        symbol,
-        begin,
-        gait.breaks,
-        values,
-        periodic=True,
-        start=-float(np.mod(shift, gait.period)),
-    )
+    schedule = Schedule(name, symbol, begin, gait.breaks, values, periodic, start)
     return Reference(value, rate, ca.jacobian(rate, time), schedule)
+
+
+def _with_held_ends(gait: Gait) -> Gait:
+    """The gait between two pieces, as long as it, that hold its first and its last value."""
+    # A polynomial continued beyond its piece would run away.
+    last = gait.period - gait.breaks[-2:-1]
+    first, end = np.zeros((2, 1, *gait.polynomial.shape[1:]))
+    first[0, :, :1], end[0, :, :1] = gait.on_piece(0, np.zeros(1)), gait.on_piece(-1, last)
+    breaks = gait.period + np.concatenate([[-gait.period], gait.breaks, [2 * gait.period]])
+    polynomial = np.concatenate([first, gait.polynomial, end])
+    if gait.omega is None or gait.cosine is None or gait.sine is None:
+        return Gait(breaks, polynomial)
+    cosine, sine = (np.pad(part, ((1, 1), (0, 0))) for part in (gait.cosine, gait.sine))
+    return Gait(breaks, polynomial, np.pad(gait.omega, 1), cosine, sine)
