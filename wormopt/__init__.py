@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from wormopt.tracking.funnel import Funnel, funnel_tracker
     from wormopt.tracking.lambda_tracker import Decay, Exponent, Quadratic, lambda_tracker
     from wormopt.tracking.loop import FeedForward
+    from wormopt.tracking.lqr import lqr
     from wormopt.tracking.reference import Reference, follow
     from wormopt.worms.chain import chain
     from wormopt.worms.crawl import crawl
@@ -103,6 +104,7 @@ _HOMES = {
     "linearise": "wormopt.linear.linearise",
     "load_gait": "wormopt.gaits.files",
     "load_scene": "wormopt.scenes",
+    "lqr": "wormopt.tracking.lqr",
     "relative_degree": "wormopt.linear.lie",
     "run": "wormopt.runner",
     "simulate": "wormopt.simulation.simulate",
@@ -162,6 +164,7 @@ __all__ = [
     "linearise",
     "load_gait",
     "load_scene",
+    "lqr",
     "relative_degree",
     "run",
     "simulate",
