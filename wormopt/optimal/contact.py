@@ -79,9 +79,12 @@ class Prescribed:
     ----------
     modes : ModeSequence, optional
         The phases; `Transcription.bounds` can be given others.
+    active : tuple of tuple of int, optional
+        Per phase and input: -1 holds it at its lower limit, +1 at its upper one, 0 leaves it free.
     """
 
     modes: ModeSequence | None = None
+    active: tuple[tuple[int, ...], ...] | None = None
 
     def close(self, model: Model) -> Closure:
         """Forces are unknowns; what they obey hangs on the mode, see `Arc`.

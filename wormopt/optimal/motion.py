@@ -35,12 +35,31 @@ class Guess:
         Inputs; zero where there is none.
     forces : callable, optional
         Contact forces; zero where there is none.
+    phases : ndarray, shape (phases,), optional
+        Durations of the phases; equal parts where nothing is said.
     """
 
     duration: float
     states: Curve
     inputs: Curve | None = None
     forces: Curve | None = None
+    phases: np.ndarray | None = None
+
+    def durations_on(self, mesh: Mesh) -> np.ndarray:
+        """Durations of a mesh's arcs.
+
+        Parameters
+        ----------
+        mesh : Mesh
+            Any mesh; arcs without shares are equally long within their phase.
+
+        Returns
+        -------
+        ndarray, shape (N,)
+        """
+        phases = np.full(mesh.phases, 1.0) if self.phases is None else self.phases
+        shares = mesh.shares or tuple(1 / n for n in mesh.counts for _ in range(n))
+        return self.duration * np.array(shares) * (phases / np.sum(phases))[mesh.phase]
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +267,8 @@ class Motion:
     @property
     def guess(self) -> Guess:
         """The motion as a start for another solve."""
-        return Guess(self.duration, self.states, self.inputs, self.forces)
+        phases = np.diff(self.phase_breaks())
+        return Guess(self.duration, self.states, self.inputs, self.forces, phases)
 
     def input_course(self) -> Gait:
         """Inputs as piecewise polynomials of time, as simulation takes them.
@@ -269,7 +289,7 @@ class Motion:
         return Gait(breaks, pieces)
 
 
-def sample(program: Transcription, guess: Guess, durations: np.ndarray) -> np.ndarray:
+def sample(program: Transcription, guess: Guess) -> np.ndarray:
     """Variables of a program that follow a guess.
 
     Parameters
@@ -277,9 +297,7 @@ def sample(program: Transcription, guess: Guess, durations: np.ndarray) -> np.nd
     program : Transcription
         The program to start.
     guess : Guess
-        Curves; stretched to the durations.
-    durations : ndarray, shape (N,)
-        Duration of each arc.
+        Curves, and how long phases take.
 
     Returns
     -------
@@ -289,13 +307,13 @@ def sample(program: Transcription, guess: Guess, durations: np.ndarray) -> np.nd
     """
     mesh, arc = program.mesh, program.arc
     d, n = mesh.collocation.degree, mesh.total
+    durations = guess.durations_on(mesh)
     breaks = np.concatenate([[0.0], np.cumsum(durations)])
-    stretch = guess.duration / breaks[-1]
 
     def on(curve: Curve | None, places: np.ndarray, rows: int) -> np.ndarray:
         if curve is None:
             return np.zeros((rows, len(places), n))
-        t = stretch * (breaks[:-1] + np.multiply.outer(places, durations))
+        t = breaks[:-1] + np.multiply.outer(places, durations)
         return curve(t.ravel()).reshape(rows, len(places), n)
 
     n_x, n_u = len(arc.x_nominal), len(arc.u_nominal)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -15,7 +16,45 @@ from scipy.sparse.linalg import splu
 # CasADi takes an interrupt for a failed solve; these are its names for one.
 _STOPPED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
 
-__all__ = ["Bounds", "Ipopt", "NonlinearProgram", "Solution"]
+__all__ = ["Bounds", "Ipopt", "NonlinearProgram", "Plugin", "Solution", "Solver"]
+
+
+class Solver(Hashable, Protocol):
+    """Which of CasADi's NLP solvers, and its options."""
+
+    @property
+    def name(self) -> str:
+        """Name of CasADi's plugin."""
+        ...
+
+    def as_casadi(self) -> dict[str, Any]:
+        """Options as CasADi's nlpsol takes them."""
+        ...
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """Any other NLP solver that CasADi ships, by its name.
+
+    Parameters
+    ----------
+    name : str
+        "sqpmethod", "blocksqp", "fatrop", ...; what this installation has is up to CasADi.
+    options : tuple of (str, object) pairs, optional
+        Its options, as its documentation names them.
+
+    Examples
+    --------
+    >>> Plugin("sqpmethod", (("qpsol", "qrqp"),)).as_casadi()["qpsol"]
+    'qrqp'
+    """
+
+    name: str
+    options: tuple[tuple[str, Any], ...] = ()
+
+    def as_casadi(self) -> dict[str, Any]:
+        """Options for nlpsol: those given, and silence."""
+        return {"print_time": False, "error_on_fail": False, "expand": True, **dict(self.options)}
 
 
 @dataclass(frozen=True)
@@ -39,6 +78,11 @@ class Ipopt:
     mu_init: float = 0.1
     warm: bool = False
 
+    @property
+    def name(self) -> str:
+        """Name of CasADi's plugin."""
+        return "ipopt"
+
     def as_casadi(self) -> dict[str, Any]:
         """Translate into the options of CasADi's nlpsol, IPOPT's own with prefix "ipopt."."""
         pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
@@ -47,6 +91,7 @@ class Ipopt:
             "expand": True,  # scalar expressions are three times as fast at these sizes
             "print_time": False,
             "error_on_fail": False,
+            "show_eval_warnings": False,
             "ipopt.print_level": 0,
             "ipopt.sb": "yes",
             "ipopt.tol": self.tolerance,
@@ -92,13 +137,15 @@ class Solution:
     violation : float
         Largest violation of any bound, in the program's scaled units; never the solver's word.
     status : str
-        IPOPT's return status, or "not solved".
+        The solver's return status, or "not solved".
     success : bool
-        Whether IPOPT calls it solved. Judge by ``violation`` all the same.
+        Whether the solver calls it solved. Judge by ``violation`` all the same.
     iterations : int
-        Iterations of IPOPT.
+        Its iterations.
     seconds : float
         Wall-clock time.
+    functions_s : mapping of str to float
+        Seconds spent in the program's functions by their CasADi names, ``nlp_hess_l`` say.
     """
 
     w: np.ndarray
@@ -108,6 +155,7 @@ class Solution:
     success: bool
     iterations: int
     seconds: float
+    functions_s: Mapping[str, float] = field(default_factory=dict)
 
 
 class NonlinearProgram:
@@ -147,7 +195,7 @@ class NonlinearProgram:
             [w, p],
             [objective, ca.gradient(objective, w), constraints, ca.jacobian(constraints, w)],
         )
-        self._solvers: dict[Ipopt, ca.Function] = {}
+        self._solvers: dict[Solver, ca.Function] = {}
 
     def violation(self, w: np.ndarray, bounds: Bounds) -> float:
         """Largest violation of any bound on w or g, recomputed from the expressions.
@@ -164,15 +212,31 @@ class NonlinearProgram:
         float
             Absolute; 0 where all hold.
         """
-        g = np.asarray(self._evaluate(w, bounds.p)[1]).ravel()
+        g = self.constraints(w, bounds)
         excess = (bounds.lbw - w, w - bounds.ubw, bounds.lbg - g, g - bounds.ubg)
         worst = max(float(np.max(e, initial=0.0)) for e in excess)
         return worst if np.all(np.isfinite(w)) and np.all(np.isfinite(g)) else np.inf
 
-    def solve(self, w0: np.ndarray, bounds: Bounds, options: Ipopt) -> Solution:
-        """Run IPOPT from ``w0``; its answer counts only with the violation found here.
+    def constraints(self, w: np.ndarray, bounds: Bounds) -> np.ndarray:
+        """Values of g.
 
-        Nothing is raised where IPOPT fails. A solver is built on the first call with given
+        Parameters
+        ----------
+        w : ndarray, shape (n_w,)
+            Point.
+        bounds : Bounds
+            For the parameters.
+
+        Returns
+        -------
+        ndarray, shape (n_g,)
+        """
+        return np.asarray(self._evaluate(w, bounds.p)[1]).ravel()
+
+    def solve(self, w0: np.ndarray, bounds: Bounds, options: Solver) -> Solution:
+        """Run a solver from ``w0``; its answer counts only with the violation found here.
+
+        Nothing is raised where it fails. A solver is built on the first call with given
         options, and kept.
 
         Parameters
@@ -181,15 +245,17 @@ class NonlinearProgram:
             Start.
         bounds : Bounds
             Bounds and parameters.
-        options : Ipopt
-            Options.
+        options : Solver
+            Which solver, and its options.
 
         Returns
         -------
         Solution
         """
         if options not in self._solvers:
-            self._solvers[options] = ca.nlpsol("solver", "ipopt", self._nlp, options.as_casadi())
+            self._solvers[options] = ca.nlpsol(
+                "solver", options.name, self._nlp, options.as_casadi()
+            )
         solver = self._solvers[options]
         start = time.perf_counter()
         answer = solver(
@@ -207,6 +273,11 @@ class NonlinearProgram:
             success=bool(stats["success"]),
             iterations=int(stats["iter_count"]),
             seconds=time.perf_counter() - start,
+            functions_s={
+                key.removeprefix("t_wall_"): float(value)
+                for key, value in stats.items()
+                if key.startswith("t_wall_nlp_")
+            },
         )
 
     def linear_step(

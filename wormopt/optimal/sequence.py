@@ -50,9 +50,7 @@ def structure_of(motion: Motion, *, speed: float, least: int = 1) -> Structure:
     """
     modes = _contact_modes(motion, speed)
     active = _active_inputs(motion)
-    keys = [
-        (tuple(m), tuple(a)) for m, a in zip(modes.T.tolist(), active.T.tolist(), strict=True)
-    ]
+    keys = [(tuple(m), tuple(a)) for m, a in zip(modes.T.tolist(), active.T.tolist(), strict=True)]
     runs = _merged(_runs(keys), least)
     edges = np.cumsum([0, *(length for _, length in runs)])
     durations = np.diff(motion.breaks[edges])

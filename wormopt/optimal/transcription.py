@@ -10,7 +10,7 @@ polynomials, not only at nodes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import casadi as ca
@@ -80,7 +80,8 @@ class Transcription:
 
     def __init__(self, problem: Problem, mesh: Mesh, treatment: Treatment | None = None) -> None:
         self.problem, self.mesh = problem, mesh
-        self.arc = Arc(problem, mesh, treatment or Prescribed())
+        self.treatment = treatment or Prescribed()
+        self.arc = Arc(problem, mesh, self.treatment)
         self.nlp = self._assemble()
 
     # -- all arcs --------------------------------------------------------------------------
@@ -216,6 +217,7 @@ class Transcription:
         *,
         p: Mapping[str, ArrayLike] | None = None,
         pins: Mapping[int, float] | None = None,
+        active: Sequence[Sequence[int]] | None = None,
     ) -> Bounds:
         """Bounds and parameters of the program for given modes, width or relaxation.
 
@@ -230,6 +232,9 @@ class Transcription:
             Times at which phases begin, by their number. Each phase takes of the model's
             schedules the piece that holds at the last of these times up to it; on a fixed grid
             each arc takes its own.
+        active : sequence of sequences of int, optional
+            Per phase and input: -1 holds it at its lower limit, +1 at its upper one, 0 leaves it
+            free.
 
         Returns
         -------
@@ -246,6 +251,8 @@ class Transcription:
         fixed = signal_values(self.problem.model.p, p, "parameter")
         lower, upper = self._variable_bounds(fixed)
         starts = self._pin_times(lower, upper, pins)
+        if active is not None:
+            self._hold_inputs(lower, upper, np.array(active)[self.mesh.phase].T)
         if self.arc.modal:
             levels, following, rows = self._modal(level, fixed, lower, upper)
         else:
@@ -289,6 +296,13 @@ class Transcription:
             lower[rows] = np.tile(low, repeats)[:, None]
             upper[rows] = np.tile(high, repeats)[:, None]
         return lower, upper
+
+    def _hold_inputs(self, lower: np.ndarray, upper: np.ndarray, active: np.ndarray) -> None:
+        """Hold inputs at their limits where ``active``, shape (n_u, N), says so."""
+        rows = self.arc.layout.inputs
+        held = np.tile(active, (self.mesh.input_degree + 1, 1))
+        lower[rows] = np.where(held > 0, upper[rows], lower[rows])
+        upper[rows] = np.where(held < 0, lower[rows], upper[rows])
 
     def _pin_times(
         self, lower: np.ndarray, upper: np.ndarray, pins: Mapping[int, float] | None
@@ -374,7 +388,9 @@ class Transcription:
                 follow[i] = True
         return follow
 
-    def _row_bounds(self, states: np.ndarray | None, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _row_bounds(
+        self, states: np.ndarray | None, p: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of all bounded rows, arc after arc; nothing is stated twice."""
         lows, highs = [np.zeros(0)], [np.zeros(0)]
         hold = self.arc.rests(p)
@@ -433,6 +449,36 @@ class Transcription:
     def _returns(self) -> bool:
         """Whether the end of the motion is its start again, at least for the contacts' speeds."""
         return bool(self.problem.periodic)
+
+    def name_of(self, row: int) -> str:
+        """What a row of the constraints is about, in words.
+
+        Parameters
+        ----------
+        row : int
+            Row of the program's constraints.
+
+        Returns
+        -------
+        str
+        """
+        n = self.mesh.total
+        names = ["the equations of motion or of contact", "complementarity", "sharing of load"]
+        sizes = [n * self._sizes[k] for k in ("equal", "small", "following")]
+        per_arc: list[str] = []
+        along = sum(box[0].size for box in self._along_rows(0))
+        per_arc += ["a contact's mode"] * (self._sizes["rows"] - along)
+        for bound, box in zip(self.problem.along, self._along_rows(0), strict=True):
+            per_arc += [bound.name] * box[0].size
+        if row < sum(sizes):
+            return names[int(np.searchsorted(np.cumsum(sizes), row, side="right"))]
+        row -= sum(sizes)
+        if row < n * len(per_arc):
+            return per_arc[row % len(per_arc)]
+        row -= n * len(per_arc)
+        ends = [b.name for b in self.problem.at_ends for _ in range(b.expression.numel())]
+        rest = ["continuity or the period"] * self._sizes["joints"] + ["the duration"] + ends
+        return rest[row]
 
     # -- variables in and out --------------------------------------------------------------
 

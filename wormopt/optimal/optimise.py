@@ -1,0 +1,373 @@
+"""The verb `optimise`: Problem, mesh and treatment of contact in, a checked Optimum out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.core.modes import ModeSequence
+from wormopt.errors import SolveError
+from wormopt.optimal.contact import Complementary, Prescribed, Smoothed
+from wormopt.optimal.defects import defects, finer
+from wormopt.optimal.failure import failure
+from wormopt.optimal.mesh import Mesh
+from wormopt.optimal.motion import Guess, Motion, sample
+from wormopt.optimal.nlp import Bounds, Ipopt, Solution, Solver
+from wormopt.optimal.problem import Problem
+from wormopt.optimal.transcription import Transcription
+from wormopt.progress import Report, silent
+
+__all__ = ["FEASIBLE", "Level", "Optimum", "best_of", "optimise", "refine"]
+
+Contacts = Smoothed | Complementary | Prescribed
+
+FEASIBLE = 1e-6
+"""Largest violation, in nominal sizes, of what counts as a solution."""
+
+# Programs of at most so many variables are finished by linear programs: a vertex, as most shortest
+# times are, is then found to the last digits. Larger ones cost more than they gain.
+_FINISHED = 200
+
+# A solve that starts at the solution of a neighbouring level begins with a small barrier.
+_WARM_BARRIER = 1e-3
+
+
+@dataclass(frozen=True)
+class Level:
+    """One solve of a homotopy.
+
+    Parameters
+    ----------
+    level : float
+        Width of the smoothed law or relaxation of complementarity; 0 for prescribed modes.
+    objective, violation : float
+        Of the solution.
+    status : str
+        The solver's.
+    iterations : int
+        The solver's.
+    seconds : float
+        Wall-clock time.
+    """
+
+    level: float
+    objective: float
+    violation: float
+    status: str
+    iterations: int
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """What `optimise` found, with what is known of its quality.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion.
+    solution : Solution
+        How the last nonlinear program ended.
+    levels : tuple of Level
+        All solves, in order.
+    treatment : Smoothed, Complementary or Prescribed
+        How contacts were treated.
+    build_s : float
+        Seconds to build the program.
+    """
+
+    motion: Motion
+    solution: Solution
+    levels: tuple[Level, ...]
+    treatment: Contacts
+    build_s: float
+
+    @property
+    def objective(self) -> float:
+        """What was minimised."""
+        return self.solution.objective
+
+    @property
+    def solve_s(self) -> float:
+        """Seconds in the solver, over all levels."""
+        return sum(level.seconds for level in self.levels)
+
+    @property
+    def iterations(self) -> int:
+        """Iterations over all levels."""
+        return sum(level.iterations for level in self.levels)
+
+    @cached_property
+    def defects(self) -> np.ndarray:
+        """Local error of each arc, see `defects`."""
+        return defects(self.motion)
+
+    @cached_property
+    def complementarity(self) -> float:
+        """Largest product |w (force - force of sliding)| at the collocation points, scaled.
+
+        Zero for an exact set-valued law; for other treatments than complementarity it is found
+        from velocities and forces.
+        """
+        motion = self.motion
+        model, tau = motion.program.problem.model, motion.mesh.collocation.tau
+        t = (motion.breaks[:-1] + np.multiply.outer(tau, motion.arcs.duration)).ravel()
+        worst = 0.0
+        for c in model.contacts:
+            for d in c.law.directions:
+                slip = motion.observe(c.force - c.law.slip_force(c.velocity, d), t)
+                part = np.maximum(d * motion.observe(c.velocity, t), 0.0)
+                product = np.abs(slip * part) / (c.nominal_force * c.nominal_speed)
+                worst = max(worst, float(np.max(product)))
+        return worst
+
+
+def optimise(
+    problem: Problem,
+    mesh: Mesh,
+    treatment: Contacts,
+    guess: Guess,
+    *,
+    p: Mapping[str, ArrayLike] | None = None,
+    pins: Mapping[int, float] | None = None,
+    solver: Solver | None = None,
+    report: Report = silent,
+) -> Optimum:
+    """Find a local optimum, level after level of the treatment of contact.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to optimise.
+    mesh : Mesh
+        Phases, arcs and polynomials.
+    treatment : Smoothed, Complementary or Prescribed
+        How contacts are treated, and through which levels.
+    guess : Guess
+        From where to start: a `Motion.guess`, a simulation's curves, or any.
+    p : mapping of str to array_like, optional
+        Parameters of the model by name, where they are not its own.
+    pins : mapping of int to float, optional
+        Times at which phases begin, see `Transcription.bounds`.
+    solver : Solver, optional
+        IPOPT where nothing is said.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    Optimum
+        Its violation is at most `FEASIBLE`.
+
+    Raises
+    ------
+    SolveError
+        If a level is not solved; the message says which limits stand against each other, or what
+        else to change, and ``code`` why: "infeasible", "unbounded", "bad_guess", "not_solved".
+    KeyboardInterrupt
+        If the user stops it.
+
+    Examples
+    --------
+    The shortest time in which a block with F+ = 1, F- = 2 and |u| <= 3 slides a unit way from
+    rest to rest is sqrt(3/2).
+
+    >>> import casadi as ca
+    >>> from wormopt.core.friction import Coulomb
+    >>> from wormopt.core.model import Contact, Model, Signal
+    >>> from wormopt.optimal.collocation import Collocation
+    >>> from wormopt.optimal.problem import Bound, Ends
+    >>> x, v, u, f = (ca.SX.sym(name) for name in "xvuf")
+    >>> block = Model(
+    ...     "block",
+    ...     x=[Signal("position", x), Signal("velocity", v)],
+    ...     ode=ca.vertcat(v, u + f),
+    ...     u=[Signal("drive", u, lower=-3.0, upper=3.0)],
+    ...     contacts=[Contact("sole", v, f, Coulomb(1.0, 2.0))],
+    ... )
+    >>> ends = Ends.of(block)
+    >>> bounds = [Bound("start", ends.start, 0, 0), Bound("end", ends.end, [1, 0], [1, 0])]
+    >>> problem = Problem(block, ends, ends.duration, (0.1, 10.0), at_ends=bounds)
+    >>> slides = Prescribed(ModeSequence(((1,), (1,))))
+    >>> guess = Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.7]))
+    >>> found = optimise(problem, Mesh.even(2, 1, Collocation(2)), slides, guess)
+    >>> round(found.objective**2, 9)
+    1.5
+    """
+    solver = solver or Ipopt()
+    begin = time.perf_counter()
+    program = Transcription(problem, mesh, treatment)
+    build = time.perf_counter() - begin
+    w = sample(program, guess)
+    levels: list[Level] = []
+    targets = _targets(treatment)
+    for k, target in enumerate(targets):
+        held = treatment.active if isinstance(treatment, Prescribed) else None
+        bounds = program.bounds(target, p=p, pins=pins, active=held)
+        solution = _solve(program, w, bounds, solver, warm=k > 0)
+        number = 0.0 if isinstance(target, ModeSequence) else target
+        levels.append(
+            Level(
+                number,
+                solution.objective,
+                solution.violation,
+                solution.status,
+                solution.iterations,
+                solution.seconds,
+            )
+        )
+        if not (solution.violation <= FEASIBLE and _ended_well(solution)):
+            raise failure(program, solution, bounds, w, target, k > 0)
+        w = solution.w
+        report(f"level {number:.2g}: objective {solution.objective:.6g}", (k + 1) / len(targets))
+    motion = Motion.of(program, w, bounds)
+    return Optimum(motion, solution, tuple(levels), treatment, build)
+
+
+def _targets(treatment: Contacts) -> Sequence[ModeSequence | float]:
+    if not isinstance(treatment, Prescribed):
+        return treatment.levels
+    return (treatment.modes if treatment.modes is not None else ModeSequence(((),)),)
+
+
+def _ended_well(solution: Solution) -> bool:
+    """Whether a solver found an optimum; some stop where they make no progress any more."""
+    return solution.success or solution.status in ("Solved_To_Acceptable_Level",)
+
+
+def _solve(
+    program: Transcription, w: np.ndarray, bounds: Bounds, solver: Solver, *, warm: bool
+) -> Solution:
+    """Solve one level; a warm start that leads nowhere is tried again with a large barrier."""
+    if warm and isinstance(solver, Ipopt):
+        near = replace(solver, mu_init=min(solver.mu_init, _WARM_BARRIER))
+        solution = program.nlp.solve(w, bounds, near)
+        if solution.violation <= FEASIBLE and _ended_well(solution):
+            return solution
+    solution = program.nlp.solve(w, bounds, solver)
+    if program.arc.modal and len(w) <= _FINISHED and solution.violation <= FEASIBLE:
+        return program.nlp.finish(solution, bounds)
+    return solution
+
+
+def refine(
+    optimum: Optimum,
+    tolerance: float,
+    *,
+    rounds: int = 5,
+    most_arcs: int = 2000,
+    p: Mapping[str, ArrayLike] | None = None,
+    pins: Mapping[int, float] | None = None,
+    solver: Solver | None = None,
+    report: Report = silent,
+) -> Optimum:
+    """Split arcs that err by more than asked and solve again, until none does.
+
+    Parameters
+    ----------
+    optimum : Optimum
+        On a mesh with shares.
+    tolerance : float
+        Local error allowed on each arc, in nominal sizes of states, see `defects`.
+    rounds : int, optional
+        Most solves.
+    most_arcs : int, optional
+        Largest mesh.
+    p, pins : mapping, optional
+        As given to `optimise`.
+    solver : Solver, optional
+        As given to `optimise`.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    Optimum
+        The last one; whether it got there its ``defects`` tell.
+
+    Raises
+    ------
+    SolveError
+        If a finer mesh is not solved.
+    """
+    for k in range(rounds):
+        mesh = finer(optimum.motion.mesh, optimum.defects, tolerance)
+        if mesh.total == optimum.motion.mesh.total or mesh.total > most_arcs:
+            break
+        report(f"refining to {mesh.total} arcs", k / rounds)
+        last = optimum.treatment
+        if not isinstance(last, Prescribed):
+            last = replace(last, first=last.levels[-1])
+        motion = optimum.motion
+        problem = motion.program.problem
+        again = optimise(problem, mesh, last, motion.guess, p=p, pins=pins, solver=solver)
+        optimum = replace(
+            again,
+            levels=(*optimum.levels, *again.levels),
+            treatment=optimum.treatment,
+            build_s=optimum.build_s + again.build_s,
+        )
+    return optimum
+
+
+def best_of(
+    problem: Problem,
+    mesh: Mesh,
+    treatment: Contacts,
+    guesses: Iterable[Guess],
+    *,
+    p: Mapping[str, ArrayLike] | None = None,
+    solver: Solver | None = None,
+    report: Report = silent,
+) -> tuple[Optimum, tuple[float, ...]]:
+    """Optimise from several starts and keep the best.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to optimise.
+    mesh : Mesh
+        Phases, arcs and polynomials.
+    treatment : Smoothed, Complementary or Prescribed
+        How contacts are treated.
+    guesses : iterable of Guess
+        Where to start.
+    p : mapping of str to array_like, optional
+        Parameters of the model by name.
+    solver : Solver, optional
+        IPOPT where nothing is said.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    best : Optimum
+        The one with the least objective.
+    objectives : tuple of float
+        Objective of every start, NaN where it failed.
+
+    Raises
+    ------
+    SolveError
+        If every start failed: the last one's.
+    """
+    best, objectives, error = None, [], None
+    for k, guess in enumerate(guesses):
+        report(f"start {k + 1}", None)
+        try:
+            found = optimise(problem, mesh, treatment, guess, p=p, solver=solver)
+        except SolveError as failed:
+            objectives.append(np.nan)
+            error = failed
+            continue
+        objectives.append(found.objective)
+        if best is None or found.objective < best.objective:
+            best = found
+    if best is None:
+        raise error or SolveError("no start was given", "give at least one")
+    return best, tuple(objectives)

@@ -1,0 +1,133 @@
+"""From a relaxed optimum to an exact one: read its phases, free their durations, solve again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import SolveError
+from wormopt.optimal.collocation import Collocation
+from wormopt.optimal.contact import Complementary, Prescribed, Smoothed
+from wormopt.optimal.mesh import Mesh
+from wormopt.optimal.nlp import Ipopt, Solver
+from wormopt.optimal.optimise import Optimum, optimise, refine
+from wormopt.optimal.sequence import Structure, structure_of
+from wormopt.progress import Report, silent
+
+__all__ = ["polish"]
+
+# An exact optimum whose objective is worse than the relaxed one's by more than this part is none
+# of its kind.
+_FAMILIAR = 0.05
+
+
+def polish(
+    relaxed: Optimum,
+    *,
+    collocation: Collocation | None = None,
+    tolerance: float = 1e-10,
+    p: Mapping[str, ArrayLike] | None = None,
+    solver: Solver | None = None,
+    report: Report = silent,
+) -> Optimum:
+    """Solve with the contact modes of a relaxed optimum, switching times left free.
+
+    Phases are runs of arcs with the same contact modes and the same inputs at their limits. A
+    phase may shrink to nothing. Several readings are tried where short runs may be noise; the
+    best one is refined.
+
+    Parameters
+    ----------
+    relaxed : Optimum
+        With smoothed or complementary contact, on a mesh fine enough to show the phases.
+    collocation : Collocation, optional
+        On each phase; Gauss-Legendre of degree 5 where nothing is said.
+    tolerance : float, optional
+        Local error allowed on each arc, see `refine`.
+    p : mapping of str to array_like, optional
+        Parameters of the model by name.
+    solver : Solver, optional
+        IPOPT with a tolerance of 1e-10 where nothing is said.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    Optimum
+        With prescribed modes.
+
+    Raises
+    ------
+    SolveError
+        If no reading leads to a motion near the relaxed one.
+    """
+    collocation = collocation or Collocation(5)
+    solver = solver or Ipopt(tolerance=1e-10, mu_init=1e-2)
+    found: list[Optimum] = []
+    error: SolveError | None = None
+    for structure in _readings(relaxed):
+        report(f"phases: {len(structure.durations)}", None)
+        try:
+            found.append(_solve(relaxed, structure, collocation, p, solver))
+        except SolveError as failed:
+            error = failed
+            continue
+        if _familiar(found[-1], relaxed):
+            break
+    found = [f for f in found if _familiar(f, relaxed)]
+    if not found:
+        raise SolveError(
+            "the contact modes read off the relaxed motion do not lead to an exact one",
+            "use more arcs, or a smaller last level of the treatment of contact",
+            None if error is None else error.partial,
+            "no_phases",
+        )
+    return refine(found[0], tolerance, p=p, solver=solver)
+
+
+def _familiar(exact: Optimum, relaxed: Optimum) -> bool:
+    size = abs(relaxed.objective) + abs(exact.objective)
+    return exact.objective <= relaxed.objective + _FAMILIAR * size
+
+
+def _readings(relaxed: Optimum) -> Iterator[Structure]:
+    """Different structures by what is taken for rest and for noise, the plainest first."""
+    seen = set()
+    for least in (2, 3, 1, 5):
+        for speed in _thresholds(relaxed):
+            structure = structure_of(relaxed.motion, speed=speed, least=least)
+            key = (structure.modes.phases, structure.active)
+            if key not in seen:
+                seen.add(key)
+                yield structure
+
+
+def _thresholds(relaxed: Optimum) -> tuple[float, ...]:
+    """Speeds below which a contact may be said to rest."""
+    motion = relaxed.motion
+    t = np.linspace(0.0, motion.duration, 4 * motion.mesh.total)
+    v = motion.observe(motion.program.problem.model.contact_velocities, t)
+    largest = float(np.max(np.abs(v), initial=0.0))
+    treatment = relaxed.treatment
+    if isinstance(treatment, Smoothed):
+        return (3 * treatment.v_reg, treatment.v_reg, 10 * treatment.v_reg)
+    assert isinstance(treatment, Complementary)
+    return (1e-2 * largest, 1e-3 * largest, 5e-2 * largest)
+
+
+def _solve(
+    relaxed: Optimum,
+    structure: Structure,
+    collocation: Collocation,
+    p: Mapping[str, ArrayLike] | None,
+    solver: Solver,
+) -> Optimum:
+    mesh = Mesh.even(len(structure.durations), 1, collocation, max(0, collocation.degree - 2))
+    guess = replace(relaxed.motion.guess, phases=structure.durations)
+    problem = relaxed.motion.program.problem
+    return optimise(
+        problem, mesh, Prescribed(structure.modes, structure.active), guess, p=p, solver=solver
+    )
