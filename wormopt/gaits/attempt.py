@@ -177,7 +177,7 @@ def _start(job: Job, program: Transcription, bounds: Bounds) -> np.ndarray | Non
     fast = attempt(replace(job, task=fastest))
     if fast is None or -fast.objective * job.task.speed_nominal < required * (1 - 1e-3):
         return None
-    return program.pack(replace(fast.arcs, **program.nominal_extras()))
+    return program.pack(replace(fast.arcs, **program.nominal_extras()), bounds)
 
 
 def _linear_start(job: Job, program: Transcription, bounds: Bounds) -> np.ndarray | None:

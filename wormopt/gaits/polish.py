@@ -175,14 +175,15 @@ def _carry(task: Task, solved: Solved, mesh: Mesh) -> tuple[Transcription, Bound
     fine = program_of(task, mesh)
     bounds = fine.bounds(ModeSequence.of_resting(solved.sequence, task.worm.links + 1))
     coarse = solved.program
-    w = fine.pack(on_finer_mesh(coarse.unpack(solved.solution.w), coarse.mesh, mesh))
+    arcs = on_finer_mesh(coarse.unpack(solved.solution.w), coarse.mesh, mesh)
+    w = fine.pack(arcs, bounds)
     return fine, bounds, fine.nlp.start(w, bounds)
 
 
 def _start(task: Task, candidate: Candidate) -> tuple[Transcription, Bounds, Solution]:
     program = program_of(task, candidate.mesh)
     bounds = program.bounds(ModeSequence.of_resting(candidate.sequence, task.worm.links + 1))
-    return program, bounds, program.nlp.start(program.pack(candidate.arcs), bounds)
+    return program, bounds, program.nlp.start(program.pack(candidate.arcs, bounds), bounds)
 
 
 def _solve(task: Task, candidate: Candidate) -> Solved:

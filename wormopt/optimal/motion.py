@@ -289,7 +289,7 @@ class Motion:
         return Gait(breaks, pieces)
 
 
-def sample(program: Transcription, guess: Guess) -> np.ndarray:
+def sample(program: Transcription, guess: Guess, bounds: Bounds) -> np.ndarray:
     """Variables of a program that follow a guess.
 
     Parameters
@@ -298,6 +298,8 @@ def sample(program: Transcription, guess: Guess) -> np.ndarray:
         The program to start.
     guess : Guess
         Curves, and how long phases take.
+    bounds : Bounds
+        With whose parameters integrals are evaluated.
 
     Returns
     -------
@@ -331,4 +333,4 @@ def sample(program: Transcription, guess: Guess) -> np.ndarray:
         jumps=np.zeros((arc.layout.jumps.stop - arc.layout.jumps.start, n)),
         **program.nominal_extras(),
     )
-    return program.pack(arcs)
+    return program.pack(arcs, bounds)

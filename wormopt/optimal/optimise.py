@@ -203,12 +203,13 @@ def optimise(
     begin = time.perf_counter()
     program = Transcription(problem, mesh, treatment)
     build = time.perf_counter() - begin
-    w = sample(program, guess)
     levels: list[Level] = []
     targets = _targets(treatment)
     for k, target in enumerate(targets):
         held = treatment.active if isinstance(treatment, Prescribed) else None
         bounds = program.bounds(target, p=p, pins=pins, active=held)
+        if k == 0:
+            w = sample(program, guess, bounds)
         solution = _solve(program, w, bounds, solver, warm=k > 0)
         number = 0.0 if isinstance(target, ModeSequence) else target
         levels.append(

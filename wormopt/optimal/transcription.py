@@ -21,7 +21,7 @@ from wormopt.core.modes import ModeSequence
 from wormopt.core.values import signal_values
 from wormopt.optimal.arc import Arc, limits_of
 from wormopt.optimal.contact import Prescribed, Treatment
-from wormopt.optimal.mesh import Arcs, Mesh
+from wormopt.optimal.mesh import Arcs, Mesh, interpolation
 from wormopt.optimal.nlp import Bounds, NonlinearProgram
 from wormopt.optimal.problem import Problem
 
@@ -87,17 +87,18 @@ class Transcription:
     # -- all arcs --------------------------------------------------------------------------
 
     def _assemble(self) -> NonlinearProgram:
-        at, n = self.arc.layout, self.mesh.total
-        arc = self.arc.function
-        w = ca.MX.sym("w", at.size * n + len(self.arc.design_nominal))
+        at, n, arc = self.arc.layout, self.mesh.total, self.arc.function
+        n_integrals = self.problem.integrands.numel()
+        sizes = [at.size * n, self.problem.model.n_x, 1, n_integrals, len(self.arc.design_nominal)]
+        w = ca.MX.sym("w", sum(sizes))
+        arcs, last, total, tally, design = ca.vertsplit(w, np.cumsum([0, *sizes]).tolist())
         levels, schedules, _, p = (
             ca.MX.sym(name, c.numel() * (n if k < 2 else 1))
             for k, (name, c) in enumerate(
                 zip(("levels", "schedules", "design", "p"), self.arc.constants, strict=True)
             )
         )
-        y = ca.reshape(w[: at.size * n], at.size, n)
-        design = w[at.size * n :]
+        y = ca.reshape(arcs, at.size, n)
         equal, small, following, rows, before, end, integrals = arc.map(n)(
             y,
             ca.reshape(levels, -1, n),
@@ -105,7 +106,12 @@ class Transcription:
             ca.repmat(design, 1, n),
             ca.repmat(p, 1, n),
         )
-        joints = self._joints(y, before, end)
+        # Ends, duration and integrals are variables of their own: an objective that couples them
+        # would otherwise couple all arcs, and fill the Hessian.
+        totals = ca.vertcat(end[:, n - 1], ca.sum2(y[0, :]), ca.sum2(integrals))
+        joints = ca.vertcat(
+            self._joints(y, before, end, last), ca.vertcat(last, total, tally) - totals
+        )
         self._sizes = {
             "joints": joints.shape[0],
             "equal": equal.shape[0],
@@ -119,13 +125,13 @@ class Transcription:
             ca.vec(following),
             ca.vec(rows),
             joints,
-            ca.sum2(y[0, :]),
         )
-        objective, at_ends = self._finish(before[:, 0], end[:, n - 1], y, integrals, design, p)
+        objective, at_ends = self._finish(before[:, 0], last, total, tally, design, p)
         parameters = ca.vertcat(levels, schedules, p)
+        self._totals = ca.Function("totals", [w, parameters], [totals])
         return NonlinearProgram(w, parameters, objective, ca.vertcat(constraints, at_ends))
 
-    def _joints(self, y: ca.MX, before: ca.MX, end: ca.MX) -> ca.MX:
+    def _joints(self, y: ca.MX, before: ca.MX, end: ca.MX, last: ca.MX) -> ca.MX:
         """What vanishes where arcs join: states, clocks, shares of durations, the period."""
         n, at = self.mesh.total, self.arc.layout
         parts = [ca.vec(before[:, 1:] - end[:, : n - 1])]
@@ -136,21 +142,15 @@ class Transcription:
             share = np.array(self.mesh.shares)
             later = [k for k in range(n) if first[k] != k]
             parts += [y[0, k] * share[first[k]] - y[0, int(first[k])] * share[k] for k in later]
-        last = end[:, n - 1] - before[:, 0]
+        change = last - before[:, 0]
         if self._periodic_rows:
-            parts.append(last[self._periodic_rows])
+            parts.append(change[self._periodic_rows])
         for rows in self._displaced_rows:
-            parts.append(last[rows[1:]] - last[rows[0]])
+            parts.append(change[rows[1:]] - change[rows[0]])
         return ca.vertcat(*parts)
 
     def _finish(
-        self,
-        first: ca.MX,
-        last: ca.MX,
-        y: ca.MX,
-        integrals: ca.MX,
-        design: ca.MX,
-        p: ca.MX,
+        self, first: ca.MX, last: ca.MX, total: ca.MX, tally: ca.MX, design: ca.MX, p: ca.MX
     ) -> tuple[ca.MX, ca.MX]:
         """Objective and bounds at the ends."""
         problem = self.problem
@@ -163,8 +163,8 @@ class Transcription:
         objective, at_ends = finish(
             first * self.arc.x_nominal,
             last * self.arc.x_nominal,
-            ca.sum2(y[0, :]) * self.arc.time_nominal,
-            ca.sum2(integrals),
+            total * self.arc.time_nominal,
+            tally,
             design * self.arc.design_nominal,
             p,
         )
@@ -258,7 +258,6 @@ class Transcription:
         else:
             levels = np.full(n * self.arc.closure.level.numel(), level)
             following, rows = np.zeros(0), self._row_bounds(None, fixed)
-        shortest, longest = (t / self.arc.time_nominal for t in self.problem.duration)
         small = np.full(self._sizes["small"] * n, levels[0] if len(levels) else 0.0)
         parts = [
             (np.zeros(self._sizes["equal"] * n), np.zeros(self._sizes["equal"] * n)),
@@ -266,14 +265,14 @@ class Transcription:
             (-following, following),
             rows,
             (np.zeros(self._sizes["joints"]), np.zeros(self._sizes["joints"])),
-            (np.array([shortest]), np.array([longest])),
             *(b.scaled for b in self.problem.at_ends),
         ]
         lbg, ubg = (np.concatenate([part[k] for part in parts]) for k in range(2))
         design = limits_of(self.problem.design)
+        totals = self._total_bounds()
         lbw, ubw = (
-            np.concatenate([box.ravel(order="F"), d])
-            for box, d in zip((lower, upper), design, strict=True)
+            np.concatenate([box.ravel(order="F"), total, d])
+            for box, total, d in zip((lower, upper), totals, design, strict=True)
         )
         assert lower.shape == (at.size, n)
         parameters = np.concatenate([levels, self._schedules(starts), fixed])
@@ -296,6 +295,15 @@ class Transcription:
             lower[rows] = np.tile(low, repeats)[:, None]
             upper[rows] = np.tile(high, repeats)[:, None]
         return lower, upper
+
+    def _total_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of ends, duration and integrals: only the duration has some of its own."""
+        high = np.full(self._totals.size1_out(0), np.inf)
+        low = -high
+        if not self._fixed_grid:
+            row = self.problem.model.n_x
+            low[row], high[row] = np.array(self.problem.duration) / self.arc.time_nominal
+        return low, high
 
     def _hold_inputs(self, lower: np.ndarray, upper: np.ndarray, active: np.ndarray) -> None:
         """Hold inputs at their limits where ``active``, shape (n_u, N), says so."""
@@ -477,7 +485,7 @@ class Transcription:
             return per_arc[row % len(per_arc)]
         row -= n * len(per_arc)
         ends = [b.name for b in self.problem.at_ends for _ in range(b.expression.numel())]
-        rest = ["continuity or the period"] * self._sizes["joints"] + ["the duration"] + ends
+        rest = ["continuity or the period"] * self._sizes["joints"] + ends
         return rest[row]
 
     # -- variables in and out --------------------------------------------------------------
@@ -510,16 +518,18 @@ class Transcription:
             algebraic=block(at.algebraic, arc.z_nominal, d),
             unknowns=block(at.unknowns, arc.closure.nominal, d),
             jumps=y[at.jumps],
-            design=w[at.size * n :] * arc.design_nominal,
+            design=w[len(w) - len(arc.design_nominal) :] * arc.design_nominal,
         )
 
-    def pack(self, arcs: Arcs) -> np.ndarray:
+    def pack(self, arcs: Arcs, bounds: Bounds | None = None) -> np.ndarray:
         """Write a motion on this mesh into the program's variables; the inverse of `unpack`.
 
         Parameters
         ----------
         arcs : Arcs
             Motion on this program's mesh; `on_finer_mesh` brings it there from a coarser one.
+        bounds : Bounds, optional
+            With whose parameters integrals are evaluated; they are zero where nothing is said.
 
         Returns
         -------
@@ -546,7 +556,22 @@ class Transcription:
                 arcs.jumps,
             ]
         )
-        return np.concatenate([y.ravel(order="F"), arcs.design / arc.design_nominal])
+        return self._with_totals(y, arcs.design / arc.design_nominal, bounds)
+
+    def _with_totals(self, y: np.ndarray, design: np.ndarray, bounds: Bounds | None) -> np.ndarray:
+        """Variables of the program: those of the arcs, what they amount to, design constants."""
+        n_x, n_totals = self.problem.model.n_x, self._totals.size1_out(0)
+        w = np.concatenate([y.ravel(order="F"), np.zeros(n_totals), design])
+        totals = slice(y.size, y.size + n_totals)
+        if bounds is not None:
+            w[totals] = np.asarray(self._totals(w, bounds.p)).ravel()
+            return w
+        points = y[self.arc.layout.points, -1].reshape((n_x, -1), order="F")
+        values = np.column_stack([y[self.arc.layout.start, -1], points])
+        nodes = np.concatenate([[0.0], self.mesh.collocation.tau])
+        w[totals.start : totals.start + n_x] = values @ interpolation(nodes, np.ones(1))[0]
+        w[totals.start + n_x] = y[0].sum()
+        return w
 
     def rest(self, durations: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Variables of a worm that does not move, on arcs of given durations.
@@ -570,7 +595,7 @@ class Transcription:
         y[at.clock] = np.cumsum(y[0]) - y[0]
         y[at.start] = (start / self.arc.x_nominal)[:, None]
         y[at.points] = np.tile(start / self.arc.x_nominal, self.mesh.collocation.degree)[:, None]
-        return np.concatenate([y.ravel(order="F"), np.zeros(len(self.arc.design_nominal))])
+        return self._with_totals(y, np.zeros(len(self.arc.design_nominal)), None)
 
     def nominal_extras(self) -> dict[str, np.ndarray]:
         """Slacks and design constants at their nominal sizes: what a motion does not tell.
@@ -601,6 +626,5 @@ class Transcription:
         """
         radius = np.full((self.arc.layout.size, self.mesh.total), free)
         radius[0] = 0.0
-        return np.concatenate(
-            [radius.ravel(order="F"), np.full(len(self.arc.design_nominal), free)]
-        )
+        rest = self._totals.size1_out(0) + len(self.arc.design_nominal)
+        return np.concatenate([radius.ravel(order="F"), np.full(rest, free)])
