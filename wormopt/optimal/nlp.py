@@ -381,6 +381,8 @@ class NonlinearProgram:
             candidate, _ = self._step(best, bounds, small)
             if candidate is not None and candidate.violation <= best.violation:
                 best = candidate
+        if best.violation > 1e-12:
+            best = self.restore(best, bounds)
         return replace(best, seconds=best.seconds + time.perf_counter() - start)
 
     def restore(self, solution: Solution, bounds: Bounds) -> Solution:

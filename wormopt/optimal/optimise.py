@@ -203,31 +203,32 @@ def optimise(
     begin = time.perf_counter()
     program = Transcription(problem, mesh, treatment)
     build = time.perf_counter() - begin
-    levels: list[Level] = []
+    held = treatment.active if isinstance(treatment, Prescribed) else None
     targets = _targets(treatment)
-    for k, target in enumerate(targets):
-        held = treatment.active if isinstance(treatment, Prescribed) else None
-        bounds = program.bounds(target, p=p, pins=pins, active=held)
-        if k == 0:
-            w = sample(program, guess, bounds)
+    steps = [program.bounds(target, p=p, pins=pins, active=held) for target in targets]
+    w = sample(program, guess, steps[0])
+    solutions: list[Solution] = []
+    for k, (target, bounds) in enumerate(zip(targets, steps, strict=True)):
         solution = _solve(program, w, bounds, solver, warm=k > 0)
-        number = 0.0 if isinstance(target, ModeSequence) else target
-        levels.append(
-            Level(
-                number,
-                solution.objective,
-                solution.violation,
-                solution.status,
-                solution.iterations,
-                solution.seconds,
-            )
-        )
         if not (solution.violation <= FEASIBLE and _ended_well(solution)):
             raise failure(program, solution, bounds, w, target, k > 0)
         w = solution.w
-        report(f"level {number:.2g}: objective {solution.objective:.6g}", (k + 1) / len(targets))
-    motion = Motion.of(program, w, bounds)
-    return Optimum(motion, solution, tuple(levels), treatment, build)
+        solutions.append(solution)
+        report(f"objective {solution.objective:.6g}", (k + 1) / len(targets))
+    motion = Motion.of(program, w, steps[-1])
+    levels = tuple(map(_level, targets, solutions))
+    return Optimum(motion, solutions[-1], levels, treatment, build)
+
+
+def _level(target: ModeSequence | float, solution: Solution) -> Level:
+    return Level(
+        0.0 if isinstance(target, ModeSequence) else target,
+        solution.objective,
+        solution.violation,
+        solution.status,
+        solution.iterations,
+        solution.seconds,
+    )
 
 
 def _targets(treatment: Contacts) -> Sequence[ModeSequence | float]:
