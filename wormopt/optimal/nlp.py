@@ -146,6 +146,8 @@ class Solution:
         Wall-clock time.
     functions_s : mapping of str to float
         Seconds spent in the program's functions by their CasADi names, ``nlp_hess_l`` say.
+    build_s : float
+        Seconds to make the solver with its derivatives; 0 where it was there already.
     """
 
     w: np.ndarray
@@ -156,6 +158,7 @@ class Solution:
     iterations: int
     seconds: float
     functions_s: Mapping[str, float] = field(default_factory=dict)
+    build_s: float = 0.0
 
 
 class NonlinearProgram:
@@ -252,6 +255,7 @@ class NonlinearProgram:
         -------
         Solution
         """
+        begin = time.perf_counter()
         if options not in self._solvers:
             self._solvers[options] = ca.nlpsol(
                 "solver", options.name, self._nlp, options.as_casadi()
@@ -278,6 +282,7 @@ class NonlinearProgram:
                 for key, value in stats.items()
                 if key.startswith("t_wall_nlp_")
             },
+            build_s=start - begin,
         )
 
     def linear_step(

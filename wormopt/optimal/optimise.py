@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,9 @@ FEASIBLE = 1e-6
 # times are, is then found to the last digits. Larger ones cost more than they gain.
 _FINISHED = 200
 
+# Box, in nominal sizes, in which an optimum is tested to first order.
+_NEAR = 1e-3
+
 # A solve that starts at the solution of a neighbouring level begins with a small barrier.
 _WARM_BARRIER = 1e-3
 
@@ -53,6 +56,8 @@ class Level:
         The solver's.
     seconds : float
         Wall-clock time.
+    functions_s : mapping of str to float
+        Seconds of it in the program's functions.
     """
 
     level: float
@@ -61,6 +66,7 @@ class Level:
     status: str
     iterations: int
     seconds: float
+    functions_s: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +84,9 @@ class Optimum:
     treatment : Smoothed, Complementary or Prescribed
         How contacts were treated.
     build_s : float
-        Seconds to build the program.
+        Seconds to build the program and its derivatives.
+    bounds : Bounds
+        Bounds and parameters of the last solve.
     """
 
     motion: Motion
@@ -86,6 +94,7 @@ class Optimum:
     levels: tuple[Level, ...]
     treatment: Contacts
     build_s: float
+    bounds: Bounds
 
     @property
     def objective(self) -> float:
@@ -101,6 +110,23 @@ class Optimum:
     def iterations(self) -> int:
         """Iterations over all levels."""
         return sum(level.iterations for level in self.levels)
+
+    @property
+    def functions_s(self) -> dict[str, float]:
+        """Seconds in the program's functions by their names, over all levels."""
+        return _sum_by_name(*(level.functions_s for level in self.levels))
+
+    @cached_property
+    def gain(self) -> float:
+        """By how much the objective might still fall, to first order, near by.
+
+        What the program linearised at the solution promises in a box of a thousandth of the
+        nominal sizes; 0 at a point that obeys the conditions of Karush, Kuhn and Tucker, NaN
+        where the linear program is not solved.
+        """
+        radius = np.full(self.solution.w.shape, _NEAR)
+        step = self.motion.program.nlp.linear_step(self.solution.w, self.bounds, radius)
+        return np.nan if step is None else max(0.0, -step[1])
 
     @cached_property
     def defects(self) -> np.ndarray:
@@ -217,7 +243,8 @@ def optimise(
         report(f"objective {solution.objective:.6g}", (k + 1) / len(targets))
     motion = Motion.of(program, w, steps[-1])
     levels = tuple(map(_level, targets, solutions))
-    return Optimum(motion, solutions[-1], levels, treatment, build)
+    build += sum(solution.build_s for solution in solutions)
+    return Optimum(motion, solutions[-1], levels, treatment, build, steps[-1])
 
 
 def _level(target: ModeSequence | float, solution: Solution) -> Level:
@@ -228,6 +255,7 @@ def _level(target: ModeSequence | float, solution: Solution) -> Level:
         solution.status,
         solution.iterations,
         solution.seconds,
+        solution.functions_s,
     )
 
 
@@ -246,15 +274,37 @@ def _solve(
     program: Transcription, w: np.ndarray, bounds: Bounds, solver: Solver, *, warm: bool
 ) -> Solution:
     """Solve one level; a warm start that leads nowhere is tried again with a large barrier."""
+    lost = None
     if warm and isinstance(solver, Ipopt):
         near = replace(solver, mu_init=min(solver.mu_init, _WARM_BARRIER))
-        solution = program.nlp.solve(w, bounds, near)
-        if solution.violation <= FEASIBLE and _ended_well(solution):
-            return solution
-    solution = program.nlp.solve(w, bounds, solver)
+        lost = program.nlp.solve(w, bounds, near)
+        if lost.violation <= FEASIBLE and _ended_well(lost):
+            return lost
+    solution = _after(lost, program.nlp.solve(w, bounds, solver))
     if program.arc.modal and len(w) <= _FINISHED and solution.violation <= FEASIBLE:
         return program.nlp.finish(solution, bounds)
     return solution
+
+
+def _after(lost: Solution | None, solution: Solution) -> Solution:
+    """Count what a solve in vain has cost."""
+    if lost is None:
+        return solution
+    return replace(
+        solution,
+        iterations=solution.iterations + lost.iterations,
+        seconds=solution.seconds + lost.seconds,
+        build_s=solution.build_s + lost.build_s,
+        functions_s=_sum_by_name(lost.functions_s, solution.functions_s),
+    )
+
+
+def _sum_by_name(*parts: Mapping[str, float]) -> dict[str, float]:
+    total: dict[str, float] = {}
+    for part in parts:
+        for name, seconds in part.items():
+            total[name] = total.get(name, 0.0) + seconds
+    return total
 
 
 def refine(

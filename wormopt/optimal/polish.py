@@ -17,7 +17,7 @@ from wormopt.optimal.optimise import Optimum, optimise, refine
 from wormopt.optimal.sequence import Structure, structure_of
 from wormopt.progress import Report, silent
 
-__all__ = ["polish"]
+__all__ = ["polish", "resting_speeds"]
 
 # An exact optimum whose objective is worse than the relaxed one's by more than this part is none
 # of its kind.
@@ -97,7 +97,7 @@ def _readings(relaxed: Optimum) -> Iterator[Structure]:
     """Different structures by what is taken for rest and for noise, the plainest first."""
     seen = set()
     for least in (2, 3, 1, 5):
-        for speed in _thresholds(relaxed):
+        for speed in resting_speeds(relaxed):
             structure = structure_of(relaxed.motion, speed=speed, least=least)
             key = (structure.modes.phases, structure.active)
             if key not in seen:
@@ -105,8 +105,18 @@ def _readings(relaxed: Optimum) -> Iterator[Structure]:
                 yield structure
 
 
-def _thresholds(relaxed: Optimum) -> tuple[float, ...]:
-    """Speeds below which a contact may be said to rest."""
+def resting_speeds(relaxed: Optimum) -> tuple[float, ...]:
+    """Speeds below which a contact may be said to rest, the likeliest first.
+
+    Parameters
+    ----------
+    relaxed : Optimum
+        With smoothed or complementary contact.
+
+    Returns
+    -------
+    tuple of float
+    """
     motion = relaxed.motion
     t = np.linspace(0.0, motion.duration, 4 * motion.mesh.total)
     v = motion.observe(motion.program.problem.model.contact_velocities, t)
