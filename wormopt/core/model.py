@@ -361,6 +361,28 @@ class Model:
         """Matrix d(contact accelerations) / d(contact forces), by which rest is decided."""
         return ca.jacobian(self.contact_accelerations, self.forces)
 
+    def breaks(self, end: float) -> np.ndarray:
+        """Times at which schedules go on to another piece.
+
+        Parameters
+        ----------
+        end : float
+            Last time.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            From 0 to ``end``, both included; what is equal but for round-off stands once.
+        """
+        found = [0.0, end]
+        for schedule in self.schedules:
+            t = schedule.next_break(0.0)
+            while t < end * (1 - 1e-12):
+                found.append(t)
+                t = schedule.next_break(t)
+        times = np.unique(found)
+        return times[np.diff(times, prepend=-np.inf) > 1e-12 * end]
+
     def output(self, name: str) -> ca.SX:
         """Expression of the output called ``name``.
 

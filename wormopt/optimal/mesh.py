@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from wormopt.optimal.collocation import Collocation, bernstein_matrix
 
@@ -83,6 +84,44 @@ class Mesh:
         counts = arcs if isinstance(arcs, tuple) else (arcs,) * phases
         shares = tuple(1 / n for n in counts for _ in range(n))
         return cls(phases, arcs, collocation, input_degree, shares)
+
+    @classmethod
+    def over(
+        cls, breaks: ArrayLike, longest: float, collocation: Collocation, input_degree: int = 0
+    ) -> Mesh:
+        """Make a mesh of one phase whose arcs cross no break, for motions of known duration.
+
+        Parameters
+        ----------
+        breaks : array_like, shape (m,)
+            Times from the start of the motion to its end, ascending, `Model.breaks` say.
+        longest : float
+            No arc is longer; arcs between the same breaks are equally long.
+        collocation : Collocation
+            Scheme and degree.
+        input_degree : int, optional
+            Degree of the inputs.
+
+        Returns
+        -------
+        Mesh
+
+        Raises
+        ------
+        ValueError
+            If the breaks do not ascend or ``longest`` is not positive.
+
+        Examples
+        --------
+        >>> Mesh.over([0.0, 1.0, 4.0], 1.5, Collocation(2)).shares
+        (0.25, 0.375, 0.375)
+        """
+        pieces = np.diff(np.asarray(breaks, dtype=float))
+        if not (pieces.size and np.all(pieces > 0) and longest > 0):
+            raise ValueError("breaks must ascend, and arcs must be longer than 0")
+        counts = np.ceil(pieces / longest - 1e-9).astype(int)
+        shares = np.repeat(pieces / counts / pieces.sum(), counts)
+        return cls(1, len(shares), collocation, input_degree, tuple(shares.tolist()))
 
     @property
     def counts(self) -> tuple[int, ...]:

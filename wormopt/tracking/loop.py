@@ -13,7 +13,16 @@ from wormopt.core.model import Model, Output, Schedule, Signal, Switch, pack
 from wormopt.errors import ArgumentError
 from wormopt.tracking.reference import Reference
 
-__all__ = ["FeedForward", "TrackingError", "at_zero", "close", "feed", "input_of", "lie"]
+__all__ = [
+    "FeedForward",
+    "TrackingError",
+    "at_zero",
+    "close",
+    "feed",
+    "input_of",
+    "lie",
+    "with_reference",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,4 +336,39 @@ def close(
             *(replace(s, reset=ca.vertcat(x, s.reset)) for s in switches),
         ],
         schedules=[*plant.schedules, *reference.schedules, *schedules],
+    )
+
+
+def with_reference(plant: Model, reference: Reference) -> Model:
+    """Compare a plant's output with a reference, of which the plant itself need not know.
+
+    Parameters
+    ----------
+    plant : Model
+        With the output ``length``, controlled or not.
+    reference : Reference
+        As many scalars as the output.
+
+    Returns
+    -------
+    Model
+        The plant with the outputs ``reference``, ``error`` and ``error_norm``, in place of its own
+        of these names, and the reference's schedule.
+
+    Raises
+    ------
+    ArgumentError
+        As `TrackingError.of`.
+    """
+    error = TrackingError.of(plant, reference)
+    compared = [
+        Output("reference", reference.value, "length"),
+        Output("error", error.value, "length"),
+        Output("error_norm", ca.sqrt(error.square), "length"),
+    ]
+    names = {output.name for output in compared}
+    return replace(
+        plant,
+        outputs=[*(o for o in plant.outputs if o.name not in names), *compared],
+        schedules=[*plant.schedules, *reference.schedules],
     )
