@@ -85,7 +85,9 @@ def polish(
             None if error is None else error.partial,
             "no_phases",
         )
-    return refine(found[0], tolerance, p=p, solver=solver)
+    near = replace(solver, mu_init=1e-5, warm=True) if isinstance(solver, Ipopt) else solver
+    refined = refine(found[0], tolerance, p=p, solver=near)
+    return refined if _familiar(refined, relaxed) else found[0]
 
 
 def _familiar(exact: Optimum, relaxed: Optimum) -> bool:
