@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import casadi as ca
@@ -12,6 +13,8 @@ import numpy as np
 from scipy import sparse
 from scipy.optimize import linprog
 from scipy.sparse.linalg import splu
+
+from wormopt.errors import ArgumentError
 
 # CasADi takes an interrupt for a failed solve; these are its names for one.
 _STOPPED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
@@ -41,12 +44,14 @@ class Plugin:
     name : str
         "sqpmethod", "blocksqp", "fatrop", ...; what this installation has is up to CasADi.
     options : tuple of (str, object) pairs, optional
-        Its options, as its documentation names them.
+        Its options, as its documentation names them; where it takes a dictionary, again pairs.
 
     Examples
     --------
-    >>> Plugin("sqpmethod", (("qpsol", "qrqp"),)).as_casadi()["qpsol"]
-    'qrqp'
+    >>> quiet = (("print_iter", False),)
+    >>> sqp = Plugin("sqpmethod", (("qpsol", "qrqp"), ("qpsol_options", quiet)))
+    >>> sqp.as_casadi()["qpsol_options"]
+    {'print_iter': False}
     """
 
     name: str
@@ -54,7 +59,8 @@ class Plugin:
 
     def as_casadi(self) -> dict[str, Any]:
         """Options for nlpsol: those given, and silence."""
-        return {"print_time": False, "error_on_fail": False, "expand": True, **dict(self.options)}
+        given = {k: dict(v) if isinstance(v, tuple) else v for k, v in self.options}
+        return {"print_time": False, "error_on_fail": False, "expand": True, **given}
 
 
 @dataclass(frozen=True)
@@ -193,12 +199,13 @@ class NonlinearProgram:
     ) -> None:
         self._nlp: dict[str, Any] = {"x": w, "p": p, "f": objective, "g": constraints}
         self._evaluate = ca.Function("evaluate", [w, p], [objective, constraints])
-        self._linearise = ca.Function(
-            "linearise",
-            [w, p],
-            [objective, ca.gradient(objective, w), constraints, ca.jacobian(constraints, w)],
-        )
         self._solvers: dict[Solver, ca.Function] = {}
+
+    @cached_property
+    def _linearise(self) -> ca.Function:
+        """Objective, its gradient, constraints, their Jacobian."""
+        w, p, f, g = (self._nlp[key] for key in ("x", "p", "f", "g"))
+        return ca.Function("linearise", [w, p], [f, ca.gradient(f, w), g, ca.jacobian(g, w)])
 
     def violation(self, w: np.ndarray, bounds: Bounds) -> float:
         """Largest violation of any bound on w or g, recomputed from the expressions.
@@ -254,12 +261,17 @@ class NonlinearProgram:
         Returns
         -------
         Solution
+
+        Raises
+        ------
+        ArgumentError
+            If CasADi comes without that solver.
+        KeyboardInterrupt
+            If the user stops it.
         """
         begin = time.perf_counter()
         if options not in self._solvers:
-            self._solvers[options] = ca.nlpsol(
-                "solver", options.name, self._nlp, options.as_casadi()
-            )
+            self._solvers[options] = _solver(self._nlp, options)
         solver = self._solvers[options]
         start = time.perf_counter()
         answer = solver(
@@ -436,6 +448,12 @@ class NonlinearProgram:
         objective = float(self._evaluate(step[0], bounds.p)[0])
         violation = self.violation(step[0], bounds)
         return replace(solution, w=step[0], objective=objective, violation=violation), step[1]
+
+
+def _solver(nlp: dict[str, Any], options: Solver) -> ca.Function:
+    if not ca.has_nlpsol(options.name):
+        raise ArgumentError(f"this CasADi has no NLP solver {options.name!r}; take 'ipopt'")
+    return ca.nlpsol("solver", options.name, nlp, options.as_casadi())
 
 
 def _merit(solution: Solution) -> float:
