@@ -73,4 +73,10 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.simulate",
         pictures=("motion", "signals"),
     ),
+    "slide": Kind(
+        summary="a block on dry ground that goes somewhere in the shortest time, or least effort",
+        table="wormopt.scenes.slide:SlideScene",
+        study="wormopt.studies.slide",
+        pictures=("signals",),
+    ),
 }

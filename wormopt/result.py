@@ -34,6 +34,7 @@ UNITS = {
     "force": "N",
     "impulse": "N s",
     "energy": "J",
+    "effort": "N2 s",
     "power": "W",
     "energy_per_distance": "J m-1",
     "drag": "N s m-1",

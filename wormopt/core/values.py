@@ -9,7 +9,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError, UnknownNameError
 
-__all__ = ["check_names", "numbers", "signal_values"]
+__all__ = ["by_name", "check_names", "numbers", "signal_values"]
 
 
 def numbers(name: str, given: object) -> np.ndarray:
@@ -73,6 +73,32 @@ def check_names(given: object, known: Sequence[str], what: str) -> None:
     unknown = [name for name in given if name not in known]
     if unknown:
         raise UnknownNameError("the model", what, unknown, known)
+
+
+def by_name(signals: Sequence[Any], values: np.ndarray) -> dict[str, np.ndarray]:
+    """Take a column apart; the inverse of `signal_values`.
+
+    Parameters
+    ----------
+    signals : sequence of Signal
+        What the column holds, in order.
+    values : ndarray
+        The column.
+
+    Returns
+    -------
+    dict of str to ndarray
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> from wormopt.core.model import Signal
+    >>> signals = [Signal("x", ca.SX.sym("x", 2)), Signal("v", ca.SX.sym("v"))]
+    >>> by_name(signals, np.array([1.0, 2.0, 3.0]))
+    {'x': array([1., 2.]), 'v': array([3.])}
+    """
+    ends = np.cumsum([s.size for s in signals], dtype=int).tolist()
+    return {s.name: values[end - s.size : end] for s, end in zip(signals, ends, strict=True)}
 
 
 def signal_values(

@@ -10,7 +10,40 @@ import numpy as np
 from wormopt.core.model import Signal
 from wormopt.optimal.problem import Bound, Problem
 
-__all__ = ["elastic"]
+__all__ = ["elastic", "with_input_limits"]
+
+
+def with_input_limits(problem: Problem) -> Problem:
+    """Write the limits that inputs have by themselves as bounds, named like the inputs.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any.
+
+    Returns
+    -------
+    Problem
+        The same problem, of which `elastic` may loosen these limits too.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> from wormopt.core.model import Model
+    >>> from wormopt.optimal.problem import Ends
+    >>> u = Signal("drive", ca.SX.sym("u"), upper=2.0)
+    >>> model = Model("cart", x=[Signal("v", ca.SX.sym("v"))], ode=u.symbol, u=[u])
+    >>> written = with_input_limits(Problem(model, Ends.of(model), ca.SX(0), (1.0, 1.0)))
+    >>> [bound.name for bound in written.along], written.model.u[0].upper
+    (['drive'], inf)
+    """
+    free = [replace(s, lower=-np.inf, upper=np.inf) for s in problem.model.u]
+    limits = [
+        Bound(s.name, s.symbol, s.lower, s.upper, s.nominal)
+        for s in problem.model.u
+        if np.isfinite(s.lower) or np.isfinite(s.upper)
+    ]
+    return replace(problem, model=replace(problem.model, u=free), along=[*problem.along, *limits])
 
 
 def elastic(problem: Problem) -> Problem:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from wormopt.core.modes import ModeSequence
+from wormopt.core.values import by_name
 from wormopt.errors import SolveError
-from wormopt.optimal.elastic import elastic
+from wormopt.optimal.contact import Complementary, Smoothed, Treatment
+from wormopt.optimal.elastic import elastic, with_input_limits
 from wormopt.optimal.motion import Motion
 from wormopt.optimal.nlp import Bounds, Ipopt, Solution
 from wormopt.optimal.transcription import Transcription
@@ -16,8 +20,8 @@ __all__ = ["failure"]
 # Scaled variables this large mean that the objective falls for ever.
 _BEYOND = 1e6
 
-# Slack, in nominal sizes, below which a limit is not in conflict.
-_GIVES_WAY = 1e-5
+# Slack, in nominal sizes, below which a limit is not in conflict, and how exactly it is found.
+_GIVES_WAY, _MET = 1e-5, 1e-5
 
 
 def failure(
@@ -26,7 +30,6 @@ def failure(
     bounds: Bounds,
     start: np.ndarray,
     level: ModeSequence | float,
-    warm: bool,
 ) -> SolveError:
     """Explain a solve that failed.
 
@@ -42,8 +45,6 @@ def failure(
         Where it started.
     level : ModeSequence or float
         Which level of the treatment of contact.
-    warm : bool
-        Whether an easier level had been solved before.
 
     Returns
     -------
@@ -58,16 +59,15 @@ def failure(
             partial,
             "bad_guess",
         )
-    if not warm:
-        gives = _conflict(program, level, start)
-        if gives:
-            listed = " and ".join(f"{name} by {size:.4g}" for name, size in gives.items())
-            return SolveError(
-                f"no motion meets all limits; the least that has to give way is {listed}",
-                "relax that, or what stands against it",
-                partial,
-                "infeasible",
-            )
+    gives = _conflict(program, level, start, partial.p)
+    if gives:
+        listed = " and ".join(f"{name} by {size:.4g}" for name, size in gives.items())
+        return SolveError(
+            f"no motion meets all limits; the least that has to give way is {listed}",
+            "relax that, or what stands against it",
+            partial,
+            "infeasible",
+        )
     if np.max(np.abs(solution.w)) > _BEYOND or solution.status == "Diverging_Iterates":
         return SolveError(
             "the objective falls without bound",
@@ -86,10 +86,10 @@ def failure(
 
 
 def _conflict(
-    program: Transcription, level: ModeSequence | float, start: np.ndarray
+    program: Transcription, level: ModeSequence | float, start: np.ndarray, p: np.ndarray
 ) -> dict[str, float]:
     """Limits that must give way for any motion to exist near the start, in their own units."""
-    problem = program.problem
+    problem = with_input_limits(program.problem)
     loose = elastic(problem)
     if len(loose.design) == len(problem.design):
         return {}
@@ -97,16 +97,31 @@ def _conflict(
     relaxed = Transcription(loose, program.mesh, treatment)
     n = len(loose.design) - len(problem.design)
     w = np.concatenate([np.where(np.isfinite(start), start, 0.0), np.full(n, 1.0)])
-    answer = relaxed.nlp.solve(w, relaxed.bounds(level), Ipopt(tolerance=1e-7))
-    if answer.violation > 1e-5 or answer.objective < _GIVES_WAY:
+    objective = 0.0
+    for each in _levels_from(treatment, level):  # the sharper the law, the more must give way
+        bounds = relaxed.bounds(each, p=by_name(problem.model.p, p))
+        answer = relaxed.nlp.solve(w, bounds, Ipopt(tolerance=1e-7))
+        if answer.violation > _MET:
+            break
+        w, objective = answer.w, answer.objective
+    if objective < _GIVES_WAY:
         return {}
     nominal = {b.name: b.nominal for b in (*problem.along, *problem.at_ends)}
     names = [s.name.removeprefix("slack ") for s in loose.design[-n:]]
     return {
         name: float(size) * nominal[name]
-        for name, size in zip(names, answer.w[-n:], strict=True)
+        for name, size in zip(names, w[-n:], strict=True)
         if size > _GIVES_WAY
     }
+
+
+def _levels_from(
+    treatment: Treatment, level: ModeSequence | float
+) -> Sequence[ModeSequence | float]:
+    """Level at which a solve failed, and those that would have followed."""
+    if isinstance(level, ModeSequence) or not isinstance(treatment, Smoothed | Complementary):
+        return (level,)
+    return [each for each in treatment.levels if each <= level]
 
 
 def _worst(program: Transcription, solution: Solution, bounds: Bounds) -> str:

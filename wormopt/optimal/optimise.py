@@ -237,7 +237,7 @@ def optimise(
     for k, (target, bounds) in enumerate(zip(targets, steps, strict=True)):
         solution = _solve(program, w, bounds, solver, warm=k > 0)
         if not (solution.violation <= FEASIBLE and _ended_well(solution)):
-            raise failure(program, solution, bounds, w, target, k > 0)
+            raise failure(program, solution, bounds, w, target)
         w = solution.w
         solutions.append(solution)
         report(f"objective {solution.objective:.6g}", (k + 1) / len(targets))

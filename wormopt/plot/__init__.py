@@ -15,7 +15,7 @@ from matplotlib import rc_context
 from matplotlib.animation import PillowWriter
 from matplotlib.figure import Figure
 
-from wormopt.plot import gaits, simulation
+from wormopt.plot import gaits, optimum, simulation
 from wormopt.plot.parts import RED, STYLE
 from wormopt.result import Result
 
@@ -68,6 +68,9 @@ PICTURES: dict[str, Picture] = {
 _SIMULATED = Picture(simulation.motion, ("time", "position"))
 # Pictures that are another one in results of some kinds of scene.
 _BY_KIND = {("track", "motion"): _SIMULATED, ("simulate", "motion"): _SIMULATED}
+# The coordinate of optimal motions has another name.
+_OPTIMAL = Picture(optimum.signals, ("instant",))
+_BY_KIND |= {(kind, "signals"): _OPTIMAL for kind in ("slide", "two-mass", "capsule")}
 
 
 def figure(result: Result, picture: str) -> Figure:

@@ -230,7 +230,7 @@ class ChainTable(Table, frozen=True, kw_only=True):
     def _faults_of_friction(self) -> Iterator[Fault]:
         if not isinstance(self.friction, tuple):
             if self.friction:
-                yield from _faults_of_law("worm.friction", self.friction, self.links + 1)
+                yield from faults_of_law("worm.friction", self.friction, self.links + 1)
             return
         yield from wrong_count("worm.friction", self.friction, self.links + 1, "masses", "table")
         for i, law in enumerate(self.friction):
@@ -238,7 +238,7 @@ class ChainTable(Table, frozen=True, kw_only=True):
                 if isinstance(getattr(law, name), tuple):
                     yield f"worm.friction[{i}].{name}", "this table is of one mass; write a number"
                     return
-            yield from _faults_of_law(f"worm.friction[{i}]", law, 1)
+            yield from faults_of_law(f"worm.friction[{i}]", law, 1)
 
     def _faults_of_chance(self, random: RandomLinks, horizon: float) -> Iterator[Fault]:
         if not random.processes:
@@ -262,7 +262,18 @@ class ChainTable(Table, frozen=True, kw_only=True):
                 yield f"{key}.{step}", f"makes more than {_MOST_PIECES} pieces; write a longer one"
 
 
-def _faults_of_law(key: str, law: Friction, masses: int) -> Iterator[Fault]:
+def faults_of_law(key: str, law: Friction, masses: int) -> Iterator[Fault]:
+    """Yield what is wrong between the numbers of a friction law.
+
+    Parameters
+    ----------
+    key : str
+        Key path of its table.
+    law : Friction
+        The table.
+    masses : int
+        How many masses it is for.
+    """
     wrong = [
         fault
         for name in law.__struct_fields__

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
@@ -99,3 +99,26 @@ class ExactContact(Table, frozen=True, kw_only=True, tag_field="treatment", tag=
 
 
 ContactTable = SmoothContact | ExactContact
+
+
+class MeshTable(Table, frozen=True, kw_only=True):
+    """How finely an optimal motion is resolved.
+
+    Parameters
+    ----------
+    arcs : int
+        Pieces of time in the first solve.
+    degree : int
+        Of the state polynomials on each.
+    scheme : {"radau", "legendre"}
+        Collocation points.
+    tolerance : float
+        Local error of every piece, in usual sizes of the states, to which the mesh is refined.
+    """
+
+    arcs: Annotated[int, Meta(ge=2, le=2000, description="a whole number from 2 to 2000")] = 20
+    degree: Annotated[int, Meta(ge=1, le=9, description="a whole number from 1 to 9")] = 3
+    scheme: Literal["radau", "legendre"] = "radau"
+    tolerance: Annotated[
+        float, Meta(ge=1e-13, le=1e-2, description="a number from 1e-13 to 1e-2")
+    ] = 1e-9

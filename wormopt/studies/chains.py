@@ -24,7 +24,15 @@ from wormopt.scenes.types import per
 from wormopt.simulation.options import Exact, Smooth, Tolerance, Treatment
 from wormopt.worms.chain import chain
 
-__all__ = ["Links", "build_chain", "draw_links", "laws_of", "tolerance_of", "treatment_of"]
+__all__ = [
+    "Links",
+    "build_chain",
+    "draw_links",
+    "law_of",
+    "laws_of",
+    "tolerance_of",
+    "treatment_of",
+]
 
 _RANDOM = ("stiffness", "damping", "rest_length")
 
@@ -157,11 +165,23 @@ def laws_of(worm: ChainTable) -> list[Law]:
         Empty where nothing rubs.
     """
     one_each = isinstance(worm.friction, tuple)
-    return [_law(table, 0 if one_each else i) for i, table in enumerate(worm.ground)]
+    return [law_of(table, 0 if one_each else i) for i, table in enumerate(worm.ground)]
 
 
-def _law(table: Friction, mass: int) -> Law:
-    """Law of one mass; the table's numbers are alike for all masses or listed one per mass."""
+def law_of(table: Friction, mass: int = 0) -> Law:
+    """Law of one mass; the table's numbers are alike for all masses or listed one per mass.
+
+    Parameters
+    ----------
+    table : Friction
+        What the scene says.
+    mass : int, optional
+        Which mass.
+
+    Returns
+    -------
+    Law
+    """
 
     def number(value: float | tuple[float, ...]) -> float:
         return value[mass] if isinstance(value, tuple) else value

@@ -9,7 +9,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from wormopt.core.model import Model, Signal
+from wormopt.core.model import Model
+from wormopt.core.values import by_name
 from wormopt.errors import SolveError
 from wormopt.optimal.contact import Complementary, Prescribed, Smoothed
 from wormopt.optimal.mesh import interpolation
@@ -100,7 +101,7 @@ def replay(
     """
     course = motion.input_course()
     plant = drive(_with_design(motion), course) if course.links else _with_design(motion)
-    p = _by_name(motion.program.problem.model.p, motion.p)
+    p = by_name(motion.program.problem.model.p, motion.p)
     found: list[Trajectory] = []
     state = np.zeros(plant.n_x)
     for begin, end, jump in _stretches(motion):
@@ -109,7 +110,7 @@ def replay(
                 plant,
                 (begin, end),
                 contact=contact,
-                x0=_by_name(plant.x, state + jump),
+                x0=by_name(plant.x, state + jump),
                 p=p,
                 tolerance=tolerance,
                 dense=dense,
@@ -158,14 +159,9 @@ def recheck(
 def _with_design(motion: Motion) -> Model:
     """Model in which the design constants are parameters with the values that were found."""
     problem = motion.program.problem
-    values = _by_name(problem.design, motion.arcs.design)
+    values = by_name(problem.design, motion.arcs.design)
     chosen = [replace(s, value=values[s.name].tolist()) for s in problem.design]
     return replace(problem.model, p=[*problem.model.p, *chosen])
-
-
-def _by_name(signals: Sequence[Signal], values: np.ndarray) -> dict[str, np.ndarray]:
-    ends = np.cumsum([s.size for s in signals], dtype=int).tolist()
-    return {s.name: values[end - s.size : end] for s, end in zip(signals, ends, strict=True)}
 
 
 def _stretches(motion: Motion) -> Iterator[tuple[float, float, np.ndarray]]:
