@@ -142,6 +142,7 @@ class Optimum:
         """
         motion = self.motion
         model, tau = motion.program.problem.model, motion.mesh.collocation.tau
+        tau = np.minimum(tau, 1 - 1e-10)  # an arc's end is the next arc's start
         t = (motion.breaks[:-1] + np.multiply.outer(tau, motion.arcs.duration)).ravel()
         worst = 0.0
         for c in model.contacts:

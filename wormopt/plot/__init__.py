@@ -58,16 +58,19 @@ PICTURES: dict[str, Picture] = {
     "animation": Picture(gaits.first_frame, (*_CYCLE, "position"), gaits.pose, gaits.FRAMES),
     "trackers": Picture(
         simulation.trackers,
-        ("time", "reference", "length", "error_norm", "tube", "gain", "input", "position"),
+        ("time", "reference", "length", "error_norm", "tube", "input", "position"),
     ),
     "bands": Picture(simulation.bands, ("time", "reference", "quantile")),
+    "convergence": Picture(
+        optimal.convergence, ("width", "smoothed_error", "arcs", "complementarity_error")
+    ),
     "signals": Picture(simulation.signals, ("time",)),
 }
 """Every picture by its name, the word in a scene's ``want``."""
 
 _SIMULATED = Picture(simulation.motion, ("time", "position"))
 # Pictures that are another one in results of some kinds of scene.
-_BY_KIND = {("track", "motion"): _SIMULATED, ("simulate", "motion"): _SIMULATED}
+_BY_KIND = {(kind, "motion"): _SIMULATED for kind in ("track", "track-optimal", "simulate")}
 # The coordinate of optimal motions has another name.
 _OPTIMAL = Picture(optimum.signals, ("instant",))
 _BY_KIND |= {(kind, "signals"): _OPTIMAL for kind in ("slide", "two-mass", "capsule")}

@@ -55,27 +55,31 @@ def trackers(result: Result) -> Figure:
     Returns
     -------
     Figure
-        The chapter's figures 5 to 8 in one; rows share their scales.
+        The chapter's figures 5 to 8 in one; rows share their scales. Without a gain there is no
+        row for it.
     """
     names = result.attributes["trackers"]
     time = result["time"].values
-    drawn = sheet(3.2 + 4.2 * len(names), 11.5)
+    rows = {name: row for row, name in enumerate(name for name in _ROWS if name in result)}
+    heights = [height for name, height in zip(_ROWS, _HEIGHTS, strict=True) if name in rows]
+    drawn = sheet(3.2 + 4.2 * len(names), sum(heights) + 0.5)
     axes = drawn.subplots(
-        5, len(names), sharex=True, sharey="row", squeeze=False, height_ratios=_HEIGHTS
+        len(rows), len(names), sharex=True, sharey="row", squeeze=False, height_ratios=heights
     )
     for column, name in enumerate(names):
         _draw_strips(axes[0, column], result, column)
         _draw_rows(axes[0, column], result, "length", column, LINKS)
-        for row, signal in ((1, "error_norm"), (2, "gain")):
-            axes[row, column].plot(time, result[signal].values[column], color="black", lw=1.5)
+        for signal in rows.keys() & {"error_norm", "gain"}:
+            values = result[signal].values[column]
+            axes[rows[signal], column].plot(time, values, color="black", lw=1.5)
         _draw_tube(axes[1, column], result, column)
-        _draw_rows(axes[3, column], result, "input", column, LINKS)
-        _draw_rows(axes[4, column], result, "position", column, MASSES)
-        _draw_rests(axes[4, column], result, column, upward=False)
+        _draw_rows(axes[rows["input"], column], result, "input", column, LINKS)
+        _draw_rows(axes[-1, column], result, "position", column, MASSES)
+        _draw_rests(axes[-1, column], result, column, upward=False)
         axes[0, column].set_title(name, loc="left", color="black", weight="bold")
-        axes[4, column].set_xlabel(label("time $t$", result["time"].unit))
-    for row, (signal, text) in enumerate(_ROWS.items()):
-        axes[row, 0].set_ylabel(label(text, result[signal].unit))
+        axes[-1, column].set_xlabel(label("time $t$", result["time"].unit))
+    for signal, row in rows.items():
+        axes[row, 0].set_ylabel(label(_ROWS[signal], result[signal].unit))
         axes[row, 0].margins(x=0)
     _explain(list(axes[:, -1]), result)
     drawn.align_ylabels()
@@ -87,7 +91,7 @@ def _explain(axes: Sequence[Axes], result: Result) -> None:
     links, masses = result["length"].values.shape[1], result["position"].values.shape[1]
     legend(axes[0], [*_entries(LINKS, links), *_strip_handles()])
     legend(axes[1], _tube_handles(result))
-    legend(axes[4], [*_entries(MASSES, masses), *_rest_handles(result)])
+    legend(axes[-1], [*_entries(MASSES, masses), *_rest_handles(result)])
 
 
 def _strip_handles() -> list[Line2D]:

@@ -24,7 +24,9 @@ __all__ = [
     "chain_numbers",
     "input_rms",
     "measure_power",
+    "measure_tracking",
     "time_in_tube",
+    "time_outside",
     "watch_tube",
 ]
 
@@ -84,6 +86,29 @@ def measure_power(model: Model) -> Model:
         for name in rates
     ]
     return _add_states(model, states, list(rates.values()))
+
+
+def measure_tracking(model: Model) -> Model:
+    """Add states that integrate the square of the error, and the power that actuators spend.
+
+    Parameters
+    ----------
+    model : Model
+        A chain with the output ``error``.
+
+    Returns
+    -------
+    Model
+        With the states ``error_square`` (integral of |e|^2) and ``positive_work`` (integral of
+        the positive part of each actuator's power: nothing is recovered).
+    """
+    error, power = model.output("error"), inputs(model) * model.output("rate")
+    force, length = np.float64(_nominal(model, "input")), _nominal(model, "position")
+    states = [
+        Signal("error_square", ca.SX.sym("error_square"), nominal=length**2, value=0.0),
+        Signal("positive_work", ca.SX.sym("positive_work"), nominal=force * length, value=0.0),
+    ]
+    return _add_states(model, states, [ca.dot(error, error), ca.sum1(ca.fmax(power, 0))])
 
 
 def _nominal(model: Model, name: str) -> float:
@@ -242,6 +267,32 @@ def watch_tube(model: Model, radius: float) -> Model:
         ode=ca.vertcat(model.ode, ca.SX(2, 1)),
         switches=[replace(s, reset=ca.vertcat(s.reset, after.get(s.name, kept))) for s in switches],
     )
+
+
+def time_outside(motion: Trajectory, since: float) -> float:
+    """How long the error was outside of the tube from some time on.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        Of a model of `watch_tube`, sampled at the start.
+    since : float
+        From when on it counts.
+
+    Returns
+    -------
+    float
+    """
+    guard = next(s.guard for s in motion.system.model.switches if s.name == LEAVES)
+    outside = bool(at_ends(motion).observe(guard)[0, 0] > 0)
+    total, before = 0.0, since
+    for event in motion.events:
+        if event.name not in (ENTERS, LEAVES):
+            continue
+        time = max(event.time, since)
+        total += (time - before) * outside
+        outside, before = event.name == LEAVES, time
+    return total + (motion.end_time - before) * outside
 
 
 def time_in_tube(motion: Trajectory) -> tuple[float, float | None]:
