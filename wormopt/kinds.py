@@ -67,6 +67,12 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.track",
         pictures=("trackers", "motion", "bands"),
     ),
+    "track-optimal": Kind(
+        summary="a chain whose links follow a gait by the best input, replayed by the simulator",
+        table="wormopt.scenes.track_optimal:TrackOptimalScene",
+        study="wormopt.studies.track_optimal",
+        pictures=("trackers", "motion"),
+    ),
     "simulate": Kind(
         summary="a chain with given inputs, or a model of your own, moving in time",
         table="wormopt.scenes.simulate:SimulateScene",
