@@ -85,4 +85,16 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.slide",
         pictures=("signals",),
     ),
+    "two-mass": Kind(
+        summary="two masses on rough ground, slow stroke and fast return, best ratio of masses",
+        table="wormopt.scenes.internal_mass:TwoMassScene",
+        study="wormopt.studies.two_mass",
+        pictures=("signals",),
+    ),
+    "capsule": Kind(
+        summary="a capsule driven by a mass that jumps to and fro inside, fastest cycle",
+        table="wormopt.scenes.internal_mass:CapsuleScene",
+        study="wormopt.studies.capsule",
+        pictures=("signals",),
+    ),
 }

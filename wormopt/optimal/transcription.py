@@ -419,7 +419,8 @@ class Transcription:
         begins = k == 0 and not self._returns
         ends = self.problem.impulses or k == self.mesh.total - 1
         always = (states == 0).all(axis=0) & (k == 0)
-        turns = (now * before == -1) & (not begins)
+        # without impulses a velocity that turns passes through 0
+        turns = (now * before == -1) & (not begins) & (not self.problem.impulses)
         fresh = (now == 0) & ((before != 0) | begins | always | self.problem.impulses) | turns
         start = np.where(fresh, 0.0, np.inf)
         low = np.repeat(

@@ -31,6 +31,7 @@ from wormopt.tracking.drive import drive
 __all__ = [
     "ACCEPTED",
     "Sampled",
+    "conclude",
     "faults_of_optimum",
     "modes_of",
     "optimum_scalars",
@@ -100,7 +101,7 @@ def replay(
         If the motion cannot be followed.
     """
     course = motion.input_course()
-    plant = drive(_with_design(motion), course) if course.links else _with_design(motion)
+    plant = drive(_plant(motion), course) if course.links else _plant(motion)
     p = by_name(motion.program.problem.model.p, motion.p)
     found: list[Trajectory] = []
     state = np.zeros(plant.n_x)
@@ -156,12 +157,16 @@ def recheck(
     return Recheck(label, float(np.max(np.abs(found - end) / size)), accepted, "the model")
 
 
-def _with_design(motion: Motion) -> Model:
-    """Model in which the design constants are parameters with the values that were found."""
+def _plant(motion: Motion) -> Model:
+    """Model whose design constants are parameters, with the values that were found.
+
+    Its states have no bounds: those are for optimisers, and hold to round-off.
+    """
     problem = motion.program.problem
     values = by_name(problem.design, motion.arcs.design)
     chosen = [replace(s, value=values[s.name].tolist()) for s in problem.design]
-    return replace(problem.model, p=[*problem.model.p, *chosen])
+    free = [replace(s, lower=-np.inf, upper=np.inf) for s in problem.model.x]
+    return replace(problem.model, x=free, p=[*problem.model.p, *chosen])
 
 
 def _stretches(motion: Motion) -> Iterator[tuple[float, float, np.ndarray]]:
@@ -482,6 +487,63 @@ def faults_of_optimum(second: Recheck) -> list[str]:
             f"the states' size where {second.accepted:.2g} is accepted"
         ]
     return []
+
+
+def conclude(
+    scene: Scene[Any],
+    stages: Mapping[str, Optimum],
+    second: Recheck,
+    *,
+    objective: str,
+    scalars: Mapping[str, Scalar],
+    variables: Sequence[Variable],
+    warnings: Sequence[str],
+    timings: Mapping[str, float],
+) -> Result:
+    """Put an optimal motion into a Result.
+
+    Parameters
+    ----------
+    scene : Scene
+        What was asked for.
+    stages : mapping of str to Optimum
+        All that were computed, by what they are; the result last.
+    second : Recheck
+        Its simulation.
+    objective : str
+        Quantity of the objective.
+    scalars : mapping of str to Scalar
+        What the kind says besides.
+    variables : sequence of Variable
+        Signals; all but the coordinate are shown, in this order.
+    warnings : sequence of str
+        In words.
+    timings : mapping of str to float
+        Seconds besides those to build and solve.
+
+    Returns
+    -------
+    Result
+        Status "failed" where the simulation ends elsewhere.
+    """
+    faults, motion = faults_of_optimum(second), [*stages.values()][-1].motion
+    common = optimum_scalars(stages, second, scene.table.units, objective=objective)
+    return Result(
+        scene.name,
+        scene.table.kind,
+        scene.title,
+        status="failed" if faults else "ok",
+        reason="; ".join(faults),
+        scalars={**scalars, **common},
+        variables=tuple(variables),
+        trust=optimum_trust(stages, second, warnings),
+        timings_s={**optimum_timings(stages), **timings},
+        scene_text=scene.text,
+        attributes={
+            "contacts": [contact.name for contact in motion.program.problem.model.contacts],
+            "signals": [v.name for v in variables if v.name != "instant"],
+        },
+    )
 
 
 def refused(scene: Scene[Any], error: SolveError, variables: Sequence[Variable] = ()) -> SolveError:

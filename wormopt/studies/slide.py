@@ -27,10 +27,7 @@ from wormopt.scenes.slide import SlideScene
 from wormopt.studies.chains import law_of, treatment_of
 from wormopt.studies.optimum import (
     ACCEPTED,
-    faults_of_optimum,
-    optimum_scalars,
-    optimum_timings,
-    optimum_trust,
+    conclude,
     recheck,
     refused,
     sample_motion,
@@ -87,28 +84,18 @@ def run(scene: Scene[SlideScene], report: Report) -> Result:
     optimum, solved = [*stages.values()][-1], time.perf_counter()
     accepted = max(ACCEPTED, _DEFECTS * table.mesh.tolerance)
     second = recheck(optimum.motion, treatment_of(table.contact), accepted=accepted, report=report)
-    faults = faults_of_optimum(second)
-    warnings = [
-        *warnings_of_optimum(optimum, table.mesh.tolerance),
-        *warnings_of_contact(treatment_of(table.contact), [law_of(table.block.friction)]),
-    ]
-    quantity = "time" if table.minimise == "time" else "effort"
-    return Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=optimum_scalars(stages, second, table.units, objective=quantity),
-        variables=tuple(_variables(optimum.motion, table.units)),
-        trust=optimum_trust(stages, second, warnings),
-        timings_s={
-            **optimum_timings(stages),
-            "optimise": solved - begin,
-            "recheck": time.perf_counter() - solved,
-        },
-        scene_text=scene.text,
-        attributes={"contacts": ["block"], "signals": [*_SIGNALS]},
+    return conclude(
+        scene,
+        stages,
+        second,
+        objective="time" if table.minimise == "time" else "effort",
+        scalars={},
+        variables=_variables(optimum.motion, table.units),
+        warnings=[
+            *warnings_of_optimum(optimum, table.mesh.tolerance),
+            *warnings_of_contact(treatment_of(table.contact), [law_of(table.block.friction)]),
+        ],
+        timings={"optimise": solved - begin, "recheck": time.perf_counter() - solved},
     )
 
 
