@@ -73,11 +73,23 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.track_optimal",
         pictures=("trackers", "motion"),
     ),
+    "compare-tracking": Kind(
+        summary="trackers, LQR and optimal inputs side by side, also on plants not as believed",
+        table="wormopt.scenes.compare_tracking:CompareScene",
+        study="wormopt.studies.compare_tracking",
+        pictures=("comparison", "draws"),
+    ),
     "simulate": Kind(
         summary="a chain with given inputs, or a model of your own, moving in time",
         table="wormopt.scenes.simulate:SimulateScene",
         study="wormopt.studies.simulate",
         pictures=("motion", "signals"),
+    ),
+    "optimal-crawl": Kind(
+        summary="the inputs by which a chain crawls fastest or cheapest under dry friction",
+        table="wormopt.scenes.optimal_crawl:OptimalCrawlScene",
+        study="wormopt.studies.optimal_crawl",
+        pictures=("signals", "convergence"),
     ),
     "slide": Kind(
         summary="a block on dry ground that goes somewhere in the shortest time, or least effort",

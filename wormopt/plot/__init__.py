@@ -62,7 +62,7 @@ PICTURES: dict[str, Picture] = {
     ),
     "bands": Picture(simulation.bands, ("time", "reference", "quantile")),
     "convergence": Picture(
-        optimal.convergence, ("width", "smoothed_error", "arcs", "complementarity_error")
+        optimum.convergence, ("width", "smoothed_error", "arcs", "complementarity_error")
     ),
     "signals": Picture(simulation.signals, ("time",)),
 }
@@ -73,7 +73,9 @@ _SIMULATED = Picture(simulation.motion, ("time", "position"))
 _BY_KIND = {(kind, "motion"): _SIMULATED for kind in ("track", "track-optimal", "simulate")}
 # The coordinate of optimal motions has another name.
 _OPTIMAL = Picture(optimum.signals, ("instant",))
-_BY_KIND |= {(kind, "signals"): _OPTIMAL for kind in ("slide", "two-mass", "capsule")}
+_BY_KIND |= {
+    (kind, "signals"): _OPTIMAL for kind in ("slide", "two-mass", "capsule", "optimal-crawl")
+}
 
 
 def figure(result: Result, picture: str) -> Figure:

@@ -48,7 +48,7 @@ __all__ = ["run"]
 _SHOWN = ("length", "velocity", "contact_force", "input")
 # Relaxation of complementarity, in usual speeds times usual forces: the last one only has to show
 # the phases, that of the convergence study has to be small against the error of the grid.
-_RELAXED, _TIGHT = Complementary(residual=1e-3, first=1.0), Complementary(1e-5, first=1e-3)
+_RELAXED, _TIGHT = Complementary(residual=1e-3, first=1.0), Complementary(1e-5, first=1e-1)
 # Widths of the smoothed law in the convergence study, in usual speeds.
 _WIDTHS = Smoothed(v_reg=0.16 * 0.4**4, first=0.16, ratio=0.4)
 # State polynomials between switches.
@@ -281,11 +281,11 @@ def _converge(stages: Mapping[str, Optimum], report: Report) -> _Convergence:
     report("smoothed contact", 0.7)
     fine = Mesh.even(1, 2 * arcs, Collocation(3, "radau"))
     smoothed = optimise(problem, fine, widths, relaxed.motion.guess)
-    guess, found = relaxed.motion.guess, []
+    found = []
     for k, n in enumerate((arcs // 2, arcs, 2 * arcs)):
         report("complementarity on finer grids", 0.8 + k / 20)
-        found.append(optimise(problem, Mesh.even(1, n, Collocation(2, "radau")), _TIGHT, guess))
-        guess = found[-1].motion.guess
+        grid = Mesh.even(1, n, Collocation(2, "radau"))
+        found.append(optimise(problem, grid, _TIGHT, relaxed.motion.guess))
     return _Convergence(
         exact.objective,
         np.array([level.level for level in smoothed.levels]),
