@@ -31,7 +31,7 @@ def signals(result: Result) -> Figure:
     for axes in drawn.axes:
         for instant in (scalar(result, "phase_times") or [])[1:-1]:
             axes.axvline(instant, color=GREY, linewidth=0.8, linestyle=":")
-    drawn.axes[0].set_title(facts(result, "time", "n_phases", "solve_iterations"), loc="left")
+    drawn.axes[0].set_title(facts(result, "speed", "time", "n_phases"), loc="left")
     return drawn
 
 

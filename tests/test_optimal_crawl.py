@@ -1,0 +1,159 @@
+"""The best crawl of a chain: exact by phases, repeated by simulation, alike by other routes."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import wormopt as wo
+from wormopt.core.friction import Coulomb
+from wormopt.errors import ArgumentError, SceneError
+from wormopt.gaits.dynamic import Aim, CrawlLimits, crawl_problem
+from wormopt.optimal.collocation import Collocation
+from wormopt.optimal.contact import Smoothed
+from wormopt.optimal.mesh import Mesh
+from wormopt.optimal.motion import Guess
+from wormopt.optimal.optimise import optimise
+from wormopt.result import Result
+from wormopt.scenes import load_scene
+from wormopt.simulation.simulate import simulate
+from wormopt.worms.chain import chain
+from wormopt.worms.copies import copies
+
+SCENE = Path(__file__).parents[1] / "problems" / "optimal_crawl.toml"
+
+
+def value(result: Result, name: str):
+    return result.scalars[name].value
+
+
+def crawl(**changes) -> Result:
+    scene = load_scene(SCENE)
+    return wo.run(dataclasses.replace(scene, table=structs_replaced(scene.table, **changes)))
+
+
+def structs_replaced(table, **changes):
+    import msgspec
+
+    return msgspec.structs.replace(table, **changes)
+
+
+@pytest.fixture(scope="module")
+def exact() -> Result:
+    return crawl(want=())
+
+
+def test_the_simulator_repeats_the_exact_crawl_and_the_period_closes(exact: Result):
+    assert exact.status == "ok"
+    assert value(exact, "recheck_error") < 1e-7
+    # two periods on, so that an error of closing would show
+    assert value(exact, "speed_simulated") == pytest.approx(value(exact, "speed"), abs=1e-7)
+    assert value(exact, "defect_max") <= 1e-9
+    assert value(exact, "complementarity_max") < 1e-12
+    assert exact.trust["first_order_gain"] < 1e-6
+
+
+def test_head_and_tail_rest_about_a_quarter_of_the_time_each_and_the_middle_never(exact: Result):
+    modes, times = np.array(value(exact, "mode_sequence")), np.array(value(exact, "phase_times"))
+    resting = np.diff(times) @ (modes == 0)
+    assert resting[0] == pytest.approx(0.25, abs=0.02)
+    assert resting[2] == pytest.approx(resting[0], abs=1e-5)
+    assert resting[1] == 0
+
+
+def test_what_moves_the_worm_is_friction_alone(exact: Result):
+    """Momentum: over a period the mean force of the ground is zero; work goes into losses."""
+    t, force = exact["instant"].values, exact["contact_force"].values
+    assert np.trapezoid(force.sum(axis=0), t) == pytest.approx(0.0, abs=1e-4)
+    rate = np.diff(exact["velocity"].values, axis=0)
+    power = (exact["input"].values * -rate).sum(axis=0)
+    lost = 5.0 * (rate**2).sum(axis=0) - (force * exact["velocity"].values).sum(axis=0)
+    assert np.trapezoid(power, t) == pytest.approx(np.trapezoid(lost, t), rel=1e-4)
+
+
+@pytest.mark.slow
+def test_relaxed_contact_converges_to_the_exact_crawl_with_order_about_one():
+    result = crawl(want=("convergence",))
+    assert 0.8 <= value(result, "order_smoothed") <= 1.3
+    assert 0.8 <= value(result, "order_complementarity") <= 1.3
+    assert value(result, "same_modes") is True
+    for name in ("smoothed", "complementarity"):
+        error = abs(value(result, f"objective_{name}") - value(result, "objective"))
+        assert error <= 1e-3
+        assert error <= value(result, f"objective_{name}_error_bar")
+
+
+@pytest.mark.slow
+def test_with_stronger_actuators_lengths_touch_their_limits():
+    limits = structs_replaced(load_scene(SCENE).table.limits, force=20.0)
+    result = crawl(want=(), limits=limits)
+    # 2.2317 on 60 intervals with a smoothed law, by a script of another author
+    assert -value(result, "objective") == pytest.approx(2.2317, abs=2e-3)
+    lengths = result["length"].values
+    assert lengths.min() == pytest.approx(1.4, abs=1e-6)
+    assert lengths.max() <= 2.6 + 1e-6
+
+
+def worm(**changes):
+    law = changes.pop("law", Coulomb(1.0, 10.0))
+    return chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=law, **changes)
+
+
+def test_copies_of_a_worm_move_like_the_worm_itself():
+    stiff = {"stiffness": np.array([12.0, 9.0]), "friction_forward": 1.3}
+    both = copies(worm(), [{}, stiff])
+    push = {"input": np.array([8.0, -6.0])}
+    together = simulate(both, 1.0, p=push)
+    for k, own in enumerate(({}, stiff)):
+        alone = simulate(worm(), 1.0, p={**push, **own})
+        for name in ("position", "velocity"):
+            shared = together.state(f"{name} [{k}]")[:, -1]
+            assert shared == pytest.approx(alone.state(name)[:, -1], abs=1e-9)
+
+
+def test_copies_need_a_draw():
+    with pytest.raises(ArgumentError, match="at least one draw"):
+        copies(worm(), [])
+
+
+def test_one_input_for_two_worms_serves_the_slower_one_best_when_the_worst_counts():
+    weak = {"friction_backward": 4.0}
+    plant = copies(worm(), [{}, weak])
+    limits = CrawlLimits((1.0, 1.0), 12.0, (1.4, 2.6))
+    mesh = Mesh.even(1, 24, Collocation(2, "radau"))
+    w = 2 * np.pi
+
+    def states(t: np.ndarray) -> np.ndarray:
+        l1, l2 = 2 + 0.3 * np.cos(w * t), 2 + 0.3 * np.cos(w * t + 2.1)
+        d1, d2 = -0.3 * w * np.sin(w * t), -0.3 * w * np.sin(w * t + 2.1)
+        one = np.vstack([l1 + l2, l2, 0 * t, d1 + d2, d2, 0 * t])
+        return np.vstack([one, one])
+
+    def speeds(judge) -> np.ndarray:
+        problem = crawl_problem(plant, limits, Aim(effort=1e-3, judge=judge))
+        found = optimise(problem, mesh, Smoothed(0.05, 1.0), Guess(1.0, states))
+        ends = found.motion.states(np.array([0.0, 1.0]))
+        return (ends[:, 1] - ends[:, 0])[[0, 6]]
+
+    mean, worst = speeds("mean"), speeds("worst")
+    assert worst.min() >= mean.min() - 1e-4
+    assert mean.mean() - worst.mean() >= -2e-2
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ("[aim]\n", "aim"),
+        ('[aim]\nminimise = "cost_of_transport"\n', "aim.speed"),
+        ('[aim]\nminimise = "cost_of_transport"\nspeed = 1.0\n[robust]\n', "aim.minimise"),
+        ('[aim]\nmaximise = "speed"\n[robust]\n', "want"),
+    ],
+)
+def test_aims_that_do_not_fit_are_refused_by_their_key(tmp_path: Path, change: str, key: str):
+    text = SCENE.read_text()
+    begin, end = text.index("[aim]"), text.index("[mesh]")
+    scene = tmp_path / "crawl.toml"
+    scene.write_text(text[:begin] + change + text[end:])
+    with pytest.raises(SceneError, match=key):
+        load_scene(scene)
