@@ -140,6 +140,12 @@ class Arc:
             }
         )
 
+    @cached_property
+    def fixed_grid(self) -> bool:
+        """Whether the durations of all arcs are known beforehand."""
+        shortest, longest = self.problem.duration
+        return self.mesh.shares is not None and self.mesh.phases == 1 and shortest == longest
+
     # -- symbols ---------------------------------------------------------------------------
 
     @cached_property

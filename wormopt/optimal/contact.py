@@ -119,6 +119,8 @@ class Smoothed:
         First width.
     ratio : float, optional
         Each width over the one before, below 1.
+    active : tuple of tuple of int, optional
+        Per phase and input: -1 holds it at its lower limit, +1 at its upper one, 0 leaves it free.
 
     Raises
     ------
@@ -134,6 +136,7 @@ class Smoothed:
     v_reg: float = 0.01
     first: float = 0.1
     ratio: float = 0.4
+    active: tuple[tuple[int, ...], ...] | None = None
 
     def __post_init__(self) -> None:
         _check_levels("v_reg", self.v_reg, self.ratio)

@@ -243,6 +243,21 @@ class NonlinearProgram:
         """
         return np.asarray(self._evaluate(w, bounds.p)[1]).ravel()
 
+    def prepare(self, options: Solver) -> None:
+        """Make a solver with all derivatives, as `solve` does where there is none yet.
+
+        Parameters
+        ----------
+        options : Solver
+            Which solver, and its options.
+        """
+        self._prepared(options)
+
+    def _prepared(self, options: Solver) -> ca.Function:
+        if options not in self._solvers:
+            self._solvers[options] = _solver(self._nlp, options)
+        return self._solvers[options]
+
     def solve(self, w0: np.ndarray, bounds: Bounds, options: Solver) -> Solution:
         """Run a solver from ``w0``; its answer counts only with the violation found here.
 
@@ -270,9 +285,7 @@ class NonlinearProgram:
             If the user stops it.
         """
         begin = time.perf_counter()
-        if options not in self._solvers:
-            self._solvers[options] = _solver(self._nlp, options)
-        solver = self._solvers[options]
+        solver = self._prepared(options)
         start = time.perf_counter()
         answer = solver(
             x0=w0, p=bounds.p, lbx=bounds.lbw, ubx=bounds.ubw, lbg=bounds.lbg, ubg=bounds.ubg

@@ -230,7 +230,7 @@ def optimise(
     begin = time.perf_counter()
     program = Transcription(problem, mesh, treatment)
     build = time.perf_counter() - begin
-    held = treatment.active if isinstance(treatment, Prescribed) else None
+    held = None if isinstance(treatment, Complementary) else treatment.active
     targets = _targets(treatment)
     steps = [program.bounds(target, p=p, pins=pins, active=held) for target in targets]
     w = sample(program, guess, steps[0])

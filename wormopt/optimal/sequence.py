@@ -32,15 +32,15 @@ class Structure:
     active: tuple[tuple[int, ...], ...]
 
 
-def structure_of(motion: Motion, *, speed: float, least: int = 1) -> Structure:
+def structure_of(motion: Motion, *, speed: float | None, least: int = 1) -> Structure:
     """Read the phases off a motion on a fine mesh.
 
     Parameters
     ----------
     motion : Motion
         Found with smoothed or complementary contact.
-    speed : float
-        A contact slower than this rests.
+    speed : float, optional
+        A contact slower than this rests. Without it contacts make no phases, inputs alone do.
     least : int, optional
         Runs of fewer arcs are taken for noise and given to their longer neighbour.
 
@@ -48,7 +48,9 @@ def structure_of(motion: Motion, *, speed: float, least: int = 1) -> Structure:
     -------
     Structure
     """
-    modes = _contact_modes(motion, speed)
+    modes = np.zeros((0, motion.mesh.total), dtype=int)
+    if speed is not None:
+        modes = _contact_modes(motion, speed)
     active = _active_inputs(motion)
     keys = [(tuple(m), tuple(a)) for m, a in zip(modes.T.tolist(), active.T.tolist(), strict=True)]
     runs = _merged(_runs(keys), least)
