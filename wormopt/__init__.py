@@ -33,7 +33,14 @@ if TYPE_CHECKING:
     from wormopt.linear.bode import bode
     from wormopt.linear.lie import relative_degree
     from wormopt.linear.linearise import Linear, linearise
-    from wormopt.optimal.problem import Problem
+    from wormopt.optimal.collocation import Collocation
+    from wormopt.optimal.contact import Complementary, Prescribed, Smoothed
+    from wormopt.optimal.mesh import Mesh
+    from wormopt.optimal.motion import Guess, Motion
+    from wormopt.optimal.nlp import Ipopt, Plugin
+    from wormopt.optimal.optimise import Optimum, best_of, optimise, refine
+    from wormopt.optimal.polish import polish
+    from wormopt.optimal.problem import Bound, Ends, Problem
     from wormopt.result import Result, Scalar, Variable
     from wormopt.runner import run
     from wormopt.scenes import Scene, load_scene
@@ -48,6 +55,7 @@ if TYPE_CHECKING:
     from wormopt.tracking.lqr import lqr
     from wormopt.tracking.reference import Reference, follow
     from wormopt.worms.chain import chain
+    from wormopt.worms.copies import copies
     from wormopt.worms.crawl import crawl
 
 __version__ = VERSION
@@ -55,9 +63,13 @@ __version__ = VERSION
 # Public name -> module it lives in. The imports above repeat it for type checkers.
 _HOMES = {
     "ArgumentError": "wormopt.errors",
+    "Bound": "wormopt.optimal.problem",
+    "Collocation": "wormopt.optimal.collocation",
+    "Complementary": "wormopt.optimal.contact",
     "Contact": "wormopt.core.model",
     "Coulomb": "wormopt.core.friction",
     "Decay": "wormopt.tracking.lambda_tracker",
+    "Ends": "wormopt.optimal.problem",
     "Ensemble": "wormopt.simulation.ensemble",
     "Event": "wormopt.simulation.trajectory",
     "Exact": "wormopt.simulation.options",
@@ -65,13 +77,20 @@ _HOMES = {
     "FeedForward": "wormopt.tracking.loop",
     "Funnel": "wormopt.tracking.funnel",
     "Gait": "wormopt.core.gait",
+    "Guess": "wormopt.optimal.motion",
     "Interrupted": "wormopt.errors",
+    "Ipopt": "wormopt.optimal.nlp",
     "Law": "wormopt.core.friction",
     "Linear": "wormopt.linear.linearise",
     "Member": "wormopt.simulation.ensemble",
+    "Mesh": "wormopt.optimal.mesh",
     "ModeSequence": "wormopt.core.modes",
     "Model": "wormopt.core.model",
+    "Motion": "wormopt.optimal.motion",
+    "Optimum": "wormopt.optimal.optimise",
     "Output": "wormopt.core.model",
+    "Plugin": "wormopt.optimal.nlp",
+    "Prescribed": "wormopt.optimal.contact",
     "Problem": "wormopt.optimal.problem",
     "Quadratic": "wormopt.tracking.lambda_tracker",
     "Reference": "wormopt.tracking.reference",
@@ -82,6 +101,7 @@ _HOMES = {
     "Schedule": "wormopt.core.model",
     "Signal": "wormopt.core.model",
     "Smooth": "wormopt.simulation.options",
+    "Smoothed": "wormopt.optimal.contact",
     "SolveError": "wormopt.errors",
     "Spike": "wormopt.core.friction",
     "Stribeck": "wormopt.core.friction",
@@ -92,8 +112,10 @@ _HOMES = {
     "Variable": "wormopt.result",
     "Viscous": "wormopt.core.friction",
     "WormoptError": "wormopt.errors",
+    "best_of": "wormopt.optimal.optimise",
     "bode": "wormopt.linear.bode",
     "chain": "wormopt.worms.chain",
+    "copies": "wormopt.worms.copies",
     "crawl": "wormopt.worms.crawl",
     "design": "wormopt.gaits.optimize",
     "drive": "wormopt.tracking.drive",
@@ -105,6 +127,9 @@ _HOMES = {
     "load_gait": "wormopt.gaits.files",
     "load_scene": "wormopt.scenes",
     "lqr": "wormopt.tracking.lqr",
+    "optimise": "wormopt.optimal.optimise",
+    "polish": "wormopt.optimal.polish",
+    "refine": "wormopt.optimal.optimise",
     "relative_degree": "wormopt.linear.lie",
     "run": "wormopt.runner",
     "simulate": "wormopt.simulation.simulate",
@@ -114,9 +139,13 @@ _HOMES = {
 
 __all__ = [
     "ArgumentError",
+    "Bound",
+    "Collocation",
+    "Complementary",
     "Contact",
     "Coulomb",
     "Decay",
+    "Ends",
     "Ensemble",
     "Event",
     "Exact",
@@ -124,13 +153,20 @@ __all__ = [
     "FeedForward",
     "Funnel",
     "Gait",
+    "Guess",
     "Interrupted",
+    "Ipopt",
     "Law",
     "Linear",
     "Member",
+    "Mesh",
     "ModeSequence",
     "Model",
+    "Motion",
+    "Optimum",
     "Output",
+    "Plugin",
+    "Prescribed",
     "Problem",
     "Quadratic",
     "Reference",
@@ -141,6 +177,7 @@ __all__ = [
     "Schedule",
     "Signal",
     "Smooth",
+    "Smoothed",
     "SolveError",
     "Spike",
     "Stribeck",
@@ -152,8 +189,10 @@ __all__ = [
     "Viscous",
     "WormoptError",
     "__version__",
+    "best_of",
     "bode",
     "chain",
+    "copies",
     "crawl",
     "design",
     "drive",
@@ -165,6 +204,9 @@ __all__ = [
     "load_gait",
     "load_scene",
     "lqr",
+    "optimise",
+    "polish",
+    "refine",
     "relative_degree",
     "run",
     "simulate",
