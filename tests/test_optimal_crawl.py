@@ -100,6 +100,24 @@ def worm(**changes):
     return chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=law, **changes)
 
 
+def test_a_saved_crawl_is_a_start_for_another(exact: Result, tmp_path: Path):
+    exact.save(tmp_path)
+    text = SCENE.read_text().replace("arcs = 60", "arcs = 30")
+    path = tmp_path / "crawl.toml"
+    path.write_text(text + '\n[search]\nresult = "result.nc"\n')
+    table = load_scene(path).table
+    again = wo.run(dataclasses.replace(load_scene(path), table=structs_replaced(table, want=())))
+    assert value(again, "objective") == pytest.approx(value(exact, "objective"), abs=1e-7)
+
+
+def test_a_start_that_is_no_crawl_is_refused(tmp_path: Path):
+    path = tmp_path / "crawl.toml"
+    (tmp_path / "other.nc").write_bytes(b"no result")
+    path.write_text(SCENE.read_text() + '\n[search]\nresult = "other.nc"\n')
+    with pytest.raises(SceneError, match=r"search.result.*holds no crawl"):
+        wo.run(load_scene(path))
+
+
 def test_copies_of_a_worm_move_like_the_worm_itself():
     stiff = {"stiffness": np.array([12.0, 9.0]), "friction_forward": 1.3}
     both = copies(worm(), [{}, stiff])

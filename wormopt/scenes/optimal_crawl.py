@@ -11,6 +11,7 @@ from msgspec import Meta, field
 from wormopt.errors import Fault
 from wormopt.scenes.chain import ChainTable
 from wormopt.scenes.numerics import MeshTable
+from wormopt.scenes.shapes import why_unreadable
 from wormopt.scenes.types import (
     NonNegative,
     Pair,
@@ -103,10 +104,34 @@ class SearchTable(Table, frozen=True, kw_only=True):
         Number of starts; each is a simulation under other sine inputs.
     seed : int
         The same seed gives the same starts.
+    result : str, optional
+        ``result.nc`` of an earlier crawl of as many links, from which to start instead; relative
+        to the scene's folder.
     """
 
     starts: Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")] = 1
     seed: Seed = 0
+    result: Annotated[str, Meta(pattern=r"\.nc$", description='text ending in ".nc"')] | None = None
+
+    def faults(self, folder: Path, robust: bool) -> Iterator[Fault]:
+        """Yield what does not fit together, or cannot be read.
+
+        Parameters
+        ----------
+        folder : Path
+            Folder of the scene.
+        robust : bool
+            Whether several draws of the worm are optimised for.
+        """
+        if self.result is None:
+            return
+        if self.starts > 1:
+            yield "search.result", "is one start; leave out search.starts or it"
+        if robust:
+            yield "search.result", "is of one worm; leave out [robust] or it"
+        unreadable = why_unreadable(folder / self.result)
+        if unreadable:
+            yield "search.result", f'"{self.result}" cannot be read from {folder}: {unreadable}'
 
 
 class RobustTable(Table, frozen=True, kw_only=True):
@@ -181,6 +206,7 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
         yield from self.worm.faults(1.0)
         yield from self.limits.faults()
         yield from self.aim.faults(self.robust is not None)
+        yield from self.search.faults(folder, self.robust is not None)
         if self.worm.random is not None:
             yield "worm.random", "an optimal crawl is one of a known worm; write [robust] instead"
         if self.worm.friction is None:

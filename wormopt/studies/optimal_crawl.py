@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from wormopt.core.gait import Gait
 from wormopt.core.model import Model
-from wormopt.errors import SolveError
+from wormopt.errors import SceneError, SolveError
 from wormopt.gaits.dynamic import Aim, CrawlLimits, crawl_problem
 from wormopt.optimal.collocation import Collocation
 from wormopt.optimal.contact import Complementary, Smoothed
@@ -89,8 +89,9 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
     plant = _plant(table)
     draws = [{}, *_draws(plant, table.robust)] if table.robust else [{}]
     problem = _problem(table, copies(plant, draws) if table.robust else plant)
+    starts = [_resumed(scene)] if table.search.result else _guesses(table, plant, len(draws))
     try:
-        stages, tries = _solve(table, plant, problem, len(draws), report)
+        stages, tries = _solve(table, problem, starts, report)
     except SolveError as error:
         raise refused(scene, error) from None
     exact, solved = [*stages.values()][-1], time.perf_counter()
@@ -166,16 +167,42 @@ def _problem(table: OptimalCrawlScene, plant: Model) -> Problem:
 
 
 def _solve(
-    table: OptimalCrawlScene, plant: Model, problem: Problem, worms: int, report: Report
+    table: OptimalCrawlScene, problem: Problem, starts: Iterable[Guess], report: Report
 ) -> tuple[dict[str, Optimum], tuple[float, ...]]:
     mesh = Mesh.even(1, table.mesh.arcs, Collocation(table.mesh.degree, table.mesh.scheme))
-    guesses = (_guess(table, plant, worms, k) for k in range(table.search.starts))
-    relaxed, tries = best_of(problem, mesh, _RELAXED, guesses, report=report)
+    relaxed, tries = best_of(problem, mesh, _RELAXED, starts, report=report)
     if table.robust:
         return {"complementarity": relaxed}, tries
     report("polishing", 0.6)
     exact = polish(relaxed, collocation=_EXACT, tolerance=table.mesh.tolerance, report=report)
     return {"complementarity": relaxed, "phases": exact}, tries
+
+
+def _resumed(scene: Scene[OptimalCrawlScene]) -> Guess:
+    """Start at the crawl of an earlier result."""
+    table, name = scene.table, scene.table.search.result or ""
+    try:
+        earlier = Result.load(scene.folder / name)
+        t = earlier["instant"].values
+        states = np.vstack([earlier["position"].values, earlier["velocity"].values])
+        inputs, forces = earlier["input"].values, earlier["contact_force"].values
+    except (OSError, ValueError, KeyError) as error:
+        message = f"{name} holds no crawl of one worm: {error}"
+        raise SceneError(scene.name, [("search.result", message)]) from None
+    if len(inputs) != table.worm.links:
+        message = f"{name} has {len(inputs)} links; write one of {table.worm.links}"
+        raise SceneError(scene.name, [("search.result", message)])
+    curves = (_polyline(t, rows) for rows in (states, inputs, forces))
+    return Guess(float(t[-1]), *curves)
+
+
+def _polyline(t: np.ndarray, rows: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda at: np.array([np.interp(at, t, row) for row in rows])
+
+
+def _guesses(table: OptimalCrawlScene, plant: Model, worms: int) -> Iterator[Guess]:
+    for start in range(table.search.starts):
+        yield _guess(table, plant, worms, start)
 
 
 def _guess(table: OptimalCrawlScene, plant: Model, worms: int, start: int) -> Guess:
