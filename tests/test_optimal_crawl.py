@@ -95,9 +95,9 @@ def test_with_stronger_actuators_lengths_touch_their_limits():
     assert lengths.max() <= 2.6 + 1e-6
 
 
-def worm(**changes):
-    law = changes.pop("law", Coulomb(1.0, 10.0))
-    return chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=law, **changes)
+def worm():
+    law = Coulomb(1.0, 10.0)
+    return chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=law)
 
 
 def test_a_saved_crawl_is_a_start_for_another(exact: Result, tmp_path: Path):

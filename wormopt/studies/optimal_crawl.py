@@ -192,8 +192,8 @@ def _resumed(scene: Scene[OptimalCrawlScene]) -> Guess:
     if len(inputs) != table.worm.links:
         message = f"{name} has {len(inputs)} links; write one of {table.worm.links}"
         raise SceneError(scene.name, [("search.result", message)])
-    curves = (_polyline(t, rows) for rows in (states, inputs, forces))
-    return Guess(float(t[-1]), *curves)
+    course = _polyline(t, inputs)
+    return Guess(float(t[-1]), _polyline(t, states), course, _polyline(t, forces))
 
 
 def _polyline(t: np.ndarray, rows: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
