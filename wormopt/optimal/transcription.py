@@ -89,9 +89,10 @@ class Transcription:
     def _assemble(self) -> NonlinearProgram:
         at, n, arc = self.arc.layout, self.mesh.total, self.arc.function
         n_integrals = self.problem.integrands.numel()
-        sizes = [at.size * n, self.problem.model.n_x, 1, n_integrals, len(self.arc.design_nominal)]
+        n_x, n_design = self.problem.model.n_x, len(self.arc.design_nominal)
+        sizes = [at.size * n, n_x, 1, n_integrals * n, n_design]
         w = ca.MX.sym("w", sum(sizes))
-        arcs, last, total, tally, design = ca.vertsplit(w, np.cumsum([0, *sizes]).tolist())
+        arcs, last, total, tallies, design = ca.vertsplit(w, np.cumsum([0, *sizes]).tolist())
         levels, schedules, _, p = (
             ca.MX.sym(name, c.numel() * (n if k < 2 else 1))
             for k, (name, c) in enumerate(
@@ -107,10 +108,15 @@ class Transcription:
             ca.repmat(p, 1, n),
         )
         # Ends, duration and integrals are variables of their own: an objective that couples them
-        # would otherwise couple all arcs, and fill the Hessian.
-        totals = ca.vertcat(end[:, n - 1], ca.sum2(y[0, :]), ca.sum2(integrals))
+        # would otherwise couple all arcs, and fill the Hessian. Integrals are summed arc by arc:
+        # a row in which all arcs stand would make the derivatives of long meshes slow to find.
+        tally = ca.reshape(tallies, n_integrals, n)
+        running = ca.horzcat(ca.MX(n_integrals, 1), tally[:, : n - 1]) + integrals
+        ends = ca.vertcat(end[:, n - 1], self._total_duration(y))
         joints = ca.vertcat(
-            self._joints(y, before, end, last), ca.vertcat(last, total, tally) - totals
+            self._joints(y, before, end, last),
+            ca.vertcat(last, total) - ends,
+            ca.vec(tally - running),
         )
         rows_of_kinds = {
             "equal": equal.shape[0],
@@ -119,7 +125,7 @@ class Transcription:
             "rows": rows.shape[0],
             "joints": joints.shape[0],
         }
-        self._limits = Limits(self.arc, rows_of_kinds, totals.shape[0])
+        self._limits = Limits(self.arc, rows_of_kinds, n_x + 1 + n_integrals * n)
         constraints = ca.vertcat(
             ca.vec(equal),
             ca.vec(small),
@@ -127,10 +133,22 @@ class Transcription:
             ca.vec(rows),
             joints,
         )
-        objective, at_ends = self._finish(before[:, 0], last, total, tally, design, p)
+        objective, at_ends = self._finish(before[:, 0], last, total, tally[:, n - 1], design, p)
         parameters = ca.vertcat(levels, schedules, p)
-        self._totals = ca.Function("totals", [w, parameters], [totals])
+        sums = [ca.sum2(integrals[:, : k + 1]) for k in range(n if n_integrals else 0)]
+        self._totals = ca.Function("totals", [w, parameters], [ca.vertcat(ends, *sums)])
         return NonlinearProgram(w, parameters, objective, ca.vertcat(constraints, at_ends))
+
+    def _total_duration(self, y: ca.MX) -> ca.MX:
+        """Sum of all durations; by those of the first arcs where shares tell the others."""
+        if self.mesh.shares is None:
+            return ca.sum2(y[0, :])
+        first = np.searchsorted(self.mesh.phase, np.arange(self.mesh.phases))
+        whole = np.bincount(self.mesh.phase, weights=self.mesh.shares)
+        parts = [
+            y[0, int(k)] * (w / self.mesh.shares[k]) for k, w in zip(first, whole, strict=True)
+        ]
+        return ca.sum1(ca.vertcat(*parts))
 
     def _joints(self, y: ca.MX, before: ca.MX, end: ca.MX, last: ca.MX) -> ca.MX:
         """What vanishes where arcs join: states, clocks, shares of durations, the period."""

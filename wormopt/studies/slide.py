@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -19,6 +20,7 @@ from wormopt.optimal.nlp import Ipopt
 from wormopt.optimal.optimise import Optimum, optimise, refine
 from wormopt.optimal.polish import polish
 from wormopt.optimal.problem import Bound, Ends, Problem
+from wormopt.optimal.sequence import structure_of
 from wormopt.progress import Report
 from wormopt.result import Result, Variable
 from wormopt.scenes.numerics import SmoothContact
@@ -47,6 +49,8 @@ _SIGNALS: dict[str, Kind] = {
 }
 # Of a solve that only has to show the phases.
 _RELAXED = Complementary(residual=1e-3, first=1e-1)
+# First width of the smooth law, in usual speeds, and how often the mesh is refined.
+_WIDE, _ROUNDS = 0.1, 8
 # A simulation may end elsewhere by so many defects of a single arc.
 _DEFECTS = 1e2
 # No motion takes longer than so many times a plain one, see `_plain_time`.
@@ -100,21 +104,34 @@ def run(scene: Scene[SlideScene], report: Report) -> Result:
 
 
 def _solve(table: SlideScene, report: Report) -> dict[str, Optimum]:
-    problem, guess, mesh = problem_of(table), _guess(table), table.mesh
-    collocation = Collocation(mesh.degree, mesh.scheme)
-    if isinstance(table.contact, SmoothContact):
-        # two phases, so that the drive may switch at any time
-        halves = Mesh.even(2, -(-mesh.arcs // 2), collocation)
-        width = table.contact.v_reg
-        smoothed = Smoothed(width, max(width, 0.1 * problem.model.x[1].nominal))
-        solver = Ipopt(tolerance=1e-11)
-        found = optimise(problem, halves, smoothed, guess, solver=solver, report=report)
-        found = refine(found, mesh.tolerance, rounds=8, solver=solver, report=report)
-        return {"smooth": found}
-    plain = Mesh.even(1, mesh.arcs, collocation)
-    relaxed = optimise(problem, plain, _RELAXED, guess, report=report)
-    exact = polish(relaxed, tolerance=mesh.tolerance, report=report)
-    return {"relaxed": relaxed, "phases": exact}
+    problem, mesh = problem_of(table), table.mesh
+    plain = Mesh.even(1, mesh.arcs, Collocation(mesh.degree, mesh.scheme))
+    if not isinstance(table.contact, SmoothContact):
+        relaxed = optimise(problem, plain, _RELAXED, _guess(table), report=report)
+        return {"relaxed": relaxed, "phases": polish(relaxed, tolerance=mesh.tolerance)}
+    width, size = table.contact.v_reg, problem.model.x[1].nominal
+    smoothed = Smoothed(width, max(width, _WIDE * size))
+    coarse = optimise(problem, plain, smoothed, _guess(table), report=report)
+    return {"smooth": coarse, "switched": _switched(coarse, mesh.tolerance, report)}
+
+
+def _switched(coarse: Optimum, tolerance: float, report: Report) -> Optimum:
+    """Let the drive switch at any time: phases end where it reaches or leaves a limit."""
+    motion, solver = coarse.motion, Ipopt(tolerance=1e-11, mu_init=1e-2)
+    found = structure_of(motion, speed=None, least=2)
+    phases, arcs = len(found.durations), motion.mesh.total
+    counts = tuple(max(2, round(arcs * d / motion.duration)) for d in found.durations)
+    assert isinstance(coarse.treatment, Smoothed)
+    width = coarse.treatment.v_reg
+    again = optimise(
+        motion.program.problem,
+        Mesh.even(phases, counts, motion.mesh.collocation),
+        Smoothed(width, width, active=found.active),
+        replace(motion.guess, phases=found.durations),
+        solver=solver,
+        report=report,
+    )
+    return refine(again, tolerance, rounds=_ROUNDS, solver=solver, report=report)
 
 
 def problem_of(table: SlideScene) -> Problem:
