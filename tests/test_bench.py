@@ -17,6 +17,8 @@ from wormopt.bench.cases import GOAL, WORK_PRECISION, long_chain, track
 from wormopt.bench.driven_chain import DrivenChain, Grip
 from wormopt.bench.event_loop import event_loop, plant_of_chain
 from wormopt.bench.linear_flow import linear_flow
+from wormopt.bench.ocp import measure_ocp
+from wormopt.bench.ocp_peers import PEERS, even
 from wormopt.bench.peers import SOLVERS, hand_written
 from wormopt.bench.plants import mag2_plant, thirds, track_loops, track_rates, track_traced
 from wormopt.bench.smoothed import Smoothed
@@ -181,7 +183,7 @@ def test_what_a_solver_does_wrong_is_counted(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_every_case_has_solvers_and_a_name_on_the_command_line():
-    assert set(CASES) == {*WORK_PRECISION, "chain_length", "smoothing"}
+    assert set(CASES) == {*WORK_PRECISION, "chain_length", "smoothing", "ocp"}
     for case in WORK_PRECISION.values():
         assert set(case.solvers) <= set(SOLVERS)
         assert {name for target in case.targets for name in target.than} <= set(case.solvers)
@@ -237,6 +239,42 @@ def test_the_smooth_law_tends_to_the_exact_one(tmp_path: Path, capsys: pytest.Ca
     assert 0.8 < found["order"] < 1.1
     assert "goes like v_reg^" in run.table(found)
     assert (tmp_path / "smoothing.png").is_file()
+
+
+def test_the_slide_is_the_same_program_for_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert cli.main(["bench", "ocp", "--quick", "--json", "-o", str(tmp_path)]) == 0
+    found = json.loads(capsys.readouterr().out)["cases"]["ocp"]
+    told = {(t["grid"], t["solver"]): t for t in found["times"]}
+    grids = list(dict.fromkeys(grid for grid, _ in told))
+    for grid, most in zip(grids, (3e-3, 1e-7), strict=True):
+        ours = told[grid, "wormopt"]
+        assert abs(ours["error"]) < most
+        assert {"nlp_hess_l", "nlp_jac_g"} <= set(ours["functions_s"])
+        for peer in ("CasADi SX by hand", "CasADi Opti"):
+            assert told[grid, peer]["error"] == pytest.approx(ours["error"], abs=1e-9)
+            assert told[grid, peer]["build_s"] > 0
+            assert told[grid, peer]["iterations"] > 0
+    assert [target["grid"] for target in found["targets"]] == grids
+    # twice the time by hand is the target; here, on a busy machine, nothing absurd
+    assert all(target["ratio"] < 6 for target in found["targets"])
+    assert (tmp_path / "ocp.png").is_file()
+    assert "solve at most 2 of" in run.table(found)
+
+
+def test_peers_of_optimal_control_that_are_missing_or_fail_are_told(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    def absent(_):
+        raise ImportError("no module", name="fancy")
+
+    def failing(_):
+        raise RuntimeError("will not\nat all")
+
+    monkeypatch.setitem(PEERS, "absent", absent)
+    monkeypatch.setitem(PEERS, "failing", failing)
+    *_, known = measure_ocp([even(4)], 1, lambda *_: None, ("absent", "failing"))
+    assert [timed.missing for timed in known] == ["not installed: fancy", "RuntimeError: will not"]
+    assert all(math.isnan(timed.solve) for timed in known)
 
 
 def test_an_interrupted_benchmark_tells_what_it_knows(

@@ -1,4 +1,4 @@
-"""Benchmarks and the stress matrix: how fast `simulate` is, and whether it is right."""
+"""Benchmarks and the stress matrix: speed and correctness of the solvers."""
 
 CASES = {
     "track13": "the chapter's worm under tracker (13), smooth law",
@@ -8,5 +8,6 @@ CASES = {
     "stick_chain": "a driven chain that sticks and slips, exact contact",
     "smoothing": "how the smooth law tends to the exact one as v_reg tends to 0",
     "chain_length": "time of a step for 2 to 1000 links",
+    "ocp": "the fastest smooth slide by optimal control, time to build and to solve",
 }
 """Benchmarks and what they are, here so that the command line can tell without loading any."""

@@ -11,10 +11,11 @@ from matplotlib.ticker import FixedLocator, LogLocator, NullLocator
 
 from wormopt.bench.cases import GOAL, Case
 from wormopt.bench.chain_length import LONG, Length, slope
+from wormopt.bench.ocp import Timed
 from wormopt.bench.smoothing import Smoothing, order
 from wormopt.bench.work_precision import Record
 
-__all__ = ["draw_lengths", "draw_records", "draw_smoothing"]
+__all__ = ["draw_lengths", "draw_records", "draw_smoothing", "draw_times"]
 
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#332288", "#882255")
 _MARKS = "os^Dv<>pP*Xh"
@@ -112,6 +113,34 @@ def draw_smoothing(found: Sequence[Smoothing], path: Path) -> None:
     right.axhline(found[0].exact_steps, color=_COLOURS[0], label=label)
     for axes in (left, right):
         axes.legend(fontsize=8, frameon=False)
+    figure.savefig(path, dpi=130)
+
+
+def draw_times(known: Sequence[Timed], path: Path) -> None:
+    """Draw the times to build and to solve as bars.
+
+    Parameters
+    ----------
+    known : sequence of Timed
+        What was measured.
+    path : Path
+        PNG file to write.
+    """
+    solved = [t for t in known if t.solves]
+    labels = [f"{t.solver}\n{t.grid}" for t in solved]
+    figure = Figure(figsize=(8, 1.2 + 0.5 * len(solved)), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    for axes, name, values in (
+        (left, "time to build (s)", [t.build for t in solved]),
+        (right, "median time to solve (s)", [t.solve for t in solved]),
+    ):
+        colours = [_COLOURS[0] if t.solver == "wormopt" else _COLOURS[1] for t in solved]
+        axes.barh(labels, values, color=colours, height=0.6)
+        axes.set_xlabel(name)
+        axes.grid(visible=True, axis="x", color="#E6E6E6", linewidth=0.6)
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right"]].set_visible(False)
+    left.invert_yaxis()
     figure.savefig(path, dpi=130)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
@@ -20,11 +20,17 @@ from wormopt.core.model import Model, Signal
 from wormopt.progress import Report
 from wormopt.simulation.simulate import simulate
 
+if TYPE_CHECKING:
+    from wormopt.bench.ocp import Timed
+
 __all__ = ["bench", "machine", "table"]
 
 _QUICK = Effort(rounds=3, longest=0.5, slow=0.1, per_decade=1)
 _LONGEST_EXACT = 200  # links; beyond, an exact run takes minutes
-_PACKAGES = ("casadi", "numpy", "scipy", "numba", "diffrax", "scikit-sundae", "heyoka")
+_PACKAGES = (
+    *("casadi", "numpy", "scipy", "numba", "diffrax", "scikit-sundae", "heyoka"),
+    *("rockit-meco", "yapss"),
+)
 
 Found = dict[str, Any]
 
@@ -74,6 +80,8 @@ def bench(name: str, *, quick: bool, folder: Path, report: Report) -> Iterator[F
         yield from _work_precision(WORK_PRECISION[name], quick, folder, report)
     elif name == "smoothing":
         yield from _smoothing(quick, folder, report)
+    elif name == "ocp":
+        yield from _ocp(quick, folder, report)
     else:
         yield from _chain_length(quick, folder, report)
 
@@ -175,6 +183,44 @@ def _widths(found: Sequence[Smoothing]) -> Found:
     return {"case": "smoothing", "widths": rows, "order": _number(order(found)), "done": False}
 
 
+def _ocp(quick: bool, folder: Path, report: Report) -> Iterator[Found]:
+    from wormopt.bench.ocp import grids, measure_ocp
+
+    known: list[Timed] = []
+    for known in measure_ocp(grids(quick=quick), 5 if quick else 25, report):
+        yield _times(known)
+    picture = folder / "ocp.png"
+    from wormopt.bench.pictures import draw_times
+
+    draw_times(known, picture)
+    yield _times(known) | {"picture": str(picture), "done": True}
+
+
+def _times(known: Sequence[Timed]) -> Found:
+    from wormopt.bench.ocp import MOST, THAN, solve_ratio
+
+    rows = [
+        {
+            "solver": t.solver,
+            "grid": t.grid,
+            "build_s": _number(t.build),
+            "solve_s": _number(t.solve),
+            "error": _number(t.error),
+            "iterations": t.iterations,
+            "functions_s": t.functions_s,
+            "missing": t.missing,
+        }
+        for t in known
+    ]
+    ratios = {t.grid: solve_ratio(known, t.grid) for t in known}
+    targets = [
+        {"grid": grid, "than": THAN, "most": MOST, "ratio": ratio, "met": ratio <= MOST}
+        for grid, ratio in ratios.items()
+        if not math.isnan(ratio)
+    ]
+    return {"case": "ocp", "times": rows, "targets": targets, "done": False}
+
+
 # -- text --------------------------------------------------------------------------------------
 
 
@@ -192,6 +238,8 @@ def table(found: Mapping[str, Any]) -> str:
     """
     if "widths" in found:
         lines = _widths_table(found)
+    elif "times" in found:
+        lines = _times_table(found)
     else:
         lines = _lengths_table(found) if "lengths" in found else _solvers_table(found)
     if not found["done"]:
@@ -251,6 +299,36 @@ def _lengths_table(found: Mapping[str, Any]) -> list[str]:
     for contact, value in found["slopes"].items():
         if value is not None:
             lines.append(f"  {contact}: a step costs n^{value:.2f} from n = {LONG} on")
+    return lines
+
+
+def _times_table(found: Mapping[str, Any]) -> list[str]:
+    rows = [("grid", "solver", "build", "solve", "iterations", "in functions", "error")]
+    notes = []
+    for t in found["times"]:
+        if t["missing"]:
+            notes.append(f"  {t['solver']} on {t['grid']}: {t['missing']}")
+            continue
+        if t["error"] is None:
+            continue
+        rows.append(
+            (
+                t["grid"],
+                t["solver"],
+                _seconds(t["build_s"]),
+                _seconds(t["solve_s"]),
+                str(t["iterations"] or ""),
+                _seconds(sum(t["functions_s"].values()) or None),
+                f"{t['error']:.1e}",
+            )
+        )
+    lines = ["ocp: the fastest slide, smooth law with v_reg = 1/40", *_aligned(rows), *notes]
+    for target in found["targets"]:
+        met = "met" if target["met"] else "missed"
+        lines.append(
+            f"  target, {target['grid']}: solve at most {target['most']:g} of {target['than']}: "
+            f"{target['ratio']:.3g}, {met}"
+        )
     return lines
 
 
