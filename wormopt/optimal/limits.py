@@ -16,6 +16,10 @@ from wormopt.optimal.nlp import Bounds
 
 __all__ = ["Limits"]
 
+# So far inside an arc, as a share of it, schedules are looked up: sums of durations miss breaks
+# by round-off.
+_WITHIN = 1e-9
+
 
 class Limits:
     """What limits the nonlinear program of a `Transcription`, for any modes or level.
@@ -143,7 +147,7 @@ class Limits:
             if self.arc.timed:
                 lower[at.clock] = upper[at.clock] = begin / nominal
             self._check_breaks(begin, duration)
-            return begin
+            return begin + _WITHIN * duration
         times = {0: 0.0, **(pins or {})}
         first = np.searchsorted(self.mesh.phase, np.arange(self.mesh.phases))
         if self.arc.timed:
@@ -155,7 +159,7 @@ class Limits:
         return np.array([times[k] for k in known])[last]
 
     def _check_breaks(self, begin: np.ndarray, duration: np.ndarray) -> None:
-        slack = 1e-9 * duration
+        slack = _WITHIN * duration
         for schedule in self.problem.model.schedules:
             _, there = schedule.locate(begin + slack)
             since, piece = schedule.locate(begin + duration - slack)
