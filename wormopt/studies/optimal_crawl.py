@@ -48,9 +48,10 @@ __all__ = ["run"]
 _SHOWN = ("length", "velocity", "contact_force", "input")
 # Relaxation of complementarity, in usual speeds times usual forces: the last one only has to show
 # the phases, that of the convergence study has to be small against the error of the grid.
-_RELAXED, _TIGHT = Complementary(residual=1e-3, first=1.0), Complementary(1e-5, first=1e-1)
-# Widths of the smoothed law in the convergence study, in usual speeds.
-_WIDTHS = Smoothed(v_reg=0.16 * 0.4**4, first=0.16, ratio=0.4)
+_RELAXED, _TIGHT = Complementary(residual=1e-3, first=1.0), Complementary(1e-5, first=1.0)
+# Widths of the smoothed law in the convergence study, in usual speeds, of which the last ones
+# show its order.
+_WIDTHS, _SHOWN_WIDTHS = Smoothed(v_reg=0.4**6, first=1.0, ratio=0.4), 5
 # State polynomials between switches.
 _EXACT = Collocation(7)
 # A robust crawl is not solved exactly; its simulation may end elsewhere by so much.
@@ -97,8 +98,12 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
     exact, solved = [*stages.values()][-1], time.perf_counter()
     accepted = _ACCEPTED_ROBUST if table.robust else 1e-7
     second = recheck(exact.motion, accepted=accepted, report=report)
-    convergence = _converge(stages, report) if "convergence" in table.want else None
-    faults = faults_of_optimum(second)
+    faults, convergence = faults_of_optimum(second), None
+    if "convergence" in table.want:
+        try:
+            convergence = _converge(stages, report)
+        except SolveError as error:
+            faults.append(f"relaxed contact was not followed to its limit: {error}")
     trust = optimum_trust(stages, second, list(_warnings(table, exact, convergence)))
     trust["starts"] = list(tries)
     scalars = optimum_scalars(stages, second, table.units, objective="speed")
@@ -315,8 +320,8 @@ def _converge(stages: Mapping[str, Optimum], report: Report) -> _Convergence:
         found.append(optimise(problem, grid, _TIGHT, relaxed.motion.guess))
     return _Convergence(
         exact.objective,
-        np.array([level.level for level in smoothed.levels]),
-        np.array([level.objective for level in smoothed.levels]),
+        np.array([level.level for level in smoothed.levels[-_SHOWN_WIDTHS:]]),
+        np.array([level.objective for level in smoothed.levels[-_SHOWN_WIDTHS:]]),
         np.array([o.motion.mesh.total for o in found]),
         np.array([o.objective for o in found]),
         len({_cycle_of(o) for o in (exact, smoothed, found[-1])}) == 1,
