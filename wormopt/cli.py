@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from wormopt.bench import CASES
 from wormopt.errors import Interrupted, OutputError, SceneError, SolveError
-from wormopt.files import RESULT_FILE, SUMMARY_FILE, picture_file
+from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, picture_file
 from wormopt.kinds import KINDS
 from wormopt.output import check_output, output_folder
 from wormopt.progress import Report, shown_on_stderr
@@ -190,7 +190,8 @@ def _run(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene, options.set)
     pictures = {} if options.no_plots else _pictures(scene)
     folder = Path(options.output) if options.output else Path("results") / scene.name
-    files = [RESULT_FILE, SUMMARY_FILE, *pictures.values()]
+    tables = [TABLE_FILE] * KINDS[scene.table.kind].table_file
+    files = [RESULT_FILE, SUMMARY_FILE, *tables, *pictures.values()]
     folder = check_output(folder, scene.name, files, options.force)
     with shown_on_stderr(options.quiet) as report:
         result, code = _attempt(scene, report)

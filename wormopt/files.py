@@ -2,6 +2,7 @@
 
 RESULT_FILE = "result.nc"
 SUMMARY_FILE = "summary.json"
+TABLE_FILE = "table.md"
 
 
 def picture_file(picture: str) -> str:

@@ -25,12 +25,15 @@ class Kind:
         Module whose ``run(scene, report)`` computes the Result.
     pictures : tuple of str
         The words of ``want`` that stand for a picture.
+    table_file : bool
+        Whether its results have a table of their own, in a file to read.
     """
 
     summary: str
     table: str
     study: str
     pictures: tuple[str, ...]
+    table_file: bool = False
 
     def load_table(self) -> Any:
         """Load the class that scenes of this kind are read into."""
@@ -78,6 +81,7 @@ KINDS: dict[str, Kind] = {
         table="wormopt.scenes.compare_tracking:CompareScene",
         study="wormopt.studies.compare_tracking",
         pictures=("comparison", "draws"),
+        table_file=True,
     ),
     "simulate": Kind(
         summary="a chain with given inputs, or a model of your own, moving in time",

@@ -17,7 +17,7 @@ from pathlib import Path
 from wormopt.errors import OutputError
 from wormopt.files import SUMMARY_FILE
 
-_SUFFIXES = (".nc", ".json", ".png", ".gif")
+_SUFFIXES = (".nc", ".json", ".png", ".gif", ".md")
 
 
 def check_output(folder: Path, scene: str, files: Sequence[str], force: bool) -> Path:

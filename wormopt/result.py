@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from wormopt.errors import UnknownNameError
-from wormopt.files import RESULT_FILE, SUMMARY_FILE
+from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE
 from wormopt.version import VERSION
 
 Status = Literal["ok", "failed"]
@@ -296,6 +296,8 @@ class Result:
     def save(self, folder: str | Path, pictures: tuple[str, ...] = ()) -> None:
         """Write ``result.nc`` and ``summary.json`` into a folder that exists.
 
+        An attribute ``table``, text in Markdown, goes to ``table.md`` too.
+
         Parameters
         ----------
         folder : path
@@ -318,6 +320,9 @@ class Result:
         """
         folder = Path(folder)
         self._write_netcdf(folder / RESULT_FILE)
+        if "table" in self.attributes:
+            (folder / TABLE_FILE).write_text(self.attributes["table"], encoding="utf-8")
+            pictures = (TABLE_FILE, *pictures)
         summary = self.summary() | {
             "title": self.title,
             "table": json.loads(self.scene_text) if self.scene_text else {},

@@ -15,7 +15,7 @@ from matplotlib import rc_context
 from matplotlib.animation import PillowWriter
 from matplotlib.figure import Figure
 
-from wormopt.plot import gaits, optimum, simulation
+from wormopt.plot import comparison, gaits, optimum, simulation
 from wormopt.plot.parts import RED, STYLE
 from wormopt.result import Result
 
@@ -64,6 +64,10 @@ PICTURES: dict[str, Picture] = {
     "convergence": Picture(
         optimum.convergence, ("width", "smoothed_error", "arcs", "complementarity_error")
     ),
+    "comparison": Picture(
+        comparison.comparison, ("time", "error_norm", "drawn_input_rms", "drawn_error_peak")
+    ),
+    "draws": Picture(comparison.draws, ("drawn_time_outside_tube", "drawn_distance")),
     "signals": Picture(simulation.signals, ("time",)),
 }
 """Every picture by its name, the word in a scene's ``want``."""

@@ -207,23 +207,25 @@ def knowing(optimum: Optimum, p: Mapping[str, ArrayLike]) -> Motion | None:
     return Motion.of(program, w, bounds)
 
 
-def lengths_of(motion: Motion) -> Gait:
-    """Link lengths of an optimal motion as a course of time, from one arc's start to the next.
+def lengths_of(motion: Motion, parts: int = 1) -> Gait:
+    """Link lengths of an optimal motion as a course of time.
 
     Parameters
     ----------
     motion : Motion
         Of a chain.
+    parts : int, optional
+        Cubics on each arc.
 
     Returns
     -------
     Gait
-        Cubic on each arc, with the lengths and rates of the motion where arcs meet.
+        With the lengths and rates of the motion where cubics meet.
     """
     model, breaks = motion.program.problem.model, motion.breaks
-    kept = np.append(np.diff(breaks) > 1e-9 * motion.duration, True)
-    t = breaks[kept]
-    t[0] = 0.0
+    kept = breaks[np.append(np.diff(breaks) > 1e-9 * motion.duration, True)]
+    kept[0] = 0.0
+    t = np.append((kept[:-1, None] + np.outer(np.diff(kept), np.arange(parts) / parts)), kept[-1])
     states = motion.states(t)
     observe = ca.Function("links", [pack(model.x)], [model.output("length"), model.output("rate")])
     length, rate = (np.array(part) for part in observe(states))

@@ -25,8 +25,8 @@ __all__ = [
     "input_rms",
     "measure_power",
     "measure_tracking",
+    "outside_between",
     "time_in_tube",
-    "time_outside",
     "watch_tube",
 ]
 
@@ -269,13 +269,15 @@ def watch_tube(model: Model, radius: float) -> Model:
     )
 
 
-def time_outside(motion: Trajectory, since: float) -> float:
+def outside_between(motion: Trajectory, outside: bool, since: float) -> float:
     """How long the error was outside of the tube from some time on.
 
     Parameters
     ----------
     motion : Trajectory
-        Of a model of `watch_tube`, sampled at the start.
+        Of a model of `watch_tube`, from time 0.
+    outside : bool
+        Whether it starts outside.
     since : float
         From when on it counts.
 
@@ -283,15 +285,12 @@ def time_outside(motion: Trajectory, since: float) -> float:
     -------
     float
     """
-    guard = next(s.guard for s in motion.system.model.switches if s.name == LEAVES)
-    outside = bool(at_ends(motion).observe(guard)[0, 0] > 0)
     total, before = 0.0, since
     for event in motion.events:
-        if event.name not in (ENTERS, LEAVES):
-            continue
-        time = max(event.time, since)
-        total += (time - before) * outside
-        outside, before = event.name == LEAVES, time
+        if event.name in (ENTERS, LEAVES):
+            time = max(event.time, since)
+            total += (time - before) * outside
+            outside, before = event.name == LEAVES, time
     return total + (motion.end_time - before) * outside
 
 
