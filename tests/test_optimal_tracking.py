@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,7 +62,7 @@ def test_breaks_of_a_model_are_those_of_all_its_schedules():
 
 # -- optimal tracking ------------------------------------------------------------------------------
 
-PLANT = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
+PLANT: dict[str, Any] = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
 TUBE = TubeTable(radius=0.2, capture=1.0)
 
 

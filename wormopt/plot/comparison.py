@@ -77,7 +77,7 @@ def _draw_errors(axes: Axes, result: Result, reference: int) -> None:
         axes.plot(time, values, color=colour, linestyle=line, linewidth=1.2)
     axes.axhline(_radius(result), color=GREY, linestyle="--", linewidth=1.2)
     axes.set_yscale("log")
-    axes.set_ylim(1e-3, 3.0 * float(rows.max()))
+    axes.set_ylim(1e-3, 3.0 * float(np.nanmax(rows)))
     axes.margins(x=0)
 
 
@@ -86,13 +86,11 @@ def _draw_prices(axes: Axes, result: Result, reference: int) -> None:
     nominal = [result.scalars[name].value[reference] for name in ("input_rms", "error_peak")]
     drawn = [result[f"drawn_{name}"].values[reference] for name in ("input_rms", "error_peak")]
     for k, (colour, line) in enumerate(styles.values()):
-        if k >= len(drawn[0]):
-            break
         full = line == "-"
         axes.plot(drawn[0][k], drawn[1][k], ".", color=colour, markersize=2, alpha=0.5)
         axes.plot(
-            nominal[0][k], nominal[1][k], "o" if full else "s", color=colour, markersize=8,
-            markerfacecolor=colour if full else "white", zorder=4,
+            _number(nominal[0][k]), _number(nominal[1][k]), "o" if full else "s", color=colour,
+            markersize=8, markerfacecolor=colour if full else "white", zorder=4,
         )  # fmt: skip
     axes.axhline(_radius(result), color=GREY, linestyle="--", linewidth=1.2)
     axes.set_yscale("log")
@@ -100,6 +98,10 @@ def _draw_prices(axes: Axes, result: Result, reference: int) -> None:
 
 def _radius(result: Result) -> float:
     return float(scalar(result, "tube_radius"))
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
 
 
 def draws(result: Result) -> Figure:
@@ -138,5 +140,5 @@ def _draw_boxes(axes: Axes, result: Result, name: str, reference: int) -> None:
             axes.plot([low, high], [k, k], color=GREY, linewidth=1)
             axes.barh(k, upper - lower, left=lower, height=0.55, color=LINKS[0], alpha=0.45)
             axes.plot([middle, middle], [k - 0.28, k + 0.28], color="black", linewidth=1.5)
-        axes.plot(nominal[k], k, "x", color=LINKS[3], markersize=6)
+        axes.plot(_number(nominal[k]), k, "x", color=LINKS[3], markersize=6)
     axes.margins(x=0.04)

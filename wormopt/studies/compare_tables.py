@@ -157,8 +157,10 @@ def _knowledge(
 ) -> Iterator[str]:
     """Means over the plants for which every plan was found, so that rows compare."""
     weight, count = table.optimal.input_weight, table.draws.known
-    whole = np.all([np.isfinite(k.drawn.values["distance"]) for k in known], axis=0)
-    rows = {f"{k.name}, plant known": k.drawn for k in known}
+    found = [each for each in known if each.drawn.failed < count]
+    whole = np.all([np.isfinite(k.drawn.values["distance"]) for k in found], axis=0)
+    whole = np.broadcast_to(whole, (count,))
+    rows = {f"{k.name}, plant known": k.drawn for k in found}
     rows |= {name: _first(each, count) for name, each in plants.items()}
     yield from _head(["", "∫\\|e\\|² + ρ\\|u\\|²", "∫\\|u\\|²", "time outside", "mean speed"])
     for name, each in rows.items():

@@ -269,7 +269,7 @@ def _result(
         scene_text=scene.text,
         attributes={
             "references": names,
-            "rivals": [e.rival.name for e in runs[0]],
+            "rivals": _names(runs),
             "known": [each.name for each in known],
             "table": text,
         },
@@ -282,9 +282,10 @@ def _scalars(
     runs: Sequence[Sequence[_Run]],
     known: Sequence[Known],
 ) -> dict[str, Scalar]:
+    rows = _aligned(runs)
     found = {
         name: Scalar(
-            [[e.numbers[name][0] for e in row] for row in runs],
+            [[e and e.numbers[name][0] for e in row] for row in rows],
             unit_of(runs[0][0].numbers[name][1], table.units),
         )
         for name in _SAID
@@ -294,8 +295,8 @@ def _scalars(
     return found | {
         "tube_radius": Scalar(table.tube.radius, unit_of("length", table.units)),
         "draws": Scalar(table.draws.members),
-        "draws_failed": Scalar([[e.drawn.failed for e in row] for row in runs]),
-        "draws_outside": Scalar([[e.drawn.outside for e in row] for row in runs]),
+        "draws_failed": Scalar([[e and e.drawn.failed for e in row] for row in rows]),
+        "draws_outside": Scalar([[e and e.drawn.outside for e in row] for row in rows]),
         "known_plants": Scalar(table.draws.known),
         "known_failed": Scalar([each.drawn.failed for each in known]),
         "solve_iterations": Scalar(sum(answer.iterations for answer in solved)),
@@ -303,26 +304,37 @@ def _scalars(
     }
 
 
+def _names(runs: Sequence[Sequence[_Run]]) -> list[str]:
+    """Names of all rivals; one whose plan was not found may lack for some reference."""
+    return [*dict.fromkeys(e.rival.name for row in sorted(runs, key=len)[::-1] for e in row)]
+
+
+def _aligned(runs: Sequence[Sequence[_Run]]) -> list[list[_Run | None]]:
+    """Rows with an entry for every name."""
+    rows = [{e.rival.name: e for e in row} for row in runs]
+    return [[row.get(name) for name in _names(runs)] for row in rows]
+
+
 def _variables(
     scene: Scene[CompareScene], runs: Sequence[Sequence[_Run]], known: Sequence[Known]
 ) -> Iterator[Variable]:
-    units = scene.table.units
-    shared = min(len(row) for row in runs)
-    dims = ("reference", "rival")
-    first = runs[0][0]
+    units, rows = scene.table.units, _aligned(runs)
+    dims, first = ("reference", "rival"), runs[0][0]
     yield Variable("time", unit_of("time", units), ("time",), first.motion.time, "time")
-    signals = [[_signals(e) for e in row[:shared]] for row in runs]
+    signals = [[e and _signals(e) for e in row] for row in rows]
+    lost = {name: np.full_like(values, np.nan) for name, values in _signals(first).items()}
     for name in _SIGNALS:
         quantity, own, long_name = (LOOP_SIGNALS | CHAIN_SIGNALS)[name]
-        values = np.array([[s[name] for s in row] for row in signals])
+        values = np.array([[(s or lost)[name] for s in row] for row in signals])
         values = values if own else values[:, :, 0]
         yield Variable(name, unit_of(quantity, units), (*dims, *own, "time"), values, long_name)
     aims = np.array([row[0].motion.output("reference") for row in runs])
     unit = unit_of("length", units)
     yield Variable("aim", unit, ("reference", "link", "time"), aims, "reference of the link length")
+    none = np.full(scene.table.draws.members, np.nan)
     for name in _SAID:
         unit = unit_of(first.numbers[name][1], units)
-        values = np.array([[e.drawn.values[name] for e in row[:shared]] for row in runs])
+        values = np.array([[e.drawn.values[name] if e else none for e in row] for row in rows])
         long_name = f"{name} of the plant"
         yield Variable(f"drawn_{name}", unit, (*dims, "member"), values, long_name)
         if scene.table.draws.known:

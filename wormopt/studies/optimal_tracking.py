@@ -36,9 +36,9 @@ __all__ = ["first_guess", "knowing", "lengths_of", "optimal_input", "tracking_pr
 
 # Of the error in the LQR from which solves start, where no other weight is given.
 _STIFF = 1e3
-# One for all solves, cold or warm: it takes seconds to build. The barrier is small because the
-# first guess is good.
-_SOLVER = Ipopt(tolerance=1e-7, iterations=300, mu_init=1e-3)
+_SOLVER = Ipopt(tolerance=1e-7, iterations=300)
+# As `optimise` starts from a solution near by, so that the solver is there already.
+_WARM = replace(_SOLVER, mu_init=1e-3)
 
 
 def tracking_problem(
@@ -200,7 +200,7 @@ def knowing(optimum: Optimum, p: Mapping[str, ArrayLike]) -> Motion | None:
     bounds = optimum.bounds
     for level in [each.level for each in optimum.levels][-2:]:
         bounds = program.bounds(level, p=p)
-        solution = program.nlp.solve(w, bounds, _SOLVER)
+        solution = program.nlp.solve(w, bounds, _WARM)
         w = solution.w
     if not (solution.success and solution.violation <= FEASIBLE):
         return None
