@@ -201,7 +201,7 @@ def _optimise(program: Transcription, start: Solution, bounds: Bounds) -> Soluti
     if program.mesh.collocation.degree == 2:
         options = Ipopt(tolerance=1e-8, mu_init=1e-6, warm=True, iterations=300)
         return nlp.finish(nlp.solve(start.w, bounds, options), bounds)
-    for tolerance, barrier in ((1e-10, 1e-6), (1e-8, 1e-4)):
+    for tolerance, barrier in ((1e-10, 1e-6), (1e-9, 1e-6), (1e-8, 1e-4)):
         options = Ipopt(tolerance=tolerance, mu_init=barrier, warm=True, iterations=300)
         solution = nlp.restore(nlp.solve(start.w, bounds, options), bounds)
         if solution.violation <= _FEASIBLE:
