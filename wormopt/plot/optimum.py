@@ -91,8 +91,10 @@ def _draw(axes: Axes, result: Result, over: str, what: str, slope: int) -> None:
     x, error = result[over].values, np.abs(result[f"{what}_error"].values)
     bar = scalar(result, f"objective_{what}_error_bar")
     axes.loglog(x, error, color="black", marker="o", markersize=4)
-    axes.loglog(x, error[-1] * (x / x[-1]) ** slope, color=GREY, linestyle=":")
-    axes.errorbar(x[-1], error[-1], [[0.0], [max(bar - error[-1], 0.0)]], color="black", capsize=3)
+    axes.loglog(x, error[-1] * (x / x[-1]) ** slope, color=GREY, linestyle=":", label="order 1")
+    upward = [[0.0], [max(bar - error[-1], 0.0)]]
+    axes.errorbar(x[-1], error[-1], upward, color="black", capsize=3, label="error bar stated")
+    axes.legend(loc="lower left", frameon=False)
     axes.grid(visible=True, color="#E6E6E6", linewidth=0.6)
     if over == "arcs":
         axes.set_xticks(x, [f"{n:g}" for n in x], minor=False)
