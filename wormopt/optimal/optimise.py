@@ -282,6 +282,8 @@ def _solve(
         if lost.violation <= FEASIBLE and _ended_well(lost):
             return lost
     solution = _after(lost, program.nlp.solve(w, bounds, solver))
+    if not warm and not (solution.violation <= FEASIBLE and _ended_well(solution)):
+        solution = _after(solution, program.nlp.solve(w, program.guarded(bounds), solver))
     if program.arc.modal and len(w) <= _FINISHED and solution.violation <= FEASIBLE:
         return program.nlp.finish(solution, bounds)
     return solution

@@ -11,6 +11,7 @@ polynomials, not only at nodes.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import casadi as ca
@@ -275,6 +276,27 @@ class Transcription:
         str
         """
         return self._limits.name_of(row)
+
+    def guarded(self, bounds: Bounds) -> Bounds:
+        """Say of every arc that its duration is not negative, where its phase says so already.
+
+        For an interior point that is not the same: its barrier keeps durations from collapsing
+        as many times as strongly. It takes more iterations, and finds motions from poorer starts.
+
+        Parameters
+        ----------
+        bounds : Bounds
+            From `bounds`.
+
+        Returns
+        -------
+        Bounds
+        """
+        rows = self.arc.layout.size * np.arange(self.mesh.total)
+        lower, upper = bounds.lbw.copy(), bounds.ubw.copy()
+        lower[rows] = np.maximum(lower[rows], 0.0)
+        upper[rows] = np.minimum(upper[rows], self.problem.duration[1] / self.arc.time_nominal)
+        return replace(bounds, lbw=lower, ubw=upper)
 
     # -- variables in and out --------------------------------------------------------------
 

@@ -1,0 +1,274 @@
+"""Optimise, refine, polish: exact optima, full order at switches, failures that say why."""
+
+import math
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from wormopt.core.friction import Coulomb
+from wormopt.core.model import Contact, Model, Signal
+from wormopt.core.modes import ModeSequence
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.optimal.collocation import Collocation
+from wormopt.optimal.contact import Complementary, Prescribed, Smoothed
+from wormopt.optimal.mesh import Mesh
+from wormopt.optimal.motion import Guess
+from wormopt.optimal.nlp import Ipopt, Plugin
+from wormopt.optimal.optimise import Optimum, best_of, optimise, refine
+from wormopt.optimal.polish import polish
+from wormopt.optimal.problem import Bound, Ends, Problem
+from wormopt.simulation.options import Smooth
+from wormopt.studies.optimum import modes_of, recheck, replay
+from wormopt.worms.block import block
+
+SLIDE = math.sqrt(1.5)
+BACK = 0.25 + math.sqrt(0.3)
+SMOOTH_SLIDE = 1.2221708186  # tanh(40 v): twelve digits by independent code
+RELAXED = Complementary(residual=1e-3, first=1e-1)
+LINE = Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.6]))
+BRAKE = Guess(0.8, lambda t: np.vstack([t * (1 - t / 0.8) ** 2, (1 - t / 0.8) * (1 - 3 * t / 0.8)]))
+
+
+def slide(start: tuple[float, float] = (0.0, 0.0), end: float = 1.0) -> Problem:
+    """Shortest time of a block with F+ = 1, F- = 2, |u| <= 3."""
+    model = block(Coulomb(1.0, 2.0), force=3.0)
+    ends = Ends.of(model)
+    at_ends = [Bound("start", ends.start, start, start), Bound("end", ends.end, [end, 0], [end, 0])]
+    return Problem(model, ends, ends.duration, (0.01, 10.0), at_ends=at_ends)
+
+
+def even(arcs: int, degree: int = 2, phases: int = 1) -> Mesh:
+    return Mesh.even(phases, arcs, Collocation(degree, "radau"))
+
+
+# -- exact answers -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arcs", [15, 20, 40])
+@pytest.mark.parametrize("treatment", [RELAXED, Smoothed(0.03, 0.3)])
+@pytest.mark.parametrize(
+    ("start", "end", "guess", "exact", "modes"),
+    [
+        ((0.0, 0.0), 1.0, LINE, SLIDE, [[1], [1]]),
+        ((0.0, 1.0), 0.0, BRAKE, BACK, [[1], [-1], [-1]]),
+    ],
+)
+def test_the_phases_read_off_a_relaxed_optimum_lead_to_the_exact_one(
+    start, end, guess, exact, modes, treatment, arcs
+):
+    found = polish(optimise(slide(start, end), even(arcs), treatment, guess))
+    assert found.objective == pytest.approx(exact, abs=1e-9)
+    assert modes_of(found)[0] == modes
+    assert found.complementarity < 1e-12
+    assert found.gain < 1e-12
+    assert recheck(found.motion).error < 1e-12
+
+
+def test_relaxed_contact_comes_near_the_exact_optimum_from_a_coarse_grid():
+    found = optimise(slide(), even(40), Complementary(1e-6), LINE)
+    assert found.objective == pytest.approx(SLIDE, abs=2e-3)
+    assert 1e-8 < found.complementarity <= 1.01e-6
+    assert [level.level for level in found.levels] == sorted(
+        (level.level for level in found.levels), reverse=True
+    )
+
+
+def test_the_smooth_slide_is_found_to_the_tolerance_asked_for():
+    drive = Smoothed(1 / 40, 1 / 40, active=((1,), (-1,)))
+    coarse = optimise(slide(), even(10, 3, phases=2), drive, LINE)
+    fine = refine(coarse, 1e-9, rounds=8, solver=Ipopt(tolerance=1e-11))
+    assert abs(coarse.objective - SMOOTH_SLIDE) > 1e-5
+    assert fine.objective == pytest.approx(SMOOTH_SLIDE, abs=1e-9)
+    assert fine.defects.max() <= 1e-9
+    # a simulation of the same law, which knows nothing of the grid
+    assert recheck(coarse.motion, Smooth(1 / 40)).error > 1e-6
+    assert recheck(fine.motion, Smooth(1 / 40)).error < 1e-9
+    assert recheck(fine.motion).error > 1e-3  # the set-valued law is another one
+
+
+def test_refinement_that_is_cut_short_shows_in_the_defects():
+    coarse = optimise(slide(), even(4, 2, phases=2), Smoothed(1 / 40, 1 / 40), LINE)
+    once = refine(coarse, 1e-9, rounds=1)
+    assert once.defects.max() > 1e-9
+    assert refine(coarse, 1e-9, most_arcs=8) is coarse
+    assert refine(coarse, 10.0) is coarse
+    assert len(once.levels) == 2
+
+
+# -- orders --------------------------------------------------------------------------------------
+
+# A block on a spring of stiffness 4, thrown with 1.5 over ground with F = 1: it swings out about
+# -1/4, back about +1/4, and sticks.
+FAR = -0.25 + math.hypot(0.25, 0.75)
+TURN = math.atan2(0.75, 0.25) / 2
+STICK, REST = 0.5 - FAR, TURN + math.pi / 2
+SPRUNG_END = REST + 0.45
+AREA = -TURN / 4 + (FAR + 0.25) / 2 * math.sin(2 * TURN) + math.pi / 8 + 0.45 * STICK
+
+
+def sprung() -> Problem:
+    x, v, f = (ca.SX.sym(name) for name in "xvf")
+    states = [Signal("position", x), Signal("velocity", v)]
+    ground = Contact("block", v, f, Coulomb(1.0, 1.0))
+    model = Model("sprung block", x=states, ode=ca.vertcat(v, f - 4 * x), contacts=[ground])
+    ends = Ends.of(model)
+    thrown = Bound("start", ends.start, [0, 1.5], [0, 1.5])
+    return Problem(model, ends, ca.SX(0), (SPRUNG_END, SPRUNG_END), at_ends=[thrown])
+
+
+def sprung_error(mesh: Mesh, treatment: Prescribed | Complementary) -> float:
+    """Error of the integral of x; where it sticks tells little of when it turned."""
+    swing = Guess(SPRUNG_END, lambda t: np.vstack([FAR * np.sin(2 * t), 1.5 * np.cos(2 * t)]))
+    found = optimise(sprung(), mesh, treatment, swing, solver=Ipopt(tolerance=1e-12))
+    arcs = found.motion.arcs
+    area = arcs.duration @ (arcs.points[0].T @ mesh.collocation.B)
+    return abs(float(area) - AREA)
+
+
+@pytest.mark.parametrize(("scheme", "order", "most"), [("legendre", 4, 2e-5), ("radau", 3, 5e-4)])
+def test_phases_keep_the_full_order_through_a_reversal_and_a_stick(scheme, order, most):
+    modes = Prescribed(ModeSequence(((1,), (-1,), (0,))))
+    arcs = np.array([2, 4, 8])
+    meshes = [Mesh.even(3, int(n), Collocation(2, scheme)) for n in arcs]
+    errors = [sprung_error(mesh, modes) for mesh in meshes]
+    slope = -np.polyfit(np.log(arcs), np.log(errors), 1)[0]
+    assert order - 0.3 < slope < order + 0.5
+    assert errors[-1] < most
+
+
+@pytest.mark.parametrize("scheme", ["legendre", "radau"])
+def test_without_phases_switches_inside_arcs_leave_order_one(scheme):
+    # where a switch falls in its arc is a matter of luck: means over six grids each
+    arcs = np.array([8, 16, 32])
+    means = [
+        np.mean(
+            [
+                sprung_error(Mesh.even(1, int(n + k), Collocation(2, scheme)), Complementary(1e-8))
+                for k in range(6)
+            ]
+        )
+        for n in arcs
+    ]
+    slope = -np.polyfit(np.log(arcs + 2.5), np.log(means), 1)[0]
+    assert 0.6 < slope < 1.6
+    assert means[-1] > 1e-3
+
+
+# -- solvers and starts --------------------------------------------------------------------------
+
+
+def test_other_solvers_of_casadi_find_the_same_slides():
+    modes = Prescribed(ModeSequence(((1,), (1,))))
+    quiet = Plugin("fatrop", (("fatrop.print_level", 0),))
+    found = optimise(slide(), even(1, 3, phases=2), modes, LINE, solver=quiet)
+    assert found.objective == pytest.approx(SLIDE, abs=1e-9)
+    mesh, law = even(10, 3, phases=2), Smoothed(1 / 40, 1 / 10)
+    silent = (("print_iter", False), ("print_header", False), ("error_on_fail", False))
+    options = (("qpsol", "qrqp"), ("qpsol_options", silent), ("print_header", False))
+    options += (("print_iteration", False), ("print_status", False))
+    sqp = optimise(slide(), mesh, law, LINE, solver=Plugin("sqpmethod", options))
+    assert sqp.objective == pytest.approx(SMOOTH_SLIDE, abs=0.02)  # a coarse mesh
+    assert sqp.solution.violation < 1e-8
+
+
+def test_a_solver_that_is_not_there_is_refused():
+    with pytest.raises(ArgumentError, match="no NLP solver 'nonesuch'"):
+        optimise(slide(), even(2), Smoothed(0.1, 0.1), LINE, solver=Plugin("nonesuch"))
+
+
+def test_a_warm_start_from_a_motion_costs_less():
+    law = Smoothed(0.02, 0.02)
+    cold = optimise(slide(), even(20, 3), law, LINE)
+    near = Ipopt(mu_init=1e-6, warm=True)
+    warm = optimise(slide(), even(20, 3), law, cold.motion.guess, solver=near)
+    assert warm.objective == pytest.approx(cold.objective, abs=1e-8)
+    assert warm.iterations < cold.iterations / 2
+
+
+def test_the_best_of_several_starts_counts_those_that_fail():
+    lost = Guess(1.5, lambda t: np.vstack([t * math.nan, t]))
+    best, objectives = best_of(slide(), even(10), RELAXED, [lost, LINE])
+    assert math.isnan(objectives[0])
+    assert best.objective == objectives[1]
+    with pytest.raises(SolveError, match="finite"):
+        best_of(slide(), even(10), RELAXED, [lost])
+
+
+def test_what_a_solve_cost_is_told():
+    found = optimise(slide(), even(10), RELAXED, LINE)
+    assert found.iterations == sum(level.iterations for level in found.levels)
+    assert {"nlp_hess_l", "nlp_jac_g", "nlp_g"} <= set(found.functions_s)
+    assert 0 < sum(found.functions_s.values()) < found.solve_s
+    assert found.build_s > 0
+
+
+# -- failures ------------------------------------------------------------------------------------
+
+
+def error_of(problem: Problem, guess: Guess = LINE) -> SolveError:
+    with pytest.raises(SolveError) as caught:
+        optimise(problem, even(10), RELAXED, guess)
+    return caught.value
+
+
+def test_a_way_too_long_for_its_time_names_what_has_to_give_way():
+    problem = slide()
+    hurry = Bound("time", problem.ends.duration, upper=1.0)
+    error = error_of(replace(problem, at_ends=[*problem.at_ends, hurry]))
+    assert error.code == "infeasible"
+    found = float(str(error).split("time by ")[1].split(";")[0])
+    assert found == pytest.approx(SLIDE - 1.0, abs=5e-3)
+
+
+def test_a_drive_below_friction_is_named():
+    problem = slide()
+    weak = [replace(problem.model.u[0], lower=-0.5, upper=0.5)]
+    error = error_of(replace(problem, model=replace(problem.model, u=weak)))
+    assert error.code == "infeasible"
+    least = float(str(error).split("force by ")[1].split(";")[0])
+    assert least == pytest.approx(0.5, abs=0.05)  # the relaxed law gives a little
+
+
+def test_an_objective_without_bound_is_called_so():
+    problem = slide()
+    free = [replace(problem.model.u[0], lower=-math.inf, upper=math.inf)]
+    away = replace(
+        problem,
+        model=replace(problem.model, u=free),
+        minimise=-problem.ends.end[0],
+        duration=(1.0, 1.0),
+        at_ends=problem.at_ends[:1],
+    )
+    error = error_of(away)
+    assert error.code == "unbounded"
+    assert "limit the inputs" in str(error)
+
+
+def test_a_guess_that_is_no_number_is_called_bad():
+    error = error_of(slide(), Guess(1.5, lambda t: np.vstack([t * math.nan, t])))
+    assert error.code == "bad_guess"
+    assert "another guess" in str(error)
+
+
+def test_phases_that_lead_nowhere_are_refused():
+    relaxed = optimise(slide(), even(10), RELAXED, LINE)
+    better = replace(relaxed, solution=replace(relaxed.solution, objective=0.1))
+    with pytest.raises(SolveError, match="more arcs") as caught:
+        polish(better)
+    assert caught.value.code == "no_phases"
+
+
+# -- replay --------------------------------------------------------------------------------------
+
+
+def test_a_replay_takes_nothing_from_the_optimiser_but_start_and_inputs():
+    found: Optimum = polish(optimise(slide(), even(20), RELAXED, LINE))
+    (motion,) = replay(found.motion, dense=True)
+    t = np.linspace(0, found.motion.duration, 50)
+    assert motion.at(t).states == pytest.approx(found.motion.states(t), abs=1e-9)
+    spoilt = replace(
+        found.motion, arcs=replace(found.motion.arcs, points=found.motion.arcs.points * 1.01)
+    )
+    assert recheck(spoilt).error > 1e-2
