@@ -62,7 +62,7 @@ def run(scene: Scene[CapsuleScene], report: Report) -> Result:
         If no cycle is found.
     """
     table, begin = scene.table.capsule, time.perf_counter()
-    problem, solver = problem_of(table), Ipopt(tolerance=1e-12)
+    problem, solver = problem_of(table), Ipopt(tolerance=1e-10)
     mesh = Mesh.even(2, 1, Collocation(2))
     try:
         optimum = optimise(

@@ -64,7 +64,7 @@ def run(scene: Scene[TwoMassScene], report: Report) -> Result:
     table, begin = scene.table.pair, time.perf_counter()
     slow = 2 * math.sqrt(table.stroke / (table.friction * table.gravity))
     mesh = Mesh.even(2, 1, Collocation(2))
-    solver = Ipopt(tolerance=1e-12)
+    solver = Ipopt(tolerance=1e-10)
     try:
         optimum = optimise(
             problem_of(table, slow),

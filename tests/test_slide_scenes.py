@@ -1,0 +1,244 @@
+"""Scenes of the kinds "slide", "two-mass" and "capsule": exact answers, trust, failures."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.errors import SceneError, SolveError
+from wormopt.optimal.motion import Guess
+from wormopt.result import Result
+from wormopt.scenes import load_scene
+from wormopt.studies import optimum, slide
+
+SMOOTH = 'contact={treatment="smooth", v_reg=0.025}'
+
+
+def solved(name: str, *changes: str) -> Result:
+    return wo.run(load_scene(name, changes))
+
+
+def value(result: Result, name: str) -> Any:
+    return result.scalars[name].value
+
+
+# -- exact answers -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "exact", "modes"),
+    [
+        # accelerate with 3 - 1, brake with 3 + 1
+        ("slide", math.sqrt(2 * (1 / 2 + 1 / 4)), [[1], [1]]),
+        # brake with 3 + 1 over 1/8, go back with 3 - 2, brake with 3 + 2
+        ("slide_back", 1 / 4 + math.sqrt(2 / 8 * (1 + 1 / 5)), [[1], [-1], [-1]]),
+    ],
+)
+def test_slides_are_exact_and_their_phases_found(name: str, exact: float, modes: list[list[int]]):
+    result = solved(name)
+    assert result.status == "ok"
+    assert value(result, "time") == pytest.approx(exact, abs=1e-9)
+    assert value(result, "objective") == value(result, "time")
+    assert value(result, "mode_sequence") == modes
+    assert value(result, "n_phases") == len(modes)
+    assert value(result, "input_peak") == pytest.approx(3.0)
+    assert value(result, "input_rms") == pytest.approx(3.0)
+    assert value(result, "defect_max") < 1e-12
+    assert value(result, "complementarity_max") < 1e-12
+    assert value(result, "recheck_error") < 1e-12
+    assert result.timings_s["solve"] < 2.5  # half a second where nothing else runs
+    trust = result.trust
+    assert trust["first_order_gain"] < 1e-12
+    assert set(trust["solves"]) == {"relaxed", "phases"}
+    for stage in trust["solves"].values():
+        assert {"build_s", "solve_s", "iterations", "functions_s"} <= set(stage)
+    assert trust["warnings"] == []
+
+
+def test_the_smooth_slide_is_that_of_the_smooth_law():
+    result = solved("slide", SMOOTH)
+    assert value(result, "time") == pytest.approx(1.2221708186, abs=1e-9)
+    assert value(result, "defect_max") <= 1e-9
+    assert value(result, "recheck_error") < 1e-9
+    assert result.trust["treatment"] == "smooth, v_reg = 0.025"
+    assert any("feeds energy in" in warning for warning in result.trust["warnings"])
+
+
+@pytest.mark.parametrize(("longest", "duration"), [(2.0, 2.0), (3.0, math.sqrt(6))])
+def test_the_least_effort_has_a_straight_drive(longest: float, duration: float):
+    # from rest to rest while it slides: u = 1 + 6/T^2 (1 - 2 t/T), effort T + 12/T^3, which is
+    # least at T = sqrt(6): who has more time rests
+    result = solved("slide", 'minimise="effort"', f"time={longest}")
+    assert value(result, "objective") == pytest.approx(duration + 12 / duration**3, abs=1e-7)
+    assert value(result, "time") == pytest.approx(duration, abs=1e-3)
+    drive, t = result["force"].values, result["instant"].values
+    straight = 1 + 6 / duration**2 * (1 - 2 * t / duration)
+    assert drive == pytest.approx(straight, abs=1e-3)
+
+
+def test_units_scale_the_answer():
+    # ten times the way and mass, forces a hundredfold: time by the root of their ratio
+    changes = ("end.position=10", "block.mass=10", "block.force=300", "block.friction.forward=100")
+    result = solved("slide", *changes, "block.friction.backward=200", 'units="SI"')
+    assert value(result, "time") == pytest.approx(math.sqrt(1.5), abs=1e-9)
+    assert result.scalars["time"].unit == "s"
+    assert result.scalars["input_peak"].unit == "N"
+
+
+def test_the_pair_reaches_its_closed_form():
+    result, k = solved("chernousko_pair"), 0.3 * 9.81 * 0.1
+    assert value(result, "speed") == pytest.approx((math.sqrt(2) - 1) / 2 * math.sqrt(k), abs=1e-9)
+    assert value(result, "mass_ratio") == pytest.approx(math.sqrt(2) - 1, abs=1e-7)
+    assert value(result, "recheck_error") < 1e-12
+    assert value(result, "mode_sequence") == [[0, 1], [0, 1]]
+    assert result.scalars["speed"].unit == "m s-1"
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.4, 0.8])
+def test_a_pair_of_a_given_ratio_has_the_speed_of_theory(ratio: float):
+    result = solved("chernousko_pair", f"pair.ratio={ratio}")
+    speed = math.sqrt(0.3 * 9.81 * 0.1 * ratio * (1 - ratio) / (1 + ratio)) / 2
+    assert value(result, "speed") == pytest.approx(speed, abs=1e-9)
+
+
+@pytest.mark.parametrize(("share", "friction", "stroke"), [(0.3, 2.0, 0.5), (0.6, 0.7, 2.0)])
+def test_the_capsule_reaches_its_closed_form(share: float, friction: float, stroke: float):
+    numbers = {"share": share, "friction": friction, "stroke": stroke}
+    result = solved("capsule", *(f"capsule.{key}={number}" for key, number in numbers.items()))
+    speed = math.sqrt(share * friction * stroke) / 2
+    inner = math.sqrt(friction * stroke / share)
+    assert value(result, "speed") == pytest.approx(speed, abs=1e-9)
+    assert value(result, "inner_speeds") == pytest.approx([inner, -inner], abs=1e-6)
+    assert value(result, "input_rms") is None  # impulses have none
+    assert value(result, "recheck_error") < 1e-12
+
+
+# -- results -------------------------------------------------------------------------------------
+
+
+def test_a_run_saves_signals_pictures_and_statistics(tmp_path: Path):
+    folder = tmp_path / "out"
+    assert main(["run", "slide_back", "-o", str(folder), "--quiet"]) == 0
+    result = Result.load(folder)
+    t, v = result["instant"].values, result["velocity"].values
+    assert np.all(np.diff(t) >= 0)
+    assert (t[0], v[0]) == (0.0, 1.0)
+    assert t[-1] == pytest.approx(value(result, "time"))
+    assert (v[t < 0.25] > 0).all()
+    assert set(result["contact_force"].values.round(9)) == {-1.0, 2.0}
+    assert (folder / "signals.png").stat().st_size > 10_000
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["trust"]["solves"]["phases"]["functions_s"]["nlp_jac_g"] > 0
+
+
+def test_a_simulation_that_ends_elsewhere_makes_the_result_fail(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def elsewhere(*given: Any, **options: Any) -> Any:
+        motion = simulate(*given, **options)
+        return dataclasses.replace(motion, end=motion.end + 1e-5)
+
+    simulate = optimum.simulate
+    monkeypatch.setattr(optimum, "simulate", elsewhere)
+    result = wo.run("slide")
+    assert result.status == "failed"
+    assert "ends elsewhere, by 1.6e-05" in result.reason
+    assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet"]) == 3
+
+
+def test_a_defect_that_was_not_reached_is_told(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(slide, "_ROUNDS", 1)
+    result = solved("slide", SMOOTH)
+    (told,) = [w for w in result.trust["warnings"] if "still" in w]
+    assert "1e-09 was asked" in told
+
+
+# -- failures ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "code", "message"),
+    [
+        ("slide", ("time=1.0", 'minimise="effort"'), "infeasible", "time by 0.2"),
+        ("slide", ("time=1.0", SMOOTH), "infeasible", "time by 0.2"),
+        ("slide", ("block.force=0.5",), "infeasible", "force by 0.49"),
+        ("slide_back", ("time=0.7",), "infeasible", "force by 0."),
+    ],
+)
+def test_slides_that_cannot_be_end_with_what_has_to_give_way(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    changes: tuple[str, ...],
+    code: str,
+    message: str,
+):
+    with pytest.raises(SolveError) as caught:
+        solved(name, *changes)
+    assert caught.value.code == code
+    assert message in str(caught.value)
+    settings = [text for change in changes for text in ("--set", change)]
+    assert main(["run", name, *settings, "-o", str(tmp_path / "out"), "--quiet"]) == 3
+    assert "has to give way" in capsys.readouterr().err
+    kept = Result.load(tmp_path / "out")
+    assert kept.status == "failed"
+    assert "velocity" in kept
+
+
+def test_a_bad_guess_ends_in_the_right_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    def lost(_: Any) -> Guess:
+        return Guess(1.0, lambda t: np.vstack([t * math.nan, t]))
+
+    monkeypatch.setattr(slide, "_guess", lost)
+    assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet"]) == 3
+    assert "no finite value at the first guess" in capsys.readouterr().err
+
+
+def test_an_unbounded_problem_ends_in_the_right_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    def without_limits(table: Any) -> Any:
+        problem = problem_of(table)
+        free = [dataclasses.replace(s, lower=-math.inf, upper=math.inf) for s in problem.model.u]
+        return dataclasses.replace(
+            problem,
+            model=dataclasses.replace(problem.model, u=free),
+            minimise=-problem.ends.end[0],
+            duration=(1.0, 1.0),
+            at_ends=problem.at_ends[:2],
+        )
+
+    problem_of = slide.problem_of
+    monkeypatch.setattr(slide, "problem_of", without_limits)
+    assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet"]) == 3
+    assert "falls without bound; limit the inputs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "key", "message"),
+    [
+        ("slide", "block.force=0", "block.force", "above 0"),
+        ("slide", "block.friction.forward=[1, 2]", "block.friction.forward", "2 entries"),
+        ("slide", "end={position=0.0}", "end", "is the start"),
+        ("slide", 'minimise="effort"', "time", "longest time"),
+        ("slide", "mesh.arcs=1", "mesh.arcs", "2 to 2000"),
+        ("slide", "mesh.tolerance=0", "mesh.tolerance", "1e-13"),
+        ("slide", 'contact.treatment="magic"', "contact", "smooth"),
+        ("chernousko_pair", "pair.ratio=1.0", "pair.ratio", "below 1"),
+        ("chernousko_pair", "pair.ratio=[0.5, 0.2]", "pair.ratio", "empty"),
+        ("capsule", "capsule.share=1.0", "capsule.share", "between 0 and 1"),
+    ],
+)
+def test_wrong_scenes_are_told(name: str, change: str, key: str, message: str):
+    with pytest.raises(SceneError) as caught:
+        load_scene(name, [change])
+    faults = caught.value.faults
+    assert any(where.startswith(key) and message in text for where, text in faults), faults
