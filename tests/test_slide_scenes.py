@@ -76,7 +76,9 @@ def test_the_least_effort_has_a_straight_drive(longest: float, duration: float):
     # least at T = sqrt(6): who has more time rests
     result = solved("slide", 'minimise="effort"', f"time={longest}")
     assert value(result, "objective") == pytest.approx(duration + 12 / duration**3, abs=1e-7)
-    assert value(result, "time") == pytest.approx(duration, abs=1e-3)
+    assert duration - 1e-6 <= value(result, "time") <= longest
+    if longest > duration:
+        return  # when it rests is all the same
     drive, t = result["force"].values, result["instant"].values
     straight = 1 + 6 / duration**2 * (1 - 2 * t / duration)
     assert drive == pytest.approx(straight, abs=1e-3)
