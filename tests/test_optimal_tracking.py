@@ -211,6 +211,7 @@ def compared() -> Result:
     return wo.run(load_scene("compare_tracking", QUICK))
 
 
+@pytest.mark.slow
 def test_all_rivals_are_compared_by_one_simulator(compared: Result):
     assert compared.status == "ok", compared.reason
     names = compared.attributes["rivals"]
@@ -230,6 +231,7 @@ def test_all_rivals_are_compared_by_one_simulator(compared: Result):
         assert speed[of["fastest crawl"]] > 0.9 * max(speed)
 
 
+@pytest.mark.slow
 def test_plants_that_are_not_as_believed_are_all_counted(compared: Result):
     drawn = compared["drawn_distance"].values
     assert drawn.shape == (2, 9, 6)
@@ -240,6 +242,7 @@ def test_plants_that_are_not_as_believed_are_all_counted(compared: Result):
     assert (outside == 6 - (late == 0).sum(axis=2)).all()
 
 
+@pytest.mark.slow
 def test_who_knows_the_plant_does_better_on_it(compared: Result):
     """The same plant under the plan made for it and under that for the worm as believed."""
     names, plans = compared.attributes["rivals"], compared.attributes["known"]
@@ -266,6 +269,7 @@ def test_drawn_plants_are_the_same_whatever_their_number():
     assert 1.28 < factors.max() <= 1.3
 
 
+@pytest.mark.slow
 def test_the_table_is_written_beside_the_result(compared: Result, tmp_path: Path):
     compared.save(tmp_path)
     table = (tmp_path / "table.md").read_text(encoding="utf-8")

@@ -37,7 +37,7 @@ __all__ = ["first_guess", "knowing", "lengths_of", "optimal_input", "tracking_pr
 # Of the error in the LQR from which solves start, where no other weight is given.
 _STIFF = 1e3
 _SOLVER = Ipopt(tolerance=1e-7, iterations=300)
-# As `optimise` starts from a solution near by, so that the solver is there already.
+# As `optimise` starts next to a solution, so that the solver is there already.
 _WARM = replace(_SOLVER, mu_init=1e-3)
 
 
@@ -177,7 +177,9 @@ def optimal_input(
     weight = 1 / objective.input_weight if isinstance(objective, LeastError) else _STIFF
     guess = first_guess(plant, reference, end, weight)
     treatment = Complementary(relaxation.last, relaxation.first)
-    return optimise(problem, mesh, treatment, guess, solver=_SOLVER, report=report)
+    # An LQR is next to what tracks best, but not to what tracks with least effort.
+    solver = _WARM if isinstance(objective, LeastError) else _SOLVER
+    return optimise(problem, mesh, treatment, guess, solver=solver, report=report)
 
 
 def knowing(optimum: Optimum, p: Mapping[str, ArrayLike]) -> Motion | None:
