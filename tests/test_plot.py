@@ -131,8 +131,30 @@ def own(contacts: int = 1) -> Result:
     return Result("own", "simulate", variables=tuple(variables), attributes=attributes)
 
 
+def compared() -> Result:
+    """Two controllers of one reference, the second a plan that was not found."""
+    time, names = np.linspace(0.0, 2.0, 41), ["tracker (13)", "optimal tube"]
+    error = np.array([[0.1 + np.abs(np.sin(time)), np.full(41, np.nan)]])
+    drawn = np.array([[np.linspace(1.0, 2.0, 5), np.full(5, np.nan)]])
+    units = {"time_outside_tube": "s", "error_peak": "m", "input_rms": "N", "distance": "m"}
+    variables = [
+        Variable("time", "s", ("time",), time),
+        Variable("error_norm", "m", ("reference", "rival", "time"), error),
+        *(
+            Variable(f"drawn_{name}", unit, ("reference", "rival", "member"), drawn)
+            for name, unit in units.items()
+        ),
+    ]
+    scalars = {name: Scalar([[1.5, None]], unit) for name, unit in units.items()}
+    return Result(
+        "rivals", "compare-tracking", scalars=scalars | {"tube_radius": Scalar(0.2, "m")},
+        variables=tuple(variables), attributes={"rivals": names, "references": ["gait (15)"]},
+    )  # fmt: skip
+
+
 def sample(picture: str) -> Result:
     made = {"front": front, "trackers": crawl, "bands": herd, "signals": own}
+    made |= {"comparison": compared, "draws": compared}
     return made[picture]() if picture in made else shuffle(2)
 
 
@@ -164,7 +186,8 @@ def test_axes_carry_symbols_and_units(picture: str):
     drawn = figure(sample(picture), picture)
     assert drawn.axes[-1].get_xlabel().endswith(")")
     assert "$" in drawn.axes[-1].get_xlabel()
-    labelled = [axes.get_ylabel() for axes in drawn.axes if len(axes.get_yticks())]
+    first = [axes for axes in drawn.axes if (at := axes.get_subplotspec()) and at.is_first_col()]
+    labelled = [axes.get_ylabel() for axes in first if len(axes.get_yticks())]
     assert all(labelled)
     bare = figure(shuffle(2, units=False), "gait")
     assert bare.axes[0].get_ylabel() == "link length $l_j$"

@@ -20,7 +20,7 @@ _BOXES = {
     "time_outside_tube": "time outside the tube",
     "error_peak": r"largest $|e|$",
     "input_rms": "rms of $u$",
-    "distance": "distance",
+    "distance": r"distance $\Delta x$",
 }
 
 
@@ -126,6 +126,7 @@ def draws(result: Result) -> Figure:
             axes[-1, column].set_xlabel(label(text, result[f"drawn_{name}"].unit))
         axes[k, 0].set_title(reference, loc="left", color="black", weight="bold")
         axes[k, 0].set_yticks(range(len(names)), names)
+        axes[k, 0].set_ylabel("controller")
     axes[0, 0].invert_yaxis()
     return drawn
 
