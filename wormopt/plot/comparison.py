@@ -118,7 +118,7 @@ def draws(result: Result) -> Figure:
         Boxes hold half of the plants, whiskers 90 %; a cross is the worm as it is believed.
     """
     references, names = result.attributes["references"], result.attributes["rivals"]
-    drawn = sheet(13.0, 1.0 + (1.0 + 0.32 * len(names)) * len(references))
+    drawn = sheet(13.0, 2.0 + (1.0 + 0.32 * len(names)) * len(references))
     axes = drawn.subplots(len(references), len(_BOXES), squeeze=False, sharey=True, sharex="col")
     for k, reference in enumerate(references):
         for column, (name, text) in enumerate(_BOXES.items()):
