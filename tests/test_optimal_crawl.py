@@ -155,8 +155,8 @@ def test_one_input_for_two_worms_serves_the_slower_one_best_when_the_worst_count
         return (ends[:, 1] - ends[:, 0])[[0, 6]]
 
     mean, worst = speeds("mean"), speeds("worst")
-    assert worst.min() >= mean.min() - 1e-4
-    assert mean.mean() - worst.mean() >= -2e-2
+    assert worst.min() > mean.min() + 1e-3
+    assert mean.mean() > worst.mean() - 2e-2
 
 
 @pytest.mark.parametrize(

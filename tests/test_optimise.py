@@ -7,9 +7,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.optimize import root_scalar
 
-from wormopt.core.friction import Coulomb
-from wormopt.core.model import Contact, Model, Signal
+from wormopt.core.friction import Coulomb, Viscous
+from wormopt.core.model import Contact, Model, Schedule, Signal
 from wormopt.core.modes import ModeSequence
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.optimal.collocation import Collocation
@@ -280,3 +281,90 @@ def test_a_replay_takes_nothing_from_the_optimiser_but_start_and_inputs():
         found.motion, arcs=replace(found.motion.arcs, points=found.motion.arcs.points * 1.01)
     )
     assert difference(spoilt) > 1e-2
+
+
+# -- what must not pass for a solution -----------------------------------------------------------
+
+
+def ball(**limits) -> Problem:
+    """A ball thrown up: as long as it may fly, from the ground back to it."""
+    y, v, u = (ca.SX.sym(name) for name in "yvu")
+    model = Model(
+        "ball",
+        x=[Signal("height", y, **limits), Signal("speed", v)],
+        ode=ca.vertcat(v, u - 1),
+        u=[Signal("gust", u, lower=0.0, upper=0.1)],
+    )
+    ends = Ends.of(model)
+    ground = [Bound("start", ends.start[0], 0, 0), Bound("end", ends.end[0], 0, 0)]
+    return Problem(model, ends, -ends.duration, (0.1, 10.0), at_ends=ground)
+
+
+def test_bounds_of_states_hold_inside_arcs():
+    guess = Guess(2.0, lambda t: np.vstack([t * (2 - t) / 2, 1 - t]))
+    found = optimise(ball(upper=0.5), Mesh.even(1, 4, Collocation(3)), Prescribed(), guess)
+    t = np.linspace(0, found.motion.duration, 400)
+    assert found.motion.state("height", t).max() <= 0.5 + 1e-9
+    # the gust bears it up both ways: twice sqrt(2 * 0.5 / 0.9)
+    assert found.motion.duration == pytest.approx(2 * np.sqrt(1 / 0.9), rel=2e-2)
+    assert found.motion.duration <= 2 * np.sqrt(1 / 0.9) + 1e-9
+
+
+def switching(pins):
+    """Time to come from 0 to 2 where x' is 1 before t = 1 and 5 afterwards: 1.2."""
+    x, w, begin, t = (ca.SX.sym(name) for name in ("x", "w", "begin", "t"))
+    pieces = Schedule("wind", w, begin, np.array([0.0, 1.0, 9.0]), np.array([[1.0], [5.0]]))
+    u = ca.SX.sym("u")
+    model = Model(
+        "leaf", x=[Signal("x", x)], ode=w + 0 * u, t=t, u=[Signal("u", u)], schedules=[pieces]
+    )
+    ends = Ends.of(model)
+    at_ends = [Bound("start", ends.start, 0, 0), Bound("end", ends.end, 2, 2)]
+    problem = Problem(model, ends, ends.duration, (0.1, 5.0), at_ends=at_ends)
+    guess = Guess(1.5, lambda t: t[None] * 4 / 3)
+    treatment = Prescribed(ModeSequence(((), ())))
+    return optimise(problem, Mesh.even(2, 1, Collocation(2)), treatment, guess, pins=pins)
+
+
+def test_a_schedule_that_breaks_in_a_free_phase_must_be_pinned():
+    with pytest.raises(ValueError, match="schedule breaks at t = 1"):
+        switching(None)
+    assert switching({1: 1.0}).objective == pytest.approx(1.2, abs=1e-9)
+    with pytest.raises(ValueError, match="first phase begins at 0"):
+        switching({0: 2.0, 1: 1.0})
+
+
+def test_polish_keeps_the_parameters_of_the_relaxed_motion():
+    problem = slide()
+    heavy = {"mass": 2.0}
+    relaxed = optimise(problem, Mesh.even(1, 20, Collocation(2, "radau")), RELAXED, LINE, p=heavy)
+    # (3 - 1) / 2 forward, (3 + 1) / 2 braking
+    assert polish(relaxed).objective == pytest.approx(math.sqrt(2 * (1 + 1 / 2)), abs=1e-9)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_phases_are_read_whatever_the_unit_of_force(size: float):
+    """Forces and mass in another unit; the motion is the same."""
+    model = block(Coulomb(1.0 * size, 2.0 * size), mass=size, force=3.0 * size)
+    ends = Ends.of(model)
+    at_ends = [Bound("start", ends.start, 0, 0), Bound("end", ends.end, [1, 0], [1, 0])]
+    problem = Problem(model, ends, ends.duration, (0.01, 10.0), at_ends=at_ends)
+    relaxed = optimise(problem, Mesh.even(1, 20, Collocation(2, "radau")), RELAXED, LINE)
+    assert polish(relaxed).objective == pytest.approx(SLIDE, abs=1e-9)
+
+
+def test_viscous_drag_is_itself_in_a_complementary_problem():
+    """x'' = u - x', |u| <= 3: the shortest way, against the equation of the switching time."""
+    model = block(Viscous(1.0), force=3.0)
+    ends = Ends.of(model)
+    at_ends = [Bound("start", ends.start, 0, 0), Bound("end", ends.end, [1, 0], [1, 0])]
+    problem = Problem(model, ends, ends.duration, (0.01, 10.0), at_ends=at_ends)
+    found = optimise(problem, Mesh.even(2, 8, Collocation(3)), RELAXED, LINE)
+
+    # v + x changes by 3 (t1 - t2); v' + v = +-3 solved on both parts
+    def left(t1: float) -> float:
+        t2 = t1 - 1 / 3
+        return (1 - math.exp(-t1)) * math.exp(-t2) - (1 - math.exp(-t2))
+
+    t1 = root_scalar(left, bracket=(1 / 3 + 1e-9, 3.0)).root
+    assert found.objective == pytest.approx(2 * t1 - 1 / 3, abs=1e-6)

@@ -8,6 +8,7 @@ from typing import Literal
 import casadi as ca
 
 from wormopt.core.model import Model, Signal
+from wormopt.errors import ArgumentError
 from wormopt.optimal.problem import Bound, Ends, Problem
 
 __all__ = ["Aim", "CrawlLimits", "crawl_problem"]
@@ -47,12 +48,21 @@ class Aim:
         positive work of the actuators over mass and way.
     judge : {"mean", "worst"}, optional
         Of several copies of the worm, whether their mean or the worst one counts.
+
+    Raises
+    ------
+    ArgumentError
+        If the cost of transport is sought without a speed.
     """
 
     maximise: Literal["speed"] | None = "speed"
     effort: float = 0.0
     speed: float | None = None
     judge: Literal["mean", "worst"] = "mean"
+
+    def __post_init__(self) -> None:
+        if self.maximise is None and not (self.speed or 0.0) > 0:
+            raise ArgumentError("the cheapest crawl rests; give the least speed, above 0")
 
 
 def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
@@ -71,6 +81,11 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
     -------
     Problem
         The tail starts at 0. Its bounds have the names of the scene's keys.
+
+    Raises
+    ------
+    ArgumentError
+        If the cost of transport of a plant without the parameter ``mass`` is sought.
 
     Examples
     --------
@@ -143,7 +158,11 @@ def _transport(plant: Model, speeds: ca.SX) -> _Cost:
     spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", lower=0.0)
     bounds = (Bound("power", spent.symbol - power, 0.0),)
     masses = [s.symbol for s in plant.p if s.name == "mass"]
-    mass = ca.sum1(ca.vertcat(*masses)) if masses else ca.SX(1)
+    if not masses:
+        raise ArgumentError(
+            f"the cost of transport needs the parameter mass; {plant.name} has none"
+        )
+    mass = ca.sum1(ca.vertcat(*masses))
     return _Cost(ca.sum1(spent.symbol) / mass / speeds.numel(), bounds, (spent,))
 
 

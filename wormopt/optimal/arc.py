@@ -11,9 +11,9 @@ import numpy as np
 
 from wormopt.core.model import Signal, pack
 from wormopt.optimal.collocation import bernstein_matrix
-from wormopt.optimal.contact import Prescribed, Treatment
+from wormopt.optimal.contact import Prescribed, Treatment, never_rests
 from wormopt.optimal.mesh import Mesh
-from wormopt.optimal.problem import Problem
+from wormopt.optimal.problem import Bound, Problem
 
 __all__ = ["Arc", "Layout", "limits_of"]
 
@@ -235,8 +235,18 @@ class Arc:
         return np.asarray(values, dtype=float).reshape(-1, 2) / self.f_nominal[:, None]
 
     @cached_property
+    def along(self) -> list[Bound]:
+        """Bounds at every instant: the problem's, and those the model has for its states."""
+        own = [
+            Bound(s.name, s.symbol, s.lower, s.upper, s.nominal)
+            for s in self.problem.model.x
+            if np.isfinite(s.lower) or np.isfinite(s.upper)
+        ]
+        return [*own, *self.problem.along]
+
+    @cached_property
     def _bounds(self) -> list[ca.SX]:
-        return [self.at_forces(b.expression / b.nominal) for b in self.problem.along]
+        return [self.at_forces(b.expression / b.nominal) for b in self.along]
 
     @cached_property
     def state_only(self) -> list[bool]:
@@ -252,7 +262,9 @@ class Arc:
         state_only = [b for b, yes in zip(self._bounds, self.state_only, strict=True) if yes]
         speeds = problem.model.contact_velocities if self.modal else ca.SX(0, 1)
         bounded = ca.vertcat(speeds, *state_only)
-        return problem.impulses or any(ca.depends_on(bounded, s) for s in open_states)
+        model = problem.model  # what hangs on time does not return with the states
+        timed = [model.t, *(p for s in model.schedules for p in (s.begin, s.symbol))]
+        return problem.impulses or any(ca.depends_on(bounded, s) for s in (*open_states, *timed))
 
     def closure_start(self, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Guess what contacts leave unknown from states and forces; bounds are left aside.
@@ -278,9 +290,21 @@ class Arc:
         parts = [
             np.maximum(d * v[i], 0.0)
             for i, c in enumerate(model.contacts)
-            for d in c.law.directions
+            for d in (() if never_rests(c.law) else c.law.directions)
         ]
         return np.concatenate([forces, np.array(parts).reshape(-1, *shape)])[:n]
+
+    @cached_property
+    def lawful_ode(self) -> ca.SX:
+        """Rates of the states; of prescribed contacts those that slide have their law's force."""
+        model = self.problem.model
+        n = len(model.contacts)
+        if not (self.modal and n):
+            return model.ode
+        stick, direction = self.closure.level[:n], self.closure.level[n : 2 * n]
+        slide = ca.vertcat(*(self._slide_force(i, direction) for i in range(n)))
+        forces = stick * model.forces + (1 - stick) * slide
+        return ca.substitute(model.ode, model.forces, forces)
 
     # -- the arc ---------------------------------------------------------------------------
 

@@ -9,10 +9,11 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
+from wormopt.core.friction import Law
 from wormopt.core.model import Contact, Model
 from wormopt.core.modes import ModeSequence
 
-__all__ = ["Closure", "Complementary", "Prescribed", "Smoothed", "Treatment"]
+__all__ = ["Closure", "Complementary", "Prescribed", "Smoothed", "Treatment", "never_rests"]
 
 
 def _column(*entries: ca.SX | float) -> ca.SX:
@@ -73,7 +74,8 @@ class Treatment(Protocol):
 class Prescribed:
     """Which contact sticks or slides is told phase by phase; switching times are left free.
 
-    Between switches everything is smooth, so that collocation keeps its full order.
+    Between switches everything is smooth, so that collocation keeps its full order. A contact may
+    leave rest before its force reaches stiction: a simulation tells whether that was so.
 
     Parameters
     ----------
@@ -125,7 +127,7 @@ class Smoothed:
     Raises
     ------
     ValueError
-        If the widths are not positive or do not descend.
+        If the width is not positive or the ratio not between 0 and 1.
 
     Examples
     --------
@@ -170,7 +172,8 @@ class Complementary:
     The velocity of a contact is split into parts w >= 0, one for each direction in which it may
     slide, and w (force - force of sliding) = 0 with the force inside the interval of rest. The
     products are relaxed to |w (force - force of sliding)| <= level (Scholtes), and the level is
-    lowered from solve to solve.
+    lowered from solve to solve. Where stiction is larger than sliding friction, a contact may leave
+    rest before its force reaches stiction: a simulation tells whether that was so.
 
     Parameters
     ----------
@@ -184,7 +187,7 @@ class Complementary:
     Raises
     ------
     ValueError
-        If the levels are not positive or do not descend.
+        If the level is not positive or the ratio not between 0 and 1.
 
     References
     ----------
@@ -220,11 +223,15 @@ class Complementary:
         -------
         Closure
         """
-        rests = [c.law.stick_interval for c in model.contacts]
-        parts, equal, small, speeds = [], [], [], []
+        parts, equal, small, speeds, rests = [], [], [], [], []
         for c in model.contacts:
+            if never_rests(c.law):
+                rests.append((-ca.SX.inf(), ca.SX.inf()))
+                equal.append((c.force - c.law.slip_force(c.velocity, 1)) / c.nominal_force)
+                continue
             w = ca.SX.sym("w", len(c.law.directions))
             parts.append(w)
+            rests.append(c.law.stick_interval)
             speeds += [c.nominal_speed] * w.numel()
             signed = ca.dot(ca.DM(c.law.directions), w)
             equal.append((c.velocity - signed) / c.nominal_speed)
@@ -240,6 +247,27 @@ class Complementary:
             equal=_column(*equal),
             small=_column(*small),
         )
+
+
+def never_rests(law: Law) -> bool:
+    """Whether a law holds nothing at rest: viscous drag, which is smooth.
+
+    Parameters
+    ----------
+    law : Law
+        Friction law.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> from wormopt.core.friction import Coulomb, Viscous
+    >>> never_rests(Viscous(1.0)), never_rests(Coulomb(1.0, 2.0))
+    (True, False)
+    """
+    return all(not isinstance(end, ca.SX) and end == 0.0 for end in law.stick_interval)
 
 
 def _products(contact: Contact, parts: ca.SX) -> list[ca.SX]:

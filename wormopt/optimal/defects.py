@@ -18,7 +18,8 @@ def defects(motion: Motion, places: int = 12) -> np.ndarray:
 
     States, inputs and contact unknowns are polynomials on an arc and obey the equations at the
     collocation points only; what is left between them, integrated, estimates by how much the
-    states at the arc's end are wrong.
+    states at the arc's end are wrong. With prescribed modes a sliding contact has the force of its
+    law; forces of resting ones, and of complementary contact, are interpolated.
 
     Parameters
     ----------
@@ -44,7 +45,7 @@ def defects(motion: Motion, places: int = 12) -> np.ndarray:
     slopes = np.einsum("sk,rkn->rsn", _slopes(with_start, s), values)
     t = motion.breaks[:-1] + np.multiply.outer(s, motion.arcs.duration)
     # just inside the arcs, so that each place belongs to its own
-    rates = motion.observe(motion.program.problem.model.ode, t.ravel(order="F"))
+    rates = motion.observe(arc.lawful_ode, t.ravel(order="F"))
     rates = rates.reshape(len(values), places, mesh.total, order="F")
     wrong = np.abs(slopes - rates * motion.arcs.duration)
     return np.max(np.einsum("s,rsn->rn", weights, wrong) / arc.x_nominal[:, None], axis=0)

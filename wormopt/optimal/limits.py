@@ -108,7 +108,6 @@ class Limits:
             lower[0, later], upper[0, later] = -np.inf, np.inf
         d = self.mesh.collocation.degree
         blocks = [
-            (at.start, limits_of(self.problem.model.x), 1),
             (at.inputs, limits_of(self.problem.model.u), self.mesh.input_degree + 1),
             (at.slacks, limits_of(self.problem.slacks), d),
             (at.algebraic, limits_of(self.problem.model.z), d),
@@ -141,6 +140,8 @@ class Limits:
         """Fix durations and clocks that are known; times by which schedules are looked up."""
         n, at, nominal = self.mesh.total, self.arc.layout, self.arc.time_nominal
         if self.arc.fixed_grid:
+            if pins:
+                raise ValueError("on a fixed grid nothing is left to pin")
             duration = np.array(self.mesh.shares) * self.problem.duration[1]
             begin = np.concatenate([[0.0], np.cumsum(duration)[:-1]])
             lower[0] = upper[0] = duration / nominal
@@ -148,7 +149,7 @@ class Limits:
                 lower[at.clock] = upper[at.clock] = begin / nominal
             self._check_breaks(begin, duration)
             return begin + _WITHIN * duration
-        times = {0: 0.0, **(pins or {})}
+        times = self._checked_pins(pins)
         first = np.searchsorted(self.mesh.phase, np.arange(self.mesh.phases))
         if self.arc.timed:
             for phase, time in times.items():
@@ -157,6 +158,22 @@ class Limits:
         last = np.searchsorted(known, self.mesh.phase, side="right") - 1
         assert len(last) == n
         return np.array([times[k] for k in known])[last]
+
+    def _checked_pins(self, pins: Mapping[int, float] | None) -> dict[int, float]:
+        """Times at which phases begin; no schedule may break at any other one."""
+        times = {0: 0.0, **(pins or {})}
+        if times[0] != 0.0:
+            raise ValueError("the first phase begins at 0; pin later ones")
+        if pins and not self.arc.timed:
+            raise ValueError("times of phases are pinned only where the model depends on time")
+        breaks = self.problem.model.breaks(self.problem.duration[1])[1:-1]
+        loose = [t for t in breaks if not any(np.isclose(t, pin) for pin in times.values())]
+        if loose:
+            raise ValueError(
+                f"a schedule breaks at t = {loose[0]:.6g} within a phase of free duration; "
+                "pin the phase that begins there (pins)"
+            )
+        return times
 
     def _check_breaks(self, begin: np.ndarray, duration: np.ndarray) -> None:
         slack = _WITHIN * duration
@@ -239,11 +256,11 @@ class Limits:
             return []
         d = self.mesh.collocation.degree
         now, before = states[k], states[k - 1]
-        begins = k == 0 and not self._returns
+        begins = (k == 0) & ~self._returns
         ends = self.problem.impulses or k == self.mesh.total - 1
         always = (states == 0).all(axis=0) & (k == 0)
         # without impulses a velocity that turns passes through 0
-        turns = (now * before == -1) & (not begins) & (not self.problem.impulses)
+        turns = (now * before == -1) & ~begins & (not self.problem.impulses)
         fresh = (now == 0) & ((before != 0) | begins | always | self.problem.impulses) | turns
         start = np.where(fresh, 0.0, np.inf)
         low = np.repeat(
@@ -252,8 +269,8 @@ class Limits:
         high = np.repeat(
             np.where(now == 0, hold[:, 1], np.where(now > 0, np.inf, 0))[:, None], d, 1
         )
-        if not (begins or self.problem.impulses):  # its speed starts at 0 by an equality
-            settled = (now != 0) & ((before == 0) | turns)
+        if not self.problem.impulses:  # its speed starts at 0 by an equality
+            settled = (now != 0) & ((before == 0) | turns) & ~begins
             low[settled, 0], high[settled, 0] = -np.inf, np.inf
         rows = [(-start, start), (low, high)]
         if self.arc.keeps_ends:
@@ -266,7 +283,7 @@ class Limits:
         d = self.mesh.collocation.degree
         ends = self.problem.impulses or k == self.mesh.total - 1
         rows = []
-        for bound, state_only in zip(self.problem.along, self.arc.state_only, strict=True):
+        for bound, state_only in zip(self.arc.along, self.arc.state_only, strict=True):
             columns = d + (state_only and self.arc.keeps_ends)
             boxes = []
             for value, free in zip(bound.scaled, (-np.inf, np.inf), strict=True):
@@ -277,10 +294,15 @@ class Limits:
             rows.append((boxes[0], boxes[1]))
         return rows
 
-    @property
-    def _returns(self) -> bool:
-        """Whether the end of the motion is its start again, at least for the contacts' speeds."""
-        return bool(self.problem.periodic)
+    @cached_property
+    def _returns(self) -> np.ndarray:
+        """Contacts whose velocity at the end is that of the start, shape (n_c,)."""
+        model, back = self.problem.model, self.problem.periodic
+        others = [s.symbol for s in model.x if s.name not in back]
+        open_states = ca.vertcat(ca.SX(0, 1), *others)
+        return np.array(
+            [not ca.depends_on(c.velocity, open_states) for c in model.contacts], dtype=bool
+        )
 
     def name_of(self, row: int) -> str:
         """What a row of the constraints is about, in words; see `Transcription.name_of`.
@@ -300,7 +322,7 @@ class Limits:
         per_arc: list[str] = []
         along = sum(box[0].size for box in self._along_rows(0))
         per_arc += ["a contact's mode"] * (self._sizes["rows"] - along)
-        for bound, box in zip(self.problem.along, self._along_rows(0), strict=True):
+        for bound, box in zip(self.arc.along, self._along_rows(0), strict=True):
             per_arc += [bound.name] * box[0].size
         if row < sum(sizes):
             return names[int(np.searchsorted(np.cumsum(sizes), row, side="right"))]

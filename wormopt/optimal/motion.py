@@ -127,6 +127,13 @@ class Motion:
         """How long it takes."""
         return float(self.breaks[-1])
 
+    @property
+    def parameters(self) -> dict[str, np.ndarray]:
+        """Parameters of the model by name."""
+        signals = self.program.problem.model.p
+        ends = np.cumsum([s.size for s in signals], dtype=int).tolist()
+        return {s.name: self.p[e - s.size : e] for s, e in zip(signals, ends, strict=True)}
+
     def phase_breaks(self) -> np.ndarray:
         """Times at which phases begin, and the end.
 

@@ -296,7 +296,7 @@ class NonlinearProgram:
         w = np.clip(np.asarray(answer["x"]).ravel(), bounds.lbw, bounds.ubw)
         return Solution(
             w=w,
-            objective=float(answer["f"]),
+            objective=float(self._evaluate(w, bounds.p)[0]),
             violation=self.violation(w, bounds),
             status=str(stats["return_status"]),
             success=bool(stats["success"]),

@@ -350,6 +350,7 @@ def refine(
     SolveError
         If a finer mesh is not solved.
     """
+    p = optimum.motion.parameters if p is None else p
     for k in range(rounds):
         mesh = finer(optimum.motion.mesh, optimum.defects, tolerance)
         if mesh.total == optimum.motion.mesh.total or mesh.total > most_arcs:

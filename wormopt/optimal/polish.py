@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +20,11 @@ from wormopt.progress import Report, silent
 
 __all__ = ["polish", "resting_speeds"]
 
-# An exact optimum whose objective is worse than the relaxed one's by more than this part is none
-# of its kind.
-_FAMILIAR = 0.05
+# An exact optimum worse than the relaxed one by more than the first part of the objective may come
+# from misread phases, so that others are tried; by more than the second it is none of its kind.
+_ALIKE, _FAMILIAR = 0.01, 0.1
+# Most readings tried.
+_READINGS = 6
 
 
 def polish(
@@ -36,8 +39,8 @@ def polish(
     """Solve with the contact modes of a relaxed optimum, switching times left free.
 
     Phases are runs of arcs with the same contact modes and the same inputs at their limits. A
-    phase may shrink to nothing. Several readings are tried where short runs may be noise; the
-    best one is refined.
+    phase may shrink to nothing. Other readings are tried where the objective comes out worse than
+    the relaxed one by more than 1 %; the best one is refined.
 
     Parameters
     ----------
@@ -48,7 +51,7 @@ def polish(
     tolerance : float, optional
         Local error allowed on each arc, see `refine`.
     p : mapping of str to array_like, optional
-        Parameters of the model by name.
+        Parameters of the model by name; those of the relaxed motion where nothing is said.
     solver : Solver, optional
         IPOPT with a tolerance of 1e-10 where nothing is said.
     report : callable, optional
@@ -66,33 +69,35 @@ def polish(
     """
     collocation = collocation or Collocation(5)
     solver = solver or Ipopt(tolerance=1e-10, mu_init=1e-2)
+    p = relaxed.motion.parameters if p is None else p
     found: list[Optimum] = []
     error: SolveError | None = None
-    for structure in _readings(relaxed):
+    for structure in islice(_readings(relaxed), _READINGS):
         report(f"phases: {len(structure.durations)}", None)
         try:
             found.append(_solve(relaxed, structure, collocation, p, solver))
         except SolveError as failed:
             error = failed
             continue
-        if _familiar(found[-1], relaxed):
+        if _loss(found[-1], relaxed) <= _ALIKE:
             break
-    found = [f for f in found if _familiar(f, relaxed)]
+    found = sorted((f for f in found if _loss(f, relaxed) <= _FAMILIAR), key=lambda f: f.objective)
     if not found:
         raise SolveError(
             "the contact modes read off the relaxed motion do not lead to an exact one",
-            "use more arcs, or a smaller last level of the treatment of contact",
+            "use more arcs; or nothing can move at all within these limits",
             None if error is None else error.partial,
             "no_phases",
         )
     near = replace(solver, mu_init=1e-5, warm=True) if isinstance(solver, Ipopt) else solver
     refined = refine(found[0], tolerance, p=p, solver=near)
-    return refined if _familiar(refined, relaxed) else found[0]
+    return refined if _loss(refined, relaxed) <= _FAMILIAR else found[0]
 
 
-def _familiar(exact: Optimum, relaxed: Optimum) -> bool:
-    size = abs(relaxed.objective) + abs(exact.objective)
-    return exact.objective <= relaxed.objective + _FAMILIAR * size
+def _loss(exact: Optimum, relaxed: Optimum) -> float:
+    """By which part of their size the exact objective is worse than the relaxed one."""
+    size = max(abs(relaxed.objective), abs(exact.objective), 1e-300)
+    return (exact.objective - relaxed.objective) / size
 
 
 def _readings(relaxed: Optimum) -> Iterator[Structure]:

@@ -83,7 +83,8 @@ def _active_inputs(motion: Motion) -> np.ndarray:
     values, at = motion.inputs(middle), 0
     for signal in motion.program.problem.model.u:
         for u in values[at : at + signal.size]:
-            near = 1e-3 * max(1.0, np.ptp(u)) if np.isfinite(signal.upper - signal.lower) else 0.0
+            width = signal.upper - signal.lower
+            near = 1e-3 * (width if np.isfinite(width) else np.ptp(u))
             rows.append((u >= signal.upper - near).astype(int) - (u <= signal.lower + near))
         at += signal.size
     return np.array(rows, dtype=int).reshape(len(rows), motion.mesh.total)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -38,6 +39,7 @@ from wormopt.studies.optimum import (
     refused,
     sample_motion,
     warnings_of_optimum,
+    warnings_of_reading,
 )
 from wormopt.studies.signals import CHAIN_SIGNALS, chain_expressions
 from wormopt.tracking.drive import drive
@@ -104,7 +106,7 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
             convergence = _converge(stages, report)
         except SolveError as error:
             faults.append(f"relaxed contact was not followed to its limit: {error}")
-    trust = optimum_trust(stages, second, list(_warnings(table, exact, convergence)))
+    trust = optimum_trust(stages, second, list(_warnings(table, stages, convergence)))
     trust["starts"] = list(tries)
     scalars = optimum_scalars(stages, second, table.units, objective="speed")
     if table.aim.minimise:
@@ -394,11 +396,14 @@ def _variables(motion: Motion, units: str, robust: bool) -> list[Variable]:
 
 
 def _warnings(
-    table: OptimalCrawlScene, exact: Optimum, convergence: _Convergence | None
+    table: OptimalCrawlScene, stages: Mapping[str, Optimum], convergence: _Convergence | None
 ) -> Iterator[str]:
-    if not table.robust:
-        yield from warnings_of_optimum(exact, table.mesh.tolerance)
+    relaxed = stages["complementarity"]
+    if "phases" in stages:
+        yield from warnings_of_optimum(stages["phases"], table.mesh.tolerance)
+        yield from warnings_of_reading(relaxed, stages["phases"])
     else:
+        yield from warnings_of_optimum(relaxed, math.inf)
         yield (
             "several worms: contact is complementary on a grid, so that the motion is right to "
             "about a part in a thousand; speed_simulated is what each worm really does"

@@ -43,6 +43,7 @@ __all__ = [
     "sample_motion",
     "statistics",
     "warnings_of_optimum",
+    "warnings_of_reading",
 ]
 
 ACCEPTED = 1e-7
@@ -55,6 +56,8 @@ _TIGHT = Tolerance(relative=1e-12, absolute=1e-13)
 _JUMP = 1e-9
 # An optimum whose objective could still fall by more than this part of its size is none.
 _GAIN = 1e-6
+# A relaxed optimum better than the exact one by more than this part has other phases.
+_MISREAD = 1e-2
 # Samples of a motion: at least so many in all and on each arc, so far inside of it.
 _SAMPLES, _PER_ARC, _INSIDE = 400, 3, 1e-9
 # Arcs of a smaller part of the motion last no time; phases of a smaller part are none.
@@ -464,6 +467,27 @@ def warnings_of_optimum(optimum: Optimum, tolerance: float) -> Iterator[str]:
         )
     if optimum.solution.status == "Solved_To_Acceptable_Level":
         yield "the solver stopped short of its tolerance, at what it calls an acceptable level"
+
+
+def warnings_of_reading(relaxed: Optimum, exact: Optimum) -> Iterator[str]:
+    """Say where the phases of a relaxed motion may have been misread.
+
+    Parameters
+    ----------
+    relaxed, exact : Optimum
+        The optimum from which phases were read, and that with those phases.
+
+    Yields
+    ------
+    str
+    """
+    lost = exact.objective - relaxed.objective
+    share = lost / max(abs(exact.objective), abs(relaxed.objective), 1e-300)
+    if share > _MISREAD:
+        yield (
+            f"the relaxed motion is better by {100 * share:.2g} %: its phases may have been "
+            "misread; more arcs (mesh.arcs) show them better"
+        )
 
 
 def faults_of_optimum(second: Recheck) -> list[str]:

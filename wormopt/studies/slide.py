@@ -34,6 +34,7 @@ from wormopt.studies.optimum import (
     refused,
     sample_motion,
     warnings_of_optimum,
+    warnings_of_reading,
 )
 from wormopt.studies.proof import warnings_of_contact
 from wormopt.studies.signals import Kind, symbol
@@ -97,6 +98,7 @@ def run(scene: Scene[SlideScene], report: Report) -> Result:
         variables=_variables(optimum.motion, table.units),
         warnings=[
             *warnings_of_optimum(optimum, table.mesh.tolerance),
+            *warnings_of_reading(next(iter(stages.values())), optimum),
             *warnings_of_contact(treatment_of(table.contact), [law_of(table.block.friction)]),
         ],
         timings={"optimise": solved - begin, "recheck": time.perf_counter() - solved},
