@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from wormopt.plot import simulation
-from wormopt.plot.parts import GREY, facts, scalar, sheet
+from wormopt.plot.parts import GREY, facts, label, scalar, sheet
 from wormopt.result import Result, Variable
 
 __all__ = ["convergence", "over_time", "signals"]
@@ -77,11 +77,11 @@ def convergence(result: Result) -> Figure:
     drawn = sheet(9, 4)
     left, right = drawn.subplots(1, 2, sharey=True)
     _draw(left, result, "width", "smoothed", 1)
-    left.set_xlabel("width $v_{reg}$ of the smoothed law")
+    left.set_xlabel(label("width $v_{reg}$ of the smoothed law", result["width"].unit))
     left.invert_xaxis()
     _draw(right, result, "arcs", "complementarity", -1)
-    right.set_xlabel("arcs of the grid, complementarity")
-    left.set_ylabel("error of the objective")
+    right.set_xlabel("arcs of the grid (complementarity)")
+    left.set_ylabel(label("error of the objective", result["smoothed_error"].unit))
     left.set_title(facts(result, "order_smoothed"), loc="left")
     right.set_title(facts(result, "order_complementarity"), loc="left")
     return drawn
