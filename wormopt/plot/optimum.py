@@ -80,7 +80,7 @@ def convergence(result: Result) -> Figure:
     left.set_xlabel(label("width $v_{reg}$ of the smoothed law", result["width"].unit))
     left.invert_xaxis()
     _draw(right, result, "arcs", "complementarity", -1)
-    right.set_xlabel("arcs of the grid (complementarity)")
+    right.set_xlabel("arcs $N$ of the grid (complementarity)")
     left.set_ylabel(label("error of the objective", result["smoothed_error"].unit))
     left.set_title(facts(result, "order_smoothed"), loc="left")
     right.set_title(facts(result, "order_complementarity"), loc="left")
