@@ -368,3 +368,13 @@ def test_viscous_drag_is_itself_in_a_complementary_problem():
 
     t1 = root_scalar(left, bracket=(1 / 3 + 1e-9, 3.0)).root
     assert found.objective == pytest.approx(2 * t1 - 1 / 3, abs=1e-6)
+
+
+def test_arguments_that_cannot_be_used_are_named():
+    problem, mesh = slide(), Mesh.even(1, 4, Collocation(2))
+    with pytest.raises(ArgumentError, match="is Smoothed, Complementary or Prescribed, not Smooth"):
+        optimise(problem, mesh, Smooth(0.1), LINE)  # type: ignore[arg-type]
+    with pytest.raises(ArgumentError, match=r"it must give \(2, 8\)"):
+        optimise(problem, mesh, RELAXED, Guess(1.0, lambda t: t[None]))
+    with pytest.raises(ArgumentError, match="upper has 3 entries for an expression of 2"):
+        Bound("end", problem.ends.end, upper=[1.0, 2.0, 3.0])

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.core.gait import Gait
+from wormopt.errors import ArgumentError
 from wormopt.optimal.collocation import bernstein_matrix
 from wormopt.optimal.mesh import Arcs, Mesh, interpolation
 from wormopt.optimal.nlp import Bounds
@@ -313,6 +314,11 @@ def sample(program: Transcription, guess: Guess, bounds: Bounds) -> np.ndarray:
     ndarray, shape (n_w,)
         What curves do not tell is at its nominal size: slacks, design constants; algebraic
         variables and impulses are zero.
+
+    Raises
+    ------
+    ArgumentError
+        If a curve does not give as many rows as it must.
     """
     mesh, arc = program.mesh, program.arc
     d, n = mesh.collocation.degree, mesh.total
@@ -323,7 +329,13 @@ def sample(program: Transcription, guess: Guess, bounds: Bounds) -> np.ndarray:
         if curve is None:
             return np.zeros((rows, len(places), n))
         t = breaks[:-1] + np.multiply.outer(places, durations)
-        return curve(t.ravel()).reshape(rows, len(places), n)
+        values = np.asarray(curve(t.ravel()))
+        if values.shape != (rows, t.size):
+            raise ArgumentError(
+                f"a curve of the guess gives shape {values.shape} at {t.size} times; it must give "
+                f"({rows}, {t.size})"
+            )
+        return values.reshape(rows, len(places), n)
 
     n_x, n_u = len(arc.x_nominal), len(arc.u_nominal)
     inner = (np.arange(mesh.input_degree + 1) + 0.5) / (mesh.input_degree + 1)  # off the breaks

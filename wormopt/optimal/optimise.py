@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.core.modes import ModeSequence
-from wormopt.errors import SolveError
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.optimal.contact import Complementary, Prescribed, Smoothed
 from wormopt.optimal.defects import defects, finer
 from wormopt.optimal.failure import failure
@@ -193,6 +193,8 @@ def optimise(
 
     Raises
     ------
+    ArgumentError
+        If the treatment of contact is not one of an optimisation.
     SolveError
         If a level is not solved; the message says which limits stand against each other, or what
         else to change, and ``code`` why: "infeasible", "unbounded", "bad_guess", "not_solved".
@@ -226,6 +228,10 @@ def optimise(
     >>> round(found.objective**2, 9)
     1.5
     """
+    if not isinstance(treatment, Contacts):
+        raise ArgumentError(
+            f"contact in an optimisation is Smoothed, Complementary or Prescribed, not {treatment}"
+        )
     solver = solver or Ipopt()
     begin = time.perf_counter()
     program = Transcription(problem, mesh, treatment)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.core.model import Model, Signal
+from wormopt.errors import ArgumentError
 
 __all__ = ["Bound", "Ends", "Problem"]
 
@@ -28,6 +29,11 @@ class Bound:
         The interval, alike for all rows or one per row; equal values make an equality.
     nominal : float, optional
         Usual size of the expression, by which it is scaled.
+
+    Raises
+    ------
+    ArgumentError
+        If a limit has neither one entry nor as many as the expression.
     """
 
     name: str
@@ -35,6 +41,14 @@ class Bound:
     lower: ArrayLike = -np.inf
     upper: ArrayLike = np.inf
     nominal: float = 1.0
+
+    def __post_init__(self) -> None:
+        for side, value in (("lower", self.lower), ("upper", self.upper)):
+            if np.size(value) not in (1, self.expression.numel()):
+                raise ArgumentError(
+                    f"bound {self.name!r}: {side} has {np.size(value)} entries for an expression "
+                    f"of {self.expression.numel()}"
+                )
 
     @property
     def scaled(self) -> tuple[np.ndarray, np.ndarray]:
