@@ -30,6 +30,7 @@ from wormopt.simulation.options import Exact, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.studies.chains import build_chain, draw_links
 from wormopt.studies.optimum import (
+    ACCEPTED,
     faults_of_optimum,
     modes_of,
     optimum_scalars,
@@ -95,12 +96,13 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
     starts = [_resumed(scene)] if table.search.result else _guesses(table, plant, len(draws))
     try:
         stages, tries = _solve(table, problem, starts, report)
+        exact, solved = [*stages.values()][-1], time.perf_counter()
+        numbers = _numbers(table, plant, exact.motion, draws, report)
     except SolveError as error:
         raise refused(scene, error) from None
-    exact, solved = [*stages.values()][-1], time.perf_counter()
-    accepted = _ACCEPTED_ROBUST if table.robust else 1e-7
+    accepted = _ACCEPTED_ROBUST if table.robust else ACCEPTED
     second = recheck(exact.motion, accepted=accepted, report=report)
-    faults, convergence = faults_of_optimum(second), None
+    faults, convergence = [*faults_of_optimum(second), *_strays(numbers, accepted)], None
     if "convergence" in table.want:
         try:
             convergence = _converge(stages, report)
@@ -120,7 +122,7 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
         status="failed" if faults else "ok",
         reason="; ".join(faults),
         scalars={
-            **_numbers(table, plant, exact.motion, draws, report),
+            **numbers,
             **scalars,
             **(convergence.scalars(table.units) if convergence else {}),
         },
@@ -338,6 +340,13 @@ def _cycle_of(optimum: Optimum) -> tuple[tuple[int, ...], ...]:
 
 
 # -- what is told ----------------------------------------------------------------------------------
+
+
+def _strays(numbers: Mapping[str, Scalar], accepted: float) -> Iterator[str]:
+    """Say so if worms do not keep the speed they were optimised for."""
+    speed, kept = numbers["speed"].value, float(np.mean(numbers["speed_simulated"].value))
+    if not abs(kept - speed) <= accepted * max(abs(speed), abs(kept)):
+        yield f"after some periods the simulated speed is {kept:.6g}, not {speed:.6g}"
 
 
 def _numbers(
