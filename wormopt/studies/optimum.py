@@ -465,8 +465,30 @@ def warnings_of_optimum(optimum: Optimum, tolerance: float) -> Iterator[str]:
             f"not optimal to first order: near by the objective may fall by {optimum.gain:.2g}, "
             f"{optimum.gain / size:.1g} of its size"
         )
+    if _has_stiction(optimum.motion):
+        yield (
+            "stiction is larger than sliding friction: optimised, a contact may leave rest before "
+            "its force reaches stiction; the simulation would end elsewhere then"
+        )
     if optimum.solution.status == "Solved_To_Acceptable_Level":
         yield "the solver stopped short of its tolerance, at what it calls an acceptable level"
+
+
+def _has_stiction(motion: Motion) -> bool:
+    """Whether a contact holds more at rest than it resists when it begins to slide."""
+    arc = motion.program.arc
+    p, design = arc.constants[3], arc.constants[2]
+    for contact, ends in zip(
+        motion.program.problem.model.contacts, arc.rests(motion.p), strict=True
+    ):
+        for d in contact.law.directions:
+            slip = ca.SX(contact.law.slip_force(0.0, d)) / contact.nominal_force
+            if ca.depends_on(slip, design):
+                continue
+            resists = abs(float(ca.Function("slip", [p], [slip])(motion.p)))
+            if abs(ends[0 if d > 0 else 1]) > resists * (1 + 1e-9):
+                return True
+    return False
 
 
 def warnings_of_reading(relaxed: Optimum, exact: Optimum) -> Iterator[str]:
