@@ -28,7 +28,7 @@ DEFAULT = Tolerance()
 STEPPING: list[Route] = ["native", "python"]
 ALL: list[Route] = ["native", "python", "cvodes"]
 
-# theory.md, "Benchmark TRACK14 / TRACK13": x, v, gain (and the filter) at t = 10
+# docs/verification.md, trackers: x, v, gain (and the filter) at t = 10
 TRACK = {
     "filter": [
         *(13.7293026425339, 12.5129899383629, 11.2234323017047),
@@ -41,7 +41,7 @@ TRACK = {
         17.4065002539140,
     ],
 }
-# theory.md, "Benchmark MAG2"
+# docs/verification.md, pair
 MAG2 = [68.6821179593, 69.1082146640, -0.1937052220, 0.7347495453]
 MAG2_STICKS = [
     ("mass 0", 1.302637, 1.309360),

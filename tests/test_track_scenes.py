@@ -21,7 +21,7 @@ from wormopt.studies.loops import build_loop
 
 # -- the chapter's benchmark ---------------------------------------------------------------------
 
-# theory.md, "Benchmark TRACK14 / TRACK13", at t = 10
+# docs/verification.md, trackers, at t = 10
 TRACK14 = {
     "x_end": [13.7293026425339, 12.5129899383629, 11.2234323017047],
     "v_end": [1.5442046082437, 1.2147444914821, 0.6496895012235],
@@ -54,7 +54,7 @@ def test_the_trust_report_says_how_it_was_found(fig05: Result):
     assert trust["route"] == ["native", "native"]
     assert [each["route"] for each in trust["recheck"]] == ["cvodes", "cvodes"]
     assert all(abs(each["residual"]) < 1e-10 for each in trust["energy_balance"])
-    # the smooth law at rest: -(5.5 tanh(0) - 4.5), and the speed artanh(9/11)/40 of theory.md
+    # the smooth law at rest: -(5.5 tanh(0) - 4.5), and the speed artanh(9/11)/40
     assert any("+4.5" in text and "+0.0287823" in text for text in trust["warnings"])
     assert sum("never reaches the tube" in text for text in trust["warnings"]) == 2
 
@@ -380,7 +380,7 @@ def test_what_the_file_prints_does_not_reach_stdout(
 
 
 def test_the_magnetic_pair_as_a_model_of_ones_own(tmp_path: Path):
-    """MAG2 of theory.md: 369 events, 5 sticking phases."""
+    """MAG2 of docs/verification.md: 369 events, 5 sticking phases."""
     own = """
 import casadi as ca
 import numpy as np

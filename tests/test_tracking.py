@@ -142,7 +142,7 @@ def worm(links: int = 2, **numbers: Any) -> Model:
     return chain(links, law=Coulomb(1.0, 10.0), **(usual | numbers))
 
 
-# -- benchmarks of theory.md, section 3 ----------------------------------------------------------
+# -- benchmarks of docs/verification.md -------------------------------------------------------
 
 TRACKS: dict[Feedback, list[float]] = {
     "filter": [

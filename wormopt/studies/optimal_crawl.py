@@ -31,11 +31,8 @@ from wormopt.simulation.simulate import simulate
 from wormopt.studies.chains import build_chain, draw_links
 from wormopt.studies.optimum import (
     ACCEPTED,
-    faults_of_optimum,
+    conclude,
     modes_of,
-    optimum_scalars,
-    optimum_timings,
-    optimum_trust,
     recheck,
     refused,
     sample_motion,
@@ -102,43 +99,26 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
         raise refused(scene, error) from None
     accepted = _ACCEPTED_ROBUST if table.robust else ACCEPTED
     second = recheck(exact.motion, accepted=accepted, report=report)
-    faults, convergence = [*faults_of_optimum(second), *_strays(numbers, accepted)], None
+    faults, convergence = [*_strays(numbers, accepted)], None
     if "convergence" in table.want:
         try:
             convergence = _converge(stages, report)
         except SolveError as error:
             faults.append(f"relaxed contact was not followed to its limit: {error}")
-    trust = optimum_trust(stages, second, list(_warnings(table, stages, convergence)))
-    trust["starts"] = list(tries)
-    scalars = optimum_scalars(stages, second, table.units, objective="speed")
-    if table.aim.minimise:
-        scalars["objective"] = replace(
-            scalars["objective"], unit=unit_of("acceleration", table.units)
-        )
-    return Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars={
-            **numbers,
-            **scalars,
-            **(convergence.scalars(table.units) if convergence else {}),
-        },
-        variables=(
-            *_variables(exact.motion, table.units, bool(table.robust)),
-            *(convergence.variables(table.units) if convergence else ()),
-        ),
-        trust=trust,
-        timings_s={
-            **optimum_timings(stages),
-            "optimise": solved - begin,
-            "check": time.perf_counter() - solved,
-        },
-        scene_text=scene.text,
-        attributes={"contacts": [c.name for c in plant.contacts], "signals": [*_SHOWN]},
+    variables = _variables(exact.motion, table.units, bool(table.robust))
+    result = conclude(
+        scene,
+        stages,
+        second,
+        objective="acceleration" if table.aim.minimise else "speed",
+        scalars=numbers | (convergence.scalars(table.units) if convergence else {}),
+        variables=[*variables, *(convergence.variables(table.units) if convergence else ())],
+        warnings=[*_warnings(table, stages, convergence)],
+        timings={"optimise": solved - begin, "check": time.perf_counter() - solved},
+        faults=faults,
+        shown=_SHOWN,
     )
+    return replace(result, trust={**result.trust, "starts": [*tries]})
 
 
 def _plant(table: OptimalCrawlScene) -> Model:
@@ -280,7 +260,8 @@ class _Convergence:
     @property
     def bars(self) -> tuple[float, float]:
         """Error bars that each sequence states by itself: twice its last step."""
-        return tuple(2 * float(abs(v[-1] - v[-2])) for v in (self.smoothed, self.relaxed))  # type: ignore[return-value]
+        smoothed, relaxed = (2 * float(abs(v[-1] - v[-2])) for v in (self.smoothed, self.relaxed))
+        return smoothed, relaxed
 
     def scalars(self, units: str) -> dict[str, Scalar]:
         """Orders, last objectives, and their error bars."""

@@ -545,6 +545,8 @@ def conclude(
     variables: Sequence[Variable],
     warnings: Sequence[str],
     timings: Mapping[str, float],
+    faults: Sequence[str] = (),
+    shown: Sequence[str] | None = None,
 ) -> Result:
     """Put an optimal motion into a Result.
 
@@ -561,18 +563,22 @@ def conclude(
     scalars : mapping of str to Scalar
         What the kind says besides.
     variables : sequence of Variable
-        Signals; all but the coordinate are shown, in this order.
+        Signals and what else there is.
     warnings : sequence of str
         In words.
     timings : mapping of str to float
         Seconds besides those to build and solve.
+    faults : sequence of str, optional
+        Why it is not to be trusted, besides the simulation.
+    shown : sequence of str, optional
+        Signals that pictures show, in their order; all variables where nothing is said.
 
     Returns
     -------
     Result
-        Status "failed" where the simulation ends elsewhere.
+        Status "failed" where the simulation ends elsewhere, or there are other faults.
     """
-    faults, motion = faults_of_optimum(second), [*stages.values()][-1].motion
+    faults, motion = [*faults_of_optimum(second), *faults], [*stages.values()][-1].motion
     common = optimum_scalars(stages, second, scene.table.units, objective=objective)
     return Result(
         scene.name,
@@ -587,7 +593,7 @@ def conclude(
         scene_text=scene.text,
         attributes={
             "contacts": [contact.name for contact in motion.program.problem.model.contacts],
-            "signals": [v.name for v in variables if v.name != "instant"],
+            "signals": [*(shown or (v.name for v in variables if v.name != "instant"))],
         },
     )
 
