@@ -427,7 +427,7 @@ class Arc:
         model, d = self.problem.model, self.mesh.collocation.degree
         tau = self.mesh.collocation.tau
         to_coefficients = ca.DM(bernstein_matrix(tau).T)
-        with_start = ca.DM(bernstein_matrix(np.concatenate([[0.0], tau])).T)
+        with_start = ca.DM(bernstein_matrix(self.mesh.collocation.nodes).T)
         repeated = [ca.repmat(c, 1, d) for c in fixed]
 
         def coefficients(expression: ca.SX, state_only: bool) -> ca.SX:

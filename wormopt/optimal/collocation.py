@@ -59,6 +59,11 @@ class Collocation:
         return (nodes + 1) / 2
 
     @cached_property
+    def nodes(self) -> np.ndarray:
+        """Where the state polynomials are known: 0 and the points, shape (degree + 1,)."""
+        return np.concatenate([[0.0], self.tau])
+
+    @cached_property
     def A(self) -> np.ndarray:
         """Integrals of the Lagrange polynomials from 0 to each point, shape (degree, degree)."""
         return self._integrals_to(self.tau)

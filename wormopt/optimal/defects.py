@@ -40,9 +40,8 @@ def defects(motion: Motion, places: int = 12) -> np.ndarray:
     arc, mesh = motion.program.arc, motion.mesh
     nodes, weights = np.polynomial.legendre.leggauss(places)
     s, weights = (nodes + 1) / 2, weights / 2
-    with_start = np.concatenate([[0.0], mesh.collocation.tau])
-    values = np.concatenate([motion.arcs.start[:, None], motion.arcs.points], axis=1)
-    slopes = np.einsum("sk,rkn->rsn", _slopes(with_start, s), values)
+    values = motion.arcs.states
+    slopes = np.einsum("sk,rkn->rsn", _slopes(mesh.collocation.nodes, s), values)
     t = motion.breaks[:-1] + np.multiply.outer(s, motion.arcs.duration)
     # just inside the arcs, so that each place belongs to its own
     rates = motion.observe(arc.lawful_ode, t.ravel(order="F"))

@@ -204,6 +204,11 @@ class Arcs:
     jumps: np.ndarray
     design: np.ndarray
 
+    @property
+    def states(self) -> np.ndarray:
+        """States at the nodes of the collocation, shape (n_x, degree + 1, N)."""
+        return np.concatenate([self.start[:, None], self.points], axis=1)
+
 
 def on_finer_mesh(arcs: Arcs, coarse: Mesh, mesh: Mesh) -> Arcs:
     """Represent a motion of one mesh on a finer one: more arcs of equal parts, higher degrees.
@@ -223,8 +228,7 @@ def on_finer_mesh(arcs: Arcs, coarse: Mesh, mesh: Mesh) -> Arcs:
         The same motion; impulses stay at the start of the first part of their arc.
     """
     split = mesh.total // coarse.total
-    with_start = np.concatenate([[0.0], coarse.collocation.tau])
-    states = np.concatenate([arcs.start[:, None], arcs.points], axis=1)
+    with_start, states = coarse.collocation.nodes, arcs.states
     parts = [(np.arange(split) + offset) / split for offset in (0.0, 1.0)]
 
     def on(nodes: np.ndarray, values: np.ndarray, targets: np.ndarray) -> np.ndarray:

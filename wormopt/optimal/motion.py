@@ -170,9 +170,7 @@ class Motion:
         -------
         ndarray, shape (n_x, m)
         """
-        nodes = np.concatenate([[0.0], self.mesh.collocation.tau])
-        values = np.concatenate([self.arcs.start[:, None], self.arcs.points], axis=1)
-        return self._interpolated(t, nodes, values)
+        return self._interpolated(t, self.mesh.collocation.nodes, self.arcs.states)
 
     def inputs(self, t: np.ndarray) -> np.ndarray:
         """Inputs at given times; where they jump, the later value.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +53,7 @@ def structure_of(motion: Motion, *, speed: float | None, least: int = 1) -> Stru
         modes = _contact_modes(motion, speed)
     active = _active_inputs(motion)
     keys = [(tuple(m), tuple(a)) for m, a in zip(modes.T.tolist(), active.T.tolist(), strict=True)]
-    runs = _merged(_runs(keys), least)
+    runs = _merged(_joined((key, 1) for key in keys), least)
     edges = np.cumsum([0, *(length for _, length in runs)])
     durations = np.diff(motion.breaks[edges])
     return Structure(
@@ -93,14 +93,15 @@ def _active_inputs(motion: Motion) -> np.ndarray:
 Run = tuple[tuple[tuple[int, ...], tuple[int, ...]], int]
 
 
-def _runs(keys: Sequence[tuple[tuple[int, ...], tuple[int, ...]]]) -> list[Run]:
-    runs: list[Run] = []
-    for key in keys:
-        if runs and runs[-1][0] == key:
-            runs[-1] = (key, runs[-1][1] + 1)
+def _joined(runs: Iterable[Run]) -> list[Run]:
+    """Runs of which no two neighbours have the same key."""
+    joined: list[Run] = []
+    for key, length in runs:
+        if joined and joined[-1][0] == key:
+            joined[-1] = (key, joined[-1][1] + length)
         else:
-            runs.append((key, 1))
-    return runs
+            joined.append((key, length))
+    return joined
 
 
 def _merged(runs: list[Run], least: int) -> list[Run]:
@@ -113,12 +114,5 @@ def _merged(runs: list[Run], least: int) -> list[Run]:
         right = runs[k + 1][1] if k + 1 < len(runs) else -1
         heir = k - 1 if left >= right else k + 1
         runs[heir] = (runs[heir][0], runs[heir][1] + runs[k][1])
-        del runs[k]
-        joined: list[Run] = []
-        for key, length in runs:
-            if joined and joined[-1][0] == key:
-                joined[-1] = (key, joined[-1][1] + length)
-            else:
-                joined.append((key, length))
-        runs = joined
+        runs = _joined(runs[:k] + runs[k + 1 :])
     return runs

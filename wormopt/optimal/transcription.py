@@ -378,7 +378,7 @@ class Transcription:
             return w
         points = y[self.arc.layout.points, -1].reshape((n_x, -1), order="F")
         values = np.column_stack([y[self.arc.layout.start, -1], points])
-        nodes = np.concatenate([[0.0], self.mesh.collocation.tau])
+        nodes = self.mesh.collocation.nodes
         w[totals.start : totals.start + n_x] = values @ interpolation(nodes, np.ones(1))[0]
         w[totals.start + n_x] = y[0].sum()
         return w

@@ -175,8 +175,7 @@ def _plant(motion: Motion) -> Model:
 def _stretches(motion: Motion) -> Iterator[tuple[float, float, np.ndarray]]:
     """Begin and end of each stretch between impulses, and the jump of the states before it."""
     arcs, mesh = motion.arcs, motion.mesh
-    nodes = np.concatenate([[0.0], mesh.collocation.tau])
-    values = np.concatenate([arcs.start[:, None], arcs.points], axis=1)
+    nodes, values = mesh.collocation.nodes, arcs.states
     ends = np.einsum("k,rkn->rn", interpolation(nodes, np.ones(1))[0], values)
     jumps = arcs.start - np.column_stack([np.zeros(len(ends)), ends[:, :-1]])
     size = motion.program.arc.x_nominal[:, None]
