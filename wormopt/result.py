@@ -29,6 +29,7 @@ UNITS = {
     "speed": "m s-1",
     "acceleration": "m s-2",
     "acceleration_squared": "m2 s-4",
+    "angle": "rad",
     "angular_frequency": "rad s-1",
     "mass": "kg",
     "force": "N",
