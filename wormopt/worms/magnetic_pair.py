@@ -40,7 +40,23 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class PairParts:
-    """What both forms share: the parameters, the field, the ground."""
+    """What all forms of the pair share.
+
+    Parameters
+    ----------
+    t, mass, stiffness, push, frequency : casadi.SX
+        Symbols of time and of the parameters.
+    field : casadi.SX
+        G(t), an expression or the symbol of an input.
+    harmonics : casadi.SX
+        Coefficients of its cosines, empty for an input.
+    inputs, parameters : tuple of Signal
+        Of the models.
+    laws : tuple of Law
+        Friction of both masses, with parameters for numbers.
+    forces : casadi.SX, shape (2, 1)
+        Friction forces.
+    """
 
     t: ca.SX
     mass: ca.SX
@@ -68,6 +84,22 @@ def pair_parts(
     frequency: float,
     cosines: Sequence[float] | None,
 ) -> PairParts:
+    """Make the symbols that all forms of the pair share, and refuse numbers that cannot be.
+
+    Parameters
+    ----------
+    law, mass, stiffness, push, frequency, cosines
+        As for `magnetic_pair`.
+
+    Returns
+    -------
+    PairParts
+
+    Raises
+    ------
+    ArgumentError
+        As `magnetic_pair`.
+    """
     t = ca.SX.sym("t")
     given = (
         ("mass", mass, "mass"),
@@ -284,7 +316,7 @@ def to_slow(
     Examples
     --------
     >>> slow = to_slow(0.0, [-0.1, 0.3], [0.0, 0.0], frequency=1.5)
-    >>> slow["swing"].round(12), slow["center"].round(12)
+    >>> slow["swing"].round(12), float(slow["center"].round(12))
     (array([0.2, 0. ]), 0.1)
     """
     x, v, psi = np.asarray(position), np.asarray(velocity), frequency * np.asarray(t)
@@ -343,7 +375,19 @@ def from_slow(
 
 
 def slow_states(V: ca.SX, swing: ca.SX) -> list[Signal]:
-    """States of `slow_pair` and of its averages."""
+    """List the states of `slow_pair` and of its averages.
+
+    Parameters
+    ----------
+    V : casadi.SX
+        Velocity of the center.
+    swing : casadi.SX, shape (2, 1)
+        a cos(xi), a sin(xi).
+
+    Returns
+    -------
+    list of Signal
+    """
     return [
         Signal("center_velocity", V, "speed", value=0.0),
         Signal("swing", swing, "length", value=(0.0, 0.0)),
@@ -351,7 +395,21 @@ def slow_states(V: ca.SX, swing: ca.SX) -> list[Signal]:
 
 
 def slow_outputs(V: ca.SX, swing: ca.SX, natural_frequency: ca.SX) -> list[Output]:
-    """Outputs of `slow_pair` and of its averages."""
+    """List the outputs of `slow_pair` and of its averages.
+
+    Parameters
+    ----------
+    V : casadi.SX
+        Velocity of the center.
+    swing : casadi.SX, shape (2, 1)
+        a cos(xi), a sin(xi).
+    natural_frequency : casadi.SX
+        Omega.
+
+    Returns
+    -------
+    list of Output
+    """
     a = ca.sqrt(ca.sumsqr(swing))
     return [
         Output("amplitude", a, "length"),

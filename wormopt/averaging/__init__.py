@@ -1,0 +1,1 @@
+"""Averaging over a fast phase, and the steady states of what is left."""

@@ -1,0 +1,261 @@
+"""When contact velocities change sign within a period, as expressions of the slow states.
+
+Over a period, of which theta in [0, 1] is the share that has passed, a contact's velocity is a
+trigonometric polynomial c_0 + sum_k (a_k cos(2 pi k theta) + b_k sin(2 pi k theta)) with
+coefficients that depend on the slow states. Its sign changes are found, not sampled:
+
+- One harmonic has two of them, in closed form.
+- Several harmonics of a fixed shape g, velocity = A + B g(theta): between two extrema of g, which
+  are numbers, the velocity is monotonic and has one at most. It is bracketed by bisection and
+  sharpened by Newton's method, all as one expression, so that its derivatives are exact too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import ArgumentError
+
+__all__ = ["Crossing", "Wave", "sign_after"]
+
+_HALVINGS = 30  # leaves 1e-9 of the bracket, which two Newton steps square twice
+_NEGLIGIBLE = 1e-12
+_MOST = 31  # harmonics
+
+
+@dataclass(frozen=True, eq=False)
+class Crossing:
+    """A place where a velocity may change its sign.
+
+    Parameters
+    ----------
+    place : casadi.SX
+        Share theta of the period, in [0, 1).
+    real : casadi.SX
+        1 where there is a sign change, 0 where there is none; ``place`` is then anywhere.
+    rising : casadi.SX
+        1 where the velocity becomes positive, 0 where it becomes negative.
+    """
+
+    place: ca.SX
+    real: ca.SX
+    rising: ca.SX
+
+
+@dataclass(frozen=True, eq=False)
+class Wave:
+    """A velocity over one period as a trigonometric polynomial.
+
+    Parameters
+    ----------
+    mean : casadi.SX
+        Coefficient c_0.
+    cosines, sines : casadi.SX, shape (K, 1)
+        Coefficients of the harmonics 1 to K.
+    """
+
+    mean: ca.SX
+    cosines: ca.SX
+    sines: ca.SX
+
+    @property
+    def degree(self) -> int:
+        """Number of harmonics K."""
+        return self.cosines.numel()
+
+    def __call__(self, theta: ca.SX | float) -> ca.SX:
+        """Velocity at an instant.
+
+        Parameters
+        ----------
+        theta : casadi.SX or float
+            Share of the period that has passed.
+
+        Returns
+        -------
+        casadi.SX
+        """
+        angle = 2 * np.pi * theta * ca.DM(np.arange(1, self.degree + 1))
+        return self.mean + ca.dot(self.cosines, ca.cos(angle)) + ca.dot(self.sines, ca.sin(angle))
+
+    def slope(self, theta: ca.SX | float) -> ca.SX:
+        """Its derivative by theta.
+
+        Parameters
+        ----------
+        theta : casadi.SX or float
+            Share of the period that has passed.
+
+        Returns
+        -------
+        casadi.SX
+        """
+        order = 2 * np.pi * ca.DM(np.arange(1, self.degree + 1))
+        turn = order * theta
+        return ca.dot(order, self.sines * ca.cos(turn) - self.cosines * ca.sin(turn))
+
+    @classmethod
+    def of(cls, velocity: ca.Function, symbols: ca.SX, values: np.ndarray) -> Wave:
+        """Take a velocity apart into harmonics.
+
+        Parameters
+        ----------
+        velocity : casadi.Function
+            (symbols, theta) to velocity.
+        symbols : casadi.SX, shape (n, 1)
+            States and parameters.
+        values : ndarray, shape (n, m)
+            Numbers for them, by which harmonics that are there are told from those that are not.
+
+        Returns
+        -------
+        Wave
+            As short as it can be.
+
+        Raises
+        ------
+        ArgumentError
+            If it has more than 31 harmonics, or is no trigonometric polynomial at all.
+        """
+        degree = _harmonics_in(velocity, values)
+        count = 2 * degree + 2
+        grid = np.arange(count) / count
+        samples = ca.vertcat(*(velocity(symbols, theta) for theta in grid))
+        turns = 2 * np.pi * np.outer(np.arange(1, degree + 1), grid)
+        # cosines that are 0, not 6e-17, leave coefficients out that are not there
+        table = np.vstack([np.cos(turns), np.sin(turns)]) * 2 / count
+        table[np.abs(table) < _NEGLIGIBLE] = 0.0
+        harmonics = ca.mtimes(ca.DM(table), samples)
+        return cls(ca.sum1(samples) / count, harmonics[:degree], harmonics[degree:])
+
+    def crossings(self, symbols: ca.SX, values: np.ndarray) -> list[Crossing]:
+        """Find where its sign changes.
+
+        Parameters
+        ----------
+        symbols : casadi.SX, shape (n, 1)
+            States and parameters, on which the coefficients depend.
+        values : ndarray, shape (n, m)
+            Numbers for them.
+
+        Returns
+        -------
+        list of Crossing
+            None for a velocity that does not depend on theta.
+
+        Raises
+        ------
+        ArgumentError
+            If it has several harmonics and its shape depends on the states.
+        """
+        if self.degree == 0:
+            return []
+        return self._of_one_harmonic() if self.degree == 1 else self._of_a_shape(symbols, values)
+
+    def _of_one_harmonic(self) -> list[Crossing]:
+        size = ca.sqrt(self.cosines**2 + self.sines**2)
+        real = ca.fabs(self.mean) < size
+        # the guards keep derivatives finite where there is no sign change
+        share = ca.if_else(real, -self.mean / ca.if_else(real, size, 1), 0)
+        top = ca.atan2(ca.if_else(real, self.sines, 0), ca.if_else(real, self.cosines, 1))
+        half = ca.acos(share)
+        return [
+            Crossing(_turned((top - half) / (2 * np.pi)), real, ca.SX(1)),
+            Crossing(_turned((top + half) / (2 * np.pi)), real, ca.SX(0)),
+        ]
+
+    def _of_a_shape(self, symbols: ca.SX, values: np.ndarray) -> list[Crossing]:
+        extrema = _extrema(self._shape(symbols, values))
+        found = []
+        for low, high in pairwise([*extrema, extrema[0] + 1]):
+            at_low, at_high = self(low), self(high)
+            real = at_low * at_high < 0
+            place = self._bracketed(low, high, at_low)
+            for _ in range(2):
+                slope = ca.if_else(real, self.slope(place), 1)
+                place = ca.if_else(real, place - self(place) / slope, (low + high) / 2)
+            found.append(Crossing(_turned(place), real, at_high > 0))
+        return found
+
+    def _shape(self, symbols: ca.SX, values: np.ndarray) -> np.ndarray:
+        """Harmonics as complex numbers, which must not depend on states but for one factor."""
+        both = ca.Function("harmonics", [symbols], [ca.horzcat(self.cosines, self.sines)])
+        found = [np.array(both(column)) @ (1, -1j) for column in values.T]
+        ratios = [shape / shape[np.argmax(np.abs(shape))] for shape in found if np.any(shape)]
+        if any(np.abs(ratio - ratios[0]).max() > 1e-9 for ratio in ratios):
+            raise ArgumentError(
+                "a contact velocity has several harmonics of which the ratios depend on the "
+                "states or parameters; only one factor in front of all of them may"
+            )
+        return ratios[0]
+
+    def _bracketed(self, start: float, end: float, at_low: ca.SX) -> ca.SX:
+        """Halve a bracket; its derivative is 0, that of the place comes by Newton's steps."""
+        low, high = ca.SX(start), ca.SX(end)
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            before = self(middle) * at_low > 0
+            low, high = ca.if_else(before, middle, low), ca.if_else(before, high, middle)
+        return (low + high) / 2
+
+
+def sign_after(wave: Wave, crossings: Sequence[Crossing]) -> ca.SX:
+    """Sign of a velocity where the period begins, before any of its crossings.
+
+    Parameters
+    ----------
+    wave : Wave
+        The velocity.
+    crossings : sequence of Crossing
+        Its crossings.
+
+    Returns
+    -------
+    casadi.SX
+        +1 or -1: what the last crossing, one period earlier, has left.
+    """
+    last, sign = ca.SX(-1), ca.if_else(wave(0.0) < 0, -1, 1)
+    for crossing in crossings:
+        later = ca.logic_and(crossing.real, crossing.place > last)
+        last = ca.if_else(later, crossing.place, last)
+        sign = ca.if_else(later, 2 * crossing.rising - 1, sign)
+    return sign
+
+
+def _turned(place: ca.SX) -> ca.SX:
+    """The same place in [0, 1); with its derivative."""
+    return place - ca.floor(place)
+
+
+def _harmonics_in(velocity: ca.Function, values: np.ndarray) -> int:
+    """Highest harmonic that is there."""
+    count = 2 * _MOST + 2
+    grid = np.tile(np.arange(count) / count, values.shape[1])
+    points = np.repeat(values, count, axis=1)
+    samples = np.array(velocity(points, grid[None])).reshape(values.shape[1], count)
+    sizes = np.abs(np.fft.rfft(samples, axis=1)).max(axis=0) / count
+    there = np.flatnonzero(sizes > _NEGLIGIBLE * max(sizes.max(), 1e-300))
+    highest = int(there[-1]) if there.size else 0
+    if highest > _MOST:
+        raise ArgumentError(
+            f"contact velocities must be a mean and at most {_MOST} harmonics of the period; "
+            "give the period of all of them, and smooth what jumps or bends"
+        )
+    return highest
+
+
+def _extrema(harmonics: np.ndarray) -> list[float]:
+    """Where Re sum_k c_k exp(2 pi i k theta) has its extrema, ascending in [0, 1).
+
+    With w = exp(2 pi i theta) its derivative is a polynomial in w over a power of w; extrema are
+    its roots on the unit circle.
+    """
+    slopes = 1j * np.arange(1, len(harmonics) + 1) * harmonics
+    roots = np.roots(np.concatenate([slopes[::-1], [0.0], slopes.conj()]))
+    on_circle = roots[np.abs(np.abs(roots) - 1) < 1e-6]
+    return np.sort(np.angle(on_circle) / (2 * np.pi) % 1.0).tolist()
