@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from wormopt.linear.bode import bode
     from wormopt.linear.lie import relative_degree
     from wormopt.linear.linearise import Linear, linearise
+    from wormopt.magnetics.identify import Identification, identify_material
+    from wormopt.magnetics.material import MagnetoElastic
     from wormopt.optimal.collocation import Collocation
     from wormopt.optimal.contact import Complementary, Prescribed, Smoothed
     from wormopt.optimal.mesh import Mesh
@@ -78,10 +80,12 @@ _HOMES = {
     "Funnel": "wormopt.tracking.funnel",
     "Gait": "wormopt.core.gait",
     "Guess": "wormopt.optimal.motion",
+    "Identification": "wormopt.magnetics.identify",
     "Interrupted": "wormopt.errors",
     "Ipopt": "wormopt.optimal.nlp",
     "Law": "wormopt.core.friction",
     "Linear": "wormopt.linear.linearise",
+    "MagnetoElastic": "wormopt.magnetics.material",
     "Member": "wormopt.simulation.ensemble",
     "Mesh": "wormopt.optimal.mesh",
     "ModeSequence": "wormopt.core.modes",
@@ -122,6 +126,7 @@ _HOMES = {
     "fast_gait": "wormopt.gaits.construct",
     "follow": "wormopt.tracking.reference",
     "funnel_tracker": "wormopt.tracking.funnel",
+    "identify_material": "wormopt.magnetics.identify",
     "lambda_tracker": "wormopt.tracking.lambda_tracker",
     "linearise": "wormopt.linear.linearise",
     "load_gait": "wormopt.gaits.files",
@@ -154,10 +159,12 @@ __all__ = [
     "Funnel",
     "Gait",
     "Guess",
+    "Identification",
     "Interrupted",
     "Ipopt",
     "Law",
     "Linear",
+    "MagnetoElastic",
     "Member",
     "Mesh",
     "ModeSequence",
@@ -199,6 +206,7 @@ __all__ = [
     "fast_gait",
     "follow",
     "funnel_tracker",
+    "identify_material",
     "lambda_tracker",
     "linearise",
     "load_gait",

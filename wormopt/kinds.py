@@ -113,4 +113,10 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.capsule",
         pictures=("signals",),
     ),
+    "material": Kind(
+        summary="an elastic composite in a magnetic field: strain, modulus, and which one it is",
+        table="wormopt.scenes.material:MaterialScene",
+        study="wormopt.studies.material",
+        pictures=("stress_strain",),
+    ),
 }

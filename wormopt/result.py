@@ -40,6 +40,8 @@ UNITS = {
     "energy_per_distance": "J m-1",
     "drag": "N s m-1",
     "stiffness": "N m-1",
+    "stress": "Pa",
+    "magnetic_field": "A m-1",
     "length_squared_time": "m2 s",
     "share": "1",
     "count": "1",

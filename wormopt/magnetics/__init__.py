@@ -1,0 +1,1 @@
+"""Magnetic materials and what sets them in motion; like worms, it knows no solver."""

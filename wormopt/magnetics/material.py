@@ -1,0 +1,422 @@
+"""Elastic composite with a magnetic fluid in it: how it lengthens and softens in a field.
+
+A bar is pulled by the stress p along its axis, under a uniform field H across it. For small
+strains and a first Lamé coefficient far above the second, its strain is u = p / E_eff + u0. The
+functions take numbers, arrays or CasADi expressions and check nothing; `MagnetoElastic` takes
+numbers and refuses what the formulas do not hold for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from numbers import Real
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.core.values import numbers
+from wormopt.errors import ArgumentError
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+    Expression = ca.SX | float
+
+__all__ = [
+    "MU0",
+    "SMALL_STRAIN",
+    "MagnetoElastic",
+    "check_number",
+    "effective_modulus",
+    "field_strain",
+    "softening",
+]
+
+MU0 = 4e-7 * math.pi
+"""Permeability of vacuum in N/A², as the chapter has it; the measured value is 1e-10 off."""
+SMALL_STRAIN = 0.1
+"""Strain up to which strains count as small: u²/2, which is neglected, is 5 % of u there."""
+# The modulus without field, 3 eta, may be off by so much because the bar is compressible.
+_MODULUS_ERROR = 0.01
+# The field in a round bar across the field may be off by so much from the field applied.
+_FIELD_ERROR = 0.05
+# Products of a few numbers within this and its inverse are finite.
+_LARGEST = 1e30
+
+
+def softening(mu_r: Expression, lame_eta: Expression, field: Expression) -> Expression:
+    """G = mu0 a1 H² / (2 eta) with a1 = -(2/5) (mu_r - 1)²: what the field takes of the stiffness.
+
+    Parameters
+    ----------
+    mu_r : float, ndarray or casadi.SX
+        Relative permeability of the unstrained material.
+    lame_eta : float, ndarray or casadi.SX
+        Second Lamé coefficient (shear modulus) eta, in Pa.
+    field : float, ndarray or casadi.SX
+        Field H, in A/m.
+
+    Returns
+    -------
+    float, ndarray or casadi.SX
+        Negative; the formulas hold above -3/2. Source: chapter 3.2, below (16).
+
+    Examples
+    --------
+    >>> round(softening(4.0, 1e4, 1.5e5), 3)
+    -5.089
+    """
+    return MU0 * _a1(mu_r) * field * field / (2 * lame_eta)
+
+
+def field_strain(mu_r: Expression, lame_eta: Expression, field: Expression) -> Expression:
+    """u0 = mu0 (2 (mu_r - 1) - a1) H² / (12 eta (1 + 2 G / 3)): strain by the field alone.
+
+    Parameters
+    ----------
+    mu_r, lame_eta, field : float, ndarray or casadi.SX
+        As for `softening`.
+
+    Returns
+    -------
+    float, ndarray or casadi.SX
+        Positive where 1 + 2 G / 3 is. Source: chapter 3.2.
+
+    Examples
+    --------
+    >>> round(field_strain(1.1, 5e3, 1.5e5), 6)
+    0.096863
+    """
+    pull = MU0 * (2 * (mu_r - 1) - _a1(mu_r)) * field * field
+    return pull / (12 * lame_eta * (1 + 2 * softening(mu_r, lame_eta, field) / 3))
+
+
+def effective_modulus(mu_r: Expression, lame_eta: Expression, field: Expression) -> Expression:
+    """E_eff = 3 eta (1 + 2 G / 3) / (1 + G / 2): Young's modulus in the field.
+
+    Parameters
+    ----------
+    mu_r, lame_eta, field : float, ndarray or casadi.SX
+        As for `softening`.
+
+    Returns
+    -------
+    float, ndarray or casadi.SX
+        In Pa; 3 eta without field, less with it. Source: chapter 3.2.
+
+    Examples
+    --------
+    >>> effective_modulus(1.1, 5e3, 0.0)
+    15000.0
+    >>> import casadi as ca
+    >>> field = ca.SX.sym("H")
+    >>> slope = ca.gradient(effective_modulus(1.1, 5e3, field), field)
+    >>> ca.Function("slope", [field], [slope])(1.5e5) < 0
+    DM(1)
+    """
+    G = softening(mu_r, lame_eta, field)
+    return 3 * lame_eta * (1 + 2 * G / 3) / (1 + G / 2)
+
+
+def _a1(mu_r: Expression) -> Expression:
+    # Products instead of powers: a power of a large float raises OverflowError.
+    return -2 * (mu_r - 1) * (mu_r - 1) / 5
+
+
+def check_number(name: str, value: object, *, above: float = 0.0) -> float:
+    """Refuse what is no number that the formulas can be evaluated for.
+
+    Parameters
+    ----------
+    name : str
+        What it is, for the message.
+    value : object
+        From a caller.
+    above : float, optional
+        The number must be larger; 1e30 is the largest allowed.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ArgumentError
+        If it is none, or beyond these bounds.
+
+    Examples
+    --------
+    >>> check_number("field", 3)
+    3.0
+    """
+    fits = isinstance(value, Real) and not isinstance(value, bool)
+    if not (fits and above < float(value) <= _LARGEST):  # pyright: ignore[reportArgumentType]
+        raise ArgumentError(f"{name} must be a number above {above:g}, 1e30 at most, not {value!r}")
+    return float(value)  # pyright: ignore[reportArgumentType]
+
+
+@dataclass(frozen=True)
+class MagnetoElastic:
+    """An elastic composite with a magnetic fluid in it.
+
+    Parameters
+    ----------
+    mu_r : float
+        Relative permeability of the unstrained material, above 1.
+    lame_eta : float
+        Second Lamé coefficient (shear modulus) eta in Pa, positive.
+    lame_lambda : float, optional
+        First Lamé coefficient lambda in Pa, positive. It enters no formula; with it the assumption
+        that lambda is far above eta can be checked.
+
+    Raises
+    ------
+    ArgumentError
+        If one of them is no number, or beyond these bounds.
+
+    Examples
+    --------
+    >>> rubber = MagnetoElastic(mu_r=1.1, lame_eta=5e3)
+    >>> rubber.youngs_modulus()
+    15000.0
+    >>> round(float(rubber.strain(200.0, field=1.5e5)), 6)
+    0.110222
+    """
+
+    mu_r: float
+    lame_eta: float
+    lame_lambda: float | None = None
+
+    def __post_init__(self) -> None:
+        check_number("mu_r", self.mu_r, above=1.0)
+        check_number("lame_eta", self.lame_eta)
+        if self.lame_lambda is not None:
+            check_number("lame_lambda", self.lame_lambda)
+
+    @property
+    def poisson_ratio(self) -> float | None:
+        """Poisson's ratio lambda / (2 (lambda + eta)), None where lambda is unknown."""
+        if self.lame_lambda is None:
+            return None
+        return self.lame_lambda / (2 * (self.lame_lambda + self.lame_eta))
+
+    @property
+    def largest_field(self) -> float:
+        """Field in A/m below which the formulas hold, where G is -3/2."""
+        return math.sqrt(7.5 * self.lame_eta / MU0) / (self.mu_r - 1)
+
+    def softening(self, field: float) -> float:
+        """G in a field, refused where the formulas do not hold.
+
+        Parameters
+        ----------
+        field : float
+            Field H in A/m, either way round.
+
+        Returns
+        -------
+        float
+            Between -3/2 and 0, dimensionless.
+
+        Raises
+        ------
+        ArgumentError
+            If the field is no number, or 1 + 2 G / 3 not above 0; the message says which field or
+            which permeability would do.
+
+        Examples
+        --------
+        >>> MagnetoElastic(4.0, 1e4).softening(1.5e5)
+        Traceback (most recent call last):
+            ...
+        wormopt.errors.ArgumentError: mu_r = 4 with ... fields below 81433.8 A/m, or ...
+        """
+        field = check_number("field", abs(field) if isinstance(field, Real) else field, above=-1.0)
+        G = softening(self.mu_r, self.lame_eta, field)
+        if not 1 + 2 * G / 3 > 0:
+            largest_mu_r = 1 + self.largest_field / field * (self.mu_r - 1)
+            raise ArgumentError(
+                f"mu_r = {self.mu_r:g} with lame_eta = {self.lame_eta:g} Pa in the field "
+                f"{field:g} A/m has G = {G:g}, and the formulas hold only above -3/2; allowed are "
+                f"fields below {self.largest_field:.6g} A/m, or mu_r below {largest_mu_r:.6g} at "
+                "this field"
+            )
+        return float(G)
+
+    def field_strain(self, field: float) -> float:
+        """Strain u0 by a field alone.
+
+        Parameters
+        ----------
+        field : float
+            Field H in A/m.
+
+        Returns
+        -------
+        float
+            Dimensionless, not negative: the bar lengthens.
+
+        Raises
+        ------
+        ArgumentError
+            As `softening`.
+        """
+        self.softening(field)
+        return float(field_strain(self.mu_r, self.lame_eta, field))
+
+    def youngs_modulus(self, field: float = 0.0) -> float:
+        """Young's modulus E_eff in a field.
+
+        Parameters
+        ----------
+        field : float, optional
+            Field H in A/m.
+
+        Returns
+        -------
+        float
+            In Pa; 3 eta without field.
+
+        Raises
+        ------
+        ArgumentError
+            As `softening`.
+        """
+        self.softening(field)
+        return float(effective_modulus(self.mu_r, self.lame_eta, field))
+
+    def strain(self, stress: ArrayLike, field: float = 0.0) -> np.ndarray:
+        """Strain u = p / E_eff + u0.
+
+        Parameters
+        ----------
+        stress : array_like, any shape
+            Stress p in Pa, positive where it pulls.
+        field : float, optional
+            Field H in A/m.
+
+        Returns
+        -------
+        ndarray
+            Of the same shape, dimensionless.
+
+        Raises
+        ------
+        ArgumentError
+            As `softening`, or if the stress is no number.
+
+        Examples
+        --------
+        >>> MagnetoElastic(1.1, 5e3).strain([0.0, 150.0]).tolist()
+        [0.0, 0.01]
+        """
+        return numbers("stress", stress) / self.youngs_modulus(field) + self.field_strain(field)
+
+    def stress(self, strain: ArrayLike, field: float = 0.0) -> np.ndarray:
+        """Stress p = E_eff (u - u0), the inverse of `strain`.
+
+        Parameters
+        ----------
+        strain : array_like, any shape
+            Strain u.
+        field : float, optional
+            Field H in A/m.
+
+        Returns
+        -------
+        ndarray
+            Of the same shape, in Pa.
+
+        Raises
+        ------
+        ArgumentError
+            As `softening`, or if the strain is no number.
+        """
+        return self.youngs_modulus(field) * (numbers("strain", strain) - self.field_strain(field))
+
+    def stiffness(self, length: float, area: float, field: float = 0.0) -> float:
+        """Spring constant c = E_eff S0 / l0 of a bar.
+
+        Parameters
+        ----------
+        length, area : float
+            Length l0 in m and cross section S0 in m² of the unstrained bar, positive.
+        field : float, optional
+            Field H in A/m.
+
+        Returns
+        -------
+        float
+            In N/m.
+
+        Raises
+        ------
+        ArgumentError
+            As `softening`, or if length or area is not positive.
+
+        Examples
+        --------
+        >>> MagnetoElastic(1.1, 5e3).stiffness(length=0.03, area=6e-6)
+        3.0
+        """
+        length, area = check_number("length", length), check_number("area", area)
+        return self.youngs_modulus(field) * area / length
+
+    def warnings(self, field: float, strain: ArrayLike = 0.0) -> Iterator[str]:
+        """Say which assumptions of the formulas are strained or cannot be checked.
+
+        Parameters
+        ----------
+        field : float
+            Field H in A/m.
+        strain : array_like, optional
+            Strains that occur besides u0.
+
+        Yields
+        ------
+        str
+
+        Raises
+        ------
+        ArgumentError
+            As `softening`.
+
+        Examples
+        --------
+        >>> len(list(MagnetoElastic(1.05, 5e3, lame_lambda=1e6).warnings(1.5e5)))
+        0
+        """
+        u0, largest = self.field_strain(field), float(np.max(np.abs(numbers("strain", strain))))
+        if u0 > SMALL_STRAIN:
+            yield f"u0 = {u0:.3g} is beyond small strains, {SMALL_STRAIN:g}"
+        if largest > SMALL_STRAIN:
+            yield (
+                f"strains reach {largest:.3g}; the line holds for small ones, up to "
+                f"{SMALL_STRAIN:g} say"
+            )
+        yield from self._warnings_of_lambda()
+        inside = (self.mu_r - 1) / (self.mu_r + 1)
+        if field and inside > _FIELD_ERROR:
+            yield (
+                "the field in the material is taken as the field applied; in a long round bar "
+                f"across the field it is {inside:.0%} less"
+            )
+
+    def _warnings_of_lambda(self) -> Iterator[str]:
+        if self.lame_lambda is None:
+            yield (
+                "the first Lamé coefficient is unknown; that it is far above the second is assumed "
+                "and not checked (lame_lambda)"
+            )
+            return
+        # E = eta (3 lambda + 2 eta) / (lambda + eta) without field
+        excess = 1 / (3 * self.lame_lambda / self.lame_eta + 2)
+        if excess > _MODULUS_ERROR:
+            yield (
+                f"lame_lambda is {self.lame_lambda / self.lame_eta:.3g} times lame_eta, too little "
+                f"for an incompressible material: without field already, 3 eta is {excess:.1%} "
+                "above Young's modulus"
+            )
