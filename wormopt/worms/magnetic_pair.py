@@ -88,7 +88,7 @@ def pair_parts(
 
     Parameters
     ----------
-    law, mass, stiffness, push, frequency, cosines
+    law, mass, stiffness, push, frequency, cosines : object
         As for `magnetic_pair`.
 
     Returns

@@ -1,0 +1,318 @@
+"""Branches of steady states along a parameter, followed around their folds by arc length.
+
+H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, 1977: the
+parameter is one unknown more, and the equation that is missing asks for a step of given length
+along the tangent. Where the parameter turns back there is a fold.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import root_scalar
+
+from wormopt.averaging.steady import Rates, SteadyState, eigenvalues, rates_of
+from wormopt.core.model import Model
+from wormopt.core.values import by_name
+from wormopt.errors import ArgumentError
+
+__all__ = ["Branch", "Fold", "follow_branch"]
+
+End = Literal["range", "runaway", "lost", "steps", "closed"]
+
+_STEPS = 12  # of Newton's method on the way back to the branch
+_CONVERGED = 1e-11
+_TURN = 0.15  # largest angle between the tangents of neighbours
+_SHORTEST = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """Where a branch turns back.
+
+    Parameters
+    ----------
+    parameter : float
+        Value of the parameter there: beyond it these states do not exist.
+    x : ndarray, shape (n_x,)
+        State.
+    """
+
+    parameter: float
+    x: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """Steady states along a parameter.
+
+    Parameters
+    ----------
+    model : Model
+        Whose they are.
+    name : str
+        Name of the parameter.
+    parameter : ndarray, shape (m,)
+        Its values, in the order of the branch.
+    x : ndarray, shape (m, n_x)
+        States.
+    eigenvalues : ndarray of complex, shape (m, n_x)
+        Of the Jacobian at each, that with the largest real part first.
+    folds : tuple of Fold
+        Where it turns back.
+    ends : (str, str)
+        Why it ends at its beginning and at its end: at the "range" of the parameter, in a
+        "runaway" of a state, "lost" where no state follows, after the allowed "steps", or
+        "closed" in itself.
+    p : ndarray
+        Parameters and inputs, of which ``name`` is passed over.
+    """
+
+    model: Model
+    name: str
+    parameter: np.ndarray
+    x: np.ndarray
+    eigenvalues: np.ndarray
+    folds: tuple[Fold, ...]
+    ends: tuple[End, End]
+    p: np.ndarray
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether each state is stable, shape (m,)."""
+        return self.eigenvalues[:, 0].real < 0
+
+    def states(self, name: str) -> np.ndarray:
+        """Samples of a state.
+
+        Parameters
+        ----------
+        name : str
+            Name of a state.
+
+        Returns
+        -------
+        ndarray, shape (size, m)
+        """
+        return by_name(self.model.x, self.x.T)[name]
+
+    def at(self, values: ArrayLike) -> Branch:
+        """Find the branch's states at given values of its parameter.
+
+        Parameters
+        ----------
+        values : array_like, shape (k,)
+            Values. Where the branch folds back it has several states at one value; values that it
+            does not reach are left out.
+
+        Returns
+        -------
+        Branch
+            With states there and nowhere else, in the order of the branch.
+        """
+        rates, values = rates_of(self.model), np.asarray(values, float)
+        starts, wanted = [], []
+        for k in range(len(self.parameter) - 1):
+            low, high = self.parameter[k : k + 2]
+            last = k == len(self.parameter) - 2
+            share = (values - low) / (high - low if high != low else math.inf)
+            inside = np.flatnonzero((share >= 0) & ((share < 1) | (last & (share <= 1))))
+            inside = inside[np.argsort(share[inside])]
+            starts += [self.x[k] + share[i] * (self.x[k + 1] - self.x[k]) for i in inside]
+            wanted += [values[i] for i in inside]
+        x, parameter = np.array(starts).reshape(-1, self.x.shape[1]), np.array(wanted)
+        p = np.tile(self.p, (len(x), 1))
+        p[:, rates.place(self.name)] = parameter
+        x, found = rates.newton(x, p)
+        slopes = rates(x[found], p[found])[1][:, :, : x.shape[1]]
+        spectra = np.array([eigenvalues(matrix) for matrix in slopes]).reshape(-1, x.shape[1])
+        return replace(self, parameter=parameter[found], x=x[found], eigenvalues=spectra)
+
+
+def follow_branch(
+    start: SteadyState,
+    parameter: str,
+    span: tuple[float, float],
+    *,
+    largest: float = 1e3,
+    max_points: int = 2000,
+) -> Branch:
+    """Follow a steady state along a parameter, both ways, around folds.
+
+    Parameters
+    ----------
+    start : SteadyState
+        On the branch.
+    parameter : str
+        A scalar parameter of its model.
+    span : (float, float)
+        Least and largest value of it.
+    largest : float, optional
+        Usual sizes at which a state counts as running away.
+    max_points : int, optional
+        Most points either way.
+
+    Returns
+    -------
+    Branch
+
+    Raises
+    ------
+    ArgumentError
+        If the span does not hold the start, or the parameter is no scalar.
+    UnknownNameError
+        If there is no such parameter.
+
+    Examples
+    --------
+    x' = r + x - x^3 has folds where 3 x^2 = 1:
+
+    >>> import casadi as ca
+    >>> from wormopt.averaging.steady import steady_states
+    >>> from wormopt.core.model import Signal
+    >>> x, r = ca.SX.sym("x"), ca.SX.sym("r")
+    >>> cusp = Model("cusp", x=[Signal("x", x)], ode=r + x - x**3, p=[Signal("r", r, value=-2.0)])
+    >>> (low,) = steady_states(cusp, {"x": (-3, 3)})
+    >>> branch = follow_branch(low, "r", (-2.0, 2.0))
+    >>> [round(fold.parameter * 27**0.5, 9) for fold in branch.folds], branch.ends
+    ([2.0, -2.0], ('range', 'range'))
+    """
+    rates = rates_of(start.model)
+    place = rates.place(parameter)
+    low, high = span
+    if not low <= start.p[place] <= high or not low < high:
+        raise ArgumentError(
+            f"{parameter} = {start.p[place]:g} of the start is not within [{low:g}, {high:g}]"
+        )
+    walk = _Walk(rates, place, (low, high), start.p, largest)
+    begin = np.append(start.x, start.p[place])
+    tangent = walk.tangent(begin, None)
+    if tangent[-1] < 0:
+        tangent = -tangent
+    points, folds, end = walk.go(begin, tangent, max_points)
+    other = end
+    if end != "closed":
+        down, folds_down, other = walk.go(begin, -tangent, max_points)
+        points, folds = [*down[:0:-1], *points], [*folds_down[::-1], *folds]
+    y = np.array(points)
+    p = np.tile(start.p, (len(y), 1))
+    p[:, place] = y[:, -1]
+    slopes = rates(y[:, :-1], p)[1][:, :, : y.shape[1] - 1]
+    spectra = np.array([eigenvalues(matrix) for matrix in slopes])
+    return Branch(start.model, parameter, y[:, -1], y[:, :-1], spectra, tuple(folds), ends, start.p)
+
+
+class _Walk:
+    """Steps along a branch in y = (x, parameter), measured in usual sizes."""
+
+    def __init__(
+        self,
+        rates: Rates,
+        place: int,
+        span: tuple[float, float],
+        p: np.ndarray,
+        largest: float,
+    ) -> None:
+        self.rates, self.place, self.span, self.p = rates, place, span, p
+        self.size = np.append(rates.nominal, span[1] - span[0])
+        self.largest = largest
+
+    def _linear(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rates and their derivatives by y / size."""
+        p = self.p.copy()
+        p[self.place] = y[-1]
+        rates, slopes = self.rates(y[None, :-1], p)
+        n = len(y) - 1
+        by_y = np.column_stack([slopes[0, :, :n], slopes[0, :, n + self.place]])
+        return rates[0], by_y * self.size
+
+    def tangent(self, y: np.ndarray, along: np.ndarray | None) -> np.ndarray:
+        """Unit tangent in y / size, on the side of ``along``."""
+        _, by_y = self._linear(y)
+        found = np.linalg.svd(by_y)[2][-1]
+        return -found if along is not None and found @ along < 0 else found
+
+    def step(self, y: np.ndarray, tangent: np.ndarray, length: float) -> np.ndarray | None:
+        """Point of the branch so far along the tangent, None if there is none near."""
+        guess = y + length * tangent * self.size
+        found = guess.copy()
+        for _ in range(_STEPS):
+            rates, by_y = self._linear(found)
+            missing = np.append(rates, tangent @ ((found - guess) / self.size))
+            matrix = np.vstack([by_y, tangent])
+            if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(missing))):
+                return None
+            try:
+                change = np.linalg.solve(matrix, -missing)
+            except np.linalg.LinAlgError:
+                return None
+            found = found + change * self.size
+            if np.abs(change).max() < _CONVERGED * (1 + np.abs(found / self.size).max()):
+                return found
+        return None
+
+    def go(
+        self, y: np.ndarray, tangent: np.ndarray, max_points: int
+    ) -> tuple[list[np.ndarray], list[Fold], End]:
+        """Walk until the branch ends."""
+        first, first_tangent = y, tangent
+        points, folds, length = [y], [], 1e-2
+        while len(points) < max_points:
+            ahead = self.step(y, tangent, length)
+            turned = None if ahead is None else self.tangent(ahead, tangent)
+            if ahead is None or turned is None or turned @ tangent < math.cos(_TURN):
+                length /= 2
+                if length < _SHORTEST:
+                    return points, folds, "lost"
+                continue
+            if not self.span[0] <= ahead[-1] <= self.span[1]:
+                edge = self._edge(y, tangent, length)
+                return [*points, *([] if edge is None else [edge])], folds, "range"
+            if turned[-1] * tangent[-1] < 0:
+                folds.append(self._fold(y, tangent, length))
+            if self._passes(first, first_tangent, y, ahead) and len(points) > 2:
+                return [*points, first], folds, "closed"
+            y, tangent = ahead, turned
+            points.append(y)
+            if np.abs(y[:-1] / self.size[:-1]).max() > self.largest:
+                return points, folds, "runaway"
+            length = min(1.5 * length, 0.05 * (1 + np.abs(y / self.size).max()))
+        return points, folds, "steps"
+
+    def _edge(self, y: np.ndarray, tangent: np.ndarray, length: float) -> np.ndarray | None:
+        """Where the branch leaves the span: steps to it, each of the length that is missing."""
+        for _ in range(_STEPS):
+            bound = self.span[0] if tangent[-1] < 0 else self.span[1]
+            missing = (bound - y[-1]) / (tangent[-1] * self.size[-1])
+            ahead = self.step(y, tangent, min(missing, length))
+            if ahead is None:
+                return None
+            y, tangent = ahead, self.tangent(ahead, tangent)
+            if abs(y[-1] - bound) < 1e-13 * self.size[-1]:
+                return np.append(y[:-1], bound)
+        return None
+
+    def _fold(self, y: np.ndarray, tangent: np.ndarray, length: float) -> Fold:
+        """Where the tangent has no part along the parameter."""
+
+        def slope(s: float) -> float:
+            ahead = self.step(y, tangent, s)
+            return math.nan if ahead is None else float(self.tangent(ahead, tangent)[-1])
+
+        s = root_scalar(slope, bracket=(0.0, length), xtol=1e-14).root
+        at = self.step(y, tangent, float(s))
+        assert at is not None
+        return Fold(float(at[-1]), at[:-1])
+
+    def _passes(
+        self, first: np.ndarray, tangent: np.ndarray, y: np.ndarray, ahead: np.ndarray
+    ) -> bool:
+        """Whether the step goes through the first point in its direction."""
+        before, after = ((point - first) / self.size for point in (y, ahead))
+        length = np.linalg.norm(after - before)
+        crosses = before @ tangent < 0 <= after @ tangent
+        return bool(crosses and max(np.linalg.norm(before), np.linalg.norm(after)) < 1.5 * length)

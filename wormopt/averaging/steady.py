@@ -1,0 +1,367 @@
+"""Steady states of an autonomous Model in a box, and whether they are stable."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wormopt.core.model import Model, pack
+from wormopt.core.values import by_name, check_names, numbers, signal_values
+from wormopt.errors import ArgumentError
+
+__all__ = ["Rates", "SteadyState", "eigenvalues", "rates_of", "steady_states"]
+
+Values = Mapping[str, ArrayLike]
+
+_STEPS, _SHORTEST = 60, 2.0**-20  # of Newton's method, and how far one is shortened
+_CONVERGED = 1e-11  # last step, in usual sizes of the states
+_SCALES = np.array([1.0, 0.25, 0.0625])  # of the boxes from which it starts
+_APART = 1e-6  # states that differ by less are one
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyState:
+    """A state that does not change, and how what is near it moves.
+
+    Parameters
+    ----------
+    model : Model
+        What rests in it.
+    x : ndarray, shape (n_x,)
+        State.
+    residual : float
+        Largest rate left, over the usual size of its state.
+    eigenvalues : ndarray of complex, shape (n_x,)
+        Of the Jacobian of the rates there, that with the largest real part first.
+    p : ndarray
+        Parameters and inputs it was found for.
+    """
+
+    model: Model
+    x: np.ndarray
+    residual: float
+    eigenvalues: np.ndarray
+    p: np.ndarray
+
+    @property
+    def stable(self) -> bool:
+        """Whether everything near it comes to it: all real parts are below 0."""
+        return bool(self.eigenvalues[0].real < 0)
+
+    @property
+    def states(self) -> dict[str, np.ndarray]:
+        """States by name."""
+        return by_name(self.model.x, self.x)
+
+    def output(self, name: str) -> np.ndarray:
+        """Value of an output of the model.
+
+        Parameters
+        ----------
+        name : str
+            Name of an output.
+
+        Returns
+        -------
+        ndarray, shape (size,)
+
+        Raises
+        ------
+        UnknownNameError
+            If there is none of that name; the message lists those there are.
+        """
+        fixed = ca.vertcat(pack(self.model.p), pack(self.model.u))
+        at = ca.Function(name, [pack(self.model.x), fixed], [self.model.output(name)])
+        return np.array(at(self.x, self.p)).ravel()
+
+
+class Rates:
+    """Rates of an autonomous Model and their derivatives, many states at a time.
+
+    Parameters
+    ----------
+    model : Model
+        Without contacts, schedules, switches and algebraic variables.
+
+    Raises
+    ------
+    ArgumentError
+        If it has one of these, or depends on time.
+    """
+
+    def __init__(self, model: Model) -> None:
+        if model.contacts or model.schedules or model.switches or model.z:
+            raise ArgumentError(
+                f"{model.name} has contacts, schedules, switches or algebraic variables; steady "
+                "states are those of an autonomous model: average it first"
+            )
+        if ca.depends_on(model.ode, model.t):
+            raise ArgumentError(f"{model.name} depends on time; average it first")
+        self.model = model
+        self.nominal = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
+        x, self._fixed = pack(model.x), (*model.p, *model.u)
+        p = pack(self._fixed)
+        # Derivatives by parameters too: branches are followed along one of them.
+        slopes = ca.jacobian(model.ode, ca.vertcat(x, p))
+        self._function = ca.Function("rates", [x, p], [model.ode, ca.densify(slopes)])
+
+    def parameters(self, given: Values | None) -> np.ndarray:
+        """Stack parameters and inputs, those given before the model's own.
+
+        Parameters
+        ----------
+        given : mapping of str to array_like
+            By name.
+
+        Returns
+        -------
+        ndarray
+        """
+        return signal_values(self._fixed, given, "parameter")
+
+    def place(self, name: str) -> int:
+        """Row of a scalar parameter in what `parameters` stacks.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        int
+
+        Raises
+        ------
+        ArgumentError
+            If it is no scalar.
+        UnknownNameError
+            If there is none of that name.
+        """
+        names = [signal.name for signal in self._fixed]
+        check_names({name: 0}, names, "parameter")
+        sizes = [signal.size for signal in self._fixed]
+        which = names.index(name)
+        if sizes[which] != 1:
+            raise ArgumentError(f"{name} has {sizes[which]} entries; take a parameter that has one")
+        return sum(sizes[:which])
+
+    def __call__(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Evaluate at m states.
+
+        Parameters
+        ----------
+        x : ndarray, shape (m, n_x)
+            States.
+        p : ndarray, shape (n_p,) or (m, n_p)
+            Parameters, alike for all or for each.
+
+        Returns
+        -------
+        rates : ndarray, shape (m, n_x)
+        slopes : ndarray, shape (m, n_x, n_x + n_p)
+            Derivatives by states and parameters.
+        """
+        m, n = x.shape
+        rates, slopes = self._function(x.T, np.broadcast_to(p, (m, p.shape[-1])).T)
+        width = n + p.shape[-1]
+        return np.array(rates).T, np.array(slopes).reshape(n, m, width).transpose(1, 0, 2)
+
+    def newton(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Go from states to steady ones, each step shortened until the rates fall.
+
+        Parameters
+        ----------
+        x : ndarray, shape (m, n_x)
+            Where to begin.
+        p : ndarray, shape (n_p,) or (m, n_p)
+            Parameters.
+
+        Returns
+        -------
+        x : ndarray, shape (m, n_x)
+            Where it ended.
+        found : ndarray of bool, shape (m,)
+            Whether the last step was as good as none.
+        """
+        n, p = x.shape[1], np.broadcast_to(p, (len(x), p.shape[-1]))
+        x, found = x.copy(), np.zeros(len(x), bool)
+        open_ = np.arange(len(x))
+        for _ in range(_STEPS):
+            rates, slopes = self(x[open_], p[open_])
+            step = _solved(slopes[:, :, :n], rates) * (-1)
+            length = np.abs(step / self.nominal).max(axis=1)
+            done = length < _CONVERGED * (1 + np.abs(x[open_] / self.nominal).max(axis=1))
+            x[open_[done]] += step[done]
+            found[open_[done]] = True
+            go_on = ~done & np.isfinite(length)
+            open_, step, rates = open_[go_on], step[go_on], rates[go_on]
+            if not open_.size:
+                break
+            x[open_] += self._shortened(x[open_], p[open_], step, rates)
+        return x, found
+
+    def _shortened(
+        self, x: np.ndarray, p: np.ndarray, step: np.ndarray, rates: np.ndarray
+    ) -> np.ndarray:
+        factor = np.ones(len(x))
+        size = np.abs(rates / self.nominal).max(axis=1)
+        while True:
+            tried, _ = self(x + factor[:, None] * step, p)
+            worse = ~(np.abs(tried / self.nominal).max(axis=1) < size)
+            worse &= factor > _SHORTEST
+            if not worse.any():
+                return factor[:, None] * step
+            factor[worse] /= 2
+
+    def steady(self, x: np.ndarray, p: np.ndarray) -> SteadyState:
+        """Tell about one steady state.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n_x,)
+            State.
+        p : ndarray, shape (n_p,)
+            Parameters.
+
+        Returns
+        -------
+        SteadyState
+        """
+        rates, slopes = self(x[None], p)
+        assert rates.shape == (1, len(x))
+        residual = float(np.abs(rates / self.nominal).max())
+        return SteadyState(self.model, x, residual, eigenvalues(slopes[0, :, : len(x)]), p)
+
+
+def _solved(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve each system; NaN where it is singular."""
+    usable = np.isfinite(matrices).all(axis=(1, 2))
+    sound = np.where(usable[:, None, None], matrices, 0.0)
+    usable &= np.linalg.det(sound) != 0
+    found = np.full_like(right, np.nan)
+    found[usable] = np.linalg.solve(matrices[usable], right[usable, :, None])[:, :, 0]
+    return found
+
+
+def eigenvalues(matrix: np.ndarray) -> np.ndarray:
+    """Eigenvalues, that with the largest real part first.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, n)
+        A Jacobian.
+
+    Returns
+    -------
+    ndarray of complex, shape (n,)
+    """
+    found: NDArray[np.complex128] = np.linalg.eigvals(matrix).astype(complex)
+    return found[np.lexsort((-found.imag, -found.real))]
+
+
+@lru_cache(maxsize=32)
+def rates_of(model: Model) -> Rates:
+    """Rates of a model, made once.
+
+    Parameters
+    ----------
+    model : Model
+        Autonomous.
+
+    Returns
+    -------
+    Rates
+    """
+    return Rates(model)
+
+
+def steady_states(
+    model: Model,
+    within: Mapping[str, tuple[ArrayLike, ArrayLike]],
+    *,
+    p: Values | None = None,
+    starts: int = 150,
+) -> tuple[SteadyState, ...]:
+    """Find the steady states of an autonomous model in a box.
+
+    Newton's method from many points that fill the box evenly, and smaller ones around its middle
+    (R_d sequence of M. Roberts, 2018). What it finds are steady states; that there are no others
+    is likely, not proven. `follow_branch` leads to others that hang together with them.
+
+    Parameters
+    ----------
+    model : Model
+        From `average`, say.
+    within : mapping of str to (array_like, array_like)
+        Least and largest value of every state, by name.
+    p : mapping of str to array_like, optional
+        Parameters and inputs, where they are not the model's own.
+    starts : int, optional
+        Number of points.
+
+    Returns
+    -------
+    tuple of SteadyState
+        Each once, ordered by their states.
+
+    Raises
+    ------
+    ArgumentError
+        If the model is not autonomous, a state has no range, or one that is upside down.
+
+    Examples
+    --------
+    A pitchfork has three, of which the outer ones are stable:
+
+    >>> from wormopt.core.model import Signal
+    >>> x = ca.SX.sym("x")
+    >>> pitchfork = Model("pitchfork", x=[Signal("x", x)], ode=x - x**3)
+    >>> [(s.x.round(9).tolist(), s.stable) for s in steady_states(pitchfork, {"x": (-2, 2)})]
+    [([-1.0], True), ([0.0], False), ([1.0], True)]
+    """
+    rates = rates_of(model)
+    low, high = _box(model, within)
+    fixed = rates.parameters(p)
+    shrunk = 0.5 + (_even(starts, len(low)) - 0.5) * _SCALES[np.arange(starts) % 3, None]
+    ended, found = rates.newton(low + (high - low) * shrunk, fixed)
+    inside = found & np.all((low <= ended) & (ended <= high), axis=1)
+    kept: list[np.ndarray] = []
+    for x in ended[inside]:
+        if all(np.abs((x - other) / rates.nominal).max() > _APART for other in kept):
+            kept.append(x)
+    kept.sort(key=lambda x: tuple(np.round(x / rates.nominal, 6)))
+    return tuple(rates.steady(x, fixed) for x in kept)
+
+
+def _box(
+    model: Model, within: Mapping[str, tuple[ArrayLike, ArrayLike]]
+) -> tuple[np.ndarray, np.ndarray]:
+    check_names(within, [s.name for s in model.x], "state")
+    missing = [s.name for s in model.x if s.name not in within]
+    if missing:
+        raise ArgumentError(f"give the range of {', '.join(missing)} as (least, largest)")
+    sides = []
+    for side in (0, 1):
+        values = [
+            np.broadcast_to(numbers(f"range of {s.name}", within[s.name][side]).ravel(), s.size)
+            for s in model.x
+        ]
+        sides.append(np.concatenate(values))
+    if not np.all(np.isfinite(sides)) or not np.all(sides[0] < sides[1]):
+        raise ArgumentError("every range must be finite, the least value first")
+    return sides[0], sides[1]
+
+
+def _even(count: int, dimension: int) -> np.ndarray:
+    """Points that fill the unit cube evenly, shape (count, dimension)."""
+    root = 2.0
+    for _ in range(60):  # of x^(d + 1) = x + 1
+        root = (1 + root) ** (1 / (dimension + 1))
+    steps = root ** -np.arange(1.0, dimension + 1)
+    return (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
