@@ -37,6 +37,7 @@ def modules_after(code: str, folder: Path) -> set[str]:
         "import wormopt as wo; wo.load_scene('pareto_speed_load')",
         "from wormopt.cli import main; assert main(['check', 'fig05_lambda_trackers']) == 0",
         "from wormopt.cli import main; assert main(['check', 'own_model', 'random_links']) == 0",
+        "from wormopt.cli import main; assert main(['check', 'fig12_stress_strain']) == 0",
     ],
 )
 def test_reading_and_checking_load_no_numerics(code: str, tmp_path: Path):
@@ -70,6 +71,11 @@ def test_a_kinematic_scene_loads_no_nonlinear_programming(tmp_path: Path):
     assert {name for name in loaded if name.startswith("wormopt.optimal")} == set()
     assert "casadi" not in loaded
     assert "wormopt.gaits.search" not in loaded
+
+
+def test_a_material_loads_no_solver(tmp_path: Path):
+    loaded = loaded_by_a_run(["run", "fig12_stress_strain", "--json", "--no-plots"], tmp_path)
+    assert not loaded & {"casadi", "scipy.optimize", "scipy.integrate", "matplotlib"}
 
 
 def test_a_kinematic_scene_loads_no_compiled_simulation(tmp_path: Path):

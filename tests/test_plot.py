@@ -165,9 +165,22 @@ def relaxed() -> Result:
     return Result("relaxed", "optimal-crawl", scalars=bars, variables=tuple(variables))
 
 
+def stretched() -> Result:
+    """A bar that a field lengthens beyond small strains."""
+    strain = np.linspace(0.0, 0.2, 41)
+    variables = [
+        Variable("strain", "1", ("strain",), strain),
+        Variable("stress_with_field", "Pa", ("strain",), 1e4 * (strain - 0.15)),
+        Variable("stress_without_field", "Pa", ("strain",), 2e4 * strain),
+    ]
+    scalars = {"field": Scalar(1e5, "A m-1"), "u0": Scalar(0.15), "small_strain": Scalar(0.1)}
+    return Result("bar", "material", scalars=scalars, variables=tuple(variables))
+
+
 def sample(picture: str) -> Result:
     made = {"front": front, "trackers": crawl, "bands": herd, "signals": own}
     made |= {"comparison": compared, "draws": compared, "convergence": relaxed}
+    made |= {"stress_strain": stretched}
     return made[picture]() if picture in made else shuffle(2)
 
 

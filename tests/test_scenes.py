@@ -48,6 +48,16 @@ PARETO = DESIGN.replace("gait-design", "gait-pareto").replace(
     '[objective]\nmaximise = "speed"', '[pareto]\nagainst = "peak_spike_load"'
 )
 
+MATERIAL = """
+schema = 1
+kind = "material"
+units = "SI"
+[material]
+field = 1.5e5
+u0 = 0.071
+youngs_modulus_eff = 1.6e4
+"""
+
 # Base scene, change (as for --set; a bare key is taken out), key path and part of the message.
 HOSTILE = [
     # unknown keys and values
@@ -175,6 +185,13 @@ HOSTILE = [
     (FILE, 'gait.file="a\\u0000.csv"', "gait.file", "cannot be read"),
     (FILE, 'gait.file=""', "gait.file", "name of a .csv or .nc file"),
     (FILE, "schema=1", "gait.file", "missing"),
+    # materials
+    (MATERIAL, "units", "units", 'units = "SI"'),
+    (MATERIAL, "material.u0=-0.1", "material.u0", "above 0"),
+    (MATERIAL, "material.u0", "material.u0", "missing"),
+    (MATERIAL, "material.field", "material.field", "missing"),
+    (MATERIAL, "material.mu_r=2.0", "material", "not both"),
+    (MATERIAL, "material", "material", "missing"),
     # the changes themselves
     (DESIGN, "worm.links=three", "worm.links", "in quotes"),
     (DESIGN, "worm.links=", "worm.links", "in quotes"),
@@ -370,13 +387,14 @@ KEYS = st.sampled_from(
     "worm.load gait.period gait.length gait.resting gait.rate gait.rate.contraction "
     "gait.acceleration gait.spike_load gait.impulses gait.shape gait.profile gait.ramp gait.file "
     "objective.minimise objective.speed search.sequence search.seed search.phases "
-    "pareto.points".split()
+    "pareto.points material material.field material.mu_r material.lame_eta material.u0 "
+    "material.youngs_modulus_eff sample strain".split()
 )
 
 
 @settings(deadline=None, max_examples=300)
 @given(
-    text=st.sampled_from([DESIGN, GAIT, FAST, FILE, PARETO]),
+    text=st.sampled_from([DESIGN, GAIT, FAST, FILE, PARETO, MATERIAL]),
     changes=st.lists(st.tuples(KEYS, VALUES), max_size=3),
 )
 def test_any_scene_is_read_or_refused(

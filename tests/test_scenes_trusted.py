@@ -269,7 +269,8 @@ def test_units_of_si_scenes(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    "name", [n for n in packaged_scenes() if load_scene(n).table.kind in ("track", "simulate")]
+    "name",
+    [n for n in packaged_scenes() if load_scene(n).table.kind in ("track", "simulate", "material")],
 )
 def test_packaged_scenes_say_what_to_try(name: str):
     text = packaged_scenes()[name].read_text(encoding="utf-8")

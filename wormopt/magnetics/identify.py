@@ -19,6 +19,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.magnetics.material import (
+    LARGEST,
     MU0,
     MagnetoElastic,
     check_number,
@@ -122,11 +123,11 @@ def identify_material(
     residual = float("inf")
     if eta is not None and not roots[0].refused:
         residual = forward_residual(mu_r, eta, *measured)
-    if eta is None or not residual <= ACCEPTED:
+    if eta is None or not residual <= ACCEPTED or max(mu_r, eta) > LARGEST:
         raise ArgumentError(
             f"no material has u0 = {u0:g} and youngs_modulus_eff = {youngs_modulus_eff:g} Pa at "
             f"field = {field:g} A/m to 12 digits: mu_r - 1 = {mu_r - 1:g} is lost in rounding, or "
-            "the strain too large; check the numbers and their units (Pa, A/m)"
+            "a number too large; check the numbers and their units (Pa, A/m)"
         )
     return Identification(MagnetoElastic(mu_r, eta, lame_lambda), residual, tuple(roots))
 

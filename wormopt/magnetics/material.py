@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     Expression = ca.SX | float
 
 __all__ = [
+    "LARGEST",
     "MU0",
     "SMALL_STRAIN",
     "MagnetoElastic",
@@ -43,8 +44,8 @@ SMALL_STRAIN = 0.1
 _MODULUS_ERROR = 0.01
 # The field in a round bar across the field may be off by so much from the field applied.
 _FIELD_ERROR = 0.05
-# Products of a few numbers within this and its inverse are finite.
-_LARGEST = 1e30
+LARGEST = 1e30
+"""Largest number allowed: products of a few are finite."""
 
 
 def softening(mu_r: Expression, lame_eta: Expression, field: Expression) -> Expression:
@@ -153,8 +154,10 @@ def check_number(name: str, value: object, *, above: float = 0.0) -> float:
     3.0
     """
     fits = isinstance(value, Real) and not isinstance(value, bool)
-    if not (fits and above < float(value) <= _LARGEST):  # pyright: ignore[reportArgumentType]
-        raise ArgumentError(f"{name} must be a number above {above:g}, 1e30 at most, not {value!r}")
+    if not (fits and above < float(value) <= LARGEST):  # pyright: ignore[reportArgumentType]
+        raise ArgumentError(
+            f"{name} must be a number above {above:g}, {LARGEST:g} at most, not {value!r}"
+        )
     return float(value)  # pyright: ignore[reportArgumentType]
 
 
@@ -234,7 +237,7 @@ class MagnetoElastic:
             ...
         wormopt.errors.ArgumentError: mu_r = 4 with ... fields below 81433.8 A/m, or ...
         """
-        field = check_number("field", abs(field) if isinstance(field, Real) else field, above=-1.0)
+        field = abs(check_number("field", field, above=-LARGEST))
         G = softening(self.mu_r, self.lame_eta, field)
         if not 1 + 2 * G / 3 > 0:
             largest_mu_r = 1 + self.largest_field / field * (self.mu_r - 1)
