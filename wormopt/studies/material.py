@@ -168,7 +168,7 @@ def _found_again(material: MagnetoElastic, field: float) -> MaterialFound:
 
 
 def _strains(table: MaterialScene, u0: float) -> np.ndarray:
-    low, high = table.strain or (0.0, max(SMALL_STRAIN, 1.25 * u0))
+    low, high = table.strain or (0.0, SMALL_STRAIN if u0 < SMALL_STRAIN else 1.25 * u0)
     return np.linspace(low, high, _POINTS)
 
 
