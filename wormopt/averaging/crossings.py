@@ -186,13 +186,17 @@ class Wave:
         """Harmonics as complex numbers, which must not depend on states but for one factor."""
         both = ca.Function("harmonics", [symbols], [ca.horzcat(self.cosines, self.sines)])
         found = [np.array(both(column)) @ (1, -1j) for column in values.T]
-        ratios = [shape / shape[np.argmax(np.abs(shape))] for shape in found if np.any(shape)]
-        if any(np.abs(ratio - ratios[0]).max() > 1e-9 for ratio in ratios):
-            raise ArgumentError(
-                "a contact velocity has several harmonics of which the ratios depend on the "
-                "states or parameters; only one factor in front of all of them may"
-            )
-        return ratios[0]
+        shape = next(harmonics for harmonics in found if np.any(harmonics))
+        for harmonics in found:
+            # the factor is real: a complex one would turn all harmonics by one angle, which is no
+            # shift in time
+            factor = np.vdot(shape, harmonics).real / np.vdot(shape, shape).real
+            if np.abs(harmonics - factor * shape).max() > 1e-9 * np.abs(harmonics).max():
+                raise ArgumentError(
+                    "a contact velocity has several harmonics of which the ratios depend on the "
+                    "states or parameters; only one factor in front of all of them may"
+                )
+        return shape / np.abs(shape).max()
 
     def _bracketed(self, start: float, end: float, at_low: ca.SX) -> ca.SX:
         """Halve a bracket; its derivative is 0, that of the place comes by Newton's steps."""
