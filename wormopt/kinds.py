@@ -113,6 +113,12 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.capsule",
         pictures=("signals",),
     ),
+    "harmonic-masses": Kind(
+        summary="masses that swing about their centre as prescribed: their speed, averaged, exact",
+        table="wormopt.scenes.harmonic_masses:HarmonicMassesScene",
+        study="wormopt.studies.harmonic_masses",
+        pictures=("reversals",),
+    ),
     "material": Kind(
         summary="an elastic composite in a magnetic field: strain, modulus, and which one it is",
         table="wormopt.scenes.material:MaterialScene",

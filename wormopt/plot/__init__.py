@@ -15,7 +15,7 @@ from matplotlib import rc_context
 from matplotlib.animation import PillowWriter
 from matplotlib.figure import Figure
 
-from wormopt.plot import comparison, gaits, magnetics, optimum, simulation
+from wormopt.plot import averaging, comparison, gaits, magnetics, optimum, simulation
 from wormopt.plot.parts import RED, STYLE
 from wormopt.result import Result
 
@@ -69,6 +69,10 @@ PICTURES: dict[str, Picture] = {
     ),
     "draws": Picture(comparison.draws, ("drawn_time_outside_tube", "drawn_distance")),
     "signals": Picture(simulation.signals, ("time",)),
+    "reversals": Picture(
+        averaging.reversals,
+        ("share", "relative_velocity", "time", "center_velocity_averaged"),
+    ),
     "stress_strain": Picture(
         magnetics.stress_strain, ("strain", "stress_with_field", "stress_without_field")
     ),
