@@ -113,6 +113,12 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.capsule",
         pictures=("signals",),
     ),
+    "pair-waveform": Kind(
+        summary="the periodic field that moves a magneto-elastic pair fastest, or cheapest",
+        table="wormopt.scenes.pair_waveform:PairWaveformScene",
+        study="wormopt.studies.pair_waveform",
+        pictures=("waveform",),
+    ),
     "harmonic-masses": Kind(
         summary="masses that swing about their centre as prescribed: their speed, averaged, exact",
         table="wormopt.scenes.harmonic_masses:HarmonicMassesScene",
@@ -124,5 +130,17 @@ KINDS: dict[str, Kind] = {
         table="wormopt.scenes.material:MaterialScene",
         study="wormopt.studies.material",
         pictures=("stress_strain",),
+    ),
+    "magnetic-pair": Kind(
+        summary="two masses on a magneto-elastic link in a pulsating field, exactly and averaged",
+        table="wormopt.scenes.magnetic_pair:MagneticPairScene",
+        study="wormopt.studies.magnetic_pair",
+        pictures=("velocity",),
+    ),
+    "resonance": Kind(
+        summary="steady motions of the magneto-elastic pair along the frequency of its field",
+        table="wormopt.scenes.magnetic_pair:ResonanceScene",
+        study="wormopt.studies.resonance",
+        pictures=("resonance",),
     ),
 }

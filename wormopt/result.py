@@ -31,6 +31,7 @@ UNITS = {
     "acceleration_squared": "m2 s-4",
     "angle": "rad",
     "angular_frequency": "rad s-1",
+    "rate": "s-1",
     "mass": "kg",
     "force": "N",
     "impulse": "N s",

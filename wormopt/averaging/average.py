@@ -16,10 +16,12 @@ References
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from numbers import Real
 from typing import Literal
 
 import casadi as ca
@@ -87,7 +89,9 @@ def average(
     """
     if order not in (1, 2):
         raise ArgumentError(f"order must be 1 or 2, not {order!r}")
-    course = _Course(_checked(model), period, nodes)
+    if not isinstance(nodes, int) or nodes < 1:
+        raise ArgumentError(f"nodes must be a whole number, 1 or above, not {nodes!r}")
+    course = _Course(_checked(model), _checked_period(period), nodes)
     ode = course.mean if order == 1 else course.mean + course.second
     return Model(
         f"{model.name}, averaged",
@@ -108,6 +112,16 @@ def _checked(model: Model) -> Model:
         if set(contact.law.directions) != {1, -1}:
             raise ArgumentError(f"{contact.name} cannot slide both ways: there is no average of it")
     return model
+
+
+def _checked_period(period: object) -> ca.SX:
+    if isinstance(period, Real) and 0 < float(period) < math.inf:
+        return ca.SX(float(period))
+    if not isinstance(period, ca.SX) or period.numel() != 1:
+        raise ArgumentError(
+            f"period must be a positive number or an expression of parameters, not {period!r}"
+        )
+    return period
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +151,8 @@ class _Piece:
 class _Course:
     """A model over one period: its pieces, and the means over them."""
 
-    def __init__(self, model: Model, period: float | ca.SX, nodes: int) -> None:
-        self.model, self.period = model, ca.SX(period)
+    def __init__(self, model: Model, period: ca.SX, nodes: int) -> None:
+        self.model, self.period = model, period
         self.rule = Collocation(nodes)
         self.x, self.fixed = pack(model.x), ca.vertcat(pack(model.p), pack(model.u))
         self.theta = ca.SX.sym("theta")
@@ -187,7 +201,7 @@ class _Course:
     def pieces(self) -> list[_Piece]:
         """Pieces in their order."""
         waves = [self._wave(i) for i in range(len(self.model.contacts))]
-        symbols, values = self._samples
+        symbols, values = self._samples_of_waves
         crossings = [wave.crossings(symbols, values) for wave in waves]
         signs = ca.vertcat(
             ca.SX(0, 1), *(sign_after(w, c) for w, c in zip(waves, crossings, strict=True))
@@ -212,13 +226,23 @@ class _Course:
         states = nominal[:, None] * random.uniform(0.2, 1.0, (len(nominal), 3))
         return ca.vertcat(self.x, self.fixed), np.vstack([states, np.tile(fixed, (3, 1)).T])
 
+    @cached_property
+    def _samples_of_waves(self) -> tuple[ca.SX, np.ndarray]:
+        """Besides, samples in which nothing is 0: a harmonic that is 0 now may be there later."""
+        symbols, values = self._samples
+        there = np.where(
+            values == 0, np.random.default_rng(1).uniform(0.2, 1.0, values.shape), values
+        )
+        repeats = self._repeats(self._velocities, there)
+        return symbols, np.hstack([values, there]) if repeats else values
+
     def _wave(self, i: int) -> Wave:
         contact, velocity = self.model.contacts[i], self._velocities[i]
         if self.scheduled.numel() and ca.depends_on(velocity, self.scheduled):
             raise ArgumentError(
                 f"the velocity of {contact.name} follows a schedule; only forces may"
             )
-        symbols, values = self._samples
+        symbols, values = self._samples_of_waves
         wave = Wave.of(ca.Function("velocity", [symbols, self.theta], [velocity]), symbols, values)
         if wave.degree == 0:
             raise ArgumentError(f"{contact.name} does not swing: its velocity has no period")
@@ -253,15 +277,16 @@ class _Course:
             self._check_repetition()
 
     def _check_repetition(self) -> None:
-        symbols, values = self._samples
         both = ca.vertcat(self._in_share(self.model.ode), self._velocities)
         forces = ca.DM.ones(len(self.model.contacts))
-        both = ca.substitute(both, self.model.forces, forces)
-        course = ca.Function("course", [symbols, self.theta], [both])
-        for column in values.T:
-            now, later = (np.array(course(column, theta)) for theta in (0.3, 1.3))
-            if not np.allclose(now, later, rtol=1e-9, atol=1e-12):
-                raise ArgumentError(f"{self.model.name} does not repeat after the period given")
+        if not self._repeats(ca.substitute(both, self.model.forces, forces), self._samples[1]):
+            raise ArgumentError(f"{self.model.name} does not repeat after the period given")
+
+    def _repeats(self, expression: ca.SX, values: np.ndarray) -> bool:
+        """Whether an expression of share, states and what is fixed is periodic, by samples."""
+        course = ca.Function("course", [self._samples[0], self.theta], [expression])
+        now, later = (np.array(course(values, theta)) for theta in (0.3, 1.3))
+        return np.allclose(now, later, rtol=1e-9, atol=1e-12)
 
     # -- means -------------------------------------------------------------------------------------
 

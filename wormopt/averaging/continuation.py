@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import root_scalar
 
 from wormopt.averaging.steady import Rates, SteadyState, eigenvalues, rates_of
@@ -76,7 +77,7 @@ class Branch:
     name: str
     parameter: np.ndarray
     x: np.ndarray
-    eigenvalues: np.ndarray
+    eigenvalues: NDArray[np.complex128]
     folds: tuple[Fold, ...]
     ends: tuple[End, End]
     p: np.ndarray
@@ -116,11 +117,13 @@ class Branch:
         """
         rates, values = rates_of(self.model), np.asarray(values, float)
         starts, wanted = [], []
-        for k in range(len(self.parameter) - 1):
-            low, high = self.parameter[k : k + 2]
+        for k, (low, high) in enumerate(pairwise(self.parameter)):
+            if low == high:
+                continue
+            share = (values - low) / (high - low)
+            # a value that ends a stretch belongs to the next one, if there is one
             last = k == len(self.parameter) - 2
-            share = (values - low) / (high - low if high != low else math.inf)
-            inside = np.flatnonzero((share >= 0) & ((share < 1) | (last & (share <= 1))))
+            inside = np.flatnonzero((share >= 0) & ((share < 1) | (last & (share == 1))))
             inside = inside[np.argsort(share[inside])]
             starts += [self.x[k] + share[i] * (self.x[k + 1] - self.x[k]) for i in inside]
             wanted += [values[i] for i in inside]
@@ -128,7 +131,7 @@ class Branch:
         p = np.tile(self.p, (len(x), 1))
         p[:, rates.place(self.name)] = parameter
         x, found = rates.newton(x, p)
-        slopes = rates(x[found], p[found])[1][:, :, : x.shape[1]]
+        slopes = rates.slopes(x[found], p[found])
         spectra = np.array([eigenvalues(matrix) for matrix in slopes]).reshape(-1, x.shape[1])
         return replace(self, parameter=parameter[found], x=x[found], eigenvalues=spectra)
 
@@ -188,7 +191,7 @@ def follow_branch(
         raise ArgumentError(
             f"{parameter} = {start.p[place]:g} of the start is not within [{low:g}, {high:g}]"
         )
-    walk = _Walk(rates, place, (low, high), start.p, largest)
+    walk = _Walk(rates, parameter, (low, high), start.p, largest)
     begin = np.append(start.x, start.p[place])
     tangent = walk.tangent(begin, None)
     if tangent[-1] < 0:
@@ -201,9 +204,10 @@ def follow_branch(
     y = np.array(points)
     p = np.tile(start.p, (len(y), 1))
     p[:, place] = y[:, -1]
-    slopes = rates(y[:, :-1], p)[1][:, :, : y.shape[1] - 1]
-    spectra = np.array([eigenvalues(matrix) for matrix in slopes])
-    return Branch(start.model, parameter, y[:, -1], y[:, :-1], spectra, tuple(folds), ends, start.p)
+    spectra = np.array([eigenvalues(matrix) for matrix in rates.slopes(y[:, :-1], p)])
+    return Branch(
+        start.model, parameter, y[:, -1], y[:, :-1], spectra, tuple(folds), (other, end), start.p
+    )
 
 
 class _Walk:
@@ -212,23 +216,22 @@ class _Walk:
     def __init__(
         self,
         rates: Rates,
-        place: int,
+        parameter: str,
         span: tuple[float, float],
         p: np.ndarray,
         largest: float,
     ) -> None:
-        self.rates, self.place, self.span, self.p = rates, place, span, p
+        self.rates, self.span, self.p = rates, span, p
+        self.place, self.slope = rates.place(parameter), rates.slope_by(parameter)
         self.size = np.append(rates.nominal, span[1] - span[0])
         self.largest = largest
 
     def _linear(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates and their derivatives by y / size."""
-        p = self.p.copy()
+        p, x = self.p.copy(), y[None, :-1]
         p[self.place] = y[-1]
-        rates, slopes = self.rates(y[None, :-1], p)
-        n = len(y) - 1
-        by_y = np.column_stack([slopes[0, :, :n], slopes[0, :, n + self.place]])
-        return rates[0], by_y * self.size
+        last = np.array(self.slope(x[0], p))
+        return self.rates(x, p)[0], np.hstack([self.rates.slopes(x, p)[0], last]) * self.size
 
     def tangent(self, y: np.ndarray, along: np.ndarray | None) -> np.ndarray:
         """Unit tangent in y / size, on the side of ``along``."""

@@ -233,7 +233,8 @@ def sign_after(wave: Wave, crossings: Sequence[Crossing]) -> ca.SX:
 
 def _turned(place: ca.SX) -> ca.SX:
     """The same place in [0, 1); with its derivative."""
-    return place - ca.floor(place)
+    turned = place - ca.floor(place)
+    return turned - (turned >= 1)  # of a place below 0 by less than round-off
 
 
 def _harmonics_in(velocity: ca.Function, values: np.ndarray) -> int:

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wormopt.core.model import Model, pack
-from wormopt.core.values import by_name, check_names, numbers, signal_values
+from wormopt.core.values import by_name, check_names, signal_values
 from wormopt.errors import ArgumentError
 
 __all__ = ["Rates", "SteadyState", "eigenvalues", "rates_of", "steady_states"]
 
 Values = Mapping[str, ArrayLike]
 
-_STEPS, _SHORTEST = 60, 2.0**-20  # of Newton's method, and how far one is shortened
+_STEPS, _SHORTEST = 40, 2.0**-10  # of Newton's method, and how far one is shortened
 _CONVERGED = 1e-11  # last step, in usual sizes of the states
 _SCALES = np.array([1.0, 0.25, 0.0625])  # of the boxes from which it starts
 _APART = 1e-6  # states that differ by less are one
@@ -45,7 +45,7 @@ class SteadyState:
     model: Model
     x: np.ndarray
     residual: float
-    eigenvalues: np.ndarray
+    eigenvalues: NDArray[np.complex128]
     p: np.ndarray
 
     @property
@@ -104,11 +104,11 @@ class Rates:
             raise ArgumentError(f"{model.name} depends on time; average it first")
         self.model = model
         self.nominal = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
-        x, self._fixed = pack(model.x), (*model.p, *model.u)
-        p = pack(self._fixed)
-        # Derivatives by parameters too: branches are followed along one of them.
-        slopes = ca.jacobian(model.ode, ca.vertcat(x, p))
-        self._function = ca.Function("rates", [x, p], [model.ode, ca.densify(slopes)])
+        self._fixed = (*model.p, *model.u)
+        self._symbols = [pack(model.x), pack(self._fixed)]
+        self._rates = ca.Function("rates", self._symbols, [model.ode])
+        slopes = ca.densify(ca.jacobian(model.ode, self._symbols[0]))
+        self._slopes = ca.Function("slopes", self._symbols, [slopes])
 
     def parameters(self, given: Values | None) -> np.ndarray:
         """Stack parameters and inputs, those given before the model's own.
@@ -151,8 +151,8 @@ class Rates:
             raise ArgumentError(f"{name} has {sizes[which]} entries; take a parameter that has one")
         return sum(sizes[:which])
 
-    def __call__(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Evaluate at m states.
+    def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Rates at m states.
 
         Parameters
         ----------
@@ -163,14 +163,46 @@ class Rates:
 
         Returns
         -------
-        rates : ndarray, shape (m, n_x)
-        slopes : ndarray, shape (m, n_x, n_x + n_p)
-            Derivatives by states and parameters.
+        ndarray, shape (m, n_x)
+        """
+        return np.array(self._rates(x.T, _each(p, x).T)).T
+
+    def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Jacobians at m states.
+
+        Parameters
+        ----------
+        x : ndarray, shape (m, n_x)
+            States.
+        p : ndarray, shape (n_p,) or (m, n_p)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (m, n_x, n_x)
         """
         m, n = x.shape
-        rates, slopes = self._function(x.T, np.broadcast_to(p, (m, p.shape[-1])).T)
-        width = n + p.shape[-1]
-        return np.array(rates).T, np.array(slopes).reshape(n, m, width).transpose(1, 0, 2)
+        if m == 0:
+            return np.zeros((0, n, n))
+        found = np.array(self._slopes(x.T, _each(p, x).T))
+        return found.reshape(n, m, n).transpose(1, 0, 2)
+
+    def slope_by(self, name: str) -> ca.Function:
+        """Derivative of the rates by a scalar parameter.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        casadi.Function
+            (x, p) to a column.
+        """
+        symbol = self._symbols[1][self.place(name)]
+        slope = ca.densify(ca.jacobian(self.model.ode, symbol))
+        return ca.Function("slope", self._symbols, [slope])
 
     def newton(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Go from states to steady ones, each step shortened until the rates fall.
@@ -189,35 +221,38 @@ class Rates:
         found : ndarray of bool, shape (m,)
             Whether the last step was as good as none.
         """
-        n, p = x.shape[1], np.broadcast_to(p, (len(x), p.shape[-1]))
+        p = _each(p, x)
         x, found = x.copy(), np.zeros(len(x), bool)
         open_ = np.arange(len(x))
         for _ in range(_STEPS):
-            rates, slopes = self(x[open_], p[open_])
-            step = _solved(slopes[:, :, :n], rates) * (-1)
+            if not open_.size:
+                break
+            rates = self(x[open_], p[open_])
+            step = -_solved(self.slopes(x[open_], p[open_]), rates)
             length = np.abs(step / self.nominal).max(axis=1)
             done = length < _CONVERGED * (1 + np.abs(x[open_] / self.nominal).max(axis=1))
             x[open_[done]] += step[done]
             found[open_[done]] = True
             go_on = ~done & np.isfinite(length)
             open_, step, rates = open_[go_on], step[go_on], rates[go_on]
-            if not open_.size:
-                break
-            x[open_] += self._shortened(x[open_], p[open_], step, rates)
+            factor = self._factor(x[open_], p[open_], step, rates)
+            x[open_] += factor[:, None] * step
+            open_ = open_[factor > _SHORTEST]
         return x, found
 
-    def _shortened(
+    def _factor(
         self, x: np.ndarray, p: np.ndarray, step: np.ndarray, rates: np.ndarray
     ) -> np.ndarray:
+        """By how much each step is shortened."""
         factor = np.ones(len(x))
         size = np.abs(rates / self.nominal).max(axis=1)
-        while True:
-            tried, _ = self(x + factor[:, None] * step, p)
-            worse = ~(np.abs(tried / self.nominal).max(axis=1) < size)
-            worse &= factor > _SHORTEST
-            if not worse.any():
-                return factor[:, None] * step
+        worse = np.arange(len(x))
+        while worse.size:
+            tried = self(x[worse] + factor[worse, None] * step[worse], p[worse])
+            smaller = np.abs(tried / self.nominal).max(axis=1) < size[worse]
+            worse = worse[~smaller & (factor[worse] > _SHORTEST)]
             factor[worse] /= 2
+        return factor
 
     def steady(self, x: np.ndarray, p: np.ndarray) -> SteadyState:
         """Tell about one steady state.
@@ -233,15 +268,18 @@ class Rates:
         -------
         SteadyState
         """
-        rates, slopes = self(x[None], p)
-        assert rates.shape == (1, len(x))
-        residual = float(np.abs(rates / self.nominal).max())
-        return SteadyState(self.model, x, residual, eigenvalues(slopes[0, :, : len(x)]), p)
+        residual = float(np.abs(self(x[None], p) / self.nominal).max())
+        return SteadyState(self.model, x, residual, eigenvalues(self.slopes(x[None], p)[0]), p)
+
+
+def _each(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Parameters, once for every state."""
+    return np.broadcast_to(p, (len(x), p.shape[-1]))
 
 
 def _solved(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve each system; NaN where it is singular."""
-    usable = np.isfinite(matrices).all(axis=(1, 2))
+    usable = np.array([np.isfinite(matrix).all() for matrix in matrices])
     sound = np.where(usable[:, None, None], matrices, 0.0)
     usable &= np.linalg.det(sound) != 0
     found = np.full_like(right, np.nan)
@@ -249,7 +287,7 @@ def _solved(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
     return found
 
 
-def eigenvalues(matrix: np.ndarray) -> np.ndarray:
+def eigenvalues(matrix: np.ndarray) -> NDArray[np.complex128]:
     """Eigenvalues, that with the largest real part first.
 
     Parameters
@@ -348,11 +386,8 @@ def _box(
         raise ArgumentError(f"give the range of {', '.join(missing)} as (least, largest)")
     sides = []
     for side in (0, 1):
-        values = [
-            np.broadcast_to(numbers(f"range of {s.name}", within[s.name][side]).ravel(), s.size)
-            for s in model.x
-        ]
-        sides.append(np.concatenate(values))
+        given = {name: bounds[side] for name, bounds in within.items()}
+        sides.append(signal_values(model.x, given, "range of"))
     if not np.all(np.isfinite(sides)) or not np.all(sides[0] < sides[1]):
         raise ArgumentError("every range must be finite, the least value first")
     return sides[0], sides[1]

@@ -15,7 +15,7 @@ from matplotlib import rc_context
 from matplotlib.animation import PillowWriter
 from matplotlib.figure import Figure
 
-from wormopt.plot import averaging, comparison, gaits, magnetics, optimum, simulation
+from wormopt.plot import averaging, comparison, gaits, magnetics, optimum, simulation, waveform
 from wormopt.plot.parts import RED, STYLE
 from wormopt.result import Result
 
@@ -69,6 +69,15 @@ PICTURES: dict[str, Picture] = {
     ),
     "draws": Picture(comparison.draws, ("drawn_time_outside_tube", "drawn_distance")),
     "signals": Picture(simulation.signals, ("time",)),
+    "velocity": Picture(magnetics.velocity, ("time", "velocity", "late_velocity")),
+    "resonance": Picture(
+        magnetics.resonance,
+        ("detuning", "curve_detuning", "curve_velocity", "curve_amplitude", "curve_stable"),
+    ),
+    "waveform": Picture(
+        waveform.waveform,
+        ("instant", "field", "field_harmonic", "stretch", "stretch_harmonic", "velocity"),
+    ),
     "reversals": Picture(
         averaging.reversals,
         ("share", "relative_velocity", "time", "center_velocity_averaged"),
