@@ -1,0 +1,370 @@
+"""The magneto-elastic pair: (19), exact motions, orders of averaging; scenes of its kinds."""
+
+import json
+import math
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import wormopt as wo
+from wormopt.averaging.average import average
+from wormopt.averaging.steady import Rates, steady_states
+from wormopt.cli import main
+from wormopt.core.friction import Coulomb
+from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.scenes import load_scene
+from wormopt.simulation.simulate import simulate
+from wormopt.worms.averaged_pair import averaged_pair, steady_pair
+from wormopt.worms.magnetic_pair import from_slow, magnetic_pair, slow_pair
+
+NATURAL = math.sqrt(2)
+# docs/verification.md: steady motion (19) at the chapter's data, and exact mean velocities.
+STEADY = (0.28110586, 0.39754371, 2.16785411)
+EXACT = {0.003: 0.280655, 0.01: 0.279601, 0.0355: 0.275727}
+
+
+def numbers(eps: float) -> dict[str, object]:
+    return {
+        "law": Coulomb(0.5 * eps, 1.0 * eps),
+        "push": eps,
+        "frequency": NATURAL + 0.5 * eps,
+    }
+
+
+@cache
+def steady_velocity(eps: float, order: int) -> float:
+    slow = slow_pair(**numbers(eps))  # type: ignore[arg-type]
+    model = average(slow, 2 * math.pi / (NATURAL + 0.5 * eps), order=order)  # type: ignore[arg-type]
+    rates, closed = Rates(model), steady_pair(0.5, 1.0, 0.5)
+    swing = closed.amplitude * np.array([math.cos(closed.lag), math.sin(closed.lag)])
+    x, found = rates.newton(np.array([[closed.velocity, *swing]]), rates.parameters(None))
+    assert found.all()
+    return float(x[0, 0])
+
+
+@cache
+def exact_velocity(eps: float) -> float:
+    """Displacement over whole periods after t = 60 / eps, from near the steady motion on."""
+    nu, closed = NATURAL + 0.5 * eps, steady_pair(0.5, 1.0, 0.5)
+    swing = closed.amplitude * np.array([math.cos(closed.lag), math.sin(closed.lag)])
+    begin, length = 60 / eps, 20 * 2 * math.pi / nu
+    motion = simulate(
+        magnetic_pair(**numbers(eps)),  # type: ignore[arg-type]
+        begin + length,
+        x0=from_slow(0.0, closed.velocity, swing, frequency=nu),
+        times=[begin, begin + length],
+    )
+    return float(np.diff(motion.output("center")[0])[0] / length)
+
+
+# -- (19) and the exact motion ---------------------------------------------------------------------
+
+
+def test_the_steady_motion_at_the_chapters_data():
+    closed = steady_pair(0.5, 1.0, 0.5)
+    assert (closed.velocity, closed.amplitude, closed.lag) == pytest.approx(STEADY, abs=5e-9)
+
+
+def test_the_closed_form_is_at_rest_in_its_steady_motion():
+    closed = steady_pair(0.3, 0.8, -0.7)
+    eps = 0.01
+    model = averaged_pair(
+        law=Coulomb(0.3 * eps, 0.8 * eps), push=eps, frequency=NATURAL - 0.7 * eps
+    )
+    rates = Rates(model)
+    swing = closed.amplitude * np.array([math.cos(closed.lag), math.sin(closed.lag)])
+    x = np.array([[closed.velocity, *swing]])
+    assert np.abs(rates(x, rates.parameters(None))).max() < 1e-16
+
+
+def test_the_averaged_motion_from_rest_settles_on_it():
+    model = averaged_pair(**numbers(0.0355))  # type: ignore[arg-type]
+    motion = simulate(model, 80 / 0.0355)
+    amplitude, lag = motion.output("amplitude")[0, -1], motion.output("lag")[0, -1]
+    closed = steady_pair(0.5, 1.0, 0.5)
+    found = (motion.end[0], amplitude, lag)
+    assert found == pytest.approx((closed.velocity, closed.amplitude, closed.lag), abs=1e-9)
+
+
+@pytest.mark.parametrize("eps", EXACT)
+def test_exact_mean_velocities(eps: float):
+    assert exact_velocity(eps) == pytest.approx(EXACT[eps], abs=2e-6)
+
+
+def test_errors_of_averaging_fall_with_their_order():
+    sizes = np.array([0.0025, 0.005, 0.01, 0.02])
+    exact = np.array([exact_velocity(eps) for eps in sizes])
+    for order, ceiling in ((1, 0.16), (2, 0.07)):
+        errors = np.abs([steady_velocity(eps, order) for eps in sizes] - exact)
+        slope = np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+        assert order - 0.1 < slope < order + 0.1
+        assert (errors < ceiling * sizes**order).all()
+
+
+def test_the_first_error_is_what_theory_names():
+    """0.150 eps at the chapter's data: what the second order takes away."""
+    eps = 1e-3
+    taken = steady_velocity(eps, 1) - steady_velocity(eps, 2)
+    assert taken / eps == pytest.approx(0.150, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0.8, 0.8, 0.5), "takes E cos"),
+        ((0.5, 1.0, 0.0), "detuning 0"),
+        ((-0.5, 1.0, 0.5), "not negative"),
+        ((0.0, 0.0, 0.5), "above 0"),
+        ((0.5, math.inf, 0.5), "finite"),
+        ((0.5, 1.0, math.nan), "finite number"),
+    ],
+)
+def test_what_19_does_not_cover_is_refused(arguments, message: str):
+    with pytest.raises(ArgumentError, match=message):
+        steady_pair(*arguments)
+
+
+def test_a_border_of_existence_is_no_steady_motion():
+    """E cos(Phi) = 1/2 exactly would be a = 0; just below, the swing is small."""
+    size = math.pi / 4  # F+ = F- = size: E cos(Phi) = 2 size / pi
+    with pytest.raises(ArgumentError, match="no steady motion"):
+        steady_pair(size, size, 1.0)
+    assert steady_pair(size * (1 - 1e-12), size * (1 - 1e-12), 1.0).amplitude < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"push": 0.0}, "push must be positive"),
+        ({"mass": -1.0}, "mass must be positive"),
+        ({"stiffness": math.nan}, "stiffness"),
+        ({"law": [Coulomb(0.1, 0.2)]}, "one friction law or two"),
+        ({"law": "dry"}, "one friction law or two"),
+        ({"cosines": ()}, "finite numbers"),
+        ({"cosines": (1.0, math.inf)}, "finite numbers"),
+    ],
+)
+def test_pairs_that_cannot_be_are_refused(change, message: str):
+    with pytest.raises(ArgumentError, match=message):
+        magnetic_pair(**(numbers(0.01) | change))  # type: ignore[arg-type]
+
+
+# -- kind magnetic-pair ----------------------------------------------------------------------------
+
+
+@cache
+def figure_13() -> wo.Result:
+    return wo.run(load_scene("fig13_magnetic_pair"))
+
+
+def value(result: wo.Result, name: str):
+    return result.scalars[name].value
+
+
+def test_figure_13():
+    result = figure_13()
+    assert result.status == "ok"
+    found = [value(result, f"{name}_steady") for name in ("velocity", "amplitude", "phase")]
+    assert found == pytest.approx(STEADY, abs=5e-9)
+    assert value(result, "natural_rate") == pytest.approx(31.804, abs=5e-4)
+    assert value(result, "velocity_steady_si") == pytest.approx(0.2593, abs=5e-5)
+    assert value(result, "velocity_exact_mean") == pytest.approx(EXACT[0.0355], abs=2e-6)
+    assert value(result, "averaging_error_second") < 0.02 * value(result, "averaging_error")
+    assert value(result, "stable")
+    assert value(result, "u0") == 0.071
+    assert result.trust["settled_to"] < 1e-9
+    assert result.trust["closed_form_difference"] < 1e-12
+    assert result.trust["quadrature_error"] < 1e-13
+
+
+def test_the_chapters_velocity_is_shown_as_a_discrepancy():
+    result = figure_13()
+    assert value(result, "velocity_stated_deviation") == pytest.approx(0.29 - 0.2593, abs=5e-5)
+    assert any("stated velocity 0.29 is not" in warning for warning in result.trust["warnings"])
+
+
+def test_figure_13_says_that_strains_are_not_small():
+    assert any("small strains" in warning for warning in figure_13().trust["warnings"])
+
+
+def test_signals_of_figure_13_are_in_its_units():
+    result = figure_13()
+    assert (result["time"].unit, result["velocity"].unit) == ("s", "m s-1")
+    last = result["velocity_first"].values[-1]
+    assert last == pytest.approx(value(result, "velocity_steady_si"), abs=1e-9)
+    mean = result["velocity_period"].values
+    assert np.isnan(mean[0])
+    assert mean[-50] == pytest.approx(value(result, "velocity_exact_mean_si"), abs=1e-6)
+    periods = np.ptp(result["late_time"].values) * value(result, "frequency") / (2 * math.pi)
+    assert periods == pytest.approx(4.0)
+
+
+PAIR = """schema = 1
+kind = "magnetic-pair"
+detuning = 0.5
+[pair]
+eps = 0.05
+friction = {kind = "coulomb", forward = 0.5, backward = 1.0}
+[course]
+periods = 4
+"""
+
+
+def run_text(folder: Path, text: str, *changes: str) -> wo.Result:
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return wo.run(load_scene(path, list(changes)))
+
+
+def test_weaker_friction_backward_moves_the_pair_backward(tmp_path: Path):
+    friction = 'pair.friction={kind="coulomb", forward=1.0, backward=0.5}'
+    result = run_text(tmp_path, PAIR, friction)
+    there = run_text(tmp_path, PAIR)
+    assert value(result, "velocity_steady") == pytest.approx(-value(there, "velocity_steady"))
+    assert value(result, "velocity_exact_mean") == pytest.approx(
+        -value(there, "velocity_exact_mean"), abs=1e-6
+    )
+    assert any("backward" in warning for warning in result.trust["warnings"])
+
+
+def test_a_large_eps_is_warned_of(tmp_path: Path):
+    result = run_text(tmp_path, PAIR, "pair.eps=0.2")
+    assert any("eps = 0.2 is not small" in warning for warning in result.trust["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (["detuning=0.0"], "at detuning 0"),
+        (["pair.friction.forward=0.8", "pair.friction.backward=0.8"], "friction takes E cos"),
+    ],
+)
+def test_pairs_without_steady_motion_fail_with_the_reason(
+    tmp_path: Path, changes: list[str], message: str, capsys: pytest.CaptureFixture[str]
+):
+    with pytest.raises(SolveError, match=message):
+        run_text(tmp_path, PAIR, *changes)
+    sets = [part for change in changes for part in ("--set", change)]
+    path = str(tmp_path / "scene.toml")
+    assert main(["run", path, "-o", str(tmp_path / "out"), "--json", *sets]) == 3
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["status"] == "failed"
+    assert message in printed["reason"]
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "message"),
+    [
+        ('units="SI"', "pair.sample", "missing"),
+        ("pair.eps=-1.0", "pair.eps", "above 0"),
+        ("pair.cosines=[1.0]", "pair.cosines", "2 to 13"),
+        ("pair.cosines=[1.0, 0.0]", "pair.cosines", "is 0"),
+        ('pair.friction={kind="spike"}', "pair.friction", "do not slide back"),
+        ("pair.friction.stick_forward=0.1", "pair.friction.stick_forward", "stiction below"),
+        ("detuning=-40.0", "detuning", "no frequency above 0"),
+        ("nodes=2", "nodes", "4 to 64"),
+        ("pair.speed=1.0", "pair.speed", "speed"),
+    ],
+)
+def test_bad_pairs_are_refused(tmp_path: Path, change: str, key: str, message: str):
+    with pytest.raises(SceneError) as caught:
+        run_text(tmp_path, PAIR, change)
+    assert key in str(caught.value)
+    assert message in str(caught.value)
+
+
+# -- kind resonance --------------------------------------------------------------------------------
+
+SWEEP = """schema = 1
+kind = "resonance"
+[pair]
+eps = 0.0355
+friction = {kind = "coulomb", forward = 0.5, backward = 1.0}
+[sweep]
+detuning = [-1.0, 1.0]
+points = 20
+"""
+
+
+def test_both_branches_are_those_of_19(tmp_path: Path):
+    result = run_text(tmp_path, SWEEP)
+    assert value(result, "branches") == 2
+    assert value(result, "delta_fold") == []
+    assert value(result, "stable") == 20
+    for detuning, velocity, amplitude in zip(
+        *(result[name].values for name in ("detuning", "velocity_steady", "amplitude_steady")),
+        strict=True,
+    ):
+        closed = steady_pair(0.5, 1.0, detuning)
+        assert (velocity, amplitude) == pytest.approx(
+            (closed.velocity, closed.amplitude), rel=1e-12
+        )
+    assert any("run away" in warning for warning in result.trust["warnings"])
+
+
+def test_exact_motions_confirm_the_branches(tmp_path: Path):
+    result = run_text(tmp_path, SWEEP, "confirm.time=1200.0", "sweep.points=8")
+    assert value(result, "confirmed") == 8
+    assert value(result, "averaging_error") < 0.2 * 0.0355
+    assert value(result, "averaging_error_second") < 0.1 * value(result, "averaging_error")
+    assert result["velocity_exact"].values == pytest.approx(
+        result["velocity_second"].values, abs=2e-3
+    )
+
+
+def test_folds_of_a_resonance(tmp_path: Path):
+    friction = (
+        'pair.friction={kind="stribeck", forward=0.3, backward=0.6, stick_forward=0.9, '
+        "stick_backward=1.8, v_stribeck=0.15}"
+    )
+    result = run_text(tmp_path, SWEEP, friction, "sweep.detuning=[0.3, 3.0]")
+    (fold,) = value(result, "delta_fold")
+    assert result["detuning"].values.max() < fold < 3.0
+    assert value(result, "steady_motions") > value(result, "stable") > 0
+    eps = 0.0355
+    slow = slow_pair(
+        law=wo.Stribeck(0.3 * eps, 0.6 * eps, 0.9 * eps, 1.8 * eps, 0.15),
+        push=0.0355,
+        frequency=NATURAL,
+    )
+    nu = next(s.symbol for s in slow.p if s.name == "frequency")
+    model = average(slow, 2 * ca.pi / nu)
+    for side, count in ((0.01, 0), (-0.01, 2)):
+        frequency = NATURAL + 0.0355 * (fold + side)
+        box = {"center_velocity": (-1.0, 1.0), "swing": (-1.0, 1.0)}
+        assert len(steady_states(model, box, p={"frequency": frequency}, starts=300)) == count
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ("sweep.detuning=[1.0, -1.0]", "sweep.detuning"),
+        ("sweep.detuning=[1.0, 1.0]", "sweep.detuning"),
+        ("sweep.detuning=[-50.0, 1.0]", "sweep.detuning"),
+        ("sweep.points=1", "sweep.points"),
+        ("confirm.time=10.0", "confirm.time"),
+        ("sweep.largest=0.0", "sweep.largest"),
+    ],
+)
+def test_bad_sweeps_are_refused(tmp_path: Path, change: str, key: str):
+    with pytest.raises(SceneError, match=key.replace(".", r"\.")):
+        run_text(tmp_path, SWEEP, change)
+
+
+def test_a_sweep_without_steady_motion_fails(tmp_path: Path):
+    with pytest.raises(SolveError, match="friction takes E cos"):
+        run_text(tmp_path, SWEEP, "pair.friction.forward=0.9", "pair.friction.backward=0.9")
+
+
+@pytest.mark.slow
+def test_the_packaged_resonance_is_confirmed_at_400_points():
+    result = wo.run(load_scene("resonance_curve"))
+    assert result.status == "ok"
+    assert value(result, "confirmed") == 400
+    assert value(result, "averaging_error") < 0.2 * 0.0355
+    away = np.abs(result["detuning"].values) > 0.1
+    late = np.abs(result["velocity_second"].values - result["velocity_exact"].values)[away]
+    assert np.nanmax(late) < 0.25 * 0.0355**2
