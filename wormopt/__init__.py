@@ -15,6 +15,9 @@ from typing import TYPE_CHECKING, Any
 from wormopt.version import VERSION
 
 if TYPE_CHECKING:
+    from wormopt.averaging.average import average
+    from wormopt.averaging.continuation import Branch, follow_branch
+    from wormopt.averaging.steady import SteadyState, steady_states
     from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
     from wormopt.core.gait import Gait
     from wormopt.core.model import Contact, Model, Output, Schedule, Signal, Switch
@@ -56,9 +59,11 @@ if TYPE_CHECKING:
     from wormopt.tracking.loop import FeedForward
     from wormopt.tracking.lqr import lqr
     from wormopt.tracking.reference import Reference, follow
+    from wormopt.worms.averaged_pair import averaged_pair, steady_pair
     from wormopt.worms.chain import chain
     from wormopt.worms.copies import copies
     from wormopt.worms.crawl import crawl
+    from wormopt.worms.magnetic_pair import magnetic_pair, slow_pair
 
 __version__ = VERSION
 
@@ -66,6 +71,7 @@ __version__ = VERSION
 _HOMES = {
     "ArgumentError": "wormopt.errors",
     "Bound": "wormopt.optimal.problem",
+    "Branch": "wormopt.averaging.continuation",
     "Collocation": "wormopt.optimal.collocation",
     "Complementary": "wormopt.optimal.contact",
     "Contact": "wormopt.core.model",
@@ -108,6 +114,7 @@ _HOMES = {
     "Smoothed": "wormopt.optimal.contact",
     "SolveError": "wormopt.errors",
     "Spike": "wormopt.core.friction",
+    "SteadyState": "wormopt.averaging.steady",
     "Stribeck": "wormopt.core.friction",
     "Switch": "wormopt.core.model",
     "Tolerance": "wormopt.simulation.options",
@@ -116,6 +123,8 @@ _HOMES = {
     "Variable": "wormopt.result",
     "Viscous": "wormopt.core.friction",
     "WormoptError": "wormopt.errors",
+    "average": "wormopt.averaging.average",
+    "averaged_pair": "wormopt.worms.averaged_pair",
     "best_of": "wormopt.optimal.optimise",
     "bode": "wormopt.linear.bode",
     "chain": "wormopt.worms.chain",
@@ -125,6 +134,7 @@ _HOMES = {
     "drive": "wormopt.tracking.drive",
     "fast_gait": "wormopt.gaits.construct",
     "follow": "wormopt.tracking.reference",
+    "follow_branch": "wormopt.averaging.continuation",
     "funnel_tracker": "wormopt.tracking.funnel",
     "identify_material": "wormopt.magnetics.identify",
     "lambda_tracker": "wormopt.tracking.lambda_tracker",
@@ -132,6 +142,7 @@ _HOMES = {
     "load_gait": "wormopt.gaits.files",
     "load_scene": "wormopt.scenes",
     "lqr": "wormopt.tracking.lqr",
+    "magnetic_pair": "wormopt.worms.magnetic_pair",
     "optimise": "wormopt.optimal.optimise",
     "polish": "wormopt.optimal.polish",
     "refine": "wormopt.optimal.optimise",
@@ -139,12 +150,16 @@ _HOMES = {
     "run": "wormopt.runner",
     "simulate": "wormopt.simulation.simulate",
     "simulate_ensemble": "wormopt.simulation.ensemble",
+    "slow_pair": "wormopt.worms.magnetic_pair",
+    "steady_pair": "wormopt.worms.averaged_pair",
+    "steady_states": "wormopt.averaging.steady",
     "travelling_sine": "wormopt.gaits.construct",
 }
 
 __all__ = [
     "ArgumentError",
     "Bound",
+    "Branch",
     "Collocation",
     "Complementary",
     "Contact",
@@ -187,6 +202,7 @@ __all__ = [
     "Smoothed",
     "SolveError",
     "Spike",
+    "SteadyState",
     "Stribeck",
     "Switch",
     "Tolerance",
@@ -196,6 +212,8 @@ __all__ = [
     "Viscous",
     "WormoptError",
     "__version__",
+    "average",
+    "averaged_pair",
     "best_of",
     "bode",
     "chain",
@@ -205,6 +223,7 @@ __all__ = [
     "drive",
     "fast_gait",
     "follow",
+    "follow_branch",
     "funnel_tracker",
     "identify_material",
     "lambda_tracker",
@@ -212,6 +231,7 @@ __all__ = [
     "load_gait",
     "load_scene",
     "lqr",
+    "magnetic_pair",
     "optimise",
     "polish",
     "refine",
@@ -219,6 +239,9 @@ __all__ = [
     "run",
     "simulate",
     "simulate_ensemble",
+    "slow_pair",
+    "steady_pair",
+    "steady_states",
     "travelling_sine",
 ]
 
