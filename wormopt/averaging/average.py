@@ -35,6 +35,9 @@ from wormopt.optimal.collocation import Collocation
 
 __all__ = ["average"]
 
+# Without reversals to split it, the period is cut into so many parts.
+_PARTS = 8
+
 
 def average(
     model: Model,
@@ -58,7 +61,9 @@ def average(
         The error of the averaged motion over a time of order 1/size(f) is of this order in the
         size of f, if the averaged motion starts at x - u.
     nodes : int, optional
-        Points of Gauss' quadrature on each piece between two reversals.
+        Points of Gauss' quadrature on each piece between two reversals, or on an eighth of the
+        period where there are no contacts. Dry friction under a few harmonics needs no more than
+        16, laws that are steep over a part of the velocities do.
 
     Returns
     -------
@@ -251,7 +256,9 @@ class _Course:
     def _segments(self) -> Iterator[tuple[float, float, np.ndarray]]:
         """Shares of the period between breaks of schedules, and the values there."""
         if not self.model.schedules:
-            yield 0.0, 1.0, np.zeros(0)
+            count = 1 if self.model.contacts else _PARTS
+            for k in range(count):
+                yield k / count, (k + 1) / count, np.zeros(0)
             return
         period = float(self.period)
         for low, high in pairwise(self.model.breaks(period)):

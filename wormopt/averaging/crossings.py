@@ -4,7 +4,7 @@ Over a period, of which theta in [0, 1] is the share that has passed, a contact'
 trigonometric polynomial c_0 + sum_k (a_k cos(2 pi k theta) + b_k sin(2 pi k theta)) with
 coefficients that depend on the slow states. Its sign changes are found, not sampled:
 
-- One harmonic has two of them, in closed form.
+- One harmonic, of order k, has 2 k of them, in closed form.
 - Several harmonics of a fixed shape g, velocity = A + B g(theta): between two extrema of g, which
   are numbers, the velocity is monotonic and has one at most. It is bracketed by bisection and
   sharpened by Newton's method, all as one expression, so that its derivatives are exact too.
@@ -155,18 +155,32 @@ class Wave:
         """
         if self.degree == 0:
             return []
-        return self._of_one_harmonic() if self.degree == 1 else self._of_a_shape(symbols, values)
+        there = self._there(symbols, values)
+        if len(there) == 1:
+            return self._of_one_harmonic(int(there[0]) + 1)
+        return self._of_a_shape(symbols, values)
 
-    def _of_one_harmonic(self) -> list[Crossing]:
-        size = ca.sqrt(self.cosines**2 + self.sines**2)
+    def _harmonics(self, symbols: ca.SX, values: np.ndarray) -> np.ndarray:
+        """Harmonics as complex numbers, a column for each of the samples."""
+        both = ca.Function("harmonics", [symbols], [ca.horzcat(self.cosines, self.sines)])
+        return np.stack([np.array(both(column)) @ (1, -1j) for column in values.T], axis=1)
+
+    def _there(self, symbols: ca.SX, values: np.ndarray) -> np.ndarray:
+        sizes = np.abs(self._harmonics(symbols, values))
+        return np.flatnonzero((sizes > _NEGLIGIBLE * sizes.max(axis=0)).any(axis=1))
+
+    def _of_one_harmonic(self, order: int) -> list[Crossing]:
+        cosine, sine = self.cosines[order - 1], self.sines[order - 1]
+        size = ca.sqrt(cosine**2 + sine**2)
         real = ca.fabs(self.mean) < size
         # the guards keep derivatives finite where there is no sign change
         share = ca.if_else(real, -self.mean / ca.if_else(real, size, 1), 0)
-        top = ca.atan2(ca.if_else(real, self.sines, 0), ca.if_else(real, self.cosines, 1))
+        top = ca.atan2(ca.if_else(real, sine, 0), ca.if_else(real, cosine, 1))
         half = ca.acos(share)
         return [
-            Crossing(_turned((top - half) / (2 * np.pi)), real, ca.SX(1)),
-            Crossing(_turned((top + half) / (2 * np.pi)), real, ca.SX(0)),
+            Crossing(_turned((turn / (2 * np.pi) + k) / order), real, ca.SX(rising))
+            for k in range(order)
+            for turn, rising in ((top - half, 1), (top + half, 0))
         ]
 
     def _of_a_shape(self, symbols: ca.SX, values: np.ndarray) -> list[Crossing]:
@@ -184,8 +198,7 @@ class Wave:
 
     def _shape(self, symbols: ca.SX, values: np.ndarray) -> np.ndarray:
         """Harmonics as complex numbers, which must not depend on states but for one factor."""
-        both = ca.Function("harmonics", [symbols], [ca.horzcat(self.cosines, self.sines)])
-        found = [np.array(both(column)) @ (1, -1j) for column in values.T]
+        found = self._harmonics(symbols, values).T
         shape = next(harmonics for harmonics in found if np.any(harmonics))
         for harmonics in found:
             # the factor is real: a complex one would turn all harmonics by one angle, which is no
