@@ -177,10 +177,26 @@ def stretched() -> Result:
     return Result("bar", "material", scalars=scalars, variables=tuple(variables))
 
 
+def driven() -> Result:
+    """A pair under a field that jumps; mass 2 rests for a while."""
+    time = np.linspace(0.0, 4.0, 81)
+    wave = np.cos(np.pi * time / 2)
+    rows = {"field": 1 + np.sign(wave), "field_harmonic": 1 + wave}
+    rows |= {"stretch": 1.3 * np.sin(time), "stretch_harmonic": 0.8 * np.sin(time)}
+    variables = [Variable("instant", "s", ("instant",), time)]
+    variables += [Variable(name, "1", ("instant",), row) for name, row in rows.items()]
+    velocity = np.vstack([0.4 - wave, 0.4 + wave])
+    variables.append(Variable("velocity", "m s-1", ("mass", "instant"), velocity))
+    modes = [[-1, 1], [1, 1], [1, 0], [1, -1]]
+    scalars = {"speed": Scalar(0.4, "m s-1"), "mode_sequence": Scalar(modes)}
+    scalars |= {"phase_times": Scalar([0.0, 1.0, 2.0, 2.2, 4.0], "s")}
+    return Result("pair", "pair-waveform", scalars=scalars, variables=tuple(variables))
+
+
 def sample(picture: str) -> Result:
     made = {"front": front, "trackers": crawl, "bands": herd, "signals": own}
     made |= {"comparison": compared, "draws": compared, "convergence": relaxed}
-    made |= {"stress_strain": stretched}
+    made |= {"waveform": driven, "stress_strain": stretched}
     return made[picture]() if picture in made else shuffle(2)
 
 

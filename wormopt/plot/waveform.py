@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from wormopt.plot.parts import GREY, MASSES, facts, label, legend, scalar, sheet
@@ -62,10 +61,13 @@ def _draw_modes(axes: Axes, result: Result) -> None:
         for mode, (_, colour) in _DOES.items():
             bars = [span for span, m in zip(spans, modes[:, mass], strict=True) if m == mode]
             axes.broken_barh(bars, (mass - 0.4, 0.8), color=colour, linewidth=0)
-    axes.set_yticks(range(modes.shape[1]), [f"mass {m + 1}" for m in range(modes.shape[1])])
+    axes.set_yticks(range(modes.shape[1]), [f"{m + 1}" for m in range(modes.shape[1])])
+    axes.set_ylabel("mass $i$")
     axes.set_ylim(modes.shape[1] - 0.5, -0.5)
     axes.grid(visible=False)
-    shown = [Patch(color=_DOES[mode][1], label=_DOES[mode][0])
-             for mode in _DOES if np.any(modes == mode)]  # fmt: skip
-    rest: list[Line2D | Patch] = [*shown]
-    axes.legend(handles=rest, loc="center left", bbox_to_anchor=(1.01, 0.5))
+    shown = [
+        Patch(color=colour, label=does)
+        for mode, (does, colour) in _DOES.items()
+        if np.any(modes == mode)
+    ]
+    axes.legend(handles=shown, loc="center left", bbox_to_anchor=(1.01, 0.5))

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scenes.chain import CoulombFriction, faults_of_law
+from wormopt.scenes.chain import CoulombFriction, Friction, faults_of_law
 from wormopt.scenes.numerics import MeshTable
 from wormopt.scenes.types import (
     NonNegative,
@@ -45,21 +45,15 @@ class DrivenPairTable(Table, frozen=True, kw_only=True):
     """
 
     eps: Positive
-    friction: CoulombFriction
-
-    @property
-    def sides(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Friction forward and backward of both masses, over the push."""
-        return per(self.friction.forward, 2), per(self.friction.backward, 2)
+    friction: Friction
 
     def faults(self) -> Iterator[Fault]:
         """Yield what is wrong between the keys of this table."""
-        wrong = list(faults_of_law("pair.friction", self.friction, 2))
+        law, wrong = self.friction, list(faults_of_law("pair.friction", self.friction, 2))
         yield from wrong
-        if wrong:
-            return
-        forward, backward = map(sum, self.sides)
-        if forward >= backward:
+        if not isinstance(law, CoulombFriction):
+            yield "pair.friction", 'this kind is for dry friction; write kind = "coulomb"'
+        elif not wrong and sum(per(law.forward, 2)) >= sum(per(law.backward, 2)):
             yield (
                 "pair.friction",
                 "not weaker forward than backward: the pair does not move forward; write "

@@ -20,8 +20,26 @@ from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.studies.signals import largest
 
-__all__ = ["Harmonic", "Orbit", "best_harmonic", "orbit_from", "relative", "settle"]
+__all__ = [
+    "FADED",
+    "MOST_PERIODS",
+    "Harmonic",
+    "Orbit",
+    "best_harmonic",
+    "orbit_from",
+    "push_left",
+    "relative",
+    "settle",
+]
 
+FADED = 0.5
+"""Share of a small push of which at most so much must be left."""
+
+MOST_PERIODS = 1200
+"""Periods after which it must have faded."""
+
+# Size of the push, in that of the motion, its direction, and periods between two looks at it.
+_PUSH, _DIRECTION, _LOOK = 1e-3, np.array([1.0, -0.7, 0.4]), 20
 # Periods of the first block of a simulation that is to settle, and of all together; the last while
 # searching.
 _BLOCK, _MOST, _MOST_SOON = 20, 20_000, 5000
@@ -219,6 +237,41 @@ def settle(
         if strain is not None and size > _LOST * strain:
             break
     return orbit_from(plant, period, start, p=p, drift=drift, periods=total)
+
+
+def push_left(driven: Model, period: float, start: np.ndarray, size: float) -> float:
+    """Push the pair off a periodic motion, and see what is left of it later.
+
+    Parameters
+    ----------
+    driven : Model
+        From `magnetic_pair`, driven.
+    period : float
+        Of its field.
+    start : ndarray, shape (4,)
+        State of the periodic motion at the beginning of a period.
+    size : float
+        Size of its stretch and velocities.
+
+    Returns
+    -------
+    float
+        Least share left, ending once it is below `FADED`.
+
+    Raises
+    ------
+    SolveError
+        If it cannot be simulated.
+    """
+    push = _PUSH * size * _DIRECTION
+    state, least = start + np.concatenate([[0.0], push]), math.inf
+    for _ in range(MOST_PERIODS // _LOOK):
+        state = simulate(driven, _LOOK * period, contact=Exact(), x0=_named(state)).end
+        left = np.linalg.norm(relative(state) - relative(start)) / np.linalg.norm(push)
+        least = min(least, float(left))
+        if least < FADED or left > 1 / _PUSH:
+            break
+    return least
 
 
 def best_harmonic(pair: Model, limits: FieldLimits, aim: FieldAim, report: Report) -> Harmonic:

@@ -36,10 +36,13 @@ from wormopt.simulation.options import Exact
 from wormopt.simulation.simulate import simulate
 from wormopt.studies.chains import law_of
 from wormopt.studies.driven_pair import (
+    FADED,
+    MOST_PERIODS,
     Harmonic,
     Orbit,
     best_harmonic,
     orbit_from,
+    push_left,
     relative,
     settle,
 )
@@ -71,10 +74,8 @@ _WIDTHS = (0.6, 0.01, 0.3)
 _RELAXED = Complementary(residual=1e-4, first=1.0)
 # State polynomials between switches.
 _EXACT = Collocation(7)
-# Periods of the simulation by which the speed is checked; of the blocks in which a push has to
-# fade, and their number; size of the push and what must be left of it.
-_PERIODS, _BLOCK, _BLOCKS, _PUSH, _FADED = 20, 20, 60, 1e-3, 0.5
-_DIRECTION = np.array([1.0, -0.7, 0.4])
+# Periods of the simulation by which the speed is checked.
+_PERIODS = 20
 # Strain from which on the model of the link says nothing any more.
 _WIDE = 1.0
 # Fields by chance have so many harmonics and, as polylines, so many corners.
@@ -265,21 +266,7 @@ def _prove(free: Model, motion: Motion, report: Report) -> _Proof:
     drift = float(np.max(np.abs(relative(run.end) - relative(start)))) / size
     last = np.concatenate([run.end[:2] - run.end[0], run.end[2:]])
     orbit = orbit_from(driven, period, last, drift=drift, periods=_PERIODS)
-    return _Proof(orbit, speed, _push_left(driven, period, start, size))
-
-
-def _push_left(driven: Model, period: float, start: np.ndarray, size: float) -> float:
-    """Least share of a small push that is left after some blocks of periods."""
-    stretch, *velocities = _PUSH * size * _DIRECTION
-    state = start + np.array([0.0, stretch, *velocities])
-    given, least = np.linalg.norm([stretch, *velocities]), math.inf
-    for _ in range(_BLOCKS):
-        state = simulate(driven, _BLOCK * period, contact=Exact(), x0=_named(state)).end
-        left = float(np.linalg.norm(relative(state) - relative(start)) / given)
-        least = min(least, left)
-        if least < _FADED or left > 1 / _PUSH:
-            break
-    return least
+    return _Proof(orbit, speed, push_left(driven, period, start, size))
 
 
 def _named(state: np.ndarray) -> dict[str, np.ndarray]:
@@ -372,10 +359,10 @@ def _warnings(
     yield from warnings_of_optimum(exact, table.mesh.tolerance)
     yield from warnings_of_reading(relaxed, exact)
     yield from _of_harmonic(table, proof, harmonic)
-    if proof.left >= _FADED:
+    if proof.left >= FADED:
         yield (
             f"a small push does not fade: {proof.left:.2g} of it is left after "
-            f"{_BLOCK * _BLOCKS} periods; the motion found may not be stable"
+            f"{MOST_PERIODS} periods; the motion found may not be stable"
         )
     if proof.orbit.strain >= _WIDE:
         yield (
