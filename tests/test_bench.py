@@ -183,7 +183,7 @@ def test_what_a_solver_does_wrong_is_counted(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_every_case_has_solvers_and_a_name_on_the_command_line():
-    assert set(CASES) == {*WORK_PRECISION, "chain_length", "smoothing", "ocp"}
+    assert set(CASES) == {*WORK_PRECISION, "averaging", "chain_length", "smoothing", "ocp"}
     for case in WORK_PRECISION.values():
         assert set(case.solvers) <= set(SOLVERS)
         assert {name for target in case.targets for name in target.than} <= set(case.solvers)
@@ -239,6 +239,20 @@ def test_the_smooth_law_tends_to_the_exact_one(tmp_path: Path, capsys: pytest.Ca
     assert 0.8 < found["order"] < 1.1
     assert "goes like v_reg^" in run.table(found)
     assert (tmp_path / "smoothing.png").is_file()
+
+
+def test_averages_split_at_reversals_are_exact_and_sampled_ones_are_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert cli.main(["bench", "averaging", "--quick", "--json", "-o", str(tmp_path)]) == 0
+    found = json.loads(capsys.readouterr().out)["cases"]["averaging"]
+    errors = {(row["method"], row["effort"]): row["error"] for row in found["averages"]}
+    assert errors["wormopt, nodes", 16] < 1e-13
+    assert errors["samples, CasADi", 8192] > 1e-6
+    assert found["curve"]["points"] == 400
+    assert found["curve"]["error"] < 1e-12
+    assert "a curve of 400 points" in run.table(found)
+    assert (tmp_path / "averaging.png").is_file()
 
 
 def test_the_slide_is_the_same_program_for_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -8,6 +8,7 @@ CASES = {
     "stick_chain": "a driven chain that sticks and slips, exact contact",
     "smoothing": "how the smooth law tends to the exact one as v_reg tends to 0",
     "chain_length": "time of a step for 2 to 1000 links",
+    "averaging": "averages of the magneto-elastic pair, and its resonance curve",
     "ocp": "the fastest smooth slide by optimal control, time to build and to solve",
 }
 """Benchmarks and what they are, here so that the command line can tell without loading any."""

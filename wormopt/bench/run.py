@@ -80,6 +80,8 @@ def bench(name: str, *, quick: bool, folder: Path, report: Report) -> Iterator[F
         yield from _work_precision(WORK_PRECISION[name], quick, folder, report)
     elif name == "smoothing":
         yield from _smoothing(quick, folder, report)
+    elif name == "averaging":
+        yield from _averaging(quick, folder, report)
     elif name == "ocp":
         yield from _ocp(quick, folder, report)
     else:
@@ -183,6 +185,20 @@ def _widths(found: Sequence[Smoothing]) -> Found:
     return {"case": "smoothing", "widths": rows, "order": _number(order(found)), "done": False}
 
 
+def _averaging(quick: bool, folder: Path, report: Report) -> Iterator[Found]:
+    from wormopt.bench.averaging import draw_averages, measure_averages, measure_curve
+
+    known, found = [], {"case": "averaging", "averages": [], "done": False}
+    for timed in measure_averages(quick, report):
+        known.append(timed)
+        found["averages"] = [asdict(t) for t in known]
+        yield found
+    report("averaging: resonance curve", 0.95)
+    picture = folder / "averaging.png"
+    draw_averages(known, picture)
+    yield found | {"curve": asdict(measure_curve()), "picture": str(picture), "done": True}
+
+
 def _ocp(quick: bool, folder: Path, report: Report) -> Iterator[Found]:
     from wormopt.bench.ocp import grids, measure_ocp
 
@@ -238,6 +254,8 @@ def table(found: Mapping[str, Any]) -> str:
     """
     if "widths" in found:
         lines = _widths_table(found)
+    elif "averages" in found:
+        lines = _averages_table(found)
     elif "times" in found:
         lines = _times_table(found)
     else:
@@ -328,6 +346,22 @@ def _times_table(found: Mapping[str, Any]) -> list[str]:
         lines.append(
             f"  target, {target['grid']}: solve at most {target['most']:g} of {target['than']}: "
             f"{target['ratio']:.3g}, {met}"
+        )
+    return lines
+
+
+def _averages_table(found: Mapping[str, Any]) -> list[str]:
+    rows = [("method", "effort", "error", "an evaluation")]
+    rows += [
+        (a["method"], f"{a['effort']:g}", f"{a['error']:.1e}", _seconds(a["seconds"]))
+        for a in found["averages"]
+    ]
+    lines = ["averaging: mean rates of the pair, error over eps against (18)", *_aligned(rows)]
+    if "curve" in found:
+        c = found["curve"]
+        lines.append(
+            f"  steady states and a curve of {c['points']} points: first {_seconds(c['first'])}, "
+            f"again {_seconds(c['warm'])}; averaging {_seconds(c['build'])}; error {c['error']:.0e}"
         )
     return lines
 
