@@ -372,6 +372,12 @@ def test_ranges_without_a_resonance_are_read(change: str):
     load_scene(NAME, [change])
 
 
+def test_every_scalar_and_variable_is_documented(best: Result):
+    text = (Path(__file__).parents[1] / "docs" / "scenes.md").read_text(encoding="utf-8")
+    names = {*best.scalars, *(variable.name for variable in best.variables)}
+    assert not {name for name in names if f"`{name}`" not in text}
+
+
 def test_the_scene_runs_and_draws(tmp_path: Path):
     folder = tmp_path / "out"
     assert main(["run", NAME, "-o", str(folder), "--quiet", "--set", "mesh.arcs=60"]) == 0

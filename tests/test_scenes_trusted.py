@@ -20,6 +20,7 @@ from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.progress import Report
 from wormopt.result import Result
 from wormopt.scenes import load_scene, packaged_scenes
+from wormopt.scenes.pair_waveform import PairWaveformScene
 from wormopt.scenes.simulate import SimulateScene
 from wormopt.scenes.track import TrackScene
 from wormopt.simulation.options import Smooth
@@ -270,7 +271,11 @@ def test_units_of_si_scenes(tmp_path: Path):
 
 @pytest.mark.parametrize(
     "name",
-    [n for n in packaged_scenes() if load_scene(n).table.kind in ("track", "simulate", "material")],
+    [
+        n
+        for n in packaged_scenes()
+        if load_scene(n).table.kind in ("track", "simulate", "material", "pair-waveform")
+    ],
 )
 def test_packaged_scenes_say_what_to_try(name: str):
     text = packaged_scenes()[name].read_text(encoding="utf-8")
@@ -304,7 +309,7 @@ def test_the_page_on_simulation_runs(capsys: pytest.CaptureFixture[str]):
 
 def test_every_key_of_the_scenes_is_documented():
     text = (DOCS / "scenes.md").read_text(encoding="utf-8")
-    tables = [TrackScene, SimulateScene]
+    tables = [TrackScene, SimulateScene, PairWaveformScene]
     seen = set()
     while tables:
         table = tables.pop()
