@@ -265,7 +265,7 @@ def test_pairs_without_steady_motion_fail_with_the_reason(
         ('pair.friction={kind="spike"}', "pair.friction", "do not slide back"),
         ("pair.friction.stick_forward=0.1", "pair.friction.stick_forward", "stiction below"),
         ("detuning=-40.0", "detuning", "no frequency above 0"),
-        ("nodes=2", "nodes", "4 to 64"),
+        ("averaging.nodes=1", "averaging.nodes", "2 to 64"),
         ("pair.speed=1.0", "pair.speed", "speed"),
     ],
 )

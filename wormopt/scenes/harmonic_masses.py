@@ -11,7 +11,7 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.scenes.chain import Friction, SpikeFriction, ViscousFriction, faults_of_law
-from wormopt.scenes.numerics import ToleranceTable
+from wormopt.scenes.numerics import AveragingTable, ToleranceTable
 from wormopt.scenes.types import (
     Finite,
     FinitePerMass,
@@ -164,18 +164,6 @@ class SwingingTable(Table, frozen=True, kw_only=True):
                 f"nothing resists motion {side}: any velocity so fast that all masses slide "
                 f"{side} is steady; write some friction {side}",
             )
-
-
-class AveragingTable(Table, frozen=True, kw_only=True):
-    """How averages are computed.
-
-    Parameters
-    ----------
-    nodes : int
-        Points of Gauss' quadrature between two reversals.
-    """
-
-    nodes: Annotated[int, Meta(ge=2, le=32, description="a whole number from 2 to 32")] = 16
 
 
 class CourseTable(Table, frozen=True, kw_only=True):

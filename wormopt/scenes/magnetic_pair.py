@@ -10,7 +10,7 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.scenes.chain import Friction, SpikeFriction, faults_of_law
-from wormopt.scenes.numerics import ToleranceTable
+from wormopt.scenes.numerics import AveragingTable, ToleranceTable
 from wormopt.scenes.types import Finite, Positive, SceneTable, Table, extreme_numbers, wrong_order
 
 Strain = Annotated[float, Meta(gt=0, lt=1, description="a number between 0 and 1")]
@@ -18,7 +18,6 @@ Cosines = Annotated[
     tuple[Finite, ...],
     Meta(min_length=2, max_length=13, description="2 to 13 finite numbers, the mean first"),
 ]
-Nodes = Annotated[int, Meta(ge=4, le=64, description="a whole number from 4 to 64")]
 FinitePair = Annotated[
     tuple[Finite, ...],
     Meta(min_length=2, max_length=2, description="two finite numbers, [least, largest]"),
@@ -139,8 +138,8 @@ class MagneticPairScene(SceneTable, frozen=True, kw_only=True):
         The motion.
     stated_velocity : float, optional
         A velocity that somebody stated, to compare with.
-    nodes : int
-        Points of quadrature between two reversals.
+    averaging : AveragingTable
+        How averages are computed.
     tolerance : ToleranceTable
         How exact simulations are.
     """
@@ -151,7 +150,7 @@ class MagneticPairScene(SceneTable, frozen=True, kw_only=True):
     detuning: Finite
     course: CourseTable = field(default_factory=CourseTable)
     stated_velocity: Finite | None = None
-    nodes: Nodes = 16
+    averaging: AveragingTable = field(default_factory=AveragingTable)
     tolerance: ToleranceTable = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
@@ -223,8 +222,8 @@ class ResonanceScene(SceneTable, frozen=True, kw_only=True):
         Along which frequencies.
     confirm : ConfirmTable, optional
         Exact simulations to compare with; none if left out.
-    nodes : int
-        Points of quadrature between two reversals.
+    averaging : AveragingTable
+        How averages are computed.
     tolerance : ToleranceTable
         How exact simulations are.
     """
@@ -234,7 +233,7 @@ class ResonanceScene(SceneTable, frozen=True, kw_only=True):
     pair: MagneticPairTable
     sweep: SweepTable = field(default_factory=SweepTable)
     confirm: ConfirmTable | None = None
-    nodes: Nodes = 16
+    averaging: AveragingTable = field(default_factory=AveragingTable)
     tolerance: ToleranceTable = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:

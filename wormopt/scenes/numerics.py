@@ -101,6 +101,18 @@ class ExactContact(Table, frozen=True, kw_only=True, tag_field="treatment", tag=
 ContactTable = SmoothContact | ExactContact
 
 
+class AveragingTable(Table, frozen=True, kw_only=True):
+    """How averages are computed.
+
+    Parameters
+    ----------
+    nodes : int
+        Points of Gauss' quadrature between two reversals.
+    """
+
+    nodes: Annotated[int, Meta(ge=2, le=64, description="a whole number from 2 to 64")] = 16
+
+
 class MeshTable(Table, frozen=True, kw_only=True):
     """How finely an optimal motion is resolved.
 

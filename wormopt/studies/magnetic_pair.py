@@ -83,7 +83,7 @@ def run(scene: Scene[MagneticPairScene], report: Report) -> Result:
         If there is no steady motion, or a motion cannot be followed.
     """
     table, begin = scene.table, time.perf_counter()
-    pair, scales = Pair(table.pair, table.nodes), Scales.of(table.pair.sample)
+    pair, scales = Pair(table.pair, table.averaging.nodes), Scales.of(table.pair.sample)
     report("averaging", 0.0)
     states = pair.steady(table.detuning)
     if not states:

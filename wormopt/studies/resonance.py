@@ -89,7 +89,7 @@ def run(scene: Scene[ResonanceScene], report: Report) -> Result:
         If the user stopped the exact motions; `partial` has the branches.
     """
     table, begin = scene.table, time.perf_counter()
-    pair = Pair(table.pair, table.nodes)
+    pair = Pair(table.pair, table.averaging.nodes)
     report("averaging", 0.0)
     branches = _branches(table, pair)
     if not branches:
