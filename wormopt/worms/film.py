@@ -1,9 +1,9 @@
-"""Thin film of magnetic fluid under a travelling wave: flow and field of lubrication, (27)-(31).
+"""Thin film of magnetic fluid under a travelling cosine wave, in closed form: (27)-(31).
 
 The surface z = h(xi), xi = t - x, travels forward with speed 1, all numbers scaled by (25). The
-mean of h is 1. The film then carries Q = h + C; C is fixed by the field being periodic. Functions
-take numbers, arrays or CasADi expressions alike and check nothing. Shapes: `CosineWave` in closed
-form here, any other in `wormopt.worms.film_shapes`, units in `wormopt.worms.film_units`.
+mean of h is 1. The film then carries Q = h + C; C is fixed by the field being periodic. Flow at one
+place: `wormopt.worms.lubrication`, also to be had from here; any shape but the cosine:
+`wormopt.worms.film_shapes`; units: `wormopt.worms.film_units`.
 """
 
 from __future__ import annotations
@@ -16,13 +16,23 @@ from typing import Any
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.worms.lubrication import (
+    Expression,
+    field_slope,
+    flow,
+    library_of,
+    pressure_gradient,
+    stream_function,
+    surface_velocity,
+    symbolic,
+    velocities,
+)
 
 __all__ = [
     "CosineWave",
     "Peak",
     "field_slope",
     "flow",
-    "library_of",
     "peak_near",
     "pressure_gradient",
     "square_wave_flow",
@@ -31,153 +41,7 @@ __all__ = [
     "velocities",
 ]
 
-Expression = Any
-"""A float, an array, or a CasADi expression."""
-
 _STEPS = 50
-
-
-def flow(h: Expression, constant: Expression) -> Expression:
-    """Q = h + C: what a film passes on at a place, (28).
-
-    Parameters
-    ----------
-    h : float, ndarray or casadi.SX
-        Thickness there.
-    constant : float or casadi.SX
-        C.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        Volume per time and width, forward positive.
-
-    Examples
-    --------
-    >>> flow(1.5, -0.75)
-    0.75
-    """
-    return h + constant
-
-
-def pressure_gradient(h: Expression, constant: Expression) -> Expression:
-    """F = p_x = -3 Q / h³, (28).
-
-    Parameters
-    ----------
-    h, constant : float, ndarray or casadi.SX
-        As for `flow`.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        Where it is negative the fluid is pushed forward.
-
-    Examples
-    --------
-    >>> pressure_gradient(1.0, -0.5)
-    -1.5
-    """
-    return -3 * flow(h, constant) / (h * h * h)
-
-
-def velocities(
-    z: Expression, h: Expression, slope: Expression, constant: Expression
-) -> tuple[Expression, Expression]:
-    """Give u and w at height z over the ground, (27) with h z²/2 in w.
-
-    Parameters
-    ----------
-    z : float, ndarray or casadi.SX
-        Height, 0 to h.
-    h, slope : float, ndarray or casadi.SX
-        Thickness and its derivative by xi.
-    constant : float or casadi.SX
-        C.
-
-    Returns
-    -------
-    u, w : float, ndarray or casadi.SX
-        Velocity along and upward.
-
-    Examples
-    --------
-    >>> u, w = velocities(1.0, 1.0, 0.5, -0.5)
-    >>> u, w == (1 - u) * 0.5  # the surface moves with the fluid: w = h_t + u h_x
-    (0.75, True)
-    """
-    F = pressure_gradient(h, constant)
-    # By x, which is minus the derivative by xi.
-    h_x, F_x = -slope, -3 * slope * (2 * h + 3 * constant) / (h * h * h * h)
-    u = F * z * (z / 2 - h)
-    return u, z * z * (F * h_x / 2 + F_x * (h / 2 - z / 6))
-
-
-def surface_velocity(h: Expression, constant: Expression) -> Expression:
-    """u_s = 3 Q / (2 h): velocity of the fluid along its surface.
-
-    Parameters
-    ----------
-    h, constant : float, ndarray or casadi.SX
-        As for `flow`.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-
-    Examples
-    --------
-    >>> surface_velocity(1.5, -0.5)
-    1.0
-    """
-    return 3 * flow(h, constant) / (2 * h)
-
-
-def stream_function(z: Expression, h: Expression, constant: Expression) -> Expression:
-    """Flow below z as seen from the wave: 0 on the ground, C on the surface, constant on paths.
-
-    Parameters
-    ----------
-    z, h, constant : float, ndarray or casadi.SX
-        As for `velocities`.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        Integral of u - 1 from the ground to z.
-
-    Examples
-    --------
-    >>> stream_function(1.5, 1.5, -0.5)
-    -0.5
-    """
-    return pressure_gradient(h, constant) * z * z * (z / 6 - h / 2) - z
-
-
-def field_slope(
-    h: Expression, third: Expression, constant: Expression, tension: Expression = 0.0
-) -> Expression:
-    """Derivative of (mu - 1) H² / (8 pi) by xi, (29) with C / h³.
-
-    Parameters
-    ----------
-    h, third : float, ndarray or casadi.SX
-        Thickness and its third derivative.
-    constant : float or casadi.SX
-        C.
-    tension : float or casadi.SX, optional
-        Number W of surface tension.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-
-    Examples
-    --------
-    >>> field_slope(1.0, 0.5, -0.5, tension=2.0)
-    -2.5
-    """
-    return pressure_gradient(h, constant) - tension * third
 
 
 def square_wave_flow(delta: Expression) -> Expression:
@@ -246,7 +110,7 @@ class CosineWave:
     delta: Any
 
     def __post_init__(self) -> None:
-        if _symbolic(self.delta):
+        if symbolic(self.delta):
             return
         fine = isinstance(self.delta, Real) and 0 < float(self.delta) < 1
         if not fine or isinstance(self.delta, bool):
@@ -311,6 +175,39 @@ class CosineWave:
         h, c = self.height(xi), library.cos(xi)
         square = delta * delta
         return 3 * delta * library.sin(xi) * (2 + delta * c) / ((2 + square) * h * h)
+
+    def inverse(self, xi: Expression, length: float = 0.0) -> Expression:
+        """1 / h, or its mean over a length of film.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase, in the middle of the length.
+        length : float, optional
+            In units of 1 / k: 2 pi is a wavelength.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+
+        Examples
+        --------
+        >>> round(CosineWave(0.6).inverse(1.0, 2 * math.pi), 12)  # the mean, 1 / sqrt(1 - delta²)
+        1.25
+        """
+        if not length:
+            return 1 / self.height(xi)
+        library, both = library_of(xi), library_of(self.delta)
+        root = both.sqrt(1 - self.delta * self.delta)
+        # 1 / h = (1 + 2 sum_k (-e)^k cos(k xi)) / root with e = (1 - root) / delta; the sum's
+        # integral is the phase of (1 + e exp(i right)) (1 + e exp(-i left)), less half the length
+        e = self.delta / (1 + root)
+        along, across = library.cos(xi), 2 * e * math.sin(length / 2)
+        turn = (library.arctan2 if library is np else library.atan2)(
+            across * along + e * e * math.sin(length),
+            1 + 2 * e * along * math.cos(length / 2) + e * e * math.cos(length),
+        )
+        return (1 - 2 * turn / length) / root
 
     def field_function(self, xi: Expression, tension: Expression = 0.0) -> Expression:
         """(mu - 1) D / (8 pi) of (31), with the mean 0.
@@ -401,31 +298,3 @@ def peak_near(wave: Any, xi: float, tension: float) -> Peak:
             break
         xi += float(step)
     return Peak(float(wave.field_function(xi, tension)), xi % (2 * math.pi))
-
-
-def library_of(value: Expression) -> Any:
-    """Module whose functions take such a value: math, numpy, or casadi for its expressions.
-
-    Parameters
-    ----------
-    value : float, ndarray or casadi.SX
-        Any value.
-
-    Returns
-    -------
-    module
-
-    Examples
-    --------
-    >>> library_of(1.0).__name__, library_of(np.ones(2)).__name__
-    ('math', 'numpy')
-    """
-    if not _symbolic(value):
-        return math if isinstance(value, Real) else np
-    import casadi  # only who has expressions has loaded it already
-
-    return casadi
-
-
-def _symbolic(value: object) -> bool:
-    return type(value).__module__.startswith("casadi")

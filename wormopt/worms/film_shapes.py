@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 
 from wormopt.core.values import numbers
 from wormopt.errors import ArgumentError
-from wormopt.worms.film import Expression, Peak, library_of, peak_near
+from wormopt.worms.film import Peak, peak_near
+from wormopt.worms.lubrication import Expression, library_of, symbolic
 
 __all__ = ["FourierWave", "field_function", "flow_constant", "grid", "harmonics_of"]
 
@@ -219,15 +220,38 @@ class FourierWave:
         return 1 + self.constant
 
     @cached_property
+    def _inverse(self) -> tuple[float, np.ndarray, np.ndarray]:
+        """Mean and harmonics of 1 / h."""
+        found = np.fft.rfft(1 / self.height(grid(self.nodes))) / self.nodes
+        return float(found[0].real), *_kept(2 * found[1:-1])
+
+    def inverse(self, xi: Expression, length: float = 0.0) -> Expression:
+        """1 / h, or its mean over a length of film.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase, in the middle of the length.
+        length : float, optional
+            In units of 1 / k.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+        """
+        if not length:
+            return 1 / self.height(xi)
+        mean, cosines, sines = self._inverse
+        smooth = np.sinc(np.arange(1, len(cosines) + 1) * length / (2 * np.pi))
+        return mean + _series(cosines * smooth, sines * smooth, xi)
+
+    @cached_property
     def _pressure(self) -> tuple[np.ndarray, np.ndarray]:
         """Harmonics of the pressure, those of round-off's size left out."""
         h = self.height(grid(self.nodes))
         slope = 3 * (h + self.constant) / h**3
         found = 2 * np.fft.rfft(slope)[1:-1] / self.nodes
-        found = found / (1j * np.arange(1, len(found) + 1))
-        kept = np.flatnonzero(np.abs(found) > 1e-17 * np.abs(found).max())
-        found = found[: kept[-1] + 1]
-        return found.real, -found.imag
+        return _kept(found / (1j * np.arange(1, len(found) + 1)))
 
     def pressure(self, xi: Expression) -> Expression:
         """Pressure in the film less its mean, 3 int d xi (1 / h² + C / h³).
@@ -283,7 +307,7 @@ def _series(cosines: np.ndarray, sines: np.ndarray, xi: Expression, order: int =
     """Fourier series or a derivative of it, added up in a way that suits the argument."""
     k = np.arange(1, len(cosines) + 1)
     turned = (cosines - 1j * sines) * (1j * k) ** order  # of exp(i k xi), real part
-    if type(xi).__module__.startswith("casadi"):
+    if symbolic(xi):
         library = library_of(xi)
         parts = zip(k.tolist(), turned.real.tolist(), turned.imag.tolist(), strict=True)
         return sum((a * library.cos(n * xi) - b * library.sin(n * xi) for n, a, b in parts), 0 * xi)
@@ -292,6 +316,13 @@ def _series(cosines: np.ndarray, sines: np.ndarray, xi: Expression, order: int =
     for n, a, b in zip(k.tolist(), turned.real.tolist(), turned.imag.tolist(), strict=True):
         value = value + a * np.cos(n * angle) - b * np.sin(n * angle)
     return float(value) if not angle.ndim else value
+
+
+def _kept(found: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines and sines of complex harmonics, those far below round-off at the end left out."""
+    kept = np.flatnonzero(np.abs(found) > 1e-18 * np.abs(found).max())
+    found = found[: kept[-1] + 1]
+    return found.real, -found.imag
 
 
 def _differentiate(values: np.ndarray, order: int) -> np.ndarray:
