@@ -155,6 +155,11 @@ def test_a_speed_beyond_the_field_is_refused_with_what_has_to_give_way(
     assert "the least that has to give way is field by 0." in capsys.readouterr().err
 
 
+def test_a_pair_that_friction_holds_is_told():
+    with pytest.raises(SolveError, match=r"rests under the harmonic field.*weaker friction"):
+        solved("pair.friction.forward=5.0", "pair.friction.backward=10.0")
+
+
 def test_a_push_that_grows_is_told(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(pair_waveform, "push_left", lambda *given: 1.2)
     result = solved("mesh.arcs=60")

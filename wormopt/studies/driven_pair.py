@@ -89,6 +89,13 @@ class Orbit:
         return self.drift <= _SETTLED
 
     @property
+    def moves(self) -> bool:
+        """Whether any mass moves at all."""
+        dense = self.motion.dense
+        assert dense is not None
+        return bool(np.max(np.abs(dense(dense.time)[2:])) > 0)
+
+    @property
     def work_per_distance(self) -> float | None:
         """Work over advance, None where there is none."""
         advance = self.speed * self.motion.end_time

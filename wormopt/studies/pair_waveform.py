@@ -76,6 +76,7 @@ _RELAXED = Complementary(residual=1e-4, first=1.0)
 _EXACT = Collocation(7)
 # Periods of the simulation by which the speed is checked.
 _PERIODS = 20
+_REST = "the pair rests under the harmonic field, so that there is no motion to start from"
 # Strain from which on the model of the link says nothing any more.
 _WIDE = 1.0
 # Fields by chance have so many harmonics and, as polylines, so many corners.
@@ -129,9 +130,8 @@ def run(scene: Scene[PairWaveformScene], report: Report) -> Result:
         harmonic = best_harmonic(given, limits, aim, report)
         searched = time.perf_counter()
         free = _pair(table.pair, harmonic.frequency, None)
-        guesses = [*_guesses(table, free, harmonic)]
-        stages, tries = _solve(table, waveform_problem(_scaled(free, harmonic), limits, aim),
-                               guesses, report)  # fmt: skip
+        guesses, scaled = [*_guesses(table, free, harmonic)], _scaled(free, harmonic)
+        stages, tries = _solve(table, waveform_problem(scaled, limits, aim), guesses, report)
         optimum, solved = stages["phases"], time.perf_counter()
         proof = _prove(free, optimum.motion, report)
     except SolveError as error:
@@ -192,8 +192,9 @@ def _scaled(pair: Model, harmonic: Harmonic) -> Model:
 
 def _guesses(table: PairWaveformScene, free: Model, harmonic: Harmonic) -> Iterator[Guess]:
     """The settled motion under the harmonic field, then those under fields by chance."""
-    steep = table.limits.slope is not None
-    start = harmonic.orbit.start
+    if not harmonic.orbit.moves:
+        raise SolveError(_REST, "write weaker friction, or a wider limits.field")
+    steep, start = table.limits.slope is not None, harmonic.orbit.start
     for k in range(table.search.starts):
         course = harmonic.course if k == 0 else _chance(table, harmonic.frequency, k)
         driven = drive(free, course, periodic=True)
