@@ -52,8 +52,8 @@ class Fluid:
     >>> oil = Fluid(1.05, 0.01, 1100.0, 0.03, 1e-4, 0.01, 10.0)
     >>> round(oil.eps, 6), round(oil.tension, 6), round(oil.pressure, 3)
     (0.062832, 0.046756, 25.33)
-    >>> [round(value, 3) for value in oil.field([0.0, 1.86339])]
-    [0.0, 38762.189]
+    >>> oil.field([0.0, 1.86339]).round(3).tolist()
+    [0.0, 38761.188]
     """
 
     mu_r: float
