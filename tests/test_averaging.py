@@ -24,7 +24,8 @@ from wormopt.simulation.simulate import simulate
 from wormopt.tracking.drive import drive
 from wormopt.worms.averaged_pair import averaged_pair
 from wormopt.worms.harmonic_masses import harmonic_masses
-from wormopt.worms.magnetic_pair import from_slow, magnetic_pair, slow_pair, to_slow
+from wormopt.worms.magnetic_pair import magnetic_pair
+from wormopt.worms.slow_pair import from_slow, slow_pair, to_slow
 
 EPS, OMEGA = 0.01, math.sqrt(2)
 NU = OMEGA + 0.5 * EPS

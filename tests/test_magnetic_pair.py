@@ -18,7 +18,8 @@ from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.scenes import load_scene
 from wormopt.simulation.simulate import simulate
 from wormopt.worms.averaged_pair import averaged_pair, steady_pair
-from wormopt.worms.magnetic_pair import from_slow, magnetic_pair, slow_pair
+from wormopt.worms.magnetic_pair import magnetic_pair
+from wormopt.worms.slow_pair import from_slow, slow_pair
 
 NATURAL = math.sqrt(2)
 # docs/verification.md: steady motion (19) at the chapter's data, and exact mean velocities.

@@ -15,7 +15,7 @@ from wormopt.core.friction import Coulomb, Law, Stribeck, Viscous
 from wormopt.core.model import Contact, Model, Output, Signal
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.worms.averaged_pair import averaged_pair, steady_pair
-from wormopt.worms.magnetic_pair import slow_pair
+from wormopt.worms.slow_pair import slow_pair
 
 NATURAL = math.sqrt(2)
 

@@ -63,7 +63,8 @@ if TYPE_CHECKING:
     from wormopt.worms.chain import chain
     from wormopt.worms.copies import copies
     from wormopt.worms.crawl import crawl
-    from wormopt.worms.magnetic_pair import magnetic_pair, slow_pair
+    from wormopt.worms.magnetic_pair import magnetic_pair
+    from wormopt.worms.slow_pair import slow_pair
 
 __version__ = VERSION
 
@@ -150,7 +151,7 @@ _HOMES = {
     "run": "wormopt.runner",
     "simulate": "wormopt.simulation.simulate",
     "simulate_ensemble": "wormopt.simulation.ensemble",
-    "slow_pair": "wormopt.worms.magnetic_pair",
+    "slow_pair": "wormopt.worms.slow_pair",
     "steady_pair": "wormopt.worms.averaged_pair",
     "steady_states": "wormopt.averaging.steady",
     "travelling_sine": "wormopt.gaits.construct",

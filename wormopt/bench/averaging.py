@@ -25,7 +25,7 @@ from wormopt.core.values import signal_values
 from wormopt.progress import Report
 from wormopt.studies.signals import symbol
 from wormopt.worms.averaged_pair import averaged_pair, steady_pair
-from wormopt.worms.magnetic_pair import slow_pair
+from wormopt.worms.slow_pair import slow_pair
 
 __all__ = ["Curve", "Timed", "draw_averages", "measure_averages", "measure_curve"]
 

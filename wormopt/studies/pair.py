@@ -24,7 +24,8 @@ from wormopt.scenes.types import per
 from wormopt.studies.chains import law_of
 from wormopt.studies.signals import symbol
 from wormopt.worms.averaged_pair import SteadyPair, steady_pair
-from wormopt.worms.magnetic_pair import from_slow, magnetic_pair, slow_pair
+from wormopt.worms.magnetic_pair import magnetic_pair
+from wormopt.worms.slow_pair import from_slow, slow_pair
 
 __all__ = ["NATURAL", "Pair", "Scales", "no_steady_motion", "warnings_of_pair"]
 

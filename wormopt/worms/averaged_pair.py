@@ -11,7 +11,8 @@ import casadi as ca
 from wormopt.core.friction import Coulomb
 from wormopt.core.model import Model
 from wormopt.errors import ArgumentError
-from wormopt.worms.magnetic_pair import pair_parts, slow_outputs, slow_states
+from wormopt.worms.pair_parts import pair_parts
+from wormopt.worms.slow_pair import slow_outputs, slow_states
 
 __all__ = ["SteadyPair", "averaged_pair", "steady_pair"]
 
@@ -60,7 +61,14 @@ def averaged_pair(
     """
     if not isinstance(law, Coulomb):
         raise ArgumentError(f"the closed form is for Coulomb(forward, backward), not {law!r}")
-    parts = pair_parts(law, mass, stiffness, push, frequency, cosines)
+    parts = pair_parts(
+        law=law,
+        mass=mass,
+        stiffness=stiffness,
+        push=push,
+        frequency=frequency,
+        cosines=cosines,
+    )
     ahead = sum(-each.slip_force(0.0, 1) for each in parts.laws) / 2
     behind = sum(each.slip_force(0.0, -1) for each in parts.laws) / 2
     V, swing = ca.SX.sym("V"), ca.SX.sym("swing", 2)
