@@ -1,0 +1,262 @@
+"""Travelling fields: courses of the currents of a row, and the field as the wave sees it.
+
+A course is a Gait with one row per coil, its ampere-turns. What travels has the phase
+xi = 2 pi (t / period - x / wavelength), as the film's wave has.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.core.gait import Gait
+from wormopt.errors import ArgumentError
+from wormopt.magnetics.coils import CoilRow
+
+__all__ = [
+    "MovingProfile",
+    "harmonic_shares",
+    "moving_profile",
+    "shifted_course",
+    "switched_course",
+]
+
+
+def switched_course(
+    count: int, ampere_turns: float, rate: float, *, on: int = 3, every: int | None = None
+) -> Gait:
+    """Blocks of coils that are switched on, shifted by one coil again and again.
+
+    Parameters
+    ----------
+    count : int
+        Number of coils.
+    ampere_turns : float
+        Of each coil that is on; all have the same sign.
+    rate : float
+        Switches per second; the field travels one pitch in 1 / rate.
+    on : int, optional
+        Coils of a block.
+    every : int, optional
+        The pattern repeats after so many coils; one block in the whole row if left out. A block
+        that leaves the row comes in again at its begin.
+
+    Returns
+    -------
+    Gait
+        ``every`` pieces, on which the currents are constant, and one row per coil.
+
+    Raises
+    ------
+    ArgumentError
+        If a number is not positive, or a block does not fit.
+
+    Examples
+    --------
+    >>> course = switched_course(6, 3000.0, rate=50.0)
+    >>> course.on_piece(0, np.zeros(1)).ravel().tolist()
+    [3000.0, 3000.0, 3000.0, 0.0, 0.0, 0.0]
+    >>> course(np.array([0.021])).ravel().tolist()
+    [0.0, 3000.0, 3000.0, 3000.0, 0.0, 0.0]
+    """
+    every = count if every is None else every
+    if not 0 < on <= every <= count:
+        raise ArgumentError(f"{on} coils on of every {every} do not fit into a row of {count}")
+    if not 0 < rate < math.inf or not math.isfinite(ampere_turns):
+        raise ArgumentError("rate must be above 0, ampere_turns finite")
+    place = np.arange(count)[None, :] - np.arange(every)[:, None]
+    values = np.where(place % every < on, float(ampere_turns), 0.0)
+    return Gait(np.arange(every + 1) / rate, values[:, :, None])
+
+
+def shifted_course(
+    nodes: ArrayLike, period: float, shift: float, count: int, *, alternating: bool = False
+) -> Gait:
+    """Give every coil the course of its neighbour, later by a shift: a polyline in time.
+
+    Parameters
+    ----------
+    nodes : array_like, shape (m,)
+        Ampere-turns of coil 0 at equidistant times from 0 on, one period.
+    period : float
+        Of the wave, in s.
+    shift : float
+        By how much coil k is later than coil k - 1, in s.
+    count : int
+        Number of coils.
+    alternating : bool, optional
+        Whether currents change their sign after each period. H² does not, and has the period of
+        the wave all the same.
+
+    Returns
+    -------
+    Gait
+        Of the period of the wave, or twice that, and one row per coil.
+
+    Raises
+    ------
+    ArgumentError
+        If there are no nodes, or period or shift are not above 0.
+
+    Examples
+    --------
+    >>> course = shifted_course([0.0, 1.0, 0.0, -1.0], period=4.0, shift=1.0, count=2)
+    >>> course(np.array([1.0, 1.5])).tolist()
+    [[1.0, 0.5], [0.0, 0.5]]
+    """
+    values = np.asarray(nodes, dtype=float)
+    if values.ndim != 1 or not values.size or not period > 0 or not shift > 0:
+        raise ArgumentError("a course needs nodes in a row, a period and a shift above 0")
+    if alternating:
+        values, period = np.concatenate([values, -values]), 2 * period
+    own = period * np.arange(len(values)) / len(values)
+    delays = shift * np.arange(count)
+    breaks = np.unique(np.mod(own[None, :] + delays[:, None], period))
+    breaks = breaks[np.diff(breaks, prepend=-np.inf) > 1e-9 * period]
+    if period - breaks[-1] <= 1e-9 * period:
+        breaks = breaks[:-1]
+    breaks = np.concatenate([[0.0], breaks[breaks > 1e-9 * period], [period]])
+    at = np.vstack([np.interp(breaks - d, own, values, period=period) for d in delays])
+    slopes = np.diff(at) / np.diff(breaks)
+    return Gait(breaks, np.stack([at[:, :-1].T, slopes.T], axis=2))
+
+
+@dataclass(frozen=True, eq=False)
+class MovingProfile:
+    """H² over the phase of a wave, at every place it passes.
+
+    Parameters
+    ----------
+    xi : ndarray, shape (n,)
+        Phases from 0 on, equidistant, 2 pi left out.
+    square : ndarray, shape (places, n)
+        H² in A²/m² at each place when the phase passes it.
+    places : ndarray, shape (places,)
+        Where, along x in m.
+    """
+
+    xi: np.ndarray
+    square: np.ndarray
+    places: np.ndarray
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean H² over the places, shape (n,): the field in the frame that goes with the wave."""
+        return self.square.mean(axis=0)
+
+    @property
+    def variation(self) -> float:
+        """Root mean square of the mean less its own mean."""
+        return float(np.std(self.mean))
+
+    @property
+    def ripple(self) -> float:
+        """Root mean square of what is not travelling, over `variation`; infinite without that."""
+        left = float(np.sqrt(np.mean((self.square - self.mean) ** 2)))
+        return left / self.variation if self.variation else math.inf
+
+    def residual(self, target: ArrayLike) -> float:
+        """Root mean square of the difference from a target, over that of the target's variation.
+
+        Parameters
+        ----------
+        target : array_like, shape (n,)
+            H² wanted at the phases.
+
+        Returns
+        -------
+        float
+            1 is what a constant field of the right mean has.
+        """
+        wanted = np.asarray(target, dtype=float)
+        return float(np.sqrt(np.mean((self.square - wanted) ** 2)) / np.std(wanted))
+
+
+def moving_profile(
+    row: CoilRow,
+    course: Gait,
+    places: ArrayLike,
+    z: float,
+    *,
+    wavelength: float,
+    period: float,
+    phases: int = 128,
+) -> MovingProfile:
+    """Look at H² from a frame that goes with the wave.
+
+    Parameters
+    ----------
+    row : CoilRow
+        The coils.
+    course : Gait
+        Their ampere-turns over time.
+    places : array_like, shape (m,)
+        Where along x, in m: those far enough from the ends of the row.
+    z : float
+        Height of the line, in m; y is 0.
+    wavelength, period : float
+        Of the wave, in m and s; it travels forward.
+    phases : int, optional
+        Number of equidistant phases.
+
+    Returns
+    -------
+    MovingProfile
+
+    Raises
+    ------
+    ArgumentError
+        If a coil lies inside the fluid, or does not carry its current.
+
+    Examples
+    --------
+    >>> from wormopt.magnetics.coils import Coil
+    >>> row = CoilRow(Coil(2e-3, 4.5e-3, 20e-3), count=20, pitch=10e-3, gap=11e-3)
+    >>> course = switched_course(20, 3000.0, rate=50.0, every=5)
+    >>> places = np.linspace(50e-3, 140e-3, 64, endpoint=False)
+    >>> profile = moving_profile(row, course, places, 0.0, wavelength=50e-3, period=0.1)
+    >>> profile.mean.shape, profile.ripple < 0.5
+    ((128,), True)
+    """
+    x = np.asarray(places, dtype=float).ravel()
+    influence = row.influence(x, z)
+    xi = 2 * np.pi * np.arange(phases) / phases
+    t = period * (xi / (2 * np.pi) + x[:, None] / wavelength)
+    currents = row.check_currents(course(t.ravel())).reshape(row.count, len(x), phases)
+    field = np.einsum("cmk,kmn->cmn", influence, currents)
+    return MovingProfile(xi, np.sum(field**2, axis=0), x)
+
+
+def harmonic_shares(profile: ArrayLike, count: int = 8) -> np.ndarray:
+    """Shares of the harmonics in the variation of a periodic profile.
+
+    Parameters
+    ----------
+    profile : array_like, shape (m,)
+        Values at equidistant points of one wavelength, its end left out.
+    count : int, optional
+        How many.
+
+    Returns
+    -------
+    ndarray, shape (count,)
+        Squared amplitude of harmonic 1, 2, ... over the sum of all; 0 of what does not vary.
+
+    Examples
+    --------
+    >>> x = 2 * np.pi * np.arange(32) / 32
+    >>> harmonic_shares(5 + 2 * np.cos(x) + np.sin(2 * x), 2).round(12).tolist()
+    [0.8, 0.2]
+    """
+    values = np.asarray(profile, dtype=float)
+    power = np.abs(np.fft.rfft(values - values.mean())[1:]) ** 2
+    if len(values) % 2 == 0:
+        power[-1] /= 2
+    found = np.zeros(count)
+    total = power.sum()
+    if total > (1e-13 * len(values) * np.abs(values).max()) ** 2:
+        found[: len(power)] = power[:count] / total
+    return found
