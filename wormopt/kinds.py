@@ -143,4 +143,16 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.resonance",
         pictures=("resonance",),
     ),
+    "film-flow": Kind(
+        summary="a film of magnetic fluid under a wave: its mean flow, and the field it takes",
+        table="wormopt.scenes.film:FilmFlowScene",
+        study="wormopt.studies.film_flow",
+        pictures=("film",),
+    ),
+    "float": Kind(
+        summary="what the wave on a film carries: floats on the surface, points of the fluid",
+        table="wormopt.scenes.film:FloatScene",
+        study="wormopt.studies.float",
+        pictures=("ride",),
+    ),
 }

@@ -44,6 +44,7 @@ UNITS = {
     "stress": "Pa",
     "magnetic_field": "A m-1",
     "length_squared_time": "m2 s",
+    "flow_per_width": "m2 s-1",
     "share": "1",
     "count": "1",
 }

@@ -15,7 +15,16 @@ from matplotlib import rc_context
 from matplotlib.animation import PillowWriter
 from matplotlib.figure import Figure
 
-from wormopt.plot import averaging, comparison, gaits, magnetics, optimum, simulation, waveform
+from wormopt.plot import (
+    averaging,
+    comparison,
+    film,
+    gaits,
+    magnetics,
+    optimum,
+    simulation,
+    waveform,
+)
 from wormopt.plot.parts import RED, STYLE
 from wormopt.result import Result
 
@@ -82,6 +91,11 @@ PICTURES: dict[str, Picture] = {
         averaging.reversals,
         ("share", "relative_velocity", "time", "center_velocity_averaged"),
     ),
+    "film": Picture(
+        film.film,
+        ("xi", "height", "surface_velocity", "field_squared", "curve_delta", "field_curves"),
+    ),
+    "ride": Picture(film.ride, ("time", "float_position", "xi", "height", "body_velocity")),
     "stress_strain": Picture(
         magnetics.stress_strain, ("strain", "stress_with_field", "stress_without_field")
     ),
