@@ -38,6 +38,7 @@ def modules_after(code: str, folder: Path) -> set[str]:
         "from wormopt.cli import main; assert main(['check', 'fig05_lambda_trackers']) == 0",
         "from wormopt.cli import main; assert main(['check', 'own_model', 'random_links']) == 0",
         "from wormopt.cli import main; assert main(['check', 'fig12_stress_strain']) == 0",
+        "from wormopt.cli import main; assert main(['check', 'three_masses_harmonic']) == 0",
     ],
 )
 def test_reading_and_checking_load_no_numerics(code: str, tmp_path: Path):

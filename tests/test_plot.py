@@ -193,10 +193,36 @@ def driven() -> Result:
     return Result("pair", "pair-waveform", scalars=scalars, variables=tuple(variables))
 
 
+def swinging(found: bool = True) -> Result:
+    """Two masses that swing against each other; without the exact motion if it was not found."""
+    share, time = np.linspace(0.0, 1.0, 61), np.linspace(0.0, 5.0, 41)
+    wave = np.cos(2 * np.pi * share)
+    variables = [
+        Variable("share", "1", ("share",), share),
+        Variable("relative_velocity", "m s-1", ("mass", "share"), np.array([wave, -wave])),
+        Variable("time", "s", ("time",), time),
+        Variable("center_velocity_averaged", "m s-1", ("time",), 0.5 - 0.5 * np.exp(-time)),
+    ]
+    if found:
+        variables += [
+            Variable("center_velocity", "m s-1", ("time",), 0.51 - 0.5 * np.exp(-time)),
+            Variable("event_share", "1", ("event",), np.array([0.17, 0.33, 0.67, 0.83])),
+            Variable("event_contact", "1", ("event",), np.array([1, 0, 0, 1])),
+        ]
+    scalars = {
+        "velocity_steady": Scalar(0.5, "m s-1"),
+        "velocity_exact_mean": Scalar(0.51 if found else None, "m s-1"),
+        "steady_velocities": Scalar([-0.2, 0.5], "m s-1"),
+        "steady_stable": Scalar([0, 1]),
+    }
+    return Result("swing", "harmonic-masses", scalars=scalars, variables=tuple(variables))
+
+
 def sample(picture: str) -> Result:
     made = {"front": front, "trackers": crawl, "bands": herd, "signals": own}
     made |= {"comparison": compared, "draws": compared, "convergence": relaxed}
     made |= {"waveform": driven, "stress_strain": stretched}
+    made |= {"reversals": swinging}
     return made[picture]() if picture in made else shuffle(2)
 
 
@@ -233,6 +259,18 @@ def test_axes_carry_symbols_and_units(picture: str):
     assert all(labelled)
     bare = figure(shuffle(2, units=False), "gait")
     assert bare.axes[0].get_ylabel() == "link length $l_j$"
+
+
+def test_reversals_are_drawn_without_an_exact_motion_too():
+    whole, lost = (figure(swinging(found), "reversals").axes for found in (True, False))
+    assert len(whole[1].get_lines()) == len(lost[1].get_lines()) + 1
+    dots = [line for line in whole[0].get_lines() if line.get_marker() == "o"]
+    assert [float(np.ravel(dot.get_xdata())[0]) for dot in dots] == [0.17, 0.33, 0.67, 0.83]
+    assert not [line for line in lost[0].get_lines() if line.get_marker() == "o"]
+    legend = whole[1].get_legend()
+    assert legend
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert labels == ["exact", "averaged, order 1", "steady, not stable", "steady"]
 
 
 def test_units_are_raised():

@@ -48,6 +48,17 @@ PARETO = DESIGN.replace("gait-design", "gait-pareto").replace(
     '[objective]\nmaximise = "speed"', '[pareto]\nagainst = "peak_spike_load"'
 )
 
+SWINGING = """
+schema = 1
+kind = "harmonic-masses"
+[worm]
+masses = 2
+friction = { kind = "coulomb", forward = 0.1, backward = 0.2 }
+[[worm.harmonic]]
+amplitude = 1.0
+phase = [0, 180]
+"""
+
 MATERIAL = """
 schema = 1
 kind = "material"
@@ -388,13 +399,15 @@ KEYS = st.sampled_from(
     "gait.acceleration gait.spike_load gait.impulses gait.shape gait.profile gait.ramp gait.file "
     "objective.minimise objective.speed search.sequence search.seed search.phases "
     "pareto.points material material.field material.mu_r material.lame_eta material.u0 "
-    "material.youngs_modulus_eff sample strain".split()
+    "material.youngs_modulus_eff sample strain worm.masses worm.harmonic worm.harmonic.0.phase "
+    "worm.harmonic.0.amplitude worm.harmonic.0.order worm.friction worm.frequency "
+    "course.periods".split()
 )
 
 
 @settings(deadline=None, max_examples=300)
 @given(
-    text=st.sampled_from([DESIGN, GAIT, FAST, FILE, PARETO, MATERIAL]),
+    text=st.sampled_from([DESIGN, GAIT, FAST, FILE, PARETO, MATERIAL, SWINGING]),
     changes=st.lists(st.tuples(KEYS, VALUES), max_size=3),
 )
 def test_any_scene_is_read_or_refused(

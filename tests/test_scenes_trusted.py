@@ -274,7 +274,8 @@ def test_units_of_si_scenes(tmp_path: Path):
     [
         n
         for n in packaged_scenes()
-        if load_scene(n).table.kind in ("track", "simulate", "material", "pair-waveform")
+        if load_scene(n).table.kind
+        in ("track", "simulate", "material", "pair-waveform", "harmonic-masses")
     ],
 )
 def test_packaged_scenes_say_what_to_try(name: str):

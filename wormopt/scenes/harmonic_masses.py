@@ -30,7 +30,7 @@ from wormopt.scenes.types import (
 _BALANCED = 5e-13
 # Masses times highest harmonic: there are up to twice as many reversals in a period, and averaging
 # sorts them.
-_MOST = 24
+_MOST = 16
 
 
 class HarmonicTable(Table, frozen=True, kw_only=True):
@@ -71,9 +71,7 @@ class SwingingTable(Table, frozen=True, kw_only=True):
     masses: Annotated[int, Meta(ge=2, le=12, description="a whole number from 2 to 12")]
     mass: PerMass = 1.0
     frequency: Positive = 1.0
-    harmonic: Annotated[
-        tuple[HarmonicTable, ...], Meta(min_length=1, description="one table per harmonic")
-    ]
+    harmonic: tuple[HarmonicTable, ...]
     friction: Friction | tuple[Friction, ...]
 
     @property
@@ -101,6 +99,9 @@ class SwingingTable(Table, frozen=True, kw_only=True):
         """Yield what is wrong between the keys of this table."""
         counts = [*wrong_count("worm.mass", self.mass, self.masses, "masses")]
         orders = [harmonic.order for harmonic in self.harmonic]
+        if not orders:
+            yield "worm.harmonic", "empty: nothing swings; write a table for each harmonic"
+            return
         for index, harmonic in enumerate(self.harmonic):
             key = f"worm.harmonic[{index}]"
             for name in ("amplitude", "phase"):

@@ -286,7 +286,8 @@ def _warnings(found: Found, table: HarmonicMassesScene, size: float) -> Iterator
     if smallness > _SMALL:
         yield (
             f"friction is not small: in a period it may change momentum by {smallness:.2g} of "
-            "that of the smallest swing; velocity_exact_mean holds all the same"
+            "that of the smallest swing"
+            + ("" if orbit is None else "; velocity_exact_mean holds all the same")
         )
     if orbit is None:
         return

@@ -1,0 +1,532 @@
+"""Masses with prescribed harmonic velocities: builder, closed form, kind "harmonic-masses"."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.optimize import root_scalar
+
+import wormopt as wo
+from wormopt.averaging.average import average
+from wormopt.cli import main
+from wormopt.core.friction import Coulomb, Law, Stribeck, Viscous
+from wormopt.errors import ArgumentError, SceneError
+from wormopt.result import Result
+from wormopt.scenes import load_scene
+from wormopt.simulation.options import Tolerance
+from wormopt.simulation.simulate import simulate
+from wormopt.studies import exact_orbit
+from wormopt.studies.exact_orbit import Runner, measured
+from wormopt.studies.proof import Recheck
+from wormopt.studies.slow_velocity import SlowVelocity, sign_changes
+from wormopt.worms.harmonic_masses import harmonic_masses, imbalance, steady_masses
+
+SCENE = "three_masses_harmonic"
+THIRDS = 2 * np.pi * np.arange(3) / 3
+PERIOD = 2 * np.pi
+COULOMB = Coulomb(0.003, 0.01)
+WEAK = Stribeck(0.001, 0.001, stick_forward=0.03, stick_backward=0.03, v_stribeck=0.8)
+
+
+def solved(*changes: str) -> Result:
+    return wo.run(load_scene(SCENE, changes))
+
+
+def value(result: Result, name: str) -> Any:
+    return result.scalars[name].value
+
+
+def slow_of(model: Any, order: Any = 1, nodes: int = 16) -> SlowVelocity:
+    frequency = next(signal.symbol for signal in model.p if signal.name == "frequency")
+    return SlowVelocity(model, 2 * np.pi / frequency, order, nodes)
+
+
+# -- the builder -----------------------------------------------------------------------------------
+
+
+def test_displacements_are_integrals_of_the_velocities():
+    cosines, sines = [[1.0, 0.3], [-0.4, -0.3], [-0.6, 0.0]], [[0.0, 0.2], [0.5, 0.0], [-0.5, -0.2]]
+    model = harmonic_masses(cosines, sines, law=COULOMB, frequency=1.7, velocity=0.3, place=True)
+    times = np.linspace(0.0, 9.0, 4001)
+    motion = simulate(model, 9.0, times=times)
+    v, x = motion.output("velocity"), motion.output("displacement")
+    steps = np.diff(times)
+    # Simpson's rule over pairs of steps; where masses reverse velocities bend, which costs 2e-8
+    inner = (v[:, :-2:2] + 4 * v[:, 1:-1:2] + v[:, 2::2]) * steps[0] / 3
+    assert x[:, 2::2] - x[:, [0]] == pytest.approx(np.cumsum(inner, axis=1), abs=1e-7)
+    assert v.mean(axis=0) == pytest.approx(motion.state("center_velocity")[0], abs=1e-15)
+    assert motion.output("relative_velocity").sum(axis=0) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_the_law_of_motion_is_that_of_the_whole_mass():
+    model = harmonic_masses([1.0, -0.5], [0.2, -0.1], law=COULOMB, mass=[1.0, 2.0])
+    force = model.forces
+    rate = ca.Function("f", [ca.vertcat(*(s.symbol for s in model.p)), force], [model.ode])
+    values = np.concatenate([np.ravel(np.array(s.value)) for s in model.p])
+    assert float(rate(values, [0.5, -2.0])) == pytest.approx(-1.5 / 3, abs=1e-16)
+
+
+def test_steady_motions_scale_with_the_common_factor_and_not_with_frequency_and_mass():
+    model = harmonic_masses(np.cos(THIRDS), np.sin(THIRDS), law=COULOMB)
+    averaged = slow_of(model).averaged
+    function = ca.Function(
+        "F", [averaged.x[0].symbol, ca.vertcat(*(s.symbol for s in averaged.p))], [averaged.ode]
+    )
+    friction = np.concatenate([np.ravel(np.array(s.value)) for s in averaged.p[3:]])
+    top = math.sin(math.pi / 2 * 0.007 / 0.013)
+    for scale, frequency, mass in ((1.0, 1.0, 3.0), (2.5, 0.3, 3.0), (0.4, 7.0, 0.1)):
+        p = np.concatenate([[scale, frequency, mass], friction])
+        assert float(function(scale * top, p)) == pytest.approx(0.0, abs=1e-15 / mass)
+        assert float(function(0.0, p)) == pytest.approx(3 * 0.0035 / mass, rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"cosines": [1.0, -0.9]}, "harmonic 1 the masses times cosines add up to 0.1"),
+        ({"mass": [1.0, 2.0]}, "add up to -1, times sines to 0;"),
+        ({"cosines": [[1.0, 0.5], [-1.0, -0.4]], "sines": np.zeros((2, 2))}, "harmonic 2"),
+        ({"sines": [0.0, 0.0, 0.0]}, "must have one shape, not (2, 1) and (3, 1)"),
+        ({"cosines": [0.0, 0.0]}, "all relative velocities are 0"),
+        ({"cosines": [1.0, math.nan]}, "finite numbers, one row per mass"),
+        ({"cosines": "fast"}, "must be a number or a list of numbers"),
+        ({"cosines": np.zeros((2, 2, 2))}, "one row per mass"),
+        ({"mass": [1.0, 1.0, 1.0]}, "one positive number, or 2"),
+        ({"mass": -1.0}, "one positive number, or 2"),
+        ({"frequency": 0.0}, "frequency must be positive"),
+        ({"law": [COULOMB]}, "one friction law or 2"),
+        ({"law": 0.1}, "one friction law or 2"),
+    ],
+)
+def test_worms_that_cannot_be_are_refused(changes: dict[str, Any], message: str):
+    given_ = {"cosines": [1.0, -1.0], "sines": [0.0, 0.0], "law": COULOMB, **changes}
+    with pytest.raises(ArgumentError) as caught:
+        harmonic_masses(given_.pop("cosines"), given_.pop("sines"), **given_)
+    assert message in str(caught.value)
+
+
+def test_what_is_left_of_the_momentum():
+    left = imbalance([[1.0, 2.0], [1.0, 0.0]], [[0.0, 1.0], [0.5, 1.0]], [1.0, 3.0])
+    assert left.tolist() == [[4.0, 1.5], [2.0, 4.0]]
+
+
+# -- the closed form -------------------------------------------------------------------------------
+
+
+def phasors(draw: Any) -> np.ndarray:
+    count = draw(st.integers(2, 5))
+    part = st.floats(-1, 1)
+    found = np.array([complex(draw(part), draw(part)) for _ in range(count)])
+    return np.round(found, 3)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.data())
+def test_random_phasors_average_to_the_closed_form(data: st.DataObject):
+    raw = phasors(data.draw)
+    masses = np.array([data.draw(st.floats(0.2, 3)) for _ in raw])
+    own = raw - masses @ raw / masses.sum()
+    if np.abs(own).min() < 0.05:
+        return
+    laws = [
+        Coulomb(data.draw(st.floats(0.001, 0.02)), data.draw(st.floats(0.001, 0.02))) for _ in own
+    ]
+    V = steady_masses(np.abs(own), laws)
+    model = harmonic_masses(own.real, own.imag, law=laws, mass=masses)
+    bends = [*np.abs(own), *-np.abs(own)]
+    (steady,) = slow_of(model).steady(bends)
+    largest = np.abs(own).max()
+    assert steady.stable
+    # at the largest amplitude the mean force is flat: V is known no better than its root
+    near = abs(abs(V) - largest) < 1e-3 * largest
+    assert steady.velocity == pytest.approx(V, abs=(1e-6 if near else 1e-11) * largest)
+    mean_force = sum(
+        (law.backward - law.forward) / 2
+        - (law.backward + law.forward) / math.pi * math.asin(min(max(V / a, -1), 1))
+        for law, a in zip(laws, np.abs(own), strict=True)
+    )
+    assert mean_force == pytest.approx(0.0, abs=2e-11 * len(laws))
+
+
+def test_equal_laws_fulfil_the_sum_of_arcs():
+    for amplitudes in ([2.0, 2.0, 2.0], [1.0, 0.5, 0.25], [1.0, 0.9, 0.1, 0.1]):
+        for forward, backward in ((0.5, 1.0), (1.0, 1.1), (2.0, 0.7)):
+            V = steady_masses(amplitudes, Coulomb(forward, backward))
+            phi = math.pi / 2 * (backward - forward) / (backward + forward)
+            arcs = np.arcsin(np.clip(V / np.array(amplitudes), -1, 1)).sum()
+            assert arcs == pytest.approx(len(amplitudes) * phi, abs=1e-13)
+    assert steady_masses([2.0, 2.0], Coulomb(0.5, 1.0)) == pytest.approx(1.0, abs=1e-15)
+    assert steady_masses([3.0, 1.0], Coulomb(1.0, 1.0)) == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "law", "message"),
+    [
+        ([1.0, 0.0], COULOMB, "amplitudes must be positive"),
+        ([], COULOMB, "amplitudes must be positive"),
+        ([1.0, 1.0], Viscous(1.0), "closed form is for Coulomb"),
+        ([1.0, 1.0], Coulomb(0.0, 1.0), "friction both ways"),
+        ([1.0, 1.0], [COULOMB], "one friction law or 2"),
+    ],
+)
+def test_closed_forms_that_are_not_there_are_refused(amplitude: Any, law: Any, message: str):
+    with pytest.raises(ArgumentError, match=message):
+        steady_masses(amplitude, law)
+
+
+# -- averages by quadrature ------------------------------------------------------------------------
+
+
+def mean_force(law: Law, V: float, cosines: Any, sines: Any) -> float:
+    """Mean friction of one mass by adaptive quadrature between reversals."""
+    order = np.arange(1, len(cosines) + 1)
+
+    def v(t: float) -> float:
+        return float(V + cosines @ np.cos(order * t) + sines @ np.sin(order * t))
+
+    grid = np.linspace(0.0, PERIOD, 2001)
+    values = [v(t) for t in grid]
+    edges = [0.0, PERIOD]
+    for k in np.flatnonzero(np.diff(np.sign(values))):
+        bracket = (float(grid[k]), float(grid[k + 1]))
+        edges.append(root_scalar(v, bracket=bracket, xtol=1e-300, rtol=1e-15).root)
+    total = 0.0
+    for a, b in zip(sorted(edges)[:-1], sorted(edges)[1:], strict=True):
+        sign = 1 if v((a + b) / 2) > 0 else -1
+        part = quad(
+            lambda t, sign=sign: float(law.slip_force(v(t), sign)), a, b, epsabs=1e-16, limit=200
+        )
+        total += part[0]
+    return total / PERIOD
+
+
+COSINES = np.array([[1.0, 0.3, 0.2], [-0.2, -0.5, 0.1], [-0.8, 0.2, -0.3]])
+SINES = np.array([[0.1, 0.4, -0.2], [0.6, -0.1, 0.5], [-0.7, -0.3, -0.3]])
+
+
+@pytest.mark.parametrize(
+    ("laws", "nodes", "bound"),
+    [
+        ([COULOMB] * 3, 16, 1e-15),
+        ([Viscous(0.01)] * 3, 16, 1e-15),
+        ([COULOMB, Viscous(0.02), Coulomb(0.02, 0.001)], 16, 1e-15),
+        ([dataclasses.replace(WEAK, v_stribeck=0.5)] * 3, 90, 5e-13),
+    ],
+    ids=["dry", "viscous", "mixed", "stribeck"],
+)
+def test_mean_forces_of_several_harmonics_by_quadrature(laws: list[Law], nodes: int, bound: float):
+    mass = np.array([1.0, 1.0, 1.0])
+    model = harmonic_masses(COSINES, SINES, law=laws, mass=mass)
+    slow = slow_of(model, nodes=nodes)
+    for V in (-2.5, -0.9, -0.31, 0.0, 0.17, 0.8, 1.6):
+        expected = sum(
+            mean_force(law, V, c, s) for law, c, s in zip(laws, COSINES, SINES, strict=True)
+        )
+        assert 3 * slow.rate(V) == pytest.approx(expected, rel=0, abs=bound)
+
+
+# -- orders ----------------------------------------------------------------------------------------
+
+
+def errors(cosines: Any, sines: Any, sizes: Sequence[float]) -> dict[Any, list[float]]:
+    """Exact mean velocity less steady ones of both orders, for friction 0.3 and 1 times a size."""
+    found: dict[Any, list[float]] = {1: [], 2: []}
+    for eps in sizes:
+        law = Coulomb(0.3 * eps, eps)
+        slow = harmonic_masses(cosines, sines, law=law)
+        steady = {
+            order: root_scalar(
+                slow_of(slow, order).rate, bracket=(0.4, 0.9), xtol=1e-300, rtol=1e-15
+            ).root
+            for order in (1, 2)
+        }
+        moving = measured(harmonic_masses(cosines, sines, law=law, place=True))
+        runner = Runner(moving, PERIOD, Tolerance(), {}, lambda *_: None)
+        exact = runner.orbit(steady[2]).velocity
+        for order, V in steady.items():
+            found[order].append(abs(exact - V))
+    return found
+
+
+def orders(values: Sequence[float], sizes: Sequence[float]) -> np.ndarray:
+    return np.diff(np.log(values)) / np.diff(np.log(sizes))
+
+
+def test_errors_are_of_first_and_second_order_in_the_friction():
+    sizes, turn = (0.08, 0.04, 0.02, 0.01), THIRDS
+    cosines = np.stack([np.cos(turn), 0.6 * np.cos(turn + 0.2)], axis=1)
+    sines = np.stack([np.sin(turn), 0.6 * np.sin(turn + 0.2)], axis=1)
+    found = errors(cosines, sines, sizes)
+    assert orders(found[1], sizes) == pytest.approx(1.0, abs=0.2)
+    assert orders(found[2], sizes) == pytest.approx(2.0, abs=0.25)
+    assert found[1][-1] < 0.12 * sizes[-1]
+    assert found[2][-1] < 0.3 * sizes[-1] ** 2
+
+
+def test_of_equal_swings_the_first_order_is_as_good_as_the_second():
+    # forward and backward in time the swings are alike, up to the names of masses
+    sizes = (0.08, 0.04, 0.02, 0.01)
+    found = errors(np.cos(THIRDS), np.sin(THIRDS), sizes)
+    assert found[1] == pytest.approx(found[2], abs=1e-13)
+    assert orders(found[1], sizes) == pytest.approx(2.0, abs=0.02)
+    assert found[1][-1] < 0.01 * sizes[-1] ** 2
+
+
+# -- the exact motion by hand ----------------------------------------------------------------------
+
+
+def by_hand(cosines: np.ndarray, sines: np.ndarray, law: Any, V: float) -> tuple[float, float]:
+    """Velocity after a period and way in it: V is linear between reversals, found one by one."""
+    t, x, fine = 0.0, 0.0, 400
+
+    def v(i: int, t: float, begin: float, V: float, rate: float) -> float:
+        return V + rate * (t - begin) + cosines[i] * math.cos(t) + sines[i] * math.sin(t)
+
+    signs = [1 if v(i, 1e-9, 0.0, V, 0.0) > 0 else -1 for i in range(len(cosines))]
+    while t < PERIOD:
+        rate = sum(-law.forward if s > 0 else law.backward for s in signs) / len(signs)
+        after, who = PERIOD, None
+        for i, sign in enumerate(signs):
+            grid = np.linspace(t + 1e-9, PERIOD, fine)
+            values = np.array([sign * v(i, s, t, V, rate) for s in grid])
+            below = np.flatnonzero(values < 0)
+            if below.size and below[0]:
+                found = root_scalar(
+                    lambda s, *held: v(held[0], s, *held[1:]),
+                    args=(i, t, V, rate),
+                    bracket=(float(grid[below[0] - 1]), float(grid[below[0]])),
+                    xtol=1e-300, rtol=1e-15,
+                ).root  # fmt: skip
+                if found < after:
+                    after, who = found, i
+        x += V * (after - t) + rate * (after - t) ** 2 / 2
+        V, t = V + rate * (after - t), after
+        if who is not None:
+            signs[who] = -signs[who]
+    return V, x
+
+
+@pytest.mark.parametrize("forward", [0.006, 0.015])
+def test_the_exact_motion_against_one_by_hand(forward: float):
+    result = solved(f"worm.friction.forward={forward}")
+    law, cosines, sines = Coulomb(forward, 0.02), np.cos(THIRDS), np.sin(THIRDS)
+    start = root_scalar(
+        lambda V: by_hand(cosines, sines, law, V)[0] - V, bracket=(0.1, 0.9), xtol=1e-13
+    ).root
+    mean = by_hand(cosines, sines, law, start)[1] / PERIOD
+    assert value(result, "velocity_exact_mean") == pytest.approx(mean, abs=1e-10)
+    assert result.trust["exact"]["start"] == pytest.approx(start, abs=1e-9)
+
+
+# -- scenes ----------------------------------------------------------------------------------------
+
+
+def test_the_packaged_scene_reaches_its_closed_form():
+    result = solved()
+    top = math.sin(math.pi / 2 * 0.014 / 0.026)
+    assert result.status == "ok"
+    assert result.trust["warnings"] == []
+    for name in ("velocity_closed_form", "velocity_steady", "velocity_steady_second"):
+        assert value(result, name) == pytest.approx(top, abs=1e-13)
+    assert value(result, "velocity_exact_mean") == pytest.approx(top, abs=4e-6)
+    assert value(result, "averaging_error_second") < 4e-6
+    assert value(result, "steady_stable") == [1]
+    assert abs(value(result, "exact_drift")) < 1e-12
+    assert value(result, "force_mean") == pytest.approx([0.0] * 3, abs=1e-13)
+    assert value(result, "recheck_error") < 1e-11
+    assert value(result, "advance") == pytest.approx(
+        PERIOD * value(result, "velocity_exact_mean"), rel=1e-14
+    )
+    # what actuators give, friction takes
+    cost = value(result, "power_mean") / value(result, "velocity_exact_mean")
+    assert value(result, "energy_per_distance") == pytest.approx(cost, rel=1e-14)
+    end = result["center_velocity"].values[-1]
+    assert end == pytest.approx(result["center_velocity_averaged"].values[-1], abs=2e-3)
+    assert sorted(result["event_contact"].values.tolist()) == [0, 0, 1, 1, 2, 2]
+
+
+def test_power_is_that_of_the_averages():
+    # mean of |F v| with V at its steady value: work of friction both ways, in closed form
+    V, forward, backward = math.sin(math.pi / 2 * 0.014 / 0.026), 0.006, 0.02
+    turn = math.acos(-V)  # forward for |t| < turn
+    ahead = (V * turn + math.sin(turn)) / math.pi
+    behind = ahead - V
+    lost = 3 * (forward * ahead + backward * behind)
+    assert value(solved(), "power_mean") == pytest.approx(lost, rel=1e-4)
+
+
+def test_masses_that_reverse_at_once_go_at_half_their_amplitude():
+    # at any time two go forward and one back: friction cancels, and V stays A / 2 exactly
+    result = solved("worm.friction.forward=0.01")
+    assert result.status == "ok"
+    assert value(result, "velocity_steady") == pytest.approx(0.5, abs=1e-14)
+    assert value(result, "velocity_exact_mean") == pytest.approx(0.5, abs=2e-9)
+    assert value(result, "velocity_ripple") < 1e-9
+    assert result.trust["exact"]["friction_changed"] is True
+    assert any("reverse at the same instant" in w for w in result.trust["warnings"])
+
+
+def test_friction_that_falls_with_velocity_lets_equals_go_either_way():
+    law = 'worm.friction={kind="stribeck", forward=0.001, backward=0.001, stick_forward=0.03, '
+    law += "stick_backward=0.03, v_stribeck=0.8}"
+    ahead, back, still = (
+        solved(law, f"course.velocity={V}", "course.periods=2") for V in (0.1, -0.1, 0.0)
+    )
+    back_V, rest, ahead_V = value(ahead, "steady_velocities")
+    assert value(ahead, "steady_stable") == [1, 0, 1]
+    assert ahead_V == pytest.approx(-back_V, abs=1e-12)
+    assert rest == pytest.approx(0.0, abs=1e-12)
+    assert value(ahead, "velocity_steady") == ahead_V
+    assert value(back, "velocity_steady") == back_V
+    assert value(ahead, "exact_velocities")[0] == pytest.approx(back_V, abs=1e-3)
+    # the mean force at the steady velocity, by another route
+    law_ = Stribeck(0.001, 0.001, stick_forward=0.03, stick_backward=0.03, v_stribeck=0.8)
+    force = mean_force(law_, ahead_V, np.array([1.0]), np.array([0.0]))
+    assert force == pytest.approx(0.0, abs=1e-12)
+    assert value(still, "velocity_steady") in (ahead_V, rest)
+
+
+def test_friction_that_is_not_small_is_told_and_rests_too():
+    result = solved("worm.friction={kind='coulomb', forward=0.6, backward=2.0}")
+    assert result.status == "ok"
+    warnings = " ".join(result.trust["warnings"])
+    assert "friction is not small" in warnings
+    assert "rests for 0.036 of the period" in warnings
+    assert value(result, "rest_share") == pytest.approx(0.036, abs=0.001)
+    assert value(result, "averaging_error_second") > 0.01
+
+
+def test_a_course_that_is_too_short_is_told():
+    assert any("more course.periods" in w for w in solved("course.periods=3").trust["warnings"])
+
+
+def test_units_and_masses_scale_the_answer():
+    # velocities tenfold, frequency double, forces and masses a hundredfold: nothing else changes
+    plain = solved()
+    large = solved(
+        'units="SI"', "worm.mass=100", "worm.frequency=2", "worm.harmonic.0.amplitude=10",
+        "worm.friction.forward=12", "worm.friction.backward=40",
+    )  # fmt: skip
+    for name, factor in (
+        ("velocity_exact_mean", 10),
+        ("averaging_error_second", 10),
+        ("advance", 5),
+    ):
+        assert value(large, name) == pytest.approx(factor * value(plain, name), rel=1e-6)
+    assert large.scalars["velocity_steady"].unit == "m s-1"
+    assert large.scalars["power_mean"].unit == "W"
+
+
+def test_a_run_saves_its_picture(tmp_path: Path):
+    folder = tmp_path / "out"
+    assert main(["run", SCENE, "-o", str(folder), "--quiet"]) == 0
+    assert (folder / "reversals.png").stat().st_size > 10_000
+    assert Result.load(folder)["relative_velocity"].values.shape == (3, 721)
+
+
+# -- failures --------------------------------------------------------------------------------------
+
+
+def test_a_second_route_that_ends_elsewhere_fails(monkeypatch: pytest.MonkeyPatch):
+    def elsewhere(*given: Any, **options: Any) -> Recheck:
+        return dataclasses.replace(honest(*given, **options), error=1e-3)
+
+    honest = exact_orbit.recheck
+    monkeypatch.setattr(exact_orbit, "recheck", elsewhere)
+    result = solved()
+    assert result.status == "failed"
+    assert "ends elsewhere" in result.reason
+
+
+def test_too_few_nodes_fail(tmp_path: Path):
+    law = 'worm.friction={kind="stribeck", forward=0.002, backward=0.004, stick_forward=0.02, '
+    law += "stick_backward=0.03, v_stribeck=0.05}"
+    result = solved(law, "averaging.nodes=4")
+    assert result.status == "failed"
+    assert "larger averaging.nodes" in result.reason
+    options = ["--set", law, "--set", "averaging.nodes=4", "--quiet", "-o", str(tmp_path / "out")]
+    assert main(["run", SCENE, *options]) == 3
+
+
+def test_masses_that_hand_their_rest_on_fail_with_what_was_found():
+    result = solved("worm.friction={kind='coulomb', forward=3.0, backward=10.0}")
+    assert result.status == "failed"
+    assert "exact motion is not to be had" in result.reason
+    assert value(result, "velocity_exact_mean") is None
+    assert value(result, "velocity_steady") == pytest.approx(
+        math.sin(math.pi / 2 * 7 / 13), abs=1e-12
+    )
+
+
+def test_averages_that_disagree_with_the_exact_motion_fail(monkeypatch: pytest.MonkeyPatch):
+    def wrong(self: SlowVelocity, V: float) -> float:
+        return honest(self, V) + 1e-3 * self.order
+
+    honest = SlowVelocity.rate
+    monkeypatch.setattr(SlowVelocity, "rate", wrong)
+    result = solved()
+    assert result.status == "failed"
+    assert "the closed form is" in result.reason
+    assert "exact mean velocity is not that of second-order averaging" in result.reason
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "message"),
+    [
+        ("worm.harmonic.0.phase=[0, 120, 230]", "worm.harmonic[0]", "add up to amplitude 0.17"),
+        ("worm.mass=[1, 1, 2]", "worm.harmonic[0]", "add up to amplitude 1 at phase -120"),
+        ("worm.mass=[1, 2]", "worm.mass", "2 entries for 3 masses"),
+        ("worm.harmonic.0.amplitude=[1, 1]", "worm.harmonic[0].amplitude", "2 entries"),
+        ("worm.harmonic.0.amplitude=0", "worm.harmonic", "mass 0, 1, 2 does not swing"),
+        ("worm.harmonic=[{amplitude=[1, 1, 0], phase=[0, 180, 0]}]", "worm.harmonic", "mass 2"),
+        ("worm.harmonic=[{amplitude=1, phase=[0,120,240]}, {amplitude=1, phase=[0,120,240]}]",
+         "worm.harmonic[1].order", "stands there twice"),
+        ("worm.harmonic=[]", "worm.harmonic", "nothing swings"),
+        ("worm.harmonic.0.order=6", "worm", "reverse too often"),
+        ("worm.harmonic.0.order=0", "worm.harmonic[0].order", "1 to 12"),
+        ("worm.masses=1", "worm.masses", "2 to 12"),
+        ("worm.frequency=0", "worm.frequency", "above 0"),
+        ('worm.friction={kind="spike"}', "worm.friction", "spikes do not slide back"),
+        ("worm.friction.forward=0", "worm.friction", "nothing resists motion forward"),
+        ('worm.friction={kind="viscous", drag=0}', "worm.friction", "forward"),
+        ('worm.friction=[{kind="viscous", drag=1}]', "worm.friction", "1 entry for 3 masses"),
+        ("worm.friction.stick_forward=0.001", "worm.friction.stick_forward", "below the sliding"),
+        ("averaging.nodes=1", "averaging.nodes", "2 to 64"),
+        ("course.periods=0", "course.periods", "1 to 10000"),
+        ("worm.frequency=1e40", "worm.frequency", "too large"),
+        ('want=["motion"]', "want", "reversals"),
+    ],
+)  # fmt: skip
+def test_wrong_scenes_are_told(
+    change: str, key: str, message: str, capsys: pytest.CaptureFixture[str]
+):
+    with pytest.raises(SceneError) as caught:
+        load_scene(SCENE, [change])
+    faults = caught.value.faults
+    assert any(where.startswith(key) and message in text for where, text in faults), faults
+    assert main(["run", SCENE, "--set", change]) == 2
+    assert key.split("[")[0] in capsys.readouterr().err
+
+
+def test_poles_are_no_roots():
+    def rate(x: float) -> float:
+        return (x - 0.3) / (x - 0.7) if x != 0.7 else math.inf
+
+    found = sign_changes(rate, np.linspace(-1, 1, 50))
+    assert found == pytest.approx([0.3], abs=1e-12)
+
+
+def test_a_place_is_nothing_for_averages():
+    model = harmonic_masses(np.cos(THIRDS), np.sin(THIRDS), law=COULOMB)
+    moving = harmonic_masses(np.cos(THIRDS), np.sin(THIRDS), law=COULOMB, place=True)
+    assert [s.name for s in moving.x] == ["center", "center_velocity"]
+    averaged = average(model, PERIOD)
+    assert [output.name for output in averaged.outputs] == []
