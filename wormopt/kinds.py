@@ -155,4 +155,16 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.float",
         pictures=("ride",),
     ),
+    "coil-row": Kind(
+        summary="the travelling magnetic field of a row of coils that are switched in turn",
+        table="wormopt.scenes.coil_row:CoilRowScene",
+        study="wormopt.studies.coil_row",
+        pictures=("travelling_field",),
+    ),
+    "coil-inverse": Kind(
+        summary="currents of a row of coils whose field comes nearest to what a film's wave needs",
+        table="wormopt.scenes.coil_inverse:CoilInverseScene",
+        study="wormopt.studies.coil_inverse",
+        pictures=("row_currents",),
+    ),
 }

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from wormopt.plot import (
     averaging,
+    coils,
     comparison,
     film,
     gaits,
@@ -96,6 +97,23 @@ PICTURES: dict[str, Picture] = {
         ("xi", "height", "surface_velocity", "field_squared", "curve_delta", "field_curves"),
     ),
     "ride": Picture(film.ride, ("time", "float_position", "xi", "height", "body_velocity")),
+    "travelling_field": Picture(
+        coils.travelling_field,
+        (
+            "place",
+            "time",
+            "field",
+            "coil_place",
+            "phase",
+            "square_mean",
+            "square_low",
+            "square_high",
+        ),
+    ),
+    "row_currents": Picture(
+        coils.row_currents,
+        ("phase", "square_target", "square_mean", "square_low", "square_high", "time", "current"),
+    ),
     "stress_strain": Picture(
         magnetics.stress_strain, ("strain", "stress_with_field", "stress_without_field")
     ),
