@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,6 +16,7 @@ __all__ = ["film", "ride"]
 
 _PHASES = ("0", "π/2", "π", "3π/2", "2π")
 _PERIODS = 8
+_BELOW: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.2), "ncols": 2}
 
 
 def film(result: Result) -> Figure:
@@ -30,7 +32,7 @@ def film(result: Result) -> Figure:
     Figure
         Fields over their largest least H0², because those differ a hundredfold.
     """
-    drawn = sheet(10, 7.2)
+    drawn = sheet(10.5, 7.6)
     (flow, shape), (fields, own) = drawn.subplots(2, 2)
     _mean_flow(flow, result)
     xi = result["xi"].values
@@ -40,24 +42,27 @@ def film(result: Result) -> Figure:
         xi, result["surface_velocity"].values, color=LINKS[3], label="surface velocity $u_s$"
     )
     shape.axhline(1.0, color=GREY, linewidth=1, linestyle=(0, (5, 3)))
-    shape.annotate("speed of the wave", (0.02, 1.0), (0, 3), xycoords=("axes fraction", "data"),
-                   textcoords="offset points", color=GREY, fontsize=9)  # fmt: skip
-    shape.legend(loc="lower left")
+    shape.annotate("speed of the wave", (np.pi, 1.0), (0, 3), textcoords="offset points",
+                   ha="center", color=GREY, fontsize=9)  # fmt: skip
+    shape.legend(**_BELOW)
     _fields(fields, result)
     own.plot(xi, result["field_squared"].values, color=LINKS[2],
              label=r"field $(\mu-1)H^2/(8\pi P)$, least")  # fmt: skip
     own.plot(xi, result["film_pressure"].values, color=LINKS[1], label="pressure $p/P$, less mean")
     own.axhline(0, color="black", linewidth=0.8)
-    own.legend(loc="upper left", bbox_to_anchor=(0.0, -0.2), ncols=2)
+    own.legend(**_BELOW)
     if "field" in result:
         beside = own.twinx()
-        beside.plot(xi, result["field"].values / 1e3, color=LINKS[2], linestyle=(0, (2, 1)))
-        beside.set_ylabel("field $H$ (kA m$^{-1}$), dashed")
+        beside.plot(xi, result["field"].values / 1e3, color=RED, linestyle=(0, (5, 2)))
+        beside.set_ylim(0, None)
+        beside.set_ylabel("least field $H$ (kA m$^{-1}$), dashed", color=RED)
+        beside.tick_params(axis="y", colors=RED)
         beside.grid(visible=False)
     for axes in (shape, fields, own):
         _phases(axes)
     shape.set_title(facts(result, "delta", "c_constant", "mean_flow"), loc="left")
-    own.set_title(facts(result, "tension_number", "d_max", "xi_at_d_max"), loc="left")
+    fields.set_title(facts(result, "tension_number"), loc="left")
+    own.set_title(facts(result, "d_max", "xi_at_d_max"), loc="left")
     return drawn
 
 
@@ -66,7 +71,7 @@ def _mean_flow(axes: Axes, result: Result) -> None:
     axes.plot(delta, result["curve_mean_flow"].values, color=LINKS[0], linewidth=2,
               label="cosine wave")  # fmt: skip
     axes.plot(delta, result["curve_square_wave"].values, color=GREY, linestyle=(0, (5, 2)),
-              label="above all waves")  # fmt: skip
+              label="no wave has more")  # fmt: skip
     axes.plot(scalar(result, "delta"), scalar(result, "mean_flow"), "o", color=RED,
               label="this wave")  # fmt: skip
     axes.set_xlim(0, 1)
@@ -159,21 +164,24 @@ def _from_the_wave(axes: Axes, result: Result) -> None:
     length, duration = _scales(result)
     time, xi = result["time"].values, result["xi"].values
     height = result["height"].values
-    axes.fill_between(-np.flip(xi), np.flip(height), color="#CFE3F3")
-    axes.plot(-np.flip(xi), np.flip(height), color=LINKS[0])
+    place = np.linspace(-math.pi, math.pi, 401)  # as seen from the wave
+    surface = np.interp(np.mod(-place, 2 * math.pi), xi, height)
+    axes.fill_between(place, surface, color="#CFE3F3")
+    axes.plot(place, surface, color=LINKS[0])
     held = np.atleast_1d(scalar(result, "tracer_trapped"))
     drifts = np.atleast_1d(scalar(result, "tracer_drift_closed"))
     speed = scalar(result, "wave_speed") or 1.0
-    for k, (place, z) in enumerate(
+    for k, (path, z) in enumerate(
         zip(result["tracer_position"].values, result["tracer_height"].values, strict=True)
     ):
-        at = -np.mod(time / duration - place / length, 2 * math.pi)
+        at = np.mod(path / length - time / duration + math.pi, 2 * math.pi) - math.pi
         text = "held" if held[k] else f"drift {drifts[k] / speed:.3f}"
         axes.plot(at, z, ".", markersize=2.2, color=MASSES[k], label=text)
-    axes.set_xlim(-2 * math.pi, 0)
+    axes.set_xlim(-math.pi, math.pi)
     axes.set_ylim(0, None)
-    axes.set_xticks(-np.linspace(2 * math.pi, 0, 5), ["−2π", "−3π/2", "−π", "−π/2", "0"])
-    axes.set_xlabel(r"place as seen from the wave, $-\xi = x - t$")
+    axes.set_xticks(np.linspace(-math.pi, math.pi, 5), ["−π", "−π/2", "0", "π/2", "π"])
+    axes.set_xlabel(r"place as seen from the wave, $x - t$; it travels to the right")
+    axes.ticklabel_format(axis="y", scilimits=(-3, 3), useMathText=True)
     axes.set_ylabel(label("height $z$", result["tracer_height"].unit))
     axes.set_title("points of the fluid on their lines; drift over the speed of the wave",
                    loc="left")  # fmt: skip

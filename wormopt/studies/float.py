@@ -30,8 +30,6 @@ __all__ = ["run"]
 _TURN = 2 * math.pi
 # How often a body shall be overtaken, how many periods are simulated at least and at most.
 _OVERTAKEN, _LEAST, _MOST = 4, 10.0, 20_000.0
-# Mean velocities by simulation and by formula shall agree to this.
-_AGREED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,17 +190,16 @@ def _ridden(
 
 
 def _faults(rides: Sequence[_Ride], table: FloatScene) -> Iterator[str]:
-    several = _AGREED / Tolerance().relative * table.tolerance.relative
+    accepted = accepted_error(_tolerance(table))
     for ride in rides:
         if ride.recheck and ride.recheck.fault:
             yield ride.recheck.fault
         for i, error in enumerate(ride.errors):
-            if error is not None and abs(error) > max(_AGREED, several):
+            if error is not None and not abs(error) <= accepted:
                 yield f"the simulated drift of {ride.what} {i} is {error:.2g} off its formula"
     if len(rides) > 1:
-        left, accepted = _left(rides[1]), accepted_error(_tolerance(table))
-        for name, value in left.items():
-            if value > accepted:
+        for name, value in _left(rides[1]).items():
+            if not value <= accepted:
                 yield f"{name} {value:.2g}, where {accepted:.2g} is accepted"
 
 
@@ -307,7 +304,7 @@ def _trust(rides: Sequence[_Ride], table: FloatScene, fluid: Fluid | None) -> di
             ]
         ),
         "drift_error": [error for ride in rides for error in ride.errors],
-        "drift_accepted": _AGREED,
+        "drift_accepted": accepted_error(_tolerance(table)),
     }  # fmt: skip
     if len(rides) > 1:
         trust["tracers"] = _left(rides[1])
