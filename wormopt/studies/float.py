@@ -29,7 +29,7 @@ __all__ = ["run"]
 
 _TURN = 2 * math.pi
 # How often a body shall be overtaken, how many periods are simulated at least and at most.
-_OVERTAKEN, _LEAST, _MOST = 4, 10.0, 20_000.0
+_OVERTAKEN, _LEAST, _MOST = 4, 20.0, 20_000.0
 
 
 @dataclass(frozen=True, eq=False)
