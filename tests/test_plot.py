@@ -193,6 +193,36 @@ def driven() -> Result:
     return Result("pair", "pair-waveform", scalars=scalars, variables=tuple(variables))
 
 
+def pulled() -> Result:
+    """A pair from rest, and its averages; the second begins later."""
+    time, late = np.linspace(0.0, 10.0, 101), np.linspace(8.0, 10.0, 41)
+    steady = 0.3 * (1 - np.exp(-time))
+    rows = {"velocity": steady + 0.01 * np.cos(9 * time), "velocity_period": steady}
+    rows |= {"velocity_first": 1.02 * steady}
+    rows |= {"velocity_second": np.where(time < 1, np.nan, steady)}
+    variables = [
+        Variable("time", "s", ("time",), time),
+        Variable("late_time", "s", ("late",), late),
+    ]
+    variables += [Variable(name, "m s-1", ("time",), row) for name, row in rows.items()]
+    variables.append(Variable("late_velocity", "m s-1", ("late",), 0.3 + 0.01 * np.cos(9 * late)))
+    scalars = {"velocity_steady": Scalar(0.3), "velocity_stated": Scalar(0.35, "m s-1")}
+    return Result("pull", "magnetic-pair", scalars=scalars, variables=tuple(variables))
+
+
+def resonant() -> Result:
+    """A branch that turns back at a detuning of 1.5, and exact motions beside its stable part."""
+    arc = np.linspace(0.0, np.pi, 61)
+    detuning, size = 1.5 * np.sin(arc), 1.1 + np.cos(arc)
+    curve = {"detuning": detuning, "velocity": 0.7 * size, "amplitude": size}
+    curve |= {"stable": (arc < np.pi / 2).astype(int), "branch": np.zeros(61, dtype=int)}
+    variables = [Variable(f"curve_{name}", "1", ("curve",), row) for name, row in curve.items()]
+    points = {"detuning": detuning[:20], "velocity_exact": 0.71 * size[:20]}
+    variables += [Variable(name, "1", ("point",), row) for name, row in points.items()]
+    scalars = {"delta_fold": Scalar([1.5]), "eps": Scalar(0.03)}
+    return Result("fold", "resonance", scalars=scalars, variables=tuple(variables))
+
+
 def swinging(found: bool = True) -> Result:
     """Two masses that swing against each other; without the exact motion if it was not found."""
     share, time = np.linspace(0.0, 1.0, 61), np.linspace(0.0, 5.0, 41)
@@ -218,11 +248,53 @@ def swinging(found: bool = True) -> Result:
     return Result("swing", "harmonic-masses", scalars=scalars, variables=tuple(variables))
 
 
+def pumped() -> Result:
+    """A film under a wave, in SI units, beside waves of two other amplitudes."""
+    xi, delta = np.linspace(0.0, 2 * np.pi, 81), np.linspace(0.1, 0.9, 9)
+    rows = {"height": 1 + 0.5 * np.cos(xi), "surface_velocity": 0.4 * np.cos(xi)}
+    rows |= {"film_pressure": np.sin(xi), "field_squared": 1 - np.sin(xi)}
+    variables = [Variable("xi", "rad", ("xi",), xi), Variable("field", "A m-1", ("xi",), 1e4 * xi)]
+    variables += [Variable(name, "1", ("xi",), row) for name, row in rows.items()]
+    variables += [
+        Variable("curve_delta", "1", ("curve_delta",), delta),
+        Variable("curve_mean_flow", "1", ("curve_delta",), delta**2),
+        Variable("curve_square_wave", "1", ("curve_delta",), delta),
+        Variable("field_delta", "1", ("field_delta",), [0.2, 0.6]),
+        Variable("field_curves", "1", ("field_delta", "xi"), np.outer([1, 4], 1 - np.sin(xi))),
+    ]
+    scalars = {"delta": Scalar(0.5), "mean_flow": Scalar(0.25), "d_max": Scalar(1.0)}
+    return Result("film", "film-flow", scalars=scalars, variables=tuple(variables))
+
+
+def carried(tracers: bool = True) -> Result:
+    """Two floats, one held by the wave, and two points of the fluid."""
+    time, xi = np.linspace(0.0, 60.0, 121), np.linspace(0.0, 2 * np.pi, 81)
+    velocities = np.array([0.8 + 0.2 * np.cos(xi), 0.5 + 0.1 * np.cos(xi)])
+    variables = [
+        Variable("time", "1", ("time",), time),
+        Variable("float_position", "1", ("body", "time"), np.outer([1.0, 0.5], time)),
+        Variable("xi", "rad", ("xi",), xi),
+        Variable("height", "1", ("xi",), 1 + 0.5 * np.cos(xi)),
+        Variable("body_velocity", "1", ("body", "xi"), velocities),
+    ]
+    scalars = {"float_length": Scalar([0.0, 0.5]), "trapped": Scalar([True, False])}
+    if tracers:
+        places, heights = np.outer([0.2, 1.0], time), np.outer([0.3, 0.9], np.ones(len(time)))
+        variables += [
+            Variable("tracer_position", "1", ("tracer", "time"), places),
+            Variable("tracer_height", "1", ("tracer", "time"), heights),
+        ]
+        scalars |= {"tracer_trapped": Scalar([False, True])}
+        scalars |= {"tracer_drift_closed": Scalar([0.2, 1.0])}
+    return Result("ride", "float", scalars=scalars, variables=tuple(variables))
+
+
 def sample(picture: str) -> Result:
     made = {"front": front, "trackers": crawl, "bands": herd, "signals": own}
     made |= {"comparison": compared, "draws": compared, "convergence": relaxed}
     made |= {"waveform": driven, "stress_strain": stretched}
-    made |= {"reversals": swinging}
+    made |= {"velocity": pulled, "resonance": resonant}
+    made |= {"reversals": swinging, "film": pumped, "ride": carried}
     return made[picture]() if picture in made else shuffle(2)
 
 
@@ -271,6 +343,30 @@ def test_reversals_are_drawn_without_an_exact_motion_too():
     assert legend
     labels = [text.get_text() for text in legend.get_texts()]
     assert labels == ["exact", "averaged, order 1", "steady, not stable", "steady"]
+
+
+def test_a_branch_is_dashed_where_it_is_not_stable_and_its_fold_marked():
+    above = figure(resonant(), "resonance").axes[0]
+    labels = {line.get_label(): line.get_linestyle() for line in above.get_lines()}
+    assert labels["average"] == "-"
+    assert labels["average, not stable"] == "--"
+    assert [text.get_text() for text in above.texts] == ["fold 1.5"]
+
+
+def test_a_ride_shows_velocities_where_there_are_no_tracers():
+    with_tracers, without = (figure(carried(tracers), "ride").axes for tracers in (True, False))
+    assert with_tracers[-1].get_ylabel() == "height $z$"
+    assert without[-1].get_ylabel() == "velocity over the wave's"
+    labels = [text.get_text() for text in with_tracers[0].get_legend().get_texts()]
+    assert labels == ["length 0, held", "length 0.5"]
+
+
+def test_fields_of_a_film_are_shown_over_their_mean():
+    fields = next(a for a in figure(pumped(), "film").axes if a.get_ylabel().startswith("$H^2"))
+    (one, other) = (np.asarray(line.get_ydata()) for line in fields.get_lines())
+    assert one == pytest.approx(other)
+    labels = [text.get_text() for text in fields.get_legend().get_texts()]
+    assert labels == ["0.2: 1", "0.6: 4"]
 
 
 def test_units_are_raised():

@@ -157,7 +157,7 @@ def resonance(result: Result) -> Figure:
         )  # fmt: skip
     detunings = result["detuning"].values
     below.set_xlim(detunings.min(), detunings.max())
-    below.set_xlabel(r"detuning $\Delta$ of the field, $\nu = \sqrt{2} + \varepsilon \Delta$")
+    below.set_xlabel(r"detuning $\Delta$ of the field ($\nu = \sqrt{2} + \varepsilon \Delta$)")
     above.set_title(
         facts(result, "eps", "averaging_error", "averaging_error_second", "confirmed"), loc="left"
     )
