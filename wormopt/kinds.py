@@ -167,4 +167,10 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.coil_inverse",
         pictures=("row_currents",),
     ),
+    "film-forward": Kind(
+        summary="which wave a film of magnetic fluid takes under a given field, and its stability",
+        table="wormopt.scenes.film_forward:FilmForwardScene",
+        study="wormopt.studies.film_forward",
+        pictures=("forward", "basins"),
+    ),
 }

@@ -78,9 +78,9 @@ def thin_film(
     >>> rates[[0, 2, 4]].real.round(4).tolist()
     [-0.1, -1.6, -8.1]
     """
-    slope = slope if symbolic(slope) else numbers("slope", slope).ravel()
-    points = slope.numel() if symbolic(slope) else slope.size
-    _check(slope, tension, points, order)
+    given: Any = slope if symbolic(slope) else numbers("slope", slope).ravel()
+    points = given.numel() if symbolic(given) else given.size
+    _check(given, tension, points, order)
     step = 2 * np.pi / points
     state = ca.SX.sym("volume", points - 1)
     volume = ca.vertcat(0, state)
@@ -88,7 +88,7 @@ def thin_film(
     h = 1 + _applied(first, volume) / step
     # differences of differences: round-off grows with 1 / step² only, not with 1 / step⁴
     third = _applied(fourth, _second(_second(volume))) / step**4
-    Q = -(h * h * h) / 3 * (tension * third + slope)
+    Q = -(h * h * h) / 3 * (tension * third + given)
     speed = Q - h
     return Model(
         "thin film",
