@@ -17,7 +17,7 @@ GROUPS = {
     "ground": {"version", "errors", "files", "kinds", "progress"},
     "base": {"core", "result", "scenes"},
     "builders": {"worms", "magnetics", "tracking"},
-    "solvers": {"optimal", "simulation", "linear", "averaging"},
+    "solvers": {"optimal", "simulation", "linear", "averaging", "statics"},
     "gaits": {"gaits"},
     "studies": {"studies", "bench"},
     "face": {"plot", "output", "runner", "cli", "__main__", "__init__"},

@@ -173,4 +173,10 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.film_forward",
         pictures=("forward", "basins"),
     ),
+    "coil-pressure": Kind(
+        summary="surface and pressure of a layer of magnetic fluid at an excited coil",
+        table="wormopt.scenes.coil_pressure:CoilPressureScene",
+        study="wormopt.studies.coil_pressure",
+        pictures=("coil_pressure",),
+    ),
 }

@@ -8,22 +8,23 @@ along the tangent. Where the parameter turns back there is a fold.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import root_scalar
 
-from wormopt.averaging.steady import Rates, SteadyState, eigenvalues, rates_of
+from wormopt.averaging.steady import SteadyState, eigenvalues, rates_of
 from wormopt.core.model import Model
 from wormopt.core.values import by_name
 from wormopt.errors import ArgumentError
 
-__all__ = ["Branch", "Fold", "follow_branch"]
+__all__ = ["Branch", "Equations", "Fold", "Walk", "follow_branch"]
 
-End = Literal["range", "runaway", "lost", "steps", "closed"]
+End = Literal["range", "runaway", "lost", "steps", "closed", "stopped"]
 
 _STEPS = 12  # of Newton's method on the way back to the branch
 _CONVERGED = 1e-11
@@ -191,7 +192,7 @@ def follow_branch(
         raise ArgumentError(
             f"{parameter} = {start.p[place]:g} of the start is not within [{low:g}, {high:g}]"
         )
-    walk = _Walk(rates, parameter, (low, high), start.p, largest)
+    walk = Walk(rates, parameter, (low, high), start.p, largest)
     begin = np.append(start.x, start.p[place])
     tangent = walk.tangent(begin, None)
     if tangent[-1] < 0:
@@ -210,12 +211,48 @@ def follow_branch(
     )
 
 
-class _Walk:
-    """Steps along a branch in y = (x, parameter), measured in usual sizes."""
+class Equations(Protocol):
+    """As many equations as unknowns, with parameters, for m sets of unknowns at a time."""
+
+    nominal: np.ndarray
+
+    def place(self, name: str) -> int:
+        """Row of a parameter."""
+        ...
+
+    def slope_by(self, name: str) -> Callable[[np.ndarray, np.ndarray], Any]:
+        """Derivative by a parameter, as a column; a function of unknowns and parameters."""
+        ...
+
+    def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """What is left of the equations, shape (m, n)."""
+        ...
+
+    def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Jacobians, shape (m, n, n)."""
+        ...
+
+
+class Walk:
+    """Steps along a branch of solutions in y = (x, parameter), measured in usual sizes.
+
+    Parameters
+    ----------
+    rates : Equations
+        What is 0 on the branch.
+    parameter : str
+        Name of the parameter.
+    span : (float, float)
+        Its least and largest value.
+    p : ndarray, shape (n_p,)
+        All parameters; the one of the branch is passed over.
+    largest : float
+        Usual sizes at which an unknown counts as running away.
+    """
 
     def __init__(
         self,
-        rates: Rates,
+        rates: Equations,
         parameter: str,
         span: tuple[float, float],
         p: np.ndarray,
@@ -234,20 +271,40 @@ class _Walk:
         return self.rates(x, p)[0], np.hstack([self.rates.slopes(x, p)[0], last]) * self.size
 
     def tangent(self, y: np.ndarray, along: np.ndarray | None) -> np.ndarray:
-        """Unit tangent in y / size, on the side of ``along``."""
+        """Unit tangent in y / size.
+
+        Parameters
+        ----------
+        y : ndarray, shape (n + 1,)
+            Point of the branch.
+        along : ndarray or None
+            On whose side the tangent shall be.
+        """
         _, by_y = self._linear(y)
         found = np.linalg.svd(by_y)[2][-1]
         return -found if along is not None and found @ along < 0 else found
 
     def step(self, y: np.ndarray, tangent: np.ndarray, length: float) -> np.ndarray | None:
-        """Point of the branch so far along the tangent, None if there is none near."""
+        """Point of the branch so far along the tangent, None if there is none near.
+
+        Parameters
+        ----------
+        y, tangent : ndarray, shape (n + 1,)
+            Where from, and which way.
+        length : float
+            How far, in usual sizes.
+
+        Returns
+        -------
+        ndarray or None
+        """
         guess = y + length * tangent * self.size
         found = guess.copy()
         for _ in range(_STEPS):
             rates, by_y = self._linear(found)
             missing = np.append(rates, tangent @ ((found - guess) / self.size))
             matrix = np.vstack([by_y, tangent])
-            if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(missing))):
+            if not (np.isfinite(matrix).all() and np.isfinite(missing).all()):
                 return None
             try:
                 change = np.linalg.solve(matrix, -missing)
@@ -259,9 +316,28 @@ class _Walk:
         return None
 
     def go(
-        self, y: np.ndarray, tangent: np.ndarray, max_points: int
+        self,
+        y: np.ndarray,
+        tangent: np.ndarray,
+        max_points: int,
+        until: Callable[[np.ndarray, list[Fold]], bool] | None = None,
     ) -> tuple[list[np.ndarray], list[Fold], End]:
-        """Walk until the branch ends."""
+        """Walk until the branch ends.
+
+        Parameters
+        ----------
+        y, tangent : ndarray, shape (n + 1,)
+            Where from, and which way.
+        max_points : int
+            Most points.
+        until : callable, optional
+            Told every new point and the folds before it; the walk stops there if it gives True.
+
+        Returns
+        -------
+        tuple
+            Points, folds, and why it ended, as in `Branch`, or "stopped".
+        """
         first, first_tangent = y, tangent
         points, folds, length = [y], [], 1e-2
         while len(points) < max_points:
@@ -281,6 +357,8 @@ class _Walk:
                 return [*points, first], folds, "closed"
             y, tangent = ahead, turned
             points.append(y)
+            if until is not None and until(y, folds):
+                return points, folds, "stopped"
             if np.abs(y[:-1] / self.size[:-1]).max() > self.largest:
                 return points, folds, "runaway"
             length = min(1.5 * length, 0.05 * (1 + np.abs(y / self.size).max()))

@@ -21,9 +21,11 @@ from wormopt.plot import (
     comparison,
     film,
     gaits,
+    hydrostatics,
     magnetics,
     optimum,
     simulation,
+    thin_film,
     waveform,
 )
 from wormopt.plot.parts import RED, STYLE
@@ -97,6 +99,10 @@ PICTURES: dict[str, Picture] = {
         ("xi", "height", "surface_velocity", "field_squared", "curve_delta", "field_curves"),
     ),
     "ride": Picture(film.ride, ("time", "float_position", "xi", "height", "body_velocity")),
+    "forward": Picture(
+        thin_film.forward, ("xi", "time", "thickness", "thickness_end", "field_pressure")
+    ),
+    "basins": Picture(thin_film.basins, ("map_delta", "map_tension", "map_outcome", "map_growth")),
     "travelling_field": Picture(
         coils.travelling_field,
         (
@@ -113,6 +119,10 @@ PICTURES: dict[str, Picture] = {
     "row_currents": Picture(
         coils.row_currents,
         ("phase", "square_target", "square_mean", "square_low", "square_high", "time", "current"),
+    ),
+    "coil_pressure": Picture(
+        hydrostatics.coil_pressure,
+        ("x", "surface", "pressure", "inside_z", "inside_pressure", "map_x", "induction_x"),
     ),
     "stress_strain": Picture(
         magnetics.stress_strain, ("strain", "stress_with_field", "stress_without_field")
