@@ -124,6 +124,10 @@ PICTURES: dict[str, Picture] = {
         hydrostatics.coil_pressure,
         ("x", "surface", "pressure", "inside_z", "inside_pressure", "map_x", "induction_x"),
     ),
+    "membrane": Picture(
+        hydrostatics.membrane,
+        ("front_thickness", "front_loss", "front_strain", "front_contact_pressure"),
+    ),
     "stress_strain": Picture(
         magnetics.stress_strain, ("strain", "stress_with_field", "stress_without_field")
     ),

@@ -225,7 +225,7 @@ class BranchTable(Table, frozen=True, kw_only=True):
     """
 
     delta: SharePair
-    points: Annotated[int, Meta(ge=32, le=256, description="a whole number from 32 to 256")] = 96
+    points: Annotated[int, Meta(ge=32, le=256, description="a whole number from 32 to 256")] = 64
 
 
 class FilmForwardScene(SceneTable, frozen=True, kw_only=True):
