@@ -89,7 +89,7 @@ def test_the_least_field_and_its_place_to_round_off(delta: float, tension: float
     peak = CosineWave(delta).peak(tension)
     with mp.workdps(30):
         D, slope = with_digits(delta, tension)
-        xi = mp.findroot(slope, mp.mpf(peak.xi))
+        xi: Any = mp.findroot(slope, mp.mpf(peak.xi))
         assert peak.xi == pytest.approx(float(xi), abs=2e-14)
         assert peak.value == pytest.approx(float(D(xi)), rel=4e-15)
     everywhere = CosineWave(delta).field_function(np.linspace(0, 2 * np.pi, 100_001), tension)
@@ -112,7 +112,8 @@ def test_the_pressure_is_the_integral_of_30(delta: float):
         return 3 / h**2 + 3 * wave.constant / h**3
 
     for xi in (0.7, 2.0, 2.9, 4.0):
-        expected = float(mp.quad(slope, [0, xi] if xi < 3 else [0, 3, 3.3, xi]))
+        found: Any = mp.quad(slope, [0, xi] if xi < 3 else [0, 3, 3.3, xi])
+        expected = float(found)
         assert wave.pressure(xi) == pytest.approx(expected, rel=1e-11, abs=1e-13)
 
 

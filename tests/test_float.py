@@ -88,7 +88,7 @@ def test_the_closed_drift_is_that_of_quadrature(delta: float):
         def slowness(xi: Any) -> Any:
             return 1 / (1 - mp.mpf(3) / 2 * (1 + C / (1 + delta_ * mp.cos(xi))))
 
-        turn = 2 * mp.quad(slowness, [0, 0.02, 0.1, 0.5, 2, mp.pi])
+        turn: Any = 2 * mp.quad(slowness, [0, 0.02, 0.1, 0.5, 2, mp.pi])
         expected = float(1 - 2 * mp.pi / turn)
     drift = float_drift(CosineWave(delta))
     assert drift.velocity == pytest.approx(expected, rel=1e-12)
@@ -167,7 +167,7 @@ def test_capture_of_long_floats_by_independent_quadrature(length: float):
         mean = 2 / mp.mpf(length) * mp.quad(lambda s: 1 / (1 + delta * mp.cos(s)), [0, length / 2])
         return 1 - 1.5 * (1 + C * mean)
 
-    expected = mp.findroot(lag, (0.55, 0.92), solver="anderson", tol=1e-25)
+    expected: Any = mp.findroot(lag, (0.55, 0.92), solver="anderson", tol=1e-25)
     assert capture_delta(length) == pytest.approx(float(expected), abs=1e-12)
 
 

@@ -38,6 +38,7 @@ def modules_after(code: str, folder: Path) -> set[str]:
         "from wormopt.cli import main; assert main(['check', 'fig05_lambda_trackers']) == 0",
         "from wormopt.cli import main; assert main(['check', 'own_model', 'random_links']) == 0",
         "from wormopt.cli import main; assert main(['check', 'fig12_stress_strain']) == 0",
+        "from wormopt.cli import main; assert main(['check', 'film_field', 'fig27_float']) == 0",
         "from wormopt.cli import main; assert main(['check', 'three_masses_harmonic']) == 0",
     ],
 )
@@ -74,8 +75,9 @@ def test_a_kinematic_scene_loads_no_nonlinear_programming(tmp_path: Path):
     assert "wormopt.gaits.search" not in loaded
 
 
-def test_a_material_loads_no_solver(tmp_path: Path):
-    loaded = loaded_by_a_run(["run", "fig12_stress_strain", "--json", "--no-plots"], tmp_path)
+@pytest.mark.parametrize("name", ["fig12_stress_strain", "fig15_film_flow"])
+def test_a_material_and_a_film_load_no_solver(tmp_path: Path, name: str):
+    loaded = loaded_by_a_run(["run", name, "--json", "--no-plots"], tmp_path)
     assert not loaded & {"casadi", "scipy.optimize", "scipy.integrate", "matplotlib"}
 
 

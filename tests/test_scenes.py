@@ -68,6 +68,14 @@ field = 1.5e5
 u0 = 0.071
 youngs_modulus_eff = 1.6e4
 """
+FLOAT = """
+schema = 1
+kind = "float"
+[film]
+delta = 0.5
+[floats]
+length = [0.0, 0.5]
+"""
 
 # Base scene, change (as for --set; a bare key is taken out), key path and part of the message.
 HOSTILE = [

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import ArrayLike
 
 from wormopt.plot.parts import GREY, LINKS, MASSES, RED, facts, label, legend, scalar, sheet
 from wormopt.result import Result
@@ -52,12 +54,7 @@ def film(result: Result) -> Figure:
     own.axhline(0, color="black", linewidth=0.8)
     own.legend(**_BELOW)
     if "field" in result:
-        beside = own.twinx()
-        beside.plot(xi, result["field"].values / 1e3, color=RED, linestyle=(0, (5, 2)))
-        beside.set_ylim(0, None)
-        beside.set_ylabel("least field $H$ (kA m$^{-1}$), dashed", color=RED)
-        beside.tick_params(axis="y", colors=RED)
-        beside.grid(visible=False)
+        _field_axis(own, result)
     for axes in (shape, fields, own):
         _phases(axes)
     shape.set_title(facts(result, "delta", "c_constant", "mean_flow"), loc="left")
@@ -93,10 +90,28 @@ def _fields(axes: Axes, result: Result) -> None:
     )  # fmt: skip
 
 
+def _field_axis(axes: Axes, result: Result) -> None:
+    """On the right, the field of which the square is drawn."""
+    most = float(result["field"].values.max()) / 1e3
+    unit = most / math.sqrt(float(result["field_squared"].values.max()))
+
+    def to_field(squared: ArrayLike) -> np.ndarray:
+        return unit * np.sign(squared) * np.sqrt(np.abs(squared))
+
+    def from_field(field: ArrayLike) -> np.ndarray:
+        return np.sign(field) * (np.asarray(field) / unit) ** 2
+
+    beside = axes.secondary_yaxis("right", functions=(to_field, from_field))
+    ticks = MaxNLocator(5).tick_values(0.0, most)
+    beside.set_yticks(ticks[(ticks == 0) | (ticks > most / 3)])  # the others lie close together
+    beside.set_ylabel("of this the field $H$ (kA m$^{-1}$)", color=LINKS[2])
+    beside.tick_params(axis="y", colors=LINKS[2])
+
+
 def _phases(axes: Axes) -> None:
     axes.set_xlim(0, 2 * math.pi)
     axes.set_xticks(np.linspace(0, 2 * math.pi, 5), _PHASES)
-    axes.set_xlabel(r"phase $\xi = t - x$")
+    axes.set_xlabel(r"phase $\xi = t - x$ (rad)")
 
 
 def ride(result: Result) -> Figure:
@@ -180,7 +195,7 @@ def _from_the_wave(axes: Axes, result: Result) -> None:
     axes.set_xlim(-math.pi, math.pi)
     axes.set_ylim(0, None)
     axes.set_xticks(np.linspace(-math.pi, math.pi, 5), ["−π", "−π/2", "0", "π/2", "π"])
-    axes.set_xlabel(r"place as seen from the wave, $x - t$; it travels to the right")
+    axes.set_xlabel("place as seen from the wave, which goes right, $x - t$ (rad)")
     axes.ticklabel_format(axis="y", scilimits=(-3, 3), useMathText=True)
     axes.set_ylabel(label("height $z$", result["tracer_height"].unit))
     axes.set_title("points of the fluid on their lines; drift over the speed of the wave",

@@ -7,7 +7,6 @@ expressions; `FourierWave` is a shape by its harmonics that picks a fine enough 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -132,7 +131,7 @@ class FourierWave:
 
     Parameters
     ----------
-    cosines, sines : sequence of float
+    cosines, sines : array_like, shape (n,)
         Harmonics, the first one first; the shorter is filled up with 0. h must be positive.
 
     Raises
@@ -152,7 +151,7 @@ class FourierWave:
     wormopt.errors.ArgumentError: the thickness falls to -0.2 at xi = 3.14...
     """
 
-    def __init__(self, cosines: Sequence[float] = (), sines: Sequence[float] = ()) -> None:
+    def __init__(self, cosines: ArrayLike = (), sines: ArrayLike = ()) -> None:
         given = [numbers(*pair).ravel() for pair in (("cosines", cosines), ("sines", sines))]
         count = max(each.size for each in given)
         a, b = (np.append(each, np.zeros(count - each.size)) for each in given)
