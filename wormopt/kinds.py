@@ -179,4 +179,10 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.coil_pressure",
         pictures=("coil_pressure",),
     ),
+    "membrane": Kind(
+        summary="the thickness of a membrane between strain and loss of fluid, and the front",
+        table="wormopt.scenes.membrane:MembraneScene",
+        study="wormopt.studies.membrane",
+        pictures=("membrane",),
+    ),
 }

@@ -46,6 +46,8 @@ UNITS = {
     "current": "A",
     "induction": "T",
     "force_per_length": "N m-1",
+    "mass_rate_per_length": "kg s-1 m-1",
+    "bending_stiffness": "N m2",
     "magnetic_field_squared": "A2 m-2",
     "ampere_turns": "A",
     "ampere_turn_rate": "A s-1",

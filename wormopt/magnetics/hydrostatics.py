@@ -11,29 +11,21 @@ Sources: chapter 3.5; R. E. Rosensweig, Ferrohydrodynamics, 1985, chapter 5.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
-from wormopt.errors import ArgumentError
 from wormopt.magnetics.langevin import langevin_ratio, log_sinh_ratio
 from wormopt.magnetics.material import MU0, check_number
-from wormopt.magnetics.winding import Coil
 
 __all__ = [
-    "Direction",
     "Fluid",
     "Langevin",
     "Linear",
     "Magnetisation",
-    "Placed",
-    "Side",
     "balance",
     "flat_layer_pull",
     "pressure",
     "pull",
 ]
-
-Direction = Literal["vertical", "along"]
-Side = Literal["below", "above"]
 
 
 class Magnetisation(Protocol):
@@ -317,99 +309,3 @@ def balance(fluid: Fluid, field: tuple[Any, Any], z: Any, slope: Any, bend: Any,
     curvature = -bend / (1 + slope * slope) ** 1.5
     stress = pull(fluid, field, slope) - fluid.surface_tension * curvature
     return level - z + stress / fluid.weight
-
-
-@dataclass(frozen=True)
-class Placed:
-    """A coil under or over a layer whose bottom is at z = 0, its middle at x = 0.
-
-    Parameters
-    ----------
-    coil : Coil
-        The coil.
-    axis : {"vertical", "along"}
-        Direction of its axis: along z or along x.
-    side : {"below", "above"}
-        Where it is.
-    distance : float
-        From the bottom of the layer to the nearest point of the coil, in m, above 0.
-
-    Raises
-    ------
-    ArgumentError
-        If the distance is not above 0, or there is no such side or axis.
-
-    Examples
-    --------
-    >>> coil = Placed(Coil(5e-3, 15e-3, 20e-3), "vertical", "below", 2e-3)
-    >>> Hx, Hz = coil.field(0.0, 0.0)
-    >>> float(Hx), bool(Hz > 0), coil.middle
-    (0.0, True, -0.012)
-    """
-
-    coil: Coil
-    axis: Direction
-    side: Side
-    distance: float
-
-    def __post_init__(self) -> None:
-        check_number("distance", self.distance)
-        if self.side not in ("below", "above"):
-            raise ArgumentError(f'no side "{self.side}"; there are below, above')
-        if self.axis not in ("vertical", "along"):
-            raise ArgumentError(f'no axis "{self.axis}"; there are vertical, along')
-
-    @property
-    def middle(self) -> float:
-        """Height of the middle of the coil, in m."""
-        size = self.coil.length / 2 if self.axis == "vertical" else self.coil.outer
-        return (self.distance + size) * (1 if self.side == "above" else -1)
-
-    @property
-    def section(self) -> tuple[tuple[float, float, float, float], ...]:
-        """Both halves of the winding in the plane: left end, lower end, width, height, in m."""
-        deep, long = self.coil.outer - self.coil.inner, self.coil.length
-        return tuple(
-            (away, self.middle - long / 2, deep, long)
-            if self.axis == "vertical"
-            else (-long / 2, self.middle + away, long, deep)
-            for away in (-self.coil.outer, self.coil.inner)
-        )
-
-    def clearance(self, x: Any, z: Any) -> Any:
-        """Distance of points from the winding.
-
-        Parameters
-        ----------
-        x, z : array_like
-            In m.
-        """
-        away, s = self._seen(x, z)
-        return self.coil.clearance(away * away, s)
-
-    def field(self, x: Any, z: Any, nodes: int | None = None) -> tuple[Any, Any]:
-        """Field per ampere-turn in the plane y = 0.
-
-        Parameters
-        ----------
-        x, z : float, ndarray or casadi.SX
-            Place, in m; numbers with ``nodes`` left out.
-        nodes : int, optional
-            Of the quadrature over the winding, for expressions; see `Coil.nodes`.
-
-        Returns
-        -------
-        Hx, Hz : float, ndarray or casadi.SX
-            In 1/m.
-        """
-        away, s = self._seen(x, z)
-        if nodes is None:
-            axial, radial = self.coil.field(away * away, s)
-        else:
-            axial, radial = self.coil.expression(away * away, s, nodes)
-        return (radial * away, axial) if self.axis == "vertical" else (axial, radial * away)
-
-    def _seen(self, x: Any, z: Any) -> tuple[Any, Any]:
-        """Distances from the axis and along it."""
-        up = z - self.middle
-        return (x, up) if self.axis == "vertical" else (up, x)

@@ -11,7 +11,7 @@ from matplotlib.patches import Rectangle
 from wormopt.plot.parts import GREY, LINKS, RED, facts, label, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["coil_pressure"]
+__all__ = ["coil_pressure", "membrane"]
 
 
 def coil_pressure(result: Result) -> Figure:
@@ -90,3 +90,49 @@ def _surface(drawn: Figure, axes: Axes, result: Result) -> None:
     axes.set_ylim(0, 1.1e3 * result["surface"].values.max())
     axes.set_ylabel("height $z$ (mm)")
     axes.set_title(facts(result, "surface_rise_max", "surface_drop_max", "slope_max"), loc="left")
+
+
+def membrane(result: Result) -> Figure:
+    """Strain against loss of fluid over all thicknesses, and both over the thickness.
+
+    Parameters
+    ----------
+    result : Result
+        Of kind ``membrane``.
+
+    Returns
+    -------
+    Figure
+        Front on the left, dashed beyond a limit; the pressure left for the ground on the right.
+    """
+    drawn = sheet(10.5, 4.8)
+    left, right = drawn.subplots(1, 2)
+    loss, strain = (100 * result[f"front_{name}"].values for name in ("loss", "strain"))
+    thickness = 1e3 * result["front_thickness"].values
+    within = result["front_within"].values == 1
+    best = 1e3 * scalar(result, "thickness_best")
+    for axes, x, y in (
+        (left, loss, strain),
+        (right, thickness, result["front_contact_pressure"].values),
+    ):
+        axes.plot(x, y, color=GREY, linewidth=1.5, linestyle=(0, (4, 2)), label="beyond a limit")
+        axes.plot(x, np.where(within, y, np.nan), color=LINKS[0], linewidth=2.5, label="allowed")
+    left.plot(
+        100 * scalar(result, "loss_share"), 100 * scalar(result, "strain"), "o", color=RED,
+        markersize=8, zorder=3, label=f"best: {best:.3g} mm",
+    )  # fmt: skip
+    right.plot(best, scalar(result, "contact_pressure"), "o", color=RED, markersize=8, zorder=3)
+    left.axvline(100 * scalar(result, "loss_max"), color=RED, linewidth=0.8)
+    left.axhline(100 * scalar(result, "strain_max"), color=RED, linewidth=0.8)
+    left.set_xscale("log")
+    left.set_yscale("log")
+    left.set_xlabel("fluid lost within the lifetime (%)")
+    left.set_ylabel("strain by the pressure (%)")
+    left.set_title(f"limited by {scalar(result, 'limited_by')}", loc="left")
+    left.legend(loc="upper left")
+    right.set_xscale("log")
+    right.set_xlabel("thickness $h_m$ (mm)")
+    right.set_ylabel(label("pressure left for the ground", "Pa"))
+    right.axhline(0, color="black", linewidth=0.8)
+    right.set_title(facts(result, "stress", "bending_stiffness"), loc="left")
+    return drawn

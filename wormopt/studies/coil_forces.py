@@ -12,8 +12,9 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import root_scalar
 
-from wormopt.magnetics.hydrostatics import Fluid, Placed, flat_layer_pull, pressure, pull
+from wormopt.magnetics.hydrostatics import Fluid, flat_layer_pull, pressure, pull
 from wormopt.magnetics.material import MU0
+from wormopt.magnetics.placed import Placed
 from wormopt.scenes.coil_pressure import CoilPressureScene
 from wormopt.statics.settle import Settled
 

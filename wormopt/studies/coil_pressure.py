@@ -11,7 +11,8 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError, SolveError, interruptible
-from wormopt.magnetics.hydrostatics import Fluid, Langevin, Linear, Placed, balance
+from wormopt.magnetics.hydrostatics import Fluid, Langevin, Linear, balance
+from wormopt.magnetics.placed import Placed
 from wormopt.magnetics.winding import Coil
 from wormopt.progress import Report
 from wormopt.result import Result
