@@ -36,8 +36,11 @@ if TYPE_CHECKING:
     from wormopt.linear.bode import bode
     from wormopt.linear.lie import relative_degree
     from wormopt.linear.linearise import Linear, linearise
+    from wormopt.magnetics.coils import CoilRow
     from wormopt.magnetics.identify import Identification, identify_material
     from wormopt.magnetics.material import MagnetoElastic
+    from wormopt.magnetics.travelling import MovingProfile, moving_profile, switched_course
+    from wormopt.magnetics.winding import Coil
     from wormopt.optimal.collocation import Collocation
     from wormopt.optimal.contact import Complementary, Prescribed, Smoothed
     from wormopt.optimal.mesh import Mesh
@@ -73,6 +76,8 @@ _HOMES = {
     "ArgumentError": "wormopt.errors",
     "Bound": "wormopt.optimal.problem",
     "Branch": "wormopt.averaging.continuation",
+    "Coil": "wormopt.magnetics.winding",
+    "CoilRow": "wormopt.magnetics.coils",
     "Collocation": "wormopt.optimal.collocation",
     "Complementary": "wormopt.optimal.contact",
     "Contact": "wormopt.core.model",
@@ -98,6 +103,7 @@ _HOMES = {
     "ModeSequence": "wormopt.core.modes",
     "Model": "wormopt.core.model",
     "Motion": "wormopt.optimal.motion",
+    "MovingProfile": "wormopt.magnetics.travelling",
     "Optimum": "wormopt.optimal.optimise",
     "Output": "wormopt.core.model",
     "Plugin": "wormopt.optimal.nlp",
@@ -144,6 +150,7 @@ _HOMES = {
     "load_scene": "wormopt.scenes",
     "lqr": "wormopt.tracking.lqr",
     "magnetic_pair": "wormopt.worms.magnetic_pair",
+    "moving_profile": "wormopt.magnetics.travelling",
     "optimise": "wormopt.optimal.optimise",
     "polish": "wormopt.optimal.polish",
     "refine": "wormopt.optimal.optimise",
@@ -154,6 +161,7 @@ _HOMES = {
     "slow_pair": "wormopt.worms.slow_pair",
     "steady_pair": "wormopt.worms.averaged_pair",
     "steady_states": "wormopt.averaging.steady",
+    "switched_course": "wormopt.magnetics.travelling",
     "travelling_sine": "wormopt.gaits.construct",
 }
 
@@ -161,6 +169,8 @@ __all__ = [
     "ArgumentError",
     "Bound",
     "Branch",
+    "Coil",
+    "CoilRow",
     "Collocation",
     "Complementary",
     "Contact",
@@ -186,6 +196,7 @@ __all__ = [
     "ModeSequence",
     "Model",
     "Motion",
+    "MovingProfile",
     "Optimum",
     "Output",
     "Plugin",
@@ -233,6 +244,7 @@ __all__ = [
     "load_scene",
     "lqr",
     "magnetic_pair",
+    "moving_profile",
     "optimise",
     "polish",
     "refine",
@@ -243,6 +255,7 @@ __all__ = [
     "slow_pair",
     "steady_pair",
     "steady_states",
+    "switched_course",
     "travelling_sine",
 ]
 

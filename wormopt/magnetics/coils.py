@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 __all__ = ["Axis", "Coil", "CoilRow"]
 
 Axis = Literal["across", "along", "vertical"]
+# In the order of the components x, y, z.
+_AXES = ("along", "across", "vertical")
 
 
 @dataclass(frozen=True)
@@ -221,8 +223,14 @@ class CoilRow:
         if not least > 0:
             raise ArgumentError("a coil lies inside the fluid: a point is in a winding")
         values = self.check_currents(currents)
-        slope = _slope(self, self.coil.nodes(float(least)))
-        return np.asarray(slope.map(points.shape[1])(points, values))
+        one = _slopes(self.coil, self.axis, self.coil.nodes(float(least)))
+        H, J = np.zeros((3, points.shape[1])), np.zeros((3, 3, points.shape[1]))
+        for k, middle in self._middles():
+            strength, slopes = one.map(points.shape[1])(points - middle[:, None])
+            H += values[k] * np.asarray(strength)
+            # CasADi sets the Jacobians of the points side by side
+            J += values[k] * np.asarray(slopes).reshape(3, -1, 3).transpose(0, 2, 1)
+        return 2 * np.einsum("cm,cdm->dm", H, J)
 
     def expression(self, place: ca.SX, currents: Any, nodes: int) -> ca.SX:
         """Field at a point as a CasADi expression of the point and the currents.
@@ -252,26 +260,41 @@ class CoilRow:
                 found[component] = found[component] + currents[k] * part
         return ca.vertcat(*found)
 
+    def _middles(self) -> Iterator[tuple[int, np.ndarray]]:
+        """Number and middle of each coil; coils that face each other have the same number."""
+        direction = _AXES.index(self.axis)
+        offset = 0.0 if self.gap is None else (self.gap + self.coil.length) / 2
+        for k in range(self.count):
+            for side in (0.0,) if self.gap is None else (-offset, offset):
+                middle = np.array([k * self.pitch, 0.0, 0.0])
+                middle[direction] += side
+                yield k, middle
+
     def _seen(self, x: Any, y: Any, z: Any) -> Iterator[tuple[int, Any, Any, list[Any]]]:
         """Points as each coil sees them: square and axial distance, components away from its axis.
 
         The component along the axis is None.
         """
-        direction = ("along", "across", "vertical").index(self.axis)
-        offset = 0.0 if self.gap is None else (self.gap + self.coil.length) / 2
-        for k in range(self.count):
-            for side in (0.0,) if self.gap is None else (-offset, offset):
-                away: list[Any] = [x - k * self.pitch, y, z]
-                s, away[direction] = away[direction] - side, None
-                one, other = (part for part in away if part is not None)
-                yield k, one * one + other * other, s, away
+        for k, middle in self._middles():
+            yield k, *_frame(self.axis, x - middle[0], y - middle[1], z - middle[2])
 
 
-@lru_cache(maxsize=8)
-def _slope(row: CoilRow, nodes: int) -> ca.Function:
-    """CasADi function (point, currents) -> gradient of H²."""
+def _frame(axis: Axis, x: Any, y: Any, z: Any) -> tuple[Any, Any, list[Any]]:
+    """Square of the distance from an axis, place along it, components away from it."""
+    away: list[Any] = [x, y, z]
+    direction = _AXES.index(axis)
+    s, away[direction] = away[direction], None
+    one, other = (part for part in away if part is not None)
+    return one * one + other * other, s, away
+
+
+@lru_cache(maxsize=16)
+def _slopes(coil: Coil, axis: Axis, nodes: int) -> ca.Function:
+    """CasADi function of a point, seen from a coil: field per ampere-turn, and its Jacobian."""
     import casadi as ca  # only who differentiates needs it
 
-    place, currents = ca.SX.sym("place", 3), ca.SX.sym("currents", row.count)
-    H = row.expression(place, currents, nodes)
-    return ca.Function("slope", [place, currents], [ca.gradient(ca.sumsqr(H), place)])
+    place = ca.SX.sym("place", 3)
+    q, s, away = _frame(axis, place[0], place[1], place[2])
+    axial, radial = coil.expression(q, s, nodes)
+    H = ca.vertcat(*(axial if part is None else radial * part for part in away))
+    return ca.Function("slopes", [place], [H, ca.densify(ca.jacobian(H, place))])

@@ -133,7 +133,8 @@ class Coil:
         """
         middle, half = (self.inner + self.outer) / 2, self.length / 2
         # off the winding all sheets are inside or outside of the point alike
-        axial, radial = (s * s < half * half) * (q < middle * middle), 0.0
+        # as comparisons that agree with those of the sheet for every rounding
+        axial, radial = (s + half >= 0) * (s - half < 0) * (q < middle * middle), 0.0
         for node, weight in zip(*_gauss(nodes), strict=True):
             radius = middle + node * (self.outer - self.inner) / 2
             one, other = sheet_field(radius, half, q, s)

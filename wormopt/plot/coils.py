@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from wormopt.plot.parts import GREY, LINKS, facts, label, legend, scalar, sheet
+from wormopt.plot.parts import GREY, LINKS, facts, label, scalar, sheet
 from wormopt.result import Result
 
 __all__ = ["row_currents", "travelling_field"]
@@ -46,10 +46,10 @@ def travelling_field(result: Result) -> Figure:
         still.plot(x, field[step], color=colour, linewidth=1.6, label=f"$t$ = {t[step]:.3g} s")
     for place in 1e3 * result["coil_place"].values:
         still.axvline(place, ymax=0.03, color=GREY, linewidth=1)
-    still.set_ylim(bottom=0)
+    still.set_ylim(0, 1.3 * max(float(field.max()), 1e-12))
     still.set_xlabel("place $x$ (mm), coils marked")
     still.set_ylabel(label("field $H$", result["field"].unit))
-    legend(still, [*still.get_lines()[: len(steps)]])
+    still.legend(loc="upper left", ncols=len(steps))
     frame = drawn.add_subplot(rows[2])
     _profile(frame, result, first=-np.pi)
     frame.set_title(facts(result, "ripple", "first_harmonic_share"), loc="left")

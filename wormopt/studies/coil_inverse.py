@@ -34,7 +34,7 @@ __all__ = ["CurrentsFound", "find_currents", "run"]
 
 # The grid of the check is so many times finer, in places and in phases.
 _FINER = 4
-_POINTS, _SAMPLES = 5, 201
+_POINTS, _SAMPLES = 3, 201
 # Starts whose residuals differ by more have ended in different optima.
 _SPREAD = 1e-3
 _VIOLATION = 1e-7
@@ -133,7 +133,6 @@ def run(scene: Scene[CoilInverseScene], report: Report) -> Result:
         },
         timings_s={"optimise": done - begin, "recheck": time.perf_counter() - done},
         scene_text=scene.text,
-        attributes={"gait": "currents"},
     )  # fmt: skip
 
 

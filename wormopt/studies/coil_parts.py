@@ -49,6 +49,9 @@ def row_of(table: CoilsTable) -> CoilRow:
 def interior(row: CoilRow, line: LineTable, per_pitch: int) -> np.ndarray:
     """Places along the row far enough from its ends, evenly over whole pitches.
 
+    One more than so many per pitch, so that no two stand alike towards their nearest coil and all
+    together are even over a pitch too.
+
     Parameters
     ----------
     row : CoilRow
@@ -56,7 +59,7 @@ def interior(row: CoilRow, line: LineTable, per_pitch: int) -> np.ndarray:
     line : LineTable
         How many coils to leave out.
     per_pitch : int
-        Places per pitch; none is met twice in the pattern of the row.
+        Places per pitch.
 
     Returns
     -------
@@ -64,7 +67,8 @@ def interior(row: CoilRow, line: LineTable, per_pitch: int) -> np.ndarray:
         Along x, in m.
     """
     pitches = row.count - 1 - 2 * line.margin
-    return row.pitch * (line.margin + (np.arange(pitches * per_pitch) + 0.5) / per_pitch)
+    count = pitches * per_pitch + 1
+    return row.pitch * (line.margin + pitches * (np.arange(count) + 0.5) / count)
 
 
 def field_by_quadrature(row: CoilRow, x: np.ndarray, z: float, currents: np.ndarray) -> np.ndarray:

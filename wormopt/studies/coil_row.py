@@ -33,7 +33,7 @@ __all__ = ["run"]
 
 _PER_PITCH, _PHASES_PER_STEP, _MOST_PHASES = 16, 16, 1024
 _WAVELENGTH_POINTS = 256
-_CHECKED = 5
+_CHECKED = 3
 
 
 def run(scene: Scene[CoilRowScene], report: Report) -> Result:

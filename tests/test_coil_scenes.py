@@ -1,0 +1,296 @@
+"""Scenes of the kinds "coil-row" and "coil-inverse": results, trust, refusals, pictures."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.errors import SceneError, SolveError
+from wormopt.gaits import row_currents
+from wormopt.magnetics.coils import Coil, CoilRow
+from wormopt.magnetics.material import MU0
+from wormopt.optimal.nlp import Ipopt
+from wormopt.plot import figure
+from wormopt.result import Result
+from wormopt.scenes import load_scene
+from wormopt.studies import coil_inverse, coil_parts, coil_row
+
+ROW, INVERSE = "fig24_travelling_wave", "coil_row_inverse"
+SMALL = ("coils.count=12", "line.margin=2", "search.nodes=16", "search.places=2")
+QUICK = (*SMALL, "coils.count=8", "line.margin=1", "search.starts=1")
+EVEN = "coils.gap=15e-3"
+
+
+def solved(name: str, *changes: str) -> Result:
+    return wo.run(load_scene(name, list(changes)))
+
+
+def value(result: Result, name: str) -> Any:
+    return result.scalars[name].value
+
+
+@pytest.fixture(scope="module")
+def row() -> Result:
+    return solved(ROW)
+
+
+@pytest.fixture(scope="module")
+def inverse() -> Result:
+    return solved(INVERSE, *SMALL, EVEN, "search.starts=3", "coils.ampere_turns=8000")
+
+
+# -- the field of a switched row -------------------------------------------------------------------
+
+
+def test_the_travelling_field(row: Result):
+    assert row.status == "ok"
+    assert value(row, "wave_speed") == pytest.approx(10e-3 * 50)
+    assert value(row, "wavelength") == pytest.approx(0.2)
+    assert value(row, "frequency") == pytest.approx(2.5)
+    assert row.trust["recheck"]["error"] < 1e-12
+    # three coils in the middle of the row, on the axis of the middle one, by quadrature
+    coils = CoilRow(Coil(2e-3, 4.5e-3, 20e-3), 20, 10e-3, gap=11e-3)
+    currents = np.zeros((20, 1))
+    currents[9:12] = 3000.0
+    second = coil_parts.field_by_quadrature(coils, np.array([0.1]), 0.0, currents)
+    assert value(row, "field_max") == pytest.approx(float(np.linalg.norm(second)), rel=2e-3)
+    assert row["field"].values.max() == value(row, "field_max")
+    assert row["current"].values.sum(axis=0).tolist() == [9000.0] * 20
+
+
+def test_the_field_moves_by_a_pitch_a_step(row: Result):
+    x, field = row["place"].values, row["field"].values
+    steps = np.round(10e-3 / (x[1] - x[0])).astype(int)
+    inside = (x > 30e-3) & (x < 150e-3)
+    for step in range(4, 12):
+        moved = np.roll(field[step], steps)
+        near = inside & (np.abs(x - 10e-3 * (step + 2)) < 30e-3)
+        # the ends of the row are far, and the rest of it is the same
+        assert field[step + 1][near] == pytest.approx(moved[near], rel=1e-9)
+
+
+def test_shares_of_harmonics_are_those_of_the_field_shown(row: Result):
+    x, field = row["place"].values, row["field"].values
+    shares = np.array(value(row, "harmonic_shares"))
+    # coils 8 to 10 on, coil 9 in the middle: one wavelength about it, by the trapezoidal rule
+    points = 0.09 + 0.2 * (np.arange(4096) / 4096 - 0.5)
+    profile = np.interp(points, x, field[8])
+    power = np.abs(np.fft.rfft(profile - profile.mean())[1:]) ** 2
+    assert shares == pytest.approx(power[:8] / power.sum(), abs=2e-3)
+    assert value(row, "first_harmonic_share") == shares[0]
+
+
+def test_a_wider_gap_evens_the_field_out(row: Result):
+    even = solved(ROW, "coils.gap=20e-3", "coils.count=12")
+    assert value(even, "field_max") < 0.5 * value(row, "field_max")
+    assert value(even, "ripple") < value(row, "ripple")
+
+
+def test_a_row_without_current_and_one_all_on_have_no_wave():
+    none = solved(ROW, "switching.ampere_turns=0", "coils.count=8", "line.margin=1")
+    assert (value(none, "field_max"), value(none, "ripple")) == (0.0, None)
+    assert any("no wave" in text for text in none.trust["warnings"])
+
+
+def test_a_field_that_is_not_confirmed_fails(monkeypatch: pytest.MonkeyPatch):
+    real = coil_parts.field_by_quadrature
+    monkeypatch.setattr(coil_parts, "field_by_quadrature", lambda *a: 1.001 * real(*a))
+    result = solved(ROW, "coils.count=8", "line.margin=1")
+    assert result.status == "failed"
+    assert "by quadrature differs" in result.reason
+
+
+# -- currents for a wave ---------------------------------------------------------------------------
+
+
+def test_the_field_that_a_wave_needs(inverse: Result):
+    assert inverse.status == "ok"
+    xi = inverse["phase"].values
+    # (31) by hand, the pressure mu0 (mu_r - 1) H^2 / 2 in units of P = eta omega / eps^2
+    delta, eps = 0.15, 0.2e-3 * 2 * math.pi / 0.1
+    P = 0.01 * 0.4 / eps**2
+    W = 0.03 * 0.2e-3 * (2 * math.pi / 0.1) ** 2 / P
+    s, c = np.sin(xi), np.cos(xi)
+    D = -W * delta * c + 3 * delta * s * (2 + delta * c) / ((2 + delta**2) * (1 + delta * c) ** 2)
+    reference = value(inverse, "H0") ** 2 - 2 * P / (MU0 * 0.09) * D
+    assert inverse["square_target"].values == pytest.approx(reference, rel=1e-9, abs=1.0)
+    assert value(inverse, "H0") >= value(inverse, "H0_least") * (1 - 1e-9)
+    assert value(inverse, "mean_flow") == pytest.approx(3 * delta**2 / (2 + delta**2))
+
+
+def test_the_row_comes_near_to_it(inverse: Result):
+    assert value(inverse, "field_residual") < 0.12
+    assert value(inverse, "field_residual_mean") < value(inverse, "field_residual")
+    assert value(inverse, "field_residual") == pytest.approx(
+        value(inverse, "field_residual_program"), rel=0.1
+    )
+    mean, wanted = inverse["square_mean"].values, inverse["square_target"].values
+    off = np.sqrt(np.mean((mean - wanted) ** 2)) / np.std(wanted)
+    assert value(inverse, "field_residual_mean") == pytest.approx(off)
+    unit = 2 * value(inverse, "pressure_unit") / (MU0 * 0.09)
+    assert inverse["pressure_mean"].values == pytest.approx(mean / unit, rel=1e-9)
+
+
+def test_the_trust_report_of_currents(inverse: Result):
+    trust = inverse.trust
+    assert trust["violation"] < 1e-9
+    assert trust["bound_violation"] == 0
+    assert trust["recheck"]["error"] < 1e-11
+    found = [start["residual"] for start in trust["starts"]]
+    assert min(found) == pytest.approx(value(inverse, "field_residual_program"), rel=1e-5)
+    assert len(found) == 3
+
+
+def test_currents_are_read_back_as_a_gait(inverse: Result, tmp_path: Path):
+    inverse.save(tmp_path)
+    course = wo.load_gait(tmp_path)
+    t = inverse["time"].values[:-1]
+    assert course(t) == pytest.approx(inverse["current"].values[:, :-1], abs=1e-6)
+    assert course.period == pytest.approx(value(inverse, "period"))
+
+
+def test_too_little_current_is_told():
+    weak = solved(INVERSE, *QUICK, "coils.ampere_turns=1000")
+    assert value(weak, "currents_max") == pytest.approx(1000, rel=1e-6)
+    assert value(weak, "currents_share") <= 1
+    assert any("at the 1000 ampere-turns" in text for text in weak.trust["warnings"])
+    assert weak.status == "ok"
+    assert value(weak, "field_residual") > 0.5
+
+
+def test_limits_of_the_currents_hold():
+    slow = solved(INVERSE, *QUICK, "limits.slew=600", 'limits.polarity="one"')
+    assert value(slow, "slew_max") == pytest.approx(600, rel=1e-6)
+    assert slow["current"].values.min() >= 0
+    turned = solved(INVERSE, *QUICK, EVEN, 'limits.polarity="alternating"')
+    assert turned["time"].values[-1] == pytest.approx(2 * value(turned, "period"))
+
+
+def test_a_field_given_is_kept_or_refused():
+    given = solved(INVERSE, *QUICK, "wave.field=16000")
+    assert value(given, "H0") == pytest.approx(16000)
+    with pytest.raises(SceneError, match=r"wave\.field: H0 = 10000 A/m is below the least, 14301"):
+        solved(INVERSE, *QUICK, "wave.field=1e4")
+
+
+def test_currents_not_found_are_a_failure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.setattr(row_currents, "Ipopt", lambda: Ipopt(iterations=1))
+    with pytest.raises(SolveError, match="none of 1 starts") as caught:
+        solved(INVERSE, *QUICK)
+    assert caught.value.partial.status == "failed"
+    arguments = ["run", INVERSE, "-o", str(tmp_path / "out"), "--quiet", "--no-plots"]
+    assert main([*arguments, *(part for change in QUICK for part in ("--set", change))]) == 3
+
+
+def test_a_field_of_currents_that_is_not_confirmed_fails(monkeypatch: pytest.MonkeyPatch):
+    real = coil_parts.field_by_quadrature
+    monkeypatch.setattr(coil_inverse, "field_by_quadrature", lambda *a: 1.001 * real(*a))
+    result = solved(INVERSE, *QUICK)
+    assert result.status == "failed"
+    assert "by quadrature differs" in result.reason
+
+
+# -- what is refused -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "key", "message"),
+    [
+        (ROW, "coils.inner=0", "coils.inner", "above 0"),
+        (ROW, "coils.outer=-1e-3", "coils.outer", "above 0"),
+        (ROW, "coils.inner=5e-3", "coils.inner", "not below coils.outer"),
+        (ROW, "coils.pitch=8e-3", "coils.pitch", "overlap; write at least 0.009"),
+        (ROW, "coils={axis='along', pitch=10e-3}", "coils.pitch", "coils.length"),
+        (ROW, "coils={axis='along', length=8e-3, gap=1e-3}", "coils.gap", "leave it out"),
+        (ROW, "coils={axis='across'}", "line.height", "a coil inside the fluid"),
+        (ROW, "coils.axis='vertical'", "line.height", None),
+        (ROW, "coils={axis='along', length=8e-3, inner=1e-3}", "line.height", None),
+        (ROW, "line.margin=10", "line.margin", "write at most 9"),
+        (ROW, "switching.rate=0", "switching.rate", "above 0"),
+        (ROW, "switching.on=21", "switching.on", "do not fit"),
+        (ROW, "switching.every=21", "switching.every", "more than the 20 coils"),
+        (ROW, "switching.ampere_turns=3001", "switching.ampere_turns", "at most"),
+        (ROW, 'units="dimensionless"', "units", 'units = "SI"'),
+        (ROW, 'want=["row_currents"]', "want[0]", "travelling_field"),
+        (INVERSE, "coils.pitch=8e-3", "coils.pitch", "overlap"),
+        (INVERSE, "wave.delta=1.0", "wave.delta", "below 1"),
+        (INVERSE, "wave.wavelength=15e-3", "wave.wavelength", "at least 0.02"),
+        (INVERSE, "film.mu_r=1.0", "film.mu_r", "above 1"),
+        (INVERSE, "limits.slew=0", "limits.slew", "above 0"),
+        (INVERSE, "search.nodes=4", "search.nodes", "8 to 200"),
+    ],
+)
+def test_what_cannot_be_is_refused(name: str, change: str, key: str, message: str | None):
+    change = change.replace("'", '"') if "want" not in change else change
+    if message is None:  # these are fine: the line goes through the bore, or between the coils
+        assert load_scene(name, [change]).table.kind == "coil-row"
+        return
+    with pytest.raises(SceneError) as caught:
+        load_scene(name, [change])
+    faults = dict(caught.value.faults)
+    assert key in faults
+    assert message in faults[key]
+
+
+@pytest.mark.parametrize(
+    ("coils", "height", "fine"),
+    [
+        ("axis='along', length=8e-3", 1e-3, True),
+        ("axis='along', length=8e-3", -3e-3, False),
+        ("axis='along', length=8e-3", 5e-3, True),
+        ("axis='across'", 4.5e-3, False),
+        ("axis='across'", -4.6e-3, True),
+        ("axis='across', gap=1e-3", 0.0, True),
+        ("axis='vertical'", 10e-3, False),
+        ("axis='vertical'", 10.1e-3, True),
+        ("axis='vertical', gap=8e-3", 3.9e-3, True),
+        ("axis='vertical', gap=8e-3", 4.1e-3, False),
+        ("axis='vertical', gap=8e-3", 24.1e-3, True),
+    ],
+)
+def test_coils_inside_the_fluid_are_those_that_the_line_meets(
+    coils: str, height: float, fine: bool
+):
+    text = "coils={" + coils.replace("'", '"') + "}"
+    changes = [text, f"line.height={height}"]
+    if fine:
+        made = coil_parts.row_of(load_scene(ROW, changes).table.coils)
+        assert made.clearance(np.linspace(-10e-3, 200e-3, 5001), height).min() > 0
+        return
+    with pytest.raises(SceneError, match="a coil inside the fluid"):
+        load_scene(ROW, changes)
+
+
+# -- output ----------------------------------------------------------------------------------------
+
+
+def test_the_command_line_and_its_pictures(row: Result, inverse: Result, tmp_path: Path):
+    out = tmp_path / "out"
+    changes = ["--set", "coils.count=8", "--set", "line.margin=1"]
+    assert main(["run", ROW, "-o", str(out), "--quiet", *changes]) == 0
+    assert {p.name for p in out.iterdir()} == {"result.nc", "summary.json", "travelling_field.png"}
+    assert json.loads((out / "summary.json").read_text())["status"] == "ok"
+    spread, still, frame = (
+        figure(row, "travelling_field").axes[0],
+        *figure(row, "travelling_field").axes[2:],
+    )
+    assert spread.get_ylabel() == "time $t$ (s)"
+    assert still.get_xlabel().startswith("place $x$ (mm)")
+    assert frame.get_xlabel().endswith("rad)")
+    above, below = figure(inverse, "row_currents").axes
+    assert "wanted" in str([text.get_text() for text in above.get_legend().get_texts()])  # pyright: ignore
+    assert "ampere-turns (A)" in below.get_ylabel()
+
+
+def test_every_scalar_and_key_is_documented(row: Result, inverse: Result):
+    text = (Path(__file__).parents[1] / "docs" / "scenes.md").read_text(encoding="utf-8")
+    for result in (row, inverse):
+        names = [*result.scalars, *(variable.name for variable in result.variables)]
+        missing = [name for name in names if f"`{name}`" not in text]
+        assert not missing
+    assert coil_row.run.__doc__
