@@ -1,6 +1,7 @@
 """Film of magnetic fluid: closed forms, quadrature for any shape, and what Navier-Stokes says."""
 
 import math
+import re
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -324,6 +325,19 @@ def test_square_wave_by_hand():
     assert sp.simplify(1 - mean[0] / mean[1] - square_wave_flow(delta)) == 0
 
 
+def test_no_wave_carries_more_is_proven():
+    """f = h^-2 - q h^-3 is concave, then convex, and not below its chord at the right end."""
+    delta, h = sp.symbols("delta h", positive=True)
+    q = 1 - square_wave_flow(delta)
+    f = h**-2 - q * h**-3
+    assert sp.simplify(sp.diff(f, h, 2) - 6 * (h - 2 * q) / h**5) == 0
+    left, right = f.subs(h, 1 - delta), f.subs(h, 1 + delta)
+    assert sp.simplify(left + right) == 0  # the chord is 0 at the mean of h
+    gap = (right - left) / (2 * delta) - sp.diff(f, h).subs(h, 1 + delta)
+    rest = sp.factor(gap * delta * (1 + delta) ** 3 * (1 + 3 * delta**2))
+    assert sp.expand(rest - delta**2 * (6 + 6 * delta + 4 * delta**2)) == 0
+
+
 def test_a_wave_with_several_hills_has_the_highest_one():
     wave = FourierWave([0.1, 0.05, 0.3], [0.2, 0.0, 0.02])
     xi = np.linspace(0, 2 * np.pi, 20_001)
@@ -440,6 +454,13 @@ def test_fluids_that_cannot_be(change: dict[str, Any]):
 def test_a_negative_pressure_has_no_field():
     with pytest.raises(ArgumentError, match="D_max"):
         Fluid(**OIL).field(-1.0)
+
+
+def test_the_page_runs(capsys: pytest.CaptureFixture[str]):
+    page = (Path(__file__).parents[1] / "docs" / "theory-film.md").read_text(encoding="utf-8")
+    for number, program in enumerate(re.findall(r"```python\n(.*?)```", page, re.DOTALL)):
+        exec(compile(program, f"theory-film.md, {number}", "exec"), {"__name__": "page"})
+    assert "0.333333333" in capsys.readouterr().out
 
 
 # -- scenes ----------------------------------------------------------------------------------------

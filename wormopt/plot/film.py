@@ -102,7 +102,7 @@ def _field_axis(axes: Axes, result: Result) -> None:
         return np.sign(field) * (np.asarray(field) / unit) ** 2
 
     beside = axes.secondary_yaxis("right", functions=(to_field, from_field))
-    ticks = MaxNLocator(5).tick_values(0.0, most)
+    ticks = np.asarray(MaxNLocator(5).tick_values(0.0, most))
     beside.set_yticks(ticks[(ticks == 0) | (ticks > most / 3)])  # the others lie close together
     beside.set_ylabel("of this the field $H$ (kA m$^{-1}$)", color=LINKS[2])
     beside.tick_params(axis="y", colors=LINKS[2])
