@@ -66,6 +66,11 @@ if TYPE_CHECKING:
     from wormopt.worms.chain import chain
     from wormopt.worms.copies import copies
     from wormopt.worms.crawl import crawl
+    from wormopt.worms.drift import float_drift
+    from wormopt.worms.film import CosineWave
+    from wormopt.worms.film_shapes import FourierWave
+    from wormopt.worms.film_units import Fluid
+    from wormopt.worms.float import floating, tracers
     from wormopt.worms.magnetic_pair import magnetic_pair
     from wormopt.worms.slow_pair import slow_pair
 
@@ -81,6 +86,7 @@ _HOMES = {
     "Collocation": "wormopt.optimal.collocation",
     "Complementary": "wormopt.optimal.contact",
     "Contact": "wormopt.core.model",
+    "CosineWave": "wormopt.worms.film",
     "Coulomb": "wormopt.core.friction",
     "Decay": "wormopt.tracking.lambda_tracker",
     "Ends": "wormopt.optimal.problem",
@@ -89,6 +95,8 @@ _HOMES = {
     "Exact": "wormopt.simulation.options",
     "Exponent": "wormopt.tracking.lambda_tracker",
     "FeedForward": "wormopt.tracking.loop",
+    "Fluid": "wormopt.worms.film_units",
+    "FourierWave": "wormopt.worms.film_shapes",
     "Funnel": "wormopt.tracking.funnel",
     "Gait": "wormopt.core.gait",
     "Guess": "wormopt.optimal.motion",
@@ -140,6 +148,8 @@ _HOMES = {
     "design": "wormopt.gaits.optimize",
     "drive": "wormopt.tracking.drive",
     "fast_gait": "wormopt.gaits.construct",
+    "float_drift": "wormopt.worms.drift",
+    "floating": "wormopt.worms.float",
     "follow": "wormopt.tracking.reference",
     "follow_branch": "wormopt.averaging.continuation",
     "funnel_tracker": "wormopt.tracking.funnel",
@@ -162,6 +172,7 @@ _HOMES = {
     "steady_pair": "wormopt.worms.averaged_pair",
     "steady_states": "wormopt.averaging.steady",
     "switched_course": "wormopt.magnetics.travelling",
+    "tracers": "wormopt.worms.float",
     "travelling_sine": "wormopt.gaits.construct",
 }
 
@@ -174,6 +185,7 @@ __all__ = [
     "Collocation",
     "Complementary",
     "Contact",
+    "CosineWave",
     "Coulomb",
     "Decay",
     "Ends",
@@ -182,6 +194,8 @@ __all__ = [
     "Exact",
     "Exponent",
     "FeedForward",
+    "Fluid",
+    "FourierWave",
     "Funnel",
     "Gait",
     "Guess",
@@ -234,6 +248,8 @@ __all__ = [
     "design",
     "drive",
     "fast_gait",
+    "float_drift",
+    "floating",
     "follow",
     "follow_branch",
     "funnel_tracker",
@@ -256,6 +272,7 @@ __all__ = [
     "steady_pair",
     "steady_states",
     "switched_course",
+    "tracers",
     "travelling_sine",
 ]
 
