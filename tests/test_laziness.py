@@ -40,6 +40,7 @@ def modules_after(code: str, folder: Path) -> set[str]:
         "from wormopt.cli import main; assert main(['check', 'fig12_stress_strain']) == 0",
         "from wormopt.cli import main; assert main(['check', 'film_field', 'fig27_float']) == 0",
         "from wormopt.cli import main; assert main(['check', 'three_masses_harmonic']) == 0",
+        "from wormopt.cli import main; assert main(['check', 'coil_row_inverse']) == 0",
     ],
 )
 def test_reading_and_checking_load_no_numerics(code: str, tmp_path: Path):
@@ -79,6 +80,15 @@ def test_a_kinematic_scene_loads_no_nonlinear_programming(tmp_path: Path):
 def test_a_material_and_a_film_load_no_solver(tmp_path: Path, name: str):
     loaded = loaded_by_a_run(["run", name, "--json", "--no-plots"], tmp_path)
     assert not loaded & {"casadi", "scipy.optimize", "scipy.integrate", "matplotlib"}
+
+
+def test_a_switched_row_loads_no_casadi(tmp_path: Path):
+    few = ["--set", "coils.count=8", "--set", "line.margin=1"]
+    loaded = loaded_by_a_run(
+        ["run", "fig24_travelling_wave", "--json", "--no-plots", *few], tmp_path
+    )
+    assert not loaded & {"casadi", "matplotlib"}
+    assert not any(name.startswith("wormopt.optimal") for name in loaded)
 
 
 def test_a_kinematic_scene_loads_no_compiled_simulation(tmp_path: Path):

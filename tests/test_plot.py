@@ -289,11 +289,31 @@ def carried(tracers: bool = True) -> Result:
     return Result("ride", "float", scalars=scalars, variables=tuple(variables))
 
 
+def switched() -> Result:
+    """A row of three coils of which one is on at a time."""
+    place, phase = np.linspace(-0.01, 0.03, 41), np.linspace(0, 6.2, 32)
+    field = 1e4 * np.exp(-(((place - 0.01 * np.arange(3)[:, None]) / 5e-3) ** 2))
+    mean = 1e8 * (1 + np.cos(phase))
+    variables = [
+        Variable("place", "m", ("place",), place),
+        Variable("time", "s", ("time",), [0.01, 0.03, 0.05]),
+        Variable("field", "A m-1", ("time", "place"), field),
+        Variable("coil_place", "m", ("coil",), [0.0, 0.01, 0.02]),
+        *(Variable(f"square_{name}", "A2 m-2", ("phase",), share * mean)
+          for name, share in (("low", 0.9), ("mean", 1.0), ("high", 1.1), ("target", 0.97))),
+        Variable("phase", "rad", ("phase",), phase),
+        Variable("current", "A", ("coil", "time"), 3000 * np.eye(3)),
+    ]  # fmt: skip
+    scalars = {"ripple": Scalar(0.1), "currents_limit": Scalar(3000.0, "A")}
+    return Result("row", "coil-row", scalars=scalars, variables=tuple(variables))
+
+
 def sample(picture: str) -> Result:
     made = {"front": front, "trackers": crawl, "bands": herd, "signals": own}
     made |= {"comparison": compared, "draws": compared, "convergence": relaxed}
     made |= {"waveform": driven, "stress_strain": stretched}
     made |= {"velocity": pulled, "resonance": resonant}
+    made |= {"travelling_field": switched, "row_currents": switched}
     made |= {"reversals": swinging, "film": pumped, "ride": carried}
     return made[picture]() if picture in made else shuffle(2)
 

@@ -20,6 +20,8 @@ from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.progress import Report
 from wormopt.result import Result
 from wormopt.scenes import load_scene, packaged_scenes
+from wormopt.scenes.coil_inverse import CoilInverseScene
+from wormopt.scenes.coil_row import CoilRowScene
 from wormopt.scenes.pair_waveform import PairWaveformScene
 from wormopt.scenes.simulate import SimulateScene
 from wormopt.scenes.track import TrackScene
@@ -275,7 +277,15 @@ def test_units_of_si_scenes(tmp_path: Path):
         n
         for n in packaged_scenes()
         if load_scene(n).table.kind
-        in ("track", "simulate", "material", "pair-waveform", "harmonic-masses")
+        in (
+            "track",
+            "simulate",
+            "material",
+            "pair-waveform",
+            "harmonic-masses",
+            "coil-row",
+            "coil-inverse",
+        )
     ],
 )
 def test_packaged_scenes_say_what_to_try(name: str):
@@ -310,7 +320,7 @@ def test_the_page_on_simulation_runs(capsys: pytest.CaptureFixture[str]):
 
 def test_every_key_of_the_scenes_is_documented():
     text = (DOCS / "scenes.md").read_text(encoding="utf-8")
-    tables = [TrackScene, SimulateScene, PairWaveformScene]
+    tables = [TrackScene, SimulateScene, PairWaveformScene, CoilRowScene, CoilInverseScene]
     seen = set()
     while tables:
         table = tables.pop()
