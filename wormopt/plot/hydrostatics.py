@@ -122,7 +122,7 @@ def membrane(result: Result) -> Figure:
         markersize=8, zorder=3, label=f"best: {best:.3g} mm",
     )  # fmt: skip
     right.plot(best, scalar(result, "contact_pressure"), "o", color=RED, markersize=8, zorder=3)
-    left.axvline(100 * scalar(result, "loss_max"), color=RED, linewidth=0.8)
+    left.axvline(100 * scalar(result, "loss_max"), color=RED, linewidth=0.8, label="limits")
     left.axhline(100 * scalar(result, "strain_max"), color=RED, linewidth=0.8)
     left.set_xscale("log")
     left.set_yscale("log")

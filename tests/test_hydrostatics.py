@@ -1,0 +1,499 @@
+"""Ferrofluid at rest at a coil: law of magnetisation, surface, branch, scenes "coil-pressure"."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import hypothesis.strategies as st
+import mpmath as mp
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from scipy.integrate import solve_bvp
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.magnetics.hydrostatics import (
+    Fluid,
+    Langevin,
+    Linear,
+    balance,
+    flat_layer_pull,
+    pressure,
+    pull,
+)
+from wormopt.magnetics.langevin import langevin_ratio, log_sinh_ratio
+from wormopt.magnetics.material import MU0
+from wormopt.magnetics.placed import Placed
+from wormopt.magnetics.winding import Coil
+from wormopt.plot import figure
+from wormopt.result import Result
+from wormopt.scenes import load_scene, packaged_scenes
+from wormopt.scenes.coil_pressure import CoilPressureScene
+from wormopt.statics.profile import Collocation, Profile, nodes_of
+from wormopt.statics.settle import settle
+from wormopt.studies.coil_forces import Rested, checks_of
+from wormopt.studies.coil_pressure import setup_of
+
+SCENE = "fig25_coil_pressure"
+# A thin winding needs few nodes: the tests are quick.
+THIN = [
+    "coil={inner_radius=9e-3, outer_radius=11e-3, length=10e-3, distance=5e-3, ampere_turns=500.0}",
+    "layer={thickness=4e-3, width=0.06}",
+]
+BAD: list[Any] = [0.0, -1.0, math.nan, math.inf, "1", None]
+
+
+def value(result: Result, name: str) -> Any:
+    return result.scalars[name].value
+
+
+def solved(*changes: str) -> Result:
+    return wo.run(load_scene(SCENE, [*THIN, *changes]))
+
+
+def parts(*changes: str) -> tuple[Fluid, Placed, Profile, float]:
+    """Fluid, coil, surface and ampere-turns of a scene."""
+    scene = load_scene(SCENE, [*THIN, *changes])
+    setup = setup_of(scene)
+    return setup.fluid, setup.placed, setup.profile, scene.table.coil.ampere_turns
+
+
+# -- laws ------------------------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=100)
+@given(y=st.floats(1e-6, 1e4))
+def test_langevins_function_and_its_integral(y: float):
+    with mp.workdps(40):
+        exact = mp.mpf(y)
+        integral, ratio = mp.log(mp.sinh(exact) / exact), (mp.coth(exact) - 1 / exact) / exact
+    assert float(log_sinh_ratio(y * y)) == pytest.approx(float(integral), rel=3e-14)
+    assert float(langevin_ratio(y * y)) == pytest.approx(float(ratio), rel=3e-14)
+
+
+@pytest.mark.parametrize("y", [0.0, 1e-5, 0.3, 0.999, 1.001, 3.0, 500.0])
+def test_derivatives_are_exact_in_and_across_both_branches(y: float):
+    y2 = ca.SX.sym("y2")
+    made = log_sinh_ratio(y2)
+    found = ca.Function(
+        "d", [y2], [made, ca.gradient(made, y2), ca.gradient(langevin_ratio(y2), y2)]
+    )
+    with mp.workdps(60):
+        h = mp.mpf("1e-15")
+
+        def ratio(q: Any) -> Any:
+            root = mp.sqrt(q)
+            return (mp.coth(root) - 1 / root) / root if q else mp.mpf(1) / 3
+
+        at = mp.mpf(y) ** 2
+        slope = (ratio(at + 2 * h) - ratio(at + h)) / h
+    wanted = [float(log_sinh_ratio(y * y)), float(langevin_ratio(y * y)) / 2, float(slope)]
+    assert np.array(found(y * y)).ravel() == pytest.approx(wanted, rel=1e-11)
+
+
+def test_weak_fields_and_strong_ones():
+    weak, strong = 10.0, 1e8
+    law = Langevin(0.35, 2e4)
+    assert law.energy(weak**2) == pytest.approx(Linear(0.35).energy(weak**2), rel=1e-6)
+    assert law.energy(strong**2) == pytest.approx(2e4 * strong, rel=2e-3)
+
+
+@settings(deadline=None)
+@given(
+    x=st.floats(-1e5, 1e5), z=st.floats(-1e5, 1e5), slope=st.floats(-10, 10), turn=st.floats(-1, 1)
+)
+def test_the_pull_does_not_depend_on_the_frame(x: float, z: float, slope: float, turn: float):
+    fluid = Fluid(1200.0, 0.03, Langevin(0.8, 2e4))
+    steep = math.atan(slope) + turn
+    if abs(steep) > 1.5:
+        return
+    c, s = math.cos(turn), math.sin(turn)
+    turned = pull(fluid, (c * x - s * z, s * x + c * z), math.tan(steep))
+    assert turned == pytest.approx(pull(fluid, (x, z), slope), rel=1e-6, abs=1e-6)
+
+
+def test_a_flat_layer_in_a_field_across_it():
+    # all around the fluid H is H0; inside H0 / (1 + chi): the exact pressure of the surface
+    fluid, H0 = Fluid(1200.0, 0.03, Linear(0.35)), 1e4
+    inside = H0 / 1.35
+    exact = MU0 * 0.35 * inside**2 / 2 + MU0 * (0.35 * inside) ** 2 / 2
+    assert flat_layer_pull(fluid, (0.0, H0), 0.0) == pytest.approx(exact, rel=1e-14)
+    assert flat_layer_pull(fluid, (H0, 0.0), 0.0) == pull(fluid, (H0, 0.0), 0.0)
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_what_is_no_fluid_is_refused(bad: Any):
+    for make in (
+        lambda: Linear(bad),
+        lambda: Langevin(bad, 2e4),
+        lambda: Langevin(0.35, bad),
+        lambda: Fluid(bad, 0.03, Linear(0.3)),
+        lambda: Fluid(1200.0, bad, Linear(0.3)),
+        lambda: Fluid(1200.0, 0.03, Linear(0.3), gravity=bad),
+        lambda: Placed(Coil(1e-3, 2e-3, 1e-2), "vertical", "below", bad),
+    ):
+        with pytest.raises(ArgumentError, match="must be a number above 0"):
+            make()
+
+
+def test_sides_and_axes_that_there_are_not():
+    coil = Coil(1e-3, 2e-3, 1e-2)
+    with pytest.raises(ArgumentError, match="below, above"):
+        Placed(coil, "vertical", "beside", 1e-3)  # pyright: ignore
+    with pytest.raises(ArgumentError, match="vertical, along"):
+        Placed(coil, "across", "below", 1e-3)  # pyright: ignore
+
+
+@pytest.mark.parametrize("axis", ["vertical", "along"])
+@pytest.mark.parametrize("side", ["below", "above"])
+def test_the_field_of_a_placed_coil_is_a_potential_field(axis: Any, side: Any):
+    placed = Placed(Coil(4e-3, 6e-3, 8e-3), axis, side, 3e-3)
+    x, z = ca.SX.sym("x"), ca.SX.sym("z")
+    Hx, Hz = placed.field(x, z, 40)
+    turn = ca.Function(
+        "turn", [x, z], [ca.gradient(Hx, z) - ca.gradient(Hz, x), ca.gradient(Hz, z)]
+    )
+    for place in ((2e-3, 1e-3), (7e-3, -0.5e-3), (0.0, 0.0)):
+        curl, size = np.array(turn(*place)).ravel()
+        assert abs(curl) <= 1e-8 * max(abs(size), 1.0)
+        numbers = placed.field(np.array(place[0]), np.array(place[1]))
+        formula = ca.Function("H", [x, z], [Hx, Hz])(*place)
+        assert np.ravel(numbers) == pytest.approx(np.array(formula).ravel(), rel=1e-10, abs=1e-12)
+
+
+# -- collocation -----------------------------------------------------------------------------------
+
+
+def test_nodes_differentiate_and_integrate():
+    nodes = nodes_of(20)
+    x = nodes.x
+    assert nodes.first @ np.exp(x) == pytest.approx(np.exp(x), abs=1e-11)
+    assert nodes.second @ np.sin(3 * x) == pytest.approx(-9 * np.sin(3 * x), abs=1e-8)
+    assert nodes.weights @ np.exp(x) == pytest.approx(2 * math.sinh(1), rel=1e-14)
+    assert nodes.to_series @ np.cos(5 * np.arccos(x)) == pytest.approx(np.eye(21)[5], abs=1e-14)
+
+
+@pytest.mark.parametrize("walls", ["upright", "pinned"])
+def test_the_jacobian_is_that_of_differences(walls: str):
+    _, _, profile, _ = parts(f'layer.walls="{walls}"')
+    equations = Collocation(profile, 12)
+    y = equations.flat() * (1 + 0.05 * np.cos(np.arange(14.0)))
+    p = np.array([0.7])
+    matrix = equations.slopes(y[None], p)[0]
+    step = 1e-7 * profile.mean
+    for k in range(14):
+        ahead, back = y.copy(), y.copy()
+        ahead[k] += step
+        back[k] -= step
+        rows = (equations(ahead[None], p) - equations(back[None], p))[0] / (2 * step)
+        assert matrix[:, k] == pytest.approx(rows, rel=1e-5, abs=1e-5 * np.abs(matrix).max())
+    by_load = (equations(y[None], p + 1e-6) - equations(y[None], p - 1e-6))[0] / 2e-6
+    assert np.ravel(equations.slope_by("load")(y, p)) == pytest.approx(by_load, rel=1e-6, abs=1e-9)
+
+
+def test_no_current_leaves_the_layer_flat():
+    result = solved("coil.ampere_turns=0")
+    assert result.status == "ok"
+    assert result["surface"].values == pytest.approx(4e-3, rel=1e-14)
+    assert result["pressure"].values == pytest.approx(1200 * 9.81 * 4e-3, rel=1e-13)
+    assert value(result, "pressure_change_max") == pytest.approx(0, abs=1e-12)
+    depth = 4e-3 - result["inside_z"].values
+    assert result["inside_pressure"].values == pytest.approx(1200 * 9.81 * depth, abs=1e-11)
+    assert value(result, "magnetic_force") == 0
+    figure(result, "coil_pressure").draw_without_rendering()
+
+
+def by_fourier(
+    fluid: Fluid, placed: Placed, thickness: float, width: float, x: np.ndarray, current: float
+) -> np.ndarray:
+    """Linearised surface: gamma y'' - rho g y = -f + mean, y' = 0 at the walls, by cosines."""
+    s = (np.arange(600) + 0.5) / 600 * width  # from the left wall
+    Hx, Hz = placed.field(s - width / 2, np.full(600, thickness))
+    f = np.asarray(pull(fluid, (current * Hx, current * Hz), 0.0))
+    found = np.zeros_like(x)
+    for k in range(1, 200):
+        q = k * math.pi / width
+        c = 2 / 600 * np.sum(f * np.cos(q * s))
+        found += c / (fluid.weight + fluid.surface_tension * q**2) * np.cos(q * (x + width / 2))
+    return found
+
+
+def test_in_weak_fields_the_surface_is_that_of_the_linear_equation():
+    x = np.linspace(-0.03, 0.03, 101)
+    errors = []
+    for current in (20.0, 40.0):
+        fluid, placed, profile, _ = parts(f"coil.ampere_turns={current}")
+        settled = settle(profile)
+        rise = settled.equations.at(settled.y, x) - 4e-3
+        linear = by_fourier(fluid, placed, 4e-3, 0.06, x, current)
+        errors.append(np.abs(rise - linear).max() / np.abs(linear).max())
+    assert errors[0] < 1e-3
+    # what is neglected is of the size of the rise itself, which goes like the square
+    assert 3.5 < errors[1] / errors[0] < 4.5
+
+
+def surface_by_shooting(profile: Profile, load: float, guess: Any) -> Any:
+    """The same balance by scipy's collocation of order 4, written for h''."""
+    given_ = [profile.x, profile.h, profile.slope, profile.bend, profile.level, profile.load]
+    rest = profile.balance
+    solved_for = -ca.substitute(rest, profile.bend, 0) / ca.gradient(rest, profile.bend)
+    bend = ca.Function("bend", [*given_[:3], *given_[4:]], [solved_for])  # linear in h''
+    left, right = profile.ends
+    mean = profile.mean
+
+    def rhs(x: Any, y: Any, p: Any) -> Any:
+        rows = [np.atleast_2d(v) for v in (x, y[0] * mean, y[1])]
+        second = np.array(bend(*rows, p[0] * mean, load)).ravel()
+        return np.vstack([y[1] / mean, second, y[0]])
+
+    def ends(a: Any, b: Any, p: Any) -> Any:
+        walls = (a[1], b[1]) if profile.walls == "upright" else (a[0] - 1, b[0] - 1)
+        return np.array([*walls, a[2], b[2] - (right - left)])
+
+    x = np.linspace(left, right, 161)
+    h, slope, level = guess(x)
+    area = np.concatenate([[0], np.cumsum(np.diff(x) * (h[1:] + h[:-1]) / 2)]) / mean
+    start = np.vstack([h / mean, slope, area])
+    return solve_bvp(rhs, ends, x, start, p=[level / mean], tol=1e-7, max_nodes=5000)
+
+
+@pytest.mark.parametrize("walls", ["upright", "pinned"])
+def test_another_collocation_finds_the_same_surface(walls: str):
+    _, _, profile, _ = parts(f'layer.walls="{walls}"', "fluid.saturation=2e4")
+    settled = settle(profile)
+    assert settled.resolved
+    found = surface_by_shooting(profile, 1.0, lambda x: (0 * x + 4e-3, 0 * x, 4e-3))
+    assert found.success
+    assert settled.equations.at(settled.y, found.x) == pytest.approx(4e-3 * found.y[0], abs=2e-9)
+    assert np.ptp(found.y[0]) > 0.1
+    assert 4e-3 * found.p[0] == pytest.approx(settled.y[-1], abs=2e-9)
+
+
+def test_the_error_falls_geometrically_with_the_degree():
+    _, _, profile, _ = parts()
+    best = settle(profile, tolerance=1e-12)
+    x = np.linspace(*profile.ends, 301)
+    exact = best.equations.at(best.y, x)
+    degrees = np.array([16, 24, 32, 40, 48])
+    errors = []
+    for n in degrees:
+        equations = Collocation(profile, int(n))
+        start = np.append(best.equations.at(best.y, equations.x), best.y[-1])
+        y, found = equations.newton(start, 1.0)
+        assert found
+        errors.append(np.abs(equations.at(y, x) - exact).max() / profile.mean)
+    rate = -np.polyfit(degrees, np.log(errors), 1)[0]
+    # the nearest singularity is a wire 10 mm off the axis and 9 mm under the surface
+    singular = complex(10e-3, 9e-3) / 0.03
+    ellipse = math.log(abs(singular + np.sqrt(singular**2 - 1)))
+    assert 0.7 * ellipse < rate < 1.5 * ellipse
+    assert errors[-1] < 1e-5
+
+
+def test_forces_on_the_fluid_balance_and_would_not_at_another_current():
+    scene = load_scene(SCENE, [*THIN, "fluid.saturation=3e4"])
+    setup = setup_of(scene)
+    settled = settle(setup.profile)
+    right = checks_of(Rested(setup.fluid, setup.placed, settled, 500.0), scene.table)
+    wrong = checks_of(Rested(setup.fluid, setup.placed, settled, 505.0), scene.table)
+    assert right["force_imbalance"] < 1e-9
+    assert right["volume_error"] < 1e-12
+    assert right["field_error"] < 1e-8
+    assert right["growth_rate"] < 0
+    assert wrong["field_error"] > 1e-4
+
+
+def test_the_force_is_that_of_the_stress_on_the_outside():
+    # Maxwell's stress of the unchanged field has no net force; Kelvin's force by its potential
+    scene = load_scene(SCENE, THIN)
+    setup = setup_of(scene)
+    settled = settle(setup.profile)
+    rested = Rested(setup.fluid, setup.placed, settled, 500.0)
+    x, weights = rested.quadrature
+    energy = [
+        MU0 * 0.35 / 2 * sum(part**2 for part in rested.field(x, z))
+        for z in (rested.surface(x), np.zeros_like(x))
+    ]
+    assert rested.force == pytest.approx(weights @ (energy[0] - energy[1]), rel=1e-8)
+
+
+def test_a_large_saturation_is_no_saturation():
+    linear, langevin = solved(), solved("fluid.saturation=1e9")
+    assert langevin["surface"].values == pytest.approx(linear["surface"].values, rel=1e-8)
+    low = solved("fluid.saturation=2e3")
+    assert value(low, "surface_rise_max") < 0.9 * value(linear, "surface_rise_max")
+
+
+def test_a_coil_above_draws_the_fluid_up_until_there_is_no_rest():
+    changes = ['coil.side="above"', "coil.distance=12e-3", "coil.ampere_turns=4000.0"]
+    with pytest.raises(SolveError, match="folds") as caught:
+        solved(*changes)
+    assert caught.value.code == "fold"
+    assert caught.value.suggestion.startswith("write coil.ampere_turns below")
+    kept = caught.value.partial
+    assert kept.status == "failed"
+    fold = value(kept, "ampere_turns")
+    # the slowest deviation does not die out at the fold
+    assert abs(kept.trust["growth_rate"]) < 1e-3 * kept.trust["degree"]
+    _, _, profile, _ = parts(*changes)
+    below = solved(*changes[:2], f"coil.ampere_turns={0.99 * fold}")
+    assert below.status == "ok"
+    assert below.trust["growth_rate"] < 0
+    xs, hs = below["x"].values, below["surface"].values
+
+    def guess(x: Any) -> Any:
+        h = np.interp(x, xs, hs)
+        return h, np.gradient(h, x), float(np.mean(h))
+
+    assert surface_by_shooting(profile, 0.99 * fold / 4000, guess).success
+    assert not surface_by_shooting(profile, 1.02 * fold / 4000, guess).success
+
+
+def test_a_thin_layer_runs_dry():
+    with pytest.raises(SolveError, match="runs dry") as caught:
+        solved("layer.thickness=3e-4", "coil.ampere_turns=3000.0")
+    assert caught.value.code == "floor"
+    assert np.min(caught.value.partial["surface"].values) == pytest.approx(0, abs=1e-6)
+
+
+@settings(deadline=None, max_examples=8)
+@given(
+    chi=st.floats(0.01, 3), thickness=st.floats(1e-3, 1e-2), tension=st.floats(0.01, 0.1),
+    current=st.floats(0, 600), saturated=st.booleans(),
+)  # fmt: skip
+def test_whatever_the_layer_it_rests_or_says_why(
+    chi: float, thickness: float, tension: float, current: float, saturated: bool
+):
+    fluid = f"fluid={{chi={chi}, surface_tension={tension}{', saturation=2e4' * saturated}}}"
+    changes = [fluid, f"layer.thickness={thickness}", f"coil.ampere_turns={current}"]
+    refused: SolveError | None = None
+    result: Result | None = None
+    try:
+        result = solved(*changes)
+    except SolveError as error:
+        refused = error
+    if result is None:
+        assert refused is not None
+        assert refused.suggestion
+        assert refused.code in ("fold", "floor", "unstable", "lost", "unresolved")
+        return
+    assert result.status == "ok", result.reason
+    assert value(result, "volume_error") < 1e-9
+    assert result.trust["force_imbalance"] < 1e-6
+
+
+# -- scenes ----------------------------------------------------------------------------------------
+
+
+def test_the_scene_of_figure_25():
+    result = wo.run(SCENE)
+    assert result.status == "ok"
+    # on the axis the field of the winding is elementary, and the highest pressure is there
+    a, b, top, end = 5e-3, 15e-3, 3e-3, 23e-3
+
+    def part(z: float) -> float:
+        return z * math.log((b + math.hypot(b, z)) / (a + math.hypot(a, z)))
+
+    H = 3000 / (2 * (b - a) * 20e-3) * (part(end) - part(top))
+    assert value(result, "field_bottom_max") == pytest.approx(H, rel=1e-10)
+    magnetic = MU0 * 0.35 * H**2 / 2
+    level = value(result, "pressure_max") - magnetic
+    assert 0 < level < value(result, "pressure_without_field")
+    assert value(result, "pressure_change_max") == pytest.approx(446.3, abs=0.1)
+    assert value(result, "surface_rise_max") == pytest.approx(1.81e-3, abs=1e-5)
+    # the printed "2200 MPa" in Pa: what a field of 100 kA/m does
+    assert value(result, "field_for_stated") == pytest.approx(1.0e5, rel=1e-3)
+    assert value(result, "pressure_over_stated") == pytest.approx(0.2029, abs=1e-4)
+    (warning,) = result.trust["warnings"]
+    assert "weakens" in warning
+
+
+def test_the_pressure_as_printed_is_told_to_be_too_large():
+    result = solved("stated_pressure=2.2e9")
+    assert value(result, "induction_for_stated") == pytest.approx(125.7, abs=0.1)
+    assert any("126 T" in text and "check its unit" in text for text in result.trust["warnings"])
+
+
+def test_a_weak_fluid_needs_no_warning():
+    assert solved("fluid.chi=0.03").trust["warnings"] == []
+
+
+def test_a_surface_that_is_not_resolved_is_refused():
+    with pytest.raises(SolveError, match="does not resolve") as caught:
+        solved("surface={tolerance=1e-10, degree=64}", "layer.width=0.3")
+    assert caught.value.code == "unresolved"
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "message"),
+    [
+        ('units="dimensionless"', "units", 'write units = "SI"'),
+        ("fluid.chi=0", "fluid.chi", "above 0"),
+        ("fluid.chi=-0.1", "fluid.chi", "above 0"),
+        ("fluid.density=-1", "fluid.density", "above 0"),
+        ("fluid.surface_tension=0", "fluid.surface_tension", "above 0"),
+        ("fluid.saturation=0", "fluid.saturation", "above 0"),
+        ("fluid.viscosity=1", "fluid.viscosity", "unknown key"),
+        ("gravity=0", "gravity", "above 0"),
+        ("layer.thickness=0", "layer.thickness", "above 0"),
+        ('layer.walls="wet"', "layer.walls", "upright"),
+        ("coil.ampere_turns=-1", "coil.ampere_turns", "0 or above"),
+        ("coil.inner_radius=0.02", "coil.inner_radius", "below coil.outer_radius"),
+        ("coil.distance=0", "coil.distance", "above 0"),
+        ('coil={side="above", distance=5e-3}', "coil.distance", "inside the fluid"),
+        ("surface.degree=8", "surface.degree", "64 to 512"),
+        ("surface.tolerance=0", "surface.tolerance", "1e-10"),
+        ("stated_pressure=0", "stated_pressure", "above 0"),
+        ('want=["pressure"]', "want[0]", "coil_pressure"),
+    ],
+)
+def test_wrong_scenes_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str, key: str, message: str
+):
+    with pytest.raises(SceneError) as caught:
+        wo.run(load_scene(SCENE, [change]))
+    assert any(key == where and message in what for where, what in caught.value.faults), caught
+    assert main(["run", SCENE, "-o", str(tmp_path / "out"), "--set", change]) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_run_saves_maps_and_a_picture_also_where_it_fails(tmp_path: Path):
+    changes = [*THIN, "layer.thickness=3e-4", "coil.ampere_turns=3000.0"]
+    settings_ = [text for change in changes for text in ("--set", change)]
+    out = tmp_path / "out"
+    assert main(["run", SCENE, "-o", str(out), "--quiet", *settings_]) == 3
+    assert {p.name for p in out.iterdir()} == {"result.nc", "summary.json", "coil_pressure.png"}
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert "runs dry" in summary["reason"]
+    kept = Result.load(out)
+    assert kept["induction_z"].values.shape == (61, 97)
+
+
+def test_every_key_and_every_number_of_the_kind_is_documented():
+    text = (Path(__file__).parents[1] / "docs" / "scenes.md").read_text(encoding="utf-8")
+    part = text.partition("## kind `coil-pressure`")[2].partition("\n## ")[0]
+    names = set()
+    for item in msgspec.structs.fields(CoilPressureScene):
+        inner = getattr(item.type, "__struct_fields__", None)
+        names |= {f"{item.name}.{name}" for name in inner} if inner else {item.name}
+    result = solved()
+    names |= {*result.scalars, *(v.name for v in result.variables), *result.trust}
+    for name in names - {"schema", "kind", "title", "units"}:
+        assert f"`{name}`" in part, name
+    assert packaged_scenes()[SCENE].read_text(encoding="utf-8").startswith("# ")  # pyright: ignore
+
+
+def test_the_balance_of_the_docs():
+    fluid = Fluid(1200.0, 0.03, Linear(0.35))
+    H = (3e3, 4e3)
+    level, h, slope, bend = 0.011, 0.01, 0.3, -2.0
+    inside = pressure(fluid, h, H[0] ** 2 + H[1] ** 2, level)
+    normal = (H[1] - slope * H[0]) / math.hypot(1, slope)
+    curvature = -bend / math.hypot(1, slope) ** 3
+    left = inside + MU0 * (0.35 * normal) ** 2 / 2 - 0.03 * curvature
+    assert balance(fluid, H, h, slope, bend, level) == pytest.approx(left / fluid.weight, rel=1e-13)
