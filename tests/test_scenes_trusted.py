@@ -285,6 +285,8 @@ def test_units_of_si_scenes(tmp_path: Path):
             "harmonic-masses",
             "coil-row",
             "coil-inverse",
+            "film-flow",
+            "float",
         )
     ],
 )
