@@ -308,6 +308,35 @@ def switched() -> Result:
     return Result("row", "coil-row", scalars=scalars, variables=tuple(variables))
 
 
+def moved() -> Result:
+    """A film that breaks on its way from flat, its spectra, branches, and a map of four films."""
+    time, xi = np.linspace(0.0, 60.0, 41), np.linspace(0.0, 2 * np.pi, 64, endpoint=False)
+    h = 1 + np.outer(np.tanh(time / 10), 0.5 * np.cos(xi))
+    rates = np.array([0.2, -0.5, -1.0])
+    variables = [
+        Variable("time", "1", ("time",), time),
+        Variable("xi", "rad", ("xi",), xi),
+        Variable("thickness", "1", ("time", "xi"), h),
+        Variable("thickness_end", "1", ("xi",), h[-1]),
+        Variable("thickness_wave", "1", ("xi",), 1 + 0.5 * np.cos(xi)),
+        Variable("field_pressure", "1", ("xi",), 1 - np.sin(xi)),
+        Variable("growth_wave", "1", ("mode_wave",), rates),
+        Variable("swing_wave", "1", ("mode_wave",), 0 * rates),
+        Variable("branch_delta", "1", ("branch",), np.array([0.1, 0.5, 0.9])),
+        Variable("branch_thickness_max", "1", ("branch",), np.array([1.1, 1.5, 1.9])),
+        Variable("branch_growth", "1", ("branch",), np.array([-1.0, -0.5, 0.5])),
+        Variable("branch_number", "1", ("branch",), np.zeros(3)),
+        Variable("map_delta", "1", ("map_delta",), np.array([0.5, 0.9])),
+        Variable("map_tension", "1", ("map_tension",), np.array([0.1, 1.0])),
+        Variable("map_outcome", "1", ("map_delta", "map_tension"), np.array([[0, 1], [2, 3]])),
+        Variable("map_growth", "1", ("map_delta", "map_tension"), np.array([[-1, 0.5], [-2, 1.5]])),
+    ]
+    scalars = {"outcome": Scalar("breaks"), "tension_number": Scalar(0.1)}
+    scalars |= {"growth_rate_max": Scalar(0.2), "delta_fold": Scalar([0.7])}
+    scalars |= {"broke_time": Scalar(60.0), "broke_xi": Scalar(3.1)}
+    return Result("film", "film-forward", scalars=scalars, variables=tuple(variables))
+
+
 def sample(picture: str) -> Result:
     made = {"front": front, "trackers": crawl, "bands": herd, "signals": own}
     made |= {"comparison": compared, "draws": compared, "convergence": relaxed}
@@ -315,6 +344,7 @@ def sample(picture: str) -> Result:
     made |= {"velocity": pulled, "resonance": resonant}
     made |= {"travelling_field": switched, "row_currents": switched}
     made |= {"reversals": swinging, "film": pumped, "ride": carried}
+    made |= {"forward": moved, "basins": moved}
     return made[picture]() if picture in made else shuffle(2)
 
 
@@ -386,6 +416,21 @@ def test_fields_of_a_film_are_shown_over_their_mean():
     (one, other) = (np.asarray(line.get_ydata()) for line in fields.get_lines())
     assert one == pytest.approx(other)
     assert fields.get_legend_handles_labels()[1] == ["0.2: 1", "0.6: 4"]
+
+
+def test_a_map_of_films_names_its_outcomes_and_marks_unstable_waves():
+    drawn = figure(moved(), "basins")
+    assert [text.get_text() for text in drawn.legends[0].get_texts()] == [
+        "takes the wave", "another steady film", "still moves", "breaks"
+    ]  # fmt: skip
+    marked = {text.get_text(): text.get_color() for text in drawn.axes[0].texts}
+    assert marked["+0.50"] == marked["+1.50"] != marked["-1.00"] == marked["-2.00"]
+
+
+def test_a_course_marks_where_the_film_broke():
+    course = figure(moved(), "forward").axes[0]
+    (cross,) = (line for line in course.get_lines() if line.get_marker() == "x")
+    assert np.ravel(cross.get_xydata()) == pytest.approx([3.1 / np.pi, 60 / (2 * np.pi)])
 
 
 def test_units_are_raised():

@@ -44,28 +44,24 @@ def forward(result: Result) -> Figure:
     """
     drawn = sheet(10.5, 8.2)
     branches = "branch_delta" in result
-    rows = [
-        ["course", "film"],
-        ["course", "field"],
-        ["spectrum", "branch" if branches else "field"],
-    ]
-    axes: dict[str, Any] = drawn.subplot_mosaic(rows, height_ratios=(5, 4, 5))  # type: ignore[arg-type]
-    _course(drawn, axes["course"], result)
-    _film(axes["film"], result)
-    _field(axes["field"], result)
-    _spectrum(axes["spectrum"], result)
+    places = drawn.add_gridspec(3, 2, height_ratios=(5, 4, 5))
+    course = drawn.add_subplot(places[:2, 0])
+    _course(drawn, course, result)
+    _film(drawn.add_subplot(places[0, 1]), result)
+    _spectrum(drawn.add_subplot(places[2, 0]), result)
+    _field(drawn.add_subplot(places[1, 1] if branches else places[1:, 1]), result)
     if branches:
-        _branches(axes["branch"], result)
+        _branches(drawn.add_subplot(places[2, 1]), result)
     words = {name: text for name, _, text in _OUTCOMES}[scalar(result, "outcome")]
     numbers = facts(result, "tension_number", "growth_rate_max")
-    axes["course"].set_title(f"{words}    {numbers}", loc="left")
+    course.set_title(f"{words}    {numbers}", loc="left")
     return drawn
 
 
 def _phases(axes: Axes) -> None:
     axes.set_xlim(0, 2)
     axes.xaxis.set_major_locator(MaxNLocator(5))
-    axes.set_xlabel(r"phase $\xi / \pi$")
+    axes.set_xlabel(r"phase $\xi$ ($\pi$ rad)")
 
 
 def _closed(result: Result, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -121,8 +117,8 @@ def _field(axes: Axes, result: Result) -> None:
 def _spectrum(axes: Axes, result: Result) -> None:
     shown = []
     for name, mark, colour, text in (
-        ("wave", "o", "black", "of the prescribed wave"),
-        ("end", "x", LINKS[0], "of the film at the end"),
+        ("wave", "o", "black", "prescribed wave"),
+        ("end", "x", LINKS[0], "film at the end"),
     ):
         if f"growth_{name}" in result:
             rates = result[f"growth_{name}"].values[:_FEW], result[f"swing_{name}"].values[:_FEW]
@@ -132,12 +128,15 @@ def _spectrum(axes: Axes, result: Result) -> None:
             )  # fmt: skip
             shown.append(rates[0])
     axes.axvline(0, color=RED, linewidth=0.9)
-    axes.set_xlabel("growth rate")
-    axes.set_ylabel("angular rate")
+    axes.text(0.99, 0.03, "unstable", color=RED, ha="right", fontsize=8.5, transform=axes.transAxes)
+    axes.set_xlabel(r"growth rate ($\mathrm{Re}\,\lambda$)")
+    axes.set_ylabel(r"angular rate ($\mathrm{Im}\,\lambda$)")
     if shown:
-        axes.set_xlim(right=max(0.0, float(np.max(np.concatenate(shown)))) + 0.5)
-        axes.legend(loc="upper left", fontsize=8.5)
-    axes.set_title("eigenvalues; unstable right of 0", loc="left")
+        together = np.concatenate(shown)
+        right = max(0.0, float(together.max())) + 0.5
+        axes.set_xlim(float(together.min()) - 0.4, right)
+        axes.axvspan(0, right, color=RED, alpha=0.06, linewidth=0)
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize=8.5)
 
 
 def _branches(axes: Axes, result: Result) -> None:
@@ -151,7 +150,7 @@ def _branches(axes: Axes, result: Result) -> None:
         axes.plot(delta, crest, color=colour, linewidth=1.2, linestyle=(0, (3, 3)), zorder=1)
     for fold in scalar(result, "delta_fold"):
         axes.axvline(fold, color=RED, linewidth=0.8)
-    axes.set_xlabel(r"amplitude $\delta$ that the field prescribes")
+    axes.set_xlabel(r"amplitude that the field prescribes ($\delta$)")
     axes.set_ylabel("largest thickness")
     axes.set_title("steady films; dashed where not stable", loc="left")
 
@@ -188,7 +187,7 @@ def basins(result: Result) -> Figure:
         axis.set_major_locator(FixedLocator((np.arange(len(values)) + 0.5).tolist()))
         axis.set_major_formatter(FuncFormatter(_cell(values)))
         axis.set_tick_params(length=0)
-    axes.set_xlabel(r"amplitude $\delta$ that the field prescribes")
+    axes.set_xlabel(r"amplitude that the field prescribes ($\delta$)")
     axes.set_ylabel("surface tension $W$")
     axes.set_title("numbers: largest growth rate on the prescribed wave", loc="left")
     present = [
@@ -196,7 +195,7 @@ def basins(result: Result) -> Figure:
         for k, (_, colour, text) in enumerate(_OUTCOMES)
         if np.any(outcome == k)
     ]
-    axes.legend(handles=present, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=len(present))
+    drawn.legend(handles=present, loc="outside lower center", ncols=len(present))
     return drawn
 
 

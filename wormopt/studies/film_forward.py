@@ -142,7 +142,10 @@ def _setting(
     table = scene.table
     start = _Start(table.start, wave)
     try:
-        film_volume(start(grid(table.grid.points)), order=table.grid.order)
+        h = start(grid(table.grid.points))
+        if h.min() <= 0:
+            raise ArgumentError("the thickness must be above 0 everywhere")  # noqa: TRY301
+        film_volume(h, order=table.grid.order)
     except ArgumentError as error:
         key = "start.samples" if table.start.shape == "samples" else "start.nudge"
         raise SceneError(scene.name, [(key, str(error))]) from None

@@ -29,7 +29,7 @@ from wormopt.worms.lubrication import symbolic
 
 __all__ = ["film_thickness", "film_volume", "slope_on", "thin_film"]
 
-ORDERS = tuple(range(2, 15, 2))
+ORDERS = tuple(range(4, 15, 2))
 _MEAN = 1e-6
 # A step from the last sample to the first so many times the largest other one is a jump.
 _JUMP = 3.0
@@ -53,7 +53,7 @@ def thin_film(
     tension : float or casadi.SX
         Number W of surface tension, above 0.
     order : int, optional
-        Of the differences: even, 2 to 14.
+        Of the differences: even, 4 to 14.
     p : sequence of Signal, optional
         Parameters of which slope and tension are expressions.
 
@@ -161,7 +161,7 @@ def film_volume(thickness: ArrayLike, *, order: int = 12) -> np.ndarray:
     Parameters
     ----------
     thickness : array_like, shape (points,)
-        At equidistant points, positive, of mean 1 to 1e-6; what is left is shared out.
+        At equidistant points, of mean 1 to 1e-6; what is left is shared out.
     order : int, optional
         Of the Model.
 
@@ -172,7 +172,7 @@ def film_volume(thickness: ArrayLike, *, order: int = 12) -> np.ndarray:
     Raises
     ------
     ArgumentError
-        If it is not positive or not of mean 1.
+        If it is not finite or not of mean 1.
 
     Examples
     --------
@@ -182,8 +182,8 @@ def film_volume(thickness: ArrayLike, *, order: int = 12) -> np.ndarray:
     True
     """
     h = numbers("thickness", thickness).ravel()
-    if not (h.size and np.all(h > 0) and np.all(np.isfinite(h))):
-        raise ArgumentError("the thickness must be above 0 everywhere")
+    if not (h.size and np.all(np.isfinite(h))):
+        raise ArgumentError("the thickness must be finite numbers")
     if abs(h.mean() - 1) > _MEAN:
         raise ArgumentError(f"the mean thickness must be 1, not {h.mean():.8g}")
     factor = _symbol(h.size, order)

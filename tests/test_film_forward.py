@@ -1,0 +1,332 @@
+"""Scenes of kind film-forward: where films go, maps, branches, fields of one's own, refusals."""
+
+import json
+import math
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.errors import SceneError, SolveError
+from wormopt.result import Result, Variable
+from wormopt.scenes import load_scene
+from wormopt.worms.film import CosineWave
+from wormopt.worms.film_shapes import grid
+
+SCENE = """schema = 1
+kind = "film-forward"
+[film]
+delta = 0.5
+tension = 0.1
+[course]
+periods = 40
+[grid]
+points = 64
+most = 64
+[tolerance]
+recheck = false
+"""
+FILM = "[film]\ndelta = 0.5\ntension = 0.1\n"
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return path
+
+
+def run(folder: Path, *changes: str, text: str = SCENE) -> Result:
+    return wo.run(load_scene(write(folder, text), list(changes)))
+
+
+def value(result: Result, name: str) -> Any:
+    return result.scalars[name].value
+
+
+@cache
+def packaged() -> Result:
+    return wo.run(load_scene("film_forward"))
+
+
+# -- where films go --------------------------------------------------------------------------------
+
+
+def test_the_packaged_film_takes_the_wave():
+    result = packaged()
+    assert result.status == "ok"
+    assert value(result, "outcome") == "wave"
+    assert value(result, "distance_to_wave") < 1e-9
+    assert value(result, "volume_error") < 1e-12
+    assert value(result, "mean_flow") == pytest.approx(1 / 3, abs=1e-9)
+    assert value(result, "growth_rate_max") == pytest.approx(-0.36195857, abs=1e-7)
+    assert value(result, "branches") == 1
+    assert result.trust["resolution_difference"] < 1e-9
+    assert result.trust["closed_form_difference"] < 1e-10
+    assert result.trust["warnings"] == []
+
+
+def test_signals_of_a_course():
+    result = packaged()
+    h, end = result["thickness"].values, result["thickness_end"].values
+    assert h.shape == (len(result["time"].values), len(result["xi"].values))
+    assert np.all(h[0] == pytest.approx(1.0))
+    assert np.array_equal(h[-1], end)
+    assert result["flow_end"].values == pytest.approx(end + CosineWave(0.5).constant, abs=1e-8)
+    assert result["field_pressure"].values.min() == pytest.approx(0.0, abs=1e-3)
+    delta, crest = result["branch_delta"].values, result["branch_thickness_max"].values
+    assert crest == pytest.approx(1 + delta, abs=1e-6)
+    flow = 3 * delta**2 / (2 + delta**2)
+    assert result["branch_mean_flow"].values == pytest.approx(flow, abs=1e-6)
+
+
+def test_a_flat_film_goes_elsewhere_though_the_wave_is_stable(tmp_path: Path):
+    result = run(tmp_path, "film.tension=0.01", "grid.points=128", "grid.most=128")
+    assert value(result, "outcome") == "other"
+    assert value(result, "growth_rate_max") < 0
+    assert value(result, "growth_rate_end") < 0
+    assert value(result, "distance_to_steady") < 1e-9
+    assert value(result, "thickness_max") == pytest.approx(3.256, abs=2e-3)
+    assert any("does not reach it" in text for text in result.trust["warnings"])
+
+
+def test_from_near_the_wave_the_same_film_stays(tmp_path: Path):
+    start = 'start={shape="wave", nudge=0.05, harmonic=2}'
+    result = run(tmp_path, "film.tension=0.01", start)
+    assert value(result, "outcome") == "wave"
+
+
+def test_an_unstable_wave_is_left(tmp_path: Path):
+    start = 'start={shape="wave", nudge=1e-4}'
+    changes = ("film.delta=0.9", "film.tension=1.0", "grid.points=128", "grid.most=128", start)
+    result = run(tmp_path, *changes)
+    assert value(result, "outcome") == "other"
+    assert value(result, "growth_rate_max") == pytest.approx(0.50024, abs=1e-4)
+    assert value(result, "distance_to_wave") > 0.1
+    assert any("not stable" in text for text in result.trust["warnings"])
+    time = result["time"].values
+    apart = np.abs(result["thickness"].values - result["thickness_wave"].values).max(axis=1)
+    early = (apart > 1e-3) & (apart < 1e-2)
+    rate = np.polyfit(time[early], np.log(apart[early]), 1)[0]
+    assert rate == pytest.approx(0.50, abs=0.05)
+
+
+def test_a_film_that_breaks_is_located(tmp_path: Path):
+    changes = ("course.rupture=0.5", "film.tension=0.03", "course.periods=10")
+    result = run(tmp_path, *changes)
+    assert result.status == "ok"
+    assert value(result, "outcome") == "breaks"
+    last = result["thickness_end"].values
+    assert last.min() == pytest.approx(0.5, abs=5e-3)
+    assert last.min() < 0.5
+    assert value(result, "broke_xi") == result["xi"].values[np.argmin(last)]
+    assert result["time"].values[-1] == value(result, "broke_time")
+    assert (result["thickness"].values[:-1].min(axis=1) >= 0.5).all()
+
+
+def test_a_film_the_points_cannot_hold_fails_with_the_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    scene = str(write(tmp_path, SCENE))
+    sets = ["film.delta=0.9", "film.tension=0.01", "grid.points=32", "grid.most=32"]
+    sets += ["course.rupture=1e-6", "course.periods=2", "tolerance.recheck=false"]
+    out = ["-o", str(tmp_path / "out"), "--json", "--no-plots"]
+    assert main(["run", scene, *out, *(p for s in sets for p in ("--set", s))]) == 3
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["status"] == "failed"
+    assert "leaves what 32 points can hold" in printed["reason"]
+    assert "grid.most" in printed["reason"]
+
+
+def test_too_few_steps_are_told(tmp_path: Path):
+    with pytest.raises(SolveError, match="steps were spent"):
+        run(tmp_path, "tolerance.max_steps=20")
+
+
+@pytest.mark.slow
+def test_a_map_has_all_outcomes(tmp_path: Path):
+    """Flat films take the wave, go to a drop, break; each with the spectrum that explains it."""
+    table = "map={delta=[0.5, 0.9, 0.98], tension=[0.01, 0.1, 1.0]}"
+    grid_ = ("grid.points=128", "grid.most=256", "course.periods=100")
+    result = run(tmp_path, table, *grid_, 'want=["basins"]')
+    outcome, growth = result["map_outcome"].values, result["map_growth"].values
+    names = [["wave", "other", "moving", "breaks", "unresolved"][k] for k in outcome.ravel()]
+    found = np.reshape(names, outcome.shape)
+    assert found[0].tolist() == ["other", "wave", "wave"]
+    assert found[1, 2] == "other"
+    assert found[2, 2] == "breaks"
+    assert (growth[0] < 0).all()
+    assert growth[1, 2] == pytest.approx(0.50024, abs=1e-4)
+    assert value(result, "map_wave") == int(np.sum(found == "wave")) == 2
+    assert value(result, "map_breaks") == int(np.sum(found == "breaks"))
+    assert value(result, "map_wave_stable_not_reached") >= 1
+
+
+def test_a_small_map(tmp_path: Path):
+    result = run(tmp_path, "map={delta=[0.3, 0.5], tension=[0.01, 0.1]}", "course.rupture=0.48")
+    outcome = result["map_outcome"].values
+    assert outcome.tolist() == [[0, 0], [3, 0]]  # the drop's film is thinner than 0.48
+    assert result["map_growth"].values[1] == pytest.approx([-0.6310779, -0.3619586], abs=1e-5)
+    assert value(result, "map_wave") == 3
+    assert value(result, "map_wave_stable_not_reached") == 1
+
+
+# -- fields of one's own ---------------------------------------------------------------------------
+
+
+def samples(points: int = 48) -> np.ndarray:
+    wave = CosineWave(0.5)
+    return wave.peak(0.1).value - wave.field_function(grid(points), 0.1)
+
+
+def with_field(field: str) -> str:
+    return SCENE + f"[field]\n{field}\n"
+
+
+@pytest.mark.parametrize("form", ["list", "squared", "field", "csv", "two columns", "result"])
+def test_a_field_of_samples_makes_the_same_film(tmp_path: Path, form: str):
+    pressure = samples()
+    square = 8 * math.pi * pressure / (1.2 - 1)
+    text = {
+        "list": f"samples = {pressure.tolist()}",
+        "squared": f'samples = {square.tolist()}\nquantity = "field_squared"\nmu_r = 1.2',
+        "field": f'samples = {np.sqrt(square).tolist()}\nquantity = "field"\nmu_r = 1.2',
+        "csv": 'file = "field.csv"',
+        "two columns": 'file = "both.csv"',
+        "result": 'file = "earlier"\nvariable = "field_pressure"',
+    }[form]
+    np.savetxt(tmp_path / "field.csv", pressure)
+    both = np.column_stack([grid(len(pressure)), pressure])
+    np.savetxt(tmp_path / "both.csv", both, delimiter=",", header="xi,field", comments="")
+    (tmp_path / "earlier").mkdir()
+    earlier = Variable("field_pressure", "1", ("xi",), pressure)
+    Result("row", "film-forward", variables=(earlier,)).save(tmp_path / "earlier")
+    # H of 48 samples has a kink where it is 0, its square has none: both are squared at samples
+    result = run(tmp_path, text=with_field(text))
+    assert value(result, "outcome") == "wave"
+    assert value(result, "distance_to_wave") < 1e-6
+    assert result["field_pressure"].values[::4] == pytest.approx(samples(16), abs=1e-5)
+
+
+def test_si_fields_are_those_of_the_fluid(tmp_path: Path):
+    fluid = """[film.fluid]
+mu_r = 1.05
+viscosity = 0.05
+density = 1100.0
+surface_tension = 0.028
+depth = 1e-4
+wavelength = 1e-2
+frequency = 10.0
+"""
+    oil = wo.run(load_scene("film_field"))
+    field = oil["field_squared"].values
+    assert oil["field"].unit == "A m-1"
+    H = oil["field"].values[:-1] if len(field) % 2 else oil["field"].values
+    listed = f'[field]\nquantity = "field"\nsamples = {H.tolist()}\n'
+    text = SCENE.replace(FILM, 'units = "SI"\n[film]\ndelta = 0.5\n' + fluid) + listed
+    result = run(tmp_path, 'start={shape="wave"}', "course.periods=20", text=text)
+    assert value(result, "tension_number") == pytest.approx(
+        oil.scalars["tension_number"].value, rel=1e-12
+    )
+    assert value(result, "distance_to_wave") < 1e-4
+
+
+def test_a_field_needs_no_wave(tmp_path: Path):
+    field = "[field]\nsamples = [0.0, 0.3, 0.5, 0.5, 0.3, 0.1, 0.0, 0.0]\n"
+    text = SCENE.replace("delta = 0.5\n", "") + field
+    result = run(tmp_path, text=text)
+    assert value(result, "outcome") == "other"
+    assert value(result, "distance_to_wave") is None
+    assert "thickness_wave" not in result
+    assert value(result, "mean_flow") > 0
+
+
+def test_a_start_of_samples(tmp_path: Path):
+    h = CosineWave(0.5).height(grid(20))
+    start = f'start={{shape="samples", samples={h.tolist()}}}'
+    result = run(tmp_path, start, "course.periods=1")
+    assert value(result, "distance_to_wave") < 1e-9
+
+
+# -- refusals --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "message"),
+    [
+        ("film.delta=1.0", "film.delta", "below 1"),
+        ("film.delta=1.5", "film.delta", "below 1"),
+        ("film.tension=0.0", "film.tension", "first order"),
+        ("film.tension=-0.1", "film.tension", "0 or above"),
+        ("film={delta=0.5}", "film.tension", "missing"),
+        ("film={tension=0.1}", "film.delta", "missing"),
+        ("grid.points=20", "grid.points", "32 to 512"),
+        ("grid.most=40", "grid.most", "at least 64"),
+        ("grid.order=5", "grid.order", "4, 6, 8"),
+        ("field={samples=[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]}", "field.samples", "does not repeat"),
+        ("field={samples=[0.0, 1.0, 2.0]}", "field.samples", "4 to 100000"),
+        ("field={}", "field.samples", "missing"),
+        ('field={file="none.csv"}', "field.file", "cannot be read"),
+        ('field={file="scene.toml"}', "field.variable", "missing"),
+        ('field={file="scene.toml", variable="field"}', "field.file", "no result"),
+        (
+            'field={samples=[0, 1, 1, 0], quantity="field", mu_r=1.0}',
+            "field.mu_r",
+            "above 1",
+        ),
+        (
+            'field={samples=[0, 1, 1, 0], quantity="field", mu_r=0.5}',
+            "field.mu_r",
+            "above 1",
+        ),
+        ('field={samples=[0, 1, 1, 0], quantity="field"}', "field.mu_r", "missing"),
+        ("field={samples=[0, 1, 1, 0], mu_r=1.1}", "field.mu_r", "leave it out"),
+        (
+            'field={samples=[-1, 1, 1, 0], quantity="field_squared", mu_r=1.1}',
+            "field.samples",
+            "cannot be below 0",
+        ),
+        ('start={shape="samples"}', "start.samples", "missing"),
+        ("start={samples=[1, 1, 1, 1]}", "start.samples", "goes with shape"),
+        ('start={shape="samples", samples=[2, 2, 2, 2]}', "start.samples", "mean thickness"),
+        ("start.nudge=1.5", "start.nudge", "above 0 everywhere"),
+        ("map={delta=[0.5, 0.3], tension=[0.1]}", "map.delta", "ascend"),
+        ("map={delta=[0.5], tension=[0.0]}", "map.tension", "above 0"),
+        ('want=["basins"]', "map", "missing"),
+        ("branch.delta=[0.6, 0.9]", "branch.delta", "does not hold"),
+        ("branch.delta=[0.9, 0.1]", "branch.delta", "smaller number first"),
+        ('units="SI"', "film.fluid", "missing"),
+    ],
+)
+def test_bad_films_are_refused(tmp_path: Path, change: str, key: str, message: str):
+    with pytest.raises(SceneError) as caught:
+        run(tmp_path, change)
+    assert key in str(caught.value)
+    assert message in str(caught.value)
+
+
+def test_a_table_with_other_phases_is_refused(tmp_path: Path):
+    np.savetxt(tmp_path / "far.csv", [[0, 1.0], [1, 2.0], [2, 1.0], [3, 0.0]], delimiter=",")
+    with pytest.raises(SceneError, match="phases in far"):
+        run(tmp_path, 'field={file="far.csv"}')
+    (tmp_path / "words.csv").write_text("a\nb\nc\n")
+    with pytest.raises(SceneError, match="no table of numbers"):
+        run(tmp_path, 'field={file="words.csv"}')
+
+
+@pytest.mark.parametrize("name", ["film_forward", "film_basins"])
+def test_packaged_scenes_are_read(name: str):
+    assert load_scene(name).table.kind == "film-forward"
+
+
+@pytest.mark.slow
+def test_the_packaged_map():
+    result = wo.run(load_scene("film_basins"))
+    outcome = result["map_outcome"].values
+    assert outcome.shape == (9, 6)
+    assert (outcome[0] == 0).all()  # delta = 0.3: always the wave
+    assert outcome[2, 0] == 1  # delta = 0.5, W = 0.01: the drop
+    assert outcome[2, 2] == 0
