@@ -155,6 +155,12 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.float",
         pictures=("ride",),
     ),
+    "film-wave": Kind(
+        summary="the wave of a film of magnetic fluid that carries most, or needs the least field",
+        table="wormopt.scenes.film_wave:FilmWaveScene",
+        study="wormopt.studies.film_wave",
+        pictures=("film_wave",),
+    ),
     "coil-row": Kind(
         summary="the travelling magnetic field of a row of coils that are switched in turn",
         table="wormopt.scenes.coil_row:CoilRowScene",

@@ -20,6 +20,7 @@ from wormopt.plot import (
     coils,
     comparison,
     film,
+    film_wave,
     gaits,
     hydrostatics,
     magnetics,
@@ -103,6 +104,9 @@ PICTURES: dict[str, Picture] = {
         thin_film.forward, ("xi", "time", "thickness", "thickness_end", "field_pressure")
     ),
     "basins": Picture(thin_film.basins, ("map_delta", "map_tension", "map_outcome", "map_growth")),
+    "film_wave": Picture(
+        film_wave.film_wave, ("xi", "height", "field_pressure", "surface_velocity")
+    ),
     "travelling_field": Picture(
         coils.travelling_field,
         (

@@ -1,0 +1,366 @@
+"""Find the best wave of a film: crests by trial, then the phases at which its field switches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.gaits.film_wave import TURN, WaveAim, WaveLimits, wave_guess, wave_problem
+from wormopt.optimal.collocation import Collocation
+from wormopt.optimal.contact import Smoothed
+from wormopt.optimal.mesh import Mesh
+from wormopt.optimal.motion import Guess, Motion
+from wormopt.optimal.nlp import Ipopt
+from wormopt.optimal.optimise import Optimum, optimise, refine
+from wormopt.optimal.sequence import structure_of
+from wormopt.progress import Report, silent
+
+__all__ = ["DesignedWave", "Try", "best_wave"]
+
+# There is no contact here; the treatment only tells which inputs are at their limits.
+_WIDTH = 1.0
+# Local error at which the mesh shows where the field switches.
+_SHOWN, _ROUNDS = 1e-6, 4
+# State polynomials between switches, and arcs of a phase in which the field is at a limit.
+_EXACT, _HALVES = Collocation(6), 2
+# Phases may lose so much of the objective before others are read.
+_LOST = 1e-5
+# Waves of the same number of crests are alike if their objectives differ by less.
+_ALIKE = 1e-3
+# Phases at which crests are looked for.
+_FINE = 8192
+_TIGHT = Ipopt(tolerance=1e-10, mu_init=1e-2)
+
+
+@dataclass(frozen=True)
+class Try:
+    """How a start ended.
+
+    Parameters
+    ----------
+    start : str
+        From what.
+    repeats : int
+        How often the wave that was optimised stands in 2 pi.
+    crests : int
+        Crests that were found in 2 pi, 0 where nothing was.
+    reached : float
+        What was sought, NaN where nothing was found.
+    """
+
+    start: str
+    repeats: int
+    crests: int = 0
+    reached: float = math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class DesignedWave:
+    """An optimal wave.
+
+    Parameters
+    ----------
+    stages : dict of str to Optimum
+        All solves that led to it, the last one of the wave itself, as a single wave, see
+        `wormopt.gaits.film_wave`.
+    limits : WaveLimits
+        What it keeps to.
+    repeats : int
+        How often the wave that was optimised stands in 2 pi.
+    tries : tuple of Try
+        All starts.
+    """
+
+    stages: dict[str, Optimum]
+    limits: WaveLimits
+    repeats: int
+    tries: tuple[Try, ...]
+
+    @property
+    def optimum(self) -> Optimum:
+        """Last solve."""
+        return [*self.stages.values()][-1]
+
+    @property
+    def motion(self) -> Motion:
+        """The single wave."""
+        return self.optimum.motion
+
+    @property
+    def mean_flow(self) -> float:
+        """1 + C."""
+        return float(self.motion.arcs.design[0])
+
+    @property
+    def field_range(self) -> float:
+        """Largest field that the optimiser had at its disposal, or chose."""
+        design = self.motion.arcs.design
+        return self.limits.field or float(design[1]) / self.repeats
+
+    @property
+    def reached(self) -> float:
+        """What was sought: the range of the field in 2 pi, where that is it."""
+        return self.field_range if self.limits.field is None else -self.optimum.objective
+
+    @cached_property
+    def start(self) -> float:
+        """Phase of the single wave at which its highest crest, the first of them, is half over."""
+        h = self._fine
+        top = np.flatnonzero(h >= h.max() - 1e-6 * np.ptp(h))
+        gaps = np.diff(top, prepend=top[-1] - _FINE)
+        first = int(top[int(np.argmax(gaps))])  # a crest may be cut by the end
+        last = first
+        while h[(last + 1) % _FINE] >= h[first] - 1e-6 * np.ptp(h):
+            last += 1
+        return TURN * (first + last) / 2 / _FINE
+
+    @cached_property
+    def _fine(self) -> np.ndarray:
+        return self.motion.state("thickness", TURN * np.arange(_FINE) / _FINE)[0]
+
+    @cached_property
+    def crests(self) -> int:
+        """How often the wave rises through the mean thickness in 2 pi."""
+        h = self._fine
+        return self.repeats * int(np.sum((h <= 1) & (np.roll(h, -1) > 1)))
+
+    def thickness(self, xi: np.ndarray) -> np.ndarray:
+        """Thickness h at some phases; a crest is at 0.
+
+        Parameters
+        ----------
+        xi : ndarray, shape (m,)
+            Phases.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+        """
+        return self.motion.state("thickness", self._inner(xi))[0]
+
+    def slope(self, xi: np.ndarray) -> np.ndarray:
+        """Slope of the thickness at some phases.
+
+        Parameters
+        ----------
+        xi : ndarray, shape (m,)
+            Phases.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+        """
+        return self.motion.state("slope", self._inner(xi))[0] * self.repeats
+
+    def field(self, xi: np.ndarray) -> np.ndarray:
+        """Field (mu - 1) H² / (8 pi), as the optimiser has it, least 0; the later one at a jump.
+
+        Parameters
+        ----------
+        xi : ndarray, shape (m,)
+            Phases.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+        """
+        t = self._inner(xi)
+        if self.limits.gradient is not None:
+            return self.motion.state("field", t)[0] / self.repeats
+        return self.motion.inputs(t)[0] * self.field_range
+
+    def guess(self, *, on_crest: bool) -> Guess:
+        """The single wave as a start for another aim within the same limits.
+
+        Parameters
+        ----------
+        on_crest : bool
+            Whether it is to start on a crest.
+
+        Returns
+        -------
+        Guess
+        """
+        motion, first = self.motion, self.start if on_crest else 0.0
+        return Guess(
+            TURN,
+            lambda t: motion.states(np.mod(t + first, TURN)),
+            lambda t: motion.inputs(np.mod(t + first, TURN)),
+        )
+
+    def _inner(self, xi: np.ndarray) -> np.ndarray:
+        return np.mod(self.repeats * np.asarray(xi) + self.start, TURN)
+
+    def instants(self, each: int = 4) -> np.ndarray:
+        """Phases from 0 to 2 pi that show every jump of the field: just before it and after.
+
+        Parameters
+        ----------
+        each : int, optional
+            Phases on each arc.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            Ascending.
+        """
+        arcs = self.motion.arcs.duration > 1e-9
+        begin, spans = self.motion.breaks[:-1][arcs], self.motion.arcs.duration[arcs]
+        t = (begin[:, None] + spans[:, None] * np.linspace(1e-9, 1 - 1e-9, each)).ravel()
+        shares = np.sort(np.mod(t - self.start, TURN))
+        every = np.add.outer(TURN * np.arange(self.repeats), shares).ravel() / self.repeats
+        return np.concatenate([[0.0], every[(every > 0) & (every < TURN)], [TURN]])
+
+
+def best_wave(
+    limits: WaveLimits,
+    aim: WaveAim,
+    *,
+    crests: int = 3,
+    near: DesignedWave | None = None,
+    mesh: Mesh | None = None,
+    tolerance: float = 1e-9,
+    report: Report = silent,
+) -> DesignedWave:
+    """Optimise waves of 1, 2, ... crests, and make the best one exact.
+
+    Starts are cosine waves of 1, 2, ... crests alike, and where a crest itself is asked about
+    also such waves with one crest higher than the others.
+
+    Parameters
+    ----------
+    limits : WaveLimits
+        What the wave must keep to.
+    aim : WaveAim
+        What it is to be good at.
+    crests : int, optional
+        Most crests to start from.
+    near : DesignedWave, optional
+        Another start: the best wave for another aim within the same limits.
+    mesh : Mesh, optional
+        Of the first solves.
+    tolerance : float, optional
+        Local error allowed on each arc in the end.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    DesignedWave
+        A local optimum, the best of those found.
+
+    Raises
+    ------
+    SolveError
+        If no start leads to a wave.
+    """
+    waves: list[DesignedWave] = []
+    tries: list[Try] = []
+    error: SolveError | None = None
+    starts = [*_starts(limits, aim, crests, near)]
+    for k, (name, repeats, guess) in enumerate(starts):
+        report(f"start: {name}", k / (len(starts) + 1))
+        try:
+            first = _first(limits.single(repeats), aim, guess, mesh)
+        except SolveError as failed:
+            error = failed
+            tries.append(Try(name, repeats))
+            continue
+        wave = DesignedWave({"first": first}, limits, repeats, ())
+        waves.append(wave)
+        tries.append(Try(name, repeats, wave.crests, wave.reached))
+    if not waves:
+        raise error or SolveError("no start was given", "give at least one crest")
+    best = _chosen(waves)
+    report("phases of the field", len(starts) / (len(starts) + 1))
+    stages = _exact(best.optimum, tolerance, report)
+    return replace(best, stages=stages, tries=tuple(tries))
+
+
+def _starts(
+    limits: WaveLimits, aim: WaveAim, crests: int, near: DesignedWave | None
+) -> Iterator[tuple[str, int, Guess]]:
+    if near is not None:
+        yield "the best wave for another aim", near.repeats, near.guess(on_crest=aim.on_crest)
+    for n in range(1, crests + 1):
+        name = "1 crest" if n == 1 else f"{n} crests alike"
+        yield name, n, wave_guess(limits.single(n), aim)
+    for n in range(2, crests + 1) if aim.on_crest else ():
+        yield f"{n} crests, one higher", 1, wave_guess(limits, aim, second=n)
+
+
+def _chosen(waves: list[DesignedWave]) -> DesignedWave:
+    """Best wave; of those as good and with as many crests that of most repeats, the simplest."""
+    sign = 1 if waves[0].limits.field is None else -1
+    best = min(waves, key=lambda wave: sign * wave.reached)
+    size = max(abs(best.reached), 1e-300)
+    alike = [
+        wave
+        for wave in waves
+        if wave.crests == best.crests and abs(wave.reached - best.reached) <= _ALIKE * size
+    ]
+    most = max(wave.repeats for wave in alike)
+    return min((w for w in alike if w.repeats == most), key=lambda wave: sign * wave.reached)
+
+
+def _first(limits: WaveLimits, aim: WaveAim, guess: Guess, mesh: Mesh | None) -> Optimum:
+    # an input of the curvature's degree: h'' = (m - B) / W is then 0 on plateaus, not only at nodes
+    plain = mesh or Mesh.even(1, 60, Collocation(3, "radau"))
+    plain = replace(plain, input_degree=_input_degree(plain.collocation, limits.gradient))
+    return optimise(wave_problem(limits, aim), plain, Smoothed(_WIDTH, _WIDTH), guess)
+
+
+def _input_degree(collocation: Collocation, gradient: float | None) -> int:
+    return max(0, collocation.degree - (2 if gradient is None else 3))
+
+
+def _exact(first: Optimum, tolerance: float, report: Report) -> dict[str, Optimum]:
+    """Phases between switches of the field, which end anywhere, and polynomials fine enough.
+
+    Under a limited slope the field may switch without end before it rests on a thickness, so that
+    no phases are as good as many arcs; then those are kept.
+    """
+    near = replace(_TIGHT, warm=True, mu_init=1e-5)
+    shown = refine(first, _SHOWN, rounds=_ROUNDS, solver=near)
+    stages, best = {"first": first, "refined": shown}, None
+    enough = shown.objective + _LOST * abs(shown.objective)
+    for active, durations in _readings(shown.motion):
+        report(f"{len(durations)} phases", None)
+        try:
+            found = _between(shown.motion, active, durations)
+            if best is None or found.objective < best.objective:
+                best = refine(found, tolerance, solver=replace(near, mu_init=1e-6))
+        except SolveError:
+            continue
+        if best.objective <= enough:
+            return {**stages, "phases": best}
+    report("finer arcs", None)
+    return {**stages, "finer": refine(shown, tolerance, solver=near)}
+
+
+def _readings(motion: Motion) -> Iterator[tuple[tuple[tuple[int, ...], ...], np.ndarray]]:
+    """Phases by what is taken for noise."""
+    seen = set()
+    for least in (2, 3, 1):
+        found = structure_of(motion, speed=None, least=least)
+        if found.active not in seen:
+            seen.add(found.active)
+            yield found.active, found.durations
+
+
+def _between(motion: Motion, active: tuple[tuple[int, ...], ...], durations: np.ndarray) -> Optimum:
+    falls = motion.mesh.collocation.degree - motion.mesh.input_degree
+    counts = tuple(_HALVES if any(each) else 1 for each in active)
+    mesh = Mesh.even(len(counts), counts, _EXACT, _EXACT.degree - falls)
+    return optimise(
+        motion.program.problem,
+        mesh,
+        Smoothed(_WIDTH, _WIDTH, active=active),
+        replace(motion.guess, phases=durations),
+        solver=_TIGHT,
+    )
