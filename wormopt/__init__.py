@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from wormopt.worms.float import floating, tracers
     from wormopt.worms.magnetic_pair import magnetic_pair
     from wormopt.worms.slow_pair import slow_pair
+    from wormopt.worms.thin_film import thin_film
 
 __version__ = VERSION
 
@@ -172,6 +173,7 @@ _HOMES = {
     "steady_pair": "wormopt.worms.averaged_pair",
     "steady_states": "wormopt.averaging.steady",
     "switched_course": "wormopt.magnetics.travelling",
+    "thin_film": "wormopt.worms.thin_film",
     "tracers": "wormopt.worms.float",
     "travelling_sine": "wormopt.gaits.construct",
 }
@@ -272,6 +274,7 @@ __all__ = [
     "steady_pair",
     "steady_states",
     "switched_course",
+    "thin_film",
     "tracers",
     "travelling_sine",
 ]
