@@ -281,8 +281,16 @@ class Walk:
             On whose side the tangent shall be.
         """
         _, by_y = self._linear(y)
-        found = np.linalg.svd(by_y)[2][-1]
-        return -found if along is not None and found @ along < 0 else found
+        if along is None:
+            return np.linalg.svd(by_y)[2][-1]
+        # regular at folds, and less work than all singular vectors
+        matrix, last = np.vstack([by_y, along]), np.eye(len(along))[-1]
+        try:
+            found = np.linalg.solve(matrix, last)
+        except np.linalg.LinAlgError:  # where branches cross
+            found = np.linalg.svd(by_y)[2][-1]
+            found = found if found @ along > 0 else -found
+        return found / np.linalg.norm(found)
 
     def step(self, y: np.ndarray, tangent: np.ndarray, length: float) -> np.ndarray | None:
         """Point of the branch so far along the tangent, None if there is none near.
@@ -293,10 +301,6 @@ class Walk:
             Where from, and which way.
         length : float
             How far, in usual sizes.
-
-        Returns
-        -------
-        ndarray or None
         """
         guess = y + length * tangent * self.size
         found = guess.copy()
@@ -322,7 +326,7 @@ class Walk:
         max_points: int,
         until: Callable[[np.ndarray, list[Fold]], bool] | None = None,
     ) -> tuple[list[np.ndarray], list[Fold], End]:
-        """Walk until the branch ends.
+        """Walk until the branch ends, and tell its points, its folds, and why it ended.
 
         Parameters
         ----------
@@ -331,12 +335,7 @@ class Walk:
         max_points : int
             Most points.
         until : callable, optional
-            Told every new point and the folds before it; the walk stops there if it gives True.
-
-        Returns
-        -------
-        tuple
-            Points, folds, and why it ended, as in `Branch`, or "stopped".
+            Told every new point and the folds before it; the walk is "stopped" if it gives True.
         """
         first, first_tangent = y, tangent
         points, folds, length = [y], [], 1e-2
