@@ -296,9 +296,9 @@ def switched() -> Result:
     mean = 1e8 * (1 + np.cos(phase))
     variables = [
         Variable("place", "m", ("place",), place),
-        Variable("time", "s", ("time",), [0.01, 0.03, 0.05]),
+        Variable("time", "s", ("time",), np.array([0.01, 0.03, 0.05])),
         Variable("field", "A m-1", ("time", "place"), field),
-        Variable("coil_place", "m", ("coil",), [0.0, 0.01, 0.02]),
+        Variable("coil_place", "m", ("coil",), np.array([0.0, 0.01, 0.02])),
         *(Variable(f"square_{name}", "A2 m-2", ("phase",), share * mean)
           for name, share in (("low", 0.9), ("mean", 1.0), ("high", 1.1), ("target", 0.97))),
         Variable("phase", "rad", ("phase",), phase),

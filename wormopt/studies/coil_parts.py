@@ -138,8 +138,14 @@ def recheck(row: CoilRow, x: np.ndarray, z: float, currents: np.ndarray) -> dict
 
     Parameters
     ----------
-    row, x, z, currents
-        As for `field_by_quadrature`.
+    row : CoilRow
+        The row.
+    x : ndarray, shape (m,)
+        Points along x.
+    z : float
+        Height of the line.
+    currents : ndarray, shape (count, m)
+        Ampere-turns of the coils at each point.
 
     Returns
     -------
