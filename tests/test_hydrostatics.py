@@ -329,6 +329,7 @@ def test_a_large_saturation_is_no_saturation():
     assert value(low, "surface_rise_max") < 0.9 * value(linear, "surface_rise_max")
 
 
+@pytest.mark.slow
 def test_a_coil_above_draws_the_fluid_up_until_there_is_no_rest():
     changes = ['coil.side="above"', "coil.distance=12e-3", "coil.ampere_turns=4000.0"]
     with pytest.raises(SolveError, match="folds") as caught:
@@ -354,6 +355,7 @@ def test_a_coil_above_draws_the_fluid_up_until_there_is_no_rest():
     assert not surface_by_shooting(profile, 1.02 * fold / 4000, guess).success
 
 
+@pytest.mark.slow
 def test_a_thin_layer_runs_dry():
     with pytest.raises(SolveError, match="runs dry") as caught:
         solved("layer.thickness=3e-4", "coil.ampere_turns=3000.0")
@@ -361,6 +363,7 @@ def test_a_thin_layer_runs_dry():
     assert np.min(caught.value.partial["surface"].values) == pytest.approx(0, abs=1e-6)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=8)
 @given(
     chi=st.floats(0.01, 3), thickness=st.floats(1e-3, 1e-2), tension=st.floats(0.01, 0.1),
@@ -462,6 +465,7 @@ def test_wrong_scenes_are_told(
     assert "Traceback" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_run_saves_maps_and_a_picture_also_where_it_fails(tmp_path: Path):
     changes = [*THIN, "layer.thickness=3e-4", "coil.ampere_turns=3000.0"]
     settings_ = [text for change in changes for text in ("--set", change)]

@@ -22,7 +22,7 @@ from wormopt.core.model import Model
 from wormopt.core.values import by_name
 from wormopt.errors import ArgumentError
 
-__all__ = ["Branch", "Equations", "Fold", "Walk", "follow_branch"]
+__all__ = ["Branch", "Fold", "Walk", "follow_branch"]
 
 End = Literal["range", "runaway", "lost", "steps", "closed", "stopped"]
 
@@ -211,7 +211,7 @@ def follow_branch(
     )
 
 
-class Equations(Protocol):
+class _Equations(Protocol):
     """As many equations as unknowns, with parameters, for m sets of unknowns at a time."""
 
     nominal: np.ndarray
@@ -238,7 +238,7 @@ class Walk:
 
     Parameters
     ----------
-    rates : Equations
+    rates : Rates, or Collocation
         What is 0 on the branch.
     parameter : str
         Name of the parameter.
@@ -252,7 +252,7 @@ class Walk:
 
     def __init__(
         self,
-        rates: Equations,
+        rates: _Equations,
         parameter: str,
         span: tuple[float, float],
         p: np.ndarray,

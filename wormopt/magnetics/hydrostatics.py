@@ -11,7 +11,7 @@ Sources: chapter 3.5; R. E. Rosensweig, Ferrohydrodynamics, 1985, chapter 5.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from wormopt.magnetics.langevin import langevin_ratio, log_sinh_ratio
 from wormopt.magnetics.material import MU0, check_number
@@ -26,18 +26,6 @@ __all__ = [
     "pressure",
     "pull",
 ]
-
-
-class Magnetisation(Protocol):
-    """How a fluid takes magnetisation, as functions of H²."""
-
-    def ratio(self, square: Any) -> Any:
-        """M / H at H² = ``square``."""
-        ...
-
-    def energy(self, square: Any) -> Any:
-        """Integral of M over H from 0, in A²/m²."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -140,6 +128,10 @@ class Langevin:
 
     def _y2(self, square: Any) -> Any:
         return (3 * self.chi / self.saturation) ** 2 * square
+
+
+Magnetisation = Linear | Langevin
+"""How a fluid takes magnetisation, as functions of H²."""
 
 
 @dataclass(frozen=True)
@@ -259,7 +251,7 @@ def flat_layer_pull(fluid: Fluid, field: tuple[Any, Any], slope: Any) -> Any:
 
     Parameters
     ----------
-    fluid, field, slope
+    fluid, field, slope : Fluid, (float, float), float
         As for `pull`.
 
     Returns

@@ -189,7 +189,7 @@ def field_of_pressure(fluid: Fluid, pressure: float) -> float:
     >>> from wormopt.magnetics.hydrostatics import Linear
     >>> fluid = Fluid(1200.0, 0.03, Linear(0.35))
     >>> [round(field_of_pressure(fluid, p), -3) for p in (2200.0, 2.2e9)]
-    [100000.0, 100018000.0]
+    [100000.0, 100020000.0]
     """
 
     def excess(size: float) -> float:

@@ -116,7 +116,7 @@ def setup_of(scene: Scene[CoilPressureScene]) -> Setup:
     """
     table = scene.table
     magnet, layer = table.fluid, table.layer
-    law = Linear(magnet.chi)
+    law: Linear | Langevin = Linear(magnet.chi)
     if magnet.saturation is not None:
         law = Langevin(magnet.chi, magnet.saturation)
     fluid = Fluid(magnet.density, magnet.surface_tension, law, table.gravity)
