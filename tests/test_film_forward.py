@@ -234,6 +234,19 @@ frequency = 10.0
     assert value(result, "distance_to_wave") < 1e-4
 
 
+def test_a_field_that_is_off_makes_a_film_that_is_off(tmp_path: Path):
+    """The steady film next to the wave is reached; its distance is that from the wave itself."""
+    off = samples() + 0.02 * np.cos(2 * grid(48))
+    result = run(tmp_path, text=with_field(f"samples = {off.tolist()}"))
+    assert value(result, "outcome") == "wave"
+    assert value(result, "distance_to_steady") < 1e-9
+    wave = CosineWave(0.5).height(result["xi"].values)
+    apart = np.abs(result["thickness_end"].values - wave).max()
+    assert value(result, "distance_to_wave") == pytest.approx(apart)
+    assert 1e-3 < apart < 0.1
+    assert any("compared with the wave" in text for text in result.trust["warnings"])
+
+
 def test_a_field_needs_no_wave(tmp_path: Path):
     field = "[field]\nsamples = [0.0, 0.3, 0.5, 0.5, 0.3, 0.1, 0.0, 0.0]\n"
     text = SCENE.replace("delta = 0.5\n", "") + field

@@ -74,7 +74,7 @@ def test_rates_are_those_of_the_conservation_law(points: int):
     thickness_rate = film_thickness(found) - 1
     exact = Spectral(wave, tension, len(fine)).rates(0.0, shape(fine))
     harmonics = np.fft.rfft(exact) / len(fine)
-    there = sum(2 * (harmonics[k] * np.exp(1j * k * xi)).real for k in range(1, len(harmonics)))
+    there: Any = sum(2 * (harmonics[k] * np.exp(1j * k * xi)).real for k in range(1, len(harmonics)))
     assert np.abs(thickness_rate - there).max() < 2e-7 * np.abs(there).max()
 
 

@@ -122,7 +122,8 @@ class Course:
     broke : (float, float), optional
         When and where it broke.
     wave, end : Steady, optional
-        The prescribed wave as the points hold it; the steady film next to the end.
+        The steady film next to the prescribed wave, which is that wave but for round-off where
+        the field is its own; the steady film next to the end.
     distance : float, optional
         From the prescribed wave, at the end.
     settled_to : float, optional
@@ -257,8 +258,8 @@ def follow(setting: Setting, points: int, report: Report = silent) -> Course:
     if setting.wave is not None:
         wave = steady(setting, points, setting.wave(grid(points)))
     course = Course(points, "breaks", time, h, steps, broke, wave, None, None, None)
-    if wave is not None:
-        course = replace(course, distance=_apart(wave.thickness, h[:, -1]))
+    if setting.wave is not None:
+        course = replace(course, distance=_apart(setting.wave(grid(points)), h[:, -1]))
     if broke is None and not failed:
         end = steady(setting, points, h[:, -1])
         settled = None if end is None else _apart(end.thickness, h[:, -1])
@@ -272,7 +273,7 @@ def _outcome(setting: Setting, course: Course, failed: bool) -> Outcome:
         return "unresolved"
     if course.broke is not None:
         return "breaks"
-    if course.distance is not None and course.distance < near:
+    if course.wave is not None and _apart(course.wave.thickness, course.thickness[:, -1]) < near:
         return "wave"
     return "other" if course.settled_to is not None and course.settled_to < near else "moving"
 

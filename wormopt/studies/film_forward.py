@@ -333,4 +333,7 @@ def _warnings(found: _Found) -> Iterator[str]:
     if course.outcome == "moving":
         yield "the film still moves at the end; write more course.periods"
     if found.wave is not None and isinstance(found.field, GivenField):
-        yield "the field is not that of film's wave, with which the film is compared"
+        yield (
+            "the field is not that of film's wave: the film is compared with the wave, and rates "
+            "of growth are those of the steady film next to it"
+        )
