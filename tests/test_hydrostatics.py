@@ -373,7 +373,9 @@ def test_whatever_the_layer_it_rests_or_says_why(
     chi: float, thickness: float, tension: float, current: float, saturated: bool
 ):
     fluid = f"fluid={{chi={chi}, surface_tension={tension}{', saturation=2e4' * saturated}}}"
-    changes = [fluid, f"layer.thickness={thickness}", f"coil.ampere_turns={current}"]
+    changes = [
+        fluid, f"layer.thickness={thickness}", f"coil.ampere_turns={current}", "surface.degree=96",
+    ]  # fmt: skip
     refused: SolveError | None = None
     result: Result | None = None
     try:
