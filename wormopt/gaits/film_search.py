@@ -10,31 +10,21 @@ from functools import cached_property
 import numpy as np
 
 from wormopt.errors import SolveError
+from wormopt.gaits.film_phases import WIDTH, exact_phases
 from wormopt.gaits.film_wave import TURN, WaveAim, WaveLimits, wave_guess, wave_problem
 from wormopt.optimal.collocation import Collocation
 from wormopt.optimal.contact import Smoothed
 from wormopt.optimal.mesh import Mesh
 from wormopt.optimal.motion import Guess, Motion
-from wormopt.optimal.nlp import Ipopt
-from wormopt.optimal.optimise import Optimum, optimise, refine
-from wormopt.optimal.sequence import structure_of
+from wormopt.optimal.optimise import Optimum, optimise
 from wormopt.progress import Report, silent
 
 __all__ = ["DesignedWave", "Try", "best_wave"]
 
-# There is no contact here; the treatment only tells which inputs are at their limits.
-_WIDTH = 1.0
-# Local error at which the mesh shows where the field switches.
-_SHOWN, _ROUNDS = 1e-6, 4
-# State polynomials between switches, and arcs of a phase in which the field is at a limit.
-_EXACT, _HALVES = Collocation(6), 2
-# Phases may lose so much of the objective before others are read.
-_LOST = 1e-5
 # Waves of the same number of crests are alike if their objectives differ by less.
 _ALIKE = 1e-3
 # Phases at which crests are looked for.
 _FINE = 8192
-_TIGHT = Ipopt(tolerance=1e-10, mu_init=1e-2)
 
 
 @dataclass(frozen=True)
@@ -196,13 +186,13 @@ class DesignedWave:
     def _inner(self, xi: np.ndarray) -> np.ndarray:
         return np.mod(self.repeats * np.asarray(xi) + self.start, TURN)
 
-    def instants(self, each: int = 4) -> np.ndarray:
+    def instants(self, least: int = 400) -> np.ndarray:
         """Phases from 0 to 2 pi that show every jump of the field: just before it and after.
 
         Parameters
         ----------
-        each : int, optional
-            Phases on each arc.
+        least : int, optional
+            How many, at least.
 
         Returns
         -------
@@ -210,6 +200,7 @@ class DesignedWave:
             Ascending.
         """
         arcs = self.motion.arcs.duration > 1e-9
+        each = max(4, -(-least // (int(np.sum(arcs)) * self.repeats)))
         begin, spans = self.motion.breaks[:-1][arcs], self.motion.arcs.duration[arcs]
         t = (begin[:, None] + spans[:, None] * np.linspace(1e-9, 1 - 1e-9, each)).ravel()
         shares = np.sort(np.mod(t - self.start, TURN))
@@ -278,7 +269,7 @@ def best_wave(
         raise error or SolveError("no start was given", "give at least one crest")
     best = _chosen(waves)
     report("phases of the field", len(starts) / (len(starts) + 1))
-    stages = _exact(best.optimum, tolerance, report)
+    stages = exact_phases(best.optimum, tolerance, report)
     return replace(best, stages=stages, tries=tuple(tries))
 
 
@@ -312,55 +303,8 @@ def _first(limits: WaveLimits, aim: WaveAim, guess: Guess, mesh: Mesh | None) ->
     # an input of the curvature's degree: h'' = (m - B) / W is then 0 on plateaus, not only at nodes
     plain = mesh or Mesh.even(1, 60, Collocation(3, "radau"))
     plain = replace(plain, input_degree=_input_degree(plain.collocation, limits.gradient))
-    return optimise(wave_problem(limits, aim), plain, Smoothed(_WIDTH, _WIDTH), guess)
+    return optimise(wave_problem(limits, aim), plain, Smoothed(WIDTH, WIDTH), guess)
 
 
 def _input_degree(collocation: Collocation, gradient: float | None) -> int:
     return max(0, collocation.degree - (2 if gradient is None else 3))
-
-
-def _exact(first: Optimum, tolerance: float, report: Report) -> dict[str, Optimum]:
-    """Phases between switches of the field, which end anywhere, and polynomials fine enough.
-
-    Under a limited slope the field may switch without end before it rests on a thickness, so that
-    no phases are as good as many arcs; then those are kept.
-    """
-    near = replace(_TIGHT, warm=True, mu_init=1e-5)
-    shown = refine(first, _SHOWN, rounds=_ROUNDS, solver=near)
-    stages, best = {"first": first, "refined": shown}, None
-    enough = shown.objective + _LOST * abs(shown.objective)
-    for active, durations in _readings(shown.motion):
-        report(f"{len(durations)} phases", None)
-        try:
-            found = _between(shown.motion, active, durations)
-            if best is None or found.objective < best.objective:
-                best = refine(found, tolerance, solver=replace(near, mu_init=1e-6))
-        except SolveError:
-            continue
-        if best.objective <= enough:
-            return {**stages, "phases": best}
-    report("finer arcs", None)
-    return {**stages, "finer": refine(shown, tolerance, solver=near)}
-
-
-def _readings(motion: Motion) -> Iterator[tuple[tuple[tuple[int, ...], ...], np.ndarray]]:
-    """Phases by what is taken for noise."""
-    seen = set()
-    for least in (2, 3, 1):
-        found = structure_of(motion, speed=None, least=least)
-        if found.active not in seen:
-            seen.add(found.active)
-            yield found.active, found.durations
-
-
-def _between(motion: Motion, active: tuple[tuple[int, ...], ...], durations: np.ndarray) -> Optimum:
-    falls = motion.mesh.collocation.degree - motion.mesh.input_degree
-    counts = tuple(_HALVES if any(each) else 1 for each in active)
-    mesh = Mesh.even(len(counts), counts, _EXACT, _EXACT.degree - falls)
-    return optimise(
-        motion.program.problem,
-        mesh,
-        Smoothed(_WIDTH, _WIDTH, active=active),
-        replace(motion.guess, phases=durations),
-        solver=_TIGHT,
-    )
