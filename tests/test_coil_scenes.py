@@ -136,6 +136,25 @@ def test_the_row_comes_near_to_it(inverse: Result):
     assert inverse["pressure_mean"].values == pytest.approx(mean / unit, rel=1e-9)
 
 
+def test_the_film_that_results_is_steady_under_the_rows_field(inverse: Result):
+    """C = -int h^-2 / int h^-3 holds for the shapes of steady films only."""
+    h = inverse["film_thickness"].values
+    assert h.mean() == pytest.approx(1.0, abs=1e-9)
+    flow = 1 - np.mean(h**-2.0) / np.mean(h**-3.0)
+    assert inverse.scalars["film_mean_flow"].value == pytest.approx(flow, abs=1e-9)
+    wave = 1 + inverse_delta(inverse) * np.cos(inverse["film_phase"].values)
+    assert inverse.scalars["film_distance"].value == pytest.approx(
+        np.abs(h - wave).max(), abs=1e-12
+    )
+    assert inverse.scalars["film_distance"].value < 0.5 * inverse_delta(inverse)
+    assert inverse.scalars["film_growth_rate"].value < 0
+    assert inverse.trust["film_residual"] < 1e-8
+
+
+def inverse_delta(result: Result) -> float:
+    return json.loads(result.scene_text)["wave"]["delta"]
+
+
 def test_the_trust_report_of_currents(inverse: Result):
     trust = inverse.trust
     assert trust["violation"] < 1e-9

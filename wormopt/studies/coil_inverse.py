@@ -18,6 +18,7 @@ from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.coil_inverse import CoilInverseScene
 from wormopt.scenes.scene import Scene
+from wormopt.studies.coil_film import CarriedFilm, carried_film
 from wormopt.studies.coil_parts import (
     ACCEPTED,
     coil_scalars,
@@ -108,6 +109,7 @@ def run(scene: Scene[CoilInverseScene], report: Report) -> Result:
     done = time.perf_counter()
     report("second route", 0.9)
     check = _second(found, table.line.height)
+    film = carried_film(found.wave, found.pressure, found.fluid.tension)
     excess = _excess(found, table)
     faults = []
     if not check["error"] <= ACCEPTED:
@@ -120,16 +122,17 @@ def run(scene: Scene[CoilInverseScene], report: Report) -> Result:
         scene.title,
         status="failed" if faults else "ok",
         reason="; ".join(faults),
-        scalars=_scalars(found, table),
-        variables=tuple(_variables(found)),
+        scalars=_scalars(found, table) | _film_scalars(film),
+        variables=(*_variables(found), *_film_variables(film)),
         trust={
             "solver": {"status": found.fit.solution.status, "success": found.fit.solution.success,
                        "iterations": found.fit.solution.iterations},
             "violation": found.fit.solution.violation,
             "bound_violation": excess,
             "recheck": check,
+            "film_residual": film.residual if film else None,
             "starts": list(found.fit.starts),
-            "warnings": [*_warnings(found, table)],
+            "warnings": [*_warnings(found, table), *_film_warnings(found, film)],
         },
         timings_s={"optimise": done - begin, "recheck": time.perf_counter() - done},
         scene_text=scene.text,
@@ -318,3 +321,36 @@ def _warnings(found: CurrentsFound, table: CoilInverseScene) -> Iterator[str]:
             f"on a finer grid the residual is {finer:.4g} instead of {fit.residual:.4g}; write "
             "more search.nodes or search.places"
         )
+
+
+# -- the film that results -------------------------------------------------------------------------
+
+
+def _film_scalars(film: CarriedFilm | None) -> dict[str, Scalar]:
+    """Numbers of the film, unknown where there is none near the wave."""
+    return {
+        "film_distance": Scalar(film.distance if film else None),
+        "film_mean_flow": Scalar(film.mean_flow if film else None),
+        "film_growth_rate": Scalar(film.growth if film else None),
+    }
+
+
+def _film_variables(film: CarriedFilm | None) -> Iterator[Variable]:
+    if film is not None:
+        yield Variable("film_phase", "rad", ("film_phase",), film.xi, "phase of the wave")
+        what = "thickness of the film that results, over the mean"
+        yield Variable("film_thickness", "1", ("film_phase",), film.thickness, what)
+
+
+def _film_warnings(found: CurrentsFound, film: CarriedFilm | None) -> Iterator[str]:
+    if film is None:
+        yield "no steady film was found near the wave under the field that results"
+        return
+    if film.growth > 0:
+        yield f"the film that results is unstable: deviations grow at the rate {film.growth:.3g}"
+    if film.distance > 0.5 * found.wave.delta:
+        yield (
+            f"the film that results differs from the wave by {film.distance:.3g} of the mean "
+            f"thickness, where the wave's amplitude is {found.wave.delta:g}"
+        )
+    yield "the film is that of the mean field in the wave's frame; the field's ripple is left out"
