@@ -74,7 +74,9 @@ def test_rates_are_those_of_the_conservation_law(points: int):
     thickness_rate = film_thickness(found) - 1
     exact = Spectral(wave, tension, len(fine)).rates(0.0, shape(fine))
     harmonics = np.fft.rfft(exact) / len(fine)
-    there: Any = sum(2 * (harmonics[k] * np.exp(1j * k * xi)).real for k in range(1, len(harmonics)))
+    there: Any = sum(
+        2 * (harmonics[k] * np.exp(1j * k * xi)).real for k in range(1, len(harmonics))
+    )
     assert np.abs(thickness_rate - there).max() < 2e-7 * np.abs(there).max()
 
 
@@ -130,7 +132,8 @@ def test_growth_of_a_ripple_on_an_unstable_wave():
     odd = np.linalg.eigvals(Spectral(wave, 1.0, 129).slopes(0.0, wave.height(grid(129))))
     assert growth.real == pytest.approx(np.sort(odd.real)[-1], rel=1e-6)
     slopes = rates.slopes(x[None], np.zeros(0))[0]
-    values, vectors = np.linalg.eig(slopes)
+    found: Any = np.linalg.eig(slopes)
+    values, vectors = found
     mode = vectors[:, np.argmax(values.real)].real
     mode *= 1e-7 / np.abs(mode).max()
     motion = simulate(
