@@ -11,18 +11,24 @@ import numpy as np
 
 from wormopt.errors import SolveError
 from wormopt.gaits.film_phases import WIDTH, exact_phases
-from wormopt.gaits.film_wave import TURN, WaveAim, WaveLimits, wave_guess, wave_problem
+from wormopt.gaits.film_wave import TURN, WaveAim, WaveLimits, field_size, wave_guess, wave_problem
 from wormopt.optimal.collocation import Collocation
 from wormopt.optimal.contact import Smoothed
 from wormopt.optimal.mesh import Mesh
 from wormopt.optimal.motion import Guess, Motion
-from wormopt.optimal.optimise import Optimum, optimise
+from wormopt.optimal.nlp import Ipopt
+from wormopt.optimal.optimise import Optimum, optimise, refine
 from wormopt.progress import Report, silent
 
 __all__ = ["DesignedWave", "Try", "best_wave"]
 
 # Waves of the same number of crests are alike if their objectives differ by less.
 _ALIKE = 1e-3
+_PLAIN = Mesh.even(1, 60, Collocation(3, "radau"))
+# Width of fronts, the root of tension over field, from which on they are found at once, largest
+# ratio of two tensions, and the local error that is enough on the way.
+_FRONT, _STEP, _COARSE = 0.3, 4.0, 1e-5
+_NEAR = Ipopt(mu_init=1e-4, warm=True)
 # Phases at which crests are looked for.
 _FINE = 8192
 
@@ -253,11 +259,11 @@ def best_wave(
     waves: list[DesignedWave] = []
     tries: list[Try] = []
     error: SolveError | None = None
-    starts = [*_starts(limits, aim, crests, near)]
+    starts = [*_starts(aim, crests, near)]
     for k, (name, repeats, guess) in enumerate(starts):
         report(f"start: {name}", k / (len(starts) + 1))
         try:
-            first = _first(limits.single(repeats), aim, guess, mesh)
+            first = _first(limits.single(repeats), aim, guess, mesh or _PLAIN)
         except SolveError as failed:
             error = failed
             tries.append(Try(name, repeats))
@@ -274,15 +280,16 @@ def best_wave(
 
 
 def _starts(
-    limits: WaveLimits, aim: WaveAim, crests: int, near: DesignedWave | None
-) -> Iterator[tuple[str, int, Guess]]:
+    aim: WaveAim, crests: int, near: DesignedWave | None
+) -> Iterator[tuple[str, int, Guess | int]]:
+    """Name, repeats, and a guess or the second harmonic of one."""
     if near is not None:
-        yield "the best wave for another aim", near.repeats, near.guess(on_crest=aim.on_crest)
+        guess = near.guess(on_crest=aim.on_crest)
+        yield "the best wave for another aim", near.repeats, guess
     for n in range(1, crests + 1):
-        name = "1 crest" if n == 1 else f"{n} crests alike"
-        yield name, n, wave_guess(limits.single(n), aim)
+        yield "1 crest" if n == 1 else f"{n} crests alike", n, 1
     for n in range(2, crests + 1) if aim.on_crest else ():
-        yield f"{n} crests, one higher", 1, wave_guess(limits, aim, second=n)
+        yield f"{n} crests, one higher", 1, n
 
 
 def _chosen(waves: list[DesignedWave]) -> DesignedWave:
@@ -299,11 +306,34 @@ def _chosen(waves: list[DesignedWave]) -> DesignedWave:
     return min((w for w in alike if w.repeats == most), key=lambda wave: sign * wave.reached)
 
 
-def _first(limits: WaveLimits, aim: WaveAim, guess: Guess, mesh: Mesh | None) -> Optimum:
+def _first(limits: WaveLimits, aim: WaveAim, guess: Guess | int, mesh: Mesh) -> Optimum:
+    """Solve on an even mesh; where fronts are narrower than that, come from a larger tension."""
     # an input of the curvature's degree: h'' = (m - B) / W is then 0 on plateaus, not only at nodes
-    plain = mesh or Mesh.even(1, 60, Collocation(3, "radau"))
-    plain = replace(plain, input_degree=_input_degree(plain.collocation, limits.gradient))
-    return optimise(wave_problem(limits, aim), plain, Smoothed(WIDTH, WIDTH), guess)
+    mesh = replace(mesh, input_degree=_input_degree(mesh.collocation, limits.gradient))
+    tensions = (limits.tension,) if isinstance(guess, Guess) else _tensions(limits, aim)
+    optimum, solver = None, Ipopt()
+    for tension in tensions:
+        there = replace(limits, tension=tension)
+        if optimum is not None:
+            solver = _NEAR  # a large barrier would lead to waves of other crests
+            optimum = refine(optimum, _COARSE, rounds=2, solver=solver)
+            mesh, guess = optimum.motion.mesh, optimum.motion.guess
+        elif not isinstance(guess, Guess):
+            guess = wave_guess(there, aim, second=guess)
+        assert isinstance(guess, Guess)
+        problem = wave_problem(there, aim)
+        optimum = optimise(problem, mesh, Smoothed(WIDTH, WIDTH), guess, solver=solver)
+    assert optimum is not None
+    return optimum
+
+
+def _tensions(limits: WaveLimits, aim: WaveAim) -> tuple[float, ...]:
+    """From one at which fronts are wide enough to be found, down to that of the film."""
+    wide = _FRONT**2 * field_size(limits, aim)
+    steps = max(0, math.ceil(math.log(wide / limits.tension) / math.log(_STEP)))
+    if not steps:
+        return (limits.tension,)
+    return tuple(np.geomspace(wide, limits.tension, steps + 1).tolist())
 
 
 def _input_degree(collocation: Collocation, gradient: float | None) -> int:

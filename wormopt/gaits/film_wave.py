@@ -31,7 +31,7 @@ from wormopt.worms.film_limits import check_thickness, field_needs, fitting_cosi
 from wormopt.worms.film_shapes import FourierWave
 from wormopt.worms.lubrication import field_slope
 
-__all__ = ["TURN", "Seek", "WaveAim", "WaveLimits", "wave_guess", "wave_problem"]
+__all__ = ["TURN", "Seek", "WaveAim", "WaveLimits", "field_size", "wave_guess", "wave_problem"]
 
 Seek = Literal["mean_flow", "margin", "drift", "field"]
 """What is made as large, or of the field as small, as possible."""
@@ -292,6 +292,23 @@ def _nearby(limits: WaveLimits, aim: WaveAim) -> tuple[float, float]:
     flow = max(aim.mean_flow or 0.0, 1 - b / 3 if aim.capture else 0.0)
     delta = min(math.sqrt(2 * flow / (3 - flow)), _INSIDE * min(1 - a, b - 1))
     return delta, _AMPLE * field_needs(delta, limits.tension)[0]
+
+
+def field_size(limits: WaveLimits, aim: WaveAim) -> float:
+    """Range of the field that is allowed, or that may be needed where it is sought.
+
+    Parameters
+    ----------
+    limits : WaveLimits
+        What the wave must keep to.
+    aim : WaveAim
+        What it is to be good at.
+
+    Returns
+    -------
+    float
+    """
+    return _nearby(limits, aim)[1]
 
 
 def wave_guess(limits: WaveLimits, aim: WaveAim, second: int = 1) -> Guess:
