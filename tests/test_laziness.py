@@ -41,6 +41,7 @@ def modules_after(code: str, folder: Path) -> set[str]:
         "from wormopt.cli import main; assert main(['check', 'film_field', 'fig27_float']) == 0",
         "from wormopt.cli import main; assert main(['check', 'three_masses_harmonic']) == 0",
         "from wormopt.cli import main; assert main(['check', 'film_forward']) == 0",
+        "from wormopt.cli import main; assert main(['check', 'film_wave_design']) == 0",
         "from wormopt.cli import main; assert main(['check', 'coil_row_inverse']) == 0",
     ],
 )

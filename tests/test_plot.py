@@ -337,6 +337,33 @@ def moved() -> Result:
     return Result("film", "film-forward", scalars=scalars, variables=tuple(variables))
 
 
+def designed(swept: bool = True) -> Result:
+    """The best wave of a film beside the cosine, and two other films."""
+    xi = np.linspace(0.0, 2 * np.pi, 81)
+    rows = {"height": 1 + 0.5 * np.sign(np.cos(xi)), "field_pressure": 1 + np.sign(np.sin(xi))}
+    rows |= {"surface_velocity": 0.4 + 0.5 * np.sign(np.cos(xi))}
+    variables = [
+        Variable("xi", "rad", ("xi",), xi),
+        Variable("xi_cosine", "rad", ("xi_cosine",), xi),
+    ]
+    variables += [Variable(name, "1", ("xi",), row) for name, row in rows.items()]
+    variables += [
+        Variable(f"{name}_cosine", "1", ("xi_cosine",), 1 + 0.5 * np.cos(xi)) for name in rows
+    ]
+    if swept:
+        variables += [
+            Variable("sweep_tension", "1", ("sweep_tension",), np.array([0.1, 0.01])),
+            Variable("sweep_field", "1", ("sweep_field",), np.array([2.0])),
+            *(Variable(f"sweep_{name}", "1", ("sweep_tension", "sweep_field"), values)
+              for name, values in (("mean_flow", np.array([[0.4], [0.45]])),
+                                   ("mean_flow_cosine", np.array([[0.3], [0.3]])))),
+        ]  # fmt: skip
+    scalars = {"thickness_limits": Scalar([0.5, 1.5]), "field_limit": Scalar(None)}
+    scalars |= {"field_range": Scalar(2.0), "mean_flow": Scalar(0.4)}
+    scalars |= {"mean_flow_supremum": Scalar(0.46), "crests": Scalar(1)}
+    return Result("wave", "film-wave", scalars=scalars, variables=tuple(variables))
+
+
 def sample(picture: str) -> Result:
     made = {"front": front, "trackers": crawl, "bands": herd, "signals": own}
     made |= {"comparison": compared, "draws": compared, "convergence": relaxed}
@@ -344,7 +371,7 @@ def sample(picture: str) -> Result:
     made |= {"velocity": pulled, "resonance": resonant}
     made |= {"travelling_field": switched, "row_currents": switched}
     made |= {"reversals": swinging, "film": pumped, "ride": carried}
-    made |= {"forward": moved, "basins": moved}
+    made |= {"forward": moved, "basins": moved, "film_wave": designed}
     return made[picture]() if picture in made else shuffle(2)
 
 
@@ -409,6 +436,13 @@ def test_a_ride_shows_velocities_where_there_are_no_tracers():
     assert without[-1].get_ylabel() == "velocity over the wave's"
     labels = with_tracers[0].get_legend_handles_labels()[1]
     assert labels == ["length 0, held", "length 0.5"]
+
+
+def test_a_wave_is_drawn_without_other_films_too():
+    whole, plain = (figure(designed(swept), "film_wave").axes for swept in (True, False))
+    assert len(whole) == len(plain) + 1
+    assert whole[-1].get_xlabel() == "number $W$ of surface tension"
+    assert plain[-1].get_xlabel() == whole[2].get_xlabel()
 
 
 def test_fields_of_a_film_are_shown_over_their_mean():

@@ -22,6 +22,7 @@ from wormopt.result import Result
 from wormopt.scenes import load_scene, packaged_scenes
 from wormopt.scenes.coil_inverse import CoilInverseScene
 from wormopt.scenes.coil_row import CoilRowScene
+from wormopt.scenes.film_wave import FilmWaveScene
 from wormopt.scenes.pair_waveform import PairWaveformScene
 from wormopt.scenes.simulate import SimulateScene
 from wormopt.scenes.track import TrackScene
@@ -286,6 +287,7 @@ def test_units_of_si_scenes(tmp_path: Path):
             "coil-row",
             "coil-inverse",
             "film-flow",
+            "film-wave",
             "float",
         )
     ],
@@ -323,6 +325,7 @@ def test_the_page_on_simulation_runs(capsys: pytest.CaptureFixture[str]):
 def test_every_key_of_the_scenes_is_documented():
     text = (DOCS / "scenes.md").read_text(encoding="utf-8")
     tables = [TrackScene, SimulateScene, PairWaveformScene, CoilRowScene, CoilInverseScene]
+    tables.append(FilmWaveScene)
     seen = set()
     while tables:
         table = tables.pop()

@@ -56,7 +56,7 @@ def film_wave(result: Result) -> Figure:
     draw_limits(rows[2], [(1.0,)])
     rows[2].annotate("speed of the wave: floats are held from here on", (np.pi, 1.0), (0, -13),
                      textcoords="offset points", ha="center", color=GREY, fontsize=9)  # fmt: skip
-    rows[2].set_xlabel(r"phase $\xi = t - x$")
+    rows[2].set_xlabel(r"phase ($\xi = t - x$)")
     rows[0].set_title(
         facts(result, "mean_flow", "mean_flow_cosine", "mean_flow_supremum"), loc="left"
     )
@@ -82,6 +82,6 @@ def _draw_sweep(axes: Axes, result: Result) -> None:
             best = name == "best"
             axes.loglog(places, gap, "o-" if best else "s--", color=LINKS[k % 4] if best else RED,
                         alpha=1 if best else 0.4 + 0.6 / (1 + k), ms=4, label=text)  # fmt: skip
-    axes.set_xlabel("number $W$ of surface tension" if along else r"range of the field")
+    axes.set_xlabel("surface tension ($W$)" if along else r"range of the field ($\beta$)")
     axes.set_ylabel("flow below supremum")
     legend(axes, [*axes.get_lines()])
