@@ -441,7 +441,7 @@ def test_a_ride_shows_velocities_where_there_are_no_tracers():
 def test_a_wave_is_drawn_without_other_films_too():
     whole, plain = (figure(designed(swept), "film_wave").axes for swept in (True, False))
     assert len(whole) == len(plain) + 1
-    assert whole[-1].get_xlabel() == "number $W$ of surface tension"
+    assert whole[-1].get_xlabel() == "surface tension ($W$)"
     assert plain[-1].get_xlabel() == whole[2].get_xlabel()
 
 
