@@ -809,3 +809,22 @@ def test_masses_of_one_phase_are_one_block():
     both = rates_of(averaged(pair))
     for V in (-1.3, -0.4, 0.0, 0.5, 0.99):
         assert both([V]) == pytest.approx(alone([V]), abs=1e-16)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.1, 0.37, 0.8])
+def test_extrema_of_three_and_five_fold_do_not_hide_reversals(shift: float):
+    """cos t - cos(2t) / 4 is flat at its top: (cos t < 1 - sqrt(3/2)) is where it is below 0."""
+    below = 1 - math.acos(1 - math.sqrt(1.5)) / math.pi
+    turn = 2 * math.pi * shift
+    cosines = [math.cos(turn), -math.cos(2 * turn) / 4]
+    sines = [math.sin(turn), -math.sin(2 * turn) / 4]
+    mean = rates_of(average(shaped(Coulomb(0.0, EPS), cosines, sines), 2 * math.pi))([0.0])
+    assert mean[0] / EPS == pytest.approx(below, abs=1e-9)
+
+
+@pytest.mark.parametrize("size", [1e-13, 1.0, 1e6])
+def test_what_does_not_repeat_is_refused_whatever_its_size(size: float):
+    with pytest.raises(ArgumentError, match="does not repeat"):
+        average(smooth(lambda x, t, m: [size * t], "x"), 2 * math.pi)
+    with pytest.raises(ArgumentError, match="does not repeat"):
+        average(smooth(lambda x, t, m: [size * m.cos(t)], "x"), 3.0)

@@ -231,6 +231,31 @@ def test_weaker_friction_backward_moves_the_pair_backward(tmp_path: Path):
     assert any("backward" in warning for warning in result.trust["warnings"])
 
 
+def test_a_motion_that_settles_slowly_is_followed_longer(tmp_path: Path):
+    result = run_text(tmp_path, PAIR, "detuning=0.1", "tolerance.recheck=false")
+    closed = steady_pair(0.5, 1.0, 0.1)
+    assert result.status == "ok"
+    assert result.trust["settled_to"] < 1e-9
+    assert value(result, "velocity_steady") == pytest.approx(closed.velocity, rel=1e-12)
+    assert value(result, "velocity_exact_mean") == pytest.approx(closed.velocity, rel=1e-2)
+
+
+def test_a_field_of_the_other_sign_swings_half_a_turn_later(tmp_path: Path):
+    result = run_text(tmp_path, PAIR, "pair.cosines=[1.0, -1.0]", "tolerance.recheck=false")
+    assert value(result, "velocity_steady") == pytest.approx(STEADY[0], abs=5e-9)
+    assert value(result, "phase_steady") == pytest.approx(STEADY[2] - math.pi, abs=5e-9)
+    assert result.trust["closed_form_difference"] < 1e-12
+
+
+def test_a_pair_that_friction_holds_at_rest_is_told(tmp_path: Path):
+    friction = (
+        'pair.friction={kind="stribeck", forward=0.3, backward=0.6, stick_forward=0.9, '
+        "stick_backward=1.8, v_stribeck=0.15}"
+    )
+    with pytest.raises(SolveError, match="cannot be followed from rest"):
+        run_text(tmp_path, PAIR, friction)
+
+
 def test_a_large_eps_is_warned_of(tmp_path: Path):
     result = run_text(tmp_path, PAIR, "pair.eps=0.2")
     assert any("eps = 0.2 is not small" in warning for warning in result.trust["warnings"])
@@ -268,6 +293,9 @@ def test_pairs_without_steady_motion_fail_with_the_reason(
         ("detuning=-40.0", "detuning", "no frequency above 0"),
         ("averaging.nodes=1", "averaging.nodes", "2 to 64"),
         ("pair.speed=1.0", "pair.speed", "speed"),
+        ("course.end=1.0", "course.end", "twice course.periods"),
+        ("pair.friction.forward=0.0", "pair.friction", "nothing resists motion forward"),
+        ('pair.friction={kind="viscous", drag=0.0}', "pair.friction", "nothing resists"),
     ],
 )
 def test_bad_pairs_are_refused(tmp_path: Path, change: str, key: str, message: str):
@@ -337,6 +365,22 @@ def test_folds_of_a_resonance(tmp_path: Path):
         frequency = NATURAL + 0.0355 * (fold + side)
         box = {"center_velocity": (-1.0, 1.0), "swing": (-1.0, 1.0)}
         assert len(steady_states(model, box, p={"frequency": frequency}, starts=300)) == count
+
+
+def test_branches_that_begin_where_stability_changes_are_followed(tmp_path: Path):
+    """Alike both ways, friction that falls with velocity lets V = 0 branch off to both sides."""
+    friction = (
+        'pair.friction={kind="stribeck", forward=0.1, backward=0.1, stick_forward=0.5, '
+        "stick_backward=0.5, v_stribeck=0.3}"
+    )
+    result = run_text(tmp_path, SWEEP, friction, "sweep.detuning=[0.3, 3.0]", "sweep.points=28")
+    assert value(result, "branches") > 1
+    detuning, stable = result["detuning"].values, result["stable_point"].values > 0
+    near = np.abs(detuning - 1.1) < 1e-9
+    velocities = np.sort(result["velocity_steady"].values[near & stable])
+    assert len(velocities) == 2
+    assert velocities[0] == pytest.approx(-velocities[1], abs=1e-9)
+    assert velocities[1] > 0.1
 
 
 @pytest.mark.parametrize(

@@ -114,6 +114,22 @@ def test_boxes_that_cannot_be_are_refused(change, message: str):
         steady_states(averaged_pair(law=Coulomb(0.01, 0.02), push=0.02, frequency=1.4), change)
 
 
+def test_states_that_change_no_rate_are_named():
+    x = ca.SX.sym("x", 2)
+    cart = Model(
+        "cart", x=[Signal("place", x[0]), Signal("speed", x[1])], ode=ca.vertcat(x[1], -x[1])
+    )
+    with pytest.raises(ArgumentError, match="place changes no rate"):
+        steady_states(cart, {"place": (0.0, 1.0), "speed": (-1.0, 1.0)})
+
+
+def test_what_is_neither_damped_nor_driven_is_not_called_stable():
+    x = ca.SX.sym("x", 2)
+    swing = Model("swing", x=[Signal("x", x)], ode=ca.vertcat(x[1], -ca.sin(x[0])))
+    (center,) = steady_states(swing, {"x": (-1.0, 1.0)})
+    assert not center.stable
+
+
 def test_models_that_are_not_autonomous_are_refused():
     slow = slow_pair(law=Coulomb(0.01, 0.02), push=0.02, frequency=1.4)
     with pytest.raises(ArgumentError, match="average it first"):
@@ -136,8 +152,10 @@ def test_a_branch_goes_around_both_folds_of_a_cusp():
     assert [f.x[0] for f in branch.folds] == pytest.approx([-(3**-0.5), 3**-0.5], abs=1e-6)
     assert branch.ends == ("range", "range")
     assert branch.parameter + branch.x[:, 0] - branch.x[:, 0] ** 3 == pytest.approx(0.0, abs=1e-10)
-    inner = np.abs(branch.x[:, 0]) < 3**-0.5
-    assert np.array_equal(branch.stable, ~inner)
+    size = np.abs(branch.x[:, 0]) - 3**-0.5
+    clear = np.abs(size) > 1e-6  # the folds themselves are on the branch too
+    assert clear.sum() == len(clear) - 2
+    assert np.array_equal(branch.stable[clear], size[clear] > 0)
 
 
 def test_a_branch_is_sampled_where_it_is_asked_for():
@@ -151,6 +169,36 @@ def test_a_branch_is_sampled_where_it_is_asked_for():
         expected = np.sort(roots[np.abs(roots.imag) < 1e-9].real)
         found = np.sort(sampled.x[sampled.parameter == value, 0])
         assert found == pytest.approx(expected, abs=1e-9)
+
+
+def test_near_a_fold_both_sheets_are_found():
+    model = scalar_model(lambda x, r: r + x - x**3, value=-2.0)
+    (start,) = steady_states(model, {"x": (-3.0, 3.0)})
+    near = 2 / 27**0.5 - 1e-3
+    found = follow_branch(start, "r", (-2.0, 2.0)).at(near)
+    expected = np.sort(np.roots([-1.0, 0.0, 1.0, near]).real)
+    assert np.sort(found.x[:, 0]) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.4, 0.75, 1.0])
+def test_a_branch_goes_on_where_another_one_crosses_its_fold(share: float):
+    """x' = r x - x^3: the outer branch turns back at r = 0, where x = 0 crosses it."""
+    model = scalar_model(lambda x, r: r * x - x**3, value=share)
+    start = steady_states(model, {"x": (0.01, 2.0)})[0]
+    branch = follow_branch(start, "r", (-1.0, 1.0))
+    outer = np.abs(branch.x[:, 0]) > 1e-3
+    assert branch.x[outer, 0] ** 2 == pytest.approx(branch.parameter[outer], abs=1e-9)
+    assert [fold.parameter for fold in branch.folds] == pytest.approx([0.0], abs=1e-3)
+
+
+@pytest.mark.parametrize("value", [-1.0, 1.0])
+def test_a_branch_that_starts_at_an_end_of_its_range_is_whole(value: float):
+    model = scalar_model(lambda x, r: r - x, value=value)
+    (start,) = steady_states(model, {"x": (-2.0, 2.0)})
+    branch = follow_branch(start, "r", (-1.0, 1.0))
+    assert np.all(np.diff(branch.parameter) > 0)
+    grid = np.linspace(-1.0, 1.0, 9)
+    assert branch.at(grid).x[:, 0] == pytest.approx(grid, abs=1e-12)
 
 
 def test_a_branch_that_comes_back_to_its_start_is_closed():

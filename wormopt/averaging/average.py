@@ -21,7 +21,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from numbers import Real
+from numbers import Integral, Real
 from typing import Literal
 
 import casadi as ca
@@ -37,6 +37,9 @@ __all__ = ["average"]
 
 # Without reversals to split it, the period is cut into so many parts.
 _PARTS = 8
+
+
+_SHARES = (0.07, 0.3, 0.61, 0.88)  # of a period, at which a model is compared with one later
 
 
 def average(
@@ -70,7 +73,8 @@ def average(
     Model
         Autonomous, with the same states, parameters and inputs, and those outputs that do not
         depend on time. It has no contacts: sliding friction is averaged in; contacts must not rest
-        for a while, which they do not if they pass through 0 quickly.
+        for a while, which they do not if they pass through 0 quickly. Where a velocity is 0 all
+        along, friction is taken as against motion forward.
 
     Raises
     ------
@@ -94,9 +98,9 @@ def average(
     """
     if order not in (1, 2):
         raise ArgumentError(f"order must be 1 or 2, not {order!r}")
-    if not isinstance(nodes, int) or nodes < 1:
+    if isinstance(nodes, bool) or not isinstance(nodes, Integral) or nodes < 1:
         raise ArgumentError(f"nodes must be a whole number, 1 or above, not {nodes!r}")
-    course = _Course(_checked(model), _checked_period(period), nodes)
+    course = _Course(_checked(model), _checked_period(period), int(nodes))
     ode = course.mean if order == 1 else course.mean + course.second
     return Model(
         f"{model.name}, averaged",
@@ -292,8 +296,9 @@ class _Course:
     def _repeats(self, expression: ca.SX, values: np.ndarray) -> bool:
         """Whether an expression of share, states and what is fixed is periodic, by samples."""
         course = ca.Function("course", [self._samples[0], self.theta], [expression])
-        now, later = (np.array(course(values, theta)) for theta in (0.3, 1.3))
-        return np.allclose(now, later, rtol=1e-9, atol=1e-12)
+        pairs = [[np.array(course(values, theta + turn)) for turn in (0, 1)] for theta in _SHARES]
+        size = max(float(np.abs(now).max(initial=0.0)) for now, _ in pairs)
+        return all(np.abs(later - now).max(initial=0.0) <= 1e-9 * size for now, later in pairs)
 
     # -- means -------------------------------------------------------------------------------------
 

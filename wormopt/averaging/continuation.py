@@ -15,11 +15,10 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import root_scalar
 
-from wormopt.averaging.steady import SteadyState, eigenvalues, rates_of
+from wormopt.averaging.steady import ZERO, SteadyState, eigenvalues, rates_of
 from wormopt.core.model import Model
-from wormopt.core.values import by_name
+from wormopt.core.values import by_name, check_names
 from wormopt.errors import ArgumentError
 
 __all__ = ["Branch", "Fold", "Walk", "follow_branch"]
@@ -30,6 +29,9 @@ _STEPS = 12  # of Newton's method on the way back to the branch
 _CONVERGED = 1e-11
 _TURN = 0.15  # largest angle between the tangents of neighbours
 _SHORTEST = 1e-9
+_HALVINGS = 55
+# Where a branch is sampled, a state is found within so many of its steps from where it is sought.
+_FAR = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ class Branch:
     @property
     def stable(self) -> np.ndarray:
         """Whether each state is stable, shape (m,)."""
-        return self.eigenvalues[:, 0].real < 0
+        return self.eigenvalues[:, 0].real < -ZERO * np.abs(self.eigenvalues).max(axis=1)
 
     def states(self, name: str) -> np.ndarray:
         """Samples of a state.
@@ -100,6 +102,7 @@ class Branch:
         -------
         ndarray, shape (size, m)
         """
+        check_names({name: 0}, [s.name for s in self.model.x], "state")
         return by_name(self.model.x, self.x.T)[name]
 
     def at(self, values: ArrayLike) -> Branch:
@@ -109,15 +112,15 @@ class Branch:
         ----------
         values : array_like, shape (k,)
             Values. Where the branch folds back it has several states at one value; values that it
-            does not reach are left out.
+            does not reach are left out, and those nearer to a fold than Newton's method can tell.
 
         Returns
         -------
         Branch
             With states there and nowhere else, in the order of the branch.
         """
-        rates, values = rates_of(self.model), np.asarray(values, float)
-        starts, wanted = [], []
+        rates, values = rates_of(self.model), np.atleast_1d(np.asarray(values, float))
+        starts, wanted, steps = [], [], []
         for k, (low, high) in enumerate(pairwise(self.parameter)):
             if low == high:
                 continue
@@ -128,10 +131,15 @@ class Branch:
             inside = inside[np.argsort(share[inside])]
             starts += [self.x[k] + share[i] * (self.x[k + 1] - self.x[k]) for i in inside]
             wanted += [values[i] for i in inside]
+            steps += [np.abs((self.x[k + 1] - self.x[k]) / rates.nominal).max()] * len(inside)
         x, parameter = np.array(starts).reshape(-1, self.x.shape[1]), np.array(wanted)
         p = np.tile(self.p, (len(x), 1))
         p[:, rates.place(self.name)] = parameter
-        x, found = rates.newton(x, p)
+        sought = x
+        x, found = rates.newton(sought, p)
+        # elsewhere it is another branch
+        away = np.abs((x - sought) / rates.nominal).max(axis=1, initial=0.0)
+        found &= away <= _FAR * np.array(steps)
         slopes = rates.slopes(x[found], p[found])
         spectra = np.array([eigenvalues(matrix) for matrix in slopes]).reshape(-1, x.shape[1])
         return replace(self, parameter=parameter[found], x=x[found], eigenvalues=spectra)
@@ -203,6 +211,7 @@ def follow_branch(
         down, folds_down, other = walk.go(begin, -tangent, max_points)
         points, folds = [*down[:0:-1], *points], [*folds_down[::-1], *folds]
     y = np.array(points)
+    y = y[np.append(True, np.any(np.diff(y, axis=0) != 0, axis=1))]
     p = np.tile(start.p, (len(y), 1))
     p[:, place] = y[:, -1]
     spectra = np.array([eigenvalues(matrix) for matrix in rates.slopes(y[:, :-1], p)])
@@ -352,6 +361,7 @@ class Walk:
                 return [*points, *([] if edge is None else [edge])], folds, "range"
             if turned[-1] * tangent[-1] < 0:
                 folds.append(self._fold(y, tangent, length))
+                points.append(np.append(folds[-1].x, folds[-1].parameter))
             if self._passes(first, first_tangent, y, ahead) and len(points) > 2:
                 return [*points, first], folds, "closed"
             y, tangent = ahead, turned
@@ -378,14 +388,18 @@ class Walk:
 
     def _fold(self, y: np.ndarray, tangent: np.ndarray, length: float) -> Fold:
         """Where the tangent has no part along the parameter."""
-
-        def slope(s: float) -> float:
-            ahead = self.step(y, tangent, s)
-            return math.nan if ahead is None else float(self.tangent(ahead, tangent)[-1])
-
-        s = root_scalar(slope, bracket=(0.0, length), xtol=1e-14).root
-        at = self.step(y, tangent, float(s))
-        assert at is not None
+        # Halving, not a faster method: where another branch crosses, steps get lost near the
+        # fold, and the last one found is then told.
+        before, after, at = 0.0, length, y
+        for _ in range(_HALVINGS):
+            ahead = self.step(y, tangent, (before + after) / 2)
+            if ahead is None:
+                break
+            at = ahead
+            if self.tangent(ahead, tangent)[-1] * tangent[-1] > 0:
+                before = (before + after) / 2
+            else:
+                after = (before + after) / 2
         return Fold(float(at[-1]), at[:-1])
 
     def _passes(

@@ -25,6 +25,7 @@ __all__ = ["Crossing", "Wave", "sign_after"]
 
 _HALVINGS = 30  # leaves 1e-9 of the bracket, which two Newton steps square twice
 _NEGLIGIBLE = 1e-12
+_BESIDE = 1e-2  # of the unit circle: what round-off does to a zero of five fold
 _MOST = 31  # harmonics
 
 
@@ -271,9 +272,10 @@ def _extrema(harmonics: np.ndarray) -> list[float]:
     """Where Re sum_k c_k exp(2 pi i k theta) has its extrema, ascending in [0, 1).
 
     With w = exp(2 pi i theta) its derivative is a polynomial in w over a power of w; extrema are
-    its roots on the unit circle.
+    its roots on the unit circle. Roots of several fold come out beside it; those that are near but
+    are no extrema only split what is monotonic anyway.
     """
     slopes = 1j * np.arange(1, len(harmonics) + 1) * harmonics
     roots = np.roots(np.concatenate([slopes[::-1], [0.0], slopes.conj()]))
-    on_circle = roots[np.abs(np.abs(roots) - 1) < 1e-6]
+    on_circle = roots[np.abs(np.abs(roots) - 1) < _BESIDE]
     return np.sort(np.angle(on_circle) / (2 * np.pi) % 1.0).tolist()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from numbers import Integral
 
 import casadi as ca
 import numpy as np
@@ -14,13 +15,14 @@ from wormopt.core.model import Model, pack
 from wormopt.core.values import by_name, check_names, signal_values
 from wormopt.errors import ArgumentError
 
-__all__ = ["Rates", "SteadyState", "eigenvalues", "rates_of", "steady_states"]
+__all__ = ["ZERO", "Rates", "SteadyState", "eigenvalues", "rates_of", "steady_states"]
 
 Values = Mapping[str, ArrayLike]
 
 _STEPS, _SHORTEST = 40, 2.0**-10  # of Newton's method, and how far one is shortened
 _CONVERGED = 1e-11  # last step, in usual sizes of the states
 _SCALES = np.array([1.0, 0.25, 0.0625])  # of the boxes from which it starts
+ZERO = 1e-10  # share of the largest eigenvalue that is none
 _APART = 1e-6  # states that differ by less are one
 
 
@@ -50,8 +52,8 @@ class SteadyState:
 
     @property
     def stable(self) -> bool:
-        """Whether everything near it comes to it: all real parts are below 0."""
-        return bool(self.eigenvalues[0].real < 0)
+        """Whether everything near it comes to it: all real parts are below 0, not by round-off."""
+        return bool(self.eigenvalues[0].real < -ZERO * np.abs(self.eigenvalues).max())
 
     @property
     def states(self) -> dict[str, np.ndarray]:
@@ -351,7 +353,8 @@ def steady_states(
     Raises
     ------
     ArgumentError
-        If the model is not autonomous, a state has no range, or one that is upside down.
+        If the model is not autonomous, a state has no range or one that is upside down, or a state
+        changes no rate, so that no steady state stands alone.
 
     Examples
     --------
@@ -366,6 +369,9 @@ def steady_states(
     rates = rates_of(model)
     low, high = _box(model, within)
     fixed = rates.parameters(p)
+    if not isinstance(starts, Integral) or starts < 1:
+        raise ArgumentError(f"starts must be a whole number, 1 or above, not {starts!r}")
+    _check_alone(rates, low + (high - low) * _even(5, len(low)), fixed)
     shrunk = 0.5 + (_even(starts, len(low)) - 0.5) * _SCALES[np.arange(starts) % 3, None]
     ended, found = rates.newton(low + (high - low) * shrunk, fixed)
     inside = found & np.all((low <= ended) & (ended <= high), axis=1)
@@ -391,6 +397,18 @@ def _box(
     if not np.all(np.isfinite(sides)) or not np.all(sides[0] < sides[1]):
         raise ArgumentError("every range must be finite, the least value first")
     return sides[0], sides[1]
+
+
+def _check_alone(rates: Rates, x: np.ndarray, p: np.ndarray) -> None:
+    """Refuse models in which a state changes no rate: steady states are then lines."""
+    slopes = np.abs(rates.slopes(x, p)).max(axis=(0, 1))
+    names = [s.name for s in rates.model.x for _ in range(s.size)]
+    cyclic = sorted({name for name, slope in zip(names, slopes, strict=True) if slope == 0})
+    if cyclic:
+        raise ArgumentError(
+            f"{', '.join(cyclic)} changes no rate of {rates.model.name}: no steady state stands "
+            "alone; leave it out of the model"
+        )
 
 
 def _even(count: int, dimension: int) -> np.ndarray:

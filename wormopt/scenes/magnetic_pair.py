@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,9 +10,18 @@ from typing import Annotated, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scenes.chain import Friction, SpikeFriction, faults_of_law
+from wormopt.scenes.chain import Friction, SpikeFriction, ViscousFriction, faults_of_law
 from wormopt.scenes.numerics import AveragingTable, ToleranceTable
-from wormopt.scenes.types import Finite, Positive, SceneTable, Table, extreme_numbers, wrong_order
+from wormopt.scenes.pair_waveform import NATURAL
+from wormopt.scenes.types import (
+    Finite,
+    Positive,
+    SceneTable,
+    Table,
+    extreme_numbers,
+    per,
+    wrong_order,
+)
 
 Strain = Annotated[float, Meta(gt=0, lt=1, description="a number between 0 and 1")]
 Cosines = Annotated[
@@ -71,6 +81,12 @@ class MagneticPairTable(Table, frozen=True, kw_only=True):
         """The small number eps of (16)."""
         return self.sample.strain / 2 if self.sample else self.eps or 0.0
 
+    @property
+    def natural_time(self) -> float:
+        """sqrt(m / c), in units of the scene."""
+        s = self.sample
+        return math.sqrt(s.mass * s.length / (s.youngs_modulus * s.area)) if s else 1.0
+
     def faults(self, units: str) -> Iterator[Fault]:
         """Yield what is wrong between the keys of this table.
 
@@ -93,6 +109,19 @@ class MagneticPairTable(Table, frozen=True, kw_only=True):
         if isinstance(self.friction, SpikeFriction):
             message = "spikes do not slide back, these masses must"
             yield "pair.friction", f'{message}; write kind = "coulomb", "stribeck" or "viscous"'
+        else:
+            yield from self._unresisted()
+
+    def _unresisted(self) -> Iterator[Fault]:
+        law = self.friction
+        for side in ("forward", "backward"):
+            name = "drag" if isinstance(law, ViscousFriction) else side
+            if not any(number > 0 for number in per(getattr(law, name), 2)):
+                yield (
+                    "pair.friction",
+                    f"nothing resists motion {side}: any velocity so fast that both masses slide "
+                    f"{side} is steady; write some friction {side}",
+                )
 
 
 class CourseTable(Table, frozen=True, kw_only=True):
@@ -101,7 +130,8 @@ class CourseTable(Table, frozen=True, kw_only=True):
     Parameters
     ----------
     end : float, optional
-        Last time; 60 / eps natural times if left out.
+        Last time; if left out 60 / eps natural times, or 25 times that in which the slowest
+        deviation falls to 1/e.
     samples : int
         Equidistant times at which it is kept.
     periods : int
@@ -164,8 +194,17 @@ class MagneticPairScene(SceneTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from self.pair.faults(self.units)
-        if self.pair.smallness and 1.5 + self.pair.smallness * self.detuning <= 0.1:
+        frequency = NATURAL + self.pair.smallness * self.detuning
+        if frequency <= 0.1:
             yield "detuning", "leaves no frequency above 0; write one nearer to 0"
+        elif self.course.end is not None:
+            least = 2 * self.course.periods * 2 * math.pi / frequency * self.pair.natural_time
+            if self.course.end < least:
+                yield (
+                    "course.end",
+                    f"is shorter than twice course.periods; write at least {least:.5g}, or fewer "
+                    "periods",
+                )
 
 
 class SweepTable(Table, frozen=True, kw_only=True):
@@ -249,12 +288,13 @@ class ResonanceScene(SceneTable, frozen=True, kw_only=True):
         yield from self.pair.faults(self.units)
         yield from wrong_order("sweep.detuning", self.sweep.detuning, may_be_equal=False)
         if self.confirm is not None:
-            longest = 2 * self.confirm.periods * 2 * 3.15 / 1.3
-            if self.confirm.time < longest:
+            lowest = max(NATURAL + self.pair.smallness * self.sweep.detuning[0], 0.1)
+            least = 2 * self.confirm.periods * 2 * math.pi / lowest
+            if self.confirm.time < least:
                 yield (
                     "confirm.time",
-                    f"is shorter than twice confirm.periods; write at least {longest:.4g}",
+                    f"is shorter than twice confirm.periods; write at least {least:.5g}, or fewer "
+                    "periods",
                 )
-        low = self.sweep.detuning[0]
-        if self.pair.smallness and 1.41 + self.pair.smallness * low <= 0.1:
+        if NATURAL + self.pair.smallness * self.sweep.detuning[0] <= 0.1:
             yield "sweep.detuning", "leaves no frequency above 0; write a least one nearer to 0"

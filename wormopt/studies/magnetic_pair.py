@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from wormopt.averaging.steady import SteadyState
-from wormopt.errors import ArgumentError
+from wormopt.errors import SolveError
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.magnetic_pair import MagneticPairScene
@@ -27,6 +27,8 @@ __all__ = ["run"]
 _SETTLED = 1e-9
 # Velocities of consecutive means that differ by more, of their size, have not settled.
 _DRIFT = 1e-6
+# Times of 1/e after which a deviation has faded, longest time in 1 / eps, steps of the average.
+_FADED, _LONGEST, _STEPS = 25.0, 2000.0, 20_000
 # Periods of the field at the end that are shown closely.
 _LATE, _LATE_SAMPLES = 4, 801
 
@@ -83,7 +85,7 @@ def run(scene: Scene[MagneticPairScene], report: Report) -> Result:
         If there is no steady motion, or a motion cannot be followed.
     """
     table, begin = scene.table, time.perf_counter()
-    pair, scales = Pair(table.pair, table.averaging.nodes), Scales.of(table.pair.sample)
+    pair, scales = Pair(table.pair, table.averaging.nodes), Scales.of(table.pair)
     report("averaging", 0.0)
     states = pair.steady(table.detuning)
     if not states:
@@ -91,11 +93,11 @@ def run(scene: Scene[MagneticPairScene], report: Report) -> Result:
     averaged = time.perf_counter()
     found = _simulated(table, pair, scales, states, report)
     simulated = time.perf_counter()
-    faults = [*_faults(table, found)]
+    faults = [*_faults(found)]
     return Result(
         scene=scene.name,
         kind=table.kind,
-        title=table.title,
+        title=scene.title,
         status="failed" if faults else "ok",
         reason="; ".join(faults),
         scalars=_scalars(table, found, scales),
@@ -117,12 +119,13 @@ def _simulated(
     numbers = table.tolerance
     tolerance = Tolerance(numbers.relative, numbers.absolute, numbers.max_steps, numbers.max_step)
     course, turn = table.course, 2 * np.pi / nu
-    end = 60 / pair.eps if course.end is None else course.end / scales.time
-    end = max(end, 2 * course.periods * turn)
+    slowest = max(state.eigenvalues[0].real for state in states if state.stable or len(states) == 1)
+    settled = max(60 / pair.eps, _FADED / max(-slowest, 1e-300), 2 * course.periods * turn)
+    end = min(settled, _LONGEST / pair.eps) if course.end is None else course.end / scales.time
     times = np.linspace(0.0, end, course.samples)
     given: dict[str, Any] = {"p": {"frequency": nu}, "tolerance": tolerance}
     report("averaged motions", 0.2)
-    first = simulate(pair.averages[0], end, times=times, dense=True, **given)
+    first = _first(pair, end, times, given)
     report("exact motion", 0.4)
     exact = simulate(pair.exact, end, times=times, dense=True, report=report, **given)
     second_route = None
@@ -138,6 +141,22 @@ def _simulated(
         second_route,
         _means(exact, end, course.periods * turn),
     )
+
+
+def _first(pair: Pair, end: float, times: np.ndarray, given: dict[str, Any]) -> Trajectory:
+    """Average of first order, from rest."""
+    loose = replace(given["tolerance"], max_steps=_STEPS)
+    try:
+        return simulate(
+            pair.averages[0], end, times=times, dense=True, **(given | {"tolerance": loose})
+        )
+    except SolveError as error:
+        raise SolveError(
+            f"the averaged motion cannot be followed from rest ({error.reason}): where friction at "
+            "rest is more than the field gives, the pair does not leave it",
+            "look for its steady motions with kind resonance, or write weaker friction at rest",
+            code="no_start",
+        ) from None
 
 
 def _second(pair: Pair, first: Trajectory, given: dict[str, Any]) -> Trajectory | None:
@@ -161,31 +180,12 @@ def _means(exact: Trajectory, end: float, length: float) -> tuple[float, float]:
 # -- what is told ----------------------------------------------------------------------------------
 
 
-def _faults(table: MagneticPairScene, found: _Found) -> Iterator[str]:
-    settles = table.course.end is None
-    if settles and found.settled > _SETTLED:
-        yield f"the averaged motion ends {found.settled:.2g} from the steady state"
-    difference = _closed_form_difference(table, found)
+def _faults(found: _Found) -> Iterator[str]:
+    difference = found.pair.closed_form_difference(found.state)
     if difference is not None and difference > _SETTLED:
-        yield f"the averaged model's steady state differs from (19) by {difference:.2g}"
+        yield f"the averaged model's steady state differs from (19) by {difference:.2g} of its size"
     if found.recheck and found.recheck.fault:
         yield found.recheck.fault
-
-
-def _closed_form_difference(table: MagneticPairScene, found: _Found) -> float | None:
-    try:
-        closed = found.pair.closed_form(table.detuning)
-    except ArgumentError:
-        return None
-    if closed is None:
-        return None
-    state = found.state
-    lag = float(state.output("lag")[0])
-    return max(
-        abs(closed.velocity - float(state.x[0])),
-        abs(closed.amplitude - float(state.output("amplitude")[0])),
-        abs(closed.lag - lag),
-    )
 
 
 def _scalars(table: MagneticPairScene, found: _Found, scales: Scales) -> dict[str, Scalar]:
@@ -273,7 +273,7 @@ def _trust(table: MagneticPairScene, found: _Found) -> dict[str, Any]:
         "steady_residual": state.residual,
         "steady_residual_second": refined.residual if refined else None,
         "settled_to": found.settled,
-        "closed_form_difference": _closed_form_difference(table, found),
+        "closed_form_difference": found.pair.closed_form_difference(state),
         "quadrature_error": found.pair.quadrature_error(state),
         "exact": {
             "route": found.exact.route,
@@ -298,6 +298,11 @@ def _warnings(table: MagneticPairScene, found: _Found, late: int) -> Iterator[st
             f"the exact motion has not settled: its mean velocity went from {before:.7g} to "
             f"{last:.7g}; write a later course.end"
         )
+    if found.settled > _SETTLED:
+        yield (
+            f"the averaged motion ends {found.settled:.2g} from the steady state given; write a "
+            "later course.end"
+        )
     if late:
         yield (
             f"masses came to rest {late} times in the second half: averaging assumes that they "
@@ -309,7 +314,7 @@ def _warnings(table: MagneticPairScene, found: _Found, late: int) -> Iterator[st
         yield f"{len(found.states)} steady motions: from rest it settles on the one given"
     if table.stated_velocity is None:
         return
-    scale = Scales.of(table.pair.sample).speed
+    scale = Scales.of(table.pair).speed
     own = float(found.state.x[0]) * scale
     if abs(table.stated_velocity - own) > 1e-2 * abs(own):
         yield (

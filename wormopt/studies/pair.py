@@ -18,7 +18,8 @@ from wormopt.core.model import Model
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.result import Result
 from wormopt.scenes.chain import CoulombFriction
-from wormopt.scenes.magnetic_pair import MagneticPairTable, SampleTable
+from wormopt.scenes.magnetic_pair import MagneticPairTable
+from wormopt.scenes.pair_waveform import NATURAL
 from wormopt.scenes.scene import Scene
 from wormopt.scenes.types import per
 from wormopt.studies.chains import law_of
@@ -28,9 +29,6 @@ from wormopt.worms.magnetic_pair import magnetic_pair
 from wormopt.worms.slow_pair import from_slow, slow_pair
 
 __all__ = ["NATURAL", "Pair", "Scales", "no_steady_motion", "warnings_of_pair"]
-
-NATURAL = math.sqrt(2)
-"""Frequency of the free pair, in natural rates sqrt(c / m)."""
 
 # Swings beyond which averages are not asked for, and friction forces per push from which a small
 # parameter is none.
@@ -57,22 +55,19 @@ class Scales:
     time: float = 1.0
 
     @classmethod
-    def of(cls, sample: SampleTable | None) -> Scales:
+    def of(cls, table: MagneticPairTable) -> Scales:
         """Take them from a sample; 1 without.
 
         Parameters
         ----------
-        sample : SampleTable, optional
-            In SI units.
+        table : MagneticPairTable
+            What the scene says.
 
         Returns
         -------
         Scales
         """
-        if sample is None:
-            return cls()
-        stiffness = sample.youngs_modulus * sample.area / sample.length
-        return cls(sample.length, math.sqrt(sample.mass / stiffness))
+        return cls(table.sample.length if table.sample else 1.0, table.natural_time)
 
     @property
     def speed(self) -> float:
@@ -254,9 +249,35 @@ class Pair:
         if not isinstance(law, CoulombFriction):
             return None
         (f0, f1), (b0, b1) = per(law.forward, 2), per(law.backward, 2)
-        if (f0, b0) != (f1, b1) or not f0 + b0 > 0 or self.drive <= 0:
+        if (f0, b0) != (f1, b1):
             return None
-        return steady_pair(f0 / self.drive, b0 / self.drive, detuning / self.drive)
+        size = abs(self.drive)
+        closed = steady_pair(f0 / size, b0 / size, detuning / size)
+        return closed if self.drive > 0 else replace(closed, lag=closed.lag - math.pi)
+
+    def closed_form_difference(self, state: SteadyState) -> float | None:
+        """How far a steady state of the first average is from (19).
+
+        Parameters
+        ----------
+        state : SteadyState
+            Of the first average.
+
+        Returns
+        -------
+        float or None
+            Of velocity and swing, over the larger of both; infinite where (19) has no such state,
+            None where it does not apply.
+        """
+        try:
+            closed = self.closed_form((self.frequency_of(state) - NATURAL) / self.eps)
+        except ArgumentError:
+            return math.inf
+        if closed is None:
+            return None
+        turn = np.array([math.cos(closed.lag), math.sin(closed.lag)])
+        known = np.array([closed.velocity, *(closed.amplitude * turn)])
+        return float(np.abs(state.x - known).max() / np.abs(known).max())
 
     def why_none(self, detuning: float) -> str:
         """Say why there is no steady motion.
@@ -312,7 +333,7 @@ def no_steady_motion(scene: Scene[Any], reason: str) -> SolveError:
     partial = Result(
         scene=scene.name,
         kind=scene.table.kind,
-        title=scene.table.title,
+        title=scene.title,
         status="failed",
         reason=reason,
         scene_text=scene.text,

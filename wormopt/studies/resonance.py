@@ -11,14 +11,15 @@ import numpy as np
 
 from wormopt.averaging.continuation import Branch, follow_branch
 from wormopt.averaging.steady import SteadyState, rates_of
-from wormopt.errors import ArgumentError, Interrupted
+from wormopt.errors import Interrupted
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.magnetic_pair import ConfirmTable, ResonanceScene
+from wormopt.scenes.pair_waveform import NATURAL
 from wormopt.scenes.scene import Scene
 from wormopt.simulation.ensemble import Ensemble, Member, simulate_ensemble
 from wormopt.simulation.options import Tolerance
-from wormopt.studies.pair import NATURAL, Pair, Scales, no_steady_motion, warnings_of_pair
+from wormopt.studies.pair import Pair, Scales, no_steady_motion, warnings_of_pair
 
 __all__ = ["run"]
 
@@ -26,6 +27,7 @@ __all__ = ["run"]
 _BEGINNINGS = (0.0, 0.13, 0.37, 0.63, 0.87, 1.0)
 # Steady states that differ by less from those of a branch are on it.
 _ALIKE = 1e-6
+_MOST = 30  # branches
 # Means over consecutive periods that differ by more have not settled.
 _SETTLED = 1e-3
 # Steady states of (18) and (19) shall agree to this, of their size.
@@ -117,13 +119,26 @@ def _branches(table: ResonanceScene, pair: Pair) -> list[Branch]:
     low, high = table.sweep.detuning
     span = (pair.frequency(low), pair.frequency(high))
     found: list[Branch] = []
-    for share in _BEGINNINGS:
-        detuning = low + share * (high - low)
-        for state in pair.steady(detuning):
-            if any(_on(branch, state) for branch in found):
-                continue
-            found.append(follow_branch(state, "frequency", span, largest=table.sweep.largest))
+    places, seen = [low + share * (high - low) for share in _BEGINNINGS], 0
+    while places:
+        for state in pair.steady(places.pop(0)):
+            if not any(_on(branch, state) for branch in found) and len(found) < _MOST:
+                found.append(follow_branch(state, "frequency", span, largest=table.sweep.largest))
+        for branch in found[seen:]:
+            places += [(nu - NATURAL) / pair.eps for nu in _crossings(branch)]
+        seen = len(found)
     return found
+
+
+def _crossings(branch: Branch) -> Iterator[float]:
+    """Where stability changes without a fold: other branches may begin there, on either side."""
+    folds = np.array([fold.parameter for fold in branch.folds])
+    for k in np.flatnonzero(np.diff(branch.stable)):
+        ends = branch.parameter[k : k + 2]
+        if np.any(np.abs(folds - ends[:, None]) < 1e-9):
+            continue
+        reach = max(abs(ends[1] - ends[0]), 1e-3 * np.ptp(branch.parameter))
+        yield from (float(ends.min() - reach), float(ends.max() + reach))
 
 
 def _on(branch: Branch, state: SteadyState) -> bool:
@@ -212,17 +227,17 @@ def _result(
     exact: _Exact | None,
     timings: dict[str, float],
 ) -> Result:
-    table, scales = scene.table, Scales.of(scene.table.pair.sample)
+    table, scales = scene.table, Scales.of(scene.table.pair)
     difference = _closed_form_difference(pair, points)
     wrong = difference is not None and difference > _CLOSED
     reason = f"steady states differ from (19) by {difference:.2g}" if wrong else ""
     return Result(
         scene=scene.name,
         kind=table.kind,
-        title=table.title,
+        title=scene.title,
         status="failed" if wrong else "ok",
         reason=reason,
-        scalars=_scalars(table, pair, branches, points, exact),
+        scalars=_scalars(table, pair, branches, points, exact, scales),
         variables=(*_variables(table, pair, branches, points, exact, scales),),
         trust=_trust(table, pair, branches, points, exact, difference),
         timings_s=timings,
@@ -231,18 +246,13 @@ def _result(
 
 
 def _closed_form_difference(pair: Pair, points: _Points) -> float | None:
-    """Largest difference of velocities from (19), of their size."""
-    worst = 0.0
-    for detuning, velocity in zip(points.detuning, points.velocity, strict=True):
-        try:
-            closed = pair.closed_form(float(detuning))
-        except ArgumentError:
-            return None
-        if closed is None:
-            return None
-        size = max(abs(closed.velocity), abs(closed.amplitude))
-        worst = max(worst, abs(closed.velocity - velocity) / size)
-    return worst
+    """Largest difference from (19) of all points."""
+    rates = rates_of(pair.averages[0])
+    found = []
+    for detuning, x in zip(points.detuning, points.x, strict=True):
+        p = rates.parameters({"frequency": pair.frequency(float(detuning))})
+        found.append(pair.closed_form_difference(rates.steady(x, p)))
+    return max((d for d in found if d is not None), default=None)
 
 
 def _folds(pair: Pair, branches: list[Branch]) -> list[float]:
@@ -255,6 +265,7 @@ def _scalars(
     branches: list[Branch],
     points: _Points,
     exact: _Exact | None,
+    scales: Scales,
 ) -> dict[str, Scalar]:
     scalars = {
         "eps": Scalar(pair.eps),
@@ -262,7 +273,9 @@ def _scalars(
         "branches": Scalar(len(branches)),
         "steady_motions": Scalar(len(points.detuning)),
         "stable": Scalar(int(points.stable.sum())),
-        "velocity_largest": Scalar(float(np.abs(points.velocity).max())),
+        "velocity_largest": Scalar(
+            float(np.abs(points.velocity).max()) * scales.speed, unit_of("speed", table.units)
+        ),
     }
     if table.pair.sample is not None:
         scalars["u0"] = Scalar(table.pair.sample.strain)
@@ -383,6 +396,9 @@ def _warnings(
             f"{small:.0%} of the steady motions swing too little against eps for an average of "
             "second order"
         )
+    without = len(set(points.detuning.tolist()) - set(points.detuning[points.stable].tolist()))
+    if without:
+        yield f"at {without} of the detunings no stable steady motion was found"
     if exact is None:
         return
     unsettled = int(points.stable.sum()) - int(exact.settled.sum())
