@@ -160,6 +160,36 @@ def test_a_pair_that_friction_holds_is_told():
         solved("pair.friction.forward=5.0", "pair.friction.backward=10.0")
 
 
+def test_a_strain_at_which_the_link_cannot_draw_is_refused_by_its_name():
+    # mass 1 needs a pull above its friction 0.5 eps
+    message = r"limits.strain 0.0177 lets nothing move.*above 0.01775"
+    with pytest.raises(SolveError, match=message) as caught:
+        solved("limits.strain=0.0177")
+    assert "write limits.strain above 0.01775" in caught.value.suggestion
+    with pytest.raises(SolveError, match=r"above 0.0284;"):
+        solved("limits.strain=0.028", "limits.field=[0.3, 2]")
+
+
+def test_a_harmonic_field_that_strains_too_much_without_its_wave_is_told():
+    # put on at rest, G = 1 stretches the link to eps
+    found = harmonic(FieldLimits((0.0, 2.0), (NU, NU), strain=0.03))
+    assert not found.kept
+    assert found.amplitude == 0
+    assert found.orbit.strain == pytest.approx(EPS, rel=1e-6)
+    assert harmonic(FieldLimits((0.0, 2.0), (NU, NU), strain=0.05)).kept
+
+
+@pytest.mark.slow
+def test_a_strain_below_that_of_the_mean_field_leaves_lower_fields():
+    result = solved("limits.strain=0.03", "mesh.arcs=40")
+    assert result.status == "ok"
+    assert value(result, "strain_max") <= 0.03 * (1 + 1e-6)
+    assert value(result, "speed_simulated") == pytest.approx(value(result, "speed"), abs=1e-8)
+    assert value(result, "speed") > 0.005
+    assert value(result, "gain") is None
+    assert any("beyond limits.strain" in text for text in result.trust["warnings"])
+
+
 def test_a_push_that_grows_is_told(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(pair_waveform, "push_left", lambda *given: 1.2)
     result = solved("mesh.arcs=60")

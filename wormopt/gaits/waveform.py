@@ -18,11 +18,15 @@ from wormopt.optimal.problem import Bound, Ends, Problem
 __all__ = [
     "FieldAim",
     "FieldLimits",
+    "chance_field",
     "field_course",
     "first_harmonic",
     "ramped",
     "waveform_problem",
 ]
+
+# Fields by chance have so many harmonics and, as polylines, so many corners.
+_HARMONICS, _CORNERS = 3, 96
 
 
 @dataclass(frozen=True)
@@ -226,6 +230,43 @@ def field_course(motion: Motion) -> Gait:
     first = float(motion.state("field", np.zeros(1))[0, 0])
     levels = first + np.concatenate([[0.0], np.cumsum(gained)[:-1]])
     return Gait(course.breaks, np.column_stack([levels, rising])[:, None, :])
+
+
+def chance_field(
+    limits: tuple[float, float], frequency: float, random: np.random.Generator
+) -> Gait:
+    """Make a periodic field of some harmonics by chance, cut off where it leaves its range.
+
+    Parameters
+    ----------
+    limits : (float, float)
+        Least and largest G.
+    frequency : float
+        Angular frequency.
+    random : Generator
+        Where chance comes from.
+
+    Returns
+    -------
+    Gait
+        One row, a polyline over a period.
+
+    Examples
+    --------
+    >>> field = chance_field((0.5, 2.0), 1.4, np.random.default_rng(1))
+    >>> values = field(np.linspace(0, field.period, 50))
+    >>> bool(values.min() >= 0.5 and values.max() <= 2.0)
+    True
+    """
+    low, high = limits
+    t = np.linspace(0, 2 * math.pi / frequency, _CORNERS + 1)
+    wave = sum(
+        random.normal() * np.cos(k * frequency * t - random.uniform(0, 2 * math.pi))
+        for k in range(1, _HARMONICS + 1)
+    )
+    level = np.clip((low + high) / 2 + (high - low) / 2 * wave, low, high)
+    slopes = np.diff(level) / np.diff(t)
+    return Gait(t, np.column_stack([level[:-1], slopes])[:, None, :])
 
 
 def first_harmonic(field: Gait) -> tuple[float, float]:

@@ -114,6 +114,8 @@ class Harmonic:
         The motion.
     reached : bool
         Whether it has the speed that was asked for, if any was.
+    kept : bool
+        Whether it keeps to the strain allowed. Where it does not, its mean alone does not.
     """
 
     frequency: float
@@ -121,6 +123,7 @@ class Harmonic:
     amplitude: float
     orbit: Orbit
     reached: bool = True
+    kept: bool = True
 
     @property
     def course(self) -> Gait:
@@ -301,6 +304,8 @@ def best_harmonic(pair: Model, limits: FieldLimits, aim: FieldAim, report: Repor
     Returns
     -------
     Harmonic
+        With ``kept`` false and amplitude 0 where the middle of the range alone, put on at rest,
+        stretches the link beyond the strain allowed.
 
     Raises
     ------
@@ -349,7 +354,10 @@ def _at(pair: Model, limits: FieldLimits, aim: FieldAim, frequency: float) -> Ha
 
     best = moved(whole)
     if too_wide(best) > 0:
-        best = _edge(moved, too_wide, moved(0.0), best)
+        still = moved(0.0)
+        if too_wide(still) > 0:
+            return replace(still, reached=False, kept=False)
+        best = _edge(moved, too_wide, still, best)
     if aim.maximise or not best.reached:
         return best
     return _edge(moved, too_slow, best, moved(0.0))
@@ -381,6 +389,8 @@ def _edge(
 
 
 def _merit(harmonic: Harmonic, aim: FieldAim) -> float:
+    if not harmonic.kept:
+        return -math.inf
     if aim.maximise:
         return harmonic.orbit.speed
     work = harmonic.orbit.work_per_distance

@@ -17,6 +17,7 @@ from wormopt.errors import SolveError
 from wormopt.gaits.waveform import (
     FieldAim,
     FieldLimits,
+    chance_field,
     field_course,
     first_harmonic,
     waveform_problem,
@@ -77,10 +78,11 @@ _EXACT = Collocation(7)
 # Periods of the simulation by which the speed is checked.
 _PERIODS = 20
 _REST = "the pair rests under the harmonic field, so that there is no motion to start from"
+# Tops of fields lower than the harmonic one, as shares of the range, and fields by chance that are
+# tried before a pair is said to rest.
+_TOPS, _OTHERS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1), 4
 # Strain from which on the model of the link says nothing any more.
 _WIDE = 1.0
-# Fields by chance have so many harmonics and, as polylines, so many corners.
-_HARMONICS, _CORNERS = 3, 96
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,10 +129,12 @@ def run(scene: Scene[PairWaveformScene], report: Report) -> Result:
     limits, aim = _limits(table), FieldAim(table.aim.maximise, table.aim.speed)
     given = _pair(table.pair, limits.frequency[0], (1.0, 1.0))
     try:
+        _check_strain(table)
         harmonic = best_harmonic(given, limits, aim, report)
+        first = _first(given, limits, harmonic, report)
         searched = time.perf_counter()
         free = _pair(table.pair, harmonic.frequency, None)
-        guesses, scaled = [*_guesses(table, free, harmonic)], _scaled(free, harmonic)
+        guesses, scaled = _guesses(table, free, first), _scaled(free, first)
         stages, tries = _solve(table, waveform_problem(scaled, limits, aim), guesses, report)
         optimum, solved = stages["phases"], time.perf_counter()
         proof = _prove(free, optimum.motion, report)
@@ -190,16 +194,66 @@ def _scaled(pair: Model, harmonic: Harmonic) -> Model:
 # -- solving ---------------------------------------------------------------------------------------
 
 
-def _guesses(table: PairWaveformScene, free: Model, harmonic: Harmonic) -> Iterator[Guess]:
-    """The settled motion under the harmonic field, then those under fields by chance."""
-    if not harmonic.orbit.moves:
-        raise SolveError(_REST, "write weaker friction, or a wider limits.field")
-    steep, start = table.limits.slope is not None, harmonic.orbit.start
-    for k in range(table.search.starts):
-        course = harmonic.course if k == 0 else _chance(table, harmonic.frequency, k)
+def _check_strain(table: PairWaveformScene) -> None:
+    """Refuse a strain at which the link cannot draw mass 1 forward.
+
+    To gather speed forward it must be drawn with more than its friction and the field that pushes
+    it back; and if it never gathers any, these are what the mean force of the link makes up for.
+    """
+    law, strain = law_of(table.pair.friction, 0), table.limits.strain
+    assert isinstance(law, Coulomb)
+    least = table.pair.eps * (table.limits.field[0] + float(law.forward))
+    if strain is not None and strain <= least:
+        raise SolveError(
+            f"limits.strain {strain:.6g} lets nothing move: the link draws mass 1 forward, against "
+            f"friction and the least field, only at strains above {least:.6g}",
+            f"write limits.strain above {least:.6g}, or weaker friction forward",
+        )
+
+
+def _first(given: Model, limits: FieldLimits, harmonic: Harmonic, report: Report) -> Harmonic:
+    """The harmonic field, or where the strain leaves it none that moves the pair, a lower one."""
+    if limits.strain is None or (harmonic.kept and harmonic.orbit.moves):
+        return harmonic
+    (low, high), nu = limits.field, harmonic.frequency
+    lower = [
+        replace(limits, field=(low, low + top * (high - low)), frequency=(nu, nu)) for top in _TOPS
+    ]
+    found = [best_harmonic(given, part, FieldAim(), report) for part in lower]
+    kept = [lowered for lowered in found if lowered.kept]
+    return max(kept, key=lambda lowered: lowered.orbit.speed, default=harmonic)
+
+
+def _guesses(table: PairWaveformScene, free: Model, first: Harmonic) -> list[Guess]:
+    """The settled motion under a harmonic field, then those under fields by chance."""
+    steep, starts = table.limits.slope is not None, table.search.starts
+    (low, high), found = table.limits.field, []
+    lowered = (low, min(high, 2 * first.mean - low))
+    for k in range(starts if first.orbit.moves else max(starts, 1 + _OTHERS)):
+        random = np.random.default_rng([table.search.seed, k])
+        course = chance_field(lowered, first.frequency, random) if k else first.course
         driven = drive(free, course, periodic=True)
-        orbit = settle(driven, course.period, start, strain=table.limits.strain)
-        yield _guess(orbit, course, steep)
+        orbit = settle(driven, course.period, first.orbit.start, strain=table.limits.strain)
+        if orbit.moves:
+            found.append(_guess(orbit, course, steep))
+    if not found:
+        raise _rests(table, first)
+    return found
+
+
+def _rests(table: PairWaveformScene, first: Harmonic) -> SolveError:
+    """Say what holds the pair: the strain, if it cut the harmonic field down, or friction."""
+    (low, high), strain = table.limits.field, table.limits.strain
+    slope = table.limits.slope or math.inf
+    whole = min((high - low) / 2, slope / first.frequency)
+    if strain is None or first.amplitude >= whole:
+        return SolveError(_REST, "write weaker friction, or a wider limits.field")
+    return SolveError(
+        f"limits.strain {strain:.6g} leaves no field that was tried and moves the pair; the steady "
+        f"field {(low + high) / 2:.6g} alone stretches it by about "
+        f"{table.pair.eps * (low + high) / 2:.6g}",
+        "write a larger limits.strain, or weaker friction",
+    )
 
 
 def _guess(orbit: Orbit, course: Gait, steep: bool) -> Guess:
@@ -210,20 +264,6 @@ def _guess(orbit: Orbit, course: Gait, steep: bool) -> Guess:
         return np.vstack([dense(t), course(t)]) if steep else dense(t)
 
     return Guess(course.period, states, lambda t: course(t, int(steep)))
-
-
-def _chance(table: PairWaveformScene, frequency: float, start: int) -> Gait:
-    """A field of some harmonics, cut off where it leaves its range."""
-    random = np.random.default_rng([table.search.seed, start])
-    low, high = table.limits.field
-    t = np.linspace(0, 2 * math.pi / frequency, _CORNERS + 1)
-    wave = sum(
-        random.normal() * np.cos(k * frequency * t - random.uniform(0, 2 * math.pi))
-        for k in range(1, _HARMONICS + 1)
-    )
-    level = np.clip((low + high) / 2 + (high - low) / 2 * wave, low, high)
-    slopes = np.diff(level) / np.diff(t)
-    return Gait(t, np.column_stack([level[:-1], slopes])[:, None, :])
 
 
 def _solve(
@@ -383,6 +423,12 @@ def _of_harmonic(table: PairWaveformScene, proof: _Proof, harmonic: Harmonic) ->
             f"under the harmonic field the motion still changes by {orbit.drift:.2g} after "
             f"{orbit.periods} periods; its speed is that of the last one"
         )
+    if not harmonic.kept:
+        yield (
+            f"the middle of limits.field alone stretches the link by {orbit.strain:.6g}, beyond "
+            "limits.strain: no harmonic field about it to compare with, and no gain to tell"
+        )
+        return
     if table.aim.maximise and not proof.speed > orbit.speed:
         yield (
             f"simulated, the waveform is not faster than the harmonic field: {proof.speed:.6g} "
