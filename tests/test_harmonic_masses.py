@@ -18,15 +18,16 @@ import wormopt as wo
 from wormopt.averaging.average import average
 from wormopt.cli import main
 from wormopt.core.friction import Coulomb, Law, Stribeck, Viscous
-from wormopt.errors import ArgumentError, SceneError
+from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.result import Result
 from wormopt.scenes import load_scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.studies import exact_orbit
+from wormopt.studies import harmonic_masses as study
 from wormopt.studies.exact_orbit import Runner, measured
 from wormopt.studies.proof import Recheck
-from wormopt.studies.slow_velocity import SlowVelocity, sign_changes
+from wormopt.studies.slow_velocity import SlowVelocity, Steady, sign_changes
 from wormopt.worms.harmonic_masses import harmonic_masses, imbalance, steady_masses
 
 SCENE = "three_masses_harmonic"
@@ -391,7 +392,66 @@ def test_friction_that_falls_with_velocity_lets_equals_go_either_way():
     law_ = Stribeck(0.001, 0.001, stick_forward=0.03, stick_backward=0.03, v_stribeck=0.8)
     force = mean_force(law_, ahead_V, np.array([1.0]), np.array([0.0]))
     assert force == pytest.approx(0.0, abs=1e-12)
-    assert value(still, "velocity_steady") in (ahead_V, rest)
+    # a start on a steady velocity stays there, stable or not
+    assert value(still, "velocity_steady") == rest
+    assert value(still, "stable") == 0
+
+
+@pytest.mark.parametrize("off", [-1e-16, 0.0, 1e-16])
+def test_a_start_on_a_root_with_round_off_stays_on_it(off: float):
+    steady = [Steady(-0.7, -1.0), Steady(off, 1.0), Steady(0.7, -1.0)]
+    assert study._tends_to(0.0, steady, 1e-9) == 1
+    assert study._tends_to(1e-6, steady, 1e-9) == 2
+    assert study._tends_to(-1e-6, steady, 1e-9) == 0
+
+
+def test_a_velocity_that_the_change_of_friction_made_is_unknown():
+    # two equal masses, friction alike both ways: nothing tells forward from backward
+    result = solved("worm.masses=2", "worm.harmonic.0.phase=[0, 180]", "worm.friction.forward=0.02")
+    assert result.status == "ok"
+    assert result.trust["exact"]["friction_changed"] is True
+    assert value(result, "velocity_steady") == pytest.approx(0.0, abs=1e-12)
+    for name in ("velocity_exact_mean", "energy_per_distance", "advance"):
+        assert value(result, name) is None
+    assert value(result, "power_mean") > 0
+    assert any("is not told from rest" in text for text in result.trust["warnings"])
+
+
+@pytest.mark.parametrize("lost", ["not_finite", "no_periodic_motion"])
+def test_an_orbit_nobody_chose_takes_no_other_with_it(monkeypatch: pytest.MonkeyPatch, lost: str):
+    def orbit(self: Runner, guess: float, **options: Any):
+        if abs(guess) < 0.1:
+            raise SolveError("none here", code=lost)
+        return honest(self, guess, **options)
+
+    honest = Runner.orbit
+    monkeypatch.setattr(Runner, "orbit", orbit)
+    law = 'worm.friction={kind="stribeck", forward=0.001, backward=0.001, stick_forward=0.03, '
+    law += "stick_backward=0.03, v_stribeck=0.8}"
+    result = solved(law, "course.velocity=0.1", "course.periods=2")
+    assert result.status == "ok"
+    back, rest, ahead = value(result, "exact_velocities")
+    assert rest is None
+    assert back == pytest.approx(-ahead, abs=1e-6)
+    assert "center" in {variable.name for variable in result.variables}
+    assert any("no exact motion was found at the steady" in t for t in result.trust["warnings"])
+    # the one chosen is needed
+    chosen = solved(law, "course.velocity=0", "course.periods=2")
+    assert chosen.status == "failed"
+    assert "none here" in chosen.reason
+    assert "center" in {variable.name for variable in chosen.variables}
+
+
+def test_without_recheck_there_is_none_and_a_warning(monkeypatch: pytest.MonkeyPatch):
+    def never(*given: Any, **options: Any):
+        raise AssertionError
+
+    monkeypatch.setattr(exact_orbit, "recheck", never)
+    result = solved("tolerance.recheck=false", "course.periods=80")
+    assert result.status == "ok"
+    assert value(result, "recheck_error") is None
+    assert result.trust["exact"]["recheck"] is None
+    assert any("tolerance.recheck is false" in text for text in result.trust["warnings"])
 
 
 def test_friction_that_is_not_small_is_told_and_rests_too():

@@ -21,14 +21,14 @@ from wormopt.simulation.trajectory import Trajectory
 from wormopt.studies.proof import Recheck, recheck
 from wormopt.studies.signals import rests
 
-__all__ = ["Orbit", "Runner", "measured", "nudged"]
+__all__ = ["NUDGE", "Orbit", "Runner", "measured", "nudged"]
 
 # Periods in which the end is compared with the start, and simulations to find the start.
 _PERIODS, _TRIALS = 10, 60
 # Of the usual velocity: what may come again otherwise, and the size of the first trial.
 _CLOSED, _FIRST = 1e-13, 1e-4
-# By this share friction is changed where masses reverse at once, see `nudged`.
-_NUDGE = 1e-9
+NUDGE = 1e-9
+"""Share by which friction is changed where masses reverse at once, see `nudged`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +53,8 @@ class Orbit:
         Largest share of the period during which one contact rests.
     motion : Trajectory
         Over several periods.
-    second : Recheck
-        Of the motion, by another route.
+    second : Recheck or None
+        Of the motion, by another route; None where none was wanted.
     trials : int
         Simulations to find it.
     """
@@ -67,7 +67,7 @@ class Orbit:
     power: float
     rest_share: float
     motion: Trajectory
-    second: Recheck
+    second: Recheck | None
     trials: int
 
 
@@ -101,7 +101,9 @@ def nudged(model: Model) -> dict[str, np.ndarray]:
     """Give friction backward that is larger by a billionth, and forward that is smaller.
 
     Where two masses reverse at the same instant, exact simulation would have to tell what both
-    do at rest, and gives up. Masses that are not quite alike do not reverse at once.
+    do at rest, and gives up. All masses are changed alike; what changes is the velocity of the
+    centre, by a share of the same order. Where reversals fall together at one velocity only, as of
+    three equal swings at half their amplitude, they then no longer do.
 
     Parameters
     ----------
@@ -113,7 +115,7 @@ def nudged(model: Model) -> dict[str, np.ndarray]:
     dict of str to ndarray
         Parameters for `simulate`.
     """
-    share = {"backward": 1 + _NUDGE, "forward": 1 - _NUDGE}
+    share = {"backward": 1 + NUDGE, "forward": 1 - NUDGE}
     found = {}
     for signal in model.p:
         side = signal.name.rpartition("_")[2]
@@ -179,13 +181,15 @@ class Runner:
             report=self.report,
         )
 
-    def orbit(self, guess: float) -> Orbit:
+    def orbit(self, guess: float, *, check: bool = True) -> Orbit:
         """Find the periodic motion near a velocity.
 
         Parameters
         ----------
         guess : float
             Velocity of the centre.
+        check : bool, optional
+            Whether to simulate it by a second route.
 
         Returns
         -------
@@ -202,9 +206,11 @@ class Runner:
         x0 = tuple(
             replace(s, value=start) if s.name == "center_velocity" else s for s in self.model.x
         )
-        second = recheck(
-            replace(self.model, x=x0), motion, self.tolerance, p=self.p, report=self.report
-        )
+        second = None
+        if check:
+            second = recheck(
+                replace(self.model, x=x0), motion, self.tolerance, p=self.p, report=self.report
+            )
         time, V = _PERIODS * self.period, motion.state("center_velocity")[0]
         rested: dict[int, float] = {}
         for contact, begin, end in rests(motion):

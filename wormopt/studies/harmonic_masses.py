@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from wormopt.studies.harmonic_trust import (
     Found,
     difference,
     faults_of,
+    known_velocity,
     laws_of,
     period_of,
     relative_velocities,
@@ -36,8 +38,14 @@ from wormopt.worms.harmonic_masses import harmonic_masses, steady_masses
 
 __all__ = ["model_of", "run"]
 
+_T = TypeVar("_T")
+
 # Instants of the period for the picture.
 _POINTS = 721
+# How simulation gives up where masses reverse at once.
+_AT_ONCE = ("no_contact_mode", "not_finite")
+# Steady velocities are roots with round-off: so near, of the largest velocity, a start is on one.
+_ON = 1e-9
 
 
 def run(scene: Scene[HarmonicMassesScene], report: Report) -> Result:
@@ -67,10 +75,11 @@ def run(scene: Scene[HarmonicMassesScene], report: Report) -> Result:
     V0, extremes = table.course.velocity, _extremes(table.worm)
     size = float(np.abs(extremes).max())
     first, second, finer = _steady(slow, table, extremes)
-    chosen = _tends_to(V0, first)
+    chosen = _tends_to(V0, first, _ON * size)
     averaged_at = time.perf_counter()
     report("simulating", None)
-    orbits, course, was_nudged, lost = _exact(table, first, second, report)
+    guesses = [(s or f).velocity for f, s in zip(first, second, strict=True)]
+    orbits, course, was_nudged, lost = _exact(table, guesses, chosen, report)
     found = Found(
         first=first,
         second=second,
@@ -90,7 +99,7 @@ def run(scene: Scene[HarmonicMassesScene], report: Report) -> Result:
         scene.title,
         status="failed" if faults else "ok",
         reason="; ".join(faults),
-        scalars=_scalars(found, table),
+        scalars=_scalars(found, table, size),
         variables=tuple(_variables(found, table)),
         trust=trust(found, table, size),
         timings_s={
@@ -156,12 +165,15 @@ def _nearest(steady: Steady, among: Sequence[Steady]) -> Steady | None:
     return min(alike, key=lambda other: abs(other.velocity - steady.velocity), default=None)
 
 
-def _tends_to(velocity: float, steady: Sequence[Steady]) -> int:
-    """Which steady velocity a slow motion comes to: it cannot pass one."""
-    ahead = [k for k, s in enumerate(steady) if s.velocity >= velocity]
-    behind = [k for k, s in enumerate(steady) if s.velocity <= velocity]
+def _tends_to(velocity: float, steady: Sequence[Steady], near: float) -> int:
+    """Which steady velocity a slow motion comes to: it stays on one, and cannot pass one."""
+    away = [abs(s.velocity - velocity) for s in steady]
+    if min(away) <= near:
+        return away.index(min(away))
+    ahead = [k for k, s in enumerate(steady) if s.velocity > velocity]
+    behind = [k for k, s in enumerate(steady) if s.velocity < velocity]
     for k in [*ahead[:1], *behind[-1:]]:
-        if steady[k].stable or steady[k].velocity == velocity:
+        if steady[k].stable:
             return k
     return (ahead[:1] or behind[-1:])[0]
 
@@ -189,40 +201,52 @@ def _averaged_course(slow: Model, table: HarmonicMassesScene) -> Trajectory:
 
 def _exact(
     table: HarmonicMassesScene,
-    first: Sequence[Steady],
-    second: Sequence[Steady | None],
+    guesses: Sequence[float],
+    chosen: int,
     report: Report,
 ) -> tuple[list[Orbit | None], Trajectory | None, bool, str]:
     """Simulate; where masses reverse at once, with friction a little different."""
     model = measured(model_of(table.worm, place=True))
-    guesses = [(s or f).velocity for f, s in zip(first, second, strict=True)]
-    course, lost = table.course, ""
+    check, asked = table.tolerance.recheck, table.course
+    orbits: list[Orbit | None] = []
+    course: Trajectory | None = None
+    lost: list[SolveError | None] = []
     for p in ({}, nudged(model)):
         runner = Runner(model, period_of(table), tolerance_of(table.tolerance), p, report)
-        try:
-            orbits: list[Orbit | None] = [runner.orbit(guess) for guess in guesses]
-            moved = runner.run(course.velocity, course.periods, course.samples)
-        except SolveError as error:
-            lost = str(error)
-            if error.code not in ("no_contact_mode", "not_finite"):
-                break
-        else:
-            return orbits, moved, bool(p), ""
-    return [None for _ in first], None, False, lost
+        tried = [_tried(partial(runner.orbit, V, check=check)) for V in guesses]
+        course, course_lost = _tried(
+            partial(runner.run, asked.velocity, asked.periods, asked.samples)
+        )
+        orbits, lost = [orbit for orbit, _ in tried], [tried[chosen][1], course_lost]
+        if not any(error and error.code in _AT_ONCE for error in lost):
+            return orbits, course, bool(p), _first_of(lost)
+    return orbits, course, True, _first_of(lost)
+
+
+def _tried(solve: Callable[[], _T]) -> tuple[_T | None, SolveError | None]:
+    try:
+        return solve(), None
+    except SolveError as error:
+        return None, error
+
+
+def _first_of(lost: Sequence[SolveError | None]) -> str:
+    return next((str(error) for error in lost if error), "")
 
 
 # -- results -------------------------------------------------------------------------------------
 
 
-def _scalars(found: Found, table: HarmonicMassesScene) -> dict[str, Scalar]:
+def _scalars(found: Found, table: HarmonicMassesScene, size: float) -> dict[str, Scalar]:
     chosen, units = found.chosen, table.units
     first, second, orbit = found.first[chosen], found.second[chosen], found.orbits[chosen]
     exact, second_velocity = orbit and orbit.velocity, second and second.velocity
+    known = known_velocity(found, table, size)
     values: dict[str, tuple[Any, str]] = {
         "velocity_steady": (first.velocity, "speed"),
         "velocity_steady_second": (second_velocity, "speed"),
         "velocity_closed_form": (found.closed, "speed"),
-        "velocity_exact_mean": (exact, "speed"),
+        "velocity_exact_mean": (known, "speed"),
         "averaging_error": (difference(exact, first.velocity), "speed"),
         "averaging_error_second": (difference(exact, second_velocity), "speed"),
         "stable": (int(first.stable), "count"),
@@ -230,18 +254,18 @@ def _scalars(found: Found, table: HarmonicMassesScene) -> dict[str, Scalar]:
         "steady_velocities": ([s.velocity for s in found.first], "speed"),
         "steady_stable": ([int(s.stable) for s in found.first], "count"),
         "exact_velocities": ([o and o.velocity for o in found.orbits], "speed"),
-        "advance": (exact and exact * period_of(table), "length"),
+        "advance": (known and known * period_of(table), "length"),
         "velocity_ripple": (orbit and orbit.ripple, "speed"),
         "exact_drift": (orbit and orbit.drift, "speed"),
         "force_mean": (orbit and orbit.force, "force"),
         "power_mean": (orbit and orbit.power, "power"),
         "energy_per_distance": (
-            orbit and (orbit.power / abs(orbit.velocity) if orbit.velocity else None),
+            orbit and known and orbit.power / abs(known),
             "energy_per_distance",
         ),
         "rest_share": (orbit and orbit.rest_share, "share"),
         "smallness": (smallness_of(table.worm), "share"),
-        "recheck_error": (orbit and orbit.second.error, "share"),
+        "recheck_error": (orbit and orbit.second and orbit.second.error, "share"),
     }
     return {name: Scalar(value, unit_of(kind, units)) for name, (value, kind) in values.items()}
 

@@ -13,7 +13,7 @@ from wormopt.scenes.harmonic_masses import HarmonicMassesScene, SwingingTable
 from wormopt.scenes.types import per
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.studies.chains import law_of, tolerance_of
-from wormopt.studies.exact_orbit import Orbit
+from wormopt.studies.exact_orbit import NUDGE, Orbit
 from wormopt.studies.proof import accepted_error, count_events, warnings_of_motion
 from wormopt.studies.slow_velocity import Steady
 
@@ -21,6 +21,7 @@ __all__ = [
     "Found",
     "difference",
     "faults_of",
+    "known_velocity",
     "laws_of",
     "period_of",
     "relative_velocities",
@@ -37,6 +38,8 @@ _QUADRATURE = 1e-9
 # Second-order averaging may be off by so many squares of the ripple, and by so much of the largest
 # velocity in any case.
 _FACTOR, _FLOOR = 10.0, 1e-8
+# Changes of friction by a share move the velocity by at most so many such shares of the largest.
+_NUDGED = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +63,7 @@ class Found:
     nudged : bool
         Whether simulation needed friction a little different, see `nudged`.
     lost : str
-        Why an orbit or the course is missing.
+        Why the chosen orbit, or the course, is missing.
     """
 
     first: Sequence[Steady]
@@ -210,7 +213,8 @@ def _trust_of_orbit(orbit: Orbit, was_nudged: bool) -> Mapping[str, Any]:
         "drift": orbit.drift,
         "simulations": orbit.trials,
         "events": count_events(orbit.motion),
-        "recheck": {
+        "recheck": orbit.second
+        and {
             "route": orbit.second.route,
             "error": orbit.second.error,
             "accepted": orbit.second.accepted,
@@ -236,6 +240,33 @@ def _accepted(orbit: Orbit, worm: SwingingTable) -> float:
     """
     speeds = np.abs(relative_velocities(worm, np.linspace(0, 1, 257))).max(axis=1)
     return float(_FACTOR * orbit.ripple**2 / speeds.min() + _FLOOR * speeds.max())
+
+
+def known_velocity(found: Found, table: HarmonicMassesScene, size: float) -> float | None:
+    """Exact mean velocity of the chosen motion, where it is told from rest.
+
+    Parameters
+    ----------
+    found : Found
+        By all routes.
+    table : HarmonicMassesScene
+        What the scene says.
+    size : float
+        Largest velocity relative to the centre.
+
+    Returns
+    -------
+    float or None
+        None where its size is not above the accepted error, or above what the change of friction
+        by `nudged` makes of it.
+    """
+    orbit = found.orbits[found.chosen]
+    if orbit is None:
+        return None
+    error = accepted_error(tolerance_of(table.tolerance)) * size
+    if found.nudged:
+        error = max(error, _NUDGED * NUDGE * size)
+    return orbit.velocity if abs(orbit.velocity) > error else None
 
 
 def faults_of(found: Found, table: HarmonicMassesScene, size: float) -> Iterator[str]:
@@ -264,10 +295,11 @@ def faults_of(found: Found, table: HarmonicMassesScene, size: float) -> Iterator
         )
     if found.closed is not None and abs(found.closed - first.velocity) > _QUADRATURE * size:
         yield f"the closed form is {found.closed:.9g} where averaging finds {first.velocity:.9g}"
-    if orbit is None:
+    if orbit is None or found.course is None:
         yield f"the exact motion is not to be had: {found.lost}"
+    if orbit is None:
         return
-    if orbit.second.fault:
+    if orbit.second and orbit.second.fault:
         yield orbit.second.fault
     accepted = accepted_error(tolerance_of(table.tolerance)) * size
     if first.stable and abs(orbit.drift) > accepted:
@@ -301,6 +333,18 @@ def _warnings(found: Found, table: HarmonicMassesScene, size: float) -> Iterator
             "masses reverse at the same instant; exact simulation was done with friction larger "
             "backward and smaller forward by a share of 1e-9, so that they do not"
         )
+    missing = [
+        f"{steady.velocity:.6g}"
+        for k, steady in enumerate(found.first)
+        if found.orbits[k] is None and k != found.chosen
+    ]
+    if missing:
+        yield f"no exact motion was found at the steady velocity {', '.join(missing)}"
+    if orbit.velocity and not known_velocity(found, table, size):
+        yield (
+            f"the exact mean velocity {orbit.velocity:.2g} is not told from rest: it is below the "
+            "error that is accepted; what is over it is unknown"
+        )
     if not found.first[found.chosen].stable:
         yield "the steady velocity told is not stable: the course starts on it"
     course = found.course
@@ -311,4 +355,4 @@ def _warnings(found: Found, table: HarmonicMassesScene, size: float) -> Iterator
                 f"the course has not come to the steady motion by its end, but to within "
                 f"{left:.2g}; write more course.periods"
             )
-        yield from warnings_of_motion(course, orbit.second)
+    yield from warnings_of_motion(orbit.motion, orbit.second)
