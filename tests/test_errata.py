@@ -76,18 +76,6 @@ def test_every_proof_is_named_on_the_page():
     assert {pair for pair in there if pair[1] not in about_the_page} <= set(NAMED)
 
 
-# --- (2) ---------------------------------------------------------------------------------
-
-
-def test_spikes_compare_velocities_with_rates_of_spans():
-    """x_i = x_0 - S_i, so x_i' >= 0 is x_0' >= S_i'. A worm at rest is against x_0' >= S_i."""
-    head, span = sp.Function("x_0")(t), sp.Function("S")(t)
-    assert zero(sp.diff(head - span, t) - (sp.diff(head, t) - sp.diff(span, t)))
-    resting, length = sp.Integer(0), sp.Integer(2)
-    assert resting >= sp.diff(length, t)
-    assert not resting >= length
-
-
 # --- (7) ---------------------------------------------------------------------------------
 
 
