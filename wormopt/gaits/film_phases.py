@@ -36,8 +36,8 @@ _TIGHT = Ipopt(tolerance=1e-10, mu_init=1e-2)
 def exact_phases(first: Optimum, tolerance: float, report: Report) -> dict[str, Optimum]:
     """Find phases between switches of the field, which end anywhere, and fine enough polynomials.
 
-    Under a limited slope the field may switch without end before it rests on a thickness, so that
-    no phases are as good as many arcs; then those are kept.
+    Under a limited slope the field switches without end before the film rests at a thickness, so
+    that no phases are as good as many arcs; those are taken then, or where phases are not found.
 
     Parameters
     ----------
@@ -57,7 +57,8 @@ def exact_phases(first: Optimum, tolerance: float, report: Report) -> dict[str, 
     shown = refine(first, _SHOWN, rounds=_ROUNDS, solver=near)
     stages, best = {"first": first, "refined": shown}, None
     enough = shown.objective + _LOST * abs(shown.objective)
-    for active, durations in _readings(shown.motion):
+    steep = "field" in [signal.name for signal in first.motion.program.problem.model.x]
+    for active, durations in () if steep else _readings(shown.motion):
         report(f"{len(durations)} phases", None)
         try:
             found = _between(shown.motion, active, durations)

@@ -290,8 +290,8 @@ def _warnings(table: FilmWaveScene, wave: DesignedWave, cosine: CosineBeside) ->
         )
     if wave.limits.gradient is not None and "phases" not in wave.stages:
         yield (
-            "before the film rests at a bound of its thickness the field switches without end, "
-            "under a bounded slope; on this mesh it does so a few times"
+            "under a bounded slope the field switches without end before the film rests at a bound "
+            "of its thickness; on this mesh it does so a few times"
         )
     if math.isnan(cosine.delta):
         yield "no cosine wave between these limits does what is asked, so that none is compared"

@@ -19,6 +19,8 @@ __all__ = ["CosineBeside", "check_wave", "cosine_beside", "faults_of_checks"]
 
 # Phases at which the thickness is taken. Where the field jumps, differences blur it over two.
 _NODES = 16384
+# Slopes of the field are taken over so many of them: they are third differences of the thickness.
+_APART = 16
 # Accepted: of numbers of order 1; of the field over its range; of its slope over the largest.
 _NUMBER, _FIELD, _SLOPE = 1e-6, 1e-3, 1e-2
 
@@ -57,7 +59,8 @@ def check_wave(wave: DesignedWave, aim: WaveAim) -> tuple[Sampled, dict[str, tup
         ),
     }
     if limits.gradient is not None:
-        steepest = np.abs(np.diff(shape.field, append=shape.field[0])).max() * _NODES / (2 * np.pi)
+        rise = np.roll(shape.field, -_APART) - shape.field
+        steepest = np.abs(rise).max() * _NODES / (2 * np.pi * _APART)
         checks["slope of the field"] = (max(0.0, steepest / limits.gradient - 1), _SLOPE)
     if aim.mean_flow is not None:
         checks["aim.mean_flow"] = (max(0.0, aim.mean_flow - 1 - shape.constant), _NUMBER)
