@@ -126,6 +126,49 @@ def test_a_flat_layer_in_a_field_across_it():
     assert flat_layer_pull(fluid, (H0, 0.0), 0.0) == pull(fluid, (H0, 0.0), 0.0)
 
 
+@pytest.mark.parametrize(
+    ("chi", "saturation", "H0", "lost"),
+    [(0.35, 2e4, 4.5e4, 0.350), (1.5, 3e4, 3e4, 0.648), (3.0, 4e4, 4.5e4, 0.630)],
+)
+def test_what_a_flat_layer_of_saturated_fluid_loses(
+    chi: float, saturation: float, H0: float, lost: float
+):
+    fluid = Fluid(1200.0, 0.03, Langevin(chi, saturation))
+    weak, strong = (float(f(fluid, (0.0, H0), 0.0)) for f in (flat_layer_pull, pull))
+    assert 1 - weak / strong == pytest.approx(lost, abs=5e-4)
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    chi=st.floats(0.01, 10), angle=st.floats(-math.pi, math.pi), H0=st.floats(1.0, 1e6),
+    slope=st.floats(-3, 3),
+)  # fmt: skip
+def test_the_field_inside_a_flat_layer(chi: float, angle: float, H0: float, slope: float):
+    saturation = 3e4
+    fluid = Fluid(1200.0, 0.03, Langevin(chi, saturation))
+    H = (H0 * math.cos(angle), H0 * math.sin(angle))
+    with mp.workdps(40):
+        root = mp.sqrt(1 + mp.mpf(slope) ** 2)
+        across, along = abs(H[1] - mp.mpf(slope) * H[0]) / root, (H[0] + slope * H[1]) / root
+        y_of = 3 * mp.mpf(chi) / saturation
+
+        def magnetised(n: Any) -> Any:
+            size = mp.sqrt(n**2 + along**2)
+            y = y_of * size
+            return saturation * (mp.coth(y) - 1 / y) * n / size
+
+        n = mp.findroot(
+            lambda n: n + magnetised(n) - across,
+            (across / (1 + mp.mpf(chi)) * mp.mpf("0.999"), across * mp.mpf("1.001")),
+            solver="anderson", tol=1e-50, verify=False, maxsteps=200,
+        )  # fmt: skip
+        assert abs(n + magnetised(n) - across) <= mp.mpf(10) ** -25 * H0
+        y = y_of * mp.sqrt(n**2 + along**2)
+        energy = mp.mpf(saturation) ** 2 / (3 * mp.mpf(chi)) * mp.log(mp.sinh(y) / y)
+        exact = float(MU0 * (energy + magnetised(n) ** 2 / 2))
+    assert float(flat_layer_pull(fluid, H, slope)) == pytest.approx(exact, rel=1e-11)
+
+
 @pytest.mark.parametrize("bad", BAD)
 def test_what_is_no_fluid_is_refused(bad: Any):
     for make in (
@@ -322,6 +365,7 @@ def test_the_force_is_that_of_the_stress_on_the_outside():
     assert rested.force == pytest.approx(weights @ (energy[0] - energy[1]), rel=1e-8)
 
 
+@pytest.mark.slow
 def test_a_large_saturation_is_no_saturation():
     linear, langevin = solved(), solved("fluid.saturation=1e9")
     assert langevin["surface"].values == pytest.approx(linear["surface"].values, rel=1e-8)

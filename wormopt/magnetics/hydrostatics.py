@@ -3,7 +3,8 @@
 SI units. The pressure is p = P - rho g z + mu0 int_0^H M dH with one constant P; the surface
 z = h(x) rests where p + mu0 M_n² / 2 = gamma times its curvature, the pressure outside being 0.
 The fluid does not change the field of the coil. All functions take numbers, arrays or CasADi
-expressions; laws of magnetisation are functions of H², so that H = 0 is no special case.
+expressions, but for `flat_layer_pull`, which solves an equation and takes no expressions. Laws of
+magnetisation are functions of H², so that H = 0 is no special case.
 
 Sources: chapter 3.5; R. E. Rosensweig, Ferrohydrodynamics, 1985, chapter 5.
 """
@@ -12,6 +13,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from wormopt.magnetics.langevin import langevin_ratio, log_sinh_ratio
 from wormopt.magnetics.material import MU0, check_number
@@ -26,6 +29,8 @@ __all__ = [
     "pressure",
     "pull",
 ]
+
+_HALVINGS = 64  # more than a float has digits
 
 
 @dataclass(frozen=True)
@@ -247,31 +252,47 @@ def pull(fluid: Fluid, field: tuple[Any, Any], slope: Any) -> Any:
 def flat_layer_pull(fluid: Fluid, field: tuple[Any, Any], slope: Any) -> Any:
     """`pull` with the field weakened as in a flat thin layer, to judge what is neglected.
 
-    The field across the layer is divided by 1 + M/H inside, the field along it stays.
+    Across the layer H + M stays what H is outside, along it H does. M/H is that of the field
+    inside, so that the field across the layer is the root of an equation.
 
     Parameters
     ----------
-    fluid, field, slope : Fluid, (float, float), float
-        As for `pull`.
+    fluid : Fluid
+        Which.
+    field : (float, float) or of ndarray
+        Components of H outside along x and z, in A/m.
+    slope : float or ndarray
+        h'.
 
     Returns
     -------
-    float, ndarray or casadi.SX
+    float or ndarray
         In Pa.
 
     Examples
     --------
     >>> fluid = Fluid(1200.0, 0.03, Linear(0.5))
     >>> exact = 2e-7 * 3.141592653589793 * 0.5 / 1.5 * 1e4**2
-    >>> round(flat_layer_pull(fluid, (0.0, 1e4), 0.0) / exact, 12)
+    >>> round(float(flat_layer_pull(fluid, (0.0, 1e4), 0.0)) / exact, 12)
     1.0
     """
     along, up = field
     root = (1 + slope * slope) ** 0.5
     normal, tangent = (up - slope * along) / root, (along + slope * up) / root
-    inside = normal / (1 + fluid.magnetisation.ratio(normal * normal + tangent * tangent))
+    inside = _inside(fluid.magnetisation, normal, tangent)
     # turned into the frame of the surface, where it has no slope
     return pull(fluid, (tangent, inside), 0.0)
+
+
+def _inside(law: Magnetisation, normal: Any, tangent: Any) -> Any:
+    """Root H of H (1 + M/H) = normal, M/H at H² + tangent²; by halving, as H + M rises with H."""
+    wanted = np.abs(normal)
+    low, high = np.zeros_like(wanted), wanted
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        short = middle * (1 + law.ratio(middle * middle + tangent * tangent)) < wanted
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+    return np.copysign((low + high) / 2, normal)
 
 
 def balance(fluid: Fluid, field: tuple[Any, Any], z: Any, slope: Any, bend: Any, level: Any) -> Any:
