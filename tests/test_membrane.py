@@ -148,6 +148,20 @@ def test_limits_that_no_thickness_meets():
         wo.run(load_scene(SCENE, ["loss_max=0.01"]))
 
 
+@pytest.mark.parametrize(
+    "change",
+    ["loss_max=0.016", "loss_max=0.01", "membrane.stress_max=7123", "membrane.strain_max=0.0137"],
+)
+def test_the_thickness_advised_is_enough(change: str):
+    with pytest.raises(SolveError) as caught:
+        wo.run(load_scene(SCENE, [change]))
+    advised = caught.value.suggestion.split("thickness[1] to ")[1].split(",")[0]
+    result = wo.run(load_scene(SCENE, [change, f"thickness=[2e-5, {advised}]"]))
+    assert result.status == "ok"
+    assert value(result, "thickness_best") == pytest.approx(float(advised), rel=0.01)
+    assert f"for {advised} m" in caught.value.reason
+
+
 def test_warnings():
     result = wo.run(load_scene(SCENE, ["membrane.strain_max=0.5", "lifetime=1e6"]))
     assert value(result, "limited_by") == "stress"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from decimal import ROUND_CEILING, Context, Decimal
 from typing import Any
 
 import casadi as ca
@@ -171,17 +172,24 @@ def _refused(
     result: Result, table: MembraneScene, single: dict[str, float], strictest: str
 ) -> SolveError:
     keys = {"loss": "loss_max", "stress": "membrane.stress_max", "strain": "membrane.strain_max"}
-    asks = ", ".join(f"{keys[name]} for {size:.3g} m" for name, size in single.items())
+    needed = {name: _rounded_up(size) for name, size in single.items()}
+    asks = ", ".join(f"{keys[name]} for {size:g} m" for name, size in needed.items())
     reason = (
         f"no thickness up to {table.thickness[1]:g} m meets all limits; at least, they ask: {asks}"
     )
     suggestion = f"raise {keys[strictest]}"
-    if single[strictest] < table.membrane.radius:
-        suggestion += f", or thickness[1] to {single[strictest]:.3g}"
+    if needed[strictest] < table.membrane.radius:
+        suggestion += f", or thickness[1] to {needed[strictest]:g}"
     if strictest == "loss":
         suggestion += ", or take a shorter lifetime"
     partial = replace(result, status="failed", reason=reason)
     return SolveError(reason, suggestion, partial, "infeasible")
+
+
+def _rounded_up(size: float) -> float:
+    """Least number of three digits that is enough where `size` is, to what is accepted."""
+    enough = Decimal(size * (1 - _ACCEPTED / 2))
+    return float(Context(prec=3, rounding=ROUND_CEILING).plus(enough))
 
 
 def _front(choice: Choice, table: MembraneScene, report: Report) -> tuple[Variable, ...]:
