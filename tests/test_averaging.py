@@ -162,6 +162,11 @@ class Brute:
 # -- the pair -------------------------------------------------------------------------------------
 
 
+def slowly(value: Any) -> Any:
+    """A case that takes long."""
+    return pytest.param(value, marks=pytest.mark.slow)
+
+
 def random_states(count: int, seed: int, low: float, high: float) -> np.ndarray:
     """States of the pair with V / (a Omega) between two bounds."""
     random = np.random.default_rng(seed)
@@ -261,7 +266,7 @@ def gait_of(*, jumps: bool) -> Gait:
 
 
 @pytest.mark.parametrize("jumps", [True, False])
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [1, slowly(2)])
 def test_fields_that_follow_a_schedule_by_brute_force(jumps: bool, order: int):
     laws = [COULOMB, Coulomb(0.3 * EPS, 0.4 * EPS)]
     plant = slow_pair(law=laws, cosines=None, **PAIR)
@@ -330,7 +335,7 @@ def test_several_harmonics_by_brute_force(shape: tuple[list[float], list[float]]
         assert found([v]) == pytest.approx(brute.mean([v]), rel=0, abs=5e-13 * EPS)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", [SHAPES[0], *(slowly(shape) for shape in SHAPES[1:])])
 def test_second_order_of_several_harmonics_by_brute_force(shape: Any):
     model = shaped(COULOMB, *shape)
     first, second = (rates_of(average(model, 2 * np.pi, order=order)) for order in (1, 2))

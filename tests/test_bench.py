@@ -241,6 +241,7 @@ def test_the_smooth_law_tends_to_the_exact_one(tmp_path: Path, capsys: pytest.Ca
     assert (tmp_path / "smoothing.png").is_file()
 
 
+@pytest.mark.slow
 def test_averages_split_at_reversals_are_exact_and_sampled_ones_are_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

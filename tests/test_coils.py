@@ -71,7 +71,7 @@ def test_a_sheet_is_the_cylinder_magnet_of_magpylib():
     assert off(np.c_[radial * rho, 0 * rho, axial], reference) < 1e-12
 
 
-@pytest.mark.parametrize("clearance", [0.05, 0.2, 1.0])
+@pytest.mark.parametrize("clearance", [pytest.param(0.05, marks=pytest.mark.slow), 0.2])
 def test_a_coil_is_a_nest_of_cylinder_magnets_of_magpylib(clearance: float):
     coil = Coil(0.5, 1.25, 3.0)
     rng = np.random.default_rng(1)

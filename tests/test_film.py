@@ -456,6 +456,7 @@ def test_a_negative_pressure_has_no_field():
         Fluid(**OIL).field(-1.0)
 
 
+@pytest.mark.slow
 def test_the_page_runs(capsys: pytest.CaptureFixture[str]):
     page = (Path(__file__).parents[1] / "docs" / "theory-film.md").read_text(encoding="utf-8")
     for number, program in enumerate(re.findall(r"```python\n(.*?)```", page, re.DOTALL)):

@@ -208,6 +208,7 @@ def test_a_weak_field_makes_the_wave_of_the_linear_film():
 # -- limits --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_least_field_for_the_largest_flow_is_the_field_it_was_found_with(wave: DesignedWave):
     aim = WaveAim("field", mean_flow=wave.mean_flow)
     least = best_wave(dataclasses.replace(LIMITS, field=None), aim, crests=1)
@@ -258,6 +259,26 @@ def test_the_largest_cosine_keeps_field_slope_and_thickness():
     D = np.asarray(wave.field_function(xi, 0.4))
     expected = np.ptp(D), np.abs(np.gradient(D, xi)).max()
     assert field_needs(0.6, 0.4) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("limit", [1e-300, 1e-12, 1e-9, 1e-6, 4e-5, 1e-3])
+@pytest.mark.parametrize("tension", [0.0, 0.1, 10.0])
+def test_tiny_limits_are_kept_and_used(tension: float, limit: float):
+    """By the film linear in delta: D = -W delta cos xi + 3 delta sin xi, and its slope."""
+    size = math.hypot(tension, 3.0)
+    by_field = fitting_cosine(tension, (0.5, 1.5), limit)
+    assert by_field == pytest.approx(limit / (2 * size), rel=1e-6 + by_field)
+    by_slope = fitting_cosine(tension, (0.5, 1.5), 100.0, limit)
+    assert by_slope == pytest.approx(limit / size, rel=1e-6 + 10 * by_slope)
+    assert field_needs(by_field, tension)[0] <= limit * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("limit", [0.0, -1.0, math.nan])
+def test_no_cosine_needs_nothing(limit: float):
+    with pytest.raises(ArgumentError, match="must be above 0"):
+        fitting_cosine(0.1, (0.5, 1.5), limit)
+    with pytest.raises(ArgumentError, match="must be above 0"):
+        fitting_cosine(0.1, (0.5, 1.5), 1.0, limit)
 
 
 def test_the_cosine_beside_does_what_is_asked_or_there_is_none():
@@ -353,6 +374,24 @@ def test_a_wave_that_does_not_do_what_was_found_fails(
     assert result.status == "failed"
     assert "C by quadrature is off by" in result.reason
     assert "thickness beyond its bounds" in result.reason
+
+
+@pytest.mark.parametrize("vain", [("margin", "drift"), ("drift",), ("margin",)])
+def test_a_later_search_in_vain_keeps_what_was_found(
+    wave: DesignedWave, monkeypatch: pytest.MonkeyPatch, vain: tuple[str, ...]
+):
+    def search(limits: WaveLimits, aim: WaveAim, **rest: Any) -> DesignedWave:
+        if aim.best in vain:
+            raise SolveError("no start converged", "another mesh")
+        return wave
+
+    monkeypatch.setattr(film_wave, "best_wave", search)
+    found = solved('aim={maximise="float_speed"}')
+    assert found.status == "ok"
+    drift = check_wave(wave, WaveAim())[0].drift
+    assert value(found, "float_drift") == pytest.approx(drift, rel=1e-12)
+    told = [text for text in found.trust["warnings"] if "no start converged" in text]
+    assert len(told) == len(vain)
 
 
 def test_a_search_in_vain_keeps_its_reason(monkeypatch: pytest.MonkeyPatch):

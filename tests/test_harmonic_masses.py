@@ -375,6 +375,7 @@ def test_masses_that_reverse_at_once_go_at_half_their_amplitude():
     assert any("reverse at the same instant" in w for w in result.trust["warnings"])
 
 
+@pytest.mark.slow
 def test_friction_that_falls_with_velocity_lets_equals_go_either_way():
     law = 'worm.friction={kind="stribeck", forward=0.001, backward=0.001, stick_forward=0.03, '
     law += "stick_backward=0.03, v_stribeck=0.8}"

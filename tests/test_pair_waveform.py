@@ -136,6 +136,7 @@ def test_a_field_that_cannot_jump_keeps_its_slope_and_range(best: Result, steep:
     assert value(steep, "speed") == pytest.approx(predicted, abs=3e-3)
 
 
+@pytest.mark.slow
 def test_the_cheapest_field_has_its_speed_and_takes_less_work_than_a_cosine(cheap: Result):
     assert cheap.status == "ok"
     assert value(cheap, "speed_simulated") == pytest.approx(0.25, abs=1e-6)
@@ -146,6 +147,7 @@ def test_the_cheapest_field_has_its_speed_and_takes_less_work_than_a_cosine(chea
     assert value(cheap, "objective") == pytest.approx(value(cheap, "work_per_distance"), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_speed_beyond_the_field_is_refused_with_what_has_to_give_way(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

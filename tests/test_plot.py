@@ -223,6 +223,45 @@ def resonant() -> Result:
     return Result("fold", "resonance", scalars=scalars, variables=tuple(variables))
 
 
+def pooled() -> Result:
+    """A layer that a coil below lifts in the middle."""
+    x, share = np.linspace(-0.02, 0.02, 41), np.linspace(0.0, 1.0, 9)
+    surface = 0.01 + 0.002 * np.exp(-((x / 0.005) ** 2))
+    map_x, map_z = np.linspace(-0.02, 0.02, 21), np.linspace(-0.01, 0.02, 16)
+    distance = np.hypot(map_x, (map_z + 0.015)[:, None])
+    inside = share[:, None] * surface
+    rows = {
+        "x": (("x",), x, "m"),
+        "surface": (("x",), surface, "m"),
+        "pressure": (("x",), 1e4 * surface, "Pa"),
+        "inside_x": (("x",), x, "m"),
+        "inside_z": (("share", "x"), inside, "m"),
+        "inside_pressure": (("share", "x"), 1e4 * (surface - inside), "Pa"),
+        "map_x": (("map_x",), map_x, "m"),
+        "map_z": (("map_z",), map_z, "m"),
+        "induction_x": (("map_z", "map_x"), map_x / distance**3 * 1e-9, "T"),
+        "induction_z": (("map_z", "map_x"), 1e-9 / distance**2, "T"),
+    }
+    variables = tuple(Variable(name, unit, dims, v) for name, (dims, v, unit) in rows.items())
+    scalars = {"pressure_without_field": Scalar(100.0, "Pa"), "pressure_max": Scalar(120.0, "Pa")}
+    winding = [[-0.01, -0.008, 0.005, 0.004], [0.005, -0.008, 0.005, 0.004]]
+    return Result("pool", "coil-pressure", scalars=scalars, variables=variables,
+                  attributes={"winding": winding})  # fmt: skip
+
+
+def skinned() -> Result:
+    """Membranes that leak less and stretch less the thicker they are."""
+    thickness = np.geomspace(5e-5, 1e-3, 31)
+    rows = {"thickness": thickness, "loss": 2e-6 / thickness, "strain": 1e-5 / thickness}
+    rows |= {"contact_pressure": 2e3 - 1e5 * thickness}
+    rows |= {"within": (thickness > 2e-4).astype(int)}
+    variables = tuple(Variable(f"front_{name}", "1", ("front",), v) for name, v in rows.items())
+    scalars = {"thickness_best": Scalar(2e-4, "m"), "loss_share": Scalar(0.01)}
+    scalars |= {"strain": Scalar(0.05), "contact_pressure": Scalar(1980.0, "Pa")}
+    scalars |= {"loss_max": Scalar(0.01), "strain_max": Scalar(0.2), "limited_by": Scalar("loss")}
+    return Result("skin", "membrane", scalars=scalars, variables=variables)
+
+
 def swinging(found: bool = True) -> Result:
     """Two masses that swing against each other; without the exact motion if it was not found."""
     share, time = np.linspace(0.0, 1.0, 61), np.linspace(0.0, 5.0, 41)
@@ -369,6 +408,7 @@ def sample(picture: str) -> Result:
     made |= {"comparison": compared, "draws": compared, "convergence": relaxed}
     made |= {"waveform": driven, "stress_strain": stretched}
     made |= {"velocity": pulled, "resonance": resonant}
+    made |= {"coil_pressure": pooled, "membrane": skinned}
     made |= {"travelling_field": switched, "row_currents": switched}
     made |= {"reversals": swinging, "film": pumped, "ride": carried}
     made |= {"forward": moved, "basins": moved, "film_wave": designed}

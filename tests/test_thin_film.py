@@ -175,6 +175,7 @@ def test_two_integrators_and_two_discretisations_agree():
     assert np.abs(gap).max() < 1e-7
 
 
+@pytest.mark.slow
 def test_a_drop_folds_where_it_loses_stability():
     """W = 0.01: the steady drop exists from delta = 0.417 on, and is stable from its fold on."""
     points, delta = 96, ca.SX.sym("delta")
