@@ -1,5 +1,6 @@
 """Scenes of the kinds "coil-row" and "coil-inverse": results, trust, refusals, pictures."""
 
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -14,11 +15,14 @@ from wormopt.errors import SceneError, SolveError
 from wormopt.gaits import row_currents
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.magnetics.material import MU0
+from wormopt.magnetics.travelling import MovingProfile
 from wormopt.optimal.nlp import Ipopt
 from wormopt.plot import figure
 from wormopt.result import Result
 from wormopt.scenes import load_scene
 from wormopt.studies import coil_inverse, coil_parts, coil_row
+from wormopt.studies.coil_film import carried_film
+from wormopt.worms.film import CosineWave
 
 ROW, INVERSE = "fig24_travelling_wave", "coil_row_inverse"
 SMALL = ("coils.count=12", "line.margin=2", "search.nodes=16", "search.places=2")
@@ -180,6 +184,32 @@ def test_too_little_current_is_told():
     assert any("at the 1000 ampere-turns" in text for text in weak.trust["warnings"])
     assert weak.status == "ok"
     assert value(weak, "field_residual") > 0.5
+    words = "worse than a constant" if value(weak, "field_residual") >= 1 else "little like"
+    assert any(words in text and "ampere-turns" in text for text in weak.trust["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("residual", "words"), [(1.0, "worse than a constant field"), (0.7, "little like"), (0.5, "")]
+)
+def test_a_poor_field_is_told(residual: float, words: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(MovingProfile, "residual", lambda self, wanted: residual)
+    warnings = solved(INVERSE, *QUICK).trust["warnings"]
+    told = [text for text in warnings if "field_residual is" in text]
+    assert len(told) == bool(words)
+    assert all(words in text and "a smaller wave" in text for text in told)
+
+
+def test_a_film_that_newton_did_not_solve_is_unknown(monkeypatch: pytest.MonkeyPatch):
+    film = carried_film(CosineWave(0.1), np.zeros(64), 0.1)
+    assert film is not None
+    unsolved = dataclasses.replace(film, residual=2e-6)
+    monkeypatch.setattr(coil_inverse, "carried_film", lambda *_: unsolved)
+    result = solved(INVERSE, *QUICK)
+    for name in ("film_distance", "film_mean_flow", "film_growth_rate"):
+        assert value(result, name) is None
+    assert "film_thickness" not in {variable.name for variable in result.variables}
+    assert result.trust["film_residual"] == 2e-6
+    assert any("the film that results is unknown" in text for text in result.trust["warnings"])
 
 
 def test_limits_of_the_currents_hold():

@@ -39,6 +39,10 @@ _POINTS, _SAMPLES = 3, 201
 # Starts whose residuals differ by more have ended in different optima.
 _SPREAD = 1e-3
 _VIOLATION = 1e-7
+# Largest residual of Newton's method with which a film counts as found.
+_SOLVED = 1e-6
+# Residuals of the field from which on it is little like the wanted one, and worse than none.
+_POOR, _WORSE = 0.5, 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +114,9 @@ def run(scene: Scene[CoilInverseScene], report: Report) -> Result:
     report("second route", 0.9)
     check = _second(found, table.line.height)
     film = carried_film(found.wave, found.pressure, found.fluid.tension)
+    residual = film.residual if film else None
+    if residual is not None and not residual <= _SOLVED:
+        film = None
     excess = _excess(found, table)
     faults = []
     if not check["error"] <= ACCEPTED:
@@ -130,9 +137,10 @@ def run(scene: Scene[CoilInverseScene], report: Report) -> Result:
             "violation": found.fit.solution.violation,
             "bound_violation": excess,
             "recheck": check,
-            "film_residual": film.residual if film else None,
+            "film_residual": residual,
+            "film_accepted": _SOLVED,
             "starts": list(found.fit.starts),
-            "warnings": [*_warnings(found, table), *_film_warnings(found, film)],
+            "warnings": [*_warnings(found, table), *_film_warnings(found, film, residual)],
         },
         timings_s={"optimise": done - begin, "recheck": time.perf_counter() - done},
         scene_text=scene.text,
@@ -316,11 +324,22 @@ def _warnings(found: CurrentsFound, table: CoilInverseScene) -> Iterator[str]:
     if max(solved) > min(solved) * (1 + _SPREAD):
         yield f"starts ended at residuals from {min(solved):.4g} to {max(solved):.4g}"
     finer = found.profile.residual(found.wanted)
+    yield from _poor(finer)
     if finer > 1.1 * fit.residual:
         yield (
             f"on a finer grid the residual is {finer:.4g} instead of {fit.residual:.4g}; write "
             "more search.nodes or search.places"
         )
+
+
+def _poor(residual: float) -> Iterator[str]:
+    remedy = "more ampere-turns, a smaller wave or other coils would come nearer"
+    if not residual < _WORSE:
+        yield (
+            f"the field is worse than a constant field: field_residual is {residual:.3g}; " + remedy
+        )
+    elif residual > _POOR:
+        yield f"the field is little like the one wanted: field_residual is {residual:.3g}; {remedy}"
 
 
 # -- the film that results -------------------------------------------------------------------------
@@ -342,7 +361,15 @@ def _film_variables(film: CarriedFilm | None) -> Iterator[Variable]:
         yield Variable("film_thickness", "1", ("film_phase",), film.thickness, what)
 
 
-def _film_warnings(found: CurrentsFound, film: CarriedFilm | None) -> Iterator[str]:
+def _film_warnings(
+    found: CurrentsFound, film: CarriedFilm | None, residual: float | None
+) -> Iterator[str]:
+    if film is None and residual is not None:
+        yield (
+            f"the film that results is unknown: Newton's method left a residual of {residual:.2g}, "
+            f"where {_SOLVED:g} is accepted"
+        )
+        return
     if film is None:
         yield "no steady film was found near the wave under the field that results"
         return
