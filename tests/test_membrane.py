@@ -110,6 +110,20 @@ def test_the_packaged_scene():
     assert result.trust["recheck_error"] < 1e-9
 
 
+def test_free_ends_are_a_named_assumption():
+    trust = wo.run(SCENE).trust
+    assert "free to shorten" in trust["assumptions"]["free ends"]
+    # Hooke's law with and without the stress along the tube
+    E, nu, hoop, axial = sympy.symbols("E nu hoop axial", positive=True)
+    strain = (hoop - nu * axial) / E
+    tube = Membrane(*NUMBERS)
+    free = strain.subs({axial: 0, hoop: tube.stress(1e-4), E: tube.youngs_modulus})
+    assert tube.strain(1e-4) == pytest.approx(float(free), rel=1e-14)
+    closed = strain.subs(axial, hoop / 2)
+    assert sympy.simplify(closed / strain.subs(axial, 0) - (1 - nu / 2)) == 0
+    assert "(1 - nu/2) p R / (E h)" in trust["assumptions"]["free ends"]
+
+
 def test_the_front_is_that_of_the_closed_form():
     result = wo.run(SCENE)
     h, loss, strain = (result[f"front_{name}"].values for name in ("thickness", "loss", "strain"))

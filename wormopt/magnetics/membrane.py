@@ -1,7 +1,9 @@
 """A thin membrane round a magnetic fluid: thin it stretches and pushes, thick it keeps the fluid.
 
 A tube of the radius R and the wall h_m, small against R, under the pressure p of the fluid: hoop
-stress p R / h_m, strain p R / (E h_m). Fluid diffuses through it at the rate D dc / h_m per area.
+stress p R / h_m, strain p R / (E h_m). The ends are free to shorten, so that no stress acts along
+the tube; ends that the pressure pulls apart would leave a hoop strain of (1 - nu / 2) p R / (E h_m)
+with Poisson's ratio nu. Fluid diffuses through it at the rate D dc / h_m per area.
 All functions take numbers, arrays or CasADi expressions and check nothing; `Membrane` checks.
 """
 
@@ -18,7 +20,7 @@ __all__ = ["Membrane"]
 
 @dataclass(frozen=True)
 class Membrane:
-    """A tube of membrane, closed and filled with a fluid; SI units.
+    """A tube of membrane filled with a fluid, its ends free to shorten; SI units.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ class Membrane:
         return self.pressure * self.radius / thickness
 
     def strain(self, thickness: Any) -> Any:
-        """Strain by which the pressure widens the tube, p R / (E h_m).
+        """Strain by which the pressure widens a tube with free ends, p R / (E h_m).
 
         Parameters
         ----------

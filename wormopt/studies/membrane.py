@@ -27,6 +27,10 @@ _THIN = 0.1  # wall over radius up to which the stress counts as even over the w
 # Logarithms of thicknesses are found to this; limits may be off by as much of themselves.
 _ACCEPTED = 1e-7
 _FREE = (-80.0, 80.0)
+_ASSUMED = {
+    "free ends": "the ends of the tube are free to shorten, and no stress acts along it; closed "
+    "ends that the pressure pulls apart would leave a hoop strain of (1 - nu/2) p R / (E h)"
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +144,7 @@ def run(scene: Scene[MembraneScene], report: Report) -> Result:
             "violation": violation,
             "recheck_error": error,
             "accepted": _ACCEPTED,
+            "assumptions": dict(_ASSUMED),
             "warnings": list(_warnings(choice, best)),
         },
         timings_s={"solve": time.perf_counter() - begin},
