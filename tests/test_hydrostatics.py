@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from scipy.integrate import solve_bvp
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.magnetics import hydrostatics
 from wormopt.magnetics.hydrostatics import (
     Fluid,
     Langevin,
@@ -35,7 +37,8 @@ from wormopt.result import Result
 from wormopt.scenes import load_scene, packaged_scenes
 from wormopt.scenes.coil_pressure import CoilPressureScene
 from wormopt.statics.profile import Collocation, Profile, nodes_of
-from wormopt.statics.settle import settle
+from wormopt.statics.settle import Settled, Stop, settle
+from wormopt.studies import coil_forces, coil_pressure
 from wormopt.studies.coil_forces import Rested, checks_of
 from wormopt.studies.coil_pressure import setup_of
 
@@ -351,6 +354,21 @@ def test_forces_on_the_fluid_balance_and_would_not_at_another_current():
     assert wrong["field_error"] > 1e-4
 
 
+@pytest.mark.parametrize("fault", ["jump", "energy"])
+def test_a_wrong_pull_at_the_surface_is_found(monkeypatch: pytest.MonkeyPatch, fault: str):
+    def wrong(fluid: Fluid, field: tuple[Any, Any], slope: Any) -> Any:
+        energy = MU0 * fluid.magnetisation.energy(field[0] ** 2 + field[1] ** 2)
+        jump = pull(fluid, field, slope) - energy
+        return energy - 3 * jump if fault == "jump" else 2 * energy + jump
+
+    assert solved().status == "ok"
+    for module in (hydrostatics, coil_forces):
+        monkeypatch.setattr(module, "pull", wrong)
+    result = solved()
+    assert result.status == "failed"
+    assert "force imbalance" in result.reason
+
+
 def test_the_force_is_that_of_the_stress_on_the_outside():
     # Maxwell's stress of the unchanged field has no net force; Kelvin's force by its potential
     scene = load_scene(SCENE, THIN)
@@ -389,6 +407,9 @@ def test_a_coil_above_draws_the_fluid_up_until_there_is_no_rest():
     below = solved(*changes[:2], f"coil.ampere_turns={0.99 * fold}")
     assert below.status == "ok"
     assert below.trust["growth_rate"] < 0
+    advised = re.search(r"coil\.ampere_turns below (\S+), ", caught.value.suggestion)
+    assert advised is not None
+    assert 0.99 * fold < float(advised[1]) <= fold
     xs, hs = below["x"].values, below["surface"].values
 
     def guess(x: Any) -> Any:
@@ -397,6 +418,29 @@ def test_a_coil_above_draws_the_fluid_up_until_there_is_no_rest():
 
     assert surface_by_shooting(profile, 0.99 * fold / 4000, guess).success
     assert not surface_by_shooting(profile, 1.02 * fold / 4000, guess).success
+
+
+@pytest.mark.parametrize("limit", [1236.7, 1239.99, 0.08765, 54321.0, 1.2367e6])
+def test_the_current_that_is_advised_is_one_at_which_the_surface_rests(
+    monkeypatch: pytest.MonkeyPatch, limit: float
+):
+    def stops(profile: Profile, **_: Any) -> Settled:
+        equations = Collocation(profile, 16)
+        share = limit / full
+        stop = Stop("fold", share, 0.0, 0.0) if share < 1 else None
+        return Settled(equations, equations.flat(), min(share, 1.0), np.ones((1, 3)), stop, True)
+
+    monkeypatch.setattr(coil_pressure, "settle", stops)
+    # what is tested is the advice, not the report of this flat layer
+    monkeypatch.setattr(coil_pressure, "_result", lambda *_: Result(SCENE, "coil-pressure"))
+    full = 1.7 * limit
+    with pytest.raises(SolveError, match="folds") as caught:
+        solved(f"coil.ampere_turns={full!r}")
+    advised = re.search(r"coil\.ampere_turns below (\S+), ", caught.value.suggestion)
+    assert advised is not None
+    full = float(advised[1])
+    assert 0.99 * limit < full
+    assert solved(f"coil.ampere_turns={full!r}").status == "ok"
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
+from decimal import ROUND_FLOOR, Decimal, localcontext
 from typing import Any
 
 import casadi as ca
@@ -179,6 +180,12 @@ def _with(result: Result, timings: dict[str, float], **changes: Any) -> Result:
     return replace(result, timings_s=timings, **changes)
 
 
+def _rounded_down(number: float, digits: int = 3) -> str:
+    """A number, 0 or above, of a few digits that is not above a given one."""
+    with localcontext(rounding=ROUND_FLOOR):
+        return f"{float(f'{Decimal(number):.{digits}g}'):g}"
+
+
 def _why(table: CoilPressureScene, setup: Setup, settled: Settled) -> tuple[str, str, str]:
     """Reason, suggestion and code of a surface that does not rest at the full current."""
     stop = settled.stop
@@ -192,7 +199,7 @@ def _why(table: CoilPressureScene, setup: Setup, settled: Settled) -> tuple[str,
     current = stop.load * table.coil.ampere_turns
     unsure = not stop.uncertainty <= _UNRESOLVED * stop.load
     at = f"{'about ' if unsure else ''}{current:.{3 if unsure else 6}g} ampere-turns"
-    below = f"write coil.ampere_turns below {current:.3g}"
+    below = f"write coil.ampere_turns below {_rounded_down(current)}"
     steep = float(
         np.abs(
             settled.equations.at(settled.y, np.linspace(*settled.equations.profile.ends, 801), 1)
