@@ -441,8 +441,9 @@ def test_pictures_for_every_number_of_links(links: int):
 @pytest.mark.parametrize("picture", PICTURES)
 def test_axes_carry_symbols_and_units(picture: str):
     drawn = figure(sample(picture), picture)
-    assert drawn.axes[-1].get_xlabel().endswith(")")
-    assert "$" in drawn.axes[-1].get_xlabel()
+    last = [axes for axes in drawn.axes if axes.get_label() != "<colorbar>"][-1]
+    assert last.get_xlabel().endswith(")")
+    assert "$" in last.get_xlabel()
     first = [axes for axes in drawn.axes if (at := axes.get_subplotspec()) and at.is_first_col()]
     labelled = [axes.get_ylabel() for axes in first if len(axes.get_yticks())]
     assert all(labelled)

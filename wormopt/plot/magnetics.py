@@ -94,7 +94,8 @@ def velocity(result: Result) -> Figure:
     late.set_xlabel(label("time $t$", result["time"].unit))
     late.set_title("the last periods of the field", loc="left")
     whole.set_title(
-        facts(result, "velocity_steady", "velocity_exact_mean", "averaging_error"), loc="left"
+        facts(result, *(f"velocity_{name}{_ending(result)}" for name in ("steady", "exact_mean"))),
+        loc="left",
     )
     legend(whole, [*whole.get_lines()[:4]])
     return drawn
@@ -112,10 +113,13 @@ def _averages(axes: Axes, result: Result, shown: np.ndarray) -> None:
             axes.plot(t, values, color=colour, linestyle=dashes, linewidth=1.8, label=text)
 
 
+def _ending(result: Result) -> str:
+    """Of the names of scalars in the units of the picture."""
+    return "_si" if "velocity_steady_si" in result.scalars else ""
+
+
 def _steady(result: Result) -> float:
-    """Steady velocity in the units of the picture."""
-    si = scalar(result, "velocity_steady_si")
-    return scalar(result, "velocity_steady") if si is None else si
+    return scalar(result, f"velocity_steady{_ending(result)}")
 
 
 def resonance(result: Result) -> Figure:
