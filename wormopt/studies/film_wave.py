@@ -74,7 +74,7 @@ def run(scene: Scene[FilmWaveScene], report: Report) -> Result:
         key = "aim.mean_flow" if aim.mean_flow is not None else "aim.capture"
         raise SceneError(scene.name, [(key, impossible)])
     try:
-        waves = _waves(table, limits, aim, report)
+        waves, missed = _waves(table, limits, aim, report)
     except SolveError as error:
         raise refused(scene, error) from None
     solved = time.perf_counter()
@@ -91,7 +91,7 @@ def run(scene: Scene[FilmWaveScene], report: Report) -> Result:
         reason="; ".join(faults),
         scalars=_scalars(table, wave, shape, cosine),
         variables=(*_variables(wave, shape, cosine), *swept),
-        trust=_trust(table, waves, checks, cosine),
+        trust=_trust(table, waves, checks, cosine, missed),
         timings_s={
             **optimum_timings(wave.stages),
             "optimise": solved - begin,
@@ -110,26 +110,39 @@ def _aim(table: FilmWaveScene) -> WaveAim:
 
 def _waves(
     table: FilmWaveScene, limits: WaveLimits, aim: WaveAim, report: Report
-) -> list[DesignedWave]:
-    """Waves found on the way, the one sought last."""
+) -> tuple[list[DesignedWave], list[str]]:
+    """Waves found on the way, the one sought last, and why later searches found none."""
 
     def best(aim: WaveAim, near: DesignedWave | None = None) -> DesignedWave:
         return best_wave(limits, aim, near=near, report=report, **_options(table))
 
-    waves = [best(aim)]
+    waves, missed = [best(aim)], list[str]()
     if table.aim.maximise != "float_speed":
-        return waves
-    flow, _ = check_wave(waves[0], aim)
-    if flow.margin >= 0:
-        return waves
+        return waves, missed
+
+    def add(what: str, aim: WaveAim) -> None:
+        try:
+            waves.append(best(aim, waves[-1]))
+        except SolveError as error:
+            missed.append(
+                f"the search for the wave with {what} found none ({error.reason}): a float may go "
+                "faster than on the wave told"
+            )
+
+    def speed(wave: DesignedWave) -> float:
+        return check_wave(wave, aim)[0].drift
+
+    margin = check_wave(waves[0], aim)[0].margin
+    if margin >= 0:
+        return waves, missed
     # a wave that carries less may hold a float by a higher crest
-    waves.append(best(WaveAim("margin"), waves[0]))
-    high, _ = check_wave(waves[1], aim)
-    if high.margin >= 0:
-        return waves
-    near = waves[0] if flow.drift >= high.drift else waves[1]
-    waves.append(best(WaveAim("drift", margin=max(flow.margin, high.margin)), near))
-    return sorted(waves, key=lambda wave: check_wave(wave, aim)[0].drift)
+    add("the highest crest", WaveAim("margin"))
+    margin = max(margin, check_wave(waves[-1], aim)[0].margin)
+    if check_wave(waves[-1], aim)[0].margin >= 0:
+        return waves, missed
+    waves.sort(key=speed)
+    add("the fastest float", WaveAim("drift", margin=margin))
+    return sorted(waves, key=speed), missed
 
 
 def _options(table: FilmWaveScene) -> dict[str, Any]:
@@ -259,13 +272,14 @@ def _trust(
     waves: list[DesignedWave],
     checks: dict[str, tuple[float, float]],
     cosine: CosineBeside,
+    missed: list[str],
 ) -> dict[str, Any]:
     wave = waves[-1]
     error, accepted = checks["C by quadrature"]
     second = Recheck(
         "quadrature over the thickness alone", error, accepted, "the equations of the film"
     )
-    trust = optimum_trust(wave.stages, second, [*_warnings(table, wave, cosine)])
+    trust = optimum_trust(wave.stages, second, [*missed, *_warnings(table, wave, cosine)])
     phased = "phases" in wave.stages
     trust["treatment"] = "phases between switches of the field" if phased else "fixed mesh"
     del trust["complementarity_max"]

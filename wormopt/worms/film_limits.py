@@ -30,8 +30,9 @@ __all__ = [
 _NODES = 4096
 # A wave that just holds a float misses it by no more than round-off and quadrature leave.
 _HELD = 1e-6
-# The amplitude of a cosine wave is sought between these shares of the largest one.
-_LEAST, _TOP = 1e-9, 1 - 1e-12
+# The amplitude of a cosine wave is sought between these shares of the largest one. Below the least
+# the needs count as proportional to it; they grow faster, so that limits are kept all the same.
+_LEAST, _TOP = 1e-7, 1 - 1e-12
 
 
 def check_thickness(thickness: tuple[float, float]) -> tuple[float, float]:
@@ -145,7 +146,13 @@ def fitting_cosine(
     Returns
     -------
     float
-        Its field and slope grow with the amplitude, so that there is one root.
+        Its field and slope grow with the amplitude, so that there is one root; in proportion
+        where it is tiny.
+
+    Raises
+    ------
+    ArgumentError
+        If the mean 1 is not between the thicknesses, or a limit is not above 0.
 
     Examples
     --------
@@ -153,6 +160,11 @@ def fitting_cosine(
     0.5
     """
     a, b = check_thickness(thickness)
+    if not (field > 0 and gradient > 0):
+        raise ArgumentError(
+            f"field and gradient must be above 0, not {field!r} and {gradient!r}: every wave "
+            "needs some of both"
+        )
 
     def excess(delta: float) -> float:
         needed, steep = field_needs(delta, tension)
@@ -162,9 +174,10 @@ def fitting_cosine(
     if excess(top) <= 0:
         return top
     least = _LEAST * top
-    if excess(least) >= 0:
-        return least
-    return float(root_scalar(excess, bracket=(least, top), xtol=1e-14).root)
+    over = excess(least)
+    if over >= 0:
+        return least / (1 + over)
+    return float(root_scalar(excess, bracket=(least, top), xtol=1e-10 * least).root)
 
 
 @dataclass(frozen=True, eq=False)
