@@ -1,5 +1,6 @@
 """Floats on a travelling wave and tracers below it: drift, capture, paths."""
 
+import dataclasses
 import math
 from functools import cache
 from pathlib import Path
@@ -18,6 +19,7 @@ from wormopt.errors import ArgumentError, SceneError
 from wormopt.scenes import load_scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.studies import float as float_study
 from wormopt.worms.drift import (
     CAPTURE_DELTA,
     body_velocity,
@@ -387,6 +389,40 @@ def test_a_captured_float_is_told(tmp_path: Path):
     assert none is None
     assert rest == pytest.approx(float_drift(CosineWave(0.7)).rests[0])
     assert value(result, "float_turn")[0] is None
+
+
+TWO_CRESTS = "film={cosines=[0.02, 0.72]}"
+
+
+@pytest.mark.parametrize("position", [0.0, 0.2, 0.45, 0.6, 0.8])
+def test_the_crest_that_holds_a_float_is_told(tmp_path: Path, position: float):
+    drift = float_drift(FourierWave([0.02, 0.72]))
+    assert len(drift.rests) == 2
+    result = run_text(tmp_path, FLOAT, TWO_CRESTS, f"floats.position={position}")
+    assert result.status == "ok"
+    end = result["time"].values[-1] - result["float_position"].values[0, -1]
+    assert abs(math.remainder(end - value(result, "phase_trapped"), TWO_PI)) < 1e-6
+    assert abs(value(result, "phase_trapped_error")) < 1e-6
+    assert value(result, "phase_trapped") in drift.rests
+
+
+def test_both_crests_of_a_wave_are_reached(tmp_path: Path):
+    found = {
+        value(run_text(tmp_path, FLOAT, TWO_CRESTS, f"floats.position={start}"), "phase_trapped")
+        for start in (0.0, 0.25, 0.5, 0.75)
+    }
+    assert len(found) == 2
+
+
+def test_a_float_held_elsewhere_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def moved(*given: Any) -> Any:
+        drift = float_drift(*given)
+        return dataclasses.replace(drift, rests=tuple(rest + 1e-4 for rest in drift.rests))
+
+    monkeypatch.setattr(float_study, "float_drift", moved)
+    result = run_text(tmp_path, FLOAT, "film.delta=0.7")
+    assert result.status == "failed"
+    assert "off the phase of rest" in result.reason
 
 
 def test_floats_in_si_units(tmp_path: Path):

@@ -30,6 +30,13 @@ __all__ = ["run"]
 _TURN = 2 * math.pi
 # How often a body shall be overtaken, how many periods are simulated at least and at most.
 _OVERTAKEN, _LEAST, _MOST = 4, 20.0, 20_000.0
+# A body is at rest on the wave if it moves less than this within the last period.
+_STILL = 1e-6
+
+
+def _apart(one: float, other: float) -> float:
+    """Difference of two phases, from -pi to pi."""
+    return math.remainder(one - other, _TURN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +67,29 @@ class _Ride:
             else:
                 found.append(None)
         return found
+
+    @property
+    def rests(self) -> list[float | None]:
+        """Of the phases at which a body is held, the nearest to where it is in the end."""
+        return [
+            min(drift.rests, key=lambda rest: abs(_apart(rest, phase))) if drift.rests else None
+            for phase, drift in zip(self._phases(self.motion.end_time), self.drifts, strict=True)
+        ]
+
+    @property
+    def phase_errors(self) -> list[float | None]:
+        """Simulated phases less those of rest, of bodies that have come to rest."""
+        end = self.motion.end_time
+        still = [abs(_apart(*pair)) < _STILL for pair in zip(
+            self._phases(end), self._phases(end - min(_TURN, end / 2)), strict=True
+        )]  # fmt: skip
+        return [
+            None if rest is None or not held else _apart(phase, rest)
+            for phase, rest, held in zip(self._phases(end), self.rests, still, strict=True)
+        ]
+
+    def _phases(self, time: float) -> list[float]:
+        return [time - x for x in self.motion.at(np.array([time])).state("position")[:, 0]]
 
     @property
     def errors(self) -> list[float | None]:
@@ -197,10 +227,20 @@ def _faults(rides: Sequence[_Ride], table: FloatScene) -> Iterator[str]:
         for i, error in enumerate(ride.errors):
             if error is not None and not abs(error) <= accepted:
                 yield f"the simulated drift of {ride.what} {i} is {error:.2g} off its formula"
+        for i, error in enumerate(ride.phase_errors):
+            if error is not None and not abs(error) <= _accepted_phase(ride, table):
+                yield f"{ride.what} {i} is held {error:.2g} rad off the phase of rest"
     if len(rides) > 1:
         for name, value in _left(rides[1]).items():
             if not value <= accepted:
                 yield f"{name} {value:.2g}, where {accepted:.2g} is accepted"
+
+
+def _accepted_phase(ride: _Ride, table: FloatScene) -> float:
+    """What is accepted of a phase t - x, the difference of two numbers as large as the time."""
+    return max(
+        _STILL, accepted_error(_tolerance(table)), table.tolerance.relative * ride.motion.end_time
+    )
 
 
 def _tolerance(table: FloatScene) -> Tolerance:
@@ -229,10 +269,8 @@ def _scalars(
         "body_speed_max": Scalar(
             one_or_all([float(np.max(_speeds(wave, length))) * size for length in lengths]), speed
         ),
-        "phase_trapped": Scalar(
-            one_or_all([drift.rests[0] if drift.rests else None for drift in rides[0].drifts]),
-            "rad",
-        ),
+        "phase_trapped": Scalar(one_or_all(rides[0].rests), "rad"),
+        "phase_trapped_error": Scalar(one_or_all(rides[0].phase_errors), "rad"),
     }
     if isinstance(wave, CosineWave):
         captures = [capture_delta(length) for length in lengths]
@@ -304,6 +342,8 @@ def _trust(rides: Sequence[_Ride], table: FloatScene, fluid: Fluid | None) -> di
             ]
         ),
         "drift_error": [error for ride in rides for error in ride.errors],
+        "phase_error": rides[0].phase_errors,
+        "phase_accepted": _accepted_phase(rides[0], table),
         "drift_accepted": accepted_error(_tolerance(table)),
     }  # fmt: skip
     if len(rides) > 1:
@@ -315,13 +355,14 @@ def _trust(rides: Sequence[_Ride], table: FloatScene, fluid: Fluid | None) -> di
 def _warnings(rides: Sequence[_Ride], table: FloatScene) -> Iterator[str]:
     for ride in rides:
         yield from warnings_of_motion(ride.motion, ride.recheck)
-        for i, (found, drift) in enumerate(zip(ride.simulated, ride.drifts, strict=True)):
+        rows = zip(ride.simulated, ride.drifts, ride.phase_errors, strict=True)
+        for i, (found, drift, off) in enumerate(rows):
             if found is None:
                 yield (
                     f"{ride.what} {i} was not overtaken twice, so that simulation tells no drift; "
                     f"write course.periods of {2.5 * drift.turn / _TURN:.4g} or more"
                 )
-            elif drift.captured and ride.what == "float" and abs(found - 1) > 1e-6:
+            elif drift.captured and ride.what == "float" and (off is None or abs(found - 1) > 1e-6):
                 yield f"{ride.what} {i} has not come to rest on the wave; write more course.periods"
     longest = max(table.floats.length)
     if longest > 0:
