@@ -18,6 +18,7 @@ from wormopt.scenes.scene import Scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.studies.chains import tolerance_of
 from wormopt.studies.film_flow import fluid_of, wave_of
 from wormopt.studies.proof import Recheck, accepted_error, one_or_all, recheck, warnings_of_motion
 from wormopt.worms.drift import Drift, Wave, body_velocity, capture_delta, float_drift, tracer_drift
@@ -201,8 +202,7 @@ def _ridden(
     table: FloatScene,
     report: Report,
 ) -> _Ride:
-    numbers = table.tolerance
-    tolerance = Tolerance(numbers.relative, numbers.absolute, numbers.max_steps, numbers.max_step)
+    tolerance = tolerance_of(table.tolerance)
     report(f"{what}s", 0.0)
     motion = simulate(
         model,
@@ -212,7 +212,7 @@ def _ridden(
         tolerance=tolerance,
         report=report,
     )
-    second = recheck(model, motion, tolerance, report=report) if numbers.recheck else None
+    second = recheck(model, motion, tolerance, report=report) if table.tolerance.recheck else None
     return _Ride(what, drifts, motion, second)
 
 

@@ -15,9 +15,9 @@ from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.magnetic_pair import MagneticPairScene
 from wormopt.scenes.scene import Scene
-from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.studies.chains import tolerance_of
 from wormopt.studies.pair import Pair, Scales, no_steady_motion, warnings_of_pair
 from wormopt.studies.proof import Recheck, recheck
 
@@ -93,7 +93,7 @@ def run(scene: Scene[MagneticPairScene], report: Report) -> Result:
     averaged = time.perf_counter()
     found = _simulated(table, pair, scales, states, report)
     simulated = time.perf_counter()
-    faults = [*_faults(found)]
+    faults = [*_faults(table, found)]
     return Result(
         scene=scene.name,
         kind=table.kind,
@@ -116,8 +116,7 @@ def _simulated(
     report: Report,
 ) -> _Found:
     nu = pair.frequency(table.detuning)
-    numbers = table.tolerance
-    tolerance = Tolerance(numbers.relative, numbers.absolute, numbers.max_steps, numbers.max_step)
+    tolerance = tolerance_of(table.tolerance)
     course, turn = table.course, 2 * np.pi / nu
     slowest = max(state.eigenvalues[0].real for state in states if state.stable or len(states) == 1)
     settled = max(60 / pair.eps, _FADED / max(-slowest, 1e-300), 2 * course.periods * turn)
@@ -129,7 +128,7 @@ def _simulated(
     report("exact motion", 0.4)
     exact = simulate(pair.exact, end, times=times, dense=True, report=report, **given)
     second_route = None
-    if numbers.recheck:
+    if table.tolerance.recheck:
         second_route = recheck(pair.exact, exact, tolerance, p={"frequency": nu}, report=report)
     return _Found(
         pair,
@@ -180,8 +179,8 @@ def _means(exact: Trajectory, end: float, length: float) -> tuple[float, float]:
 # -- what is told ----------------------------------------------------------------------------------
 
 
-def _faults(found: _Found) -> Iterator[str]:
-    difference = found.pair.closed_form_difference(found.state)
+def _faults(table: MagneticPairScene, found: _Found) -> Iterator[str]:
+    difference = found.pair.closed_form_difference(found.state.x, table.detuning)
     if difference is not None and difference > _SETTLED:
         yield f"the averaged model's steady state differs from (19) by {difference:.2g} of its size"
     if found.recheck and found.recheck.fault:
@@ -273,7 +272,7 @@ def _trust(table: MagneticPairScene, found: _Found) -> dict[str, Any]:
         "steady_residual": state.residual,
         "steady_residual_second": refined.residual if refined else None,
         "settled_to": found.settled,
-        "closed_form_difference": found.pair.closed_form_difference(state),
+        "closed_form_difference": found.pair.closed_form_difference(state.x, table.detuning),
         "quadrature_error": found.pair.quadrature_error(state),
         "exact": {
             "route": found.exact.route,

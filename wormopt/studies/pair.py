@@ -16,6 +16,7 @@ from wormopt.averaging.steady import SteadyState, rates_of, steady_states
 from wormopt.core.friction import Law
 from wormopt.core.model import Model
 from wormopt.errors import ArgumentError, SolveError
+from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.result import Result
 from wormopt.scenes.chain import CoulombFriction
 from wormopt.scenes.magnetic_pair import MagneticPairTable
@@ -33,7 +34,6 @@ __all__ = ["NATURAL", "Pair", "Scales", "no_steady_motion", "warnings_of_pair"]
 # Swings beyond which averages are not asked for, and friction forces per push from which a small
 # parameter is none.
 _LARGEST, _SMALL = 100.0, 0.1
-_SMALL_STRAIN = 0.1
 # Averages of second order hold where the swing is so many times eps: below, a reversal shifts by
 # as much as the swing itself.
 _SWUNG = 4.0
@@ -199,34 +199,21 @@ class Pair:
         """
         return np.hypot(*swing) >= _SWUNG * self.eps
 
-    def start(self, state: SteadyState) -> dict[str, np.ndarray]:
+    def start(self, x: np.ndarray, frequency: float) -> dict[str, np.ndarray]:
         """Positions and velocities at time 0 of a state of an average.
 
         Parameters
         ----------
-        state : SteadyState
-            Of either average.
+        x : ndarray, shape (3,)
+            State.
+        frequency : float
+            Of the field, in natural rates.
 
         Returns
         -------
         dict of str to ndarray
         """
-        (velocity,), swing = state.states["center_velocity"], state.states["swing"]
-        return from_slow(0.0, velocity, swing, frequency=self.frequency_of(state))
-
-    def frequency_of(self, state: SteadyState) -> float:
-        """Frequency of the field that a state was found for.
-
-        Parameters
-        ----------
-        state : SteadyState
-            Of either average.
-
-        Returns
-        -------
-        float
-        """
-        return float(state.p[rates_of(state.model).place("frequency")])
+        return from_slow(0.0, x[0], x[1:], frequency=frequency)
 
     def closed_form(self, detuning: float) -> SteadyPair | None:
         """Steady motion by (19), None where the friction is not dry and alike for both.
@@ -255,13 +242,15 @@ class Pair:
         closed = steady_pair(f0 / size, b0 / size, detuning / size)
         return closed if self.drive > 0 else replace(closed, lag=closed.lag - math.pi)
 
-    def closed_form_difference(self, state: SteadyState) -> float | None:
+    def closed_form_difference(self, x: np.ndarray, detuning: float) -> float | None:
         """How far a steady state of the first average is from (19).
 
         Parameters
         ----------
-        state : SteadyState
-            Of the first average.
+        x : ndarray, shape (3,)
+            State.
+        detuning : float
+            Delta.
 
         Returns
         -------
@@ -270,14 +259,14 @@ class Pair:
             None where it does not apply.
         """
         try:
-            closed = self.closed_form((self.frequency_of(state) - NATURAL) / self.eps)
+            closed = self.closed_form(detuning)
         except ArgumentError:
             return math.inf
         if closed is None:
             return None
         turn = np.array([math.cos(closed.lag), math.sin(closed.lag)])
         known = np.array([closed.velocity, *(closed.amplitude * turn)])
-        return float(np.abs(state.x - known).max() / np.abs(known).max())
+        return float(np.abs(x - known).max() / np.abs(known).max())
 
     def why_none(self, detuning: float) -> str:
         """Say why there is no steady motion.
@@ -374,10 +363,10 @@ def warnings_of_pair(pair: Pair, state: SteadyState | None) -> Iterator[str]:
     if state is None:
         return
     strain = 2 * float(np.hypot(*state.states["swing"]))
-    if strain > _SMALL_STRAIN:
+    if strain > SMALL_STRAIN:
         yield (
             f"the stretch swings by {strain:.3g} of the length: the law of the material assumes "
-            f"small strains, up to about {_SMALL_STRAIN:g}"
+            f"small strains, up to about {SMALL_STRAIN:g}"
         )
     if float(state.states["center_velocity"][0]) < 0:
         yield "the pair goes backward: friction is weaker that way"

@@ -12,13 +12,14 @@ import numpy as np
 from wormopt.averaging.continuation import Branch, follow_branch
 from wormopt.averaging.steady import SteadyState, rates_of
 from wormopt.errors import Interrupted
+from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.magnetic_pair import ConfirmTable, ResonanceScene
 from wormopt.scenes.pair_waveform import NATURAL
 from wormopt.scenes.scene import Scene
 from wormopt.simulation.ensemble import Ensemble, Member, simulate_ensemble
-from wormopt.simulation.options import Tolerance
+from wormopt.studies.chains import tolerance_of
 from wormopt.studies.pair import Pair, Scales, no_steady_motion, warnings_of_pair
 
 __all__ = ["run"]
@@ -125,7 +126,8 @@ def _branches(table: ResonanceScene, pair: Pair) -> list[Branch]:
             if not any(_on(branch, state) for branch in found) and len(found) < _MOST:
                 found.append(follow_branch(state, "frequency", span, largest=table.sweep.largest))
         for branch in found[seen:]:
-            places += [(nu - NATURAL) / pair.eps for nu in _crossings(branch)]
+            crossings = ((nu - NATURAL) / pair.eps for nu in _crossings(branch))
+            places += [detuning for detuning in crossings if low <= detuning <= high]
         seen = len(found)
     return found
 
@@ -184,23 +186,18 @@ def _confirmed(
 ) -> _Exact:
     """Simulate from every stable point."""
     which = np.flatnonzero(points.stable)
-    rates = rates_of(pair.averages[0])
     members, marks = [], []
     for k in which:
         nu = pair.frequency(points.detuning[k])
-        state = rates.steady(points.x[k], rates.parameters({"frequency": nu}))
-        members.append(Member(x0=pair.start(state), p={"frequency": nu}))
+        members.append(Member(x0=pair.start(points.x[k], nu), p={"frequency": nu}))
         length = 2 * np.pi / nu * confirm.periods
         marks.append([confirm.time - 2 * length, confirm.time - length, confirm.time])
-    numbers = table.tolerance
     motions = simulate_ensemble(
         pair.exact,
         confirm.time,
         members,
         times=np.unique(marks),
-        tolerance=Tolerance(
-            numbers.relative, numbers.absolute, numbers.max_steps, numbers.max_step
-        ),
+        tolerance=tolerance_of(table.tolerance),
         report=report,
     )
     means = np.full((2, len(points.detuning)), np.nan)
@@ -247,11 +244,10 @@ def _result(
 
 def _closed_form_difference(pair: Pair, points: _Points) -> float | None:
     """Largest difference from (19) of all points."""
-    rates = rates_of(pair.averages[0])
-    found = []
-    for detuning, x in zip(points.detuning, points.x, strict=True):
-        p = rates.parameters({"frequency": pair.frequency(float(detuning))})
-        found.append(pair.closed_form_difference(rates.steady(x, p)))
+    found = [
+        pair.closed_form_difference(x, float(detuning))
+        for detuning, x in zip(points.detuning, points.x, strict=True)
+    ]
     return max((d for d in found if d is not None), default=None)
 
 
@@ -384,11 +380,11 @@ def _warnings(
     lost = sum("lost" in branch.ends or "steps" in branch.ends for branch in branches)
     if lost:
         yield f"{lost} branches were lost before they came to an end of the sweep"
-    strained = float(np.mean(2 * points.amplitude > 0.1))
+    strained = float(np.mean(2 * points.amplitude > SMALL_STRAIN))
     if strained:
         yield (
-            f"{strained:.0%} of the steady motions stretch the link by more than 10 %: the law of "
-            "the material assumes small strains"
+            f"{strained:.0%} of the steady motions stretch the link by more than "
+            f"{SMALL_STRAIN:.0%}: the law of the material assumes small strains"
         )
     small = float(np.mean(~pair.swung(points.x[:, 1:].T)))
     if small:
