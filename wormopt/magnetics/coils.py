@@ -21,9 +21,10 @@ from wormopt.magnetics.winding import Coil
 if TYPE_CHECKING:
     import casadi as ca
 
-__all__ = ["Axis", "Coil", "CoilRow"]
+__all__ = ["Axis", "Coil", "CoilRow", "Sides"]
 
 Axis = Literal["across", "along", "vertical"]
+Sides = Literal["both", "alternating"]
 # In the order of the components x, y, z.
 _AXES = ("along", "across", "vertical")
 
@@ -45,6 +46,9 @@ class CoilRow:
     gap : float, optional
         Where given, each place has two coils that face each other over this gap, with the same
         current; the middle between them is at y = z = 0. Not for axes along the row.
+    sides : {"both", "alternating"}, optional
+        With a gap: whether each place has both of its coils, or coil k the one on the positive
+        side for even k and the one on the negative side for odd k.
 
     Raises
     ------
@@ -64,17 +68,24 @@ class CoilRow:
     pitch: float
     axis: Axis = "across"
     gap: float | None = None
+    sides: Sides = "both"
 
     def __post_init__(self) -> None:
-        if self.axis not in get_args(Axis):
-            raise ArgumentError(f'no axis "{self.axis}"; there are {", ".join(get_args(Axis))}')
+        for name, known in (("axis", get_args(Axis)), ("sides", get_args(Sides))):
+            if getattr(self, name) not in known:
+                given = getattr(self, name)
+                raise ArgumentError(f'no {name} "{given}"; there are {", ".join(known)}')
         if self.count < 1 or not 0 < self.pitch < math.inf:
             raise ArgumentError("a row has at least one coil, and a pitch above 0")
+        alternate = self.sides == "alternating"
         size = self.coil.length if self.axis == "along" else 2 * self.coil.outer
-        if self.pitch < size:
+        apart = (1 + alternate) * self.pitch
+        if apart < size:
             raise ArgumentError(
-                f"coils overlap: each takes {size:g} m of the row, their pitch is {self.pitch:g} m"
+                f"coils overlap: each takes {size:g} m of the row, neighbours are {apart:g} m apart"
             )
+        if alternate and self.gap is None:
+            raise ArgumentError('sides = "alternating" needs a gap between both sides')
         if self.gap is not None and (self.axis == "along" or not 0 < self.gap < math.inf):
             raise ArgumentError("a gap above 0 belongs to coils with axes across or vertical")
 
@@ -265,7 +276,8 @@ class CoilRow:
         direction = _AXES.index(self.axis)
         offset = 0.0 if self.gap is None else (self.gap + self.coil.length) / 2
         for k in range(self.count):
-            for side in (0.0,) if self.gap is None else (-offset, offset):
+            both = (0.0,) if self.gap is None else (-offset, offset)
+            for side in both if self.sides == "both" else (offset * (1 - 2 * (k % 2)),):
                 middle = np.array([k * self.pitch, 0.0, 0.0])
                 middle[direction] += side
                 yield k, middle

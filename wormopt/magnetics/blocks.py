@@ -1,0 +1,180 @@
+"""Blocks of coils that are on, again and again along an endless row: the field they travel with.
+
+On a strip along the row, the square of the field is a double series: Fourier's along the row,
+where it is periodic, and powers across it. It is smooth there, so that the series converges like
+a geometric one; what is cut off is measured. The force on magnetisable matter is its gradient.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from wormopt.errors import ArgumentError
+from wormopt.magnetics.coils import CoilRow
+
+__all__ = ["BlockField", "block_field"]
+
+# Powers across the strip, and points along two repeats of the pattern from which the series is
+# found. So many blocks are there on each side.
+_DEGREE, _POINTS, _BLOCKS = 12, 256, 2
+
+
+@dataclass(frozen=True, eq=False)
+class BlockField:
+    """H² per squared ampere-turn of equal blocks of coils, as a series.
+
+    Parameters
+    ----------
+    period : float
+        After which the series repeats along the row, in m.
+    half : float
+        Half the width of the strip, in m.
+    coefficients : ndarray of complex, shape (powers, harmonics)
+        H² is the real part of the sum of coefficients[j, m] (y / half)^j exp(2 pi i m x / period),
+        with x from the middle of a block whose first coil is on the positive side.
+    error : float
+        Largest error of H² on the strip, over its largest value there.
+    """
+
+    period: float
+    half: float
+    coefficients: np.ndarray
+    error: float
+
+    def expression(self, x: ca.SX, y: ca.SX) -> ca.SX:
+        """H² at a point.
+
+        Parameters
+        ----------
+        x : casadi.SX
+            Along the row from the middle of the block, in m.
+        y : casadi.SX
+            Across it from the middle of the channel, in m; positive on the side of the block's
+            first coil.
+
+        Returns
+        -------
+        casadi.SX
+            In 1/m² per squared ampere-turn.
+        """
+        angle, height, total = 2 * np.pi * x / self.period, y / self.half, ca.SX(0)
+        waves = _waves(angle, self.coefficients.shape[1])
+        for row in self.coefficients[::-1]:
+            part = ca.SX(0)
+            for (cosine, sine), c in zip(waves, row, strict=True):
+                part += c.real * cosine if c.real else 0
+                part -= c.imag * sine if c.imag else 0
+            total = total * height + part
+        return total
+
+    @cached_property
+    def gradient(self) -> ca.Function:
+        """Function of x and y, as for `expression`: column of dH²/dx and dH²/dy."""
+        place = ca.SX.sym("place", 2)
+        slope = ca.gradient(self.expression(place[0], place[1]), place)
+        return ca.Function("gradient", [place], [ca.densify(slope)], {"cse": True})
+
+
+def _waves(angle: ca.SX, count: int) -> list[tuple[ca.SX, ca.SX]]:
+    """Cosine and sine of 0, 1, 2, ... angles; even and odd ones by recurrences of their own."""
+    c, s = ca.cos(angle), ca.sin(angle)
+    c2, s2 = c * c - s * s, 2 * s * c
+    found = [(ca.SX(1), ca.SX(0)), (c, s)]
+    for m in range(2, count):
+        a, b = found[m - 2]
+        found.append((a * c2 - b * s2, a * s2 + b * c2))
+    return found[:count]
+
+
+def block_field(row: CoilRow, half: float, on: int, every: int, tolerance: float = 1e-4) -> BlockField:
+    """Find the series of the field of blocks of coils along an endless row.
+
+    Parameters
+    ----------
+    row : CoilRow
+        Coil, pitch, gap and sides of it; its count does not matter.
+    half : float
+        Half the width of the strip where the field is wanted, in m.
+    on : int
+        Coils of a block.
+    every : int
+        The pattern repeats after so many coils.
+    tolerance : float, optional
+        Terms below this share of the largest one are left out.
+
+    Returns
+    -------
+    BlockField
+
+    Raises
+    ------
+    ArgumentError
+        If a block does not fit into the pattern, or the strip reaches the coils.
+
+    Examples
+    --------
+    >>> from wormopt.magnetics.coils import Coil
+    >>> coil = Coil(2e-3, 9e-3, 20e-3)
+    >>> row = CoilRow(coil, 1, pitch=10e-3, gap=13e-3, sides="alternating")
+    >>> field = block_field(row, half=3.5e-3, on=3, every=7)
+    >>> field.error < 2e-3, field.coefficients.shape[1] < 60
+    (True, True)
+    """
+    if not 0 < on < every:
+        raise ArgumentError(f"a block of {on} coils does not fit into a pattern of {every}")
+    if row.gap is None or not 0 < half < row.gap / 2:
+        raise ArgumentError(f"a strip of half width {half:g} m reaches the coils")
+    period = 2 * every * row.pitch  # after one repeat sides may have changed
+    x = period * np.arange(_POINTS) / _POINTS
+    height = chebyshev.chebpts1(_DEGREE + 1)
+    values = _square(row, on, every, x, half * height)
+    harmonics = np.fft.rfft(values, axis=1) / _POINTS
+    harmonics[:, 1:] *= 2
+    series = np.linalg.solve(chebyshev.chebvander(height, _DEGREE), harmonics)
+    powers = np.stack([_powers(column) for column in series.T], axis=1)
+    kept = np.where(np.abs(powers) > tolerance * np.abs(powers).max(), powers, 0)
+    kept.real[np.abs(kept.real) < 1e-9 * np.abs(powers).max()] = 0
+    kept.imag[np.abs(kept.imag) < 1e-9 * np.abs(powers).max()] = 0
+    rows, columns = (np.flatnonzero(np.any(kept, axis=axis))[-1] + 1 for axis in (1, 0))
+    field = BlockField(period, half, kept[:rows, :columns], 0.0)
+    return BlockField(period, half, field.coefficients, _error(field, row, on, every))
+
+
+def _square(row: CoilRow, on: int, every: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """H² per squared ampere-turn, one row per y, all blocks that matter on; x from the middle."""
+    first = 2 * _BLOCKS * every  # an even number: the block in question begins on its own side
+    many = CoilRow(row.coil, first + 3 * _BLOCKS * every, row.pitch, row.axis, row.gap, row.sides)
+    place = (np.arange(many.count) - first) % every
+    currents = np.where(place < on, 1.0, 0.0)
+    middle = (first + (on - 1) / 2) * row.pitch
+    # the pattern's own period: points further on see the row as points here do, with y mirrored
+    turns, rest = np.divmod(x + every * row.pitch / 2, every * row.pitch)
+    flip = np.where((turns * every) % 2, -1.0, 1.0) if row.sides == "alternating" else 1 + 0 * x
+    X = np.broadcast_to(middle + rest - every * row.pitch / 2, (len(y), len(x)))
+    Y = y[:, None] * flip[None, :]
+    return many.square(X, 0.0, currents, Y).reshape(X.shape)
+
+
+def _powers(series: np.ndarray) -> np.ndarray:
+    """Coefficients of powers from those of a Chebyshev series, complex ones too."""
+    real, imag = (np.append(chebyshev.cheb2poly(part), np.zeros(len(series)))[: len(series)]
+                  for part in (series.real, series.imag))  # fmt: skip
+    return real + 1j * imag
+
+
+def _error(field: BlockField, row: CoilRow, on: int, every: int) -> float:
+    """Largest error at points between those from which the series was found."""
+    x = field.period * (np.arange(97) + 0.37) / 97
+    y = field.half * np.linspace(-1, 1, 11)
+    exact = _square(row, on, every, x, y)
+    place = ca.SX.sym("place", 2)
+    value = ca.Function("value", [place], [field.expression(place[0], place[1])])
+    X, Y = (part.ravel() for part in np.broadcast_arrays(x[None, :], y[:, None]))
+    found = np.array(value.map(X.size)(np.vstack([X, Y]))).reshape(exact.shape)
+    return float(np.abs(found - exact).max() / np.abs(exact).max())
