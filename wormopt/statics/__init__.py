@@ -1,1 +1,1 @@
-"""Profiles that rest: surfaces over an interval that hold a given area, along a load."""
+"""What rests: profiles that hold a given area, along a load; rods between given ends."""
