@@ -190,8 +190,9 @@ def _run(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene, options.set)
     pictures = {} if options.no_plots else _pictures(scene)
     folder = Path(options.output) if options.output else Path("results") / scene.name
-    tables = [TABLE_FILE] * KINDS[scene.table.kind].table_file
-    files = [RESULT_FILE, SUMMARY_FILE, *tables, *pictures.values()]
+    kind = KINDS[scene.table.kind]
+    tables = [TABLE_FILE] * kind.table_file
+    files = [RESULT_FILE, SUMMARY_FILE, *tables, *kind.exports, *pictures.values()]
     folder = check_output(folder, scene.name, files, options.force)
     with shown_on_stderr(options.quiet) as report:
         result, code = _attempt(scene, report)

@@ -6,7 +6,8 @@ numerics and running one loads those of its own kind only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
@@ -27,6 +28,9 @@ class Kind:
         The words of ``want`` that stand for a picture.
     table_file : bool
         Whether its results have a table of their own, in a file to read.
+    exports : mapping of str to str
+        Further files that are saved with a result: name, and the "module:function" that makes
+        its text of the result, or None where the result did not come so far.
     """
 
     summary: str
@@ -34,6 +38,7 @@ class Kind:
     study: str
     pictures: tuple[str, ...]
     table_file: bool = False
+    exports: Mapping[str, str] = field(default_factory=dict)
 
     def load_table(self) -> Any:
         """Load the class that scenes of this kind are read into."""
@@ -43,6 +48,11 @@ class Kind:
     def load_study(self) -> Any:
         """Load the module that computes scenes of this kind."""
         return import_module(self.study)
+
+    def load_exports(self) -> dict[str, Callable[[Any], str | None]]:
+        """Load the functions that make the texts of further files."""
+        parts = {name: text.split(":") for name, text in self.exports.items()}
+        return {name: getattr(import_module(m), f) for name, (m, f) in parts.items()}
 
 
 KINDS: dict[str, Kind] = {
@@ -63,6 +73,16 @@ KINDS: dict[str, Kind] = {
         table="wormopt.scenes.gait_pareto:GaitParetoScene",
         study="wormopt.studies.gait_pareto",
         pictures=("front", "gait", "motion", "spikes"),
+    ),
+    "stepper": Kind(
+        summary="a gait as commands for stepping motors, and how the worm moves by them",
+        table="wormopt.scenes.stepper:StepperScene",
+        study="wormopt.studies.stepper",
+        pictures=("steps",),
+        exports={
+            "steps.csv": "wormopt.studies.step_files:as_csv",
+            "steps.c": "wormopt.studies.step_files:as_c",
+        },
     ),
     "track": Kind(
         summary="a chain whose links follow a gait by adaptive trackers, under friction",

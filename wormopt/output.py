@@ -17,7 +17,7 @@ from pathlib import Path
 from wormopt.errors import OutputError
 from wormopt.files import SUMMARY_FILE
 
-_SUFFIXES = (".nc", ".json", ".png", ".gif", ".md")
+_SUFFIXES = (".nc", ".json", ".png", ".gif", ".md", ".csv", ".c")
 
 
 def check_output(folder: Path, scene: str, files: Sequence[str], force: bool) -> Path:

@@ -18,6 +18,7 @@ import numpy as np
 
 from wormopt.errors import UnknownNameError
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE
+from wormopt.kinds import KINDS
 from wormopt.version import VERSION
 
 Status = Literal["ok", "failed"]
@@ -32,6 +33,7 @@ UNITS = {
     "angle": "rad",
     "angular_frequency": "rad s-1",
     "rate": "s-1",
+    "rate_change": "s-2",
     "mass": "kg",
     "force": "N",
     "impulse": "N s",
@@ -310,7 +312,8 @@ class Result:
     def save(self, folder: str | Path, pictures: tuple[str, ...] = ()) -> None:
         """Write ``result.nc`` and ``summary.json`` into a folder that exists.
 
-        An attribute ``table``, text in Markdown, goes to ``table.md`` too.
+        An attribute ``table``, text in Markdown, goes to ``table.md`` too, and what the kind of
+        scene exports to files of its own.
 
         Parameters
         ----------
@@ -337,6 +340,9 @@ class Result:
         if "table" in self.attributes:
             (folder / TABLE_FILE).write_text(self.attributes["table"], encoding="utf-8")
             pictures = (TABLE_FILE, *pictures)
+        for name, text in self._exports().items():
+            (folder / name).write_text(text, encoding="utf-8")
+            pictures = (name, *pictures)
         summary = self.summary() | {
             "title": self.title,
             "table": json.loads(self.scene_text) if self.scene_text else {},
@@ -345,6 +351,11 @@ class Result:
         }
         text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
         (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
+
+    def _exports(self) -> dict[str, str]:
+        makers = KINDS[self.kind].load_exports() if self.kind in KINDS else {}
+        made = {name: make(self) for name, make in makers.items()}
+        return {name: text for name, text in made.items() if text is not None}
 
     def _write_netcdf(self, path: Path) -> None:
         from scipy.io import netcdf_file

@@ -26,6 +26,7 @@ from wormopt.plot import (
     magnetics,
     optimum,
     simulation,
+    stepper,
     thin_film,
     waveform,
 )
@@ -131,6 +132,10 @@ PICTURES: dict[str, Picture] = {
     "membrane": Picture(
         hydrostatics.membrane,
         ("front_thickness", "front_loss", "front_strain", "front_contact_pressure"),
+    ),
+    "steps": Picture(
+        stepper.steps,
+        ("time", "length", "commanded", "turn_rate", "turn_length", "position", "position_ideal"),
     ),
     "stress_strain": Picture(
         magnetics.stress_strain, ("strain", "stress_with_field", "stress_without_field")

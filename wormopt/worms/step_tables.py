@@ -85,9 +85,9 @@ def read_csv(text: str) -> Steps:
     head = dict(line[1:].split(":", 1) for line in lines if line.startswith("#") and ":" in line)
     about = {name.strip(): value for name, value in head.items()}
     rows = list(csv.reader(line for line in lines if not line.startswith("#")))
+    if not rows or rows[0] != ["time_s", "motor", "direction"]:
+        raise ArgumentError("no table of steps: no line time_s,motor,direction")
     try:
-        if rows[0] != ["time_s", "motor", "direction"]:
-            raise ValueError("no line time_s,motor,direction")
         columns = list(zip(*rows[1:], strict=True)) or [(), (), ()]
         return Steps(
             float(about["period_s"]),
@@ -97,7 +97,7 @@ def read_csv(text: str) -> Steps:
             np.array([int(v) - 1 for v in columns[1]], dtype=int),
             np.array([int(v) for v in columns[2]], dtype=int),
         )
-    except (KeyError, IndexError, ValueError) as error:
+    except (KeyError, ValueError) as error:
         raise ArgumentError(f"no table of steps: {error}") from None
 
 
