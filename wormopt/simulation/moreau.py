@@ -23,7 +23,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from wormopt.core.model import Model, pack
+from wormopt.core.model import Model, Schedule, pack
 from wormopt.core.values import signal_values
 from wormopt.errors import ArgumentError, Interrupted, SolveError, interruptible
 from wormopt.progress import Report, silent
@@ -77,7 +77,7 @@ class Marcher:
     integrals : sequence of str, optional
         Outputs to integrate over time.
     inputs : casadi.Function, optional
-        From the places and the scheduled symbols of the model to its inputs; inputs are 0 without
+        From the places and a column of scheduled values to the model's inputs, which are 0 without
         it. Unlike an expression in the model it is not unrolled, and loops stay loops.
 
     Raises
@@ -109,6 +109,7 @@ class Marcher:
         x0: np.ndarray,
         *,
         p: dict[str, float] | None = None,
+        schedule: Schedule | None = None,
         step: float | None = None,
         report: Report = silent,
     ) -> Steps:
@@ -122,6 +123,8 @@ class Marcher:
             State at time 0.
         p : dict, optional
             Parameters by name, where they are not the model's own.
+        schedule : Schedule, optional
+            The values that ``inputs`` takes.
         step : float, optional
             Longest step; 0.8 of the longest stable one at the start if left out.
         report : callable, optional
@@ -143,9 +146,9 @@ class Marcher:
         numbers = signal_values(tuple(self.model.p), p, "parameter")
         self._check_contacts(x0, numbers)
         longest = _SAFE * self.stable_step(x0, numbers) if step is None else step
-        times = self._looks(end, longest)
+        times = _looks(schedule, end, longest)
         sizes = np.diff(times) / _STRIDE
-        scheduled = self._scheduled(times)
+        scheduled = self._scheduled(schedule, times)
         columns = [np.append(x0, np.zeros(self._n_gathered))[:, None]]
         last = len(sizes)
         for first in range(0, last, _SPAN):
@@ -153,7 +156,9 @@ class Marcher:
             part = slice(first, min(first + _SPAN, last))
             try:
                 with interruptible():
-                    found = self._advance(columns[-1][:, -1], scheduled[:, part], numbers, sizes[part])
+                    found = self._advance(
+                        columns[-1][:, -1], scheduled[:, part], numbers, sizes[part]
+                    )
             except KeyboardInterrupt:
                 raise Interrupted(self._steps(times, columns)) from None
             columns.append(found)
@@ -187,23 +192,12 @@ class Marcher:
         # the leapfrog with damping taken where the step begins: 2 c h + k h² < 4, both at most so
         return float(4 / (damping + math.sqrt(damping**2 + 4 * stiffness)))
 
-    def _looks(self, end: float, longest: float) -> np.ndarray:
-        """Times of the looks: even between breaks of the schedules."""
-        breaks = self.model.breaks(end)
-        counts = np.maximum(np.ceil(np.diff(breaks) / (_STRIDE * longest) - 1e-9), 1).astype(int)
-        parts = [
-            np.linspace(a, b, k, endpoint=False)
-            for a, b, k in zip(breaks[:-1], breaks[1:], counts, strict=True)
-        ]
-        return np.append(np.concatenate(parts), end)
-
-    def _scheduled(self, times: np.ndarray) -> np.ndarray:
-        """Values of the schedules between the looks."""
+    def _scheduled(self, schedule: Schedule | None, times: np.ndarray) -> np.ndarray:
+        """Values of the schedule between the looks."""
         middle = (times[:-1] + times[1:]) / 2
-        rows = [np.zeros((0, len(middle)))]
-        for schedule in self.model.schedules:
-            rows.append(schedule.values[schedule.locate(middle)[1]].T)
-        return np.vstack(rows)
+        if schedule is None:
+            return np.zeros((self._n_scheduled, len(middle)))
+        return schedule.values[schedule.locate(middle)[1]].T
 
     def _advance(
         self, x: np.ndarray, scheduled: np.ndarray, numbers: np.ndarray, sizes: np.ndarray
@@ -242,8 +236,10 @@ class Marcher:
         q, v, gathered = x[:half], x[half:n_x], x[n_x:]
         middle = q + h / 2 * v
         u = ca.DM.zeros(self._n_u) if self.inputs is None else self.inputs(middle, c)
-        after, more = self._kick(middle, v, u, c, p, h)
-        one = ca.Function("step", given, [ca.vertcat(middle + h / 2 * after, after, gathered + more)])
+        after, more = self._kick(middle, v, u, p, h)
+        one = ca.Function(
+            "step", given, [ca.vertcat(middle + h / 2 * after, after, gathered + more)]
+        )
         several = one.fold(_STRIDE)
         rest = [ca.repmat(part, 1, _STRIDE) for part in (c, p, h)]
         function = ca.Function("stride", given, [several(x, *rest)])
@@ -255,7 +251,7 @@ class Marcher:
     @cached_property
     def _kick(self) -> ca.Function:
         """Rates after a step by the forces at its middle, and what is gathered over it."""
-        q, v, u, c, p, h = symbols = self._symbols
+        q, v, u, p, h = symbols = self._symbols
         half, contacts = self.n_q, self.model.contacts
         push = self._pushes[half:, :]
         free = v + h * self._free[half:]
@@ -267,7 +263,8 @@ class Marcher:
         normal = ca.if_else(gaps <= 0, normal, 0)
         hold = -moved[n_c:] / ca.diag(response)[n_c:]
         rubbed = [
-            _rub(contact, normal[i], hold[i], moved[n_c + i], h) for i, contact in enumerate(contacts)
+            _rub(contact, normal[i], hold[i], moved[n_c + i], h)
+            for i, contact in enumerate(contacts)
         ]
         impulses = ca.vertcat(normal, *rubbed)
         after = free + push @ impulses
@@ -281,11 +278,10 @@ class Marcher:
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ...]:
-        """Places, rates, inputs, scheduled symbols, parameters, step size."""
+        """Places, rates, inputs, parameters, step size."""
         model, x = self.model, pack(self.model.x)
-        scheduled = ca.vertcat(ca.SX(0, 1), *(s.symbol for s in model.schedules))
         h = ca.SX.sym("h")
-        return x[: self.n_q], x[self.n_q :], pack(model.u), scheduled, pack(model.p), h
+        return x[: self.n_q], x[self.n_q :], pack(model.u), pack(model.p), h
 
     @cached_property
     def _impulse_symbols(self) -> ca.SX:
@@ -319,7 +315,7 @@ class Marcher:
 
     @property
     def _n_scheduled(self) -> int:
-        return int(self._symbols[3].numel())
+        return 0 if self.inputs is None else int(self.inputs.size1_in(1))
 
     @property
     def _n_u(self) -> int:
@@ -327,14 +323,13 @@ class Marcher:
 
     @property
     def _n_p(self) -> int:
-        return int(self._symbols[4].numel())
+        return int(self._symbols[3].numel())
 
     @cached_property
     def _linear(self) -> ca.Function:
         """Jacobian of the ode without contacts and inputs, of state and parameters."""
-        x, _, u, c, p, _ = pack(self.model.x), *self._symbols[1:]
-        J = ca.jacobian(self._free, x)
-        J = ca.substitute([J], [u, c], [ca.DM.zeros(u.numel()), ca.DM.zeros(c.numel())])[0]
+        x, (_, _, u, p, _) = pack(self.model.x), self._symbols
+        J = ca.substitute(ca.jacobian(self._free, x), u, ca.SX.zeros(u.numel()))
         return ca.Function("linear", [x, p], [ca.densify(J)])
 
     def _check_contacts(self, x0: np.ndarray, numbers: np.ndarray) -> None:
@@ -344,7 +339,9 @@ class Marcher:
         if not n_c:
             return
         gaps = ca.vertcat(*(contact.gap for contact in contacts))
-        probe = ca.Function("probe", [x, self._symbols[4]], [self._response, gaps, ca.jacobian(gaps, x)])
+        probe = ca.Function(
+            "probe", [x, self._symbols[3]], [self._response, gaps, ca.jacobian(gaps, x)]
+        )
         response, gap, slope = (np.array(part) for part in probe(x0, numbers))
         size = np.sqrt(np.diag(response))
         apart = np.abs(response) > 1e-12 * size[:, None] * size[None, :]
@@ -357,6 +354,20 @@ class Marcher:
                     f"contacts {contacts[a].name} and {contacts[b].name} act on one another; "
                     "lump the masses"
                 )
+
+
+def _looks(schedule: Schedule | None, end: float, longest: float) -> np.ndarray:
+    """Times of the looks: even between breaks of the schedule."""
+    breaks = np.array([0.0, end])
+    if schedule is not None:
+        clock = Model("clock", x=(), ode=ca.SX(0, 1), schedules=[schedule])
+        breaks = clock.breaks(end)
+    counts = np.maximum(np.ceil(np.diff(breaks) / (_STRIDE * longest) - 1e-9), 1).astype(int)
+    parts = [
+        np.linspace(a, b, k, endpoint=False)
+        for a, b, k in zip(breaks[:-1], breaks[1:], counts, strict=True)
+    ]
+    return np.append(np.concatenate(parts), end)
 
 
 def _rub(contact, normal: ca.SX, hold: ca.SX, velocity: ca.SX, h: ca.SX) -> ca.SX:  # noqa: ANN001

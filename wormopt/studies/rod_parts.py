@@ -1,0 +1,309 @@
+"""What studies of a rod in a channel share: one motion, from a scene's tables to its mean speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from time import perf_counter
+from typing import Any
+
+import casadi as ca
+import msgspec
+import numpy as np
+
+from wormopt.core.model import Model, pack
+from wormopt.magnetics.blocks import BlockField, block_field
+from wormopt.magnetics.coils import Coil, CoilRow
+from wormopt.progress import Report, silent
+from wormopt.scenes.rod import (
+    ChannelTable,
+    CourseTable,
+    MeshTable,
+    PatternTable,
+    WormTable,
+    ZigzagTable,
+)
+from wormopt.simulation.moreau import Marcher, Steps
+from wormopt.worms.channel_rod import channel_rod, straight
+from wormopt.worms.magnetic_rod import (
+    block_load,
+    block_schedule,
+    magnetic_strength,
+    switched_blocks,
+)
+from wormopt.worms.rod import Rod
+
+__all__ = ["ASSUMED", "RodCase", "RodCourse", "follow", "mean_velocity", "rod_of"]
+
+# How much wider than the room of the centre line the strip is on which the field is known: walls
+# are touched at the middle of steps, and penetrated by as much as one step moves.
+_WIDER = 1.05
+_POWERS = ("damping_power", "load_power")
+
+ASSUMED = {
+    "plane": "the rod moves in one plane; gravity acts across it and is left out, and so is drag",
+    "row": "the row of coils goes on beyond both ends of the worm's way",
+    "field": "the worm does not change the field; no iron; the pull acts on its centre line",
+    "impact": "what hits a wall does not bounce",
+    "magnetisation": "linear in the field, without saturation and hysteresis",
+}
+
+
+@dataclass(frozen=True)
+class RodCase:
+    """One motion of a rod in a channel, by the tables of its scene.
+
+    Parameters
+    ----------
+    worm, channel, coils, pattern, mesh, course : Table
+        Of the scene.
+    rate : float
+        Switches per second.
+    """
+
+    worm: WormTable
+    channel: ChannelTable
+    coils: ZigzagTable
+    pattern: PatternTable
+    mesh: MeshTable
+    course: CourseTable
+    rate: float
+
+    def varied(self, **tables: dict[str, Any]) -> RodCase:
+        """Change numbers of some tables.
+
+        Parameters
+        ----------
+        **tables : dict
+            New numbers by key, for each table.
+        """
+        changed = {
+            name: msgspec.structs.replace(getattr(self, name), **numbers)
+            for name, numbers in tables.items()
+        }
+        return replace(self, **changed)
+
+    @property
+    def key(self) -> str:
+        """Text that is the same for the same motions."""
+        return msgspec.json.encode(self, order="deterministic").decode()
+
+    @property
+    def cycle(self) -> float:
+        """Time after which the pattern repeats, in s."""
+        return self.pattern.every / self.rate
+
+    @property
+    def field_speed(self) -> float:
+        """Speed of the travelling field, in m/s."""
+        return self.rate * self.coils.pitch
+
+
+@dataclass(frozen=True, eq=False)
+class RodCourse:
+    """A motion, and what it comes to.
+
+    Parameters
+    ----------
+    rod : Rod
+        What moved.
+    steps : Steps
+        The motion.
+    centre : ndarray, shape (m,)
+        Mean place of the rod, in m.
+    velocity, velocity_error : float
+        Mean velocity after settling, positive with the field, in m/s, and how much both halves
+        of the time differ in it.
+    energy_error : float
+        Largest error of the balance of energy, over all that the field has done.
+    penetration : float
+        Deepest into a wall, in m.
+    field_error : float
+        Largest error of the series of H², over the largest H².
+    seconds : float
+        Spent.
+    """
+
+    rod: Rod
+    steps: Steps
+    centre: np.ndarray
+    velocity: float
+    velocity_error: float
+    energy_error: float
+    penetration: float
+    field_error: float
+    seconds: float
+
+
+def rod_of(worm: WormTable, mesh: MeshTable) -> Rod:
+    """Make the rod of a scene.
+
+    Parameters
+    ----------
+    worm, mesh : Table
+        Of the scene.
+    """
+    return Rod(
+        worm.length,
+        worm.diameter,
+        worm.youngs_modulus,
+        worm.density,
+        damping_time=worm.damping_time,
+        poisson_ratio=worm.poisson_ratio,
+        elements=mesh.elements,
+        degree=mesh.degree,
+    )
+
+
+def follow(case: RodCase, report: Report = silent) -> RodCourse:
+    """Follow a straight rod in the middle of the channel as the coils are switched.
+
+    Parameters
+    ----------
+    case : RodCase
+        What moves, where and how.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    RodCourse
+
+    Raises
+    ------
+    SolveError
+        If the motion is no longer a number.
+    Interrupted
+        If the user stopped it.
+    """
+    begin = perf_counter()
+    rod = rod_of(case.worm, case.mesh)
+    pattern = case.pattern
+    blocks = switched_blocks(pattern.every, case.rate, pattern.duration, pattern.shift)
+    fields = tuple(_field(case, count) for count in blocks.counts)
+    strength = magnetic_strength(rod, case.worm.susceptibility, case.coils.ampere_turns)
+    schedule = block_schedule(blocks, case.coils.pitch, strength)
+    marcher = _marcher(rod.length, rod.diameter, rod.poisson_ratio, rod.elements, rod.degree,
+                       case.channel.diameter, fields)  # fmt: skip
+    state = straight(rod, along=pattern.every * case.coils.pitch)
+    x0 = np.concatenate([state[signal.name] for signal in marcher.model.x])
+    numbers = {
+        "youngs_modulus": case.worm.youngs_modulus,
+        "density": case.worm.density,
+        "damping_time": case.worm.damping_time,
+        "friction": case.channel.friction,
+    }
+    cycles = max(case.course.cycles, int(np.ceil(case.course.duration / case.cycle)))
+    steps = marcher.march(
+        cycles * case.cycle, x0, p=numbers, schedule=schedule, step=case.mesh.step, report=report
+    )
+    centre = rod.weights @ steps.states[: rod.count] / rod.length
+    velocity, error = mean_velocity(steps.time, centre, case.course.settle)
+    room = (case.channel.diameter - case.worm.diameter) / 2
+    return RodCourse(
+        rod=rod,
+        steps=steps,
+        centre=centre,
+        velocity=velocity,
+        velocity_error=error,
+        energy_error=_energy_error(marcher.model, steps, numbers),
+        penetration=float(np.abs(steps.states[rod.count : 2 * rod.count]).max() - room),
+        field_error=max(field.error for field in fields),
+        seconds=perf_counter() - begin,
+    )
+
+
+def mean_velocity(time: np.ndarray, centre: np.ndarray, settle: float) -> tuple[float, float]:
+    """Mean velocity of a motion that repeats itself, and how sure it is.
+
+    Weights that rise from 0 and fall to 0 smoothly make the mean of what repeats itself in any
+    period shorter than the time independent of where the time begins and ends.
+
+    Parameters
+    ----------
+    time, centre : ndarray, shape (m,)
+        The motion.
+    settle : float
+        Share of the time at the beginning that does not count.
+
+    Returns
+    -------
+    velocity : float
+    error : float
+        Difference of the means over both halves of what counts.
+
+    Examples
+    --------
+    >>> t = np.linspace(0.0, 20.0, 2001)
+    >>> velocity, error = mean_velocity(t, 0.3 * t + np.sin(2 * np.pi * t), 0.5)
+    >>> abs(velocity - 0.3) < 1e-4, error < 1e-2
+    (True, True)
+    """
+    first = settle * time[-1]
+    half = (first + time[-1]) / 2
+    whole, before, after = (
+        _weighted(time, centre, *span)
+        for span in ((first, time[-1]), (first, half), (half, time[-1]))
+    )
+    return whole, abs(before - after)
+
+
+def _weighted(time: np.ndarray, centre: np.ndarray, begin: float, end: float) -> float:
+    part = (time >= begin) & (time <= end)
+    t, x = time[part], centre[part]
+    share = ((t[1:] + t[:-1]) / 2 - begin) / (end - begin)
+    weight = np.exp(-1 / np.maximum(share * (1 - share), 1e-6)) * np.diff(t)
+    return float(weight @ (np.diff(x) / np.diff(t)) / weight.sum())
+
+
+def _energy_error(model: Model, steps: Steps, numbers: dict[str, float]) -> float:
+    """Largest difference of the energy from what has been done on the rod."""
+    energy = ca.Function(
+        "energy",
+        [pack(model.x), pack(model.p)],
+        [model.output("strain_energy") + model.output("kinetic_energy")],
+    )
+    count = steps.states.shape[1]
+    p = np.array([numbers[signal.name] for signal in model.p])
+    stored = np.array(energy.map(count)(steps.states, np.tile(p[:, None], count))).ravel()
+    done = sum(steps.work.values())
+    scale = np.abs(np.diff(steps.work["load_power"])).sum()
+    return float(np.abs(stored - stored[0] - done).max() / scale) if scale else 0.0
+
+
+@lru_cache(maxsize=32)
+def _block_field(
+    coil: Coil, pitch: float, gap: float, half: float, on: int, every: int, tolerance: float
+) -> BlockField:
+    row = CoilRow(coil, 2, pitch, gap=gap, sides="alternating")
+    return block_field(row, half, on, every, tolerance)
+
+
+def _field(case: RodCase, count: int) -> BlockField:
+    coils, channel = case.coils, case.channel
+    return _block_field(
+        Coil(coils.inner, coils.outer, coils.length),
+        coils.pitch,
+        channel.diameter + 2 * coils.clearance,
+        _WIDER * (channel.diameter - case.worm.diameter) / 2,
+        count,
+        case.pattern.every,
+        case.mesh.field_tolerance,
+    )
+
+
+@lru_cache(maxsize=16)
+def _marcher(
+    length: float,
+    diameter: float,
+    poisson_ratio: float,
+    elements: int,
+    degree: int,
+    channel: float,
+    fields: tuple[BlockField, ...],
+) -> Marcher:
+    """Steps of a rod, whatever its material and friction: those are parameters."""
+    rod = Rod(length, diameter, 1.0, 1.0, poisson_ratio=poisson_ratio, elements=elements,
+              degree=degree)  # fmt: skip
+    model = channel_rod(rod, channel, friction=1.0)
+    return Marcher(model, integrals=_POWERS, inputs=block_load(rod, fields))
