@@ -18,10 +18,13 @@ from wormopt.core.model import TINY, Contact, Model, Output, Signal
 from wormopt.errors import ArgumentError
 from wormopt.worms.rod import Rod
 
-__all__ = ["channel_rod"]
+__all__ = ["channel_rod", "straight"]
 
 WALLS = (("upper", 1.0), ("lower", -1.0))
 """The walls, and the sign of y at which they are."""
+
+# Usual speed of a node in m/s, by which solvers scale.
+_SPEED = 0.1
 
 
 def channel_rod(rod: Rod, channel: float, friction: float) -> Model:
@@ -64,24 +67,12 @@ def channel_rod(rod: Rod, channel: float, friction: float) -> Model:
     if not 0 < friction < math.inf:
         raise ArgumentError(f"friction must be positive, not {friction:g}")
     n = rod.count
-    places = _columns(n, "along across angle", "length length angle")
-    rates = _columns(
-        n, "along_rate across_rate angle_rate", "speed speed angular_frequency", nominal=0.1
-    )
+    places, rates = _states(rod)
     loads = tuple(
         Signal(name, ca.SX.sym(name, n), "force", 1e-3, value=0.0)
         for name in ("force_along", "force_across")
     )
-    numbers = {
-        "youngs_modulus": (rod.youngs_modulus, "stress"),
-        "density": (rod.density, "count"),
-        "damping_time": (rod.damping_time, "time"),
-        "friction": (friction, "count"),
-    }
-    p = {
-        name: Signal(name, ca.SX.sym(name), unit, lower=TINY, value=value)
-        for name, (value, unit) in numbers.items()
-    }
+    p = _parameters(rod, friction)
     x, y, angle = (signal.symbol for signal in places)
     v, w, spin = (signal.symbol for signal in rates)
     contacts = _contacts(rod, channel, y, v, spin, p["friction"].symbol)
@@ -90,8 +81,8 @@ def channel_rod(rod: Rod, channel: float, friction: float) -> Model:
     q, speeds = ca.vertcat(x, y, angle), ca.vertcat(v, w, spin)
     stiffness = rod.stiffness(p["youngs_modulus"].symbol)
     stored = rod.energy(strains, stiffness)
-    rods_rates = tuple(ca.jtimes(strain, q, speeds) for strain in strains)
-    damped = p["damping_time"].symbol * rod.energy(rods_rates, stiffness)
+    strain_rates = [ca.jtimes(strain, q, speeds) for strain in strains]
+    damped = p["damping_time"].symbol * rod.energy(strain_rates, stiffness)
     mass, turning = (p["density"].symbol / rod.density * ca.DM(part) for part in rod.inertia)
     inertia = ca.vertcat(mass, mass, turning)
     driven = ca.vertcat(*(signal.symbol for signal in loads), ca.DM.zeros(n))
@@ -136,9 +127,33 @@ def straight(rod: Rod, along: float = 0.0) -> dict[str, np.ndarray]:
     return {"along": along + rod.nodes, **dict.fromkeys(names, rest)}
 
 
-def _columns(n: int, names: str, units: str, nominal: float = 1.0) -> tuple[Signal, ...]:
-    pairs = zip(names.split(), units.split(), strict=True)
-    return tuple(Signal(name, ca.SX.sym(name, n), unit, nominal, value=0.0) for name, unit in pairs)
+def _states(rod: Rod) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
+    """Places of the nodes and angles of their sections, and the rates of these."""
+    sizes = {
+        "along": ("length", rod.length, "speed", _SPEED),
+        "across": ("length", rod.diameter, "speed", _SPEED),
+        "angle": ("angle", 1.0, "angular_frequency", _SPEED / rod.diameter),
+    }
+    places, rates = [], []
+    for name, (unit, size, rate, speed) in sizes.items():
+        columns = ca.SX.sym(name, rod.count), ca.SX.sym(f"{name}_rate", rod.count)
+        places.append(Signal(name, columns[0], unit, size, value=0.0))
+        rates.append(Signal(f"{name}_rate", columns[1], rate, speed, value=0.0))
+    return tuple(places), tuple(rates)
+
+
+def _parameters(rod: Rod, friction: float) -> dict[str, Signal]:
+    """Numbers that may change without a new Model."""
+    numbers = {
+        "youngs_modulus": (rod.youngs_modulus, "stress", TINY),
+        "density": (rod.density, "density", TINY),
+        "damping_time": (rod.damping_time, "time", 0.0),
+        "friction": (friction, "count", TINY),
+    }
+    return {
+        name: Signal(name, ca.SX.sym(name), unit, lower=lower, value=value)
+        for name, (value, unit, lower) in numbers.items()
+    }
 
 
 def _contacts(
@@ -159,7 +174,7 @@ def _contacts(
                     force=ca.SX.sym(f"rubbed[{name}]"),
                     law=Coulomb(held, held),
                     nominal_force=1e-2,
-                    nominal_speed=0.1,
+                    nominal_speed=_SPEED,
                     gap=room - side * y[i],
                     normal_force=pressed,
                 )

@@ -14,6 +14,7 @@ quadratures; G. R. Cowper, J. Appl. Mech. 33 (1966) 335 for the shear of round s
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -148,7 +149,7 @@ class Rod:
     @cached_property
     def weights(self) -> np.ndarray:
         """Lengths that the nodes stand for, shape (count,), in m; their sum is the length."""
-        share = _lobatto(self.degree)[1] / 2 * self.length / self.elements
+        share: Any = _lobatto(self.degree)[1] / 2 * self.length / self.elements
         found = np.zeros(self.count)
         for first in range(0, self.count - 1, self.degree):
             found[first : first + self.degree + 1] += share
@@ -178,13 +179,13 @@ class Rod:
         cosine, sine = ca.cos(turned), ca.sin(turned)
         return along * cosine + across * sine - 1, across * cosine - along * sine, slope @ angle
 
-    def energy(self, strains: tuple[Any, Any, Any], stiffness: Stiffness | None = None) -> Any:
+    def energy(self, strains: Iterable[Any], stiffness: Stiffness | None = None) -> Any:
         """Elastic energy of given strains; of their rates, the power lost per damping time.
 
         Parameters
         ----------
-        strains : tuple
-            As from `strains`.
+        strains : iterable
+            Stretch, shear and curvature, as from `strains`.
         stiffness : Stiffness, optional
             In place of the rod's own.
 
