@@ -211,4 +211,16 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.membrane",
         pictures=("membrane",),
     ),
+    "channel-worm": Kind(
+        summary="a magnetisable body in a channel: its velocity over the frequency of the coils",
+        table="wormopt.scenes.channel:ChannelWormScene",
+        study="wormopt.studies.channel_worm",
+        pictures=("channel_velocity",),
+    ),
+    "segment-shapes": Kind(
+        summary="a segment of that body between two coils: assumed shapes and the exact elastica",
+        table="wormopt.scenes.channel:SegmentShapesScene",
+        study="wormopt.studies.segment_shapes",
+        pictures=("segment_shapes",),
+    ),
 }

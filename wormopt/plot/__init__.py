@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from wormopt.plot import (
     averaging,
+    channel,
     coils,
     comparison,
     film,
@@ -136,6 +137,10 @@ PICTURES: dict[str, Picture] = {
     "steps": Picture(
         stepper.steps,
         ("time", "length", "commanded", "turn_rate", "turn_length", "position", "position_ideal"),
+    ),
+    "channel_velocity": Picture(channel.channel_velocity, ("frequency", "velocity")),
+    "segment_shapes": Picture(
+        channel.segment_shapes, ("share", "x", "y", "theta", "distance_max", "exact")
     ),
     "stress_strain": Picture(
         magnetics.stress_strain, ("strain", "stress_with_field", "stress_without_field")

@@ -1,0 +1,246 @@
+"""Scenes of kinds "channel-worm" and "segment-shapes": a magnetisable body in a channel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from wormopt.core.samples import SAMPLES, Sample
+from wormopt.errors import Fault
+from wormopt.scenes.types import (
+    Pair,
+    Positive,
+    SceneTable,
+    Table,
+    Title,
+    extreme_numbers,
+    wrong_order,
+)
+
+STEEPEST = 10.0
+Closings = Annotated[
+    tuple[Literal["point_contact", "sleeve"], ...],
+    Meta(min_length=1, max_length=2, description='a list of "point_contact" and "sleeve"'),
+]
+Points = Annotated[int, Meta(ge=11, le=10_001, description="a whole number from 11 to 10001")]
+Degree = Annotated[int, Meta(ge=16, le=512, description="a whole number from 16 to 512")]
+_SIZES = ("pitch", "channel", "body", "length")
+
+
+class ChannelBodyTable(Table, frozen=True, kw_only=True):
+    """A body, its channel and the coils beside it.
+
+    Parameters
+    ----------
+    sample : {"sample-1", "sample-2", "capsule"}, optional
+        A body of the chapter, from which keys that are left out are taken.
+    pitch : float, optional
+        Distance of neighbouring coils, in m.
+    channel, body : float, optional
+        Diameters, in m.
+    length : float, optional
+        Of the body, in m.
+    youngs_modulus : float, optional
+        Of the body, taken as solid and round, in Pa; without it forces are unknown.
+    count : {"nearest", "floor"}
+        How segments are counted.
+    """
+
+    sample: Literal["sample-1", "sample-2", "capsule"] | None = None
+    pitch: Positive | None = None
+    channel: Positive | None = None
+    body: Positive | None = None
+    length: Positive | None = None
+    youngs_modulus: Positive | None = None
+    count: Literal["nearest", "floor"] = "nearest"
+
+    @property
+    def of_chapter(self) -> Sample | None:
+        """The named body, where nothing but its modulus is changed."""
+        changed = any(getattr(self, name) is not None for name in _SIZES)
+        return None if self.sample is None or changed else SAMPLES[self.sample]
+
+    def size(self, name: str) -> float | None:
+        """A size or the modulus, of the named body where the scene does not give it.
+
+        Parameters
+        ----------
+        name : str
+            Key of this table.
+
+        Examples
+        --------
+        >>> ChannelBodyTable(sample="capsule", body=5e-3).size("channel")
+        0.01
+        """
+        given = getattr(self, name)
+        return getattr(SAMPLES[self.sample], name) if given is None and self.sample else given
+
+    def faults_of_body(self, key: str) -> Iterator[Fault]:
+        """Yield what is wrong between the keys of this table.
+
+        Parameters
+        ----------
+        key : str
+            Key path of the table.
+
+        Yields
+        ------
+        (str, str)
+            Key path and message.
+
+        Examples
+        --------
+        >>> table = ChannelBodyTable(sample="capsule", body=11e-3)
+        >>> [where for where, _ in table.faults_of_body("worm")]
+        ['worm.body']
+        """
+        sizes = [self.size(name) for name in _SIZES]
+        missing = [name for name, size in zip(_SIZES, sizes, strict=True) if size is None]
+        for name in missing:
+            yield f"{key}.{name}", 'missing; write it in m, or name a body: sample = "sample-1"'
+        if missing:
+            return
+        pitch, channel, body, length = (float(size or 0.0) for size in sizes)
+        if body >= channel:
+            yield (
+                f"{key}.body",
+                f"a body {body:g} m thick does not fit in a channel of {channel:g} m; "
+                f"write less than {channel:g}, or a wider {key}.channel",
+            )
+        elif channel - body >= STEEPEST * pitch:
+            yield (
+                f"{key}.pitch",
+                f"within {pitch:g} m the body would rise by {channel - body:g} m; write more than "
+                f"{(channel - body) / STEEPEST:g}",
+            )
+        if length < pitch:
+            yield (
+                f"{key}.length",
+                f"{length:g} m is less than the coil distance; write at least {pitch:g}",
+            )
+
+
+class MarkTable(Table, frozen=True, kw_only=True):
+    """A measured velocity.
+
+    Parameters
+    ----------
+    frequency : float
+        Coil switches per second.
+    velocity : float
+        Against the travel of the field, in m/s.
+    text : str
+        What the picture says of it.
+    """
+
+    frequency: Positive
+    velocity: Positive
+    text: Title
+
+
+class ChannelWormScene(SceneTable, frozen=True, kw_only=True):
+    """Velocity of a body in a channel over the frequency of its coils, by (32)-(36).
+
+    Parameters
+    ----------
+    schema : int
+        Version of the scene form, 1.
+    kind : {"channel-worm"}
+        The kind.
+    title : str
+        Title of pictures and reports.
+    units : {"SI"}
+        Numbers are in SI units.
+    want : tuple of str
+        Pictures to draw.
+    worm : ChannelBodyTable
+        The body.
+    frequency : tuple of float
+        Least and largest number of coil switches per second.
+    measured : tuple of MarkTable
+        Measured velocities, beside those of the named body.
+    valid_below : float, optional
+        Switches per second below which (32) is claimed to hold; of the named body if left out.
+    stops_above : float, optional
+        Switches per second above which the body was seen to stand; likewise.
+    """
+
+    kind: Literal["channel-worm"]
+    want: tuple[Literal["channel_velocity"], ...] = ()
+    worm: ChannelBodyTable
+    frequency: Pair = (5.0, 1000.0)
+    measured: tuple[MarkTable, ...] = ()
+    valid_below: Positive | None = None
+    stops_above: Positive | None = None
+
+    def faults(self, folder: Path) -> Iterator[Fault]:
+        """Check what no single key shows.
+
+        Parameters
+        ----------
+        folder : Path
+            Folder of the scene.
+        """
+        yield from super().faults(folder)
+        yield from extreme_numbers(self)
+        yield from _faults_of_units(self.units)
+        yield from self.worm.faults_of_body("worm")
+        yield from wrong_order("frequency", self.frequency, may_be_equal=False)
+
+
+class SegmentShapesScene(SceneTable, frozen=True, kw_only=True):
+    """Shapes of a segment between two coils: those of (33)-(35) and the elastica.
+
+    Parameters
+    ----------
+    schema : int
+        Version of the scene form, 1.
+    kind : {"segment-shapes"}
+        The kind.
+    title : str
+        Title of pictures and reports.
+    units : {"SI"}
+        Numbers are in SI units.
+    want : tuple of str
+        Pictures to draw.
+    worm : ChannelBodyTable
+        The body.
+    exact : tuple of str
+        Assumptions under which the elastica is solved.
+    degree : int
+        Largest degree of its polynomials.
+    points : int
+        Points of each centre line.
+    """
+
+    kind: Literal["segment-shapes"]
+    want: tuple[Literal["segment_shapes"], ...] = ()
+    worm: ChannelBodyTable
+    exact: Closings = ("point_contact", "sleeve")
+    degree: Degree = 256
+    points: Points = 201
+
+    def faults(self, folder: Path) -> Iterator[Fault]:
+        """Check what no single key shows.
+
+        Parameters
+        ----------
+        folder : Path
+            Folder of the scene.
+        """
+        yield from super().faults(folder)
+        yield from extreme_numbers(self)
+        yield from _faults_of_units(self.units)
+        yield from self.worm.faults_of_body("worm")
+        for word in sorted(set(self.exact)):
+            if self.exact.count(word) > 1:
+                yield "exact", f'"{word}" stands there twice; write it once'
+
+
+def _faults_of_units(units: str) -> Iterator[Fault]:
+    if units != "SI":
+        yield "units", 'bodies of the chapter are in m and Pa: write units = "SI"'
