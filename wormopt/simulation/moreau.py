@@ -17,16 +17,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from wormopt.core.model import Model, Schedule, pack
+from wormopt.core.model import Model, Schedule
 from wormopt.core.values import signal_values
 from wormopt.errors import ArgumentError, Interrupted, SolveError, interruptible
 from wormopt.progress import Report, silent
+from wormopt.simulation.impulses import Impulses
 from wormopt.simulation.native.build import CompilerError
 from wormopt.simulation.native.function import compiled
 
@@ -90,18 +91,10 @@ class Marcher:
     integrals: Sequence[str] = ()
     inputs: ca.Function | None = None
 
-    def __post_init__(self) -> None:
-        x, ode = pack(self.model.x), self.model.ode
-        half = self.n_q
-        if x.numel() != 2 * half or not ca.is_equal(ca.densify(ode[:half]), x[half:]):
-            raise ArgumentError(f"{self.model.name}: states must be places, then their rates")
-        if any(c.gap is None or c.normal_force is None for c in self.model.contacts):
-            raise ArgumentError(f"{self.model.name}: all contacts must have gaps, normal forces")
+    _impulses: Impulses = field(init=False, repr=False)
 
-    @property
-    def n_q(self) -> int:
-        """Number of places."""
-        return self.model.n_x // 2
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_impulses", Impulses(self.model, self.integrals))
 
     def march(
         self,
@@ -137,19 +130,22 @@ class Marcher:
         Raises
         ------
         ArgumentError
-            If contacts act on one another.
+            If contacts act on one another, or there is no step to take: nothing resists, and none
+            is given.
         SolveError
             If the motion is no longer a number; ``partial`` holds it up to there.
         Interrupted
             If the user stopped it; likewise.
         """
         numbers = signal_values(tuple(self.model.p), p, "parameter")
-        self._check_contacts(x0, numbers)
+        self._impulses.check(x0, numbers)
         longest = _SAFE * self.stable_step(x0, numbers) if step is None else step
+        if not (0 < longest < math.inf and 0 < end < math.inf):
+            raise ArgumentError(f"steps of {longest:g} do not lead to t = {end:g}; name a step")
         times = _looks(schedule, end, longest)
         sizes = np.diff(times) / _STRIDE
         scheduled = self._scheduled(schedule, times)
-        columns = [np.append(x0, np.zeros(self._n_gathered))[:, None]]
+        columns = [np.append(x0, np.zeros(self._impulses.n_gathered))[:, None]]
         last = len(sizes)
         for first in range(0, last, _SPAN):
             report("stepping", first / last)
@@ -183,8 +179,8 @@ class Marcher:
         float
             Infinite where nothing resists.
         """
-        half = self.n_q
-        J = np.array(self._linear(x0, numbers))[half:]
+        half = self._impulses.n_q
+        J = np.array(self._impulses.linear(x0, numbers))[half:]
         stiffness = np.abs(np.linalg.eigvals(J[:, :half])).max(initial=0.0)
         damping = np.abs(np.linalg.eigvals(J[:, half:])).max(initial=0.0)
         if not stiffness and not damping:
@@ -222,138 +218,36 @@ class Marcher:
             n_steps=(count - 1) * _STRIDE,
         )
 
-    @property
-    def _n_gathered(self) -> int:
-        return 2 + len(self.integrals) + 2 * len(self.model.contacts)
-
     @cached_property
     def _stride(self) -> ca.Function:
         """A few steps: state with what is gathered, scheduled values, parameters, step size."""
-        sizes = [self.model.n_x + self._n_gathered, self._n_scheduled, self._n_p, 1]
-        given = [ca.MX.sym(name, size) for name, size in zip("xcph", sizes, strict=True)]
-        x, c, p, h = given
-        half, n_x = self.n_q, self.model.n_x
-        q, v, gathered = x[:half], x[half:n_x], x[n_x:]
-        middle = q + h / 2 * v
-        u = ca.DM.zeros(self._n_u) if self.inputs is None else self.inputs(middle, c)
-        after, more = self._kick(middle, v, u, p, h)
-        one = ca.Function(
-            "step", given, [ca.vertcat(middle + h / 2 * after, after, gathered + more)]
-        )
-        several = one.fold(_STRIDE)
-        rest = [ca.repmat(part, 1, _STRIDE) for part in (c, p, h)]
-        function = ca.Function("stride", given, [several(x, *rest)])
+        step = self._step
+        given = [ca.MX.sym(step.name_in(i), step.size1_in(i)) for i in range(step.n_in())]
+        rest = [ca.repmat(part, 1, _STRIDE) for part in given[1:]]
+        function = ca.Function("stride", given, [step.fold(_STRIDE)(given[0], *rest)])
         try:
             return compiled(function)
         except CompilerError:
             return function
 
-    @cached_property
-    def _kick(self) -> ca.Function:
-        """Rates after a step by the forces at its middle, and what is gathered over it."""
-        q, v, u, p, h = symbols = self._symbols
-        half, contacts = self.n_q, self.model.contacts
-        push = self._pushes[half:, :]
-        free = v + h * self._free[half:]
-        n_c = len(contacts)
-        moved = ca.substitute(self._contact_rates, v, free)
-        response = self._response
-        normal = ca.fmax(0, -moved[:n_c] / ca.diag(response)[:n_c])
-        gaps = ca.vertcat(ca.SX(0, 1), *(contact.gap for contact in contacts))
-        normal = ca.if_else(gaps <= 0, normal, 0)
-        hold = -moved[n_c:] / ca.diag(response)[n_c:]
-        rubbed = [
-            _rub(contact, normal[i], hold[i], moved[n_c + i], h)
-            for i, contact in enumerate(contacts)
+    @property
+    def _step(self) -> ca.Function:
+        impulses, n_x = self._impulses, self.model.n_x
+        half, u, p = impulses.n_q, *impulses.symbols[2:4]
+        sizes = [n_x + impulses.n_gathered, self._n_scheduled, p.numel(), 1]
+        x, c, p, h = given = [
+            ca.MX.sym(name, size) for name, size in zip("xcph", sizes, strict=True)
         ]
-        impulses = ca.vertcat(normal, *rubbed)
-        after = free + push @ impulses
-        mean = (v + after) / 2
-        rates = ca.substitute(self._contact_rates, v, mean)
-        outputs = [self.model.output(name) for name in self.integrals]
-        powers = ca.substitute(self._without_contacts(ca.vertcat(ca.SX(0, 1), *outputs)), v, mean)
-        work = [ca.dot(rates[part], impulses[part]) for part in (slice(n_c), slice(n_c, None))]
-        gathered = ca.densify(ca.vertcat(*work, h * powers, impulses))
-        return ca.Function("kick", list(symbols), [ca.densify(after), gathered], {"cse": True})
-
-    @cached_property
-    def _symbols(self) -> tuple[ca.SX, ...]:
-        """Places, rates, inputs, parameters, step size."""
-        model, x = self.model, pack(self.model.x)
-        h = ca.SX.sym("h")
-        return x[: self.n_q], x[self.n_q :], pack(model.u), pack(model.p), h
-
-    @cached_property
-    def _impulse_symbols(self) -> ca.SX:
-        pressed = [c.normal_force for c in self.model.contacts]
-        return ca.vertcat(ca.SX(0, 1), *pressed, *(c.force for c in self.model.contacts))
-
-    def _without_contacts(self, expression: ca.SX) -> ca.SX:
-        forces = self._impulse_symbols
-        return ca.substitute(expression, forces, ca.SX.zeros(forces.numel()))
-
-    @cached_property
-    def _free(self) -> ca.SX:
-        return self._without_contacts(self.model.ode)
-
-    @cached_property
-    def _pushes(self) -> ca.SX:
-        """d(ode) / d(normal and tangential forces)."""
-        return ca.jacobian(self.model.ode, self._impulse_symbols)
-
-    @cached_property
-    def _contact_rates(self) -> ca.SX:
-        """Rates of the gaps, then velocities along the walls."""
-        q, v = self._symbols[:2]
-        gaps = ca.vertcat(ca.SX(0, 1), *(contact.gap for contact in self.model.contacts))
-        return ca.vertcat(ca.jtimes(gaps, q, v), self.model.contact_velocities)
-
-    @cached_property
-    def _response(self) -> ca.SX:
-        """Rates of all contacts by unit impulses of all contacts."""
-        return ca.jacobian(self._contact_rates, self._symbols[1]) @ self._pushes[self.n_q :, :]
+        q, v, gathered = x[:half], x[half:n_x], x[n_x:]
+        middle = q + h / 2 * v
+        u = ca.DM.zeros(u.numel()) if self.inputs is None else self.inputs(middle, c)
+        after, more = impulses.kick(middle, v, u, p, h)
+        found = ca.vertcat(middle + h / 2 * after, after, gathered + more)
+        return ca.Function("step", given, [found], [*"xcph"], ["found"])
 
     @property
     def _n_scheduled(self) -> int:
         return 0 if self.inputs is None else int(self.inputs.size1_in(1))
-
-    @property
-    def _n_u(self) -> int:
-        return int(self._symbols[2].numel())
-
-    @property
-    def _n_p(self) -> int:
-        return int(self._symbols[3].numel())
-
-    @cached_property
-    def _linear(self) -> ca.Function:
-        """Jacobian of the ode without contacts and inputs, of state and parameters."""
-        x, (_, _, u, p, _) = pack(self.model.x), self._symbols
-        J = ca.substitute(ca.jacobian(self._free, x), u, ca.SX.zeros(u.numel()))
-        return ca.Function("linear", [x, p], [ca.densify(J)])
-
-    def _check_contacts(self, x0: np.ndarray, numbers: np.ndarray) -> None:
-        """Refuse contacts that act on one another and may be closed at the same time."""
-        contacts = self.model.contacts
-        n_c, x = len(contacts), pack(self.model.x)
-        if not n_c:
-            return
-        gaps = ca.vertcat(*(contact.gap for contact in contacts))
-        probe = ca.Function(
-            "probe", [x, self._symbols[3]], [self._response, gaps, ca.jacobian(gaps, x)]
-        )
-        response, gap, slope = (np.array(part) for part in probe(x0, numbers))
-        size = np.sqrt(np.diag(response))
-        apart = np.abs(response) > 1e-12 * size[:, None] * size[None, :]
-        np.fill_diagonal(apart, val=False)
-        for i, j in np.argwhere(apart):
-            a, b = i % n_c, j % n_c
-            opposite = a != b and not np.any(slope[a] + slope[b]) and gap[a, 0] + gap[b, 0] > 0
-            if not opposite:
-                raise ArgumentError(
-                    f"contacts {contacts[a].name} and {contacts[b].name} act on one another; "
-                    "lump the masses"
-                )
 
 
 def _looks(schedule: Schedule | None, end: float, longest: float) -> np.ndarray:
@@ -368,13 +262,3 @@ def _looks(schedule: Schedule | None, end: float, longest: float) -> np.ndarray:
         for a, b, k in zip(breaks[:-1], breaks[1:], counts, strict=True)
     ]
     return np.append(np.concatenate(parts), end)
-
-
-def _rub(contact, normal: ca.SX, hold: ca.SX, velocity: ca.SX, h: ca.SX) -> ca.SX:  # noqa: ANN001
-    """Impulse of friction: what holds the contact if the law can, else what it slides with."""
-    pressed, law = contact.normal_force, contact.law
-    least, most = law.stick_interval
-    ahead, behind = law.slip_force(velocity, 1), law.slip_force(velocity, -1)
-    slides = ca.vertcat(*(h * ca.SX(part) for part in (least, most, ahead, behind)))
-    low, high, ahead, behind = ca.vertsplit(ca.substitute(slides, pressed, normal / h))
-    return ca.if_else(hold < low, ahead, ca.if_else(hold > high, behind, hold))

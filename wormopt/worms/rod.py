@@ -149,7 +149,7 @@ class Rod:
     @cached_property
     def weights(self) -> np.ndarray:
         """Lengths that the nodes stand for, shape (count,), in m; their sum is the length."""
-        share: Any = _lobatto(self.degree)[1] / 2 * self.length / self.elements
+        share = np.multiply(_lobatto(self.degree)[1], self.length / (2 * self.elements))
         found = np.zeros(self.count)
         for first in range(0, self.count - 1, self.degree):
             found[first : first + self.degree + 1] += share
