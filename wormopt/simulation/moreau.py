@@ -148,9 +148,9 @@ class Marcher:
         columns = [np.append(x0, np.zeros(self._impulses.n_gathered))[:, None]]
         last = len(sizes)
         for first in range(0, last, _SPAN):
-            report("stepping", first / last)
             part = slice(first, min(first + _SPAN, last))
             try:
+                report("stepping", first / last)
                 with interruptible():
                     found = self._advance(
                         columns[-1][:, -1], scheduled[:, part], numbers, sizes[part]
