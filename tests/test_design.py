@@ -23,7 +23,8 @@ from wormopt.gaits.sequences import sequences
 from wormopt.gaits.verify import violations
 from wormopt.optimal.collocation import Collocation
 from wormopt.progress import silent
-from wormopt.scenes.gait_design import GaitLimits, Objective, RateLimits, Search
+from wormopt.scenes.gait_design import GaitLimits, Objective, RateLimits
+from wormopt.scenes.gait_search import Search
 from wormopt.scenes.worm import WormTable
 from wormopt.simulation.bimodal import integrate
 from wormopt.worms.crawl import crawl

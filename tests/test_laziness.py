@@ -41,8 +41,10 @@ def modules_after(code: str, folder: Path) -> set[str]:
         "from wormopt.cli import main; assert main(['check', 'film_field', 'fig27_float']) == 0",
         "from wormopt.cli import main; assert main(['check', 'three_masses_harmonic']) == 0",
         "from wormopt.cli import main; assert main(['check', 'film_forward']) == 0",
+        "from wormopt.cli import main; assert main(['check', 'prototype_steps']) == 0",
         "from wormopt.cli import main; assert main(['check', 'film_wave_design']) == 0",
         "from wormopt.cli import main; assert main(['check', 'coil_row_inverse']) == 0",
+        "from wormopt.cli import main; assert main(['check', 'fig20_capsule']) == 0",
     ],
 )
 def test_reading_and_checking_load_no_numerics(code: str, tmp_path: Path):
@@ -110,6 +112,11 @@ def test_a_compiled_simulation_loads_no_integrator_of_scipy(tmp_path: Path, name
     assert not loaded & unwanted
     assert not loaded & {f"wormopt.simulation.{name}" for name in ("automaton", "ensemble")}
     assert not any(name.startswith("wormopt.optimal") for name in loaded)
+
+
+def test_step_commands_load_no_casadi(tmp_path: Path):
+    loaded = loaded_by_a_run(["run", "prototype_steps", "--json", "--no-plots"], tmp_path)
+    assert not loaded & {"casadi", "matplotlib"}
 
 
 def test_a_run_without_plots_loads_no_matplotlib(tmp_path: Path):

@@ -262,6 +262,54 @@ def skinned() -> Result:
     return Result("skin", "membrane", scalars=scalars, variables=variables)
 
 
+def squeezed(measured: bool = True) -> Result:
+    """Two shapes of a segment in a channel, and what (32) makes of them."""
+    share, frequency = np.linspace(0.0, 1.0, 41), np.linspace(5.0, 1000.0, 11)
+    y = 2e-3 + 6e-3 * np.array([share, share**2 * (3 - 2 * share)])
+    rows = {
+        "share": (("share",), share),
+        "x": (("shape", "share"), 1e-2 * np.array([share, share])),
+        "y": (("shape", "share"), y),
+        "theta": (("shape", "share"), np.array([0.5 + 0 * share, 3.6 * share * (1 - share)])),
+        "distance_max": (("shape", "other"), 6e-4 * (1 - np.eye(2))),
+        "exact": (("shape",), np.array([0, 1])),
+        "frequency": (("frequency",), frequency),
+        "velocity": (("shape", "frequency"), np.outer([1e-3, 1.2e-3], frequency)),
+    }
+    variables = tuple(Variable(name, "1", dims, values) for name, (dims, values) in rows.items())
+    scalars = {"shapes": Scalar(["line", "point_contact"]), "exact_shapes": Scalar(["sleeve"])}
+    scalars |= {"velocity_per_frequency": Scalar([1e-3, 1.2e-3], "m")}
+    scalars |= {"arc_length": Scalar([11.7e-3, 12e-3], "m"), "channel": Scalar(10e-3, "m")}
+    scalars |= {"body": Scalar(4e-3, "m"), "closest_shape": Scalar(["line"])}
+    scalars |= {"closest_distance": Scalar([6e-4], "m")}
+    scalars |= {f"measured{end}": Scalar([value] if measured else []) for end, value in
+                (("", "seen"), ("_frequency", 50.0), ("_velocity", 0.0556))}  # fmt: skip
+    limits = (50.0, 700.0) if measured else (None, None)
+    scalars |= dict(zip(("valid_below", "stops_above"), map(Scalar, limits), strict=True))
+    return Result("squeeze", "segment-shapes", scalars=scalars, variables=variables)
+
+
+def stepped() -> Result:
+    """One link that goes out and back in steps of 10 micrometres."""
+    time, turn = np.linspace(0.0, 2.0, 41), np.linspace(0.9, 1.1, 21)
+    length, close = (0.1 - 1e-3 * np.cos(np.pi * t) for t in (time, turn))
+    rows = {
+        "length": (("link", "time"), length[None], "m"),
+        "commanded": (("link", "time"), np.round(length, 5)[None], "m"),
+        "turn_rate": (("link", "time"), 3 * np.sin(np.pi * time)[None], "s-1"),
+        "position": (("mass", "time"), np.vstack([0 * time, -length]), "m"),
+        "position_ideal": (("mass", "time"), np.vstack([0 * time + 1e-4, 1e-4 - length]), "m"),
+        "time": (("time",), time, "s"),
+        "turn_time": (("turn_time",), turn, "s"),
+        "turn_length": (("turn_time",), close, "m"),
+        "turn_commanded": (("turn_time",), np.round(close, 5), "m"),
+        "turn_link": (("turn",), np.array([1]), "1"),
+    }
+    variables = tuple(Variable(name, unit, dims, v) for name, (dims, v, unit) in rows.items())
+    scalars = {"turn_rate_limit": Scalar(4.0, "s-1"), "speed": Scalar(0.01, "m s-1")}
+    return Result("rods", "gait", scalars=scalars, variables=variables)
+
+
 def swinging(found: bool = True) -> Result:
     """Two masses that swing against each other; without the exact motion if it was not found."""
     share, time = np.linspace(0.0, 1.0, 61), np.linspace(0.0, 5.0, 41)
@@ -408,7 +456,8 @@ def sample(picture: str) -> Result:
     made |= {"comparison": compared, "draws": compared, "convergence": relaxed}
     made |= {"waveform": driven, "stress_strain": stretched}
     made |= {"velocity": pulled, "resonance": resonant}
-    made |= {"coil_pressure": pooled, "membrane": skinned}
+    made |= {"coil_pressure": pooled, "membrane": skinned, "steps": stepped}
+    made |= {"channel_velocity": squeezed, "segment_shapes": squeezed}
     made |= {"travelling_field": switched, "row_currents": switched}
     made |= {"reversals": swinging, "film": pumped, "ride": carried}
     made |= {"forward": moved, "basins": moved, "film_wave": designed}
@@ -461,6 +510,32 @@ def test_reversals_are_drawn_without_an_exact_motion_too():
     assert legend
     labels = [text.get_text() for text in legend.get_texts()]
     assert labels == ["exact", "averaged, order 1", "steady, not stable", "steady"]
+
+
+def test_velocities_in_a_channel_show_what_was_measured_where_it_was():
+    told, bare = (
+        figure(squeezed(measured), "channel_velocity").axes[0] for measured in (True, False)
+    )
+    labels = told.get_legend_handles_labels()[1]
+    assert labels[:3] == [
+        "line: 1.000 mm a switch", "point_contact: 1.200 mm a switch", "seen: 55.6 mm/s"
+    ]  # fmt: skip
+    assert labels[3:] == [r"(32) not claimed: $n \geq$ 50", "stands still above 700, from the text"]
+    (mark,) = (line for line in told.get_lines() if line.get_marker() == "o")
+    assert np.ravel(mark.get_xydata()) == pytest.approx([50.0, 55.6])
+    (shade,) = told.patches
+    assert shade.get_window_extent().x0 == pytest.approx(told.transData.transform((50, 1))[0])
+    assert len(bare.get_legend_handles_labels()[1]) == 2
+
+
+def test_a_body_in_a_channel_is_drawn_as_thick_as_it_is():
+    above, below = figure(squeezed(), "segment_shapes").axes
+    outline = next(p for p in above.patches if p.get_label() == "body, point contact")
+    corners = np.asarray(outline.get_path().vertices)
+    assert corners[:, 1].min() == pytest.approx(0, abs=1e-12)
+    assert corners[:, 1].max() == pytest.approx(10)
+    assert [line.get_linestyle() for line in above.get_lines()] == ["--", "-"]
+    assert len(below.get_lines()) == 1
 
 
 def test_a_branch_is_dashed_where_it_is_not_stable_and_its_fold_marked():

@@ -25,6 +25,7 @@ from wormopt.scenes.coil_row import CoilRowScene
 from wormopt.scenes.film_wave import FilmWaveScene
 from wormopt.scenes.pair_waveform import PairWaveformScene
 from wormopt.scenes.simulate import SimulateScene
+from wormopt.scenes.stepper import StepperScene
 from wormopt.scenes.track import TrackScene
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
@@ -289,6 +290,7 @@ def test_units_of_si_scenes(tmp_path: Path):
             "film-flow",
             "film-wave",
             "float",
+            "stepper",
         )
     ],
 )
@@ -325,7 +327,7 @@ def test_the_page_on_simulation_runs(capsys: pytest.CaptureFixture[str]):
 def test_every_key_of_the_scenes_is_documented():
     text = (DOCS / "scenes.md").read_text(encoding="utf-8")
     tables = [TrackScene, SimulateScene, PairWaveformScene, CoilRowScene, CoilInverseScene]
-    tables.append(FilmWaveScene)
+    tables += [FilmWaveScene, StepperScene]
     seen = set()
     while tables:
         table = tables.pop()

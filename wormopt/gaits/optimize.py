@@ -22,7 +22,7 @@ from wormopt.optimal.mesh import Arcs, Mesh
 from wormopt.optimal.nlp import Ipopt, Solution
 from wormopt.optimal.transcription import Transcription
 from wormopt.progress import Report
-from wormopt.scenes.gait_design import Search
+from wormopt.scenes.gait_search import Search
 
 __all__ = ["Design", "design", "gait_of_arcs"]
 

@@ -15,7 +15,7 @@ from wormopt.optimal.collocation import Collocation
 from wormopt.optimal.mesh import Mesh, on_finer_mesh
 from wormopt.optimal.nlp import Bounds, Ipopt, Solution
 from wormopt.optimal.transcription import Transcription
-from wormopt.scenes.gait_design import Search
+from wormopt.scenes.gait_search import Search
 
 __all__ = ["Solved", "as_found", "polish", "refine"]
 

@@ -19,7 +19,7 @@ from wormopt.gaits.construct import block_wave_sequence
 from wormopt.gaits.problem import loads_matter, rate_bounds
 from wormopt.gaits.sequences import Resting, Sequence_, canonical, neighbours, sequences
 from wormopt.progress import Report
-from wormopt.scenes.gait_design import Search
+from wormopt.scenes.gait_search import Search
 
 __all__ = ["Effort", "Survey", "constructed_sequences", "effort_of", "search", "workers_of"]
 

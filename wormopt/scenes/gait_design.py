@@ -7,8 +7,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from msgspec import Meta, field
+from msgspec.structs import replace
 
 from wormopt.errors import Fault
+from wormopt.scenes.gait_search import Search
+from wormopt.scenes.motor import MotorTable
 from wormopt.scenes.shapes import too_many_resting
 from wormopt.scenes.types import (
     NonNegative,
@@ -18,7 +21,6 @@ from wormopt.scenes.types import (
     Positive,
     PositiveOrPair,
     SceneTable,
-    Seed,
     Sharing,
     Table,
     per,
@@ -130,19 +132,51 @@ class GaitLimits(Table, frozen=True, kw_only=True):
             return per(self.rate.contraction, links), per(self.rate.extension, links)
         return per(self.rate, links), per(self.rate, links)
 
-    def faults(self, links: int) -> Iterator[Fault]:
+    def within(self, motor: MotorTable, links: int) -> GaitLimits:
+        """Limits that a motor on every link keeps to as well.
+
+        Parameters
+        ----------
+        motor : MotorTable
+            The motor.
+        links : int
+            Number of links.
+
+        Examples
+        --------
+        >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0)
+        >>> both = limits.within(MotorTable(lead=0.1, rate_max=8, acceleration_max=50), 2)
+        >>> both.rate_limits(2), both.acceleration
+        (((0.8, 0.8), (0.8, 0.8)), (5.0, 5.0))
+        """
+        rate, acceleration = motor.length_rate, motor.length_acceleration
+        contraction, extension = self.rate_limits(links) or ((rate,) * links,) * 2
+        return replace(
+            self,
+            rate=RateLimits(
+                contraction=tuple(min(rate, limit) for limit in contraction),
+                extension=tuple(min(rate, limit) for limit in extension),
+            ),
+            acceleration=tuple(
+                min(acceleration, limit) for limit in per(self.acceleration or acceleration, links)
+            ),
+        )
+
+    def faults(self, links: int, motor: bool = False) -> Iterator[Fault]:
         """Yield what is wrong between the keys, or does not fit a worm of so many links.
 
         Parameters
         ----------
         links : int
             Number of links.
+        motor : bool, optional
+            Whether motors limit rates and accelerations too.
         """
         yield from wrong_order("gait.period", self.period_range, may_be_equal=True)
         yield from too_many_resting(self.resting, links)
         yield from self._faults_of_length(links)
         yield from self._faults_of_lists(links)
-        yield from self._faults_of_jumps()
+        yield from self._faults_of_jumps(motor)
 
     def _faults_of_length(self, links: int) -> Iterator[Fault]:
         pairs, numbers = self._pairs(), self._numbers()
@@ -167,7 +201,11 @@ class GaitLimits(Table, frozen=True, kw_only=True):
         yield from wrong_count("gait.spike_load", self.spike_load, links + 1, "masses")
         yield from wrong_count("gait.actuator_force", self.actuator_force, links, "links")
 
-    def _faults_of_jumps(self) -> Iterator[Fault]:
+    def _faults_of_jumps(self, motor: bool) -> Iterator[Fault]:
+        if motor and self.impulses:
+            yield "gait.impulses", "motor.acceleration_max forbids jumps; leave gait.impulses out"
+        if motor:
+            return
         if self.rate is None and self.acceleration is None:
             yield "gait", "links of unlimited rate and acceleration; give gait.rate or both"
         if self.acceleration is None and not self.impulses:
@@ -223,70 +261,6 @@ class Objective(Table, frozen=True, kw_only=True):
 _SPEED = "the speed to keep, a finite number above 0"
 
 
-class Search(Table, frozen=True, kw_only=True):
-    """How the order in which masses rest is sought.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of random starts.
-    effort : {"quick", "normal", "thorough"}
-        How much is searched.
-    phases : int, optional
-        A period has at most so many phases, 2 to 12.
-    sequence : tuple of tuple of int, optional
-        The resting masses of each phase in turn; nothing else is tried then.
-    workers : int, optional
-        Number of processes; as many as there are processors if left out.
-    """
-
-    seed: Seed = 0
-    effort: Literal["quick", "normal", "thorough"] = "normal"
-    phases: Annotated[int, Meta(ge=2, le=12, description="a whole number from 2 to 12")] | None = (
-        None
-    )
-    sequence: (
-        Annotated[
-            tuple[tuple[Annotated[int, Meta(ge=0, le=8)], ...], ...],
-            Meta(description="a list of lists of mass indices, [[0], [2], [1]] say"),
-        ]
-        | None
-    ) = None
-    workers: (
-        Annotated[int, Meta(ge=1, le=1024, description="a whole number from 1 to 1024")] | None
-    ) = None
-
-    def faults(self, links: int, resting: int) -> Iterator[Fault]:
-        """Yield what is wrong with the designer's own sequence.
-
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        resting : int
-            At least so many masses rest at any time.
-        """
-        if self.sequence is None:
-            return
-        count = len(self.sequence)
-        if count < 2:
-            yield "search.sequence", "fewer than two phases; write at least two"
-        if self.phases is not None and count > self.phases:
-            yield "search.sequence", f"{count} phases, but search.phases allows {self.phases}"
-        for index, masses in enumerate(self.sequence):
-            key = f"search.sequence[{index}]"
-            if len(set(masses)) != len(masses):
-                yield key, "names a mass twice; name it once"
-            if any(mass > links for mass in masses):
-                yield key, f"names a mass there is not; write indices 0 to {links}"
-            if len(set(masses)) < resting:
-                yield key, f"fewer resting masses than gait.resting = {resting}; name more"
-            if count > 1 and set(masses) == set(self.sequence[index - 1]):
-                yield key, "the same masses rest as in the phase before (round the period)"
-        for mass in sorted(set.intersection(*map(set, self.sequence)) if self.sequence else ()):
-            yield "search.sequence", f"mass {mass} rests in every phase; let it move in one"
-
-
 class DesignTable(SceneTable, frozen=True, kw_only=True):
     """What all scenes that design gaits share.
 
@@ -308,11 +282,19 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
         The limits.
     search : Search
         How to search.
+    motor : MotorTable, optional
+        Motors that set the links' lengths, whose limits hold too.
     """
 
     worm: WormTable
     gait: GaitLimits
     search: Search = field(default_factory=Search)
+    motor: MotorTable | None = None
+
+    @property
+    def limits(self) -> GaitLimits:
+        """The limits, those of the motors among them."""
+        return self.gait if self.motor is None else self.gait.within(self.motor, self.worm.links)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows.
@@ -324,7 +306,9 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
         """
         yield from super().faults(folder)
         yield from self.worm.faults()
-        yield from self.gait.faults(self.worm.links)
+        yield from self.gait.faults(self.worm.links, self.motor is not None)
+        if self.motor is not None:
+            yield from self.motor.faults()
         yield from self.search.faults(self.worm.links, self.gait.resting)
 
     def faults_of_cost(self, key: str, cost: Cost | None) -> Iterator[Fault]:
@@ -366,6 +350,8 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         The limits.
     search : Search
         How to search.
+    motor : MotorTable, optional
+        Motors that set the links' lengths.
     objective : Objective
         What to seek.
     """

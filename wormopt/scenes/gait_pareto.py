@@ -49,6 +49,8 @@ class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
         The limits.
     search : Search
         How to search.
+    motor : MotorTable, optional
+        Motors that set the links' lengths.
     pareto : ParetoTable
         The front.
     """

@@ -17,7 +17,8 @@ from wormopt.gaits.optimize import design
 from wormopt.progress import Report, silent
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.compare_tracking import CompareScene, DesignedShape
-from wormopt.scenes.gait_design import GaitLimits, Objective, Search
+from wormopt.scenes.gait_design import GaitLimits, Objective
+from wormopt.scenes.gait_search import Search
 from wormopt.scenes.scene import Scene
 from wormopt.scenes.worm import WormTable
 from wormopt.simulation.ensemble import Member, simulate_ensemble

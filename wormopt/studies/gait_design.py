@@ -23,6 +23,7 @@ from wormopt.studies.motion import (
     motion_variables,
     recheck,
 )
+from wormopt.studies.motor_limits import motor_faults, motor_scalars, motor_trust, say_whose
 from wormopt.worms.crawl import Crawl, crawl
 
 __all__ = ["cost_scalar", "design_result", "objective_value", "run"]
@@ -55,9 +56,10 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
     """
     table = scene.table
     try:
-        found = design(Task(table.worm, table.gait, table.objective), table.search, report)
+        found = design(Task(table.worm, table.limits, table.objective), table.search, report)
     except SolveError as error:
-        raise SolveError(error.reason, error.suggestion, _nothing(scene, str(error))) from None
+        told = say_whose(error, table)
+        raise SolveError(told.reason, told.suggestion, _nothing(scene, str(told))) from None
     result = design_result(scene, found, table.objective)
     if found.interrupted:
         reason = "interrupted: the best gait so far, not polished"
@@ -95,7 +97,7 @@ def design_result(
         the two routes differ in speed by more than that.
     """
     table: DesignTable = scene.table
-    worm, limits = table.worm, table.gait
+    worm, limits = table.worm, table.limits
     clock = time.perf_counter()
     motion = crawl(found.gait, worm.masses, worm.drag, worm.load, limits.sharing)
     again = recheck(motion, worm)
@@ -103,6 +105,7 @@ def design_result(
     if objective.speed is not None:
         excess["objective.speed"] = 1.0 - motion.speed / objective.speed
     scalars = motion_scalars(motion, table.units) | _design_scalars(table, found, motion, objective)
+    scalars |= motor_scalars(table, found.gait)
     if cost is not None:
         value, quantity = objective_value(motion, cost)
         scalars[cost_scalar(cost)] = Scalar(value, unit_of(quantity, table.units))
@@ -110,7 +113,9 @@ def design_result(
     scalars["worst_violation"] = Scalar(max(0.0, *excess.values()))
     scalars["recheck_speed_error"] = Scalar(error, unit_of("speed", table.units))
     trust = dict(motion_trust(motion, worm, again)) | _design_trust(found, excess, limits)
+    trust |= motor_trust(table)
     faults = [*_faults(excess, motion, found.ceiling), *disagreements(motion, again)]
+    faults += motor_faults(table, found.gait)
     return Result(
         scene=scene.name,
         kind=table.kind,
@@ -186,7 +191,7 @@ def objective_value(motion: Crawl, minimise: Cost | None) -> tuple[float, str]:
 def _design_scalars(
     table: DesignTable, found: Design, motion: Crawl, objective: Objective
 ) -> dict[str, Scalar]:
-    units, limits, links = table.units, table.gait, table.worm.links
+    units, limits, links = table.units, table.limits, table.worm.links
     value, quantity = objective_value(motion, objective.minimise)
     unit = unit_of(quantity, units)
     scalars = {

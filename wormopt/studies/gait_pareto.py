@@ -123,7 +123,7 @@ def _point(
     settings = table.search
     if speed is not None and settings.effort == "normal":
         settings = msgspec.structs.replace(settings, effort="quick")
-    found = design(Task(table.worm, table.gait, goal), settings, on, hints)
+    found = design(Task(table.worm, table.limits, goal), settings, on, hints)
     if found.interrupted:
         raise KeyboardInterrupt
     result = design_result(scene, found, goal, against)

@@ -141,17 +141,30 @@ def _ramped(steps: Steps, settle_time: float) -> tuple[np.ndarray, np.ndarray]:
     rows = []
     for j in range(steps.links):
         own = steps.motor == j
+        if not own.any():
+            rows.append(np.zeros(len(corners)))
+            continue
         # what began in the period before is done to some part at 0, and the rest follows
-        knots = np.concatenate([begin[own], end[own], begin[own] - period, end[own] - period])
-        slopes = np.concatenate([sign[own], -sign[own], sign[own], -sign[own]]) / settle_time
-        order = np.argsort(knots, kind="stable")
-        knots, slopes = knots[order], slopes[order]
-        rate = np.cumsum(slopes)
-        level = np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(knots))])
-        at = np.searchsorted(knots, corners, side="right") - 1
-        value = np.where(at >= 0, level[at] + rate[at] * (corners - knots[at]), 0.0)
-        rows.append(value if own.any() else np.zeros(len(corners)))
+        first = np.concatenate([begin[own] - period, begin[own]])
+        rows.append(_ramps(first, np.tile(sign[own], 2), settle_time, corners))
     return corners, np.array(rows)
+
+
+def _ramps(begin: np.ndarray, sign: np.ndarray, settle_time: float, t: np.ndarray) -> np.ndarray:
+    """Sum of ramps of height +1 or -1 at times t, none of them before the first begins."""
+    knots = np.concatenate([begin, begin + settle_time])
+    slopes = np.concatenate([sign, -sign]) / settle_time
+    order = np.argsort(knots, kind="stable")
+    knots, rate = knots[order], np.cumsum(slopes[order])
+    level = np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(knots))])
+    # between steps the motor is at a whole count: rounding of one ramp is not handed on
+    active = np.cumsum(np.concatenate([np.ones(len(begin)), -np.ones(len(begin))])[order])
+    idle = active == 0
+    last = np.maximum.accumulate(np.where(idle, np.arange(len(idle)), 0))
+    level = level + np.where(idle, np.rint(level) - level, 0.0)[last]
+    rate = np.where(idle, 0.0, rate)
+    at = np.searchsorted(knots, t, side="right") - 1
+    return np.where(at >= 0, level[at] + rate[at] * (t - knots[at]), 0.0)
 
 
 def _period_map(spans: np.ndarray, slip: float) -> np.ndarray:

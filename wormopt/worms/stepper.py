@@ -36,7 +36,7 @@ class Stepper:
     rate_max : float, optional
         Largest rate, turns/s.
     acceleration_max : float, optional
-        Largest change of the rate, turns/s².
+        Largest change of the rate, turns/s²; where it is infinite, rates may jump.
     start_rate : float, optional
         Up to this rate, turns/s, the motor starts, stops and reverses at once.
     hysteresis : float, optional
@@ -281,7 +281,9 @@ def _at_breaks(gait: Gait, derivative: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corners(gait: Gait, stepper: Stepper, size: float) -> Iterator[tuple[int, float, float]]:
-    """Link, time and the larger of both rates, turns/s, of every jump of a rate."""
+    """Link, time and the larger of both rates, turns/s, of every jump that is no motor's."""
+    if np.isinf(stepper.acceleration_max):
+        return
     begins, ends = _at_breaks(gait, 1)
     ends = np.roll(ends, 1, axis=0)
     for q, j in np.argwhere(np.abs(begins - ends) > _JUMP * size):

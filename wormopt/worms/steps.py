@@ -152,7 +152,7 @@ def step_times(gait: Gait, stepper: Stepper) -> Steps:
     --------
     >>> import numpy as np
     >>> gait = Gait(np.array([0.0, 2.0, 4.0]), np.array([[[1.0, 1.0]], [[3.0, -1.0]]]))
-    >>> motor = Stepper(lead=1.0, steps_per_turn=1, start_rate=1.0, hysteresis=0.0)
+    >>> motor = Stepper(lead=1.0, steps_per_turn=1, hysteresis=0.0)
     >>> steps = step_times(gait, motor)
     >>> steps.time, steps.direction
     (array([0.5, 1.5, 2.5, 3.5]), array([ 1,  1, -1, -1]))

@@ -1,0 +1,679 @@
+"""Stepping motors: step times, limits, tables, bristles that slip, scenes of kind "stepper"."""
+
+import csv
+import dataclasses
+import re
+import shutil
+import subprocess
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.core.gait import Gait
+from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.gaits.construct import accordion, block_wave, fast_gait
+from wormopt.plot import figure
+from wormopt.result import Result
+from wormopt.scenes import load_scene
+from wormopt.worms.bristles import ratchet
+from wormopt.worms.crawl import crawl
+from wormopt.worms.step_tables import c_text, csv_text, in_ticks, read_csv
+from wormopt.worms.stepper import Stepper, demand
+from wormopt.worms.steps import Steps, quantisation_error, step_times
+
+SCENE = "prototype_steps"
+
+
+def motor(travel: float = 0.01, hysteresis: float = 0.05, **limits: float) -> Stepper:
+    motor_ = Stepper(lead=travel, steps_per_turn=1, hysteresis=hysteresis)
+    return dataclasses.replace(motor_, **limits)
+
+
+@st.composite
+def gaits(draw: st.DrawFn) -> Gait:
+    """Closed C1 gaits: cubics between random lengths and rates, some of them at rest."""
+    links, pieces = draw(st.integers(1, 3)), draw(st.integers(2, 5))
+    number = st.floats(0.5, 1.5)
+    value = np.array([[draw(number) for _ in range(links)] for _ in range(pieces)])
+    rate = np.array([[draw(st.floats(-2, 2)) for _ in range(links)] for _ in range(pieces)])
+    width = np.array([draw(st.floats(0.1, 1.0)) for _ in range(pieces)])
+    rest = draw(st.booleans())
+    if rest:
+        value[1 % pieces], rate[0], rate[1 % pieces] = value[0], 0.0, 0.0
+    after, rate_after = np.roll(value, -1, axis=0), np.roll(rate, -1, axis=0)
+    h = width[:, None]
+    square = (3 * (after - value) / h - 2 * rate - rate_after) / h
+    cube = (2 * (value - after) / h + rate + rate_after) / h**2
+    powers = np.stack([value, rate, square, cube], axis=2)
+    return Gait(np.concatenate([[0.0], np.cumsum(width)]), powers)
+
+
+def counted(text: str, gait: Gait) -> float:
+    """Largest distance to the gait, in microsteps, of lengths that are counted from a table.
+
+    Reads the table with the csv module only; looks on both sides of every step, at turning
+    points found by dense sampling, and at many other instants.
+    """
+    head = dict(re.findall(r"^# (\w+): (.*)$", text, re.MULTILINE))
+    travel, period = float(head["travel_m"]), float(head["period_s"])
+    start = [float(v) for v in head["length_at_start_m"].split(",")]
+    rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
+    worst = 0.0
+    for j in range(len(start)):
+        own = [row for row in rows if int(row["motor"]) == j + 1]
+        times = np.array([float(row["time_s"]) for row in own])
+        place = start[j] + travel * np.cumsum([0] + [int(row["direction"]) for row in own])
+        t = np.linspace(0, period, 4001)[:-1]
+        before = np.array([int((times < v).sum()) for v in (*times, *t)])
+        after = np.array([int((times <= v).sum()) for v in (*times, *t)])
+        # at the very end of the period the gait is where it began
+        ideal = gait(np.concatenate([np.minimum(times, np.nextafter(period, 0)), t]))[j]
+        worst = max(worst, np.abs(ideal - place[before]).max(), np.abs(ideal - place[after]).max())
+        assert place[-1] == pytest.approx(start[j], abs=1e-9)
+    return worst / travel
+
+
+# -- step times ----------------------------------------------------------------------------------
+
+
+@settings(max_examples=25, deadline=None)
+@given(gaits(), st.sampled_from([0.003, 0.017, 0.11]), st.sampled_from([0.0, 0.05, 0.4]))
+def test_a_replay_by_counting_stays_within_a_microstep(gait: Gait, travel: float, margin: float):
+    stepper = motor(travel, margin)
+    steps = step_times(gait, stepper)
+    bound = 0.5 + margin + 1e-6
+    assert counted(csv_text(steps), gait) <= bound
+    assert quantisation_error(gait, steps).max() / travel <= bound
+    # counts balance: as many steps out as back
+    for j in range(gait.links):
+        assert steps.of_motor(j)[1].sum() == 0
+
+
+@settings(max_examples=25, deadline=None)
+@given(gaits(), st.sampled_from([0.004, 0.05]))
+def test_lengths_are_at_their_levels_when_motors_step(gait: Gait, travel: float):
+    steps = step_times(gait, motor(travel))
+    for j in range(gait.links):
+        time, direction = steps.of_motor(j)
+        after = np.cumsum(direction)
+        level = steps.start[j] + travel * (after - 0.5 * direction + 0.05 * direction)
+        lengths = gait(np.minimum(time, np.nextafter(gait.period, 0)))[j]
+        assert lengths == pytest.approx(level, abs=1e-11)
+
+
+def test_step_times_of_a_parabola_and_a_cosine_are_closed_form():
+    gait = Gait(np.array([0.0, 2.0, 4.0]), np.array([[[1.0, 1, -0.5]], [[1.0, -1, 0.5]]]))
+    steps = step_times(gait, motor(0.1, 0.0))
+    rising = 1 - np.sqrt(1 - 2 * (np.arange(5) + 0.5) * 0.1)
+    assert steps.time[:5] == pytest.approx(rising, abs=1e-14)
+    assert steps.time[5:10] == pytest.approx(2 - rising[::-1], abs=1e-14)
+    assert steps.direction.tolist() == ([1] * 5 + [-1] * 5) + ([-1] * 5 + [1] * 5)
+    wave = step_times(fast_gait(3.0), motor(0.01, 0.0))
+    time, direction = wave.of_motor(0)
+    level = 0.01 * (np.arange(60) + 0.5) / 0.3
+    assert time[:60] == pytest.approx(np.arccos(1 - level) / np.pi, abs=1e-13)
+    assert direction.tolist() == [1] * 60 + [-1] * 60
+    assert wave.counts.tolist() == [120, 120]
+
+
+def test_a_touch_of_a_level_is_no_step_and_a_crossing_at_a_break_is_one():
+    # up by 2.5 microsteps exactly and back: the third level is touched only
+    touch = Gait(np.array([0.0, 2.0]), np.array([[[1.0, 1.0, -0.5]]]))
+    steps = step_times(touch, motor(0.5 / 2.5, 0.0))
+    assert steps.direction.tolist() == [1, 1, -1, -1]
+    # the level 1.1 lies at the break at t = 0.1 (travel 0.2)
+    lines = np.array([[[1.0, 1.0, 0.0]], [[1.1, 1.0, 0.0]], [[1.2, 0.0, 0.0]], [[1.2, -1.0, 0.0]]])
+    gait = Gait(np.array([0.0, 0.1, 0.2, 0.3, 0.5]), lines)
+    steps = step_times(gait, motor(0.2, 0.0))
+    assert steps.time == pytest.approx([0.1, 0.4], abs=1e-9)
+
+
+def test_lengths_that_linger_at_a_level_chatter_only_without_hysteresis():
+    ripple = Gait(
+        np.array([0.0, 1.0, 2.0, 3.0]),
+        np.array([[[1.0, 0, 0.15, -0.1]], [[1.05, 0, 0, 0]], [[1.05, 0, -0.15, 0.1]]]),
+        np.array([0.0, 20 * np.pi, 0.0]),
+        np.zeros((3, 1)),
+        np.array([[0.0], [1e-4], [0.0]]),
+    )
+    assert step_times(ripple, motor(0.1, 0.0)).counts[0] == 20
+    assert step_times(ripple, motor(0.1, 0.05)).counts[0] == 0
+
+
+def test_gaits_that_rest_and_gaits_with_too_many_steps():
+    still = Gait(np.array([0.0, 1.0]), np.array([[[1.0]]]))
+    assert len(step_times(still, motor()).time) == 0
+    with pytest.raises(ArgumentError, match="more than 2000000 steps"):
+        step_times(fast_gait(1.0), motor(1e-7))
+    jump = Gait(np.array([0.0, 1.0, 2.0]), np.array([[[1.0]], [[1.5]]]))
+    with pytest.raises(ArgumentError, match=r"jumps by 0\.5 at t = 0"):
+        step_times(jump, motor())
+
+
+# -- what motors can do --------------------------------------------------------------------------
+
+
+def test_demands_of_the_fast_gait_in_closed_form():
+    # l = l0 e (1 - cos(3 pi t / T)): rate 3 pi l0 e / T, acceleration its square over l0 e
+    period, size = 4.0, 2.0 * 0.15
+    stepper = Stepper(lead=0.5, steps_per_turn=200, rate_max=1.0, acceleration_max=2.0)
+    found = demand(fast_gait(period), stepper)
+    omega = 3 * np.pi / period
+    assert found.rate == pytest.approx(omega * size / 0.5, rel=1e-12)
+    assert found.acceleration == pytest.approx(omega**2 * size / 0.5, rel=1e-12)
+    by_rate = period * omega * size / 0.5
+    by_acceleration = period * np.sqrt(omega**2 * size / 0.5 / 2.0)
+    limits = {limit.name: limit.period_min for limit in found.limits}
+    assert limits["rate_max"] == pytest.approx(by_rate, rel=1e-12)
+    assert limits["acceleration_max"] == pytest.approx(by_acceleration, rel=1e-12)
+    assert found.period_min == max(limits.values())
+    # with a start rate: sin and cos of one angle, min(sqrt(a |cos|), b sin) at its largest
+    a, b = omega**2 * size / 0.5 / 2.0, omega * size / 0.5 / 0.8
+    # b² sin² = a cos
+    cosine = (-a + np.sqrt(a**2 + 4 * b**4)) / (2 * b**2)
+    eased = demand(fast_gait(period), Stepper(0.5, 200, 1, 1.0, 2.0, start_rate=0.8))
+    limits = {limit.name: limit.period_min for limit in eased.limits}
+    assert limits["acceleration_max"] == pytest.approx(period * np.sqrt(a * cosine), rel=1e-10)
+
+
+@settings(max_examples=20, deadline=None)
+@given(gaits(), st.floats(0.5, 3), st.floats(1, 30), st.sampled_from([0.0, 0.1, 0.5]))
+def test_the_smallest_period_is_where_sampled_demands_just_fit(
+    gait: Gait, rate: float, acceleration: float, share: float
+):
+    stepper = Stepper(0.7, 10, 1, rate, acceleration, start_rate=share * rate)
+    least = demand(gait, stepper).period_min
+    assume(least > 1e-3)
+
+    def fits(period: float) -> bool:
+        slow = gait.with_period(period)
+        t = np.concatenate(
+            [np.linspace(a, b, 400, endpoint=False) for a, b in pairwise(slow.breaks)]
+        )
+        turns, change = np.abs(slow(t, 1)) / 0.7, np.abs(slow(t, 2)) / 0.7
+        return bool(
+            np.all(turns <= rate * (1 + 1e-9))
+            and np.all((change <= acceleration * (1 + 1e-9)) | (turns <= stepper.start_rate))
+        )
+
+    assert fits(least * (1 + 1e-9))
+    # sampling misses extremes by little: a period a little shorter does not fit
+    assert not fits(least * 0.97)
+    assert demand(gait.with_period(2 * least), stepper).period_min == pytest.approx(least, rel=1e-9)
+
+
+def test_gaits_that_are_too_fast_are_refused_with_the_period_that_is_not():
+    with pytest.raises(SolveError) as caught:
+        step_times(fast_gait(1.0), motor(0.01, rate_max=100.0))
+    assert caught.value.code == "too_fast"
+    assert "turns/s of the motor of link 1 at t = 0.166667, and motor.rate_max is 100" in str(
+        caught.value
+    )
+    period = float(re.findall(r"gait\.period = ([\d.]+)", caught.value.suggestion)[0])
+    assert period == pytest.approx(3 * np.pi * 0.3 / 0.01 / 100, rel=2e-3)
+    assert step_times(fast_gait(period), motor(0.01, rate_max=100.0)).counts[0] == 120
+    corners = block_wave(2, 1, 1.0, (0.8, 1.2), "trapezoid", 0.0)
+    ramped = {"acceleration_max": 1e6}
+    assert step_times(corners, motor()).counts.tolist() == [80, 80]
+    with pytest.raises(SolveError, match="a gait without corners"):
+        step_times(corners, motor(**ramped))
+    with pytest.raises(SolveError, match=r"start_rate is 50 turns/s; write gait\.period = 2\.4"):
+        step_times(corners, motor(start_rate=50.0, **ramped))
+    assert np.isinf(demand(corners, motor(start_rate=50.0, **ramped)).acceleration).all()
+    assert demand(corners, motor(start_rate=120.0, **ramped)).acceleration.tolist() == [0.0, 0.0]
+    assert step_times(corners, motor(start_rate=120.0 * (1 + 1e-12), **ramped)).counts.tolist() == [
+        80,
+        80,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"lead": -1.0}, "lead must be above 0"),
+        ({"lead": float("nan")}, "lead must be above 0"),
+        ({"lead": float("inf")}, "lead must be finite"),
+        ({"microsteps": 0}, "microsteps must be a whole number"),
+        ({"steps_per_turn": 1.5}, "steps_per_turn must be a whole number"),
+        ({"rate_max": 0.0}, "rate_max must be above 0"),
+        ({"acceleration_max": -3.0}, "acceleration_max must be above 0"),
+        ({"start_rate": 7.0}, "start_rate must lie within"),
+        ({"hysteresis": 0.5}, "hysteresis must lie within"),
+    ],
+)
+def test_motors_that_cannot_be_are_refused(change: dict[str, Any], said: str):
+    with pytest.raises(ArgumentError, match=said):
+        Stepper(**({"lead": 1.0, "steps_per_turn": 200, "rate_max": 5.0} | change))
+
+
+# -- the worm on its bristles --------------------------------------------------------------------
+
+
+def from_rest(steps: Steps, backslip: float, periods: int, finer: int = 1) -> float:
+    """Mean speed after a transient, by small moves from rest: the law applied literally."""
+    count = np.zeros(steps.links)
+    place = -np.concatenate([[0.0], np.cumsum(steps.start)])
+    foremost, heads = place.copy(), []
+    for _ in range(periods):
+        for motor_, direction in zip(steps.motor, steps.direction, strict=True):
+            for _ in range(finer):
+                count[motor_] += direction / finer
+                lengths = steps.start + steps.travel * count
+                shape = -np.concatenate([[0.0], np.cumsum(lengths)])
+                place = shape + (foremost - backslip - shape).max()
+                foremost = np.maximum(foremost, place)
+        heads.append(place[0])
+    half = periods // 2
+    return (heads[-1] - heads[half - 1]) / (steps.period * (periods - half))
+
+
+@settings(max_examples=15, deadline=None)
+@given(gaits(), st.sampled_from([0.0, 0.02, 0.05, 0.13]))
+def test_the_cycle_mean_is_the_speed_of_the_law_applied_from_rest(gait: Gait, slip: float):
+    steps = step_times(gait, motor(0.05, 0.05))
+    # steps of two motors at one instant have no order for the literal law
+    assume(len(steps.time) and np.diff(steps.time).min(initial=1.0) > 1e-8)
+    moved = ratchet(steps, slip)
+    transient = 2 * (np.abs(moved.position).max() + slip) / gait.period
+    assert moved.speed == pytest.approx(from_rest(steps, slip, 40), abs=transient / 20 + 1e-9)
+    assert moved.period_error <= 1e-9
+    assert moved.advance == pytest.approx(moved.speed * gait.period, abs=1e-9)
+    # a straight move may be taken in one: smaller ones give the same
+    assert from_rest(steps, slip, 8, 7) == pytest.approx(from_rest(steps, slip, 8), abs=1e-9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(gaits(), st.sampled_from([0.0, 0.02, 0.13]), st.sampled_from([0.0, 0.03]))
+def test_laws_of_the_bristles_hold(gait: Gait, slip: float, settle: float):
+    steps = step_times(gait, motor(0.02))
+    moved = ratchet(steps, slip, settle)
+    twice = np.hstack([moved.position, moved.position + moved.advance])
+    foremost = np.maximum.accumulate(twice, axis=1)
+    assert (foremost - twice).max() <= slip + 1e-9
+    assert moved.holding.any(axis=0).all()
+    if slip == 0:
+        assert np.diff(twice, axis=1).min() >= -1e-9
+    assert moved.speed >= -1e-12
+
+
+@pytest.mark.parametrize("stroke", [0.2, 0.1234])
+def test_two_masses_lose_a_backslip_at_each_of_two_handovers(stroke: float):
+    gait = accordion(1, 1.0, (1.0, 1.0 + stroke))
+    steps = step_times(gait, motor(1e-3))
+    whole = 1e-3 * steps.counts[0] / 2
+    for slip in (0.0, 0.0137, 0.05, 0.4):
+        assert ratchet(steps, slip).speed == pytest.approx(max(0, whole - 2 * slip), abs=1e-12)
+
+
+@pytest.mark.parametrize(("links", "resting"), [(2, 1), (2, 2), (3, 2), (4, 1), (4, 3)])
+def test_block_waves_lose_a_backslip_at_every_handover(links: int, resting: int):
+    """n + 1 handovers a period, of which one in a stands in the way of the last."""
+    stroke = 0.2
+    gait = block_wave(links, resting, 1.0, (1.0, 1.0 + stroke), "quintic")
+    steps = step_times(gait, motor(1e-3))
+    for slip in (1e-3, 0.004, 0.0133):
+        lost = (links + 1) / resting * slip
+        expected = (links + 1 - resting) * stroke - lost
+        assert ratchet(steps, slip).speed == pytest.approx(expected, abs=1e-11)
+
+
+def ideal_speed(gait: Gait) -> float:
+    return crawl(gait, [1.0] * (gait.links + 1), 0.0, 1e4).speed
+
+
+def test_without_backslip_the_speed_is_of_first_order_in_the_step():
+    gait = fast_gait(1.0, 2.0, 0.15)
+    exact, travels = ideal_speed(gait), np.geomspace(0.05, 0.0005, 25)
+    errors = np.array(
+        [abs(ratchet(step_times(gait, motor(q)), 0.0).speed - exact) for q in travels]
+    )
+    # of two strokes each the last part of a microstep is lost, half a one on average
+    assert np.all(errors <= 2 * (0.5 + 0.05) * travels * (1 + 1e-9))
+    assert errors.max() > 1e-2
+    slope = np.polyfit(np.log(travels), np.log(np.maximum(errors, 1e-9)), 1)[0]
+    assert 0.5 < slope < 1.6
+    # strokes of whole microsteps lose nothing
+    assert ratchet(step_times(gait, motor(0.6 / 77)), 0.0).speed == pytest.approx(exact, abs=1e-12)
+
+
+@settings(max_examples=10, deadline=None)
+@given(gaits())
+def test_a_backslip_of_a_step_keeps_steps_in_turns_from_making_way(gait: Gait):
+    """Links that shorten and lengthen together step in turns; that must not carry the worm."""
+    exact = ideal_speed(gait)
+    errors = []
+    for travel in (0.02, 0.005, 0.00125):
+        speed = ratchet(step_times(gait, motor(travel)), 2 * travel).speed
+        errors.append(abs(speed - exact) * gait.period)
+    runs = 8 * gait.pieces * gait.links
+    assert errors[1] <= 2 * runs * 0.005
+    assert errors[2] <= 2 * runs * 0.00125
+
+
+def test_steps_in_turns_carry_bristles_that_hold_at_once():
+    # link 1 shortens while link 2 lengthens: ideally masses 0 and 2 rest; strokes are no whole
+    # number of steps, so that the motors step at different instants
+    lines = np.array([[[1.3, -0.3], [1.0, 0.3001]], [[1.0, 0.3], [1.3001, -0.3001]]])
+    gait = Gait(np.array([0.0, 1.0, 2.0]), lines)
+    exact = ideal_speed(gait)
+    steps = step_times(gait, motor(0.001))
+    assert ratchet(steps, 0.0).speed > 1.5 * exact
+    # any backslip of a step or more, and steps that take their time, end that
+    assert ratchet(steps, 0.001).speed == pytest.approx(exact, rel=0.03)
+    assert ratchet(steps, 0.0, 0.05).speed == pytest.approx(exact, rel=0.03)
+
+
+def test_slow_steps_converge_to_held_ones_and_to_the_gait():
+    gait = fast_gait(1.0)
+    steps = step_times(gait, motor(0.6 / 100))
+    held = ratchet(steps, 0.02)
+    for settle in (1e-4, 1e-8):
+        slow = ratchet(steps, 0.02, settle)
+        assert slow.speed == pytest.approx(held.speed, abs=1e-9)
+    errors = [
+        abs(ratchet(step_times(gait, motor(0.6 / k)), 0.0, 0.02).speed - ideal_speed(gait))
+        for k in (50, 200, 800)
+    ]
+    # the lag that is left is of the order of the settling time, squared: turns are rounded off
+    assert errors[-1] < 0.01
+    assert ratchet(steps, 0.0, 0.5).period_error < 1e-12
+
+
+@pytest.mark.parametrize("given", [(-1.0, 0.0), (float("nan"), 0.0), (0.0, 1.0), (0.0, -1.0)])
+def test_bristles_that_cannot_be_are_refused(given: tuple[float, float]):
+    with pytest.raises(ArgumentError):
+        ratchet(step_times(fast_gait(1.0), motor()), *given)
+
+
+# -- tables --------------------------------------------------------------------------------------
+
+
+def test_the_table_reads_back_as_it_was():
+    steps = step_times(fast_gait(18.0, 0.1), Stepper(2e-3, 200, 2))
+    read = read_csv(csv_text(steps))
+    for name in ("time", "motor", "direction", "start"):
+        assert getattr(read, name).tolist() == getattr(steps, name).tolist()
+    assert (read.period, read.travel) == (steps.period, steps.travel)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "t,l_1\n0,1\n", "# period_s: 1\ntime_s,motor,direction\n0.5,1,1\n"]
+)
+def test_other_tables_are_refused(text: str):
+    with pytest.raises(ArgumentError, match="no table of steps"):
+        read_csv(text)
+
+
+def test_a_table_of_steps_that_do_not_return_is_refused():
+    steps = step_times(fast_gait(18.0, 0.1), Stepper(2e-3, 200, 2))
+    lines = csv_text(steps).splitlines(keepends=True)
+    with pytest.raises(ArgumentError, match="does not return"):
+        read_csv("".join(lines[:-1]))
+
+
+def test_rounding_to_ticks_does_not_add_up():
+    steps = step_times(fast_gait(18.0, 0.1), Stepper(2e-3, 200, 2))
+    whole, delays = in_ticks(steps, 1e-4)
+    assert whole == 180_000
+    for j, delay in enumerate(delays):
+        assert delay.sum() == whole
+        off = np.cumsum(delay[:-1]) * 1e-4 - steps.of_motor(j)[0]
+        assert np.abs(off).max() <= 0.5e-4 * (1 + 1e-9)
+        assert np.abs(off).max() > 0.4e-4
+    with pytest.raises(ArgumentError, match=r"fall on one tick; write a tick below 0\.000637"):
+        in_ticks(steps, 1e-3)
+    with pytest.raises(ArgumentError, match="more ticks than 32 bits"):
+        in_ticks(steps, 1e-9)
+
+
+REPLAY = """
+#include <stdio.h>
+#include "steps.c"
+static void replay(int motor, const uint32_t *delay, const int8_t *direction, uint32_t count,
+                   uint32_t rest) {
+    uint32_t now = 0;
+    for (uint32_t k = 0; k < count; k++) {
+        now += delay[k];
+        printf("%d %lu %d\\n", motor, (unsigned long)now, direction[k]);
+    }
+    printf("%d %lu 0\\n", motor, (unsigned long)(now + rest));
+}
+int main(void) {
+    replay(1, motor_1_delay, motor_1_direction, motor_1_count, motor_1_rest);
+    replay(2, motor_2_delay, motor_2_direction, motor_2_count, motor_2_rest);
+    printf("%lu\\n", (unsigned long)period_ticks);
+    return 0;
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@pytest.mark.parametrize("still", [False, True])
+def test_the_c_table_compiles_and_replays_the_csv(tmp_path: Path, still: bool):
+    gait = fast_gait(18.0, 0.1)
+    if still:  # the second motor never steps
+        rest = np.zeros(gait.polynomial.shape[:2])
+        assert gait.cosine is not None
+        gait = Gait(gait.breaks, gait.polynomial, gait.omega, gait.cosine * [1, 0], rest)
+        gait.polynomial[:, 1] = 0.1
+    steps = step_times(gait, Stepper(2e-3, 200, 2))
+    (tmp_path / "steps.c").write_text(c_text(steps, 1e-6))
+    (tmp_path / "replay.c").write_text(REPLAY)
+    strict = ["cc", "-std=c99", "-Wall", "-Werror", "-Wpedantic"]
+    subprocess.run([*strict, "-c", "steps.c"], cwd=tmp_path, check=True)
+    subprocess.run([*strict, "replay.c", "-o", "replay"], cwd=tmp_path, check=True)
+    printed = subprocess.run([tmp_path / "replay"], capture_output=True, text=True, check=True)
+    *lines, whole = printed.stdout.split("\n")[:-1]
+    assert int(whole) == 18_000_000
+    said = np.array([[int(v) for v in line.split()] for line in lines])
+    table = read_csv(csv_text(steps))
+    for j in range(2):
+        own = said[said[:, 0] == j + 1]
+        time, direction = table.of_motor(j)
+        assert own[-1].tolist() == [j + 1, 18_000_000, 0]
+        assert own[:-1, 2].tolist() == direction.tolist()
+        assert np.abs(own[:-1, 1] * 1e-6 - time).max(initial=0.0) <= 0.5e-6 * (1 + 1e-6)
+
+
+# -- scenes --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def prototype() -> Result:
+    return wo.run(SCENE)
+
+
+def value(result: Result, name: str) -> Any:
+    return result.scalars[name].value
+
+
+def test_the_prototype_walks_as_formulas_say(prototype: Result):
+    assert prototype.status == "ok", prototype.reason
+    # advance 4 e l0 less three handovers of 1 mm, in 18 s
+    assert value(prototype, "advance") == pytest.approx(0.06 - 3e-3, abs=1e-12)
+    assert value(prototype, "speed_ideal") == pytest.approx(0.06 / 18, rel=1e-12)
+    assert value(prototype, "speed_without_backslip") == pytest.approx(0.06 / 18, rel=1e-12)
+    assert value(prototype, "step_count") == [12000, 12000]
+    assert value(prototype, "period_min") == pytest.approx(
+        18 * (3 * np.pi / 18 * 0.015 / 2e-3) / 5.0, rel=1e-12
+    )
+    assert value(prototype, "period_limited_by") == "motor.rate_max"
+    rate = 3 * np.pi / 18 * 0.015 / 2e-3
+    assert value(prototype, "step_rate_max") == pytest.approx([rate * 400] * 2, rel=1e-12)
+    assert value(prototype, "quantisation_error") == pytest.approx(0.55 * 5e-6, rel=1e-6)
+    assert prototype.scalars["acceleration_max"].unit == "s-2"
+    assert prototype.trust["warnings"] == []
+
+
+def test_the_files_hold_the_commands(tmp_path: Path, prototype: Result):
+    out = tmp_path / "out"
+    assert main(["run", SCENE, "-o", str(out), "--quiet", "--no-plots"]) == 0
+    assert {p.name for p in out.iterdir()} == {"result.nc", "summary.json", "steps.csv", "steps.c"}
+    text = (out / "steps.csv").read_text(encoding="utf-8")
+    assert counted(text, fast_gait(18.0, 0.1)) <= 0.55 + 1e-6
+    loaded = Result.load(out)
+    again = tmp_path / "again"
+    again.mkdir()
+    loaded.save(again)
+    for name in ("steps.csv", "steps.c"):
+        assert (again / name).read_bytes() == (out / name).read_bytes()
+    # a later run that fails takes the commands away: no motor is to run by them
+    arguments = ["run", SCENE, "-o", str(out), "--quiet", "--no-plots", "--set", "gait.period=12"]
+    assert main(arguments) == 3
+    assert {p.name for p in out.iterdir()} == {"result.nc", "summary.json"}
+    failed = Result.load(out)
+    assert "motor.rate_max is 5; write gait.period = 14.14" in failed.reason
+    assert value(failed, "period_min") == pytest.approx(value(prototype, "period_min"))
+
+
+def test_a_table_of_somebody_else_is_not_replaced(tmp_path: Path):
+    out = tmp_path / "out"
+    assert main(["run", "fast_gait", "-o", str(out), "--quiet", "--no-plots"]) == 0
+    (out / "steps.csv").write_text("mine")
+    scene = tmp_path / "fast_gait.toml"
+    shutil.copy(wo.scenes.packaged_scenes()[SCENE], scene)  # pyright: ignore
+    assert main(["run", str(scene), "-o", str(out), "--quiet", "--no-plots"]) == 2
+    assert (out / "steps.csv").read_text() == "mine"
+
+
+def test_a_gait_from_a_file_is_commanded(tmp_path: Path):
+    wo.run("fast_gait").save(tmp_path)
+    text = wo.scenes.packaged_scenes()[SCENE].read_text(encoding="utf-8")  # pyright: ignore
+    head, _, tail = text.partition("[gait]")
+    table = '[gait]\nshape = "file"\nfile = "result.nc"\nperiod = 300.0\n\n'
+    scene = tmp_path / "filed.toml"
+    scene.write_text(head + table + tail[tail.index("[motor]") :])
+    result = wo.run(load_scene(scene, ["motor.lead=0.02"]))
+    assert result.status == "ok", result.reason
+    assert value(result, "speed_ideal") == pytest.approx(1.2 / 300, rel=1e-9)
+
+
+def test_a_result_that_leaves_the_gait_fails(monkeypatch: pytest.MonkeyPatch):
+    from wormopt.studies import stepper
+
+    def late(gait: Gait, motor_: Stepper) -> Steps:
+        steps = step_times(gait, motor_)
+        time = np.minimum(steps.time + 2e-3, steps.period)
+        return Steps(steps.period, steps.travel, steps.start, time, steps.motor, steps.direction)
+
+    monkeypatch.setattr(stepper, "step_times", late)
+    result = wo.run(SCENE)
+    assert result.status == "failed"
+    assert "the replayed steps leave the gait by" in result.reason
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "said"),
+    [
+        ("motor.lead=-0.002", "motor.lead", "above 0"),
+        ("motor.microsteps=0", "motor.microsteps", "a whole number from 1"),
+        ("motor.start_rate=6", "motor.start_rate", "above motor.rate_max = 5"),
+        ("motor.hysteresis=0.5", "motor.hysteresis", "from 0 to 0.4"),
+        ('units="dimensionless"', "units", "SI"),
+        ("bristles.backslip=-1", "bristles.backslip", "0 or above"),
+        ("bristles.settle_time=18", "bristles.settle_time", "not below the period"),
+        ("tick=0", "tick", "1e-9 to 1"),
+        ("worm.links=3", "gait.shape", "2 links"),
+    ],
+)
+def test_scenes_that_cannot_be_are_refused(change: str, key: str, said: str):
+    with pytest.raises(SceneError) as caught:
+        load_scene(SCENE, [change])
+    assert (key, True) in [(k, said in text) for k, text in caught.value.faults]
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [("tick=1e-3", "tick"), ("tick=1e-9", "tick"), ("motor.microsteps=2000", "motor.microsteps")],
+)
+def test_what_shows_only_later_is_a_fault_of_the_scene_too(change: str, key: str):
+    with pytest.raises(SceneError) as caught:
+        wo.run(load_scene(SCENE, [change]))
+    assert [k for k, _ in caught.value.faults] == [key]
+
+
+def test_strokes_below_a_step_move_no_motor():
+    with pytest.raises(SolveError, match="no motor steps") as caught:
+        wo.run(load_scene(SCENE, ["motor.lead=60.0"]))
+    assert caught.value.code == "no_steps"
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (["bristles.backslip=0"], "backslip is 0"),
+        (["bristles.backslip=0.05"], "makes no way"),
+        (["worm.load=0.00001", "worm.mass=30"], "glide"),
+    ],
+)
+def test_doubts_are_named(changes: list[str], said: str):
+    result = wo.run(load_scene(SCENE, changes))
+    assert any(said in text for text in result.trust["warnings"])
+
+
+def test_the_picture_shows_commands_limits_and_motion(prototype: Result):
+    lengths, turn, rates, places = figure(prototype, "steps").axes
+    assert "quantisation error" in lengths.get_title(loc="left")
+    assert "µm" in turn.get_ylabel()
+    levels = {float(np.ravel(line.get_ydata())[0]) for line in rates.get_lines()[2:]}
+    assert levels == {5.0, -5.0, 0.5, -0.5}
+    assert len(places.get_lines()) == 6
+
+
+# -- motors as limits of a design ----------------------------------------------------------------
+
+WEAK = "motor={lead=0.1, rate_max=8, acceleration_max=100}"
+QUICK = ['search.effort="quick"', "search.sequence=[[0], [2], [1]]"]
+
+
+@pytest.mark.slow
+def test_a_design_within_motors_is_one_within_their_limits():
+    plain = wo.run(
+        load_scene("design_fast_gait", [*QUICK, "gait.rate=0.8", "gait.acceleration=10"])
+    )
+    driven = wo.run(load_scene("design_fast_gait", [*QUICK, WEAK]))
+    assert driven.status == "ok", driven.reason
+    assert value(driven, "speed") == pytest.approx(value(plain, "speed"), rel=1e-9)
+    assert value(driven, "rate_limit_from") == ["motor", "motor"]
+    assert value(driven, "motor_rate_share") == pytest.approx(1, abs=1e-9)
+    assert value(driven, "motor_acceleration_share") == pytest.approx(1, abs=1e-9)
+    assert "motors" in driven.trust["assumptions"]
+    strong = "motor={lead=0.1, rate_max=20, acceleration_max=300}"
+    free = wo.run(load_scene("design_fast_gait", [*QUICK, strong]))
+    bare = wo.run(load_scene("design_fast_gait", QUICK))
+    assert value(free, "speed") == value(bare, "speed")
+    assert value(free, "rate_limit_from") == ["gait", "gait"]
+    assert not bare.scalars.keys() & {"rate_limit_from", "motor_rate_share"}
+    assert "assumptions" not in bare.trust
+    # and the motors do follow what was designed for them
+    gait = wo.gaits.files.gait_of_result(driven)  # pyright: ignore
+    stepper = Stepper(0.1, 200, 1, 8.0, 100.0)
+    assert step_times(gait, stepper).counts.sum() > 0
+
+
+def test_motors_alone_limit_a_design_and_are_named_in_a_conflict(tmp_path: Path):
+    text = wo.scenes.packaged_scenes()["design_fast_gait"].read_text(encoding="utf-8")  # pyright: ignore
+    text = re.sub(r"(?m)^(rate|acceleration) = .*$", "", text)
+    scene = tmp_path / "driven.toml"
+    scene.write_text(text)
+    assert load_scene(scene, [WEAK]).table.limits.acceleration == (10.0, 10.0)
+    with pytest.raises(SceneError, match=r"give gait\.rate or both"):
+        load_scene(scene)
+    with pytest.raises(SceneError, match=r"motor\.acceleration_max forbids jumps"):
+        load_scene(scene, [WEAK, "gait.impulses=true"])
+    with pytest.raises(SceneError, match=r"motor\.start_rate"):
+        load_scene(scene, ["motor={lead=0.1, rate_max=8, acceleration_max=1, start_rate=9}"])
+    dear = 'objective={minimise="peak_spike_load", speed=0.78}'
+    with pytest.raises(SolveError) as caught:
+        wo.run(load_scene(scene, [*QUICK, WEAK, dear]))
+    if "gait.acceleration" in caught.value.reason:
+        assert "motor.lead * motor.acceleration_max" in caught.value.suggestion
+    if "gait.rate" in caught.value.reason:
+        assert "motor.lead * motor.rate_max" in caught.value.suggestion

@@ -1,0 +1,75 @@
+"""The ``[search]`` table: how the order in which masses rest is sought."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from wormopt.errors import Fault
+from wormopt.scenes.types import Seed, Table
+
+
+class Search(Table, frozen=True, kw_only=True):
+    """How the order in which masses rest is sought.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of random starts.
+    effort : {"quick", "normal", "thorough"}
+        How much is searched.
+    phases : int, optional
+        A period has at most so many phases, 2 to 12.
+    sequence : tuple of tuple of int, optional
+        The resting masses of each phase in turn; nothing else is tried then.
+    workers : int, optional
+        Number of processes; as many as there are processors if left out.
+    """
+
+    seed: Seed = 0
+    effort: Literal["quick", "normal", "thorough"] = "normal"
+    phases: Annotated[int, Meta(ge=2, le=12, description="a whole number from 2 to 12")] | None = (
+        None
+    )
+    sequence: (
+        Annotated[
+            tuple[tuple[Annotated[int, Meta(ge=0, le=8)], ...], ...],
+            Meta(description="a list of lists of mass indices, [[0], [2], [1]] say"),
+        ]
+        | None
+    ) = None
+    workers: (
+        Annotated[int, Meta(ge=1, le=1024, description="a whole number from 1 to 1024")] | None
+    ) = None
+
+    def faults(self, links: int, resting: int) -> Iterator[Fault]:
+        """Yield what is wrong with the designer's own sequence.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+        resting : int
+            At least so many masses rest at any time.
+        """
+        if self.sequence is None:
+            return
+        count = len(self.sequence)
+        if count < 2:
+            yield "search.sequence", "fewer than two phases; write at least two"
+        if self.phases is not None and count > self.phases:
+            yield "search.sequence", f"{count} phases, but search.phases allows {self.phases}"
+        for index, masses in enumerate(self.sequence):
+            key = f"search.sequence[{index}]"
+            if len(set(masses)) != len(masses):
+                yield key, "names a mass twice; name it once"
+            if any(mass > links for mass in masses):
+                yield key, f"names a mass there is not; write indices 0 to {links}"
+            if len(set(masses)) < resting:
+                yield key, f"fewer resting masses than gait.resting = {resting}; name more"
+            if count > 1 and set(masses) == set(self.sequence[index - 1]):
+                yield key, "the same masses rest as in the phase before (round the period)"
+        for mass in sorted(set.intersection(*map(set, self.sequence)) if self.sequence else ()):
+            yield "search.sequence", f"mass {mass} rests in every phase; let it move in one"
