@@ -211,6 +211,18 @@ KINDS: dict[str, Kind] = {
         study="wormopt.studies.membrane",
         pictures=("membrane",),
     ),
+    "rod-frequency": Kind(
+        summary="how fast a magnetisable rod crawls over the frequency of its coils, and why",
+        table="wormopt.scenes.rod_frequency:RodFrequencyScene",
+        study="wormopt.studies.rod_frequency",
+        pictures=("rod_frequency",),
+    ),
+    "rod-motion": Kind(
+        summary="a magnetisable rod between walls, moved by coils switched in turn: how it crawls",
+        table="wormopt.scenes.rod_motion:RodMotionScene",
+        study="wormopt.studies.rod_motion",
+        pictures=("rod_motion", "animation"),
+    ),
     "channel-worm": Kind(
         summary="a magnetisable body in a channel: its velocity over the frequency of the coils",
         table="wormopt.scenes.channel:ChannelWormScene",

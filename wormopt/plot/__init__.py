@@ -26,6 +26,7 @@ from wormopt.plot import (
     hydrostatics,
     magnetics,
     optimum,
+    rod,
     simulation,
     stepper,
     thin_film,
@@ -130,6 +131,9 @@ PICTURES: dict[str, Picture] = {
         hydrostatics.coil_pressure,
         ("x", "surface", "pressure", "inside_z", "inside_pressure", "map_x", "induction_x"),
     ),
+    "rod_motion": Picture(
+        rod.rod_motion, ("time", "centre", "frame", "rod_x", "rod_y", "first_coil", "coils_on")
+    ),
     "membrane": Picture(
         hydrostatics.membrane,
         ("front_thickness", "front_loss", "front_strain", "front_contact_pressure"),
@@ -156,6 +160,9 @@ _OPTIMAL = Picture(optimum.signals, ("instant",))
 _BY_KIND |= {
     (kind, "signals"): _OPTIMAL for kind in ("slide", "two-mass", "capsule", "optimal-crawl")
 }
+_BY_KIND["rod-motion", "animation"] = Picture(
+    rod.first_frame, ("frame", "rod_x", "rod_y", "first_coil", "coils_on"), rod.pose, rod.FRAMES
+)
 
 
 def figure(result: Result, picture: str) -> Figure:
@@ -191,7 +198,7 @@ def figure(result: Result, picture: str) -> Figure:
     """
     if picture not in PICTURES:
         raise ValueError(f"no picture {picture!r}; there are {', '.join(PICTURES)}")
-    chosen = _BY_KIND.get((result.kind, picture), PICTURES[picture])
+    chosen = _chosen(result, picture)
     missing = [name for name in chosen.needs if name not in result]
     if missing:
         error = KeyError(", ".join(missing))
@@ -243,13 +250,18 @@ def draw(result: Result, picture: str, path: str | Path) -> None:
         with rc_context(STYLE), warnings.catch_warnings():
             # a title may hold letters that the font lacks; the picture is good all the same
             warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-            if PICTURES[picture].pose:
-                _film(result, PICTURES[picture], drawn, unfinished)
+            chosen = _chosen(result, picture)
+            if chosen.pose:
+                _film(result, chosen, drawn, unfinished)
             else:
                 drawn.savefig(unfinished, dpi=_DPI)
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def _chosen(result: Result, picture: str) -> Picture:
+    return _BY_KIND.get((result.kind, picture), PICTURES[picture])
 
 
 def _entitle(drawn: Figure, result: Result) -> None:

@@ -43,6 +43,11 @@ class SwitchingTable(PatternTable, frozen=True, kw_only=True):
 
     rate: Positive
 
+    @property
+    def pattern(self) -> PatternTable:
+        """The pattern, whatever its rate."""
+        return PatternTable(every=self.every, duration=self.duration, shift=self.shift)
+
 
 class ConvergenceTable(Table, frozen=True, kw_only=True):
     """Other meshes and steps, to see what they change.

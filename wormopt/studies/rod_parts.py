@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 from time import perf_counter
 from typing import Any
 
@@ -15,6 +16,7 @@ from wormopt.core.model import Model, pack
 from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.progress import Report, silent
+from wormopt.result import Scalar, unit_of
 from wormopt.scenes.rod import (
     ChannelTable,
     CourseTable,
@@ -33,11 +35,23 @@ from wormopt.worms.magnetic_rod import (
 )
 from wormopt.worms.rod import Rod
 
-__all__ = ["ASSUMED", "RodCase", "RodCourse", "follow", "mean_velocity", "rod_of"]
+__all__ = [
+    "ASSUMED",
+    "RodCase",
+    "RodCourse",
+    "assumed_scalars",
+    "direction",
+    "follow",
+    "mean_velocity",
+    "rod_of",
+    "segment_length",
+]
 
 # How much wider than the room of the centre line the strip is on which the field is known: walls
 # are touched at the middle of steps, and penetrated by as much as one step moves.
 _WIDER = 1.05
+# Parts of the time from whose means the error of the mean is told: its root is the 2 there.
+_BLOCKS = 4
 _POWERS = ("damping_power", "load_power")
 
 ASSUMED = {
@@ -112,8 +126,7 @@ class RodCourse:
     centre : ndarray, shape (m,)
         Mean place of the rod, in m.
     velocity, velocity_error : float
-        Mean velocity after settling, positive with the field, in m/s, and how much both halves
-        of the time differ in it.
+        Mean velocity after settling, positive with the field, in m/s, and its standard error.
     energy_error : float
         Largest error of the balance of energy, over all that the field has done.
     penetration : float
@@ -214,10 +227,10 @@ def follow(case: RodCase, report: Report = silent) -> RodCourse:
 
 
 def mean_velocity(time: np.ndarray, centre: np.ndarray, settle: float) -> tuple[float, float]:
-    """Mean velocity of a motion that repeats itself, and how sure it is.
+    """Mean velocity of a motion that repeats itself, regularly or not, and how sure it is.
 
     Weights that rise from 0 and fall to 0 smoothly make the mean of what repeats itself in any
-    period shorter than the time independent of where the time begins and ends.
+    period much shorter than the time independent of where the time begins and ends.
 
     Parameters
     ----------
@@ -230,7 +243,7 @@ def mean_velocity(time: np.ndarray, centre: np.ndarray, settle: float) -> tuple[
     -------
     velocity : float
     error : float
-        Difference of the means over both halves of what counts.
+        Standard error: of the means over quarters of what counts.
 
     Examples
     --------
@@ -239,13 +252,9 @@ def mean_velocity(time: np.ndarray, centre: np.ndarray, settle: float) -> tuple[
     >>> abs(velocity - 0.3) < 1e-4, error < 1e-2
     (True, True)
     """
-    first = settle * time[-1]
-    half = (first + time[-1]) / 2
-    whole, before, after = (
-        _weighted(time, centre, *span)
-        for span in ((first, time[-1]), (first, half), (half, time[-1]))
-    )
-    return whole, abs(before - after)
+    edges = np.linspace(settle * time[-1], time[-1], _BLOCKS + 1)
+    parts = [_weighted(time, centre, *span) for span in pairwise(edges.tolist())]
+    return _weighted(time, centre, edges[0], edges[-1]), float(np.std(parts, ddof=1)) / 2
 
 
 def _weighted(time: np.ndarray, centre: np.ndarray, begin: float, end: float) -> float:
@@ -254,6 +263,93 @@ def _weighted(time: np.ndarray, centre: np.ndarray, begin: float, end: float) ->
     share = ((t[1:] + t[:-1]) / 2 - begin) / (end - begin)
     weight = np.exp(-1 / np.maximum(share * (1 - share), 1e-6)) * np.diff(t)
     return float(weight @ (np.diff(x) / np.diff(t)) / weight.sum())
+
+
+def direction(course: RodCourse) -> int:
+    """Tell where the rod goes.
+
+    Parameters
+    ----------
+    course : RodCourse
+        The motion.
+
+    Returns
+    -------
+    int
+        1 with the field, -1 against it, 0 where the mean velocity is within two errors of 0.
+    """
+    if abs(course.velocity) <= 2 * course.velocity_error:
+        return 0
+    return 1 if course.velocity > 0 else -1
+
+
+def segment_length(case: RodCase, course: RodCourse) -> float:
+    """Mean length of the rod from coil to coil of a block, just before the coils change.
+
+    Parameters
+    ----------
+    case : RodCase
+        With an even number of switches for which coils are on.
+    course : RodCourse
+        Its motion.
+
+    Returns
+    -------
+    float
+        In m; NaN where the rod never reached over a block.
+    """
+    found = []
+    steps, n, pitch = course.steps, course.rod.count, case.coils.pitch
+    count = round(case.pattern.duration)
+    repeat = case.pattern.every * pitch
+    switches = np.arange(round(steps.time[-1] * case.rate))
+    late = switches[switches > case.course.settle * len(switches)]
+    for k in late:
+        look = np.searchsorted(steps.time, (k + 1) / case.rate * (1 - 1e-9)) - 1
+        x, y = steps.states[:n, look], steps.states[n : 2 * n, look]
+        first = (k - count + 1) * pitch
+        first += repeat * round((x.mean() - first - (count - 1) * pitch / 2) / repeat)
+        last = first + (count - 1) * pitch
+        if x.min() < first and last < x.max() and count > 1:
+            found.append(_length_between(x, y, first, last) / (count - 1))
+    return float(np.mean(found)) if found else float("nan")
+
+
+def _length_between(x: np.ndarray, y: np.ndarray, first: float, last: float) -> float:
+    """Length of a polyline from the first place along the row to the last."""
+    arc = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
+    inside = np.flatnonzero((x[:-1] - first) * (x[1:] - first) <= 0)
+    beyond = np.flatnonzero((x[:-1] - last) * (x[1:] - last) <= 0)
+    i, j = inside[0], beyond[-1]
+    begin = np.interp(first, np.sort(x[i : i + 2]), np.sort(arc[i : i + 2]))
+    end = np.interp(last, np.sort(x[j : j + 2]), np.sort(arc[j : j + 2]))
+    return float(abs(end - begin))
+
+
+def assumed_scalars(case: RodCase) -> dict[str, Scalar]:
+    """Numbers that are assumptions, so that results show them.
+
+    Parameters
+    ----------
+    case : RodCase
+        Which has them.
+
+    Returns
+    -------
+    dict of str to Scalar
+    """
+    found = {
+        "density": (case.worm.density, "density"),
+        "damping_time": (case.worm.damping_time, "time"),
+        "susceptibility": (case.worm.susceptibility, "share"),
+        "friction": (case.channel.friction, "share"),
+        "coil_outer": (case.coils.outer, "length"),
+        "ampere_turns": (case.coils.ampere_turns, "ampere_turns"),
+    }
+    return {
+        f"assumed_{name}": Scalar(value, unit_of(unit, "SI"))
+        for name, (value, unit) in found.items()
+    }
 
 
 def _energy_error(model: Model, steps: Steps, numbers: dict[str, float]) -> float:

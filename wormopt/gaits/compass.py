@@ -1,0 +1,99 @@
+"""Compass search: the best of a few numbers where each look is a simulation, and not quite exact.
+
+Looks go one step each way along every axis; the best one becomes the new centre if it is better by
+more than both are uncertain, else the steps are halved. No slope is needed.
+
+Source: T. G. Kolda, R. M. Lewis, V. Torczon, SIAM Review 45 (2003) 385.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+__all__ = ["Look", "compass"]
+
+Point = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Look:
+    """What was found at a point.
+
+    Parameters
+    ----------
+    point : dict of str to float
+        Where.
+    value, error : float
+        What, and how uncertain it is.
+    """
+
+    point: Point
+    value: float
+    error: float
+
+
+def compass(
+    look: Callable[[Sequence[Point]], Sequence[Look]],
+    start: Mapping[str, float],
+    steps: Mapping[str, float],
+    bounds: Mapping[str, tuple[float, float]],
+    rounds: int,
+) -> list[Look]:
+    """Search for the largest value.
+
+    Parameters
+    ----------
+    look : callable
+        Gives what is found at several points; they may be computed side by side.
+    start, steps : mapping of str to float
+        First centre, and first steps.
+    bounds : mapping of str to (float, float)
+        Between which the numbers must stay.
+    rounds : int
+        So many rounds of looks.
+
+    Returns
+    -------
+    list of Look
+        The centres, best last; the first is the start.
+
+    Examples
+    --------
+    >>> def look(points):
+    ...     return [Look(p, -((p["x"] - 0.3) ** 2), 0.0) for p in points]
+    >>> found = compass(look, {"x": 1.0}, {"x": 0.5}, {"x": (0.0, 1.0)}, 12)
+    >>> abs(found[-1].point["x"] - 0.3) < 1e-2
+    True
+    """
+    centres, seen = list(look([dict(start)])), {_key(start)}
+    sizes = dict(steps)
+    for _ in range(rounds):
+        around = [p for p in _around(centres[-1].point, sizes, bounds) if _key(p) not in seen]
+        seen.update(map(_key, around))
+        found = look(around) if around else []
+        best = max(found, key=lambda one: one.value, default=None)
+        now = centres[-1]
+        if best is not None and best.value - best.error > now.value + now.error:
+            centres.append(best)
+        else:
+            sizes = {name: size / 2 for name, size in sizes.items()}
+    return centres
+
+
+def _key(point: Mapping[str, float]) -> tuple[float, ...]:
+    return tuple(round(value, 9) for value in point.values())
+
+
+def _around(
+    centre: Point, sizes: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]
+) -> list[Point]:
+    """One step each way along every axis, cut at the bounds."""
+    found = []
+    for name, size in sizes.items():
+        low, high = bounds[name]
+        for value in (centre[name] - size, centre[name] + size):
+            moved = min(max(value, low), high)
+            if moved != centre[name]:
+                found.append(centre | {name: moved})
+    return found
