@@ -137,7 +137,8 @@ def _states(rod: Rod) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
     places, rates = [], []
     for name, (unit, size, rate, speed) in sizes.items():
         columns = ca.SX.sym(name, rod.count), ca.SX.sym(f"{name}_rate", rod.count)
-        places.append(Signal(name, columns[0], unit, size, value=0.0))
+        rest = tuple(rod.nodes.tolist()) if name == "along" else 0.0
+        places.append(Signal(name, columns[0], unit, size, value=rest))
         rates.append(Signal(f"{name}_rate", columns[1], rate, speed, value=0.0))
     return tuple(places), tuple(rates)
 
