@@ -20,7 +20,8 @@ from wormopt.scenes.types import (
     wrong_order,
 )
 
-STEEPEST = 10.0
+STEEPEST, FLATTEST = 10.0, 1e-3
+"""Rises over the coil distance; below, l_s - L is lost in rounding."""
 Closings = Annotated[
     tuple[Literal["point_contact", "sleeve"], ...],
     Meta(min_length=1, max_length=2, description='a list of "point_contact" and "sleeve"'),
@@ -116,6 +117,12 @@ class ChannelBodyTable(Table, frozen=True, kw_only=True):
                 f"{key}.pitch",
                 f"within {pitch:g} m the body would rise by {channel - body:g} m; write more than "
                 f"{(channel - body) / STEEPEST:g}",
+            )
+        elif channel - body < FLATTEST * pitch:
+            yield (
+                f"{key}.body",
+                f"a body {body:g} m thick fills the channel, and what it rises by is lost in "
+                f"rounding; write less than {channel - FLATTEST * pitch:g}",
             )
         if length < pitch:
             yield (

@@ -295,15 +295,13 @@ def _warnings(worm: ChannelWorm, shapes: list[SegmentShape]) -> Iterator[str]:
     for shape in shapes:
         count = segment_count(worm.length, shape.curve.length, worm.rule)
         yield from warnings_of_count(shape.name, worm, count, shape.curve.length)
-        if not shape.exact or shape.curvature is None:
-            continue
-        strain = shape.curvature * worm.body / 2
+        strain = (shape.curvature or 0.0) * worm.body / 2
         if strain >= 1:
             yield (
                 f"{shape.name}: at the walls the body is bent more sharply than it is thick and "
                 "would run into itself"
             )
-        elif strain > SMALL_STRAIN:
+        elif shape.exact and strain > SMALL_STRAIN:
             yield (
                 f"{shape.name}: at the walls the surface of the body is strained by {strain:.2g}; "
                 f"an elastica is thin, and above {SMALL_STRAIN:g} its forces are a guess"
