@@ -64,7 +64,9 @@ if TYPE_CHECKING:
     from wormopt.tracking.reference import Reference, follow
     from wormopt.worms.averaged_pair import averaged_pair, steady_pair
     from wormopt.worms.chain import chain
+    from wormopt.worms.channel import ChannelWorm
     from wormopt.worms.copies import copies
+    from wormopt.worms.bristles import ratchet
     from wormopt.worms.crawl import crawl
     from wormopt.worms.drift import float_drift
     from wormopt.worms.film import CosineWave
@@ -73,6 +75,8 @@ if TYPE_CHECKING:
     from wormopt.worms.float import floating, tracers
     from wormopt.worms.magnetic_pair import magnetic_pair
     from wormopt.worms.slow_pair import slow_pair
+    from wormopt.worms.stepper import Stepper
+    from wormopt.worms.steps import step_times
     from wormopt.worms.thin_film import thin_film
 
 __version__ = VERSION
@@ -82,6 +86,7 @@ _HOMES = {
     "ArgumentError": "wormopt.errors",
     "Bound": "wormopt.optimal.problem",
     "Branch": "wormopt.averaging.continuation",
+    "ChannelWorm": "wormopt.worms.channel",
     "Coil": "wormopt.magnetics.winding",
     "CoilRow": "wormopt.magnetics.coils",
     "Collocation": "wormopt.optimal.collocation",
@@ -131,6 +136,7 @@ _HOMES = {
     "SolveError": "wormopt.errors",
     "Spike": "wormopt.core.friction",
     "SteadyState": "wormopt.averaging.steady",
+    "Stepper": "wormopt.worms.stepper",
     "Stribeck": "wormopt.core.friction",
     "Switch": "wormopt.core.model",
     "Tolerance": "wormopt.simulation.options",
@@ -164,6 +170,7 @@ _HOMES = {
     "moving_profile": "wormopt.magnetics.travelling",
     "optimise": "wormopt.optimal.optimise",
     "polish": "wormopt.optimal.polish",
+    "ratchet": "wormopt.worms.bristles",
     "refine": "wormopt.optimal.optimise",
     "relative_degree": "wormopt.linear.lie",
     "run": "wormopt.runner",
@@ -172,6 +179,7 @@ _HOMES = {
     "slow_pair": "wormopt.worms.slow_pair",
     "steady_pair": "wormopt.worms.averaged_pair",
     "steady_states": "wormopt.averaging.steady",
+    "step_times": "wormopt.worms.steps",
     "switched_course": "wormopt.magnetics.travelling",
     "thin_film": "wormopt.worms.thin_film",
     "tracers": "wormopt.worms.float",
@@ -182,6 +190,7 @@ __all__ = [
     "ArgumentError",
     "Bound",
     "Branch",
+    "ChannelWorm",
     "Coil",
     "CoilRow",
     "Collocation",
@@ -231,6 +240,7 @@ __all__ = [
     "SolveError",
     "Spike",
     "SteadyState",
+    "Stepper",
     "Stribeck",
     "Switch",
     "Tolerance",
@@ -265,6 +275,7 @@ __all__ = [
     "moving_profile",
     "optimise",
     "polish",
+    "ratchet",
     "refine",
     "relative_degree",
     "run",
@@ -273,6 +284,7 @@ __all__ = [
     "slow_pair",
     "steady_pair",
     "steady_states",
+    "step_times",
     "switched_course",
     "thin_film",
     "tracers",
