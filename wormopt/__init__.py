@@ -63,10 +63,10 @@ if TYPE_CHECKING:
     from wormopt.tracking.lqr import lqr
     from wormopt.tracking.reference import Reference, follow
     from wormopt.worms.averaged_pair import averaged_pair, steady_pair
+    from wormopt.worms.bristles import ratchet
     from wormopt.worms.chain import chain
     from wormopt.worms.channel import ChannelWorm
     from wormopt.worms.copies import copies
-    from wormopt.worms.bristles import ratchet
     from wormopt.worms.crawl import crawl
     from wormopt.worms.drift import float_drift
     from wormopt.worms.film import CosineWave
