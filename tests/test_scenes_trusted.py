@@ -291,6 +291,8 @@ def test_units_of_si_scenes(tmp_path: Path):
             "film-wave",
             "float",
             "stepper",
+            "channel-worm",
+            "segment-shapes",
         )
     ],
 )
