@@ -7,7 +7,6 @@ a geometric one; what is cut off is measured. The force on magnetisable matter i
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,6 +22,7 @@ __all__ = ["BlockField", "block_field"]
 # Powers across the strip, and points along two repeats of the pattern from which the series is
 # found. So many blocks are there on each side.
 _DEGREE, _POINTS, _BLOCKS = 12, 256, 2
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,9 @@ def _waves(angle: ca.SX, count: int) -> list[tuple[ca.SX, ca.SX]]:
     return found[:count]
 
 
-def block_field(row: CoilRow, half: float, on: int, every: int, tolerance: float = 1e-4) -> BlockField:
+def block_field(
+    row: CoilRow, half: float, on: int, every: int, tolerance: float = 1e-4
+) -> BlockField:
     """Find the series of the field of blocks of coils along an endless row.
 
     Parameters
@@ -138,9 +140,13 @@ def block_field(row: CoilRow, half: float, on: int, every: int, tolerance: float
     harmonics[:, 1:] *= 2
     series = np.linalg.solve(chebyshev.chebvander(height, _DEGREE), harmonics)
     powers = np.stack([_powers(column) for column in series.T], axis=1)
-    kept = np.where(np.abs(powers) > tolerance * np.abs(powers).max(), powers, 0)
-    kept.real[np.abs(kept.real) < 1e-9 * np.abs(powers).max()] = 0
-    kept.imag[np.abs(kept.imag) < 1e-9 * np.abs(powers).max()] = 0
+    largest = np.abs(powers).max()
+    # parts that symmetry makes 0 are rounding, and need not be computed with
+    real, imag = (
+        np.where(np.abs(part) > _ROUNDING * largest, part, 0.0)
+        for part in (np.real(powers), np.imag(powers))
+    )
+    kept = np.where(np.abs(powers) > tolerance * largest, real + 1j * imag, 0)
     rows, columns = (np.flatnonzero(np.any(kept, axis=axis))[-1] + 1 for axis in (1, 0))
     field = BlockField(period, half, kept[:rows, :columns], 0.0)
     return BlockField(period, half, field.coefficients, _error(field, row, on, every))
@@ -164,7 +170,7 @@ def _square(row: CoilRow, on: int, every: int, x: np.ndarray, y: np.ndarray) -> 
 def _powers(series: np.ndarray) -> np.ndarray:
     """Coefficients of powers from those of a Chebyshev series, complex ones too."""
     real, imag = (np.append(chebyshev.cheb2poly(part), np.zeros(len(series)))[: len(series)]
-                  for part in (series.real, series.imag))  # fmt: skip
+                  for part in (np.real(series), np.imag(series)))  # fmt: skip
     return real + 1j * imag
 
 

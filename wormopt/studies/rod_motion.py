@@ -19,11 +19,11 @@ from wormopt.studies.rod_parts import (
     RodCase,
     RodCourse,
     assumed_scalars,
+    blocks_of,
     direction,
     follow,
     segment_length,
 )
-from wormopt.worms.magnetic_rod import Blocks, switched_blocks
 
 __all__ = ["run"]
 
@@ -93,9 +93,6 @@ def _result(
     seconds: float,
 ) -> Result:
     faults = list(_faults(case, course, again, scene.table.convergence.accepted))
-    blocks = switched_blocks(
-        case.pattern.every, case.rate, case.pattern.duration, case.pattern.shift
-    )
     return Result(
         scene.name,
         scene.table.kind,
@@ -103,7 +100,7 @@ def _result(
         status="failed" if faults else "ok",
         reason="; ".join(faults),
         scalars=_scalars(case, course, again),
-        variables=(*_histories(course), *_frames(case, course, blocks), *_convergence(again)),
+        variables=(*_histories(course), *_frames(case, course), *_convergence(again)),
         trust={
             "energy_error": course.energy_error,
             "penetration_share": course.penetration / _room(case),
@@ -206,9 +203,9 @@ def _histories(course: RodCourse) -> Iterator[Variable]:
         yield Variable(f"work_{short}", "J", ("time",), steps.work[name][kept], what)
 
 
-def _frames(case: RodCase, course: RodCourse, blocks: Blocks) -> Iterator[Variable]:
+def _frames(case: RodCase, course: RodCourse) -> Iterator[Variable]:
     """Shapes over the last two repeats of the pattern, forces on the walls, coils that are on."""
-    steps, n = course.steps, course.rod.count
+    blocks, steps, n = blocks_of(case), course.steps, course.rod.count
     since = max(steps.time[-1] - 2 * case.cycle, 0.0)
     kept = np.searchsorted(steps.time, np.linspace(since, steps.time[-1], _FRAMES))
     kept = np.clip(kept, 1, len(steps.time) - 1)
@@ -219,9 +216,7 @@ def _frames(case: RodCase, course: RodCourse, blocks: Blocks) -> Iterator[Variab
         yield Variable(f"rod_{name}", unit, ("frame", "node"), part, f"{name} of the nodes")
     for k, wall in enumerate(("upper", "lower")):
         part = steps.pressed[k::2, kept - 1].T
-        yield Variable(
-            f"pressed_{wall}", "N", ("frame", "node"), part, f"force on the {wall} wall"
-        )
+        yield Variable(f"pressed_{wall}", "N", ("frame", "node"), part, f"force on the {wall} wall")
     inside = np.mod(time - 1e-9 * case.cycle, blocks.breaks[-1])
     piece = np.searchsorted(blocks.breaks, inside, side="right") - 1
     turn = np.round((time - inside) / blocks.breaks[-1]) * 2 * case.pattern.every

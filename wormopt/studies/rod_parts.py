@@ -28,6 +28,7 @@ from wormopt.scenes.rod import (
 from wormopt.simulation.moreau import Marcher, Steps
 from wormopt.worms.channel_rod import channel_rod, straight
 from wormopt.worms.magnetic_rod import (
+    Blocks,
     block_load,
     block_schedule,
     magnetic_strength,
@@ -40,11 +41,13 @@ __all__ = [
     "RodCase",
     "RodCourse",
     "assumed_scalars",
+    "blocks_of",
     "direction",
     "follow",
     "mean_velocity",
     "rod_of",
     "segment_length",
+    "stable_step",
 ]
 
 # How much wider than the room of the centre line the strip is on which the field is known: walls
@@ -191,21 +194,12 @@ def follow(case: RodCase, report: Report = silent) -> RodCourse:
     """
     begin = perf_counter()
     rod = rod_of(case.worm, case.mesh)
-    pattern = case.pattern
-    blocks = switched_blocks(pattern.every, case.rate, pattern.duration, pattern.shift)
+    blocks = blocks_of(case)
     fields = tuple(_field(case, count) for count in blocks.counts)
     strength = magnetic_strength(rod, case.worm.susceptibility, case.coils.ampere_turns)
     schedule = block_schedule(blocks, case.coils.pitch, strength)
-    marcher = _marcher(rod.length, rod.diameter, rod.poisson_ratio, rod.elements, rod.degree,
-                       case.channel.diameter, fields)  # fmt: skip
-    state = straight(rod, along=pattern.every * case.coils.pitch)
-    x0 = np.concatenate([state[signal.name] for signal in marcher.model.x])
-    numbers = {
-        "youngs_modulus": case.worm.youngs_modulus,
-        "density": case.worm.density,
-        "damping_time": case.worm.damping_time,
-        "friction": case.channel.friction,
-    }
+    marcher = _marcher_of(case, rod, fields)
+    numbers, x0 = _numbers(case), _start(case, marcher, rod)
     cycles = max(case.course.cycles, int(np.ceil(case.course.duration / case.cycle)))
     steps = marcher.march(
         cycles * case.cycle, x0, p=numbers, schedule=schedule, step=case.mesh.step, report=report
@@ -224,6 +218,54 @@ def follow(case: RodCase, report: Report = silent) -> RodCourse:
         field_error=max(field.error for field in fields),
         seconds=perf_counter() - begin,
     )
+
+
+def stable_step(case: RodCase) -> float:
+    """Longest stable time step of a case.
+
+    Parameters
+    ----------
+    case : RodCase
+        What moves.
+
+    Returns
+    -------
+    float
+        In s.
+    """
+    rod = rod_of(case.worm, case.mesh)
+    marcher = _marcher_of(case, rod, tuple(_field(case, count) for count in blocks_of(case).counts))
+    numbers = _numbers(case)
+    values = np.array([numbers[signal.name] for signal in marcher.model.p])
+    return marcher.stable_step(_start(case, marcher, rod), values)
+
+
+def blocks_of(case: RodCase) -> Blocks:
+    """Tell which coils are on when.
+
+    Parameters
+    ----------
+    case : RodCase
+        How they are switched.
+    """
+    pattern = case.pattern
+    return switched_blocks(pattern.every, case.rate, pattern.duration, pattern.shift)
+
+
+def _numbers(case: RodCase) -> dict[str, float]:
+    """Parameters of the model."""
+    return {
+        "youngs_modulus": case.worm.youngs_modulus,
+        "density": case.worm.density,
+        "damping_time": case.worm.damping_time,
+        "friction": case.channel.friction,
+    }
+
+
+def _start(case: RodCase, marcher: Marcher, rod: Rod) -> np.ndarray:
+    """A straight rod at rest one repeat of the pattern away from the first coil."""
+    state = straight(rod, along=case.pattern.every * case.coils.pitch)
+    return np.concatenate([state[signal.name] for signal in marcher.model.x])
 
 
 def mean_velocity(time: np.ndarray, centre: np.ndarray, settle: float) -> tuple[float, float]:
@@ -386,6 +428,11 @@ def _field(case: RodCase, count: int) -> BlockField:
         case.pattern.every,
         case.mesh.field_tolerance,
     )
+
+
+def _marcher_of(case: RodCase, rod: Rod, fields: tuple[BlockField, ...]) -> Marcher:
+    sizes = rod.length, rod.diameter, rod.poisson_ratio, rod.elements, rod.degree
+    return _marcher(*sizes, case.channel.diameter, fields)
 
 
 @lru_cache(maxsize=16)

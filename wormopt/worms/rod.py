@@ -22,7 +22,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.polynomial import legendre
-from scipy.linalg import block_diag
 
 from wormopt.errors import ArgumentError
 
@@ -223,12 +222,11 @@ class Rod:
 
 def _chained(block: np.ndarray, parts: range) -> ca.DM:
     """Matrix of elements in a row that share their end nodes, sparse."""
-    whole = block_diag(*(block for _ in parts))
-    shared = np.zeros((len(block) * len(parts), (block.shape[1] - 1) * len(parts) + 1))
+    rows, columns = block.shape
+    shared = np.zeros((rows * len(parts), (columns - 1) * len(parts) + 1))
     for k in parts:
-        own = slice(k * block.shape[1], (k + 1) * block.shape[1])
-        first = k * (block.shape[1] - 1)
-        shared[:, first : first + block.shape[1]] += whole[:, own]
+        first = k * (columns - 1)
+        shared[k * rows : (k + 1) * rows, first : first + columns] = block
     return ca.sparsify(ca.DM(shared), _DIGITS)
 
 
