@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,10 +23,18 @@ class Curve:
         Its length.
     points : callable
         Of shares (m,): x, y and the angle of its tangent, shape (3, m).
+    breaks : tuple of float, optional
+        Shares from 0 to 1 between which it is smooth.
     """
 
     length: float
     points: Callable[[np.ndarray], np.ndarray]
+    breaks: tuple[float, ...] = (0.0, 1.0)
+
+    def steepest(self) -> float:
+        """Largest angle of the tangent."""
+        pieces = pairwise(self.breaks)
+        return max(resolve(lambda s: self.points(s)[2:], a, b).extremes(0)[1] for a, b in pieces)
 
 
 def graph_curve(height: Callable[[np.ndarray], np.ndarray], span: float) -> Curve:
@@ -90,6 +99,8 @@ def distances(one: Curve, other: Curve) -> tuple[float, float]:
         apart = one.points(share)[:2] - other.points(share)[:2]
         return (apart**2).sum(axis=0)[None]
 
-    series: Series = resolve(squares, 0.0, 1.0)
-    ends = series.extremes(0)
-    return float(np.sqrt(max(ends[1], 0.0))), float(np.sqrt(max(series.integral()[0], 0.0)))
+    breaks = sorted({*one.breaks, *other.breaks})
+    pieces: list[Series] = [resolve(squares, a, b) for a, b in pairwise(breaks)]
+    largest = max(series.extremes(0)[1] for series in pieces)
+    mean = sum(float(series.integral()[0]) for series in pieces)
+    return float(np.sqrt(max(largest, 0.0))), float(np.sqrt(max(mean, 0.0)))

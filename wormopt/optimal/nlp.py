@@ -154,6 +154,8 @@ class Solution:
         Seconds spent in the program's functions by their CasADi names, ``nlp_hess_l`` say.
     build_s : float
         Seconds to make the solver with its derivatives; 0 where it was there already.
+    multipliers : ndarray, shape (n_g,)
+        Of the constraints, as the solver left them: below 0 at lower bounds, above at upper ones.
     """
 
     w: np.ndarray
@@ -165,6 +167,7 @@ class Solution:
     seconds: float
     functions_s: Mapping[str, float] = field(default_factory=dict)
     build_s: float = 0.0
+    multipliers: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 class NonlinearProgram:
@@ -308,6 +311,7 @@ class NonlinearProgram:
                 if key.startswith("t_wall_nlp_")
             },
             build_s=start - begin,
+            multipliers=np.asarray(answer["lam_g"]).ravel(),
         )
 
     def linear_step(

@@ -19,7 +19,14 @@ from wormopt.magnetics.blocks import BlockField
 from wormopt.magnetics.material import MU0
 from wormopt.worms.rod import Rod
 
-__all__ = ["Blocks", "block_load", "block_schedule", "magnetic_strength", "switched_blocks"]
+__all__ = [
+    "Blocks",
+    "block_energy",
+    "block_load",
+    "block_schedule",
+    "magnetic_strength",
+    "switched_blocks",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,3 +173,28 @@ def block_load(rod: Rod, fields: Sequence[BlockField]) -> ca.Function:
     places = ca.horzcat(q[:n], q[n : 2 * n]).T
     forces = one.map(n)(places, ca.repmat(coils, 1, n), ca.DM(rod.weights).T)
     return ca.Function("load", [q, coils], [ca.vec(forces.T)])
+
+
+def block_energy(rod: Rod, field: BlockField) -> ca.Function:
+    """Magnetic energy of a rod in the field of a block: the potential of `block_load`'s forces.
+
+    Parameters
+    ----------
+    rod : Rod
+        Whose nodes.
+    field : BlockField
+        Of the block.
+
+    Returns
+    -------
+    casadi.Function
+        From the places of the nodes (x, y, angle) and a column of values as in `block_schedule`
+        (the last one is not looked at) to the energy -(mu0 chi A / 2) times the integral of H²
+        along the rod, by the lengths that the nodes stand for, in J.
+    """
+    place = ca.SX.sym("place", 2)
+    square = ca.Function("square", [place], [field.expression(place[0], place[1])], {"cse": True})
+    q, coils, n = ca.MX.sym("q", 3 * rod.count), ca.MX.sym("coils", 4), rod.count
+    seen = ca.horzcat(q[:n] - coils[0], coils[1] * q[n : 2 * n]).T
+    energy = -coils[2] * (square.map(n)(seen) @ ca.DM(rod.weights))
+    return ca.Function("energy", [q, coils], [energy])
