@@ -131,6 +131,7 @@ PICTURES: dict[str, Picture] = {
         hydrostatics.coil_pressure,
         ("x", "surface", "pressure", "inside_z", "inside_pressure", "map_x", "induction_x"),
     ),
+    "rod_frequency": Picture(rod.rod_frequency, ("curve_rate", "curve_velocity", "curve_error")),
     "rod_motion": Picture(
         rod.rod_motion, ("time", "centre", "frame", "rod_x", "rod_y", "first_coil", "coils_on")
     ),

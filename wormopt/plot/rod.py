@@ -8,16 +8,26 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from wormopt.plot.parts import GREY, LINKS, RED, facts, label, sheet
+from wormopt.plot.parts import GREY, LINKS, RED, facts, label, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["FRAMES", "first_frame", "pose", "rod_motion"]
+__all__ = ["FRAMES", "first_frame", "pose", "rod_frequency", "rod_motion"]
 
 FRAMES = 144
 _SNAPSHOTS = 7
 _COIL, _LIT = "#EADFCF", "#D98C3F"
 # Colours of the body's two halves, so that one sees it move past the walls.
 _BODY = (LINKS[0], "#66B2E0")
+
+_NAMES = {
+    "youngs_modulus": "Young's modulus",
+    "density": "density",
+    "damping_time": "damping",
+    "susceptibility": "susceptibility",
+    "friction": "friction",
+    "coil_outer": "radius of the coils",
+    "coil_clearance": "clearance of the coils",
+}
 
 
 def rod_motion(result: Result) -> Figure:
@@ -174,3 +184,98 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
     axes.set_xlabel(label("place $x$", "mm"))
     axes.text(0.01, 0.93, f"t = {time[frame] - time[0]:.3f} s", color=GREY,
               transform=axes.transAxes)  # fmt: skip
+
+
+def rod_frequency(result: Result) -> Figure:
+    """Velocity over frequency with natural frequencies and marks; below, what it hangs on.
+
+    Parameters
+    ----------
+    result : Result
+        Of kind ``rod-frequency``.
+
+    Returns
+    -------
+    Figure
+    """
+    known = "changed_velocity" in result
+    drawn = sheet(10, 9 if known else 5)
+    if not known:
+        _curve(drawn.subplots(), result)
+        return drawn
+    rates = result["sensitive_rate"].values
+    grid = drawn.add_gridspec(2, len(rates), height_ratios=(1.25, 1))
+    _curve(drawn.add_subplot(grid[0, :]), result)
+    first = None
+    for k, rate in enumerate(rates):
+        axes = drawn.add_subplot(grid[1, k], sharey=first)
+        first = first or axes
+        _tornado(axes, result, k, f"{rate:g} switches a second")
+    return drawn
+
+
+def _curve(axes: Axes, result: Result) -> None:
+    """Mean velocity against the field's travel, in mm/s, with twice its standard error."""
+    rate, velocity = result["curve_rate"].values, -1e3 * result["curve_velocity"].values
+    slope = -1e3 * float(scalar(result, "velocity_per_frequency_slow"))
+    best = -1e3 * float(scalar(result, "pattern_velocity") or np.nan)
+    top = 1.25 * np.nanmax([*velocity, best])
+    for value, text in ((frequency, f"{frequency:.3g}") for frequency in _natural(result)):
+        axes.axvline(value, color="#BBBBBB", linewidth=1, linestyle=(0, (2, 2)))
+        axes.text(value, top, text, rotation=90, ha="right", va="top", color=GREY, fontsize=8)
+    slow = np.geomspace(rate[0], max(top / slope, rate[0]) if slope > 0 else rate[-1])
+    axes.plot(slow, slope * slow, color=GREY, linewidth=1, label=f"slow switching: {slope:.3g} mm")
+    axes.axhline(0, color="black", linewidth=0.8)
+    bars = {"fmt": "o-", "capsize": 2.5, "linewidth": 1.4, "markersize": 4}
+    axes.errorbar(rate, velocity, 2e3 * result["curve_error"].values, color=LINKS[0],
+                  label="simulated, two standard errors", **bars)  # fmt: skip
+    if "refined_rate" in result:
+        axes.errorbar(
+            result["refined_rate"].values, -1e3 * result["refined_velocity"].values,
+            2e3 * result["refined_error"].values, color=LINKS[2], label="near the best",
+            **(bars | {"fmt": "o"}),
+        )  # fmt: skip
+    if scalar(result, "pattern_rate") is not None:
+        axes.plot(scalar(result, "pattern_rate"), best, "*", color=LINKS[1], markersize=13,
+                  label=f"best pattern: {best:.3g} mm/s")  # fmt: skip
+    for (where, speed, text), mark in zip(
+        result.attributes.get("measured", []), ("s", "x", "D", "^", "v", "P") * 5, strict=False
+    ):
+        axes.plot(where, 1e3 * speed, mark, color=RED, markersize=7, label=text)
+    axes.set_xscale("log")
+    axes.set_ylim(top=top)
+    axes.set_xlabel("switches a second $n$; dotted: natural frequencies of the free rod (Hz)")
+    axes.set_ylabel("mean velocity against the field (mm/s)")
+    axes.legend(loc="lower left", fontsize=8.5)
+    axes.set_title(facts(result, "frequency_best", "velocity_best"), loc="left")
+
+
+def _natural(result: Result) -> list[float]:
+    found = scalar(result, "eigenfrequencies") or []
+    return [float(value) for value in found]
+
+
+def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
+    """Bars from the velocity as it is to the velocities with each number changed."""
+    changed = -1e3 * result["changed_velocity"].values[:, :, column]
+    factors = result["changed_factor"].values[:, :, column]
+    plain = -1e3 * float(result["unchanged_velocity"].values[column])
+    error = 2e3 * float(result["unchanged_error"].values[column])
+    names = result.attributes["parameters"]
+    axes.axvspan(plain - error, plain + error, color="#EFEFEF", linewidth=0)
+    axes.axvline(plain, color=GREY, linewidth=1)
+    for row, (speeds, shares) in enumerate(zip(changed, factors, strict=True)):
+        for speed, share in zip(speeds, shares, strict=True):
+            colour = LINKS[3] if share > 1 else LINKS[0]
+            axes.plot([plain, speed], [row, row], color=colour, linewidth=5, alpha=0.55)
+            axes.annotate(
+                f"× {share:.3g}", (speed, row), (0, 5), textcoords="offset points", ha="center",
+                color=colour, fontsize=7.5,
+            )  # fmt: skip
+    axes.set_yticks(range(len(names)), [_NAMES.get(name, name) for name in names])
+    axes.set_ylim(len(names) - 0.4, -0.7)
+    if column:
+        axes.tick_params(labelleft=False)
+    axes.set_xlabel("velocity (mm/s)")
+    axes.set_title(title, loc="left")
+    axes.margins(x=0.12)

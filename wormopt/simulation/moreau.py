@@ -199,8 +199,12 @@ class Marcher:
         self, x: np.ndarray, scheduled: np.ndarray, numbers: np.ndarray, sizes: np.ndarray
     ) -> np.ndarray:
         count = len(sizes)
-        many = self._stride.mapaccum("march", count)
+        many = self._span if count == _SPAN else self._stride.mapaccum("march", count)
         return np.array(many(x, scheduled, np.tile(numbers[:, None], count), sizes[None, :]))
+
+    @cached_property
+    def _span(self) -> ca.Function:
+        return self._stride.mapaccum("march", _SPAN)
 
     def _steps(self, times: np.ndarray, columns: list[np.ndarray]) -> Steps:
         found = np.hstack(columns)

@@ -235,8 +235,11 @@ def _result(
         },
         timings_s={"all": seconds, "slowest_motion": max(slowest)},
         scene_text=scene.text,
-        attributes={"measured": [[one.rate, one.velocity, one.text]
-                                 for one in scene.table.measured]},
+        attributes={
+            "measured": [[one.rate, one.velocity, one.text] for one in scene.table.measured],
+            "parameters": list(scene.table.sensitivity.parameters)
+            if scene.table.sensitivity else [],
+        },
     )  # fmt: skip
 
 
@@ -271,8 +274,8 @@ def _faults(table: RodFrequencyScene, case: RodCase, found: _Found) -> Iterator[
 
 
 def _still(point: RodPoint, case: RodCase) -> bool:
-    slow = _STILL * point.rate * case.coils.pitch
-    return abs(point.velocity) <= max(2 * point.error, slow)
+    """Whether the rod is slower than a small share of the field, for sure."""
+    return abs(point.velocity) + 2 * point.error <= _STILL * point.rate * case.coils.pitch
 
 
 def _scalars(table: RodFrequencyScene, case: RodCase, found: _Found) -> dict[str, Scalar]:
