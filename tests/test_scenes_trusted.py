@@ -293,6 +293,8 @@ def test_units_of_si_scenes(tmp_path: Path):
             "stepper",
             "channel-worm",
             "segment-shapes",
+            "rod-motion",
+            "rod-frequency",
         )
     ],
 )
