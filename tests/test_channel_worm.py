@@ -23,7 +23,7 @@ from wormopt.errors import ArgumentError, SceneError, SolveError, UnknownNameErr
 from wormopt.plot import figure
 from wormopt.result import Result
 from wormopt.scenes import load_scene
-from wormopt.scenes.channel import ChannelWormScene, SegmentShapesScene
+from wormopt.scenes.channel import ChannelWormScene, RestTable, SegmentShapesScene
 from wormopt.studies import channel_worm, segment_shapes
 from wormopt.worms.channel import (
     CAPSULE,
@@ -53,6 +53,12 @@ def value(result: Result, name: str) -> Any:
 
 def run(name: str, *changes: str) -> Result:
     return wo.run(load_scene(name, changes))
+
+
+def shaped(*changes: str) -> Result:
+    """Shapes of a segment without the rod, which test_rod_rest.py looks at."""
+    scene = load_scene("segment_shapes", changes)
+    return wo.run(replace(scene, table=msgspec.structs.replace(scene.table, rod=None)))
 
 
 # -- closed forms ---------------------------------------------------------------------------------
@@ -244,7 +250,7 @@ def test_a_wrong_length_fails(monkeypatch: pytest.MonkeyPatch):
 
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_shapes_of_the_chapter_s_bodies(sample: str):
-    result = run("segment_shapes", f'worm.sample="{sample}"')
+    result = shaped(f'worm.sample="{sample}"')
     worm = ChannelWorm.of(sample)
     assert result.status == "ok"
     names = [*SHAPES, "point_contact", "sleeve"]
@@ -277,7 +283,7 @@ def test_shapes_of_the_chapter_s_bodies(sample: str):
 
 def test_energies_of_assumed_shapes():
     """Of (34), by quadrature of y''² / (2 (1 + y'²)^(5/2))."""
-    rise, energies = 0.7, value(run("segment_shapes"), "energy_over_stiffness")
+    rise, energies = 0.7, value(shaped(), "energy_over_stiffness")
 
     def density(x: float) -> float:
         slope, bend = 6 * rise * x * (1 - x), 6 * rise * (1 - 2 * x)
@@ -295,7 +301,7 @@ def test_energies_of_assumed_shapes():
 
 
 def test_which_assumed_shape_is_closest():
-    result = run("segment_shapes")
+    result = shaped()
     largest, mean = (result[f"distance_{name}"].values for name in ("max", "rms"))
     assert value(result, "exact_shapes") == ["point_contact", "sleeve"]
     assert value(result, "closest_shape") == ["sine", "sine"]
@@ -309,31 +315,31 @@ def test_which_assumed_shape_is_closest():
     share = result["share"].values
     assert mean == pytest.approx(np.sqrt(np.trapezoid(seen**2, share)), rel=1e-3, abs=1e-15)
     # flat segments are beams
-    assert value(run("segment_shapes", "worm.pitch=47e-3"), "closest_shape") == ["beam", "beam"]
+    assert value(shaped("worm.pitch=47e-3"), "closest_shape") == ["beam", "beam"]
 
 
 def test_a_segment_that_leaves_the_walls_is_told(tmp_path: Path, capsys: Any):
     channel = 4e-3 + 1.001 * SLEEVE_RISE * 10e-3
     with pytest.raises(SolveError, match="the walls would have to pull") as caught:
-        run("segment_shapes", f"worm.channel={channel}")
+        shaped(f"worm.channel={channel}")
     assert caught.value.code == "no_contact"
     change = ["--set", f"worm.channel={channel}", "--quiet", "-o", str(tmp_path / "out")]
     assert main(["run", "segment_shapes", *change]) == 3
     assert 'exact = ["point_contact"]' in capsys.readouterr().err
-    one = run("segment_shapes", f"worm.channel={channel}", 'exact=["point_contact"]')
+    one = shaped(f"worm.channel={channel}", 'exact=["point_contact"]')
     assert value(one, "exact_shapes") == ["point_contact"]
     assert len(value(one, "arc_length")) == 4
     with pytest.raises(SolveError, match="raise degree") as caught:
-        run("segment_shapes", "worm.channel=60e-3", 'exact=["point_contact"]', "degree=32")
+        shaped("worm.channel=60e-3", 'exact=["point_contact"]', "degree=32")
     assert caught.value.code == "unresolved"
 
 
 def test_thick_bodies_are_told():
-    thick = run("segment_shapes", "worm.body=6e-3", "worm.channel=13e-3")
+    thick = shaped("worm.body=6e-3", "worm.channel=13e-3")
     assert all(strain < 1 for strain in value(thick, "surface_strain")[3:])
     assert sum("strained by" in text for text in thick.trust["warnings"]) == 2
     assert sum("run into itself" in text for text in thick.trust["warnings"]) == 2  # sine, beam
-    steep = run("segment_shapes", "worm.pitch=6e-3")
+    steep = shaped("worm.pitch=6e-3", "rod.outer=6e-3")
     assert sum("run into itself" in text for text in steep.trust["warnings"]) == 3
     assert "solid and round" in steep.trust["assumptions"]["cross-section"]
 
@@ -344,7 +350,7 @@ def test_an_elastica_that_elliptic_integrals_deny_fails(monkeypatch: pytest.Monk
         "exact_elastica",
         lambda closing, rise: exact_elastica(closing, 1.001 * rise),
     )
-    result = run("segment_shapes")
+    result = shaped()
     assert result.status == "failed"
     assert "point_contact: off by" in result.reason
     assert "sleeve: off by" in result.reason
@@ -413,7 +419,7 @@ def test_pictures():
     labels = axes.get_legend_handles_labels()[1]
     assert "beam: 1.431 mm a switch" in labels
     assert "sample 1: measured maximum, from the text: 78.9 mm/s" in labels
-    above, below = figure(run("segment_shapes"), "segment_shapes").axes
+    above, below = figure(shaped(), "segment_shapes").axes
     assert "sleeve (elastica): 12.686 mm" in above.get_legend_handles_labels()[1]
     assert below.get_title(loc="left") == (
         "closest to point contact: sine, 0.108 mm; sleeve: sine, 0.161 mm"
@@ -432,11 +438,13 @@ def test_every_key_and_every_number_is_documented(kind: str, scene: str, table: 
     part = text.partition(f"## kind `{kind}`")[2].partition("\n## ")[0]
     names = set()
     for item in msgspec.structs.fields(table):
-        inner = getattr(item.type, "__struct_fields__", None)
+        inner: Any = getattr(item.type, "__struct_fields__", None)
+        inner = RestTable.__struct_fields__ if item.name == "rod" else inner
         names |= {f"{item.name}.{name}" for name in inner} if inner else {item.name}
-    result = run(scene)
+    sweep = ["rod.sweep=[4600]"] if scene == "segment_shapes" else []
+    result = run(scene, *sweep)
     names |= {*result.scalars, *(v.name for v in result.variables)}
     for entry in result.trust.values():
-        names |= set(entry) if isinstance(entry, dict) and "tail" in entry else set()
+        names |= set(entry) if isinstance(entry, dict) and "residual" in entry else set()
     for name in names - {"schema", "kind", "title", "units"}:
         assert f"`{name}`" in part, name

@@ -29,7 +29,7 @@ CHANNEL, ROOM = 11e-3, 3.5e-3
 
 
 def rubber(elements: int = 12, **changed: Any) -> Rod:
-    numbers = {"length": 48e-3, "diameter": 4e-3, "youngs_modulus": 5e4, "density": 2500.0}
+    numbers: dict[str, Any] = {"length": 48e-3, "diameter": 4e-3, "youngs_modulus": 5e4, "density": 2500.0}
     return Rod(**(numbers | changed), elements=elements)
 
 
@@ -128,7 +128,7 @@ def test_three_points_press_as_the_elastica_says(ratio: float, deflection: float
 
 def _bent_energy(deflection: float) -> float:
     """Of two cantilevers: the work of the tip's force as it grows, by Simpson's rule."""
-    angles = [brentq(lambda a, d=d: tip_of_elastica(a)[1] - d, 1e-9, 1.5, xtol=1e-15)
+    angles: list[Any] = [brentq(lambda a, d=d: tip_of_elastica(a)[1] - d, 1e-9, 1.5, xtol=1e-15)
               for d in np.linspace(0, deflection, 41)[1:]]  # fmt: skip
     forces = np.array([0.0, *(tip_of_elastica(a)[0] for a in angles)])
     weights = np.array([1, *([4, 2] * 20)[:-1], 1]) / 3

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from wormopt.plot.parts import GREY, LINKS, RED, scalar, sheet
 from wormopt.result import Result
@@ -15,6 +17,7 @@ __all__ = ["channel_velocity", "segment_shapes"]
 _COLOURS = (*LINKS[:3], "#CC79A7", "#56B4E9", "#882255")
 _MARKERS = "osD^v"
 _WIDER = 1.6
+_COIL = "#F1D9BF"
 
 
 def channel_velocity(result: Result) -> Figure:
@@ -80,13 +83,19 @@ def segment_shapes(result: Result) -> Figure:
     Returns
     -------
     Figure
-        The channel above, at equal scales; distances from the first exact shape below.
+        The channel above, at equal scales; distances from one exact shape below: that of the rod
+        where there is one, which is then drawn as a whole too.
     """
-    drawn = sheet(9.6, 8.6)
-    above, below = drawn.subplots(2, 1, height_ratios=[2, 1])
     names, exact = scalar(result, "shapes"), result["exact"].values == 1
+    rod = "rod_x" in result
+    drawn = sheet(9.6, 11.4 if rod else 8.6)
+    above, *middle, below = drawn.subplots(
+        3 if rod else 2, 1, height_ratios=[2, 1.1, 1] if rod else [2, 1]
+    )
+    for axes in middle:
+        _rod(axes, result)
     x, y = 1e3 * result["x"].values, 1e3 * result["y"].values
-    first = int(np.argmax(exact))
+    first = len(names) - 1 if rod else int(np.argmax(exact))
     wide, thick = 1e3 * scalar(result, "channel"), 1e3 * scalar(result, "body")
     _walls(above, x[first], wide)
     _body(above, x[first], y[first], result["theta"].values[first], thick, names[first])
@@ -94,7 +103,8 @@ def segment_shapes(result: Result) -> Figure:
     apart = np.hypot(x - x[first], y - y[first])
     for k, name in enumerate(names):
         style = "-" if exact[k] else (0, (5, 2))
-        called = name.replace("_", " ") + (" (elastica)" if exact[k] else " (assumed)")
+        kind = "assumed" if not exact[k] else "in the field" if name == "rod" else "elastica"
+        called = f"{name.replace('_', ' ')} ({kind})"
         above.plot(x[k], y[k], color=_COLOURS[k % 6], linewidth=1.8 if exact[k] else 1.4,
                    linestyle=style, label=f"{called}: {lengths[k]:.3f} mm")  # fmt: skip
         if k != first:
@@ -111,6 +121,49 @@ def segment_shapes(result: Result) -> Figure:
     below.margins(x=0)
     below.set_ylim(bottom=0)
     return drawn
+
+
+def _rod(axes: Axes, result: Result) -> None:
+    """The whole rod at rest, coils that are on, and forces of the walls."""
+    known = result.attributes
+    wide, radius = 1e3 * scalar(result, "channel"), 5e2 * scalar(result, "body")
+    x, y = (1e3 * result[f"rod_{name}"].values for name in "xy")
+    # nodes stand for lengths that differ, and so do their forces: drawn are forces per length
+    share = result["rod_node_length"].values
+    forces = {wall: result[f"rod_force_{wall}_at"].values / share for wall in ("upper", "lower")}
+    largest = max(float(part.max()) for part in forces.values()) or 1.0
+    reach = 0.55 * wide
+    for k in range(known["coils_on"]):
+        place = 1e3 * known["pitch"] * (k - (known["coils_on"] - 1) / 2)
+        base = wide + 1e3 * known["coil_clearance"] if k % 2 == 0 else -reach
+        outer, tall = 1e3 * known["coil_outer"], reach - 1e3 * known["coil_clearance"]
+        told = None if k else "coils that are on"
+        axes.add_patch(Rectangle((place - outer, base), 2 * outer, tall, color=_COIL, label=told))
+        axes.axvline(place, color=GREY, linewidth=0.8, linestyle=(0, (3, 3)))
+    for wall in (0.0, wide):
+        axes.axhline(wall, color="black", linewidth=1)
+    _body(axes, x, y, result["rod_angle"].values, 2 * radius, "rod")
+    axes.plot(x, y, color=_COLOURS[5], linewidth=1.8)
+    lines = [
+        [(place, base), (place, base + side * 0.9 * reach * force / largest)]
+        for wall, base, side in (("upper", wide, 1), ("lower", 0.0, -1))
+        for place, force in zip(x, forces[wall], strict=True)
+        if force > 0
+    ]
+    axes.add_collection(LineCollection(
+        lines, colors=RED, linewidths=1.3, label=f"wall forces, up to {largest:.3g} N/m"
+    ))  # fmt: skip
+    axes.set_xlim(x.min() - 2 * radius, x.max() + 2 * radius)
+    axes.set_ylim(-reach, wide + reach)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlabel("place along the channel from the middle of the block (mm)")
+    axes.set_ylabel("height $y$ (mm)")
+    upper, lower = (1e3 * scalar(result, f"rod_force_{wall}") for wall in ("upper", "lower"))
+    axes.set_title(f"rod at rest at {scalar(result, 'assumed_ampere_turns'):g} ampere-turns; "
+                   f"walls press {upper:.3g} mN from above, {lower:.3g} mN from below",
+                   loc="left")  # fmt: skip
+    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
+    axes.grid(visible=False)
 
 
 def _walls(axes: Axes, x: np.ndarray, wide: float) -> None:

@@ -10,6 +10,8 @@ from msgspec import Meta
 
 from wormopt.core.samples import SAMPLES, Sample
 from wormopt.errors import Fault
+from wormopt.scenes.rod import Coils, Elements, Poisson, Share
+from wormopt.scenes.rod import Degree as ElementDegree
 from wormopt.scenes.types import (
     Pair,
     Positive,
@@ -28,6 +30,11 @@ Closings = Annotated[
 ]
 Points = Annotated[int, Meta(ge=11, le=10_001, description="a whole number from 11 to 10001")]
 Degree = Annotated[int, Meta(ge=16, le=512, description="a whole number from 16 to 512")]
+On = Annotated[int, Meta(ge=2, le=10, description="a whole number from 2 to 10")]
+Sweep = Annotated[
+    tuple[Positive, ...],
+    Meta(max_length=24, description="a list of up to 24 finite numbers above 0, ascending"),
+]
 _SIZES = ("pitch", "channel", "body", "length")
 
 
@@ -199,6 +206,90 @@ class ChannelWormScene(SceneTable, frozen=True, kw_only=True):
         yield from wrong_order("frequency", self.frequency, may_be_equal=False)
 
 
+class RestTable(Table, frozen=True, kw_only=True):
+    """The body as a rod at rest in the field of coils; all that the chapter leaves open.
+
+    Parameters
+    ----------
+    susceptibility : float
+        Magnetisation of the body over the field without it; an assumption.
+    poisson_ratio : float
+        0.5 of what keeps its volume.
+    inner, outer, length : float
+        Radii of the windings and their length along the axis, in m; assumptions.
+    clearance : float
+        From the inner side of the wall to the winding, in m; an assumption.
+    ampere_turns : float
+        Of a coil that is on, in A; an assumption.
+    on, every : int
+        Coils of a block that are on, and coils after which the pattern repeats.
+    elements, degree : int
+        Elements of the rod, and degree of their polynomials.
+    field_tolerance : float
+        Terms of the field's series below this share of the largest one are left out.
+    sweep : tuple of float
+        Ampere-turns at which the rest is found too.
+    """
+
+    susceptibility: Positive = 2.0
+    poisson_ratio: Poisson = 0.5
+    inner: Positive = 2e-3
+    outer: Positive = 9e-3
+    length: Positive = 20e-3
+    clearance: Positive = 1e-3
+    ampere_turns: Positive = 4600.0
+    on: On = 3
+    every: Coils = 7
+    elements: Elements = 48
+    degree: ElementDegree = 2
+    field_tolerance: Share = 1e-3
+    sweep: Sweep = ()
+
+    def faults_of_rod(self, worm: ChannelBodyTable) -> Iterator[Fault]:
+        """Yield what cannot be built.
+
+        Parameters
+        ----------
+        worm : ChannelBodyTable
+            The body.
+
+        Yields
+        ------
+        (str, str)
+            Key path and message.
+
+        Examples
+        --------
+        >>> worm = ChannelBodyTable(sample="sample-1")
+        >>> [where for where, _ in RestTable(outer=12e-3, every=3).faults_of_rod(worm)]
+        ['rod.outer', 'rod.every']
+        """
+        if self.inner >= self.outer:
+            yield "rod.inner", f"{self.inner:g} is not below rod.outer = {self.outer:g}; write less"
+        pitch, body = worm.size("pitch"), worm.size("length")
+        if pitch is not None and self.outer > pitch:
+            yield (
+                "rod.outer",
+                f"{self.outer:g} is above worm.pitch = {pitch:g}: coils of one side, two pitches "
+                f"apart, overlap; write at most {pitch:g}",
+            )
+        if self.on >= self.every:
+            yield (
+                "rod.every",
+                f"{self.every} coils are too few for blocks of {self.on}; write at least "
+                f"{self.on + 1}",
+            )
+        if pitch is not None and body is not None and body / self.elements > pitch / 4:
+            least = int(-(-4 * body // pitch))
+            yield (
+                "rod.elements",
+                f"{self.elements} are too few for {body / pitch:.3g} pitches of coils; write at "
+                f"least {least}",
+            )
+        if list(self.sweep) != sorted(set(self.sweep)):
+            yield "rod.sweep", "the numbers must ascend; write them in order, each once"
+
+
 class SegmentShapesScene(SceneTable, frozen=True, kw_only=True):
     """Shapes of a segment between two coils: those of (33)-(35) and the elastica.
 
@@ -222,6 +313,8 @@ class SegmentShapesScene(SceneTable, frozen=True, kw_only=True):
         Largest degree of its polynomials.
     points : int
         Points of each centre line.
+    rod : RestTable, optional
+        If given, the body also rests in the field of coils.
     """
 
     kind: Literal["segment-shapes"]
@@ -230,6 +323,7 @@ class SegmentShapesScene(SceneTable, frozen=True, kw_only=True):
     exact: Closings = ("point_contact", "sleeve")
     degree: Degree = 256
     points: Points = 201
+    rod: RestTable | None = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows.
@@ -246,6 +340,8 @@ class SegmentShapesScene(SceneTable, frozen=True, kw_only=True):
         for word in sorted(set(self.exact)):
             if self.exact.count(word) > 1:
                 yield "exact", f'"{word}" stands there twice; write it once'
+        if self.rod is not None:
+            yield from self.rod.faults_of_rod(self.worm)
 
 
 def _faults_of_units(units: str) -> Iterator[Fault]:

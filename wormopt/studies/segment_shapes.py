@@ -1,4 +1,4 @@
-"""Scenes of kind ``segment-shapes``: a segment between two coils, assumed and exact.
+"""Scenes of kind ``segment-shapes``: a segment between two coils, assumed, exact, and of a rod.
 
 What is told and drawn of one `SegmentShape` is told of all of them, in the order of `run`.
 """
@@ -21,7 +21,9 @@ from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.channel import SegmentShapesScene
 from wormopt.scenes.scene import Scene
 from wormopt.statics.boundary import BoundarySolution, solve_boundary
+from wormopt.studies import rod_rest
 from wormopt.studies.channel_worm import assumed_curve, body_of, warnings_of_count
+from wormopt.studies.rod_rest import RodAtRest
 from wormopt.worms.channel import SHAPES, ChannelWorm, segment_count, velocity_per_frequency
 from wormopt.worms.elastica import elastica, slender_guess
 from wormopt.worms.elastica_exact import SLEEVE_RISE, exact_elastica
@@ -99,6 +101,12 @@ def run(scene: Scene[SegmentShapesScene], report: Report) -> Result:
     table, begin = scene.table, time.perf_counter()
     worm = body_of(table.worm)
     shapes = [*_assumed(worm, report), *_elasticas(worm, table, report)]
+    rod = _rod_of(worm, table, report)
+    assumed = {shape.name: shape.curve for shape in shapes if not shape.exact}
+    swept, swept_variables = {}, ()
+    if rod is not None:
+        swept, swept_variables = rod_rest.sweep_of(worm, rod.table, assumed, report)
+        shapes.append(_shape_of(rod))
     solved = time.perf_counter() - begin
     report("comparing", 0.8)
     apart = np.array([[_apart(one, other) for other in shapes] for one in shapes])
@@ -109,17 +117,33 @@ def run(scene: Scene[SegmentShapesScene], report: Report) -> Result:
         scene.title,
         status="failed" if faults else "ok",
         reason="; ".join(faults),
-        scalars=_scalars(worm, shapes, apart),
-        variables=_variables(shapes, apart, table.points),
+        scalars=_scalars(worm, shapes, apart) | _scalars_of_rod(rod, shapes, apart, swept),
+        variables=(*_variables(shapes, apart, table.points), *_rod_variables(rod, swept_variables)),
         trust={
             **{shape.name: shape.trust for shape in shapes if shape.trust},
             "accepted": _ACCEPTED,
-            "assumptions": dict(_ASSUMED),
-            "warnings": list(_warnings(worm, shapes)),
+            "assumptions": _ASSUMED | ({} if rod is None else rod_rest.ASSUMED),
+            "warnings": [*_warnings(worm, shapes), *_warnings_of_rod(rod, table)],
         },
         timings_s={"solve": solved},
         scene_text=scene.text,
-    )
+        attributes={} if rod is None else {
+            "pitch": worm.pitch, "coils_on": rod.table.on, "coil_outer": rod.table.outer,
+            "coil_clearance": rod.table.clearance,
+        },
+    )  # fmt: skip
+
+
+def _rod_of(worm: ChannelWorm, table: SegmentShapesScene, report: Report) -> RodAtRest | None:
+    if table.rod is None or worm.youngs_modulus is None:
+        return None
+    return rod_rest.rest_of(worm, table.rod, report)
+
+
+def _shape_of(rod: RodAtRest) -> SegmentShape:
+    bending, curvature = rod.bending
+    return SegmentShape("rod", True, rod.curve, bending, curvature, trust=rod.trust(),
+                        fault=rod.fault)  # fmt: skip
 
 
 def _assumed(worm: ChannelWorm, report: Report) -> Iterator[SegmentShape]:
@@ -235,7 +259,7 @@ def _scalars(worm: ChannelWorm, shapes: list[SegmentShape], apart: np.ndarray) -
         "velocity_per_frequency": (velocities, "length"),
         "curvature_max": (curvatures, "curvature"),
         "surface_strain": (_times(curvatures, worm.body / 2), "share"),
-        "angle_max": ([_steepest(shape.curve) for shape in shapes], "angle"),
+        "angle_max": ([shape.curve.steepest() for shape in shapes], "angle"),
         "rise": (worm.rise, "length"),
         "body": (worm.body, "length"),
         "channel": (worm.channel, "length"),
@@ -254,10 +278,6 @@ def _scalars(worm: ChannelWorm, shapes: list[SegmentShape], apart: np.ndarray) -
 
 def _times(values: list[float | None], factor: float | None) -> list[float | None]:
     return [None if v is None or factor is None else v * factor for v in values]
-
-
-def _steepest(curve: Curve) -> float:
-    return resolve(lambda s: curve.points(s)[2:], 0.0, 1.0).extremes(0)[1]
 
 
 def _closest(shapes: list[SegmentShape], apart: np.ndarray) -> dict[str, tuple[Any, str]]:
@@ -291,6 +311,48 @@ def _variables(shapes: list[SegmentShape], apart: np.ndarray, count: int) -> tup
     )
 
 
+def _scalars_of_rod(
+    rod: RodAtRest | None,
+    shapes: list[SegmentShape],
+    apart: np.ndarray,
+    swept: dict[str, tuple[Any, str]],
+) -> dict[str, Scalar]:
+    if rod is None:
+        return {}
+    assumed = [k for k, shape in enumerate(shapes) if not shape.exact]
+    best = min(assumed, key=lambda k: apart[-1, k, 0])
+    told = rod.scalars() | swept
+    told["closest_shape_rod"] = (shapes[best].name if rod.reached else None, "count")
+    told["closest_distance_rod"] = (apart[-1, best, 0] if rod.reached else None, "length")
+    return {name: Scalar(value, unit_of(kind, "SI")) for name, (value, kind) in told.items()}
+
+
+def _rod_variables(rod: RodAtRest | None, swept: tuple[Variable, ...]) -> Iterator[Variable]:
+    if rod is not None:
+        yield from rod.variables()
+        yield from swept
+
+
+def _warnings_of_rod(rod: RodAtRest | None, table: SegmentShapesScene) -> Iterator[str]:
+    if rod is None:
+        if table.rod is not None:
+            yield (
+                "rod: left out, since the modulus of this body is not known; write "
+                "worm.youngs_modulus"
+            )
+        return
+    if not rod.reached:
+        yield (
+            f"rod: {rod.table.ampere_turns:g} ampere-turns do not bend it from wall to wall; "
+            "write more in rod.ampere_turns"
+        )
+    if rod.table.susceptibility > 1:
+        yield (
+            f"rod: a susceptibility of {rod.table.susceptibility:g} changes the field in and near "
+            "the body, which the pull by the field without it leaves out"
+        )
+
+
 def _warnings(worm: ChannelWorm, shapes: list[SegmentShape]) -> Iterator[str]:
     for shape in shapes:
         count = segment_count(worm.length, shape.curve.length, worm.rule)
@@ -304,5 +366,6 @@ def _warnings(worm: ChannelWorm, shapes: list[SegmentShape]) -> Iterator[str]:
         elif shape.exact and strain > SMALL_STRAIN:
             yield (
                 f"{shape.name}: at the walls the surface of the body is strained by {strain:.2g}; "
-                f"an elastica is thin, and above {SMALL_STRAIN:g} its forces are a guess"
+                f"its law is that of small strain, and above {SMALL_STRAIN:g} its forces are a "
+                "guess"
             )

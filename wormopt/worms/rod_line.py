@@ -122,14 +122,7 @@ class RodLine:
         ArgumentError
             If the rod does not reach from one to the other.
         """
-        begins, ends = self.crossings(first), self.crossings(last)
-        if not (begins.size and ends.size):
-            raise ArgumentError(f"the rod does not reach from {first:g} m to {last:g} m")
-        forward = begins[0] < ends[-1]
-        a, b = (begins[0], ends[-1]) if forward else (begins[-1], ends[0])
-        low, high = min(a, b), max(a, b)
-        inner = np.arange(np.floor(low) + 1, np.ceil(high))
-        edges = np.concatenate([[low], inner, [high]])
+        edges, forward = self._edges(first, last)
         lengths = np.array([self._length(*pair) for pair in pairwise(edges)])
         upto = np.append(0.0, np.cumsum(lengths))
         whole = float(upto[-1])
@@ -149,16 +142,19 @@ class RodLine:
         Parameters
         ----------
         first, last : float
-            As for `between`; the rod must reach over both.
+            As for `between`.
 
         Returns
         -------
         energy, largest : float
             In 1/m both; per length of the straight rod.
+
+        Raises
+        ------
+        ArgumentError
+            As for `between`.
         """
-        ends = self.crossings(first)[0], self.crossings(last)[-1]
-        low, high = min(ends), max(ends)
-        edges = np.concatenate([[low], np.arange(np.floor(low) + 1, np.ceil(high)), [high]])
+        edges, _ = self._edges(first, last)
         size = self.rod.length / self.rod.elements
         energy, largest = 0.0, 0.0
         nodes, weights = legendre.leggauss(_POINTS)
@@ -167,6 +163,32 @@ class RodLine:
             energy += size * (b - a) / 4 * float(weights @ bend**2)
             largest = max(largest, float(np.abs(bend).max()))
         return energy, largest
+
+    def unloaded(self, first: float, last: float) -> float:
+        """Length of the straight rod that lies between two places.
+
+        Parameters
+        ----------
+        first, last : float
+            As for `between`.
+
+        Raises
+        ------
+        ArgumentError
+            As for `between`.
+        """
+        edges, _ = self._edges(first, last)
+        return float(edges[-1] - edges[0]) * self.rod.length / self.rod.elements
+
+    def _edges(self, first: float, last: float) -> tuple[np.ndarray, bool]:
+        """Ends of what lies between, with those of elements; whether it begins at the first."""
+        begins, ends = self.crossings(first), self.crossings(last)
+        if not (begins.size and ends.size):
+            raise ArgumentError(f"the rod does not reach from {first:g} m to {last:g} m")
+        forward = bool(begins[0] < ends[-1])
+        a, b = (begins[0], ends[-1]) if forward else (begins[-1], ends[0])
+        low, high = min(a, b), max(a, b)
+        return np.array([low, *np.arange(np.floor(low) + 1, np.ceil(high)), high]), forward
 
     @cached_property
     def _series(self) -> np.ndarray:

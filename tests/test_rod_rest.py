@@ -1,0 +1,176 @@
+"""The rod among the shapes of a segment: scenes "segment-shapes" with [rod]."""
+
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.errors import SceneError, SolveError
+from wormopt.plot import figure
+from wormopt.result import Result
+from wormopt.scenes import load_scene
+from wormopt.studies import rod_rest
+
+
+def value(result: Result, name: str) -> Any:
+    return result.scalars[name].value
+
+
+@lru_cache
+def run(*changes: str) -> Result:
+    return wo.run(load_scene("segment_shapes", changes))
+
+
+def quick(*changes: str) -> Result:
+    return run("rod.elements=24", *changes)
+
+
+def test_which_assumed_shape_is_closest_to_the_rod():
+    result = run()
+    assert result.status == "ok"
+    assert value(result, "shapes")[-1] == "rod"
+    assert value(result, "closest_shape_rod") == "sine"
+    apart = result["distance_max"].values[-1]
+    assert value(result, "closest_distance_rod") == pytest.approx(apart[0])
+    assert apart[0] == pytest.approx(0.98e-3, abs=0.02e-3)
+    assert apart[0] < apart[1] < apart[2]
+    assert np.all(apart[3:5] < apart[0])  # elastica are nearer
+    assert value(result, "arc_length")[-1] == pytest.approx(13.469e-3, abs=0.01e-3)
+    # 13.469 is what 96 elements give
+    assert value(result, "rod_arc_lengths") == pytest.approx([13.469e-3] * 2, abs=0.01e-3)
+    trust = result.trust["rod"]
+    assert trust["stable"]
+    assert max(trust["residual"], trust["imbalance"]) < 1e-9
+    assert "local minimum" in result.trust["assumptions"]["rod's rest"]
+
+
+def test_the_segment_is_the_rod_between_two_coils():
+    result = run()
+    x, y = (result[name].values[-1] for name in "xy")
+    assert (x[0], x[-1]) == pytest.approx((0.0, 10e-3), abs=1e-12)
+    assert (y[0], y[-1]) == pytest.approx((2e-3, 9e-3), abs=1e-9)
+    nodes_x, nodes_y = result["rod_x"].values, result["rod_y"].values
+    inside = (nodes_x > 0) & (nodes_x < 10e-3)
+    assert np.interp(nodes_x[inside], x, y) == pytest.approx(nodes_y[inside], abs=2e-6)
+    polyline = np.hypot(np.diff(x), np.diff(y)).sum()
+    assert value(result, "arc_length")[-1] == pytest.approx(polyline, rel=1e-4)
+    for wall in ("upper", "lower"):
+        forces = result[f"rod_force_{wall}_at"].values
+        assert np.all(forces >= 0)
+        assert value(result, f"rod_force_{wall}") == pytest.approx(forces.sum())
+        height = 9e-3 if wall == "upper" else 2e-3
+        assert nodes_y[forces > 0] == pytest.approx(height, abs=1e-12)
+    assert value(result, "rod_preferred")
+    assert value(result, "rod_energy") < value(result, "rod_energy_on_one_wall") < 0
+
+
+def test_weak_fields_do_not_bend_it_from_wall_to_wall():
+    result = quick("rod.ampere_turns=1000")
+    assert result.status == "ok"
+    assert not value(result, "rod_reaches_walls")
+    assert value(result, "closest_shape_rod") is None
+    assert any("do not bend it from wall to wall" in text for text in result.trust["warnings"])
+
+
+def test_two_coils_and_other_sides_of_the_block():
+    """A block of two coils has one segment, which falls; it is shown as one that rises."""
+    result = quick("rod.on=2", "rod.every=6")
+    y = result["y"].values[-1]
+    assert (y[0], y[-1]) == pytest.approx((2e-3, 9e-3), abs=5e-5)
+    assert len(value(result, "rod_arc_lengths")) == 1
+    # what is on the upper and the lower side is alike
+    upper, lower = (value(result, f"rod_force_{wall}") for wall in ("upper", "lower"))
+    assert upper == pytest.approx(lower, rel=1e-3)
+    x = result["x"].values[-1]
+    assert x + x[::-1] == pytest.approx(10e-3, abs=2e-5)
+
+
+def test_a_sweep_over_the_field():
+    result = quick("rod.sweep=[1000, 3000, 4600, 6000]")
+    lengths = result["sweep_arc_length"].values
+    assert np.isnan(lengths[0])
+    assert np.all(np.diff(lengths[1:]) > 0)
+    assert lengths[2] == pytest.approx(value(result, "arc_length")[-1], rel=2e-3)
+    assert value(result, "sweep_closest_shape") == [None, "sine", "sine", "sine"]
+    assert result["sweep_distance"].values.shape == (3, 4)
+
+
+def test_a_body_of_unknown_modulus_is_left_out():
+    result = run('worm.sample="capsule"')
+    assert "rod" not in value(result, "shapes")
+    assert "rod_x" not in result
+    assert any("worm.youngs_modulus" in text for text in result.trust["warnings"])
+    assert "rod" in value(quick('worm.sample="capsule"', "worm.youngs_modulus=5e4"), "shapes")
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "message"),
+    [
+        ("rod.inner=9e-3", "rod.inner", "write less"),
+        ("rod.outer=11e-3", "rod.outer", "write at most 0.01"),
+        ("rod.every=3", "rod.every", "write at least 4"),
+        ("rod.elements=10", "rod.elements", "write at least 20"),
+        ("rod.sweep=[5, 4]", "rod.sweep", "ascend"),
+        ("rod.ampere_turns=0", "rod.ampere_turns", "above 0"),
+        ("rod.susceptibility=-1", "rod.susceptibility", "above 0"),
+        ("rod.poisson_ratio=0.6", "rod.poisson_ratio", "at most 0.5"),
+        ("rod.iron=true", "rod.iron", "unknown"),
+        ("worm.channel=1e-9", "worm.body", "does not fit"),
+    ],
+)
+def test_wrong_keys_are_told(change: str, key: str, message: str, capsys: Any):
+    with pytest.raises(SceneError) as caught:
+        load_scene("segment_shapes", [change])
+    assert any(key == where and message in what for where, what in caught.value.faults), caught
+    assert main(["run", "segment_shapes", "--quiet", "--set", change]) == 2
+    assert f"segment_shapes: {key}: " in capsys.readouterr().err
+
+
+def test_a_body_that_does_not_reach_over_the_coils(tmp_path: Path, capsys: Any):
+    changes = ["rod.elements=24", "worm.length=12e-3", "rod.ampere_turns=500"]
+    with pytest.raises(SolveError, match="does not reach over the coils") as caught:
+        run(*changes)
+    assert caught.value.code == "no_segment"
+    sets = [word for change in changes for word in ("--set", change)]
+    assert main(["run", "segment_shapes", "--quiet", "-o", str(tmp_path / "out"), *sets]) == 3
+    assert "rod.on" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("turns", [1e5, 1e8])
+def test_fields_that_crush_it_are_not_believed(turns: float):
+    try:
+        result = quick(f"rod.ampere_turns={turns}")
+    except SolveError as error:
+        assert error.suggestion
+    else:
+        assert result.status == "failed"
+
+
+def test_a_rest_off_balance_fails(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(rod_rest, "_BALANCED", 1e-20)
+    result = quick.__wrapped__() if hasattr(quick, "__wrapped__") else wo.run(
+        load_scene("segment_shapes", ["rod.elements=24"])
+    )  # fmt: skip
+    assert result.status == "failed"
+    assert "forces are off balance" in result.reason
+
+
+def test_the_rod_is_drawn_with_its_forces():
+    above, middle, below = figure(run(), "segment_shapes").axes
+    assert "rod (in the field): 13.466 mm" in above.get_legend_handles_labels()[1]
+    assert "389 mN from above, 194 mN from below" in middle.get_title(loc="left")
+    assert "rod: sine, 0.979 mm" in below.get_title(loc="left")
+    assert "distance from\nrod (mm)" in below.get_ylabel()
+
+
+def test_from_the_command_line(tmp_path: Path, capsys: Any):
+    out = tmp_path / "out"
+    given = ["--set", "rod.elements=24", "-o", str(out), "--json"]
+    assert main(["run", "segment_shapes", *given]) == 0
+    assert json.loads(capsys.readouterr().out)["scalars"]["closest_shape_rod"]["value"] == "sine"
+    assert Result.load(out).status == "ok"
