@@ -7,7 +7,7 @@ a geometric one; what is cut off is measured. The force on magnetisable matter i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -21,7 +21,7 @@ __all__ = ["BlockField", "block_field"]
 
 # Powers across the strip, and points along two repeats of the pattern from which the series is
 # found. So many blocks are there on each side.
-_DEGREE, _POINTS, _BLOCKS = 12, 256, 2
+_DEGREE, _POINTS, _BLOCKS = 12, 256, 3
 _ROUNDING = 1e-9
 
 
@@ -149,13 +149,13 @@ def block_field(
     kept = np.where(np.abs(powers) > tolerance * largest, real + 1j * imag, 0)
     rows, columns = (np.flatnonzero(np.any(kept, axis=axis))[-1] + 1 for axis in (1, 0))
     field = BlockField(period, half, kept[:rows, :columns], 0.0)
-    return BlockField(period, half, field.coefficients, _error(field, row, on, every))
+    return replace(field, error=_error(field, row, on, every))
 
 
 def _square(row: CoilRow, on: int, every: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """H² per squared ampere-turn, one row per y, all blocks that matter on; x from the middle."""
     first = 2 * _BLOCKS * every  # an even number: the block in question begins on its own side
-    many = CoilRow(row.coil, first + 3 * _BLOCKS * every, row.pitch, row.axis, row.gap, row.sides)
+    many = replace(row, count=first + 2 * _BLOCKS * every)
     place = (np.arange(many.count) - first) % every
     currents = np.where(place < on, 1.0, 0.0)
     middle = (first + (on - 1) / 2) * row.pitch

@@ -7,7 +7,7 @@ One coil: `wormopt.magnetics.winding`, also to be had from here. Courses of the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -138,13 +138,22 @@ class CoilRow:
         parts = [self.coil.clearance(q, s) for _, q, s, _ in self._seen(x, y, z)]
         return np.min(parts, axis=0)
 
-    def influence(self, x: ArrayLike, z: ArrayLike, y: ArrayLike = 0.0) -> np.ndarray:
+    def influence(
+        self,
+        x: ArrayLike,
+        z: ArrayLike,
+        y: ArrayLike = 0.0,
+        *,
+        coils: Container[int] | None = None,
+    ) -> np.ndarray:
         """Field of each coil at points, per ampere-turn.
 
         Parameters
         ----------
         x, z, y : array_like
             Points, in m; broadcast to one axis of m points.
+        coils : container of int, optional
+            Those that are wanted; the others are left at 0.
 
         Returns
         -------
@@ -161,6 +170,8 @@ class CoilRow:
             raise ArgumentError("a coil lies inside the fluid: a point is in a winding")
         found = np.zeros((3, len(x), self.count))
         for k, q, s, away in self._seen(x, y, z):
+            if coils is not None and k not in coils:
+                continue
             axial, radial = self.coil.field(q, s)
             for component, distance in enumerate(away):
                 found[component, :, k] += axial if distance is None else radial * distance
@@ -188,7 +199,9 @@ class CoilRow:
         ArgumentError
             If a point lies in a winding, or the coils do not carry the currents.
         """
-        return np.tensordot(self.influence(x, z, y), self.check_currents(currents), axes=1)
+        values = self.check_currents(currents)
+        lit = set(np.flatnonzero(values.reshape(self.count, -1).any(axis=1)).tolist())
+        return np.tensordot(self.influence(x, z, y, coils=lit), values, axes=1)
 
     def square(
         self, x: ArrayLike, z: ArrayLike, currents: ArrayLike, y: ArrayLike = 0.0

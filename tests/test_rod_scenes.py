@@ -1,0 +1,400 @@
+"""A magnetisable rod moved by blocks of coils: its field, its load, its scenes."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import wormopt as wo
+from wormopt.errors import ArgumentError, Interrupted, SceneError
+from wormopt.gaits.compass import Look, compass
+from wormopt.magnetics.blocks import BlockField, block_field
+from wormopt.magnetics.coils import Coil, CoilRow
+from wormopt.progress import silent
+from wormopt.scenes.rod import (
+    ChannelTable,
+    CourseTable,
+    MeshTable,
+    PatternTable,
+    WormTable,
+    ZigzagTable,
+)
+from wormopt.studies import rod_frequency, rod_runs
+from wormopt.studies.rod_parts import RodCase, follow, mean_velocity
+from wormopt.studies.rod_runs import RodPoint, rod_points
+from wormopt.worms.magnetic_rod import (
+    block_load,
+    block_schedule,
+    magnetic_strength,
+    switched_blocks,
+)
+from wormopt.worms.rod import Rod
+
+MU0 = 4e-7 * np.pi
+COIL = Coil(2e-3, 9e-3, 20e-3)
+ROW = CoilRow(COIL, 9, pitch=10e-3, gap=13e-3, sides="alternating")
+HALF = 3.5e-3
+
+
+# --- coils on both sides by turns --------------------------------------------------------
+
+
+def test_a_row_on_both_sides_by_turns_is_the_sum_of_its_coils():
+    x, y = np.linspace(-5e-3, 45e-3, 11), np.linspace(-3e-3, 3e-3, 11)
+    currents = np.array([1000.0, -300.0, 500.0, 0.0, 200.0])
+    row = replace(ROW, count=5)
+    alone, total = CoilRow(COIL, 1, pitch=20e-3), np.zeros((3, 11))
+    for k, current in enumerate(currents):
+        side = 1 if k % 2 == 0 else -1
+        total += alone.field(x - k * 10e-3, 0.0, [current], y - side * 16.5e-3)
+    assert np.abs(row.field(x, 0.0, currents, y) - total).max() < 1e-12 * np.abs(total).max()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"gap": None}, {"sides": "one"}, {"pitch": 8e-3}],
+)
+def test_rows_that_cannot_be_are_refused(wrong: dict[str, Any]):
+    with pytest.raises(ArgumentError):
+        replace(ROW, **wrong)
+
+
+@pytest.fixture(scope="module")
+def field() -> BlockField:
+    return block_field(ROW, HALF, on=3, every=7, tolerance=1e-5)
+
+
+def exact_square(x: np.ndarray, y: np.ndarray, on: int, every: int) -> np.ndarray:
+    """H² of blocks on an endless row; x from the middle of a block that begins above."""
+    many = replace(ROW, count=10 * every)
+    first = 4 * every + (4 * every) % 2
+    currents = np.where((np.arange(many.count) - first) % every < on, 1.0, 0.0)
+    return many.square(x + (first + (on - 1) / 2) * 10e-3, 0.0, currents, y)
+
+
+@pytest.mark.parametrize(("on", "every"), [(2, 7), (3, 7), (3, 8), (4, 9)])
+def test_series_of_a_block_agrees_with_its_coils(on: int, every: int):
+    random = np.random.default_rng(on + every)
+    x, y = random.uniform(-0.1, 0.1, 40), random.uniform(-HALF, HALF, 40)
+    found = block_field(ROW, HALF, on, every, tolerance=1e-5)
+    place = ca.SX.sym("place", 2)
+    value = ca.Function("value", [place], [found.expression(place[0], place[1])])
+    square = exact_square(x, y, on, every)
+    top = exact_square(np.linspace(-0.03, 0.03, 61), np.full(61, HALF), on, every).max()
+    assert np.abs(np.array(value.map(40)(np.vstack([x, y]))) - square).max() < 1e-3 * top
+    assert found.error < 1e-3
+
+
+def test_the_series_gets_exact_as_terms_are_kept(field: BlockField):
+    errors = [block_field(ROW, HALF, 3, 7, tolerance).error for tolerance in (1e-2, 1e-3, 1e-4)]
+    assert errors[0] > errors[1] > errors[2] > field.error
+    assert errors[2] < 1e-3
+
+
+def test_after_one_repeat_of_odd_length_the_field_is_mirrored(field: BlockField):
+    here = field.gradient(ca.DM([3e-3, 2e-3]))
+    there = field.gradient(ca.DM([3e-3 + 70e-3, -2e-3]))
+    assert np.allclose(np.array(here).ravel(), np.array(there).ravel() * [1, -1], rtol=1e-9)
+
+
+# --- load on the rod ---------------------------------------------------------------------
+
+
+def test_load_is_the_pull_of_the_coils_that_are_on(field: BlockField):
+    """Against the gradient of the exact field, by differentiation of the formulas of the coils."""
+    rod = Rod(48e-3, 4e-3, 5e4, 2500.0, elements=12)
+    blocks = switched_blocks(7, rate=10.0)
+    schedule = block_schedule(blocks, 10e-3, magnetic_strength(rod, 0.8, 2000.0))
+    load = block_load(rod, [field])
+    random = np.random.default_rng(3)
+    x, y = 20e-3 + rod.nodes, random.uniform(-HALF, HALF, rod.count)
+    for piece in (2, 3, 5):
+        forces = np.array(load(np.concatenate([x, y, 0 * x]), schedule.values[piece])).ravel()
+        first = int(blocks.first[piece])
+        many = replace(ROW, count=60)
+        on = (np.arange(60) - 21 - first) % 7 < 3  # 21 coils further on: the other side is first
+        shifted = x + 21 * 10e-3
+        pull = many.square_gradient(shifted, 0.0, np.where(on, 2000.0, 0.0), -y)[:2]
+        pull[1] *= -1
+        wanted = MU0 * 0.8 / 2 * rod.area * rod.weights * pull
+        assert np.abs(forces - wanted.ravel()).max() < 3e-3 * np.abs(wanted).max()
+
+
+def test_blocks_move_one_coil_each_switch():
+    blocks = switched_blocks(7, rate=20.0)
+    assert blocks.breaks[-1] == pytest.approx(14 / 20)
+    assert np.all(np.diff(blocks.first) == 1)
+    assert blocks.counts == (3,)
+
+
+@given(
+    duration=st.floats(1.0, 4.0),
+    shift=st.floats(-0.8, 0.8),
+    every=st.integers(6, 12),
+)
+@settings(max_examples=60, deadline=None)
+def test_every_coil_is_on_as_long_as_asked(duration: float, shift: float, every: int):
+    blocks = switched_blocks(every, 1.0, duration, shift)
+    lengths = np.diff(blocks.breaks)
+    period = 2 * every
+    assert blocks.breaks[-1] == pytest.approx(period)
+    for coil in range(every):
+        on = sum(
+            lengths[k]
+            for k in range(len(lengths))
+            for turn in (-1, 0, 1)
+            if blocks.first[k] <= coil + turn * period < blocks.first[k] + blocks.count[k]
+        )
+        assert on == pytest.approx(duration, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"rate": 0.0}, {"duration": 0.5}, {"shift": 1.0}, {"duration": 6.5}]
+)
+def test_switching_that_cannot_be_is_refused(wrong: dict[str, float]):
+    with pytest.raises(ArgumentError):
+        switched_blocks(7, **({"rate": 1.0} | wrong))
+
+
+# --- mean velocity, search ---------------------------------------------------------------
+
+
+@given(speed=st.floats(-2.0, 2.0), phase=st.floats(0.0, 6.0), swing=st.floats(0.0, 0.5))
+@settings(max_examples=40, deadline=None)
+def test_mean_velocity_of_what_repeats_itself(speed: float, phase: float, swing: float):
+    """The mean over whole periods is exact; smooth weights need no whole periods."""
+    t = np.linspace(0.0, 20.3, 4000)
+    place = speed * t + swing * np.sin(2 * np.pi * t / 1.07 + phase)
+    found, error = mean_velocity(t, place, settle=0.2)
+    assert found == pytest.approx(speed, abs=2e-3 * max(swing, 1e-6) + 1e-9)
+    assert error <= 0.2 * swing + 1e-9
+
+
+def test_compass_finds_the_top_of_a_hill_and_stays_in_bounds():
+    seen = []
+
+    def look(points: Any) -> list[Look]:
+        seen.extend(points)
+        return [Look(p, -((p["a"] - 0.3) ** 2) - 3 * (p["b"] - 2.0) ** 2, 0.0) for p in points]
+
+    bounds = {"a": (0.0, 1.0), "b": (-1.0, 1.5)}
+    found = compass(look, {"a": 1.0, "b": 0.0}, {"a": 0.5, "b": 0.5}, bounds, 16)
+    assert found[-1].point["a"] == pytest.approx(0.3, abs=5e-3)
+    assert found[-1].point["b"] == 1.5  # the top is outside: the bound is best
+    assert all(bounds[k][0] <= p[k] <= bounds[k][1] for p in seen for k in p)
+    assert all(b.value > a.value for a, b in pairwise(found))
+
+
+def test_compass_does_not_take_noise_for_a_gain():
+    random = np.random.default_rng(0)
+
+    def look(points: Any) -> list[Look]:
+        return [Look(p, float(random.normal(0.0, 0.1)), 0.5) for p in points]
+
+    assert len(compass(look, {"a": 0.0}, {"a": 1.0}, {"a": (-5.0, 5.0)}, 8)) == 1
+
+
+# --- one motion --------------------------------------------------------------------------
+
+
+def case(rate: float = 50.0, **tables: dict[str, Any]) -> RodCase:
+    """A coarse rod, followed for a short time."""
+    coarse = {"mesh": {"elements": 10, "degree": 1}, "course": {"cycles": 3, "duration": 0.05}}
+    plain = RodCase(
+        WormTable(), ChannelTable(), ZigzagTable(), PatternTable(), MeshTable(), CourseTable(), rate
+    )
+    return plain.varied(**(coarse | tables))
+
+
+def test_a_rod_in_a_travelling_field_goes_against_it_and_balances_its_energy():
+    fine = {"elements": 10, "degree": 1, "step": 4e-5}
+    course = follow(case(mesh=fine, course={"cycles": 6}))
+    assert course.velocity < 0
+    assert course.energy_error < 1e-2
+    assert 0 <= course.penetration < 0.05 * 3.5e-3
+    assert course.steps.pressed.min() >= 0
+    # Coulomb: no more than friction times what presses, but for rounding of summed impulses
+    assert np.all(np.abs(course.steps.rubbed) <= 0.5 * course.steps.pressed + 1e-10)
+
+
+def test_without_a_field_nothing_moves():
+    course = follow(case(coils={"ampere_turns": 1e-6}))
+    assert np.ptp(course.centre) < 1e-12
+    assert course.velocity == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.slow
+def test_the_worm_of_figure_21_goes_against_the_field_whatever_mesh_and_step():
+    result = wo.run(wo.load_scene("fig21_rod_motion"))
+    assert result.status == "ok", result.reason
+    assert result.scalars["direction"].value == -1
+    velocity = result.scalars["velocity_mean"].value
+    again = np.array(result.scalars["velocity_again"].value)
+    # figures of docs/theory-channel.md; half the step and half as many elements more: 5 %
+    assert velocity == pytest.approx(-0.0246, rel=0.1)
+    assert np.abs(again / velocity - 1).max() < 0.05
+    assert result.scalars["energy_error"].value < 1e-3
+
+
+# --- many motions ------------------------------------------------------------------------
+
+
+def test_motions_are_kept_and_not_followed_again(tmp_path: Path, monkeypatch: Any):
+    cases = [case(rate) for rate in (100.0, 200.0)]
+    first = rod_points(cases[:1], tmp_path, silent, "testing")
+    assert len(list(tmp_path.glob("*.json"))) == 1
+
+    told: list[RodCase] = []
+
+    def pretend(one: RodCase, folder: Path) -> None:
+        told.append(one)
+
+    monkeypatch.setattr(rod_runs, "_follow_and_keep", pretend)
+    monkeypatch.setattr("loky.get_reusable_executor", lambda **_: Inline())
+    again = rod_points(cases, tmp_path, silent, "testing")
+    assert told == cases[1:]
+    assert again == first
+
+
+class Inline:
+    """Stands for processes: does at once what it is asked."""
+
+    def submit(self, work: Any, *given: Any) -> Any:
+        from concurrent.futures import Future
+
+        done: Any = Future()
+        done.set_result(work(*given))
+        return done
+
+
+def test_a_damaged_file_counts_as_missing(tmp_path: Path):
+    one = case(100.0)
+    rod_runs._file(one, tmp_path).write_text("{")
+    assert rod_runs.kept(one, tmp_path) is None
+
+
+def points(velocities: dict[float, float]) -> Any:
+    """Stand-in for motions: velocities by rate."""
+
+    def find(cases: Any, folder: Path, report: Any, text: str) -> list[RodPoint]:
+        del folder, report, text
+        return [
+            RodPoint(c.rate, np.interp(c.rate, *zip(*velocities.items(), strict=True)), 1e-4,
+                     1e-4, 1e-5, 0.0125, 1.0)
+            for c in cases
+        ]  # fmt: skip
+
+    return find
+
+
+CURVE = {5.0: -0.01, 50.0: -0.1, 100.0: -0.12, 200.0: -0.06, 400.0: 0.0, 1000.0: 0.05}
+
+
+def response(monkeypatch: Any, *more: str) -> wo.Result:
+    monkeypatch.setattr(rod_frequency, "rod_points", points(CURVE))
+    sets = ["rates=[5,50,100,200,400,1000]", "search.rounds=0", "search.refine=0", *more]
+    return wo.run(wo.load_scene("fig22_frequency_response", sets))
+
+
+def test_what_a_curve_says_is_read_off_it(monkeypatch: Any):
+    found = response(monkeypatch).scalars
+    assert found["frequency_best"].value == 100
+    assert found["velocity_best"].value == -0.12
+    assert found["rolloff_frequency"].value == 200  # below half of 2 mm a switch
+    assert found["standstill_frequencies"].value == [400]
+    assert found["forward_frequencies"].value == [1000]
+    assert found["direction"].value == [-1, -1, -1, -1, 0, 1]
+    assert found["velocity_per_frequency_32"].value == pytest.approx(
+        [-1.4574688e-3, -1.4311983e-3, -1.2608889e-3], abs=1e-9
+    )
+
+
+def test_natural_frequencies_of_the_worm_stand_beside_it(monkeypatch: Any):
+    """Euler and Bernoulli's 6.91 and 3.049 Hz at 2500 kg/m³ less what shear takes off l/d = 12."""
+    found = response(monkeypatch).scalars
+    assert 0.95 < found["eigenfrequencies"].value[0] / 6.91 < 1.0
+    assert 0.97 < found["eigenfrequencies_pinned"].value[0] / 3.049 < 1.0
+    assert 0.7 < found["eigenfrequencies_segment"].value[0] / 70.2 < 1.0
+
+
+def test_a_stopped_study_keeps_its_curve(monkeypatch: Any):
+    calls = []
+
+    def stopped(cases: Any, *others: Any) -> list[RodPoint]:
+        calls.append(cases)
+        if len(calls) > 1:
+            raise KeyboardInterrupt
+        return points(CURVE)(cases, *others)
+
+    known = points(CURVE)
+    monkeypatch.setattr(rod_frequency, "rod_points", stopped)
+    monkeypatch.setattr(
+        rod_frequency, "kept", lambda one, folder: known([one], folder, silent, "")[0]
+    )
+    with pytest.raises(Interrupted) as stop:
+        wo.run(wo.load_scene("fig22_frequency_response", ["rates=[5,50,100]"]))
+    partial: Any = stop.value.partial
+    assert partial.status == "failed"
+    assert "run again" in partial.reason
+    assert partial.scalars["velocity_mean"].value == [-0.01, -0.1, -0.12]
+
+
+def test_a_best_velocity_that_hangs_on_the_mesh_fails(monkeypatch: Any):
+    plain = points(CURVE)
+
+    def find(cases: Any, folder: Path, report: Any, text: str) -> list[RodPoint]:
+        found = plain(cases, folder, report, text)
+        return [replace(p, velocity=0.5 * p.velocity) for p in found] if "fine" in text else found
+
+    monkeypatch.setattr(rod_frequency, "rod_points", find)
+    scene = wo.load_scene("fig22_frequency_response", ["rates=[5,50,100]", "search.rounds=0"])
+    result = wo.run(scene)
+    assert result.status == "failed"
+    assert "mesh" in result.reason
+
+
+@pytest.mark.slow
+def test_velocity_over_frequency_rises_rolls_off_and_turns():
+    """Short motions of a coarse rod at the packaged assumptions: what figure 22 says of them."""
+    found = [follow(case(rate, course={"cycles": 5, "duration": 2.0})) for rate in (10, 250, 700)]
+    slow, still, fast = (course.velocity for course in found)
+    assert slow < -0.015
+    assert abs(still) < 0.2 * abs(slow)
+    assert fast > 0.01
+
+
+# --- refusals ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scene", ["fig21_rod_motion", "fig22_frequency_response"])
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ("worm.diameter=11e-3", "worm.diameter"),
+        ("worm.length=5e-3", "worm.length"),
+        ("channel.friction=0", "channel.friction"),
+        ("worm.density=-1", "worm.density"),
+        ("worm.damping_time=0", "worm.damping_time"),
+        ("coils.outer=1e-3", "coils.inner"),
+        ("coils.outer=12e-3", "coils.outer"),
+        ("switching.every=3", "switching.every"),
+        ("mesh.elements=5", "mesh.elements"),
+        ('units="dimensionless"', "units"),
+        ("worm.diameter=1e-40", "worm.diameter"),
+    ],
+)
+def test_bad_input_names_its_key(scene: str, change: str, key: str):
+    with pytest.raises(SceneError) as refused:
+        wo.load_scene(scene, [change])
+    assert key in str(refused.value)
+
+
+def test_rates_that_do_not_ascend_are_refused():
+    with pytest.raises(SceneError, match="rates"):
+        wo.load_scene("fig22_frequency_response", ["rates=[10,5]"])
