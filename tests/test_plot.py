@@ -4,14 +4,17 @@ import dataclasses
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
+from matplotlib.colors import same_color
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from PIL import Image
 
-from wormopt.plot import PICTURES, draw, figure
+from wormopt.plot import PICTURES, draw, figure, rod
 from wormopt.plot.parts import stretches
 from wormopt.result import Result, Scalar, Variable
 
@@ -451,6 +454,57 @@ def designed(swept: bool = True) -> Result:
     return Result("wave", "film-wave", scalars=scalars, variables=tuple(variables))
 
 
+def crawled() -> Result:
+    """A rod that lies on the lower wall, and coils on both sides."""
+    time, frame = np.linspace(0.0, 1.0, 21), np.linspace(0.5, 1.0, 144)
+    x = np.linspace(0.0, 0.05, 9) - 0.01 * frame[:, None]
+    rows = {
+        "time": (("time",), time, "s"),
+        "centre": (("time",), 0.03 - 0.02 * time, "m"),
+        **{f"work_{name}": (("time",), sign * 1e-3 * time, "J")
+           for name, sign in (("load", 1), ("friction", -1), ("damping", -1), ("walls", 0))},
+        "frame": (("frame",), frame, "s"),
+        "rod_x": (("frame", "node"), x, "m"),
+        "rod_y": (("frame", "node"), 0 * x - 3e-3, "m"),
+        "rod_angle": (("frame", "node"), 0 * x, "rad"),
+        "pressed_upper": (("frame", "node"), 0 * x, "N"),
+        "pressed_lower": (("frame", "node"), 0 * x + 0.1, "N"),
+        "first_coil": (("frame",), np.floor(20 * frame), "1"),
+        "coils_on": (("frame",), 3 + 0 * frame, "1"),
+    }  # fmt: skip
+    variables = [Variable(name, unit, dims, v) for name, (dims, v, unit) in rows.items()]
+    scalars = {"velocity_mean": Scalar(-0.02, "m s-1"), "energy_error": Scalar(1e-4)}
+    known = {"channel": 10e-3, "body": 4e-3, "pitch": 10e-3, "every": 7}
+    coil = {"coil": [2e-3, 9e-3, 20e-3, 1e-3]}
+    return Result("rod", "rod-motion", scalars=scalars, variables=tuple(variables),
+                  attributes=known | coil)  # fmt: skip
+
+
+def answered(searched: bool = True) -> Result:
+    """Velocities of a rod that rise, fall and turn over the frequency."""
+    columns = {"rate": [5.0, 50.0, 500.0], "velocity": [-0.01, -0.09, 0.03], "error": [1e-3] * 3}
+    variables = [Variable(f"curve_{k}", "1", ("curve",), np.array(v)) for k, v in columns.items()]
+    scalars: dict[str, Any] = {"velocity_per_frequency_slow": -2e-3, "eigenfrequencies": [7.0]}
+    scalars |= {"frequency_best": 50.0, "velocity_best": -0.09}
+    if searched:
+        variables += [
+            Variable(f"refined_{k}", "1", ("refined",), np.array(v)) for k, v in columns.items()
+        ]
+        dims = ("parameter", "factor", "sensitive_rate")
+        changed = -0.05 * np.arange(1.0, 9.0).reshape(2, 2, 2)
+        variables += [
+            Variable("sensitive_rate", "s-1", dims[2:], np.array([20.0, 100.0])),
+            Variable("changed_velocity", "m s-1", dims, changed),
+            Variable("changed_factor", "1", dims, np.broadcast_to([[0.5], [2.0]], (2, 2, 2))),
+            Variable("unchanged_velocity", "m s-1", dims[2:], np.array([-0.1, -0.2])),
+            Variable("unchanged_error", "m s-1", dims[2:], np.array([1e-2, 1e-2])),
+        ]
+        scalars |= {"pattern_rate": 60.0, "pattern_velocity": -0.1}
+    marks = {"measured": [[100.0, 0.08, "seen"]], "parameters": ["density", "friction"]}
+    return Result("answer", "rod-frequency", variables=tuple(variables), attributes=marks,
+                  scalars={k: Scalar(v) for k, v in scalars.items()})  # fmt: skip
+
+
 def sample(picture: str) -> Result:
     made = {"front": front, "trackers": crawl, "bands": herd, "signals": own}
     made |= {"comparison": compared, "draws": compared, "convergence": relaxed}
@@ -460,6 +514,7 @@ def sample(picture: str) -> Result:
     made |= {"channel_velocity": squeezed, "segment_shapes": squeezed}
     made |= {"travelling_field": switched, "row_currents": switched}
     made |= {"reversals": swinging, "film": pumped, "ride": carried}
+    made |= {"rod_motion": crawled, "rod_frequency": answered}
     made |= {"forward": moved, "basins": moved, "film_wave": designed}
     return made[picture]() if picture in made else shuffle(2)
 
@@ -728,3 +783,33 @@ def test_stretches():
     holds = np.array([True, True, False, True, True])
     assert stretches(time, holds) == [(0.0, 1.0), (2.0, 3.0)]
     assert stretches(time, np.array([False, True, True, False, False])) == []
+
+
+def test_coils_that_are_on_are_told_from_those_that_are_not():
+    """Of the pattern of seven, three are on: dark rectangles in every lane."""
+    drawn = figure(crawled(), "rod_motion").axes[0]
+    dark = [p for p in drawn.patches if isinstance(p, Rectangle) and _is(p, "#D98C3F")]
+    pale = [p for p in drawn.patches if isinstance(p, Rectangle) and _is(p, "#EADFCF")]
+    assert dark
+    assert 0.5 < len(pale) / len(dark) < 3
+
+
+def _is(patch: Rectangle, colour: str) -> bool:
+    return same_color(patch.get_facecolor(), colour)
+
+
+def test_an_animation_of_a_rod_is_drawn_frame_by_frame():
+    result = crawled()
+    drawn = figure(result, "animation")
+    before = drawn.axes[0].texts[0].get_text()
+    rod.pose(drawn, result, 100)
+    assert drawn.axes[0].texts[0].get_text() != before
+
+
+def test_velocity_over_frequency_shows_marks_best_pattern_and_bars():
+    drawn = figure(answered(), "rod_frequency")
+    words = " ".join(text.get_text() for text in drawn.axes[0].get_legend().get_texts())
+    assert "seen" in words
+    assert "best pattern" in words
+    assert len(drawn.axes) == 3
+    assert len(figure(answered(searched=False), "rod_frequency").axes) == 1
