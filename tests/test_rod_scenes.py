@@ -26,7 +26,7 @@ from wormopt.scenes.rod import (
     ZigzagTable,
 )
 from wormopt.studies import rod_frequency, rod_runs
-from wormopt.studies.rod_parts import RodCase, follow, mean_velocity
+from wormopt.studies.rod_parts import RodCase, follow, mean_velocity, segment_length
 from wormopt.studies.rod_runs import RodPoint, rod_points
 from wormopt.worms.magnetic_rod import (
     block_load,
@@ -398,3 +398,28 @@ def test_bad_input_names_its_key(scene: str, change: str, key: str):
 def test_rates_that_do_not_ascend_are_refused():
     with pytest.raises(SceneError, match="rates"):
         wo.load_scene("fig22_frequency_response", ["rates=[10,5]"])
+
+
+# --- slow switching ----------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_long_slender_rod_obeys_the_law_of_slow_switching():
+    """Peristalsis without slip and stretch, docs/theory-channel.md 4.1: n e (P - 2) / (P + 2 e/L).
+
+    A rod over four repeats of a pattern of P = 5 coils, 3 of them on; e is the excess length of
+    its own segments. Ends that are not gripped and slip at high friction leave some per cent.
+    """
+    long = RodCase(
+        WormTable(length=0.2, diameter=1e-3, damping_time=5e-4),
+        ChannelTable(diameter=5e-3, friction=1.0),
+        ZigzagTable(),
+        PatternTable(every=5),
+        MeshTable(elements=50),
+        CourseTable(cycles=5, duration=0.1, settle=0.25),
+        rate=5.0,
+    )
+    course = follow(long)
+    excess = segment_length(long, course) / long.coils.pitch - 1
+    law = long.field_speed * excess * (5 - 2) / (5 + 2 * excess)
+    assert -course.velocity == pytest.approx(law, rel=0.06)

@@ -299,6 +299,7 @@ def _scalars(table: RodFrequencyScene, case: RodCase, found: _Found) -> dict[str
             [-worm.velocity_per_frequency(shape) for shape in SHAPES], "length",
         ),
         "arc_length_slow": (curve[0].arc_length, "length"),
+        "energy_error": (max(point.energy_error for point in found.all_points), "share"),
         "rolloff_frequency": (rolled[0] if rolled else None, "rate"),
         "standstill_frequencies": ([p.rate for p in curve if _still(p, case)], "rate"),
         "forward_frequencies": ([p.rate for p in curve if _sign(p) > 0], "rate"),
