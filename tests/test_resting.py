@@ -29,8 +29,8 @@ CHANNEL, ROOM = 11e-3, 3.5e-3
 
 
 def rubber(elements: int = 12, **changed: Any) -> Rod:
-    numbers: dict[str, Any] = {"length": 48e-3, "diameter": 4e-3, "youngs_modulus": 5e4, "density": 2500.0}
-    return Rod(**(numbers | changed), elements=elements)
+    numbers: dict[str, Any] = {"length": 48e-3, "diameter": 4e-3, "youngs_modulus": 5e4}
+    return Rod(**(numbers | changed), density=2500.0, elements=elements)
 
 
 def pushed(rod: Rod, channel: float = CHANNEL, spring: float = 0.0) -> Loaded:
@@ -247,7 +247,7 @@ def test_there_is_more_than_one_place_of_rest():
                            np.zeros(rod.count)])  # fmt: skip
     on_wall = flat
     for share in (0.1, 0.3, 0.6, 1.0):
-        found = loaded.rest(on_wall, numbers(rod, 4600 * math.sqrt(share)), near=True)
+        found = loaded.rest(on_wall, numbers(rod, 4600 * math.sqrt(share)))
         on_wall = found.places
     check(found)
     assert found.stable

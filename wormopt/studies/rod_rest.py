@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from wormopt.core.curve import Curve, distances
@@ -70,6 +71,8 @@ class RodAtRest:
         Share by which the segment is longer than when it is not loaded.
     other_energy : float or None
         Energy of the rod along one wall; None where it does not stay there.
+    compression : float
+        Share by which fibres are shortened at most.
     mesh_change : float
         Change of the length with two thirds of the elements, over the length.
     field_error : float
@@ -86,6 +89,7 @@ class RodAtRest:
     bending: tuple[float, float]
     stretch: float
     other_energy: float | None
+    compression: float
     mesh_change: float
     field_error: float
 
@@ -128,6 +132,7 @@ class RodAtRest:
             "rod_reaches_walls": (self.reached, "count"),
             "rod_arc_lengths": (list(self.lengths), "length"),
             "rod_stretch": (self.stretch, "share"),
+            "rod_compression_max": (self.compression, "share"),
             "rod_force_upper": (upper, "force"),
             "rod_force_lower": (lower, "force"),
             "rod_energy": (own, "energy"),
@@ -186,17 +191,30 @@ class _Bench:
         for name, value in (("rod", rod), ("loaded", loaded), ("field", found)):
             object.__setattr__(self, name, value)
 
-    def at(self, ampere_turns: float, start: np.ndarray, *, near: bool = False) -> Rest:
+    def at(self, ampere_turns: float, start: np.ndarray) -> Rest:
         """Rest in the field of so many ampere-turns, the first coil on the upper side."""
         strength = magnetic_strength(self.rod, self.table.susceptibility, ampere_turns)
         try:
-            return self.loaded.rest(start, [0.0, 1.0, strength, 0.0], near=near)
+            found = self.loaded.rest(start, [0.0, 1.0, strength, 0.0])
         except SolveError as error:
             raise SolveError(
                 f"rod at {ampere_turns:g} ampere-turns: {error.reason.partition(': ')[2]}",
                 "write smaller rod.ampere_turns or rod.susceptibility, or more rod.elements",
                 code=error.code,
             ) from None  # fmt: skip
+        if not self.compression(found) < 1:
+            raise SolveError(
+                f"rod at {ampere_turns:g} ampere-turns: the field crushes it until cross sections "
+                "run into each other",
+                "write smaller rod.ampere_turns or rod.susceptibility", code="crushed",
+            )  # fmt: skip
+        return found
+
+    def compression(self, rest: Rest) -> float:
+        """Share by which fibres are shortened at most; at 1, neighbouring sections touch."""
+        places = (ca.DM(part) for part in rest.places.reshape(3, -1))
+        stretch, _, curvature = (np.array(part) for part in self.rod.strains(*places))
+        return float((np.abs(curvature) * self.worm.body / 2 - stretch).max())
 
     @property
     def bent(self) -> np.ndarray:
@@ -227,7 +245,9 @@ class _Bench:
         except ArgumentError:
             raise SolveError(
                 "at rest the body does not reach over the coils that are on",
-                "write a longer worm.length, or fewer coils in rod.on", code="no_segment",
+                "write a longer worm.length, fewer coils in rod.on, or smaller rod.ampere_turns, "
+                "which draw it together less",
+                code="no_segment",
             ) from None  # fmt: skip
 
         def points(share: np.ndarray) -> np.ndarray:
@@ -294,6 +314,7 @@ def rest_of(worm: ChannelWorm, table: RestTable, report: Report) -> RodAtRest:
         bending=line.curvature(first, first + worm.pitch),
         stretch=curve.length / line.unloaded(first, first + worm.pitch) - 1,
         other_energy=_on_one_wall(bench, table),
+        compression=bench.compression(rest),
         mesh_change=abs(other.length / curve.length - 1),
         field_error=bench.field.error,
     )
@@ -301,13 +322,14 @@ def rest_of(worm: ChannelWorm, table: RestTable, report: Report) -> RodAtRest:
 
 def _on_one_wall(bench: _Bench, table: RestTable) -> float | None:
     """Energy of the rod that stays on the first coil's wall as the field grows."""
-    places = bench.flat
+    places, rest = bench.flat, None
     for share in _SHARES:
         try:
-            rest = bench.at(np.sqrt(share) * table.ampere_turns, places, near=True)
+            rest = bench.at(np.sqrt(share) * table.ampere_turns, places)
         except SolveError:
             return None
         places = rest.places
+    assert rest is not None
     alone = not np.any(rest.pressed[1::2]) and rest.stable
     return rest.energy if alone else None
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
@@ -109,7 +110,7 @@ def run(scene: Scene[SegmentShapesScene], report: Report) -> Result:
         shapes.append(_shape_of(rod))
     solved = time.perf_counter() - begin
     report("comparing", 0.8)
-    apart = np.array([[_apart(one, other) for other in shapes] for one in shapes])
+    apart = _apart(shapes)
     faults = [shape.fault for shape in shapes if shape.fault]
     return Result(
         scene.name,
@@ -239,8 +240,12 @@ def _recheck(
     return float(max(*errors, np.abs(states[2:4] - exact.points(share)[:2]).max()))
 
 
-def _apart(one: SegmentShape, other: SegmentShape) -> tuple[float, float]:
-    return (0.0, 0.0) if one is other else distances(one.curve, other.curve)
+def _apart(shapes: list[SegmentShape]) -> np.ndarray:
+    """Largest and root mean square distance of each from each."""
+    found = np.zeros((len(shapes), len(shapes), 2))
+    for i, j in combinations(range(len(shapes)), 2):
+        found[i, j] = found[j, i] = distances(shapes[i].curve, shapes[j].curve)
+    return found
 
 
 def _scalars(worm: ChannelWorm, shapes: list[SegmentShape], apart: np.ndarray) -> dict[str, Scalar]:
