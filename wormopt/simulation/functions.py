@@ -126,7 +126,8 @@ class System:
         velocity = ca.vertcat(ca.SX(0, 1), *(c.velocity for c in self.contacts))
         if any(c.gap is not None or c.normal_force is not None for c in model.contacts):
             raise ArgumentError(
-                "walls with a gap or a normal force cannot be simulated; see simulation.walls.smooth_walls"
+                "walls with a gap or a normal force cannot be simulated; let them give way by "
+                "smooth_walls"
             )
         if ca.depends_on(ca.jacobian(model.ode, model.forces), model.forces):
             raise ArgumentError(f"the ode of {model.name} must be affine in the contact forces")

@@ -2,13 +2,14 @@
 
 The normal force N of a contact with the gap g is tied to it by an algebraic equation,
 
-    N (N / k + g + tau g') = k w²,  N > 0,
+    N (N / k + g + tau g') = epsilon,  N > 0,
 
-a smoothed complementarity: N (g + tau g') = 0 in the limit of great stiffness k and small width w.
-The wall gives way by N / k, what has entered it leaves with the time constant tau, and at the
-distance w from it, at rest, N is already 0.62 k w. Walls do not pull. Nothing bounces where a
-mass m returns slower than it is stopped, k tau² >> m; as k grows at fixed tau, impacts tend to
-those of restitution 0, those of `wormopt.simulation.moreau`.
+a smoothed complementarity: N (g + tau g') = 0 in the limit of great stiffness k and small epsilon.
+Walls do not pull. They give way by N / k. What comes near is braked from the distance tau |g'| on,
+and what has entered leaves with the time constant tau: a mass m that hits the wall comes back with
+the share m / (k tau²) of its speed, if that is small. So tau must be short against the vibrations
+of what hits, and k large against m / tau²; then impacts tend to those of restitution 0, which are
+those of `wormopt.simulation.moreau`. A wall that is far pushes with epsilon / g.
 
 Sources: A. Fischer, Optimization 24 (1992) 269 for smoothed complementarity; B. Brogliato,
 Nonsmooth Mechanics (2016), 2.1 for walls that give way.
@@ -28,7 +29,7 @@ from wormopt.errors import ArgumentError
 __all__ = ["smooth_walls"]
 
 
-def smooth_walls(model: Model, stiffness: float, *, width: float, relaxation: float) -> Model:
+def smooth_walls(model: Model, stiffness: float, *, smoothing: float, relaxation: float) -> Model:
     """Let the walls of a model give way.
 
     Parameters
@@ -37,17 +38,17 @@ def smooth_walls(model: Model, stiffness: float, *, width: float, relaxation: fl
         Its contacts with gaps have normal forces; gaps depend on states alone.
     stiffness : float
         k, force per way into the wall.
-    width : float
-        w, distance over which the wall begins to push. It adds k w² / g where the gap g is wide.
+    smoothing : float
+        epsilon, force times gap of a wall that is not touched.
     relaxation : float
-        tau, time within which what has entered a wall leaves it; 0 for walls that take no energy.
+        tau, time constant with which gaps close and open again; 0 for walls that take no energy.
 
     Returns
     -------
     Model
         Without gaps: normal forces are the algebraic variables ``wall_force``, friction laws are
-        what they were. The three numbers are its parameters ``wall_stiffness``, ``wall_width``
-        and ``wall_relaxation``. To be simulated with smooth friction, on the route "cvodes".
+        what they were. The three numbers are its parameters ``wall_stiffness``,
+        ``wall_smoothing`` and ``wall_relaxation``. To be simulated with smooth friction.
 
     Raises
     ------
@@ -66,12 +67,12 @@ def smooth_walls(model: Model, stiffness: float, *, width: float, relaxation: fl
     >>> floor = Contact("floor", ca.SX(0), force, Coulomb(N, N), gap=y, normal_force=N)
     >>> states = [Signal("height", y, value=0.1), Signal("speed", v, value=0.0)]
     >>> block = Model("block", states, ca.vertcat(v, N - 1), contacts=[floor])
-    >>> soft = smooth_walls(block, 1e4, width=1e-6, relaxation=0.1)
+    >>> soft = smooth_walls(block, 1e4, smoothing=1e-8, relaxation=0.1)
     >>> motion = simulate(soft, 3.0, contact=Smooth(1e-3), tolerance=Tolerance(1e-8, 1e-10))
     >>> float(motion.end[0].round(6)), motion.route
     (-0.0001, 'idas')
     """
-    numbers = _numbers({"stiffness": stiffness, "width": width, "relaxation": relaxation})
+    numbers = _numbers({"stiffness": stiffness, "smoothing": smoothing, "relaxation": relaxation})
     walls = [contact for contact in model.contacts if contact.gap is not None]
     if not walls:
         raise ArgumentError(f"{model.name} has no walls: none of its contacts has a gap")
@@ -93,7 +94,7 @@ def _numbers(values: dict[str, float]) -> list[Signal]:
     """Parameters of the walls, checked."""
     kinds = {
         "stiffness": ("stiffness", TINY),
-        "width": ("length", TINY),
+        "smoothing": ("energy", TINY),
         "relaxation": ("time", 0.0),
     }
     found = []
@@ -114,7 +115,7 @@ def _pressed(contact: Contact) -> ca.SX:
     return contact.normal_force
 
 
-def _force(model: Model, walls: list[Contact], k: ca.SX, w: ca.SX, tau: ca.SX) -> ca.SX:
+def _force(model: Model, walls: list[Contact], k: ca.SX, epsilon: ca.SX, tau: ca.SX) -> ca.SX:
     """Positive root of the equation for the normal forces."""
     x = pack(model.x)
     gaps = ca.vertcat(*(contact.gap for contact in walls if contact.gap is not None))
@@ -124,6 +125,7 @@ def _force(model: Model, walls: list[Contact], k: ca.SX, w: ca.SX, tau: ca.SX) -
     if ca.depends_on(ca.vertcat(gaps, rates), ca.vertcat(*others, *pressed)):
         raise ArgumentError(f"{model.name}: gaps and their rates must depend on states alone")
     near = -(gaps + tau * rates)
-    root = ca.sqrt(near**2 + 4 * w**2)
-    larger = (root + ca.fabs(near)) / 2  # the other root is -w² over this: no digits are lost
-    return k * ca.if_else(near > 0, larger, w**2 / larger)
+    root = ca.sqrt(near**2 + 4 * epsilon / k)
+    larger = k * (root + ca.fabs(near)) / 2
+    # the two roots have the product -k epsilon: no digits are lost
+    return ca.if_else(near > 0, larger, k * epsilon / larger)
