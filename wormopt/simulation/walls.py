@@ -6,10 +6,10 @@ The normal force N of a contact with the gap g is tied to it by an algebraic equ
 
 a smoothed complementarity: N (g + tau g') = 0 in the limit of great stiffness k and small epsilon.
 Walls do not pull. They give way by N / k. What comes near is braked from the distance tau |g'| on,
-and what has entered leaves with the time constant tau: a mass m that hits the wall comes back with
-the share m / (k tau²) of its speed, if that is small. So tau must be short against the vibrations
-of what hits, and k large against m / tau²; then impacts tend to those of restitution 0, which are
-those of `wormopt.simulation.moreau`. A wall that is far pushes with epsilon / g.
+and what has entered leaves with the time constant tau; a mass m does not come back from an impact
+where k tau² > 4 m. So tau must be short against the vibrations of what hits; then impacts tend to
+those of restitution 0, which are those of `wormopt.simulation.moreau`. A wall that is far pushes
+with epsilon / g.
 
 Sources: A. Fischer, Optimization 24 (1992) 269 for smoothed complementarity; B. Brogliato,
 Nonsmooth Mechanics (2016), 2.1 for walls that give way.
