@@ -808,7 +808,9 @@ def test_an_animation_of_a_rod_is_drawn_frame_by_frame():
 
 def test_velocity_over_frequency_shows_marks_best_pattern_and_bars():
     drawn = figure(answered(), "rod_frequency")
-    words = " ".join(text.get_text() for text in drawn.axes[0].get_legend().get_texts())
+    legend = drawn.axes[0].get_legend()
+    assert legend is not None
+    words = " ".join(text.get_text() for text in legend.get_texts())
     assert "seen" in words
     assert "best pattern" in words
     assert len(drawn.axes) == 3

@@ -284,10 +284,11 @@ def points(velocities: dict[float, float]) -> Any:
 
     def find(cases: Any, folder: Path, report: Any, text: str) -> list[RodPoint]:
         del folder, report, text
+        rates, speeds = np.array(list(velocities)), np.array(list(velocities.values()))
         return [
-            RodPoint(c.rate, np.interp(c.rate, *zip(*velocities.items(), strict=True)), 1e-4,
-                     1e-4, 1e-5, 0.0125, 1.0)
-            for c in cases
+            RodPoint(one.rate, float(speed), 1e-4, 1e-4, 1e-5, 0.0125, 1.0)
+            for one, speed in zip(cases, np.interp([c.rate for c in cases], rates, speeds),
+                                  strict=True)
         ]  # fmt: skip
 
     return find

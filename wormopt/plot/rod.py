@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -226,7 +228,7 @@ def _curve(axes: Axes, result: Result) -> None:
     slow = np.geomspace(rate[0], max(top / slope, rate[0]) if slope > 0 else rate[-1])
     axes.plot(slow, slope * slow, color=GREY, linewidth=1, label=f"slow switching: {slope:.3g} mm")
     axes.axhline(0, color="black", linewidth=0.8)
-    bars = {"fmt": "o-", "capsize": 2.5, "linewidth": 1.4, "markersize": 4}
+    bars: dict[str, Any] = {"fmt": "o-", "capsize": 2.5, "linewidth": 1.4, "markersize": 4}
     axes.errorbar(rate, velocity, 2e3 * result["curve_error"].values, color=LINKS[0],
                   label="simulated, two standard errors", **bars)  # fmt: skip
     if "refined_rate" in result:
@@ -261,7 +263,7 @@ def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
     factors = result["changed_factor"].values[:, :, column]
     plain = -1e3 * float(result["unchanged_velocity"].values[column])
     error = 2e3 * float(result["unchanged_error"].values[column])
-    names = result.attributes["parameters"]
+    names = [str(name) for name in result.attributes["parameters"]]
     axes.axvspan(plain - error, plain + error, color="#EFEFEF", linewidth=0)
     axes.axvline(plain, color=GREY, linewidth=1)
     for row, (speeds, shares) in enumerate(zip(changed, factors, strict=True)):
