@@ -228,14 +228,14 @@ def _curve(axes: Axes, result: Result) -> None:
     slow = np.geomspace(rate[0], max(top / slope, rate[0]) if slope > 0 else rate[-1])
     axes.plot(slow, slope * slow, color=GREY, linewidth=1, label=f"slow switching: {slope:.3g} mm")
     axes.axhline(0, color="black", linewidth=0.8)
-    bars: dict[str, Any] = {"fmt": "o-", "capsize": 2.5, "linewidth": 1.4, "markersize": 4}
+    bars: dict[str, Any] = {"capsize": 2.5, "linewidth": 1.4, "markersize": 4}
     axes.errorbar(rate, velocity, 2e3 * result["curve_error"].values, color=LINKS[0],
-                  label="simulated, two standard errors", **bars)  # fmt: skip
+                  fmt="o-", label="simulated, two standard errors", **bars)  # fmt: skip
     if "refined_rate" in result:
         axes.errorbar(
             result["refined_rate"].values, -1e3 * result["refined_velocity"].values,
             2e3 * result["refined_error"].values, color=LINKS[2], label="near the best",
-            **(bars | {"fmt": "o"}),
+            fmt="o", **bars,
         )  # fmt: skip
     if scalar(result, "pattern_rate") is not None:
         axes.plot(scalar(result, "pattern_rate"), best, "*", color=LINKS[1], markersize=13,
