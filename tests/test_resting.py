@@ -287,15 +287,16 @@ def test_a_damped_motion_ends_where_the_energy_is_least():
     marcher = Marcher(loaded.model, inputs=loaded.inputs)
     coils, begin = ca.SX.sym("coils", 4), ca.SX.sym("begin")
     always = Schedule("coils", coils, begin, np.array([0.0, 1.0]), np.array([numbers(rod)]))
-    p = {"friction": 1e-7, "damping_time": 2e-3, "density": 2500.0}
+    p = {"friction": 1e-7, "damping_time": 1e-2, "density": 2500.0}
     x0 = np.concatenate([laid(rod), np.zeros(3 * n)])
-    steps = marcher.march(1.5, x0, p=p, schedule=always)
+    steps = marcher.march(0.5, x0, p=p, schedule=always)
     end = steps.states[: 3 * n, -1]
-    assert np.abs(steps.states[3 * n : 5 * n, -1]).max() < 1e-5
-    assert end[: 2 * n] == pytest.approx(rest.places[: 2 * n], abs=1e-6)
-    assert steps.pressed[:, -1] == pytest.approx(rest.pressed, abs=2e-4)
+    assert np.abs(steps.states[3 * n : 5 * n, -1]).max() < 1e-6
+    # what is left is by how much the last impacts enter the walls, which steps never take back
+    assert end[: 2 * n] == pytest.approx(rest.places[: 2 * n], abs=1e-7)
+    assert steps.pressed[:, -1] == pytest.approx(rest.pressed, abs=3e-5)
     relaxed = replace(rest, places=end)
-    assert segment(24, relaxed).length == pytest.approx(segment(24).length, abs=1e-6)
+    assert segment(24, relaxed).length == pytest.approx(segment(24).length, abs=1e-7)
 
 
 # -- refusals -------------------------------------------------------------------------------------
