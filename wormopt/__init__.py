@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from wormopt.linear.bode import bode
     from wormopt.linear.lie import relative_degree
     from wormopt.linear.linearise import Linear, linearise
+    from wormopt.linear.modes import Modes, vibration_modes
     from wormopt.magnetics.coils import CoilRow
     from wormopt.magnetics.identify import Identification, identify_material
     from wormopt.magnetics.material import MagnetoElastic
@@ -53,9 +54,11 @@ if TYPE_CHECKING:
     from wormopt.runner import run
     from wormopt.scenes import Scene, load_scene
     from wormopt.simulation.ensemble import Ensemble, Member, simulate_ensemble
+    from wormopt.simulation.moreau import Marcher
     from wormopt.simulation.options import Exact, Smooth, Tolerance
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Event, Trajectory
+    from wormopt.simulation.walls import smooth_walls
     from wormopt.tracking.drive import drive
     from wormopt.tracking.funnel import Funnel, funnel_tracker
     from wormopt.tracking.lambda_tracker import Decay, Exponent, Quadratic, lambda_tracker
@@ -66,6 +69,7 @@ if TYPE_CHECKING:
     from wormopt.worms.bristles import ratchet
     from wormopt.worms.chain import chain
     from wormopt.worms.channel import ChannelWorm
+    from wormopt.worms.channel_rod import channel_rod
     from wormopt.worms.copies import copies
     from wormopt.worms.crawl import crawl
     from wormopt.worms.drift import float_drift
@@ -74,6 +78,7 @@ if TYPE_CHECKING:
     from wormopt.worms.film_units import Fluid
     from wormopt.worms.float import floating, tracers
     from wormopt.worms.magnetic_pair import magnetic_pair
+    from wormopt.worms.rod import Rod
     from wormopt.worms.slow_pair import slow_pair
     from wormopt.worms.stepper import Stepper
     from wormopt.worms.steps import step_times
@@ -112,10 +117,12 @@ _HOMES = {
     "Law": "wormopt.core.friction",
     "Linear": "wormopt.linear.linearise",
     "MagnetoElastic": "wormopt.magnetics.material",
+    "Marcher": "wormopt.simulation.moreau",
     "Member": "wormopt.simulation.ensemble",
     "Mesh": "wormopt.optimal.mesh",
     "ModeSequence": "wormopt.core.modes",
     "Model": "wormopt.core.model",
+    "Modes": "wormopt.linear.modes",
     "Motion": "wormopt.optimal.motion",
     "MovingProfile": "wormopt.magnetics.travelling",
     "Optimum": "wormopt.optimal.optimise",
@@ -126,6 +133,7 @@ _HOMES = {
     "Quadratic": "wormopt.tracking.lambda_tracker",
     "Reference": "wormopt.tracking.reference",
     "Result": "wormopt.result",
+    "Rod": "wormopt.worms.rod",
     "Scalar": "wormopt.result",
     "Scene": "wormopt.scenes",
     "SceneError": "wormopt.errors",
@@ -150,6 +158,7 @@ _HOMES = {
     "best_of": "wormopt.optimal.optimise",
     "bode": "wormopt.linear.bode",
     "chain": "wormopt.worms.chain",
+    "channel_rod": "wormopt.worms.channel_rod",
     "copies": "wormopt.worms.copies",
     "crawl": "wormopt.worms.crawl",
     "design": "wormopt.gaits.optimize",
@@ -177,6 +186,7 @@ _HOMES = {
     "simulate": "wormopt.simulation.simulate",
     "simulate_ensemble": "wormopt.simulation.ensemble",
     "slow_pair": "wormopt.worms.slow_pair",
+    "smooth_walls": "wormopt.simulation.walls",
     "steady_pair": "wormopt.worms.averaged_pair",
     "steady_states": "wormopt.averaging.steady",
     "step_times": "wormopt.worms.steps",
@@ -184,6 +194,7 @@ _HOMES = {
     "thin_film": "wormopt.worms.thin_film",
     "tracers": "wormopt.worms.float",
     "travelling_sine": "wormopt.gaits.construct",
+    "vibration_modes": "wormopt.linear.modes",
 }
 
 __all__ = [
@@ -216,10 +227,12 @@ __all__ = [
     "Law",
     "Linear",
     "MagnetoElastic",
+    "Marcher",
     "Member",
     "Mesh",
     "ModeSequence",
     "Model",
+    "Modes",
     "Motion",
     "MovingProfile",
     "Optimum",
@@ -230,6 +243,7 @@ __all__ = [
     "Quadratic",
     "Reference",
     "Result",
+    "Rod",
     "Scalar",
     "Scene",
     "SceneError",
@@ -255,6 +269,7 @@ __all__ = [
     "best_of",
     "bode",
     "chain",
+    "channel_rod",
     "copies",
     "crawl",
     "design",
@@ -282,6 +297,7 @@ __all__ = [
     "simulate",
     "simulate_ensemble",
     "slow_pair",
+    "smooth_walls",
     "steady_pair",
     "steady_states",
     "step_times",
@@ -289,6 +305,7 @@ __all__ = [
     "thin_film",
     "tracers",
     "travelling_sine",
+    "vibration_modes",
 ]
 
 

@@ -278,6 +278,8 @@ def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
     axes.set_ylim(len(names) - 0.4, -0.7)
     if column:
         axes.tick_params(labelleft=False)
+    else:
+        axes.set_ylabel("number that is changed")
     axes.set_xlabel("velocity $v$ (mm/s)")
     axes.set_title(title, loc="left")
     axes.margins(x=0.12)

@@ -37,6 +37,12 @@ class SwitchingTable(PatternTable, frozen=True, kw_only=True):
 
     Parameters
     ----------
+    every : int
+        Coils after which the pattern repeats along the row.
+    duration : float
+        How long each coil stays on, in switches.
+    shift : float
+        By how much every second switch comes late, in switches.
     rate : float
         Switches per second, the chapter's n; the field travels one pitch in 1 / rate.
     """
