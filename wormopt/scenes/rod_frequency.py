@@ -1,4 +1,4 @@
-"""Scenes of kind "rod-frequency": velocity of a magnetisable rod over the frequency of its coils."""
+"""Scenes of kind "rod-frequency": how fast a magnetisable rod crawls, over the frequency."""
 
 from __future__ import annotations
 
