@@ -153,6 +153,21 @@ def test_models_that_do_not_fit_together_are_refused():
             Model("cart", [Signal("velocity", v)], v, **signals)  # type: ignore[arg-type]
 
 
+def test_places_are_the_first_half_of_the_states():
+    a, b, v = ca.SX.sym("a"), ca.SX.sym("b", 2), ca.SX.sym("v", 3)
+    states = [Signal("a", a), Signal("b", b), Signal("rate", v)]
+    model = Model("three", states, ca.vertcat(v, -a, -b))
+    assert model.places() == tuple(states[:2])
+    both = ca.SX.sym("both", 2)
+    for other in (
+        Model("mixed", states, ca.vertcat(v[0], v[2], v[1], -a, -b)),
+        Model("odd", [Signal("a", a)], -a),
+        Model("halved", [Signal("both", both)], ca.vertcat(both[1], -both[0])),
+    ):
+        with pytest.raises(ArgumentError, match=f"{other.name}: states must be places, then"):
+            other.places()
+
+
 @pytest.mark.parametrize(
     ("bounds", "value", "words"),
     [

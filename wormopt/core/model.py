@@ -361,6 +361,34 @@ class Model:
         """Matrix d(contact accelerations) / d(contact forces), by which rest is decided."""
         return ca.jacobian(self.contact_accelerations, self.forces)
 
+    def places(self) -> tuple[Signal, ...]:
+        """Signals of the places, where the states are places and then their rates.
+
+        Returns
+        -------
+        tuple of Signal
+            The first half of the states, whose time derivatives are the second half.
+
+        Raises
+        ------
+        ArgumentError
+            If the model is not of this form.
+
+        Examples
+        --------
+        >>> import casadi as ca
+        >>> y, v = ca.SX.sym("y", 2), ca.SX.sym("v", 2)
+        >>> pair = Model("pair", [Signal("height", y), Signal("rate", v)], ca.vertcat(v, -y))
+        >>> [place.name for place in pair.places()]
+        ['height']
+        """
+        half, x = self.n_x // 2, pack(self.x)
+        ends = np.cumsum([0, *(s.size for s in self.x)]).tolist()
+        even = half in ends and 2 * half == self.n_x
+        if not even or not ca.is_equal(ca.densify(self.ode[:half]), x[half:]):
+            raise ArgumentError(f"{self.name}: states must be places, then their rates")
+        return tuple(self.x[: ends.index(half)])
+
     def breaks(self, end: float) -> np.ndarray:
         """Times at which schedules go on to another piece.
 

@@ -99,7 +99,7 @@ def vibration_modes(
     >>> vibration_modes(pair, {"place": [0]}).frequencies.round(6)
     array([0.707107])
     """
-    places = _places(model)
+    places = model.places()
     free = _free(places, held or {})
     if count < 1:
         raise ArgumentError(f"count must be at least 1, not {count}")
@@ -119,18 +119,6 @@ def vibration_modes(
     shapes[free] = vectors
     residual = _residual(K, M, squares, vectors)
     return Modes(np.sqrt(squares) / (2 * np.pi), by_name(places, shapes), residual)
-
-
-def _places(model: Model) -> list[Signal]:
-    """The first half of the states, if the second half are their rates."""
-    half, x = model.n_x // 2, pack(model.x)
-    found: list[Signal] = []
-    while sum(s.size for s in found) < half:
-        found.append(model.x[len(found)])
-    even = sum(s.size for s in found) == half and 2 * half == model.n_x
-    if not even or not ca.is_equal(ca.densify(model.ode[:half]), x[half:]):
-        raise ArgumentError(f"{model.name}: states must be places, then their rates")
-    return found
 
 
 def _free(places: Sequence[Signal], held: Mapping[str, Sequence[int]]) -> np.ndarray:

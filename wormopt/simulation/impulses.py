@@ -44,10 +44,8 @@ class Impulses:
     integrals: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        model, half = self.model, self.n_q
-        x, ode = pack(model.x), model.ode
-        if x.numel() != 2 * half or not ca.is_equal(ca.densify(ode[:half]), x[half:]):
-            self._refuse("states must be places, then their rates")
+        model = self.model
+        model.places()  # refuses what has none
         if any(c.gap is None or c.normal_force is None for c in model.contacts):
             self._refuse("all contacts must have gaps and normal forces")
         if any(len(c.law.directions) != 2 for c in model.contacts):
@@ -55,7 +53,9 @@ class Impulses:
         if model.z or model.switches:
             self._refuse("algebraic variables and switches are not stepped over")
         timed = [model.t, *(s for part in model.schedules for s in (part.symbol, part.begin))]
-        if ca.depends_on(ca.vertcat(ode, *map(model.output, self.integrals)), ca.vertcat(*timed)):
+        if ca.depends_on(
+            ca.vertcat(model.ode, *map(model.output, self.integrals)), ca.vertcat(*timed)
+        ):
             self._refuse("nothing may depend on time but its inputs")
         if ca.depends_on(self._pushes, self._impulse_symbols):
             self._refuse("the ode must be affine in the contact forces")

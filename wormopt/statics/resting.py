@@ -136,11 +136,8 @@ class Loaded:
     _numbers: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        model, x = self.model, pack(self.model.x)
-        if x.numel() != 2 * self.n_q or not ca.is_equal(
-            ca.densify(model.ode[: self.n_q]), x[self.n_q :]
-        ):
-            raise ArgumentError(f"{model.name}: states must be places, then their rates")
+        model = self.model
+        model.places()  # refuses what has none
         if any(c.gap is None or c.normal_force is None for c in model.contacts):
             raise ArgumentError(f"{model.name}: all contacts must have gaps and normal forces")
         if (self.potential is None) != (self.inputs is None):
