@@ -71,8 +71,9 @@ def counted(text: str, gait: Gait) -> float:
         times = np.array([float(row["time_s"]) for row in own])
         place = start[j] + travel * np.cumsum([0] + [int(row["direction"]) for row in own])
         t = np.linspace(0, period, 4001)[:-1]
-        before = np.array([int((times < v).sum()) for v in (*times, *t)])
-        after = np.array([int((times <= v).sum()) for v in (*times, *t)])
+        assert np.all(np.diff(times) >= 0)
+        before = np.searchsorted(times, [*times, *t], side="left")
+        after = np.searchsorted(times, [*times, *t], side="right")
         # at the very end of the period the gait is where it began
         ideal = gait(np.concatenate([np.minimum(times, np.nextafter(period, 0)), t]))[j]
         worst = max(worst, np.abs(ideal - place[before]).max(), np.abs(ideal - place[after]).max())
@@ -155,6 +156,31 @@ def test_gaits_that_rest_and_gaits_with_too_many_steps():
     jump = Gait(np.array([0.0, 1.0, 2.0]), np.array([[[1.0]], [[1.5]]]))
     with pytest.raises(ArgumentError, match=r"jumps by 0\.5 at t = 0"):
         step_times(jump, motor())
+
+
+def test_a_zigzag_is_answered_at_its_turns_by_pulses_twice_the_hysteresis_apart():
+    for over, margin in ((0.002, 0.05), (0.02, 0.05), (0.01, 0.2)):
+        peak = 10.5 + margin + over  # in microsteps: just past where the motor steps
+        gait = Gait(
+            np.array([0.0, 1.0, 2.0]),
+            np.array([[[1.0, 0.01 * peak]], [[1 + 0.01 * peak, -0.01 * peak]]]),
+        )
+        steps = step_times(gait, motor(0.01, margin))
+        assert steps.interval_min * peak == pytest.approx(2 * (margin + over), rel=1e-9)
+
+
+def test_the_first_step_follows_the_last_a_period_later():
+    steps = Steps(
+        1.0, 0.1, np.ones(3), np.array([0.02, 0.3, 0.5, 0.95]), np.array([0, 1, 1, 0]),
+        np.array([1, 1, -1, -1]),
+    )  # fmt: skip
+    assert steps.intervals_min == pytest.approx([0.07, 0.2, np.inf])
+    assert steps.interval_min == pytest.approx(0.07)
+    assert in_ticks(steps, 0.01)[1][0].tolist() == [2, 93, 5]
+    # rounded to ticks of a quarter, motor 1 would step twice at once where periods meet
+    with pytest.raises(ArgumentError, match=r"motor 1 fall on one tick; write a tick below 0\.07"):
+        in_ticks(steps, 0.25)
+    assert Steps(1.0, 0.1, np.ones(1), *np.zeros((3, 0), int)).interval_min == np.inf
 
 
 # -- what motors can do --------------------------------------------------------------------------
@@ -616,6 +642,34 @@ def test_strokes_below_a_step_move_no_motor():
 def test_doubts_are_named(changes: list[str], said: str):
     result = wo.run(load_scene(SCENE, changes))
     assert any(said in text for text in result.trust["warnings"])
+
+
+def zigzag(*changes: str) -> Result:
+    """Links that reverse at once, at 3.4 turns per second of the motors."""
+    gait = (
+        'gait={shape="accordion", period=0.15, length=[0.1, 0.1005028], profile="trapezoid", '
+        "ramp=0}"
+    )
+    return wo.run(load_scene(SCENE, [gait, "bristles.backslip=1e-5", *changes]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "warned"),
+    [
+        (["motor.start_rate=5"], True),
+        (["motor.start_rate=5", "gait.period=2"], False),  # eight times as fast is still slow
+        (["motor.start_rate=5", "motor.hysteresis=0.4"], False),  # no turn just past a level
+    ],
+)
+def test_reversals_faster_than_the_motor_starts_are_told(changes: list[str], warned: bool):
+    result = zigzag(*changes)
+    assert result.status == "ok", result.reason
+    told = [text for text in result.trust["warnings"] if "reverses with two pulses" in text]
+    rate, interval = value(result, "step_rate_max"), value(result, "step_interval_min")
+    assert bool(told) == warned, (interval * rate[0], told)
+    if warned:
+        assert len(told) == 2
+        assert f"{1 / (interval * rate[0]):.3g} times as fast" in told[0]
 
 
 def test_the_picture_shows_commands_limits_and_motion(prototype: Result):

@@ -97,7 +97,10 @@ def run(scene: Scene[StepperScene], report: Report) -> Result:
         "period_error": moved.period_error,
         "ideal": dict(motion_trust(ideal, worm, again)),
         "assumptions": dict(_ASSUMED),
-        "warnings": list(_warnings(table, stepper, ideal, moved)),
+        "warnings": [
+            *_warnings(table, stepper, ideal, moved),
+            *_short_pauses(stepper, asked, steps),
+        ],
     }
     return Result(
         scene.name,
@@ -230,6 +233,24 @@ def _warnings(
         yield "bristles.backslip is 0: real bristles lose about that much at every handover"
     if moved.speed <= _ACCEPTED * ideal.drive.rate_scale:
         yield "the worm makes no way: backslip eats the strokes"
+
+
+def _short_pauses(stepper: Stepper, asked: Demand, steps: Steps) -> Iterator[str]:
+    """Name the motors whose pulses at a turn come faster than the gait's largest rate.
+
+    On a run of a length that cannot be; at a turn two opposite pulses lie as little as twice the
+    hysteresis apart, of which the limits on the gait's own rates know nothing.
+    """
+    for j, interval in enumerate(steps.intervals_min):
+        largest = float(asked.rate[j]) * stepper.pulses_per_turn
+        times = 1 / (interval * largest) if interval > 0 else np.inf
+        at_once = interval * stepper.start_rate * stepper.pulses_per_turn >= 1
+        if np.isfinite(interval) and times > 1 + _ACCEPTED and not at_once:
+            yield (
+                f"motor {j + 1} reverses with two pulses {interval:.3g} s apart, {times:.3g} times "
+                "as fast as the gait's largest rate and faster than motor.start_rate: it may "
+                "lose them; take a larger motor.hysteresis, or a gait that rounds off its turns"
+            )
 
 
 def _variables(

@@ -143,7 +143,8 @@ def in_ticks(steps: Steps, tick: float) -> tuple[int, list[np.ndarray]]:
     delays = []
     for j in range(steps.links):
         instants = np.rint(steps.of_motor(j)[0] / tick).astype(np.int64)
-        gaps = np.diff(instants)
+        # the first step follows the last, a period later
+        gaps = np.diff(instants, append=instants[:1] + whole)
         if np.any(gaps < 1):
             raise ArgumentError(
                 f"two steps of motor {j + 1} fall on one tick; write a tick below "

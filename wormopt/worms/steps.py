@@ -116,10 +116,22 @@ class Steps:
         return self.start[:, None] + self.travel * np.array(rows)
 
     @property
+    def intervals_min(self) -> np.ndarray:
+        """Shortest time between two steps of each motor, shape (n,), infinite where it has none.
+
+        Steps are repeated period after period: the first follows the last.
+        """
+        shortest = np.full(self.links, np.inf)
+        for j in range(self.links):
+            time, _ = self.of_motor(j)
+            if time.size:
+                shortest[j] = np.diff(time, append=time[0] + self.period).min()
+        return shortest
+
+    @property
     def interval_min(self) -> float:
-        """Shortest time between two steps of one motor; infinite where none has two."""
-        gaps = [np.diff(self.of_motor(j)[0]) for j in range(self.links)]
-        return min((float(g.min()) for g in gaps if g.size), default=np.inf)
+        """Shortest time between two steps of one motor; infinite where there are none."""
+        return float(self.intervals_min.min())
 
 
 def step_times(gait: Gait, stepper: Stepper) -> Steps:
