@@ -10,6 +10,7 @@ import pytest
 
 import wormopt as wo
 from wormopt.cli import main
+from wormopt.core.curve import Curve
 from wormopt.errors import SceneError, SolveError
 from wormopt.plot import figure
 from wormopt.progress import silent
@@ -105,6 +106,39 @@ def test_a_sweep_over_the_field():
     assert result["sweep_distance"].values.shape == (3, 4)
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"softest": -1e-3}, "the rest is not stable"),
+        ({"imbalance": 1e-3}, "off balance by 0.001 (imbalance)"),
+        ({"residual": float("nan")}, "off balance by nan (residual)"),
+    ],
+)
+def test_rests_of_a_sweep_that_are_not_to_be_trusted_are_left_out(
+    change: dict[str, float], said: str, monkeypatch: pytest.MonkeyPatch
+):
+    at, starts = rod_rest._Bench.at, []
+
+    def spoilt(bench: Any, turns: float, start: np.ndarray) -> Any:
+        starts.append(start)
+        found = at(bench, turns, start)
+        return replace(found, **change) if turns == 5000 else found
+
+    monkeypatch.setattr(rod_rest._Bench, "at", spoilt)
+    worm, table = ChannelWorm.of("sample-1"), RestTable(elements=20, sweep=(4600.0, 5000.0))
+    line = Curve(0.01, lambda share: np.array([0.01 * share, 0 * share, 0 * share]))
+    scalars, variables, warnings = rod_rest.sweep_of(worm, table, {"line": line}, silent)
+    (warning,) = warnings
+    assert warning.startswith("rod.sweep: left out at 5000 ampere-turns: ")
+    assert said in warning
+    lengths, apart = (variable.values for variable in variables[1:])
+    assert np.isfinite(lengths).tolist() == [True, False]
+    assert np.isfinite(apart).tolist() == [[True, False]]
+    assert scalars["sweep_closest_shape"][0] == ["line", None]
+    # nor does the next rest start from it
+    assert np.array_equal(starts[0], starts[1])
+
+
 def test_a_body_of_unknown_modulus_is_left_out():
     result = run('worm.sample="capsule"')
     assert "rod" not in value(result, "shapes")
@@ -161,7 +195,9 @@ def test_what_is_not_to_be_trusted_says_so(monkeypatch: pytest.MonkeyPatch):
     loose = replace(found.rest, softest=-1e-9)
     assert "not stable" in replace(found, rest=loose).fault
     off = replace(found.rest, imbalance=1e-3)
-    assert "forces are off balance by 0.001" in replace(found, rest=off).fault
+    assert "forces are off balance by 0.001 (imbalance)" in replace(found, rest=off).fault
+    slope = replace(found.rest, residual=2e-3, imbalance=1e-9)
+    assert "forces are off balance by 0.002 (residual)" in replace(found, rest=slope).fault
     monkeypatch.setattr(rod_rest.RodAtRest, "fault", "made up")
     result = quick("points=21")
     assert (result.status, result.reason) == ("failed", "made up")

@@ -217,7 +217,7 @@ def rod_frequency(result: Result) -> Figure:
 
 
 def _curve(axes: Axes, result: Result) -> None:
-    """Mean velocity against the field's travel, in mm/s, with twice its standard error."""
+    """Mean velocity against the field's travel, in mm/s, with its 95 % interval."""
     rate, velocity = result["curve_rate"].values, -1e3 * result["curve_velocity"].values
     slope = -1e3 * float(scalar(result, "velocity_per_frequency_slow"))
     best = -1e3 * float(scalar(result, "pattern_velocity") or np.nan)
@@ -229,12 +229,12 @@ def _curve(axes: Axes, result: Result) -> None:
     axes.plot(slow, slope * slow, color=GREY, linewidth=1, label=f"slow switching: {slope:.3g} mm")
     axes.axhline(0, color="black", linewidth=0.8)
     bars: dict[str, Any] = {"capsize": 2.5, "linewidth": 1.4, "markersize": 4}
-    axes.errorbar(rate, velocity, 2e3 * result["curve_error"].values, color=LINKS[0],
-                  fmt="o-", label="simulated, two standard errors", **bars)  # fmt: skip
+    axes.errorbar(rate, velocity, 1e3 * result["curve_error"].values, color=LINKS[0],
+                  fmt="o-", label="simulated, 95 % intervals", **bars)  # fmt: skip
     if "refined_rate" in result:
         axes.errorbar(
             result["refined_rate"].values, -1e3 * result["refined_velocity"].values,
-            2e3 * result["refined_error"].values, color=LINKS[2], label="near the best",
+            1e3 * result["refined_error"].values, color=LINKS[2], label="near the best",
             fmt="o", **bars,
         )  # fmt: skip
     if scalar(result, "pattern_rate") is not None:
@@ -262,7 +262,7 @@ def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
     changed = -1e3 * result["changed_velocity"].values[:, :, column]
     factors = result["changed_factor"].values[:, :, column]
     plain = -1e3 * float(result["unchanged_velocity"].values[column])
-    error = 2e3 * float(result["unchanged_error"].values[column])
+    error = 1e3 * float(result["unchanged_error"].values[column])
     names = [str(name) for name in result.attributes["parameters"]]
     axes.axvspan(plain - error, plain + error, color="#EFEFEF", linewidth=0)
     axes.axvline(plain, color=GREY, linewidth=1)

@@ -25,7 +25,7 @@ Rates = Annotated[
 ]
 Factors = Annotated[
     tuple[Positive, ...],
-    Meta(max_length=6, description="a list of up to 6 finite numbers above 0"),
+    Meta(min_length=1, max_length=6, description="a list of 1 to 6 finite numbers above 0"),
 ]
 
 
@@ -176,9 +176,9 @@ class CourseTable(Table, frozen=True, kw_only=True):
         Share of the time at the beginning that does not count.
     """
 
-    cycles: Cycles = 6
+    cycles: Cycles = 8
     duration: Positive = 1.2
-    settle: Share = 0.4
+    settle: Share = 0.25
 
 
 def faults_of_rod(

@@ -50,7 +50,7 @@ class SensitivityTable(Table, frozen=True, kw_only=True):
         Frequencies at which.
     """
 
-    parameters: tuple[Doubtful, ...] = (
+    parameters: Annotated[tuple[Doubtful, ...], Meta(min_length=1)] = (
         "youngs_modulus",
         "density",
         "damping_time",
@@ -130,8 +130,8 @@ class RodFrequencyScene(SceneTable, frozen=True, kw_only=True):
     search : SearchTable, optional
         What is best; left out if the scene has it not.
     accepted : float
-        Largest change of the mean velocity on a finer mesh and by half the step, over the speed
-        of the field at the best of the ``rates``, that is accepted.
+        Largest change of the best velocity on a finer mesh and by half the step, beyond the
+        errors of both and over that velocity, that is accepted.
     measured : tuple of MeasuredTable
         Marks in the picture.
     """
@@ -144,10 +144,10 @@ class RodFrequencyScene(SceneTable, frozen=True, kw_only=True):
     coils: ZigzagTable = ZigzagTable()
     switching: PatternTable = PatternTable()
     mesh: MeshTable = MeshTable()
-    course: CourseTable = CourseTable(cycles=5, duration=3.0)
+    course: CourseTable = CourseTable(duration=3.0)
     sensitivity: SensitivityTable | None = None
     search: SearchTable | None = None
-    accepted: Share = 0.02
+    accepted: Share = 0.1
     measured: tuple[MeasuredTable, ...] = ()
 
     def faults(self, folder: Path) -> Iterator[Fault]:

@@ -14,22 +14,26 @@ from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.rod_motion import ConvergenceTable, RodMotionScene
 from wormopt.scenes.scene import Scene
-from wormopt.studies.rod_parts import (
+from wormopt.studies.rod_case import (
     ASSUMED,
     RodCase,
-    RodCourse,
     assumed_scalars,
     blocks_of,
-    direction,
+    warnings_of_case,
+)
+from wormopt.studies.rod_course import (
+    RodCourse,
+    RodPoint,
+    faults_of_motion,
+    faults_of_recheck,
+    finer,
     follow,
-    segment_length,
 )
 
 __all__ = ["run"]
 
 _FRAMES, _SAMPLES = 144, 1200
-# What of the field's work may be lost to rounding and steps, and how deep walls may be entered.
-_ENERGY, _DEPTH = 0.01, 0.05
+_Again = tuple[str, float, RodPoint]
 
 
 def run(scene: Scene[RodMotionScene], report: Report) -> Result:
@@ -53,19 +57,18 @@ def run(scene: Scene[RodMotionScene], report: Report) -> Result:
     SolveError
         If the motion is no longer a number.
     Interrupted
-        If the user stops it after the motion has been found; it is the partial result.
+        If the user stops it; once the motion has been found, it is the partial result.
     """
     table, begin = scene.table, perf_counter()
     case = RodCase(
         table.worm, table.channel, table.coils, table.switching.pattern, table.mesh, table.course,
         table.switching.rate,
     )  # fmt: skip
-    course = follow(case, report)
-    again: list[tuple[str, float, RodCourse]] = []
+    course, again = follow(case, report), []
     try:
-        for kind, value, other in _others(case, course, table.convergence):
+        for kind, value, other in _others(case, table.convergence):
             report(f"again with {kind} {value:g}", None)
-            again.append((kind, value, follow(other)))
+            again.append((kind, value, follow(other).point))
     except KeyboardInterrupt:
         reason = "interrupted before the motion was computed again with other steps and meshes"
         partial = _result(scene, case, course, again, perf_counter() - begin)
@@ -73,26 +76,23 @@ def run(scene: Scene[RodMotionScene], report: Report) -> Result:
     return _result(scene, case, course, again, perf_counter() - begin)
 
 
-def _others(
-    case: RodCase, course: RodCourse, table: ConvergenceTable
-) -> Iterator[tuple[str, float, RodCase]]:
+def _others(case: RodCase, table: ConvergenceTable) -> Iterator[tuple[str, float, RodCase]]:
     """Motions to compare with: the same but for the step, or the mesh."""
-    step = float(np.diff(course.steps.time).max()) * (len(course.steps.time) - 1)
-    step /= course.steps.n_steps
     for share in table.steps:
-        yield "step", share, case.varied(mesh={"step": share * step})
+        yield "step", share, finer(case, share=share)
     for elements in table.elements:
-        yield "elements", elements, case.varied(mesh={"elements": elements, "step": None})
+        yield "elements", elements, finer(case, elements)
 
 
 def _result(
     scene: Scene[RodMotionScene],
     case: RodCase,
     course: RodCourse,
-    again: list[tuple[str, float, RodCourse]],
+    again: list[_Again],
     seconds: float,
 ) -> Result:
-    faults = list(_faults(case, course, again, scene.table.convergence.accepted))
+    faults = list(_faults(case, course.point, again, scene.table.convergence.accepted))
+    point = course.point
     return Result(
         scene.name,
         scene.table.kind,
@@ -102,80 +102,55 @@ def _result(
         scalars=_scalars(case, course, again),
         variables=(*_histories(course), *_frames(case, course), *_convergence(again)),
         trust={
-            "energy_error": course.energy_error,
-            "penetration_share": course.penetration / _room(case),
-            "field_error": course.field_error,
-            "velocity_error": course.velocity_error,
-            "recheck_velocity_error": max(_changes(course, again), default=None),
-            "accepted": scene.table.convergence.accepted * case.field_speed,
+            "energy_error": point.energy_error,
+            "penetration_share": point.penetration,
+            "field_error": point.field_error,
+            "velocity_error": point.error,
+            "recheck_velocity_error": max(
+                (abs(other.velocity - point.velocity) for _, _, other in again), default=None
+            ),
+            "accepted": scene.table.convergence.accepted,
             "assumptions": dict(ASSUMED),
-            "warnings": list(_warnings(case, course)),
+            "warnings": list(_warnings(case, point)),
         },
-        timings_s={"motion": course.seconds, "all": seconds},
+        timings_s={"motion": point.seconds, "all": seconds},
         scene_text=scene.text,
-        attributes={"channel": case.channel.diameter, "body": case.worm.diameter,
-                    "pitch": case.coils.pitch, "every": case.pattern.every,
-                    "coil": [case.coils.inner, case.coils.outer, case.coils.length,
-                             case.coils.clearance]},
+        attributes={
+            "channel": case.channel.diameter,
+            "body": case.worm.diameter,
+            "pitch": case.coils.pitch,
+            "every": case.pattern.every,
+            "coil": [
+                case.coils.inner, case.coils.outer, case.coils.length, case.coils.clearance
+            ],
+        },
     )  # fmt: skip
 
 
-def _room(case: RodCase) -> float:
-    return (case.channel.diameter - case.worm.diameter) / 2
+def _faults(case: RodCase, point: RodPoint, again: list[_Again], accepted: float) -> Iterator[str]:
+    yield from faults_of_motion(point)
+    for kind, value, other in again:
+        what = f"with {kind} {value:g}"
+        yield from (f"{what}: {fault}" for fault in faults_of_motion(other))
+        yield from faults_of_recheck(case, point, other, accepted, what)
 
 
-def _changes(course: RodCourse, again: list[tuple[str, float, RodCourse]]) -> list[float]:
-    """Changes of the mean velocity beyond what its own uncertainty explains."""
-    return [
-        max(
-            abs(other.velocity - course.velocity)
-            - 2 * float(np.hypot(other.velocity_error, course.velocity_error)),
-            0.0,
-        )
-        for _, _, other in again
-    ]
-
-
-def _faults(
-    case: RodCase,
-    course: RodCourse,
-    again: list[tuple[str, float, RodCourse]],
-    accepted: float,
-) -> Iterator[str]:
-    if not course.energy_error <= _ENERGY:
-        yield (
-            f"the balance of energy is off by {course.energy_error:.2g} of the field's work; "
-            "write a shorter mesh.step"
-        )
-    depth = course.penetration / _room(case)
-    if not depth <= _DEPTH:
-        yield f"walls are entered by {depth:.2g} of the room; write a shorter mesh.step"
-    for (kind, value, _), change in zip(again, _changes(course, again), strict=True):
-        if not change <= accepted * case.field_speed:
-            yield (
-                f"the mean velocity changes by {change:.2g} m/s with {kind} {value:g}; write more "
-                "mesh.elements, a shorter mesh.step or a longer course.duration"
-            )
-
-
-def _scalars(
-    case: RodCase, course: RodCourse, again: list[tuple[str, float, RodCourse]]
-) -> dict[str, Scalar]:
+def _scalars(case: RodCase, course: RodCourse, again: list[_Again]) -> dict[str, Scalar]:
     pressed = course.steps.pressed
-    segment = segment_length(case, course)
+    point = course.point
     found: dict[str, tuple[Any, str]] = {
-        "velocity_mean": (course.velocity, "speed"),
-        "velocity_error": (course.velocity_error, "speed"),
-        "direction": (direction(course), "count"),
-        "velocity_per_frequency": (course.velocity / case.rate, "length"),
+        "velocity_mean": (point.velocity, "speed"),
+        "velocity_error": (point.error, "speed"),
+        "direction": (point.direction, "count"),
+        "velocity_per_frequency": (point.velocity / case.rate, "length"),
         "field_speed": (case.field_speed, "speed"),
         "rate": (case.rate, "rate"),
-        "arc_length": (segment, "length"),
+        "arc_length": (point.arc_length, "length"),
         "pressed_max": (float(pressed.max(initial=0.0)), "force"),
         "pressed_mean": (float(np.mean(pressed.sum(axis=0))), "force"),
-        "penetration_max": (course.penetration, "length"),
-        "energy_error": (course.energy_error, "share"),
-        "field_error": (course.field_error, "share"),
+        "penetration_max": (point.penetration * case.room, "length"),
+        "energy_error": (point.energy_error, "share"),
+        "field_error": (point.field_error, "share"),
         "field_work": (float(course.steps.work["load_power"][-1]), "energy"),
         "friction_work": (float(course.steps.work["friction"][-1]), "energy"),
         "damping_work": (float(course.steps.work["damping_power"][-1]), "energy"),
@@ -205,7 +180,7 @@ def _histories(course: RodCourse) -> Iterator[Variable]:
 
 def _frames(case: RodCase, course: RodCourse) -> Iterator[Variable]:
     """Shapes over the last two repeats of the pattern, forces on the walls, coils that are on."""
-    blocks, steps, n = blocks_of(case), course.steps, course.rod.count
+    blocks, steps, n = blocks_of(case), course.steps, course.count
     since = max(steps.time[-1] - 2 * case.cycle, 0.0)
     kept = np.searchsorted(steps.time, np.linspace(since, steps.time[-1], _FRAMES))
     kept = np.clip(kept, 1, len(steps.time) - 1)
@@ -225,26 +200,27 @@ def _frames(case: RodCase, course: RodCourse) -> Iterator[Variable]:
     yield Variable("coils_on", "1", ("frame",), blocks.count[piece], "coils of a block")
 
 
-def _convergence(again: list[tuple[str, float, RodCourse]]) -> Iterator[Variable]:
+def _convergence(again: list[_Again]) -> Iterator[Variable]:
     for kind in ("step", "elements"):
         rows = [(value, other) for name, value, other in again if name == kind]
         if rows:
             dim = (f"{kind}_again",)
             speeds = [other.velocity for _, other in rows]
-            errors = [other.velocity_error for _, other in rows]
+            errors = [other.error for _, other in rows]
             yield Variable(dim[0], "1", dim, np.array([value for value, _ in rows]), kind)
             yield Variable(f"velocity_by_{kind}", "m s-1", dim, np.array(speeds), "mean velocity")
             yield Variable(f"error_by_{kind}", "m s-1", dim, np.array(errors), "its error")
 
 
-def _warnings(case: RodCase, course: RodCourse) -> Iterator[str]:
-    if course.velocity_error > 0.1 * abs(course.velocity):
+def _warnings(case: RodCase, point: RodPoint) -> Iterator[str]:
+    if point.error > 0.1 * abs(point.velocity):
         yield (
-            f"the mean velocity is known to {course.velocity_error:.2g} m/s only; write a longer "
+            f"the mean velocity is known to {point.error:.2g} m/s only; write a longer "
             "course.duration"
         )
-    if case.worm.susceptibility > 1:
+    if not point.settled:
         yield (
-            f"a susceptibility of {case.worm.susceptibility:g} changes the field in and near the "
-            "body, which the pull by the field without it leaves out"
+            "the mean velocity of the first half differs from that of the second: the motion has "
+            "not settled; write a larger course.settle or a longer course.duration"
         )
+    yield from warnings_of_case(case)

@@ -101,16 +101,13 @@ class RodAtRest:
     @property
     def fault(self) -> str:
         """Why it is not to be trusted; empty if it is."""
-        if not max(self.rest.residual, self.rest.imbalance) <= _BALANCED:
-            return f"rod: forces are off balance by {self.rest.imbalance:.2g}"
-        if not self.rest.stable:
-            return "rod: the rest is not stable; write other rod.ampere_turns"
-        if not self.mesh_change <= _MESH:
-            return (
-                f"rod: with fewer elements the segment's length changes by {self.mesh_change:.2g} "
-                "of itself; write more rod.elements"
+        doubt = _doubt(self.rest)
+        if not doubt and not self.mesh_change <= _MESH:
+            doubt = (
+                f"with fewer elements the segment's length changes by {self.mesh_change:.2g} of "
+                "itself; write more rod.elements"
             )
-        return ""
+        return doubt and f"rod: {doubt}"
 
     def trust(self) -> dict[str, Any]:
         """How far to trust it."""
@@ -162,6 +159,14 @@ class RodAtRest:
             ("rod_node_length", m, self.rod.weights, "length that a node stands for"),
         ):
             yield Variable(name, unit, ("node",), values, text)
+
+
+def _doubt(rest: Rest) -> str:
+    """Why a rest by itself is not to be trusted; empty if it is."""
+    for name in ("residual", "imbalance"):
+        if not (off := getattr(rest, name)) <= _BALANCED:
+            return f"forces are off balance by {off:.2g} ({name})"
+    return "" if rest.stable else "the rest is not stable; write other rod.ampere_turns"
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,7 +341,7 @@ def _on_one_wall(bench: _Bench, table: RestTable) -> float | None:
 
 def sweep_of(
     worm: ChannelWorm, table: RestTable, assumed: dict[str, Curve], report: Report
-) -> tuple[dict[str, tuple[Any, str]], tuple[Variable, ...]]:
+) -> tuple[dict[str, tuple[Any, str]], tuple[Variable, ...], list[str]]:
     """Length and closest assumed shape over the ampere-turns, each from the rest before.
 
     Parameters
@@ -352,8 +357,9 @@ def sweep_of(
 
     Returns
     -------
-    scalars, variables : dict, tuple of Variable
-        Nothing where no sweep is asked for. NaN where the segment does not go from wall to wall.
+    scalars, variables, warnings : dict, tuple of Variable, list of str
+        Nothing where no sweep is asked for. NaN where the segment does not go from wall to wall,
+        and with a warning where the rest is not stable or not in balance.
 
     Raises
     ------
@@ -361,15 +367,18 @@ def sweep_of(
         If there is no rest at one of them.
     """
     if not table.sweep:
-        return {}, ()
+        return {}, (), []
     bench, turns = _Bench(worm, table, table.elements), np.array(table.sweep)
     apart = np.full((len(assumed), len(turns)), np.nan)
     lengths = np.full(len(turns), np.nan)
-    places = bench.bent
+    places, warnings = bench.bent, []
     # from strong fields, which hold the rod on both walls, to weak ones
     for done, j in enumerate(np.argsort(turns)[::-1]):
         report(f"rod: {turns[j]:g} ampere-turns", 0.75 + 0.05 * done / len(turns))
         rest = bench.at(float(turns[j]), places)
+        if doubt := _doubt(rest):
+            warnings.append(f"rod.sweep: left out at {turns[j]:g} ampere-turns: {doubt}")
+            continue
         places = rest.places
         if not bench.reached(rest):
             break  # on one wall it stays there in all weaker fields
@@ -384,7 +393,7 @@ def sweep_of(
         Variable("sweep_arc_length", m, ("sweep",), lengths, "length of the segment"),
         Variable("sweep_distance", m, ("assumed", "sweep"), apart,
                  "largest distance from assumed shapes"),
-    )  # fmt: skip
+    ), warnings  # fmt: skip
 
 
 @lru_cache(maxsize=8)

@@ -3,53 +3,33 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from collections.abc import Sequence
 from concurrent.futures import as_completed
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 
-import msgspec
+from platformdirs import user_cache_path
 
+import wormopt
 from wormopt.errors import SolveError
 from wormopt.progress import Report
-from wormopt.studies.rod_parts import RodCase, follow, segment_length
+from wormopt.studies.rod_case import RodCase
+from wormopt.studies.rod_course import RodPoint, follow
 
-__all__ = ["RodPoint", "kept", "rod_points"]
+__all__ = ["checkpoints", "forget", "kept", "rod_points"]
 
 
-@dataclass(frozen=True)
-class RodPoint:
-    """What one motion comes to.
-
-    Parameters
-    ----------
-    rate : float
-        Switches per second.
-    velocity, error : float
-        Mean velocity, positive with the field, and its standard error, in m/s; NaN where the
-        motion was lost.
-    energy_error : float
-        Of the balance, over the work of the field.
-    penetration : float
-        Into the walls, in m.
-    arc_length : float
-        Of a segment just before coils change, in m; NaN where the rod never lay over a block.
-    seconds : float
-        Spent.
-    reason : str
-        Why the motion was lost; empty otherwise.
-    """
-
-    rate: float
-    velocity: float
-    error: float
-    energy_error: float
-    penetration: float
-    arc_length: float
-    seconds: float
-    reason: str = ""
+@cache
+def checkpoints() -> Path:
+    """Folder of motions that this very code has found: another version has another one."""
+    code = hashlib.sha256()
+    for file in sorted(Path(wormopt.__file__).parent.rglob("*.py")):
+        code.update(file.read_bytes())
+    return user_cache_path("wormopt") / "checkpoints" / f"rods-{code.hexdigest()[:16]}"
 
 
 def rod_points(cases: Sequence[RodCase], folder: Path, report: Report, text: str) -> list[RodPoint]:
@@ -69,31 +49,32 @@ def rod_points(cases: Sequence[RodCase], folder: Path, report: Report, text: str
     Returns
     -------
     list of RodPoint
-        In the order of the cases.
+        One for each case, in their order.
 
     Raises
     ------
     KeyboardInterrupt
         If the user stops it; what is done is in the folder.
     """
-    todo = sorted({case for case in cases if kept(case, folder) is None}, key=lambda c: c.rate)
-    # CasADi holds the interpreter's lock, so threads would not help.
-    from loky import get_reusable_executor
-
+    found = {case: point for case in cases if (point := kept(case, folder))}
+    # the slowest switching takes longest
+    todo = sorted({case for case in cases if case not in found}, key=lambda case: case.rate)
     if todo:
+        # CasADi holds the interpreter's lock, so threads would not help.
+        from loky import get_reusable_executor
+
         workers = min(len(todo), os.cpu_count() or 1)
         executor = get_reusable_executor(max_workers=workers, timeout=60)
         report(text, 0.0)
         try:
-            futures = [executor.submit(_follow_and_keep, case, folder) for case in todo]
+            futures = {executor.submit(_follow_and_keep, case, folder): case for case in todo}
             for done, future in enumerate(as_completed(futures), start=1):
-                future.result()
+                found[futures[future]] = future.result()
                 report(text, done / len(todo))
         except KeyboardInterrupt:
             executor.shutdown(wait=False, kill_workers=True)
             raise
-    found = [kept(case, folder) for case in cases]
-    return [point for point in found if point is not None]
+    return [found[case] for case in cases]
 
 
 def kept(case: RodCase, folder: Path) -> RodPoint | None:
@@ -111,27 +92,41 @@ def kept(case: RodCase, folder: Path) -> RodPoint | None:
     RodPoint or None
         None where it is not there, or damaged.
     """
-    with suppress(OSError, msgspec.DecodeError):
-        return msgspec.json.decode(_file(case, folder).read_bytes(), type=RodPoint)
+    with suppress(OSError, ValueError, TypeError):
+        return RodPoint(**json.loads(_file(case, folder).read_text(encoding="utf-8")))
     return None
+
+
+def forget(cases: Sequence[RodCase], folder: Path) -> None:
+    """Remove what has been kept of some motions, because it stands in a result now.
+
+    Parameters
+    ----------
+    cases : sequence of RodCase
+        What moved.
+    folder : Path
+        Where motions are kept.
+    """
+    for case in cases:
+        with suppress(OSError):
+            _file(case, folder).unlink()
+    with suppress(OSError):
+        folder.rmdir()  # only if nobody else keeps anything there
 
 
 def _file(case: RodCase, folder: Path) -> Path:
     return folder / f"{hashlib.sha256(case.key.encode()).hexdigest()[:32]}.json"
 
 
-def _follow_and_keep(case: RodCase, folder: Path) -> None:
+def _follow_and_keep(case: RodCase, folder: Path) -> RodPoint:
     try:
-        course = follow(case)
-        point = RodPoint(
-            case.rate, course.velocity, course.velocity_error, course.energy_error,
-            course.penetration, segment_length(case, course), course.seconds,
-        )  # fmt: skip
+        point = follow(case).point
     except SolveError as lost:
-        unknown = float("nan")
-        point = RodPoint(case.rate, unknown, unknown, unknown, unknown, unknown, 0.0, str(lost))
+        point = RodPoint.lost(case.rate, str(lost))
     file = _file(case, folder)
     folder.mkdir(parents=True, exist_ok=True)
     unfinished = file.with_suffix(f".{os.getpid()}")
-    unfinished.write_bytes(msgspec.json.encode(point))
+    # Python's JSON knows NaN, which lost motions are full of
+    unfinished.write_text(json.dumps(asdict(point)), encoding="utf-8")
     unfinished.replace(file)
+    return point

@@ -104,9 +104,9 @@ def run(scene: Scene[SegmentShapesScene], report: Report) -> Result:
     shapes = [*_assumed(worm, report), *_elasticas(worm, table, report)]
     rod = _rod_of(worm, table, report)
     assumed = {shape.name: shape.curve for shape in shapes if not shape.exact}
-    swept, swept_variables = {}, ()
+    swept, swept_variables, swept_warnings = {}, (), []
     if rod is not None:
-        swept, swept_variables = rod_rest.sweep_of(worm, rod.table, assumed, report)
+        swept, swept_variables, swept_warnings = rod_rest.sweep_of(worm, rod.table, assumed, report)
         shapes.append(_shape_of(rod))
     solved = time.perf_counter() - begin
     report("comparing", 0.8)
@@ -124,7 +124,9 @@ def run(scene: Scene[SegmentShapesScene], report: Report) -> Result:
             **{shape.name: shape.trust for shape in shapes if shape.trust},
             "accepted": _ACCEPTED,
             "assumptions": _ASSUMED | ({} if rod is None else rod_rest.ASSUMED),
-            "warnings": [*_warnings(worm, shapes), *_warnings_of_rod(rod, table)],
+            "warnings": [
+                *_warnings(worm, shapes), *_warnings_of_rod(rod, table), *swept_warnings,
+            ],
         },
         timings_s={"solve": solved},
         scene_text=scene.text,
