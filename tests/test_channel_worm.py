@@ -408,7 +408,7 @@ def test_the_kinds_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureF
     capsys.readouterr()
     for name in scenes:
         out = tmp_path / name
-        less = ["--set", "rod.sweep=[4600]"] if name == "segment_shapes" else []
+        less = ["--set", "rod.elements=20"] if name == "segment_shapes" else []
         assert main(["run", name, "-o", str(out), "--json", *less]) == 0
         assert json.loads(capsys.readouterr().out)["status"] == "ok"
         assert sum(path.stat().st_size > 20_000 for path in out.glob("*.png")) == 1
@@ -442,7 +442,7 @@ def test_every_key_and_every_number_is_documented(kind: str, scene: str, table: 
         inner: Any = getattr(item.type, "__struct_fields__", None)
         inner = RestTable.__struct_fields__ if item.name == "rod" else inner
         names |= {f"{item.name}.{name}" for name in inner} if inner else {item.name}
-    sweep = ["rod.sweep=[4600]"] if scene == "segment_shapes" else []
+    sweep = ["rod.elements=20", "rod.sweep=[4600]"] if scene == "segment_shapes" else []
     result = run(scene, *sweep)
     names |= {*result.scalars, *(v.name for v in result.variables)}
     for entry in result.trust.values():

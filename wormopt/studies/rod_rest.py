@@ -309,20 +309,15 @@ def rest_of(worm: ChannelWorm, table: RestTable, report: Report) -> RodAtRest:
     first = (k - (table.on - 1) / 2) * worm.pitch
     line = RodLine(bench.rod, rest.places)
     return RodAtRest(
-        table=table,
-        worm=worm,
-        rod=bench.rod,
-        rest=rest,
-        curve=curve,
+        table=table, worm=worm, rod=bench.rod, rest=rest, curve=curve,
         lengths=tuple(bench.segment(rest, j).length for j in range(table.on - 1)),
-        reached=bench.reached(rest),
-        bending=line.curvature(first, first + worm.pitch),
+        reached=bench.reached(rest), bending=line.curvature(first, first + worm.pitch),
         stretch=curve.length / line.unloaded(first, first + worm.pitch) - 1,
         other_energy=_on_one_wall(bench, table),
         compression=bench.compression(rest),
         mesh_change=abs(other.length / curve.length - 1),
         field_error=bench.field.error,
-    )
+    )  # fmt: skip
 
 
 def _on_one_wall(bench: _Bench, table: RestTable) -> float | None:
@@ -335,7 +330,7 @@ def _on_one_wall(bench: _Bench, table: RestTable) -> float | None:
             return None
         places = rest.places
     assert rest is not None
-    alone = not np.any(rest.pressed[1::2]) and rest.stable
+    alone = not np.any(rest.pressed[1::2]) and not _doubt(rest)
     return rest.energy if alone else None
 
 
