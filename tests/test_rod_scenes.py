@@ -554,3 +554,15 @@ def test_a_long_slender_rod_obeys_the_law_of_slow_switching():
     excess = course.point.arc_length / long.coils.pitch - 1
     law = long.field_speed * excess * (5 - 2) / (5 + 2 * excess)
     assert -course.point.velocity == pytest.approx(law, rel=0.06)
+
+
+@pytest.mark.parametrize(
+    "change",
+    ["worm.youngs_modulus=1e12", "worm.density=1e-12", "switching.rate=1e-9", "switching.rate=1e9"],
+)
+def test_motions_that_would_take_for_ever_are_refused(
+    change: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    out = str(tmp_path / "out")
+    assert main(["run", "fig21_rod_motion", "-o", out, "--quiet", "--set", change]) == 3
+    assert "steps, more than" in capsys.readouterr().err

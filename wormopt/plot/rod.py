@@ -77,7 +77,7 @@ def _snapshots(axes: Axes, result: Result) -> None:
     for k, frame in enumerate(chosen):
         _scene(axes, result, int(frame), -k * lanes, (low, high))
         axes.text(
-            high, -k * lanes, f" {frames[frame] - frames[chosen[0]]:.3g} s", va="center",
+            high, -k * lanes, f" {frames[frame]:.3f} s", va="center",
             color=GREY, fontsize=9,
         )  # fmt: skip
     axes.set_xlim(low, high)
@@ -87,7 +87,7 @@ def _snapshots(axes: Axes, result: Result) -> None:
     axes.grid(visible=False)
     axes.spines["left"].set_visible(False)
     axes.set_xlabel("place $x$ (mm)")
-    axes.set_title("coils that are on are dark; red: forces of the walls", loc="left")
+    axes.set_title("dark coils are on, they go to the right; red: walls push", loc="left")
 
 
 def _reach(result: Result, frames: np.ndarray) -> tuple[float, float]:
@@ -184,7 +184,7 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
     axes.set_yticks([])
     axes.grid(visible=False)
     axes.set_xlabel(label("place $x$", "mm"))
-    axes.text(0.01, 0.93, f"t = {time[frame] - time[0]:.3f} s", color=GREY,
+    axes.text(0.01, 0.93, f"t = {time[frame]:.3f} s", color=GREY,
               transform=axes.transAxes)  # fmt: skip
 
 
@@ -219,23 +219,29 @@ def rod_frequency(result: Result) -> Figure:
 def _curve(axes: Axes, result: Result) -> None:
     """Mean velocity against the field's travel, in mm/s, with its 95 % interval."""
     rate, velocity = result["curve_rate"].values, -1e3 * result["curve_velocity"].values
+    known = np.vstack([rate, velocity])
+    if "refined_rate" in result:
+        near = result["refined_rate"].values, -1e3 * result["refined_velocity"].values
+        known = np.hstack([known, near])
+    known = known[:, np.argsort(known[0])]
     slope = -1e3 * float(scalar(result, "velocity_per_frequency_slow"))
     best = -1e3 * float(scalar(result, "pattern_velocity") or np.nan)
-    top = 1.25 * np.nanmax([*velocity, best])
+    top = 1.25 * np.nanmax([*known[1], best])
     for value, text in ((frequency, f"{frequency:.3g}") for frequency in _natural(result)):
         axes.axvline(value, color="#BBBBBB", linewidth=1, linestyle=(0, (2, 2)))
         axes.text(value, top, text, rotation=90, ha="right", va="top", color=GREY, fontsize=8)
     slow = np.geomspace(rate[0], max(top / slope, rate[0]) if slope > 0 else rate[-1])
-    axes.plot(slow, slope * slow, color=GREY, linewidth=1, label=f"slow switching: {slope:.3g} mm")
+    axes.plot(slow, slope * slow, color=GREY, linewidth=1, label=f"slow: {slope:.3g} mm a switch")
     axes.axhline(0, color="black", linewidth=0.8)
-    bars: dict[str, Any] = {"capsize": 2.5, "linewidth": 1.4, "markersize": 4}
+    axes.plot(*known, color=LINKS[0], linewidth=1.4)
+    bars: dict[str, Any] = {"fmt": "o", "capsize": 2.5, "linewidth": 1.4, "markersize": 4}
     axes.errorbar(rate, velocity, 1e3 * result["curve_error"].values, color=LINKS[0],
-                  fmt="o-", label="simulated, 95 % intervals", **bars)  # fmt: skip
+                  label="simulated, 95 % intervals", **bars)  # fmt: skip
     if "refined_rate" in result:
         axes.errorbar(
             result["refined_rate"].values, -1e3 * result["refined_velocity"].values,
             1e3 * result["refined_error"].values, color=LINKS[2], label="near the best",
-            fmt="o", **bars,
+            **bars,
         )  # fmt: skip
     if scalar(result, "pattern_rate") is not None:
         axes.plot(scalar(result, "pattern_rate"), best, "*", color=LINKS[1], markersize=13,
@@ -246,9 +252,9 @@ def _curve(axes: Axes, result: Result) -> None:
         axes.plot(where, 1e3 * speed, mark, color=RED, markersize=7, label=text)
     axes.set_xscale("log")
     axes.set_ylim(top=top)
-    axes.set_xlabel("switches a second $n$; dotted: natural frequencies of the free rod (Hz)")
+    axes.set_xlabel("switches a second $n$; dashed: natural frequencies of the free rod (Hz)")
     axes.set_ylabel("mean velocity against the field (mm/s)")
-    axes.legend(loc="lower left", fontsize=8.5)
+    axes.legend(loc="lower left", fontsize=8.5, frameon=True, framealpha=1, edgecolor="none")
     axes.set_title(facts(result, "frequency_best", "velocity_best"), loc="left")
 
 
@@ -280,6 +286,6 @@ def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
         axes.tick_params(labelleft=False)
     else:
         axes.set_ylabel("number that is changed")
-    axes.set_xlabel("velocity $v$ (mm/s)")
-    axes.set_title(title, loc="left")
+    axes.set_xlabel("velocity $-v$ (mm/s)")
+    axes.set_title(f"{title}; grey: within the error", loc="left")
     axes.margins(x=0.12)

@@ -276,7 +276,10 @@ def assumed_scalars(case: RodCase) -> dict[str, Scalar]:
         "damping_time": (case.worm.damping_time, "time"),
         "susceptibility": (case.worm.susceptibility, "share"),
         "friction": (case.channel.friction, "share"),
+        "coil_inner": (case.coils.inner, "length"),
         "coil_outer": (case.coils.outer, "length"),
+        "coil_length": (case.coils.length, "length"),
+        "coil_clearance": (case.coils.clearance, "length"),
         "ampere_turns": (case.coils.ampere_turns, "ampere_turns"),
     }
     return {

@@ -33,6 +33,8 @@ _ENERGY, _DEPTH = 0.01, 0.05
 # Velocities are compared with no less than this share of the field's: a rod may stand still. What
 # is not known to this share of itself is not compared at all.
 _STILL, _KNOWN = 0.01, 0.5
+# Steps after which nobody waits any more: some minutes.
+_MOST_STEPS = 2e7
 
 
 @dataclass(frozen=True)
@@ -132,19 +134,21 @@ def follow(case: RodCase, report: Report = silent) -> RodCourse:
     Raises
     ------
     SolveError
-        If the motion is no longer a number.
+        If the motion is no longer a number, or takes too many steps.
     Interrupted
         If the user stopped it.
     """
     begin, rod, marcher = perf_counter(), rod_of(case.worm, case.mesh), marcher_of(case)
-    numbers = numbers_of(case)
+    numbers, step = numbers_of(case), step_of(case)
+    _check_steps(case, step)
     try:
         steps = marcher.march(
             case.end, start_of(case, marcher), p=numbers, schedule=schedule_of(case),
-            step=step_of(case), report=report,
+            step=step, report=report,
         )  # fmt: skip
     except SolveError as lost:
-        raise SolveError(lost.reason, "write a shorter mesh.step", None, lost.code) from None
+        suggestion = "write a shorter mesh.step, or fewer coils.ampere_turns"
+        raise SolveError(lost.reason, suggestion, None, lost.code) from None
     except Interrupted:
         raise Interrupted from None
     centre = rod.weights @ steps.states[: rod.count] / rod.length
@@ -162,6 +166,20 @@ def follow(case: RodCase, report: Report = silent) -> RodCourse:
         seconds=perf_counter() - begin,
     )
     return RodCourse(steps, centre, rod.count, point)
+
+
+def _check_steps(case: RodCase, step: float) -> None:
+    """Refuse motions that would take for ever: stiff or light rods, a clock that hardly ticks."""
+    count = max(case.end / step, 10 * case.end * case.rate)
+    if not count <= _MOST_STEPS:
+        raise SolveError(
+            f"{case.end:.3g} s at {case.rate:g} switches a second take {count:.2g} steps, more "
+            f"than {_MOST_STEPS:g}: the longest stable step is {step:.2g} s",
+            "write a smaller worm.youngs_modulus or worm.damping_time, a larger worm.density, "
+            "fewer course.cycles, or a shorter course.duration",
+            None,
+            "too_many_steps",
+        )
 
 
 def finer(case: RodCase, elements: int | None = None, share: float = 0.5) -> RodCase:

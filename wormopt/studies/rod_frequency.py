@@ -129,7 +129,8 @@ class _Study:
             cases = [
                 replace(
                     case.varied(pattern={"duration": point["duration"], "shift": point["shift"]}),
-                    rate=math.exp(point["rate"]),
+                    # so many digits that the same frequency is the same motion again
+                    rate=float(f"{math.exp(point['rate']):.4g}"),
                 )
                 for point in points
             ]

@@ -65,12 +65,13 @@ def rod_points(cases: Sequence[RodCase], folder: Path, report: Report, text: str
 
         workers = min(len(todo), os.cpu_count() or 1)
         executor = get_reusable_executor(max_workers=workers, timeout=60)
-        report(text, 0.0)
+        already = len(set(cases)) - len(todo)
+        report(text, already / (already + len(todo)))
         try:
             futures = {executor.submit(_follow_and_keep, case, folder): case for case in todo}
             for done, future in enumerate(as_completed(futures), start=1):
                 found[futures[future]] = future.result()
-                report(text, done / len(todo))
+                report(text, (already + done) / (already + len(todo)))
         except KeyboardInterrupt:
             executor.shutdown(wait=False, kill_workers=True)
             raise

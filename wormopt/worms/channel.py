@@ -66,6 +66,7 @@ def center_line(shape: Shape, x: Any, pitch: Any, channel: Any, body: Any) -> An
     5.5
     """
     rise, share = channel - body, x / pitch
+    _check_shape(shape)
     if shape == "sine":
         # ca.cos would turn arrays into matrices of CasADi
         numeric = isinstance(share, np.ndarray | Real)
@@ -98,11 +99,17 @@ def arc_length(shape: Shape, pitch: Any, rise: Any) -> Any:
     float, ndarray or casadi.SX
         In units of `pitch`.
 
+    Raises
+    ------
+    ArgumentError
+        If there is no such shape.
+
     Examples
     --------
     >>> [round(arc_length(shape, 10.0, 7.0), 6) for shape in SHAPES]
     [12.55057, 12.504597, 12.206556]
     """
+    _check_shape(shape)
     slope = rise / pitch
     if shape == "sine":
         return pitch * _ellipse((1 + (np.pi * slope / 2) ** 2) ** 0.5)
@@ -112,6 +119,11 @@ def arc_length(shape: Shape, pitch: Any, rise: Any) -> Any:
             weight * (1 + steep * steep * bend) ** 0.5 for bend, weight in _gauss_points()
         )
     return pitch * (1 + slope * slope) ** 0.5
+
+
+def _check_shape(shape: str) -> None:
+    if shape not in SHAPES:
+        raise ArgumentError(f'no assumed shape "{shape}"; there are {", ".join(SHAPES)}')
 
 
 def segment_count(length: Any, segment: Any, rule: CountRule = "nearest") -> Any:
