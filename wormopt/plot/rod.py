@@ -286,6 +286,6 @@ def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
         axes.tick_params(labelleft=False)
     else:
         axes.set_ylabel("number that is changed")
-    axes.set_xlabel("velocity $-v$ (mm/s)")
-    axes.set_title(f"{title}; grey: within the error", loc="left")
+    axes.set_xlabel("velocity $-v$, grey: its error (mm/s)")
+    axes.set_title(title, loc="left")
     axes.margins(x=0.12)

@@ -14,7 +14,6 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
-import wormopt
 from wormopt.errors import SolveError
 from wormopt.progress import Report
 from wormopt.studies.rod_case import RodCase
@@ -27,7 +26,7 @@ __all__ = ["checkpoints", "forget", "kept", "rod_points"]
 def checkpoints() -> Path:
     """Folder of motions that this very code has found: another version has another one."""
     code = hashlib.sha256()
-    for file in sorted(Path(wormopt.__file__).parent.rglob("*.py")):
+    for file in sorted(Path(__file__).parents[1].rglob("*.py")):
         code.update(file.read_bytes())
     return user_cache_path("wormopt") / "checkpoints" / f"rods-{code.hexdigest()[:16]}"
 
