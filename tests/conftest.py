@@ -1,9 +1,16 @@
 """Results that several files of tests look at."""
 
-import pytest
+import os
 
-import wormopt as wo
-from wormopt.result import Result
+# Tests run in as many processes as there are cores: threads of their own would only get in each
+# other's way. It must be said before numpy is loaded.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import pytest  # noqa: E402
+
+import wormopt as wo  # noqa: E402
+from wormopt.result import Result  # noqa: E402
 
 
 @pytest.fixture(scope="session")
