@@ -93,6 +93,10 @@ def test_weak_fields_do_not_bend_it_from_wall_to_wall():
     assert result.status == "ok"
     assert not value(result, "rod_reaches_walls")
     assert value(result, "closest_shape_rod") is None
+    assert value(result, "closest_shape")[-1] is None
+    assert value(result, "segments")[-1] is value(result, "velocity_per_frequency")[-1] is None
+    titles = [axes.get_title("left") for axes in figure(result, "segment_shapes").axes]
+    assert any("rod: not from wall to wall" in title for title in titles)
     assert any("do not bend it from wall to wall" in text for text in result.trust["warnings"])
 
 

@@ -8,21 +8,22 @@ a geometric one; what is cut off is measured. The force on magnetisable matter i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from wormopt.errors import ArgumentError
-from wormopt.magnetics.coils import CoilRow
+from wormopt.magnetics.coils import Coil, CoilRow
 
-__all__ = ["BlockField", "block_field"]
+__all__ = ["BlockField", "block_field", "channel_field"]
 
 # Powers across the strip, and points along two repeats of the pattern from which the series is
 # found. So many blocks are there on each side.
 _DEGREE, _POINTS, _BLOCKS = 12, 256, 3
 _ROUNDING = 1e-9
+_WIDER = 1.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +151,50 @@ def block_field(
     rows, columns = (np.flatnonzero(np.any(kept, axis=axis))[-1] + 1 for axis in (1, 0))
     field = BlockField(period, half, kept[:rows, :columns], 0.0)
     return replace(field, error=_error(field, row, on, every))
+
+
+@lru_cache(maxsize=32)
+def channel_field(
+    coil: Coil,
+    pitch: float,
+    channel: float,
+    clearance: float,
+    body: float,
+    on: int,
+    every: int,
+    tolerance: float,
+) -> BlockField:
+    """Field of blocks of coils on both sides of a channel by turns, where a body's centre may be.
+
+    Parameters
+    ----------
+    coil : Coil
+        One of them.
+    pitch : float
+        Distance of neighbours along the channel, in m.
+    channel, clearance : float
+        Distance of the walls, and from the inner side of a wall to the windings, in m.
+    body : float
+        Diameter of the body, in m.
+    on : int
+        Coils of a block.
+    every : int
+        The pattern repeats after so many coils.
+    tolerance : float
+        Terms below this share of the largest one are left out.
+
+    Returns
+    -------
+    BlockField
+        On a strip a twentieth wider than the centre line needs, because time steps enter walls.
+
+    Raises
+    ------
+    ArgumentError
+        As for `block_field`.
+    """
+    row = CoilRow(coil, 2, pitch, gap=channel + 2 * clearance, sides="alternating")
+    return block_field(row, _WIDER * (channel - body) / 2, on, every, tolerance)
 
 
 def _square(row: CoilRow, on: int, every: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:

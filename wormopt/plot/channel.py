@@ -188,5 +188,7 @@ def _nearest(result: Result) -> str:
     told = zip(*(scalar(result, name) for name in
                  ("exact_shapes", "closest_shape", "closest_distance")), strict=True)  # fmt: skip
     return "closest to " + "; ".join(
-        f"{exact.replace('_', ' ')}: {name}, {1e3 * apart:.3g} mm" for exact, name, apart in told
+        f"{exact.replace('_', ' ')}: "
+        + (f"{name}, {1e3 * apart:.3g} mm" if name else "not from wall to wall")
+        for exact, name, apart in told
     )

@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 
 from wormopt.core.model import Schedule
-from wormopt.magnetics.blocks import BlockField, block_field
-from wormopt.magnetics.coils import Coil, CoilRow
+from wormopt.magnetics.blocks import BlockField, channel_field
+from wormopt.magnetics.coils import Coil
 from wormopt.result import Scalar, unit_of
 from wormopt.scenes.rod import (
     ChannelTable,
@@ -48,9 +48,6 @@ __all__ = [
     "warnings_of_case",
 ]
 
-# How much wider than the room of the centre line the strip is on which the field is known: walls
-# are touched at the middle of steps, and penetrated by as much as one step moves.
-_WIDER = 1.05
 _POWERS = ("damping_power", "load_power")
 # Share of the longest stable step that is taken.
 _SAFE = 0.8
@@ -200,7 +197,15 @@ def fields_of(case: RodCase) -> tuple[BlockField, ...]:
     case : RodCase
         Whose coils.
     """
-    return tuple(_field(case, count) for count in blocks_of(case).counts)
+    coils = case.coils
+    coil = Coil(coils.inner, coils.outer, coils.length)
+    return tuple(
+        channel_field(
+            coil, coils.pitch, case.channel.diameter, coils.clearance, case.worm.diameter, count,
+            case.pattern.every, case.mesh.field_tolerance,
+        )
+        for count in blocks_of(case).counts
+    )  # fmt: skip
 
 
 def schedule_of(case: RodCase) -> Schedule:
@@ -286,27 +291,6 @@ def assumed_scalars(case: RodCase) -> dict[str, Scalar]:
         f"assumed_{name}": Scalar(value, unit_of(unit, "SI"))
         for name, (value, unit) in found.items()
     }
-
-
-@lru_cache(maxsize=32)
-def _block_field(
-    coil: Coil, pitch: float, gap: float, half: float, on: int, every: int, tolerance: float
-) -> BlockField:
-    row = CoilRow(coil, 2, pitch, gap=gap, sides="alternating")
-    return block_field(row, half, on, every, tolerance)
-
-
-def _field(case: RodCase, count: int) -> BlockField:
-    coils, channel = case.coils, case.channel
-    return _block_field(
-        Coil(coils.inner, coils.outer, coils.length),
-        coils.pitch,
-        channel.diameter + 2 * coils.clearance,
-        _WIDER * case.room,
-        count,
-        case.pattern.every,
-        case.mesh.field_tolerance,
-    )
 
 
 @lru_cache(maxsize=16)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -12,8 +11,8 @@ import numpy as np
 
 from wormopt.core.curve import Curve, distances
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.magnetics.blocks import BlockField, block_field
-from wormopt.magnetics.coils import Coil, CoilRow
+from wormopt.magnetics.blocks import BlockField, channel_field
+from wormopt.magnetics.coils import Coil
 from wormopt.progress import Report
 from wormopt.result import Variable, unit_of
 from wormopt.scenes.channel import RestTable
@@ -26,8 +25,6 @@ from wormopt.worms.rod_line import RodLine
 
 __all__ = ["ASSUMED", "RodAtRest", "rest_of", "sweep_of"]
 
-# How much wider than the room of the centre line the strip is on which the field is known.
-_WIDER = 1.05
 # Where forces count as balanced, and by how much two thirds of the elements may change the length.
 _BALANCED, _MESH = 1e-6, 5e-3
 # Shares of the field by which a rod on one wall is followed to the whole field.
@@ -186,9 +183,10 @@ class _Bench:
         rod = Rod(worm.length, worm.body, worm.youngs_modulus, _DENSITY,
                   poisson_ratio=table.poisson_ratio, elements=self.elements,
                   degree=table.degree)  # fmt: skip
-        found = _block_field(Coil(table.inner, table.outer, table.length), worm.pitch,
-                             worm.channel + 2 * table.clearance, _WIDER * worm.rise / 2,
-                             table.on, table.every, table.field_tolerance)  # fmt: skip
+        found = channel_field(
+            Coil(table.inner, table.outer, table.length), worm.pitch, worm.channel,
+            table.clearance, worm.body, table.on, table.every, table.field_tolerance,
+        )  # fmt: skip
         loaded = Loaded(
             channel_rod(rod, worm.channel, _FRICTION), block_energy(rod, found),
             block_load(rod, [found]), size=rod.stiffness().bending / worm.pitch,
@@ -389,11 +387,3 @@ def sweep_of(
         Variable("sweep_distance", m, ("assumed", "sweep"), apart,
                  "largest distance from assumed shapes"),
     ), warnings  # fmt: skip
-
-
-@lru_cache(maxsize=8)
-def _block_field(
-    coil: Coil, pitch: float, gap: float, half: float, on: int, every: int, tolerance: float
-) -> BlockField:
-    row = CoilRow(coil, 2, pitch, gap=gap, sides="alternating")
-    return block_field(row, half, on, every, tolerance)

@@ -62,6 +62,8 @@ class SegmentShape:
         Largest, in 1/m.
     reaction, tension : float, optional
         Force of a wall across the channel and tension along it, over E I, in 1/m².
+    spans : bool
+        Whether it goes from wall to wall; what does not is no segment.
     trust : dict
         How it was found.
     fault : str
@@ -75,6 +77,7 @@ class SegmentShape:
     curvature: float | None = None
     reaction: float | None = None
     tension: float | None = None
+    spans: bool = True
     trust: dict[str, Any] = field(default_factory=dict)
     fault: str = ""
 
@@ -145,8 +148,8 @@ def _rod_of(worm: ChannelWorm, table: SegmentShapesScene, report: Report) -> Rod
 
 def _shape_of(rod: RodAtRest) -> SegmentShape:
     bending, curvature = rod.bending
-    return SegmentShape("rod", True, rod.curve, bending, curvature, trust=rod.trust(),
-                        fault=rod.fault)  # fmt: skip
+    return SegmentShape("rod", True, rod.curve, bending, curvature, spans=rod.reached,
+                        trust=rod.trust(), fault=rod.fault)  # fmt: skip
 
 
 def _assumed(worm: ChannelWorm, report: Report) -> Iterator[SegmentShape]:
@@ -253,9 +256,12 @@ def _apart(shapes: list[SegmentShape]) -> np.ndarray:
 def _scalars(worm: ChannelWorm, shapes: list[SegmentShape], apart: np.ndarray) -> dict[str, Scalar]:
     stiffness = worm.bending_stiffness
     lengths = [shape.curve.length for shape in shapes]
-    counts = [segment_count(worm.length, length, worm.rule) for length in lengths]
+    counts = [
+        segment_count(worm.length, shape.curve.length, worm.rule) if shape.spans else None
+        for shape in shapes
+    ]
     velocities = [
-        velocity_per_frequency(worm.pitch, length, count)
+        None if count is None else velocity_per_frequency(worm.pitch, length, count)
         for length, count in zip(lengths, counts, strict=True)
     ]
     curvatures = [shape.curvature for shape in shapes]
@@ -291,15 +297,14 @@ def _closest(shapes: list[SegmentShape], apart: np.ndarray) -> dict[str, tuple[A
     """For each exact shape the assumed one whose largest distance is the least."""
     assumed = [k for k, shape in enumerate(shapes) if not shape.exact]
     exact = [k for k, shape in enumerate(shapes) if shape.exact]
-    best = [min(assumed, key=lambda k, e=e: apart[e, k, 0]) for e in exact]
+    best = {e: min(assumed, key=lambda k, e=e: apart[e, k, 0]) for e in exact if shapes[e].spans}
+    far = [apart[e, best[e]] if e in best else (None, None) for e in exact]
     return {
         "exact_shapes": ([shapes[e].name for e in exact], "count"),
-        "closest_shape": ([shapes[k].name for k in best], "count"),
-        "closest_distance": ([apart[e, k, 0] for e, k in zip(exact, best, strict=True)], "length"),
-        "closest_distance_rms": (
-            [apart[e, k, 1] for e, k in zip(exact, best, strict=True)], "length",
-        ),
-    }  # fmt: skip
+        "closest_shape": ([shapes[best[e]].name if e in best else None for e in exact], "count"),
+        "closest_distance": ([most for most, _ in far], "length"),
+        "closest_distance_rms": ([mean for _, mean in far], "length"),
+    }
 
 
 def _variables(shapes: list[SegmentShape], apart: np.ndarray, count: int) -> tuple[Variable, ...]:
@@ -362,6 +367,8 @@ def _warnings_of_rod(rod: RodAtRest | None, table: SegmentShapesScene) -> Iterat
 
 def _warnings(worm: ChannelWorm, shapes: list[SegmentShape]) -> Iterator[str]:
     for shape in shapes:
+        if not shape.spans:
+            continue
         count = segment_count(worm.length, shape.curve.length, worm.rule)
         yield from warnings_of_count(shape.name, worm, count, shape.curve.length)
         strain = (shape.curvature or 0.0) * worm.body / 2
