@@ -334,6 +334,7 @@ sizes = st.floats(-30, 30).map(lambda k: 10.0**k)
 
 @settings(deadline=None, max_examples=300)
 @given(u0=sizes, modulus=sizes, field=sizes)
+@example(u0=10.0**4.5625, modulus=10.0**3.5078125, field=1e5)  # a rounding of mu_r moves u0 by 6e-11
 def test_whatever_was_measured_is_identified_or_refused(u0: float, modulus: float, field: float):
     found, said = None, ""
     try:
@@ -346,7 +347,11 @@ def test_whatever_was_measured_is_identified_or_refused(u0: float, modulus: floa
     bar = found.material
     for what, value in (("u0", u0), ("modulus", modulus)):
         exact = by_hand(what, bar.mu_r, bar.lame_eta, field)
-        assert float(exact) == pytest.approx(value, rel=1e-11)
+        # close to the field at which it gives way, neighbouring numbers are different materials
+        next_mu, next_eta = (np.nextafter(x, np.inf) for x in (bar.mu_r, bar.lame_eta))
+        rounding = abs(by_hand(what, next_mu, bar.lame_eta, field) / exact - 1)
+        rounding += abs(by_hand(what, bar.mu_r, next_eta, field) / exact - 1)
+        assert float(exact) == pytest.approx(value, rel=max(1e-11, float(rounding)))
     assert bar.softening(field) > -1.5
 
 
