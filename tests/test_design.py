@@ -173,7 +173,7 @@ def test_designed_gaits_beat_the_constructed_ones(links, resting):
         "peak_spike_load",
         "peak_actuator_force",
         pytest.param("energy_per_distance", marks=pytest.mark.slow),
-        "acceleration_effort",
+        pytest.param("acceleration_effort", marks=pytest.mark.slow),
     ],
 )
 def test_a_cost_is_no_higher_than_that_of_the_fastest_gait(cost, fast_gait):
@@ -203,6 +203,7 @@ limits_ = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(
     max_examples=5, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
 )
