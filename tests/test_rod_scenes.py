@@ -542,7 +542,10 @@ def test_rates_that_do_not_ascend_are_refused():
 
 
 @pytest.mark.slow
-def test_a_long_slender_rod_obeys_the_law_of_slow_switching():
+@pytest.mark.parametrize(("friction", "low", "high"), [(1.0, 0.94, 1.02), (5.0, 0.80, 0.94)])
+def test_a_long_slender_rod_obeys_the_law_of_slow_switching(
+    friction: float, low: float, high: float
+):
     """Peristalsis without slip and stretch, docs/theory-channel.md 4.1: n e (P - 2) / (P + 2 e/L).
 
     A rod over four repeats of a pattern of P = 5 coils, 3 of them on; e is the excess length of
@@ -550,7 +553,7 @@ def test_a_long_slender_rod_obeys_the_law_of_slow_switching():
     """
     long = RodCase(
         WormTable(length=0.2, diameter=1e-3, damping_time=5e-4),
-        ChannelTable(diameter=5e-3, friction=1.0),
+        ChannelTable(diameter=5e-3, friction=friction),
         ZigzagTable(),
         PatternTable(every=5),
         MeshTable(elements=50),
@@ -560,7 +563,7 @@ def test_a_long_slender_rod_obeys_the_law_of_slow_switching():
     course = follow(long)
     excess = course.point.arc_length / long.coils.pitch - 1
     law = long.field_speed * excess * (5 - 2) / (5 + 2 * excess)
-    assert -course.point.velocity == pytest.approx(law, rel=0.06)
+    assert low < -course.point.velocity / law < high
 
 
 @pytest.mark.parametrize(

@@ -139,7 +139,7 @@ class Marcher:
         """
         numbers = signal_values(tuple(self.model.p), p, "parameter")
         self._impulses.check(x0, numbers)
-        longest = _SAFE * self.stable_step(x0, numbers) if step is None else step
+        longest = self.safe_step(x0, numbers) if step is None else step
         if not (0 < longest < math.inf and 0 < end < math.inf):
             raise ArgumentError(f"steps of {longest:g} do not lead to t = {end:g}; name a step")
         times = _looks(schedule, end, longest)
@@ -187,6 +187,20 @@ class Marcher:
             return math.inf
         # the leapfrog with damping taken where the step begins: 2 c h + k h² < 4, both at most so
         return float(4 / (damping + math.sqrt(damping**2 + 4 * stiffness)))
+
+    def safe_step(self, x0: np.ndarray, numbers: np.ndarray) -> float:
+        """Step that is taken where none is given: 0.8 of the longest stable one.
+
+        Parameters
+        ----------
+        x0, numbers : ndarray
+            As for `stable_step`.
+
+        Returns
+        -------
+        float
+        """
+        return _SAFE * self.stable_step(x0, numbers)
 
     def _scheduled(self, schedule: Schedule | None, times: np.ndarray) -> np.ndarray:
         """Values of the schedule between the looks."""

@@ -49,8 +49,6 @@ __all__ = [
 ]
 
 _POWERS = ("damping_power", "load_power")
-# Share of the longest stable step that is taken.
-_SAFE = 0.8
 
 ASSUMED = {
     "plane": "the rod moves in one plane; gravity acts across it and is left out, and so is drag",
@@ -248,7 +246,7 @@ def step_of(case: RodCase) -> float:
         return case.mesh.step
     marcher, numbers = marcher_of(case), numbers_of(case)
     values = np.array([numbers[signal.name] for signal in marcher.model.p])
-    return _SAFE * marcher.stable_step(start_of(case, marcher), values)
+    return marcher.safe_step(start_of(case, marcher), values)
 
 
 def marcher_of(case: RodCase) -> Marcher:

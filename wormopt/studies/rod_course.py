@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -26,7 +26,15 @@ from wormopt.studies.rod_case import (
 )
 from wormopt.studies.rod_means import Mean, differ, mean_velocity
 
-__all__ = ["RodCourse", "RodPoint", "faults_of_motion", "faults_of_recheck", "finer", "follow"]
+__all__ = [
+    "RodCourse",
+    "RodPoint",
+    "change_of",
+    "faults_of_motion",
+    "faults_of_recheck",
+    "finer",
+    "follow",
+]
 
 # What of the field's work may be lost to rounding and steps, and how deep walls may be entered.
 _ENERGY, _DEPTH = 0.01, 0.05
@@ -227,6 +235,26 @@ def faults_of_motion(point: RodPoint) -> Iterator[str]:
         )
 
 
+def change_of(case: RodCase, point: RodPoint, others: Iterable[RodPoint]) -> float | None:
+    """Largest change of a mean velocity, errors not taken off, over what it is compared with.
+
+    Parameters
+    ----------
+    case : RodCase
+        The motion.
+    point : RodPoint
+        What it comes to.
+    others : iterable of RodPoint
+        What it comes to with other steps and meshes; None is told where there are none.
+    """
+    changes = [abs(other.velocity - point.velocity) for other in others]
+    return max(changes) / _compared_with(case, point) if changes else None
+
+
+def _compared_with(case: RodCase, point: RodPoint) -> float:
+    return max(abs(point.velocity), _STILL * case.field_speed)
+
+
 def faults_of_recheck(
     case: RodCase, point: RodPoint, other: RodPoint, accepted: float, what: str
 ) -> Iterator[str]:
@@ -247,7 +275,7 @@ def faults_of_recheck(
     ------
     str
     """
-    size = max(abs(point.velocity), _STILL * case.field_speed)
+    size = _compared_with(case, point)
     errors = math.hypot(point.error, other.error)
     change = differ(point.velocity, point.error, other.velocity, other.error)
     if not errors <= _KNOWN * size:

@@ -17,7 +17,13 @@ from wormopt.result import Result
 from wormopt.scenes.rod_frequency import RodFrequencyScene
 from wormopt.scenes.scene import Scene
 from wormopt.studies.rod_case import ASSUMED, RodCase, warnings_of_case
-from wormopt.studies.rod_course import RodPoint, faults_of_motion, faults_of_recheck, finer
+from wormopt.studies.rod_course import (
+    RodPoint,
+    change_of,
+    faults_of_motion,
+    faults_of_recheck,
+    finer,
+)
 from wormopt.studies.rod_response import Response, response_scalars, response_variables
 from wormopt.studies.rod_runs import checkpoints, forget, kept, rod_points
 
@@ -191,6 +197,7 @@ def _result(scene: Scene[RodFrequencyScene], found: Response, seconds: float) ->
     table = scene.table
     faults = list(_faults(table, found))
     points = [point for point in found.points if not point.reason]
+    best = replace(found.case, rate=found.best.rate)
     return Result(
         scene.name,
         table.kind,
@@ -203,10 +210,7 @@ def _result(scene: Scene[RodFrequencyScene], found: Response, seconds: float) ->
             "energy_error": max(point.energy_error for point in points),
             "penetration_share": max(point.penetration for point in points),
             "field_error": max(point.field_error for point in points),
-            "recheck_velocity_error": max(
-                (abs(point.velocity - found.best.velocity) for point in found.again.values()),
-                default=None,
-            ),
+            "recheck_velocity_change": change_of(best, found.best, found.again.values()),
             "accepted": table.accepted,
             "motions": len(found.points),
             "assumptions": dict(ASSUMED),

@@ -24,6 +24,7 @@ from wormopt.studies.rod_case import (
 from wormopt.studies.rod_course import (
     RodCourse,
     RodPoint,
+    change_of,
     faults_of_motion,
     faults_of_recheck,
     finer,
@@ -106,9 +107,7 @@ def _result(
             "penetration_share": point.penetration,
             "field_error": point.field_error,
             "velocity_error": point.error,
-            "recheck_velocity_error": max(
-                (abs(other.velocity - point.velocity) for _, _, other in again), default=None
-            ),
+            "recheck_velocity_change": change_of(case, point, (one for _, _, one in again)),
             "accepted": scene.table.convergence.accepted,
             "assumptions": dict(ASSUMED),
             "warnings": list(_warnings(case, point)),
