@@ -8,16 +8,19 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from itertools import combinations
 
 import numpy as np
 
-from wormopt.core.modes import ceiling
 from wormopt.gaits.attempt import Candidate, Job, Task, attempts
 from wormopt.gaits.construct import block_wave_sequence
-from wormopt.gaits.problem import loads_matter, rate_bounds
-from wormopt.gaits.sequences import Resting, Sequence_, canonical, neighbours, sequences
+from wormopt.gaits.sequences import Sequence_, canonical, neighbours
+from wormopt.gaits.space import (
+    ceiling_of,
+    is_mirror_symmetric,
+    letters_of,
+    sequences_of,
+    sizes_of,
+)
 from wormopt.progress import Report
 from wormopt.scenes.gait_search import Search
 
@@ -130,23 +133,6 @@ class Survey:
     interrupted: bool = False
 
 
-def _is_mirror_symmetric(task: Task) -> bool:
-    """Whether i -> n - i with l_j -> shortest + longest - l_{n+1-j} maps gaits on gaits."""
-    n, limits = task.worm.links, task.limits
-    contraction, extension = rate_bounds(limits, n)
-    per_thing = [
-        task.worm.masses,
-        contraction,
-        np.broadcast_to(limits.acceleration or 0.0, n),
-        np.broadcast_to(limits.spike_load or 0.0, n + 1),
-        np.broadcast_to(limits.actuator_force or 0.0, n),
-        np.ptp(np.array(limits.length_ranges(n)), axis=1),
-    ]
-    return np.array_equal(contraction, extension) and all(
-        np.array_equal(v, np.asarray(v)[::-1]) for v in per_thing
-    )
-
-
 @dataclass
 class _Trials:
     """Best candidate of every sequence tried so far, and how to try more."""
@@ -239,18 +225,17 @@ def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
         own = tuple(tuple(sorted(s)) for s in settings.sequence)
         trials.run([own], range(effort.starts))
         return Survey(tuple(trials.ranking), len(own), 1, 0, 1, 0, trials.starts)
-    mirror = _is_mirror_symmetric(task)
-    letters = _letters(task)
-    phases = _enumerated_phases(len(letters), settings.phases)
-    space = [s for p in range(2, phases + 1) for s in sequences(masses, letters, p, mirror=mirror)]
+    mirror = is_mirror_symmetric(task)
+    phases = _enumerated_phases(len(letters_of(task)), settings.phases)
+    space = sequences_of(task, phases)
     # Constructed gaits first, so that none of them is ever better; then the highest ceilings.
     first = [canonical(s, masses, mirror=mirror) for s in (*hints, *constructed_sequences(task))]
-    order = sorted(set(space) - set(first), key=lambda s: (-_ceiling_of(task, s), len(s), s))
+    order = sorted(set(space) - set(first), key=lambda s: (-ceiling_of(task, s), len(s), s))
     order = [*dict.fromkeys(first), *order]
     head, excluded, varied, interrupted = len(set(first)), 0, 0, False
     try:
         while order and len(trials.best) < effort.enumerated:
-            possible = [s for s in order if not trials.cannot_win(_ceiling_of(task, s))]
+            possible = [s for s in order if not trials.cannot_win(ceiling_of(task, s))]
             excluded += len(order) - len(possible)
             size = head if not trials.best else 6
             batch, order = possible[:size], possible[size:]
@@ -263,7 +248,7 @@ def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
         if not trials.ranking:
             raise
         tried, interrupted = len(trials.best), True
-    excluded += sum(trials.cannot_win(_ceiling_of(task, s)) for s in order)
+    excluded += sum(trials.cannot_win(ceiling_of(task, s)) for s in order)
     ranking, space_size = tuple(trials.ranking), len(set(space) | set(first))
     return Survey(ranking, phases, space_size, excluded, tried, varied, trials.starts, interrupted)
 
@@ -274,16 +259,6 @@ def _enumerated_phases(letters: int, asked: int | None) -> int:
     while phases > 2 and letters**phases > 1_000_000:
         phases -= 1
     return phases
-
-
-def _ceiling_of(task: Task, sequence: Sequence_) -> float:
-    return _ceiling_of_sets(task, frozenset(sequence))
-
-
-@lru_cache(maxsize=4096)
-def _ceiling_of_sets(task: Task, sets: frozenset[Resting]) -> float:
-    contraction, extension = rate_bounds(task.limits, task.worm.links)
-    return ceiling(contraction.tolist(), extension.tolist(), task.limits.resting, sets)
 
 
 def constructed_sequences(task: Task) -> list[Sequence_]:
@@ -300,23 +275,10 @@ def constructed_sequences(task: Task) -> list[Sequence_]:
         Block-rest waves, of more resting masses too where those share a load, and the accordion.
     """
     n = task.worm.links
-    found = [tuple(block_wave_sequence(n, a)) for a in _sizes(task)]
+    found = [tuple(block_wave_sequence(n, a)) for a in sizes_of(task)]
     if task.limits.resting == 1:
         found.append(((0,), (n,)))
     return found
-
-
-def _sizes(task: Task) -> range:
-    """Numbers of resting masses worth trying: more than asked for help where they share a load."""
-    fewest = task.limits.resting
-    return range(
-        fewest, task.worm.links + 1 if loads_matter(task.limits, task.objective) else fewest + 1
-    )
-
-
-def _letters(task: Task) -> list[Resting]:
-    masses = range(task.worm.links + 1)
-    return [s for size in _sizes(task) for s in combinations(masses, size)]
 
 
 def _vary(trials: _Trials, settings: Search, report: Report, *, mirror: bool) -> int:
@@ -324,7 +286,7 @@ def _vary(trials: _Trials, settings: Search, report: Report, *, mirror: bool) ->
     task, effort, varied = trials.task, trials.effort, 0
     masses = task.worm.links + 1
     most = settings.phases or 2 * masses
-    letters = _letters(task)
+    letters = letters_of(task)
     for turn in range(effort.rounds):
         record = trials.record
         words = {
@@ -335,7 +297,7 @@ def _vary(trials: _Trials, settings: Search, report: Report, *, mirror: bool) ->
         fresh = sorted(words - trials.best.keys())
         order = np.random.default_rng((settings.seed, turn)).permutation(len(fresh))
         chosen = [fresh[k] for k in order[: effort.varied]]
-        batch = [s for s in chosen if not trials.cannot_win(_ceiling_of(task, s))]
+        batch = [s for s in chosen if not trials.cannot_win(ceiling_of(task, s))]
         report("varying the best sequences", 0.6 + 0.2 * turn / effort.rounds)
         trials.run(batch, range(effort.starts))
         varied += len(batch)

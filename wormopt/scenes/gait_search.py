@@ -8,7 +8,25 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scenes.types import Seed, Table
+from wormopt.scenes.types import Positive, Seed, Table
+
+
+class Certify(Table, frozen=True, kw_only=True):
+    """Proof of how much better any gait could be.
+
+    Parameters
+    ----------
+    phases : int
+        It speaks of all gaits with at most so many phases a period, 2 to 8.
+    gap : float
+        How much better a gait might still be when it is enough, as a share.
+    time_limit : float
+        Seconds after which it stops with the gap it has.
+    """
+
+    phases: Annotated[int, Meta(ge=2, le=8, description="a whole number from 2 to 8")] = 4
+    gap: Annotated[float, Meta(ge=1e-5, le=0.5, description="a number from 1e-5 to 0.5")] = 1e-3
+    time_limit: Positive = 300.0
 
 
 class Search(Table, frozen=True, kw_only=True):
@@ -26,6 +44,8 @@ class Search(Table, frozen=True, kw_only=True):
         The resting masses of each phase in turn; nothing else is tried then.
     workers : int, optional
         Number of processes; as many as there are processors if left out.
+    certify : Certify or bool
+        Whether to prove how much better any gait could be; true for the usual proof.
     """
 
     seed: Seed = 0
@@ -43,6 +63,18 @@ class Search(Table, frozen=True, kw_only=True):
     workers: (
         Annotated[int, Meta(ge=1, le=1024, description="a whole number from 1 to 1024")] | None
     ) = None
+
+    certify: Annotated[
+        Certify | bool,
+        Meta(description="true, or a table such as {phases = 4, gap = 1e-3, time_limit = 300}"),
+    ] = False
+
+    @property
+    def proof(self) -> Certify | None:
+        """The proof that is wanted, if any."""
+        if isinstance(self.certify, bool):
+            return Certify() if self.certify else None
+        return self.certify
 
     def faults(self, links: int, resting: int) -> Iterator[Fault]:
         """Yield what is wrong with the designer's own sequence.

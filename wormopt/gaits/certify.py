@@ -1,0 +1,243 @@
+"""Certify a gait: prove how much better any gait of so many phases could be.
+
+A speed is certified by one tree, grown until no branch is left above the target. A peak load at
+a required speed is certified by trees too: with the limit lowered a little below what was found,
+no gait must reach the speed. How far it can be lowered is the gap.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from wormopt.gaits.attempt import Task
+from wormopt.gaits.sequences import Sequence_
+from wormopt.gaits.space import sequences_of
+from wormopt.gaits.tree import Solver, Tree, grow, planted
+from wormopt.progress import Report
+from wormopt.scenes.gait_design import Objective
+from wormopt.scenes.gait_search import Certify, Search
+
+__all__ = ["Certificate", "Progress", "certify"]
+
+Ending = Literal["gap reached", "time limit", "finest cells", "interrupted"]
+
+# A limit is lowered in such shares, so that a run that is stopped has proven something.
+_SHARES = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
+_LIMIT_OF = {"peak_spike_load": "spike_load", "peak_actuator_force": "actuator_force"}
+_SAVED_EVERY = 10.0  # seconds
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a certificate has come; another run can go on from it.
+
+    Parameters
+    ----------
+    bound : float
+        No gait is faster, or cheaper. Infinite, or 0 for a cost, before anything is proven.
+    tree : Tree, optional
+        What is known of all gaits, at the step at hand.
+    step : int
+        Number of the step; a cost takes several, see `proving`.
+    boxes : int
+        Linear programs solved.
+    seconds : float
+        Time spent.
+    history : tuple of (float, float)
+        Seconds and bound, whenever the bound became better.
+    """
+
+    bound: float
+    tree: Tree | None = None
+    step: int = 0
+    boxes: int = 0
+    seconds: float = 0.0
+    history: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """How much better than a gait any other could be, proven.
+
+    Parameters
+    ----------
+    progress : Progress
+        What was proven, and how.
+    gap : float
+        By which share of its own value the gait could be better at most.
+    phases : int
+        It speaks of gaits of at most so many phases a period.
+    sequence : tuple of tuple of int, optional
+        The one order of rest it speaks of; None for all.
+    ending : str
+        Why it ended.
+    """
+
+    progress: Progress
+    gap: float
+    phases: int
+    sequence: Sequence_ | None
+    ending: Ending
+
+
+def certify(
+    task: Task,
+    value: float,
+    settings: Search,
+    report: Report,
+    begun: Progress | None = None,
+    save: Callable[[Progress], None] = lambda _: None,
+) -> Certificate:
+    """Prove how much better than a gait any gait could be.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits and objective: the speed, the peak spike load or the peak actuator force.
+    value : float
+        The gait's objective.
+    settings : Search
+        Its ``certify`` tells phases, gap and time; where it names a sequence, the certificate
+        speaks of that sequence only.
+    report : callable
+        Told the gap.
+    begun : Progress, optional
+        What an earlier run has proven of the same task and value.
+    save : callable, optional
+        Given the progress now and then, and at the end where the gap is not reached.
+
+    Returns
+    -------
+    Certificate
+        With whatever gap was reached, also if the user stops it.
+
+    Examples
+    --------
+    Two masses that rest in turn.
+
+    >>> from wormopt.progress import silent
+    >>> from wormopt.scenes.gait_design import GaitLimits
+    >>> from wormopt.scenes.worm import WormTable
+    >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> task = Task(WormTable(links=1, mass=1.0, load=5.0), limits, Objective(maximise="speed"))
+    >>> proof = certify(task, 0.45, Search(certify=Certify(phases=2, gap=0.01)), silent)
+    >>> proof.gap <= 0.01, proof.ending
+    (True, 'gap reached')
+    """
+    wanted = settings.proof or Certify()
+    cost = task.objective.minimise is not None
+    progress = begun = begun or Progress(0.0 if cost else np.inf)
+    gap, widest, saved, ending = np.inf, 0.0, time.monotonic(), "gap reached"
+    until = saved + wanted.time_limit
+    try:
+        for progress in proving(task, value, settings, begun):
+            gap = _gap(value, progress.bound, cost)
+            widest = max(widest, gap if gap < np.inf else 0.0)
+            report(f"certifying: gap {gap:.2g}", _fraction(gap, widest, wanted.gap))
+            if time.monotonic() > saved + _SAVED_EVERY:
+                save(progress)
+                saved = time.monotonic()
+            if gap > wanted.gap and time.monotonic() > until:
+                ending = "time limit"
+                break
+    except KeyboardInterrupt:
+        ending = "interrupted"
+    gap = _gap(value, progress.bound, cost)
+    if gap > wanted.gap:
+        save(progress)
+        ending = "finest cells" if ending == "gap reached" else ending
+    own = settings.sequence
+    return Certificate(progress, gap, len(own) if own else wanted.phases, own, ending)
+
+
+def proving(task: Task, value: float, settings: Search, begun: Progress) -> Iterator[Progress]:
+    """Improve a bound step by step.
+
+    A speed takes one step. For a cost each step lowers its limit further below ``value``, and is
+    done when no gait within that limit can have the required speed.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits and objective.
+    value : float
+        The gait's objective.
+    settings : Search
+        With ``certify``.
+    begun : Progress
+        Where to go on.
+
+    Yields
+    ------
+    Progress
+        Complete at any time: stopping here loses nothing.
+    """
+    wanted, clock = settings.proof or Certify(), time.perf_counter() - begun.seconds
+    progress = begun
+    steps = _steps(task, value, wanted.gap)
+    for number, (reduced, cutoff, lowered) in enumerate(steps):
+        if number < begun.step:
+            continue
+        tree = begun.tree if number == begun.step else None
+        tree = tree or _planted(reduced, settings, wanted.phases)
+        earlier = progress.boxes - (tree.boxes if number == begun.step else 0)
+        with Solver(reduced, cutoff, settings.workers) as solver:
+            while tree.open and tree.open[0].bound > cutoff:
+                tree = grow(tree, cutoff, solver)
+                seconds, bound = time.perf_counter() - clock, progress.bound
+                if lowered is None:
+                    bound = min(bound, tree.bound)
+                elif tree.bound <= cutoff:
+                    bound = max(bound, lowered)
+                history = progress.history
+                if bound != progress.bound:
+                    history = (*history, (seconds, bound))
+                progress = Progress(bound, tree, number, earlier + tree.boxes, seconds, history)
+                yield progress
+        if tree.bound > cutoff:  # the finest cells do not tell
+            return
+
+
+def _planted(task: Task, settings: Search, phases: int) -> Tree:
+    own = settings.sequence
+    sequences = [tuple(tuple(sorted(s)) for s in own)] if own else sequences_of(task, phases)
+    return planted(sequences, [s for s in sequences if len(s) == 3])
+
+
+def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float, float | None]]:
+    """Tasks, the speeds that nothing in them must pass, and the costs that this proves."""
+    cost, required = task.objective.minimise, task.objective.speed
+    if cost is None or required is None:
+        return [(task, value * (1 + gap), None)]
+    key = _LIMIT_OF[cost]
+    fastest = Objective(maximise="speed")
+    steps = []
+    for share in [s for s in _SHARES if s > gap] + [gap]:
+        lowered = value * (1 - share)
+        given = getattr(task.limits, key)
+        limit = (
+            min(lowered, given)
+            if not isinstance(given, tuple)
+            else tuple(min(lowered, g) for g in given)
+        )
+        limits = msgspec.structs.replace(task.limits, **{key: limit})
+        below = float(np.nextafter(required, 0.0))
+        steps.append((replace(task, limits=limits, objective=fastest), below, lowered))
+    return steps
+
+
+def _gap(value: float, bound: float, cost: bool) -> float:
+    return (value - bound) / value if cost else (bound - value) / value
+
+
+def _fraction(gap: float, widest: float, wanted: float) -> float | None:
+    """Share of the way on which gaps are multiplied, from the first gap to the wanted one."""
+    if not wanted < gap < np.inf or widest <= wanted:
+        return None
+    return float(np.log(widest / gap) / np.log(widest / wanted))

@@ -1,0 +1,207 @@
+"""Limits of a design task in units of size 1, as linear forms of accelerations and velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from wormopt.gaits.attempt import Task
+from wormopt.gaits.problem import rate_bounds
+from wormopt.gaits.sequences import Resting
+
+__all__ = ["Form", "ScaledLimits"]
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """A limit low <= alpha a + k beta v + gamma <= high on accelerations a and velocities v.
+
+    Parameters
+    ----------
+    alpha, beta : ndarray, shape (n + 1,)
+        Weights of the masses' accelerations, and of their drags k v.
+    gamma : float
+        What the load adds.
+    low, high : float
+        Limits; infinite where there is none.
+    """
+
+    alpha: np.ndarray
+    beta: np.ndarray
+    gamma: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class ScaledLimits:
+    """A task in units of its largest link rate, longest period and mean mass.
+
+    Parameters
+    ----------
+    task : Task
+        Worm and limits.
+    """
+
+    task: Task
+
+    @property
+    def links(self) -> int:
+        """Number of links n."""
+        return self.task.worm.links
+
+    @cached_property
+    def speed(self) -> float:
+        """Unit of speeds: the largest link rate."""
+        return self.task.speed_nominal
+
+    @cached_property
+    def time(self) -> float:
+        """Unit of times: the longest period."""
+        return self.task.limits.period_range[1]
+
+    @cached_property
+    def shortest_period(self) -> float:
+        """Shortest period; the longest is 1."""
+        return self.task.limits.period_range[0] / self.time
+
+    @cached_property
+    def force(self) -> float:
+        """Unit of forces."""
+        return float(np.mean(self.task.worm.masses)) * self.speed / self.time
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """Masses, shape (n + 1,)."""
+        return np.array(self.task.worm.masses) / np.mean(self.task.worm.masses)
+
+    @cached_property
+    def drag(self) -> float:
+        """Drag coefficient k of each mass."""
+        return self.task.worm.drag * self.speed / self.force
+
+    @cached_property
+    def load(self) -> float:
+        """Load Gamma on each mass."""
+        return self.task.worm.load / self.force
+
+    @cached_property
+    def rates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Largest contraction and extension rates, shape (n,) each."""
+        contraction, extension = rate_bounds(self.task.limits, self.links)
+        return contraction / self.speed, extension / self.speed
+
+    @cached_property
+    def lengths(self) -> np.ndarray:
+        """Shortest and longest length of each link, shape (n, 2)."""
+        return np.array(self.task.limits.length_ranges(self.links)) / (self.speed * self.time)
+
+    @cached_property
+    def acceleration(self) -> np.ndarray | None:
+        """Largest link accelerations, shape (n,); None where velocities may jump."""
+        limit = self.task.limits.acceleration
+        if limit is None:
+            return None
+        return np.broadcast_to(limit, self.links) * self.time / self.speed
+
+    def _per_force(self, limit: float | tuple[float, ...] | None, count: int) -> np.ndarray:
+        """A limit on forces, one number each; infinite where there is none."""
+        return np.broadcast_to(np.inf if limit is None else limit, count) / self.force
+
+    def fastest(self, resting: Resting) -> np.ndarray:
+        """Largest velocity of each mass: links let it run from any that rests only so fast.
+
+        Parameters
+        ----------
+        resting : tuple of int
+            Masses at rest.
+
+        Returns
+        -------
+        ndarray, shape (n + 1,)
+        """
+        contraction, extension = self.rates
+        masses = range(self.links + 1)
+        return np.array(
+            [min(contraction[m:i].sum() + extension[i:m].sum() for m in resting) for i in masses]
+        )
+
+    def forms(self, resting: Resting) -> list[Form]:
+        """List all limits on accelerations and forces.
+
+        Parameters
+        ----------
+        resting : tuple of int
+            Masses at rest.
+
+        Returns
+        -------
+        list of Form
+            Link accelerations, the sum of the spikes' loads, actuator forces.
+        """
+        given = self.acceleration
+        most_of_each = np.full(self.links, np.inf) if given is None else given
+        links = [
+            Form(-step, 0.0 * step, 0.0, -most, most)
+            for step, most in zip(
+                np.diff(np.eye(self.links + 1), axis=0), most_of_each, strict=True
+            )
+        ]
+        return [*links, self._momentum(resting), *self._actuators(resting)]
+
+    def _momentum(self, resting: Resting) -> Form:
+        """Sum of the reactions: the momentum's change, the drag and the load, (7)."""
+        limits, count = self.task.limits, self.links + 1
+        spikes = self._per_force(limits.spike_load, count)[list(resting)]
+        # However they share it, together they carry no more than the sum of what each may.
+        most = len(spikes) * spikes.min() if limits.sharing == "equal" else spikes.sum()
+        least = count * limits.sigma_margin / self.force
+        return Form(self.mass, np.ones(count), count * self.load, least, float(most))
+
+    def _actuators(self, resting: Resting) -> Iterator[Form]:
+        """Actuator forces by the recursion (3), where the spikes' loads are known."""
+        limits, count = self.task.limits, self.links + 1
+        known = len(resting) == 1 or limits.sharing == "equal"
+        if limits.actuator_force is None or not known:
+            return
+        share = np.isin(np.arange(count), resting) / len(resting)
+        for j, most in enumerate(self._per_force(limits.actuator_force, self.links), start=1):
+            carried, ahead = share[:j].sum(), np.arange(count) < j
+            yield Form(
+                carried * self.mass - ahead * self.mass,
+                carried - ahead.astype(float),
+                self.load * (carried * count - j),
+                -most,
+                most,
+            )
+
+    def slopes(self, form: Form, resting: Resting) -> tuple[float, float]:
+        """Largest fall and rise per time of alpha v, a form's weighted sum of velocities.
+
+        Parameters
+        ----------
+        form : Form
+            One of `forms`.
+        resting : tuple of int
+            Masses at rest.
+
+        Returns
+        -------
+        fall, rise : float
+            Not negative; infinite where velocities may jump and nothing holds them.
+        """
+        v_max = self.fastest(resting)
+        fastest_drag = self.drag * np.maximum(form.beta, 0.0) @ v_max
+        slowest_drag = self.drag * np.minimum(form.beta, 0.0) @ v_max
+        fall = form.gamma + fastest_drag - form.low
+        rise = form.high - form.gamma - slowest_drag
+        if self.acceleration is not None:
+            a, masses = self.acceleration, range(self.links + 1)
+            between = [min(a[min(m, i) : max(m, i)].sum() for m in resting) for i in masses]
+            implied = float(np.abs(form.alpha) @ between)
+            fall, rise = min(fall, implied), min(rise, implied)
+        # A limit below what the load alone asks for leaves no motion: any slope will do.
+        return max(fall, 0.0), max(rise, 0.0)

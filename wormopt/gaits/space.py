@@ -1,0 +1,103 @@
+"""The sequences of resting masses among which the best gait of a task is sought."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+
+from wormopt.core.modes import ceiling
+from wormopt.gaits.attempt import Task
+from wormopt.gaits.problem import loads_matter, rate_bounds
+from wormopt.gaits.sequences import Resting, Sequence_, sequences
+
+__all__ = ["ceiling_of", "is_mirror_symmetric", "letters_of", "sequences_of", "sizes_of"]
+
+
+def sequences_of(task: Task, phases: int) -> list[Sequence_]:
+    """List the sequences of 2 to so many phases that can be best, each class once.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    phases : int
+        Most phases.
+
+    Returns
+    -------
+    list of sequences
+        Short ones first; of mirror images one only where limits are symmetric.
+    """
+    masses, letters = task.worm.links + 1, letters_of(task)
+    mirror = is_mirror_symmetric(task)
+    return [s for p in range(2, phases + 1) for s in sequences(masses, letters, p, mirror=mirror)]
+
+
+def is_mirror_symmetric(task: Task) -> bool:
+    """Whether i -> n - i with l_j -> shortest + longest - l_{n+1-j} maps gaits on gaits.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    """
+    n, limits = task.worm.links, task.limits
+    contraction, extension = rate_bounds(limits, n)
+    per_thing = [
+        task.worm.masses,
+        contraction,
+        np.broadcast_to(limits.acceleration or 0.0, n),
+        np.broadcast_to(limits.spike_load or 0.0, n + 1),
+        np.broadcast_to(limits.actuator_force or 0.0, n),
+        np.ptp(np.array(limits.length_ranges(n)), axis=1),
+    ]
+    return np.array_equal(contraction, extension) and all(
+        np.array_equal(v, np.asarray(v)[::-1]) for v in per_thing
+    )
+
+
+def ceiling_of(task: Task, sequence: Sequence_) -> float:
+    """Bound on the speed by rates and the resting sets of a sequence, see `ceiling`.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    sequence : tuple of tuple of int
+        Resting masses, phase after phase.
+    """
+    return _ceiling_of_sets(task, frozenset(sequence))
+
+
+@lru_cache(maxsize=4096)
+def _ceiling_of_sets(task: Task, sets: frozenset[Resting]) -> float:
+    contraction, extension = rate_bounds(task.limits, task.worm.links)
+    return ceiling(contraction.tolist(), extension.tolist(), task.limits.resting, sets)
+
+
+def sizes_of(task: Task) -> range:
+    """Numbers of resting masses worth trying: more than asked for help where they share a load.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    """
+    fewest = task.limits.resting
+    return range(
+        fewest, task.worm.links + 1 if loads_matter(task.limits, task.objective) else fewest + 1
+    )
+
+
+def letters_of(task: Task) -> list[Resting]:
+    """Sets of resting masses that may occur.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    """
+    masses = range(task.worm.links + 1)
+    return [s for size in sizes_of(task) for s in combinations(masses, size)]

@@ -1,0 +1,224 @@
+"""Branch and bound over sequences of resting masses and boxes of durations.
+
+Every gait belongs to one branch of the tree: a sequence and a box that holds its durations. The
+relaxation bounds the speed of all gaits of a branch at once. What is below the cutoff is done
+with; the rest is cut in two where the relaxed durations lie, or looked at with finer cells.
+"""
+
+from __future__ import annotations
+
+import heapq
+import os
+from collections import defaultdict
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from wormopt.gaits.attempt import Task
+from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
+from wormopt.gaits.sequences import Sequence_
+
+__all__ = ["Branch", "Solver", "Tree", "grow", "planted"]
+
+CELLS = 10  # per phase, to begin with
+_MOST_CELLS = 320
+# Products count as tight where they explain less than this share of what is above the cutoff.
+_TIGHT = 0.2
+# A cut leaves at least this share of an interval on either side.
+_LEAST_SHARE = 0.2
+# Idle programs that are kept, some megabytes each.
+_KEPT = 200
+
+
+class Branch(NamedTuple):
+    """All gaits of a sequence with durations in a box.
+
+    Parameters
+    ----------
+    bound : float
+        Proven: none of them is faster.
+    sequence : tuple of tuple of int
+        Resting masses, phase after phase.
+    box : tuple of (float, float)
+        Shortest and longest duration of each phase, as shares of the longest period.
+    cells : int
+        Cells per phase with which it is looked at next.
+    refined : bool
+        Whether that is a finer look at what was looked at before.
+    """
+
+    bound: float
+    sequence: Sequence_
+    box: Box
+    cells: int = CELLS
+    refined: bool = False
+
+
+@dataclass(frozen=True)
+class Tree:
+    """What is known of all gaits, as branches that together contain every one of them.
+
+    Parameters
+    ----------
+    open : tuple of Branch
+        Not yet done with, as a heap would have them: the largest bound first.
+    done : float
+        Largest bound of the branches that are done with.
+    leaves : tuple of Branch
+        Branches done with, of the sequences in ``watched``.
+    boxes : int
+        Linear programs solved.
+    watched : tuple of sequences
+        Sequences whose leaves are kept, for a picture.
+    """
+
+    open: tuple[Branch, ...]
+    done: float = -np.inf
+    leaves: tuple[Branch, ...] = ()
+    boxes: int = 0
+    watched: tuple[Sequence_, ...] = ()
+
+    @property
+    def bound(self) -> float:
+        """Proven: no gait in the tree is faster."""
+        return max(self.done, self.open[0].bound if self.open else -np.inf)
+
+
+def planted(sequences: Sequence[Sequence_], watched: Sequence[Sequence_] = ()) -> Tree:
+    """Begin a tree of which nothing is known yet.
+
+    Parameters
+    ----------
+    sequences : sequence of sequences
+        Resting masses, phase after phase.
+    watched : sequence of sequences, optional
+        Those whose leaves are wanted.
+
+    Returns
+    -------
+    Tree
+    """
+    roots = [Branch(np.inf, s, ((0.0, 1.0),) * len(s)) for s in sequences]
+    return Tree(tuple(roots), watched=tuple(watched))
+
+
+class Solver:
+    """Solves the relaxations of branches in several threads, and keeps the programs.
+
+    Parameters
+    ----------
+    task : Task
+        Worm and limits.
+    reference : float
+        A speed near the optimum.
+    workers : int, optional
+        Number of threads; as many as there are processors if left out.
+    """
+
+    def __init__(self, task: Task, reference: float, workers: int | None = None) -> None:
+        self.workers = workers or os.cpu_count() or 1
+        self._task, self._reference = task, reference
+        self._idle: dict[tuple[Sequence_, int], list[Relaxation]] = defaultdict(list)
+        self._threads = ThreadPoolExecutor(self.workers)
+
+    def solve(self, branches: Sequence[Branch]) -> list[Relaxed]:
+        """Solve the relaxation of every branch.
+
+        Parameters
+        ----------
+        branches : sequence of Branch
+
+        Returns
+        -------
+        list of Relaxed
+        """
+        return list(self._threads.map(self._solve, branches))
+
+    def _solve(self, branch: Branch) -> Relaxed:
+        # HiGHS lets go of the interpreter's lock, so threads do run side by side.
+        key = (branch.sequence, branch.cells)
+        try:
+            relaxation = self._idle[key].pop()
+        except IndexError:
+            relaxation = Relaxation(self._task, *key, self._reference)
+        relaxed = relaxation.solve(branch.box)
+        if sum(map(len, list(self._idle.values()))) < _KEPT:
+            self._idle[key].append(relaxation)
+        return relaxed
+
+    def close(self) -> None:
+        """End the threads."""
+        self._threads.shutdown(cancel_futures=True)
+
+    def __enter__(self) -> Solver:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def grow(tree: Tree, cutoff: float, solver: Solver) -> Tree:
+    """Look at the most promising branches.
+
+    Parameters
+    ----------
+    tree : Tree
+        With open branches above the cutoff.
+    cutoff : float
+        Branches proven to hold nothing faster are done with.
+    solver : Solver
+        Solves the relaxations.
+
+    Returns
+    -------
+    Tree
+        A new one; the old one stays as it was, so that nothing is lost if this is interrupted.
+    """
+    heap = [(-branch.bound, branch) for branch in tree.open]
+    batch: list[Branch] = []
+    while heap and len(batch) < 2 * solver.workers and -heap[0][0] > cutoff:
+        batch.append(heapq.heappop(heap)[1])
+    done, leaves = tree.done, list(tree.leaves)
+    for branch, relaxed in zip(batch, solver.solve(batch), strict=True):
+        known = branch._replace(bound=min(branch.bound, relaxed.bound))
+        twigs = _twigs(known, relaxed, branch.bound, cutoff) if known.bound > cutoff else []
+        for twig in twigs:
+            heapq.heappush(heap, (-twig.bound, twig))
+        if not twigs:
+            done = max(done, known.bound)
+            if known.sequence in tree.watched:
+                leaves.append(known)
+    return replace(
+        tree,
+        open=tuple(branch for _, branch in heap),
+        done=done,
+        leaves=tuple(leaves),
+        boxes=tree.boxes + len(batch),
+    )
+
+
+def _twigs(branch: Branch, relaxed: Relaxed, before: float, cutoff: float) -> list[Branch]:
+    """Parts of a branch, or the branch with finer cells; nothing if that leads no further."""
+    tight = _TIGHT * (branch.bound - cutoff)
+    helped = not branch.refined or before - branch.bound >= tight
+    if not relaxed.durations.size:  # the solver failed: cut the longest side in two
+        widths = np.ptp(np.array(branch.box), axis=1)
+        return _cut(branch, int(np.argmax(widths)), float(np.mean(branch.box[np.argmax(widths)])))
+    if relaxed.losses.sum() < tight and helped:
+        finer = branch._replace(cells=2 * branch.cells, refined=True)
+        return [finer] if finer.cells <= _MOST_CELLS else []
+    phase = int(np.argmax(relaxed.losses))
+    return _cut(branch, phase, float(relaxed.durations[phase]))
+
+
+def _cut(branch: Branch, phase: int, at: float) -> list[Branch]:
+    low, high = branch.box[phase]
+    margin = _LEAST_SHARE * (high - low)
+    at = min(max(at, low + margin), high - margin)
+    return [
+        branch._replace(box=(*branch.box[:phase], side, *branch.box[phase + 1 :]), refined=False)
+        for side in ((low, at), (at, high))
+    ]

@@ -1,0 +1,306 @@
+"""Linear programs that are solved again and again, with bounds that rounding cannot break.
+
+A solver's optimal value is only as good as its tolerances. Its multipliers are worth more: *any*
+multipliers give an upper bound on the maximum, and evaluating that bound is a handful of sums
+whose rounding errors are known. So the solver proposes and the bound is computed here (Neumaier
+and Shcherbina, Safe bounds in linear and mixed-integer linear programming, 2004).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import highspy
+import numpy as np
+from scipy import sparse
+
+from wormopt.errors import SolveError
+
+__all__ = ["LinearProgram", "Maximum", "Rows", "Term"]
+
+# Columns, one per row or one for all, with their coefficients.
+Term = tuple["np.ndarray | int", "np.ndarray | float"]
+
+
+# Unit roundoffs by which a coefficient that was itself computed may be off.
+_COEFFICIENT_ULPS = 8
+_ULP = float(np.finfo(float).eps)
+
+
+@dataclass
+class Rows:
+    """Rows of a linear program in the making, added in blocks.
+
+    Parameters
+    ----------
+    count : int
+        Rows so far.
+
+    Examples
+    --------
+    >>> rows = Rows()
+    >>> rows.add([(np.array([0, 1]), 1.0), (2, -1.0)], 0.0, np.inf)  # x0 >= x2 and x1 >= x2
+    array([0, 1])
+    """
+
+    count: int = 0
+    _entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)
+    _lower: list[np.ndarray] = field(default_factory=list)
+    _upper: list[np.ndarray] = field(default_factory=list)
+
+    def add(
+        self,
+        terms: Sequence[Term],
+        lower: np.ndarray | float,
+        upper: np.ndarray | float,
+    ) -> np.ndarray:
+        """Add the rows lower <= sum of coefficient times column <= upper.
+
+        Parameters
+        ----------
+        terms : sequence of Term
+            Columns and coefficients of all rows of the block, broadcast against each other.
+            Terms of column -1 are left out: what they stand for is zero.
+        lower, upper : float or ndarray
+            Sides, infinite where there is none.
+
+        Returns
+        -------
+        ndarray of int
+            Numbers of the rows.
+        """
+        size = int(np.broadcast_shapes(*(np.shape(v) for term in terms for v in term), (1,))[0])
+        rows = np.arange(self.count, self.count + size)
+        for columns, coefficients in terms:
+            column = np.broadcast_to(columns, size)
+            kept = column >= 0
+            value = np.broadcast_to(np.asarray(coefficients, float), size)[kept]
+            self._entries.append((rows[kept], column[kept], value))
+        self._lower.append(np.broadcast_to(np.asarray(lower, float), size))
+        self._upper.append(np.broadcast_to(np.asarray(upper, float), size))
+        self.count += size
+        return rows
+
+    def assemble(self, columns: int) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
+        """Put the blocks together.
+
+        Parameters
+        ----------
+        columns : int
+            Number of columns.
+
+        Returns
+        -------
+        matrix : csr_matrix, shape (rows, columns)
+            Terms of one place are added up.
+        lower, upper : ndarray, shape (rows,)
+        """
+        row, column, value = (np.concatenate(part) for part in zip(*self._entries, strict=True))
+        matrix = sparse.coo_matrix((value, (row, column)), (self.count, columns)).tocsr()
+        return matrix, np.concatenate(self._lower), np.concatenate(self._upper)
+
+
+@dataclass(frozen=True, eq=False)
+class Maximum:
+    """What is known of the maximum of a linear program.
+
+    Parameters
+    ----------
+    bound : float
+        Proven: no feasible point has a larger value. Minus infinity where none exists.
+    x : ndarray
+        A solution to the solver's tolerances; empty where it found none.
+    row_duals : ndarray
+        Multipliers of the rows: gain per unit by which the side is moved.
+    """
+
+    bound: float
+    x: np.ndarray
+    row_duals: np.ndarray
+
+
+class LinearProgram:
+    """Maximise a linear cost within rows and bounds, again and again with changed numbers.
+
+    The solver keeps its basis, so that a program that differs little from the last one is solved
+    in a few steps of the dual simplex method. Every column must be bounded, which the proven
+    bound rests on. Not to be used by two threads at a time.
+
+    Parameters
+    ----------
+    cost : ndarray, shape (n,)
+        Maximised.
+    rows : Rows
+        The rows.
+    lower, upper : ndarray, shape (n,)
+        Finite bounds of the columns.
+
+    Examples
+    --------
+    >>> rows = Rows()
+    >>> _ = rows.add([(0, 1.0), (1, 2.0)], -np.inf, 3.0)
+    >>> program = LinearProgram(np.array([1.0, 1.0]), rows, np.zeros(2), np.array([2.0, 2.0]))
+    >>> round(program.maximise().bound, 12)
+    2.5
+    """
+
+    def __init__(self, cost: np.ndarray, rows: Rows, lower: np.ndarray, upper: np.ndarray) -> None:
+        if not (np.all(np.isfinite(lower)) and np.all(np.isfinite(upper))):
+            raise ValueError("every column of the program needs finite bounds")
+        self._matrix, self._row_lower, self._row_upper = rows.assemble(len(cost))
+        self._cost, self._lower, self._upper = cost, lower.copy(), upper.copy()
+        self._most_terms = int(np.bincount(self._matrix.indices).max(initial=0))
+        self._highs = highspy.Highs()
+        self._highs.silent()
+        for option, value in _OPTIONS.items():
+            self._highs.setOptionValue(option, value)
+        self._highs.passModel(self._model())
+
+    def _model(self) -> highspy.HighsLp:
+        model = highspy.HighsLp()
+        model.num_row_, model.num_col_ = self._matrix.shape
+        model.sense_ = highspy.ObjSense.kMaximize
+        model.col_cost_ = self._cost
+        model.col_lower_, model.col_upper_ = self._lower, self._upper
+        model.row_lower_, model.row_upper_ = self._row_lower, self._row_upper
+        model.a_matrix_.format_ = highspy.MatrixFormat.kRowwise
+        model.a_matrix_.start_ = self._matrix.indptr
+        model.a_matrix_.index_ = self._matrix.indices
+        model.a_matrix_.value_ = self._matrix.data
+        return model
+
+    def places(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Find where coefficients are stored, to change them by.
+
+        Parameters
+        ----------
+        rows, columns : ndarray of int, shape (m,)
+            The coefficients; they must be in the program from the start.
+
+        Returns
+        -------
+        ndarray of int, shape (m,)
+        """
+        starts, indices = self._matrix.indptr, self._matrix.indices
+        found = [
+            start + np.searchsorted(indices[start:end], column)
+            for start, end, column in zip(starts[rows], starts[rows + 1], columns, strict=True)
+        ]
+        return np.array(found, int)
+
+    def change(self, places: np.ndarray, values: np.ndarray) -> None:
+        """Change coefficients.
+
+        Parameters
+        ----------
+        places : ndarray of int, shape (m,)
+            From `places`.
+        values : ndarray, shape (m,)
+        """
+        new = self._matrix.data[places] != values
+        rows = np.searchsorted(self._matrix.indptr, places[new], side="right") - 1
+        columns = self._matrix.indices[places[new]]
+        self._matrix.data[places] = values
+        for row, column, value in zip(
+            rows.tolist(), columns.tolist(), values[new].tolist(), strict=True
+        ):
+            self._highs.changeCoeff(row, column, value)
+
+    def set_sides(self, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
+        """Change the sides of rows.
+
+        Parameters
+        ----------
+        rows : ndarray of int, shape (m,)
+        lower, upper : ndarray, shape (m,)
+        """
+        self._row_lower[rows], self._row_upper[rows] = lower, upper
+        self._highs.changeRowsBounds(len(rows), rows.astype(np.int32), lower, upper)
+
+    def set_bounds(self, columns: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
+        """Change the bounds of columns.
+
+        Parameters
+        ----------
+        columns : ndarray of int, shape (m,)
+        lower, upper : ndarray, shape (m,)
+        """
+        self._lower[columns], self._upper[columns] = lower, upper
+        self._highs.changeColsBounds(len(columns), columns.astype(np.int32), lower, upper)
+
+    def maximise(self) -> Maximum:
+        """Solve, and bound the maximum whatever the solver says of its success.
+
+        Returns
+        -------
+        Maximum
+            Where the solver finds no feasible point and the proof of that holds in spite of
+            rounding, the bound is minus infinity. Where it fails the bound is poor but true.
+
+        Raises
+        ------
+        SolveError
+            If the program is outside what the solver takes.
+        """
+        if self._highs.run() == highspy.HighsStatus.kError:
+            raise SolveError(
+                "the linear-program solver refused a program", "please report this scene"
+            )
+        status = self._highs.getModelStatus()
+        nothing = np.empty(0)
+        if status == highspy.HighsModelStatus.kInfeasible:
+            # a ray of multipliers proves it: along it the bound of any cost falls without end
+            _, exists, ray = self._highs.getDualRay()
+            ray = np.array(ray) if exists else np.zeros(self._matrix.shape[0])
+            empty = min(self._bound(0.0 * self._cost, y) for y in (ray, -ray)) < 0.0
+            return Maximum(-np.inf if empty else self._crude(), nothing, nothing)
+        solution = self._highs.getSolution()
+        if not solution.dual_valid:
+            return Maximum(self._crude(), nothing, nothing)
+        duals = np.array(solution.row_dual)
+        bound = min(self.bound(duals), self._crude())
+        return Maximum(bound, np.array(solution.col_value), duals)
+
+    def _crude(self) -> float:
+        return self.bound(np.zeros(self._matrix.shape[0]))
+
+    def bound(self, duals: np.ndarray) -> float:
+        """Bound the maximum from above by any multipliers, rounding included.
+
+        For every feasible x the value c x = y A x + (c - y A) x is at most the sum of the
+        largest values of the two parts, row by row and column by column.
+
+        Parameters
+        ----------
+        duals : ndarray, shape (rows,)
+            Multipliers y of the rows. The better they are, the closer the bound.
+
+        Returns
+        -------
+        float
+            True for the program as stored, and for every one whose coefficients differ from it
+            by a few roundoffs.
+        """
+        return self._bound(self._cost, duals)
+
+    def _bound(self, cost: np.ndarray, duals: np.ndarray) -> float:
+        has_side = np.where(duals > 0, self._row_upper, -self._row_lower) < np.inf
+        y = np.where(has_side, duals, 0.0)
+        side = np.where(y > 0, self._row_upper, np.where(y < 0, self._row_lower, 0.0))
+        left = cost - y @ self._matrix
+        value = y @ side + np.maximum(left * self._lower, left * self._upper).sum()
+        # Every sum is off by at most as many roundoffs of its absolute values as it has terms.
+        reach = np.maximum(np.abs(self._lower), np.abs(self._upper))
+        size = abs(y) @ abs(side) + (abs(cost) + abs(y) @ abs(self._matrix)) @ reach
+        ulps = sum(self._matrix.shape) + self._most_terms + _COEFFICIENT_ULPS
+        return float(value + 2 * ulps * _ULP * size)
+
+
+_OPTIONS = {
+    "threads": 1,
+    "solver": "simplex",
+    "presolve": "off",  # it would lose the proof where there is no feasible point
+    "primal_feasibility_tolerance": 1e-9,
+    "dual_feasibility_tolerance": 1e-9,
+}
