@@ -22,6 +22,7 @@ from wormopt.gaits.tree import Solver, Tree, grow, planted
 from wormopt.progress import Report
 from wormopt.scenes.gait_design import Objective
 from wormopt.scenes.gait_search import Certify, Search
+from wormopt.scenes.types import per
 
 __all__ = ["Certificate", "Progress", "certify"]
 
@@ -216,18 +217,14 @@ def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float, floa
     if cost is None or required is None:
         return [(task, value * (1 + gap), None)]
     key = _LIMIT_OF[cost]
-    fastest = Objective(maximise="speed")
+    given = getattr(task.limits, key)
+    fastest, below = Objective(maximise="speed"), float(np.nextafter(required, 0.0))
     steps = []
-    for share in [s for s in _SHARES if s > gap] + [gap]:
+    for share in [*(s for s in _SHARES if s > gap), gap]:
         lowered = value * (1 - share)
-        given = getattr(task.limits, key)
-        limit = (
-            min(lowered, given)
-            if not isinstance(given, tuple)
-            else tuple(min(lowered, g) for g in given)
-        )
-        limits = msgspec.structs.replace(task.limits, **{key: limit})
-        below = float(np.nextafter(required, 0.0))
+        count = np.size(given) if given is not None else 1
+        limit = tuple(min(lowered, g) for g in per(lowered if given is None else given, count))
+        limits = msgspec.structs.replace(task.limits, **{key: limit if count > 1 else limit[0]})
         steps.append((replace(task, limits=limits, objective=fastest), below, lowered))
     return steps
 
