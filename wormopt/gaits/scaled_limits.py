@@ -194,8 +194,8 @@ class ScaledLimits:
             Not negative; infinite where velocities may jump and nothing holds them.
         """
         v_max = self.fastest(resting)
-        fastest_drag = self.drag * np.maximum(form.beta, 0.0) @ v_max
-        slowest_drag = self.drag * np.minimum(form.beta, 0.0) @ v_max
+        fastest_drag = self.drag * float(np.maximum(form.beta, 0.0) @ v_max)
+        slowest_drag = self.drag * float(np.minimum(form.beta, 0.0) @ v_max)
         fall = form.gamma + fastest_drag - form.low
         rise = form.high - form.gamma - slowest_drag
         if self.acceleration is not None:

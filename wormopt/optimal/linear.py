@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import highspy
 import numpy as np
@@ -82,7 +83,7 @@ class Rows:
         self.count += size
         return rows
 
-    def assemble(self, columns: int) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
+    def assemble(self, columns: int) -> tuple[sparse.csr_array, np.ndarray, np.ndarray]:
         """Put the blocks together.
 
         Parameters
@@ -92,12 +93,12 @@ class Rows:
 
         Returns
         -------
-        matrix : csr_matrix, shape (rows, columns)
+        matrix : csr_array, shape (rows, columns)
             Terms of one place are added up.
         lower, upper : ndarray, shape (rows,)
         """
         row, column, value = (np.concatenate(part) for part in zip(*self._entries, strict=True))
-        matrix = sparse.coo_matrix((value, (row, column)), (self.count, columns)).tocsr()
+        matrix = sparse.coo_array((value, (row, column)), (self.count, columns)).tocsr()
         return matrix, np.concatenate(self._lower), np.concatenate(self._upper)
 
 
@@ -151,15 +152,15 @@ class LinearProgram:
         self._matrix, self._row_lower, self._row_upper = rows.assemble(len(cost))
         self._cost, self._lower, self._upper = cost, lower.copy(), upper.copy()
         self._most_terms = int(np.bincount(self._matrix.indices).max(initial=0))
-        self._highs = highspy.Highs()
+        self._highs: Any = highspy.Highs()  # its stubs lack half of its methods
         self._highs.silent()
         for option, value in _OPTIONS.items():
             self._highs.setOptionValue(option, value)
         self._highs.passModel(self._model())
 
-    def _model(self) -> highspy.HighsLp:
-        model = highspy.HighsLp()
-        model.num_row_, model.num_col_ = self._matrix.shape
+    def _model(self) -> Any:
+        model: Any = highspy.HighsLp()
+        model.num_row_, model.num_col_ = len(self._row_lower), len(self._cost)
         model.sense_ = highspy.ObjSense.kMaximize
         model.col_cost_ = self._cost
         model.col_lower_, model.col_upper_ = self._lower, self._upper
@@ -252,7 +253,7 @@ class LinearProgram:
         if status == highspy.HighsModelStatus.kInfeasible:
             # a ray of multipliers proves it: along it the bound of any cost falls without end
             _, exists, ray = self._highs.getDualRay()
-            ray = np.array(ray) if exists else np.zeros(self._matrix.shape[0])
+            ray = np.array(ray) if exists else np.zeros(len(self._row_lower))
             empty = min(self._bound(0.0 * self._cost, y) for y in (ray, -ray)) < 0.0
             return Maximum(-np.inf if empty else self._crude(), nothing, nothing)
         solution = self._highs.getSolution()
@@ -263,7 +264,7 @@ class LinearProgram:
         return Maximum(bound, np.array(solution.col_value), duals)
 
     def _crude(self) -> float:
-        return self.bound(np.zeros(self._matrix.shape[0]))
+        return self.bound(np.zeros(len(self._row_lower)))
 
     def bound(self, duals: np.ndarray) -> float:
         """Bound the maximum from above by any multipliers, rounding included.
@@ -293,7 +294,7 @@ class LinearProgram:
         # Every sum is off by at most as many roundoffs of its absolute values as it has terms.
         reach = np.maximum(np.abs(self._lower), np.abs(self._upper))
         size = abs(y) @ abs(side) + (abs(cost) + abs(y) @ abs(self._matrix)) @ reach
-        ulps = sum(self._matrix.shape) + self._most_terms + _COEFFICIENT_ULPS
+        ulps = len(y) + len(cost) + self._most_terms + _COEFFICIENT_ULPS
         return float(value + 2 * ulps * _ULP * size)
 
 

@@ -258,6 +258,7 @@ class Objective(Table, frozen=True, kw_only=True):
             yield "objective.speed", 'contradicts maximise = "speed"; leave one out'
 
 
+_UNPROVEN = ("energy_per_distance", "acceleration_effort")
 _SPEED = "the speed to keep, a finite number above 0"
 
 
@@ -357,7 +358,7 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     """
 
     kind: Literal["gait-design"]
-    want: tuple[Literal["gait", "motion", "spikes", "animation"], ...] = ()
+    want: tuple[Literal["gait", "motion", "spikes", "certificate", "animation"], ...] = ()
     objective: Objective
 
     def faults(self, folder: Path) -> Iterator[Fault]:
@@ -371,3 +372,11 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from self.objective.faults()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
+        if self.search.proof is None and "certificate" in self.want:
+            yield "want", '"certificate" draws a proof; write search.certify = true'
+        if self.search.proof is not None and self.objective.minimise in _UNPROVEN:
+            yield (
+                "search.certify",
+                f"there is no proof for {self.objective.minimise}; leave it out, or seek speed, "
+                "peak_spike_load or peak_actuator_force",
+            )

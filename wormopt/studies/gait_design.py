@@ -55,14 +55,23 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
         If the user stops it; the best gait so far is its partial result.
     """
     table = scene.table
+    task = Task(table.worm, table.limits, table.objective)
     try:
-        found = design(Task(table.worm, table.limits, table.objective), table.search, report)
+        found = design(task, table.search, report)
     except SolveError as error:
         told = say_whose(error, table)
         raise SolveError(told.reason, told.suggestion, _nothing(scene, str(told))) from None
     result = design_result(scene, found, table.objective)
     if found.interrupted:
         reason = "interrupted: the best gait so far, not polished"
+        raise Interrupted(replace(result, status="failed", reason=reason))
+    if table.search.proof is None or result.status != "ok":
+        return result
+    from wormopt.studies.gait_certificate import certified
+
+    result, interrupted = certified(result, task, table.search, table.units, report)
+    if interrupted:
+        reason = "interrupted: the gait is done, its certificate is not; run again to go on"
         raise Interrupted(replace(result, status="failed", reason=reason))
     return result
 

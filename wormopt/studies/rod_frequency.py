@@ -16,6 +16,7 @@ from wormopt.progress import Report
 from wormopt.result import Result
 from wormopt.scenes.rod_frequency import RodFrequencyScene
 from wormopt.scenes.scene import Scene
+from wormopt.studies.checkpoints import checkpoints
 from wormopt.studies.rod_case import ASSUMED, RodCase, warnings_of_case
 from wormopt.studies.rod_course import (
     RodPoint,
@@ -25,7 +26,7 @@ from wormopt.studies.rod_course import (
     finer,
 )
 from wormopt.studies.rod_response import Response, response_scalars, response_variables
-from wormopt.studies.rod_runs import checkpoints, forget, kept, rod_points
+from wormopt.studies.rod_runs import forget, kept, rod_points
 
 __all__ = ["run"]
 
@@ -71,7 +72,7 @@ def run(scene: Scene[RodFrequencyScene], report: Report) -> Result:
     case = RodCase(
         table.worm, table.channel, table.coils, table.switching, table.mesh, table.course, 1.0
     )
-    study = _Study(table, case, checkpoints(), report)
+    study = _Study(table, case, checkpoints("rods"), report)
     try:
         found = study.explore()
     except KeyboardInterrupt:
@@ -81,7 +82,7 @@ def run(scene: Scene[RodFrequencyScene], report: Report) -> Result:
         reason = "interrupted; run again to go on"
         partial = _result(scene, found, perf_counter() - begin)
         raise Interrupted(replace(partial, status="failed", reason=reason)) from None
-    forget(study.followed, checkpoints())
+    forget(study.followed, checkpoints("rods"))
     return _result(scene, found, perf_counter() - begin)
 
 

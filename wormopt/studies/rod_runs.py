@@ -9,26 +9,14 @@ from collections.abc import Sequence
 from concurrent.futures import as_completed
 from contextlib import suppress
 from dataclasses import asdict
-from functools import cache
 from pathlib import Path
-
-from platformdirs import user_cache_path
 
 from wormopt.errors import SolveError
 from wormopt.progress import Report
 from wormopt.studies.rod_case import RodCase
 from wormopt.studies.rod_course import RodPoint, follow
 
-__all__ = ["checkpoints", "forget", "kept", "rod_points"]
-
-
-@cache
-def checkpoints() -> Path:
-    """Folder of motions that this very code has found: another version has another one."""
-    code = hashlib.sha256()
-    for file in sorted(Path(__file__).parents[1].rglob("*.py")):
-        code.update(file.read_bytes())
-    return user_cache_path("wormopt") / "checkpoints" / f"rods-{code.hexdigest()[:16]}"
+__all__ = ["forget", "kept", "rod_points"]
 
 
 def rod_points(cases: Sequence[RodCase], folder: Path, report: Report, text: str) -> list[RodPoint]:

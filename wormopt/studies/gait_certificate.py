@@ -1,0 +1,183 @@
+"""The certificate of a designed gait: proof of how much better any gait could be."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from wormopt.gaits.attempt import Task
+from wormopt.gaits.certify import Certificate, Progress, certify
+from wormopt.gaits.sequences import Sequence_, canonical
+from wormopt.gaits.space import is_mirror_symmetric
+from wormopt.gaits.tree import Branch
+from wormopt.progress import Report
+from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.scenes.gait_search import Search
+from wormopt.studies.checkpoints import checkpoints
+
+__all__ = ["certified"]
+
+# Rounding of the certificate and of the gait's own value, relative.
+_ROUNDING = 1e-12
+
+
+def certified(
+    result: Result, task: Task, settings: Search, units: str, report: Report
+) -> tuple[Result, bool]:
+    """Add a certificate to the result of a design.
+
+    What is proven is kept in the user's cache folder until the gap that is wanted is reached, so
+    that another run of the same design goes on.
+
+    Parameters
+    ----------
+    result : Result
+        Of the design.
+    task : Task
+        Worm, limits, objective.
+    settings : Search
+        With the proof that is wanted.
+    units : {"dimensionless", "SI"}
+        The units of the scene.
+    report : callable
+        Told the gap.
+
+    Returns
+    -------
+    result : Result
+        With ``bound``, ``gap_certified`` and what else is known; failed where the gait is better
+        than its bound, which cannot be.
+    interrupted : bool
+        Whether the user stopped it.
+    """
+    value = float(result.scalars["objective"].value)
+    file = _file(task, value, settings)
+
+    def save(progress: Progress) -> None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = file.with_suffix(f".{os.getpid()}")
+        unfinished.write_bytes(msgspec.msgpack.encode(progress))
+        unfinished.replace(file)
+
+    begun = None
+    with suppress(OSError, msgspec.MsgspecError):  # not there, or damaged: begin again
+        begun = msgspec.msgpack.decode(file.read_bytes(), type=Progress)
+    proof = certify(task, value, settings, report, begun, save)
+    if proof.ending == "gap reached":
+        with suppress(OSError):
+            file.unlink()
+    faults = []
+    if proof.gap < -_ROUNDING:
+        faults.append("the gait is better than its proven bound; please report this scene")
+    return (
+        replace(
+            result,
+            status="failed" if faults else result.status,
+            reason="; ".join(filter(None, [result.reason, *faults])),
+            scalars=dict(result.scalars) | _scalars(proof, task, units),
+            variables=(*result.variables, *_variables(proof, task, result, units)),
+            trust=_trust(result, proof, settings),
+            timings_s=dict(result.timings_s) | {"certify": proof.progress.seconds},
+        ),
+        proof.ending == "interrupted",
+    )
+
+
+def _file(task: Task, value: float, settings: Search) -> Path:
+    proof = settings.proof
+    assert proof is not None
+    key = repr((task, f"{value:.12e}", settings.sequence, proof.phases, proof.gap))
+    name = hashlib.sha256(key.encode()).hexdigest()[:32]
+    return checkpoints("certificates") / f"{name}.msgpack"
+
+
+def _scalars(proof: Certificate, task: Task, units: str) -> dict[str, Scalar]:
+    quantity = "speed" if task.objective.minimise is None else "force"
+    progress = proof.progress
+    bound = progress.bound if np.isfinite(progress.bound) else None
+    return {
+        "bound": Scalar(bound, unit_of(quantity, units)),
+        "gap_certified": Scalar(max(0.0, proof.gap) if bound is not None else None),
+        "certified_phases": Scalar(proof.phases),
+        "boxes_explored": Scalar(progress.boxes),
+        "certified_seconds": Scalar(progress.seconds, "s"),
+    }
+
+
+def _variables(proof: Certificate, task: Task, result: Result, units: str) -> list[Variable]:
+    quantity = "speed" if task.objective.minimise is None else "force"
+    unit = unit_of(quantity, units)
+    history = np.array(proof.progress.history).reshape(-1, 2)
+    value = float(result.scalars["objective"].value)
+    found = [
+        Variable("proof_time", "s", ("proof",), history[:, 0], "time spent on the proof"),
+        Variable("proof_bound", unit, ("proof",), history[:, 1], "proven bound"),
+        Variable("proof_value", unit, ("proof",), np.full(len(history), value), "of the gait"),
+    ]
+    sequence, leaves = _drawn(proof, task, result)
+    if leaves:
+        time, boxes = unit_of("time", units), np.array([leaf.box for leaf in leaves])
+        boxes = boxes * task.limits.period_range[1]
+        masses = "; ".join(",".join(map(str, resting)) for resting in sequence)
+        text = f"durations of the phases in which these masses rest: {masses}"
+        dims = ("leaf", "leaf_phase")
+        found += [
+            Variable("leaf_shortest", time, dims, boxes[:, :, 0], f"shortest {text}"),
+            Variable("leaf_longest", time, dims, boxes[:, :, 1], f"longest {text}"),
+            Variable(
+                "leaf_bound",
+                unit_of("speed", units),
+                ("leaf",),
+                np.array([leaf.bound for leaf in leaves]),
+                "proven bound on the speed",
+            ),
+        ]
+    return found
+
+
+def _drawn(proof: Certificate, task: Task, result: Result) -> tuple[Sequence_, list[Branch]]:
+    """Leaves of the gait's own sequence if it has three phases, else of the most divided one."""
+    tree = proof.progress.tree
+    if tree is None or not tree.watched:
+        return (), []
+    own = tuple(tuple(phase) for phase in result.trust["solver"]["sequence"])
+    same = canonical(own, task.worm.links + 1, mirror=is_mirror_symmetric(task))
+    leaves = {sequence: [] for sequence in tree.watched}
+    for branch in (*tree.leaves, *tree.open):
+        if branch.sequence in leaves and np.isfinite(branch.bound):
+            leaves[branch.sequence].append(branch)
+    chosen = same if same in leaves else max(leaves, key=lambda s: len(leaves[s]))
+    return chosen, leaves[chosen]
+
+
+def _trust(result: Result, proof: Certificate, settings: Search) -> dict[str, Any]:
+    wanted = settings.proof
+    assert wanted is not None
+    warnings = list(result.trust["warnings"])
+    if proof.ending in ("time limit", "interrupted"):
+        warnings.append(
+            f"the gap {wanted.gap:g} was not reached ({proof.ending}): run again to go on from "
+            "here, or give search.certify.time_limit more seconds"
+        )
+    elif proof.ending == "finest cells":
+        warnings.append(
+            f"the gap {wanted.gap:g} was not reached with the finest cells: either the gait can "
+            'still be better (try search.effort = "thorough") or the gap is too small'
+        )
+    whose = "of its own sequence of resting masses" if proof.sequence else "of any sequence"
+    return dict(result.trust) | {
+        "warnings": warnings,
+        "certificate": {
+            "holds_for": f"every gait {whose}, of at most {proof.phases} phases a period, in which "
+            "some mass rests at any time and the limits hold",
+            "ended": proof.ending,
+            "wanted_gap": wanted.gap,
+        },
+    }
