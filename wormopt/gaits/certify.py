@@ -131,7 +131,7 @@ def certify(
     >>> proof.gap <= 0.01, proof.ending
     (True, 'gap reached')
     """
-    wanted = settings.proof or Certify()
+    wanted = settings.certify or Certify()
     cost = task.objective.minimise is not None
     progress = begun = begun or Progress(0.0 if cost else np.inf)
     gap, widest, saved, ending = np.inf, 0.0, time.monotonic(), "gap reached"
@@ -179,7 +179,7 @@ def proving(task: Task, value: float, settings: Search, begun: Progress) -> Iter
     Progress
         Complete at any time: stopping here loses nothing.
     """
-    wanted, clock = settings.proof or Certify(), time.perf_counter() - begun.seconds
+    wanted, clock = settings.certify or Certify(), time.perf_counter() - begun.seconds
     progress = begun
     steps = _steps(task, value, wanted.gap)
     for number, (reduced, cutoff, lowered) in enumerate(steps):

@@ -372,9 +372,9 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from self.objective.faults()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
-        if self.search.proof is None and "certificate" in self.want:
-            yield "want", '"certificate" draws a proof; write search.certify = true'
-        if self.search.proof is not None and self.objective.minimise in _UNPROVEN:
+        if self.search.certify is None and "certificate" in self.want:
+            yield "want", '"certificate" draws a proof; add a table [search.certify]'
+        if self.search.certify is not None and self.objective.minimise in _UNPROVEN:
             yield (
                 "search.certify",
                 f"there is no proof for {self.objective.minimise}; leave it out, or seek speed, "

@@ -69,7 +69,7 @@ class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
         """
         yield from super().faults(folder)
         yield from self.faults_of_cost("pareto.against", self.pareto.against)
-        if self.search.proof is not None:
+        if self.search.certify is not None:
             yield (
                 "search.certify",
                 "one design is certified at a time; leave it out, and certify the gaits that "

@@ -44,8 +44,8 @@ class Search(Table, frozen=True, kw_only=True):
         The resting masses of each phase in turn; nothing else is tried then.
     workers : int, optional
         Number of processes; as many as there are processors if left out.
-    certify : Certify or bool
-        Whether to prove how much better any gait could be; true for the usual proof.
+    certify : Certify, optional
+        The proof of how much better any gait could be; none if left out.
     """
 
     seed: Seed = 0
@@ -64,17 +64,7 @@ class Search(Table, frozen=True, kw_only=True):
         Annotated[int, Meta(ge=1, le=1024, description="a whole number from 1 to 1024")] | None
     ) = None
 
-    certify: Annotated[
-        Certify | bool,
-        Meta(description="true, or a table such as {phases = 4, gap = 1e-3, time_limit = 300}"),
-    ] = False
-
-    @property
-    def proof(self) -> Certify | None:
-        """The proof that is wanted, if any."""
-        if isinstance(self.certify, bool):
-            return Certify() if self.certify else None
-        return self.certify
+    certify: Certify | None = None
 
     def faults(self, links: int, resting: int) -> Iterator[Fault]:
         """Yield what is wrong with the designer's own sequence.

@@ -91,7 +91,7 @@ def certified(
 
 
 def _file(task: Task, value: float, settings: Search) -> Path:
-    proof = settings.proof
+    proof = settings.certify
     assert proof is not None
     key = repr((task, f"{value:.12e}", settings.sequence, proof.phases, proof.gap))
     name = hashlib.sha256(key.encode()).hexdigest()[:32]
@@ -158,7 +158,7 @@ def _drawn(proof: Certificate, task: Task, result: Result) -> tuple[Sequence_, l
 
 
 def _trust(result: Result, proof: Certificate, settings: Search) -> dict[str, Any]:
-    wanted = settings.proof
+    wanted = settings.certify
     assert wanted is not None
     warnings = list(result.trust["warnings"])
     if proof.ending in ("time limit", "interrupted"):

@@ -65,7 +65,7 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
     if found.interrupted:
         reason = "interrupted: the best gait so far, not polished"
         raise Interrupted(replace(result, status="failed", reason=reason))
-    if table.search.proof is None or result.status != "ok":
+    if table.search.certify is None or result.status != "ok":
         return result
     from wormopt.studies.gait_certificate import certified
 
