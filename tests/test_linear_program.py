@@ -1,0 +1,333 @@
+"""Bounds of linear programs against exact rational arithmetic and a second route."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import combinations
+
+import highspy
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+
+from wormopt.errors import SolveError
+from wormopt.optimal.linear import LinearProgram, Rows
+
+ULP = float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """A linear program written down: maximise c x, low <= A x <= high, least <= x <= most."""
+
+    c: np.ndarray
+    A: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+
+    def program(self) -> LinearProgram:
+        rows = Rows()
+        for row, low, high in zip(self.A, self.low, self.high, strict=True):
+            # zeros are stored too, so that they can be changed
+            rows.add([(j, float(value)) for j, value in enumerate(row)], float(low), float(high))
+        return LinearProgram(self.c, rows, self.least, self.most)
+
+    def planes(self) -> list[tuple[list[Fraction], Fraction]]:
+        """All a x <= b in exact numbers."""
+        found = []
+        n = len(self.c)
+        for row, low, high in zip(
+            [*self.A, *np.eye(n)], [*self.low, *self.least], [*self.high, *self.most], strict=True
+        ):
+            exact = [Fraction(float(v)) for v in row]
+            if high < np.inf:
+                found.append((exact, Fraction(float(high))))
+            if low > -np.inf:
+                found.append(([-v for v in exact], -Fraction(float(low))))
+        return found
+
+    def exact_maximum(self) -> Fraction | None:
+        """Largest value over all vertices; None where there is no feasible point."""
+        planes = self.planes()
+        best = None
+        for chosen in combinations(planes, len(self.c)):
+            x = solved([list(a) for a, _ in chosen], [b for _, b in chosen])
+            if x is None or any(dot(a, x) > b for a, b in planes):
+                continue
+            value = dot([Fraction(float(v)) for v in self.c], x)
+            best = value if best is None else max(best, value)
+        return best
+
+    def exact_bound(self, duals: np.ndarray) -> Fraction | None:
+        """What the multipliers prove, in exact numbers; None where a side is missing."""
+        value, left = Fraction(0), [Fraction(float(v)) for v in self.c]
+        for y, row, low, high in zip(duals, self.A, self.low, self.high, strict=True):
+            side = high if y > 0 else low
+            if y == 0 or np.isinf(side):  # without a side the multiplier counts as zero
+                continue
+            value += Fraction(float(y)) * Fraction(float(side))
+            left = [
+                d - Fraction(float(y)) * Fraction(float(a)) for d, a in zip(left, row, strict=True)
+            ]
+        for d, least, most in zip(left, self.least, self.most, strict=True):
+            value += d * Fraction(float(most if d > 0 else least))
+        return value
+
+
+def dot(a: list[Fraction], b: list[Fraction]) -> Fraction:
+    return sum((x * y for x, y in zip(a, b, strict=True)), Fraction(0))
+
+
+def solved(A: list[list[Fraction]], b: list[Fraction]) -> list[Fraction] | None:
+    """Gauss and Jordan in exact numbers; None if the matrix is singular."""
+    rows = [[*a, v] for a, v in zip(A, b, strict=True)]
+    for k in range(len(rows)):
+        pivot = next((r for r in range(k, len(rows)) if rows[r][k] != 0), None)
+        if pivot is None:
+            return None
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        rows[k] = [v / rows[k][k] for v in rows[k]]
+        for r in range(len(rows)):
+            if r != k and rows[r][k] != 0:
+                rows[r] = [v - rows[r][k] * w for v, w in zip(rows[r], rows[k], strict=True)]
+    return [row[-1] for row in rows]
+
+
+# Integers meet in degenerate vertices; other numbers round. Underflow is not what is tested.
+coefficient = st.one_of(
+    st.integers(-3, 3).map(float),
+    st.floats(-10.0, 10.0).filter(lambda v: v == 0.0 or abs(v) > 1e-9),
+)
+FEW = st.integers(1, 3)
+multiplier = st.one_of(
+    coefficient, st.floats(-1e8, 1e8).filter(lambda v: v == 0.0 or abs(v) > 1e-20)
+)
+
+
+@st.composite
+def programs(draw, columns=FEW, rows=FEW) -> Numbers:
+    n, m = draw(columns), draw(rows)
+
+    def some(size: int, values=coefficient) -> np.ndarray:
+        return np.array(draw(st.lists(values, min_size=size, max_size=size)))
+
+    least = some(n)
+    most = least + np.abs(some(n))
+    sides = np.sort([some(m), some(m)], axis=0)
+    kind = draw(st.lists(st.sampled_from("both low high equal".split()), min_size=m, max_size=m))
+    low = np.array([-np.inf if k == "high" else s for k, s in zip(kind, sides[0], strict=True)])
+    high = np.array([np.inf if k == "low" else s for k, s in zip(kind, sides[1], strict=True)])
+    high = np.where(np.array(kind) == "equal", low, high)
+    return Numbers(some(n), some(n * m).reshape(m, n), low, high, least, most)
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(programs(), st.data())
+def test_any_multipliers_bound_the_maximum_in_exact_numbers(numbers, data):
+    m = len(numbers.low)
+    duals = np.array(data.draw(st.lists(multiplier, min_size=m, max_size=m)))
+    bound = Fraction(numbers.program().bound(duals))
+    promised, best = numbers.exact_bound(duals), numbers.exact_maximum()
+    assert promised is not None
+    assert bound >= promised
+    if best is not None:
+        assert promised >= best
+    # and rounding is all that is added
+    size = 1 + np.abs(duals).sum() * 200
+    assert float(bound - promised) <= 1e-12 * size
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(programs(), st.data())
+def test_the_bound_holds_for_coefficients_a_few_roundoffs_away(numbers, data):
+    """Coefficients come from sums and products of their own, and so are not exact."""
+    m, n = numbers.A.shape
+    duals = np.array(data.draw(st.lists(multiplier, min_size=m, max_size=m)))
+    off = np.array(data.draw(st.lists(st.integers(-4, 4), min_size=m * n, max_size=m * n)))
+    A = numbers.A * (1 + ULP * off.reshape(m, n))
+    other = Numbers(numbers.c, A, numbers.low, numbers.high, numbers.least, numbers.most)
+    promised = other.exact_bound(duals)
+    assert promised is not None
+    assert Fraction(numbers.program().bound(duals)) >= promised
+
+
+@settings(max_examples=120, deadline=None, derandomize=True)
+@given(programs())
+def test_the_bound_is_never_below_the_exact_maximum(numbers):
+    found = numbers.program().maximise()
+    best = numbers.exact_maximum()
+    if best is None:  # no claim can be wrong; a proof is asked for in tests of its own
+        return
+    assert found.bound > -np.inf
+    assert Fraction(found.bound) >= best
+    duals = np.abs(found.row_duals).sum() if found.x.size else 0.0
+    assert float(Fraction(found.bound) - best) <= 1e-6 * (1 + duals)
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(programs(columns=st.integers(2, 7), rows=st.integers(1, 8)))
+def test_bounds_agree_with_a_second_route(numbers):
+    """SciPy's interior-point method, with presolve and another form of the same program."""
+    parts = [(numbers.A, numbers.high), (-numbers.A, -numbers.low)]
+    A = np.vstack([a[b < np.inf] for a, b in parts])
+    b = np.concatenate([b[b < np.inf] for _, b in parts])
+    box = np.column_stack([numbers.least, numbers.most])
+    second = linprog(-numbers.c, A, b, bounds=box, method="highs-ipm")
+    found = numbers.program().maximise()
+    if found.bound == -np.inf:
+        assert second.status == 2
+    elif second.status == 0 and found.x.size:
+        # a row that is nearly a multiple of another makes both solvers' tolerances count
+        size = 1 + np.abs(found.row_duals).sum()
+        assert found.bound == pytest.approx(-second.fun, abs=1e-6 * size)
+        assert numbers.c @ found.x == pytest.approx(found.bound, abs=1e-6 * size)
+        assert np.all(numbers.A @ found.x <= numbers.high + 1e-7)
+        assert np.all(numbers.A @ found.x >= numbers.low - 1e-7)
+
+
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(
+    st.integers(1, 4).flatmap(
+        lambda n: st.integers(1, 4).flatmap(
+            lambda m: st.lists(programs(st.just(n), st.just(m)), min_size=3, max_size=3)
+        )
+    )
+)
+def test_a_changed_program_is_the_program_built_anew(several):
+    """From one program to the next by changes, solved in between."""
+    first = several[0]
+    m, n = first.A.shape
+    rows, columns = (v.ravel() for v in np.indices((m, n)))
+    changed = first.program()
+    places = changed.places(rows, columns)
+    for numbers in several:
+        changed.change(places, numbers.A.ravel())
+        changed.set_sides(np.arange(m), numbers.low, numbers.high)
+        changed.set_bounds(np.arange(n), numbers.least, numbers.most)
+        # the cost stays that of the first
+        again = Numbers(
+            first.c, numbers.A, numbers.low, numbers.high, numbers.least, numbers.most
+        ).program()
+        duals = np.linspace(-2.0, 3.0, m)
+        assert changed.bound(duals) == again.bound(duals)
+        found, fresh = changed.maximise(), again.maximise()
+        if found.x.size and fresh.x.size:
+            size = 1 + np.abs(found.row_duals).sum() + np.abs(fresh.row_duals).sum()
+            assert found.bound == pytest.approx(fresh.bound, abs=1e-6 * size)
+        elif -np.inf in (found.bound, fresh.bound):
+            # only one of them may have a proof, but then the other has no solution to show
+            assert found.x.size + fresh.x.size == 0
+
+
+# -- programs without a feasible point ---------------------------------------------------------
+
+
+def two_sides(least: float) -> LinearProgram:
+    """x0 + x1 >= least with both at most 1."""
+    rows = Rows()
+    rows.add([(0, 1.0), (1, 1.0)], least, np.inf)
+    return LinearProgram(np.array([1.0, 0.5]), rows, np.zeros(2), np.ones(2))
+
+
+def test_no_feasible_point_is_proven():
+    for least in (2.0 + 1e-6, 2.5, 1e6):
+        assert two_sides(least).maximise().bound == -np.inf
+    for least in (-1.0, 1.0, 1.75):
+        assert two_sides(least).maximise().bound == pytest.approx(1.5, abs=1e-12)
+
+
+def test_what_only_rounding_could_forbid_is_not_called_impossible():
+    """At 2 one point is left; a side above by less than tolerances is not proven to have none."""
+    assert two_sides(2.0).maximise().bound >= 1.5
+    assert two_sides(float(np.nextafter(2.0, 3.0))).maximise().bound > -np.inf
+
+
+def test_a_program_becomes_possible_again():
+    program = two_sides(2.5)
+    assert program.maximise().bound == -np.inf
+    program.set_sides(np.array([0]), np.array([1.0]), np.array([np.inf]))
+    assert program.maximise().bound == pytest.approx(1.5, abs=1e-12)
+    program.set_bounds(np.array([0]), np.array([0.0]), np.array([0.25]))
+    assert program.maximise().bound == pytest.approx(0.75, abs=1e-12)
+
+
+# -- a solver that is wrong --------------------------------------------------------------------
+
+
+class Liar:
+    """Stands in for the solver, and says what it is told to say."""
+
+    def __init__(self, status=None, ray=(), duals=(), valid=True, run=highspy.HighsStatus.kOk):
+        self._status, self._ray, self._duals = status, list(ray), list(duals)
+        self._valid, self._run = valid, run
+
+    def run(self):
+        return self._run
+
+    def getModelStatus(self):
+        return self._status
+
+    def getDualRay(self):
+        return highspy.HighsStatus.kOk, bool(self._ray), self._ray
+
+    def getSolution(self):
+        solution = highspy.HighsSolution()
+        solution.row_dual, solution.col_value = self._duals, [0.0, 0.0]
+        solution.dual_valid = self._valid
+        return solution
+
+
+@pytest.mark.parametrize("ray", [(), (1.0,), (-1.0,), (1e6,)])
+def test_a_false_claim_that_nothing_is_feasible_is_not_believed(ray):
+    program = two_sides(1.0)
+    program._highs = Liar(highspy.HighsModelStatus.kInfeasible, ray)  # type: ignore[assignment]
+    assert 1.5 <= program.maximise().bound <= 1.5 + 1e-12
+
+
+@pytest.mark.parametrize("dual", [-100.0, -1.0, 0.0, 0.5, 100.0])
+def test_false_multipliers_give_a_poor_bound_but_a_true_one(dual):
+    program = two_sides(1.0)
+    program._highs = Liar(highspy.HighsModelStatus.kOptimal, duals=[dual])  # type: ignore[assignment]
+    assert 1.5 <= program.maximise().bound <= 1.5 + 1e-12
+
+
+def test_a_solver_that_gives_up_leaves_a_true_bound():
+    program = two_sides(1.0)
+    program._highs = Liar(highspy.HighsModelStatus.kTimeLimit, valid=False)  # type: ignore[assignment]
+    found = program.maximise()
+    assert 1.5 <= found.bound <= 1.5 + 1e-12
+    assert not found.x.size
+
+
+def test_a_refused_program_is_told():
+    program = two_sides(1.0)
+    program._highs = Liar(run=highspy.HighsStatus.kError)  # type: ignore[assignment]
+    with pytest.raises(SolveError, match="refused"):
+        program.maximise()
+
+
+# -- stating programs --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(-np.inf, 1.0), (0.0, np.inf), (np.nan, 1.0)])
+def test_a_column_without_bounds_is_refused(lower, upper):
+    rows = Rows()
+    rows.add([(0, 1.0), (1, 1.0)], -np.inf, 1.0)
+    with pytest.raises(ValueError, match="finite bounds"):
+        LinearProgram(np.ones(2), rows, np.array([0.0, lower]), np.array([1.0, upper]))
+
+
+def test_blocks_of_rows_are_put_together():
+    rows = Rows()
+    first = rows.add([(np.array([0, 1, -1]), 2.0), (2, np.array([1.0, 2.0, 3.0]))], 0.0, 1.0)
+    second = rows.add([(1, 1.0), (1, 0.5)], -np.inf, np.array([4.0]))
+    assert (first.tolist(), second.tolist()) == ([0, 1, 2], [3])
+    matrix, lower, upper = rows.assemble(3)
+    # column -1 is left out, terms of one place are added up
+    expected = [[2.0, 0.0, 1.0], [0.0, 2.0, 2.0], [0.0, 0.0, 3.0], [0.0, 1.5, 0.0]]
+    assert matrix.toarray().tolist() == expected
+    assert lower.tolist() == [0.0, 0.0, 0.0, -np.inf]
+    assert upper.tolist() == [1.0, 1.0, 1.0, 4.0]
