@@ -130,12 +130,15 @@ class Job:
         Seeds the start's durations, whichever process runs the job.
     arcs : int
         Arcs per phase.
+    durations : tuple of float, optional
+        Durations of the phases to start with; drawn at random if left out.
     """
 
     task: Task
     sequence: Sequence_
     seed: tuple[int, ...]
     arcs: int
+    durations: tuple[float, ...] | None = None
 
 
 def attempt(job: Job) -> Candidate | None:
@@ -185,9 +188,13 @@ def _linear_start(job: Job, program: Transcription, bounds: Bounds) -> np.ndarra
     random = np.random.default_rng(job.seed)
     mesh = program.mesh
     for _ in range(6):
-        phases = random.dirichlet(np.full(mesh.phases, 8.0))
+        phases = job.durations or random.dirichlet(np.full(mesh.phases, 8.0))
         durations = np.repeat(phases, job.arcs) * random.uniform(0.7, 1.3, mesh.total)
-        durations *= random.uniform(*job.task.limits.period_range) / durations.sum()
+        period = sum(job.durations) if job.durations else np.inf
+        shortest, longest = job.task.limits.period_range
+        if not shortest <= period <= longest:
+            period = random.uniform(shortest, longest)
+        durations *= period / durations.sum()
         w = program.rest(durations, job.task.rest)
         linear = program.nlp.linear_step(w, bounds, program.hold_durations())
         if linear is not None:

@@ -21,6 +21,7 @@ from wormopt.gaits.space import (
     sequences_of,
     sizes_of,
 )
+from wormopt.gaits.tree import Branch, Solver, grow, planted, taken
 from wormopt.progress import Report
 from wormopt.scenes.gait_search import Search
 
@@ -99,6 +100,12 @@ def effort_of(settings: Search) -> Effort:
     return _EFFORTS[settings.effort]
 
 
+# The record of a search is known to about three digits only.
+_MARGIN = 5e-3
+# With finer cells the relaxed durations are those of a true gait, nearly.
+_CELLS_OF_A_START = 20
+
+
 @dataclass(frozen=True)
 class Survey:
     """What a search found and how much of the space it saw.
@@ -142,11 +149,19 @@ class _Trials:
     seed: int
     workers: int
     best: dict[Sequence_, Candidate | None] = field(default_factory=dict)
+    ruled_out: set[Sequence_] = field(default_factory=set)
     starts: int = 0
 
     def run(self, batch: list[Sequence_], seeds: Sequence[int]) -> None:
         """Try every sequence of a batch from random starts of these seeds."""
-        jobs = [Job(self.task, s, (self.seed, k), 6) for s in batch for k in seeds]
+        self._run([Job(self.task, s, (self.seed, k), 6) for s in batch for k in seeds])
+
+    def run_from(self, branch: Branch) -> None:
+        """Try a sequence from the middle of a box of durations."""
+        durations = np.mean(branch.box, axis=1) * self.task.limits.period_range[1]
+        self._run([Job(self.task, branch.sequence, (self.seed,), 6, tuple(durations.tolist()))])
+
+    def _run(self, jobs: list[Job]) -> None:
         self.starts += len(jobs)
         for sequence, found in attempts(jobs, self.workers).items():
             old = self.best.get(sequence)
@@ -162,25 +177,34 @@ class _Trials:
     def record(self) -> float:
         return self.ranking[0].objective if self.ranking else np.inf
 
+    @property
+    def cutoff(self) -> float:
+        """Speed above which a gait would be clearly faster than the fastest one found."""
+        return -self.record * self.task.speed_nominal * (1 + _MARGIN)
+
     def close(self, share: float) -> list[Sequence_]:
         """Sequences whose objective comes within this share of the best."""
         reach = self.record + share * abs(self.record)
         return [c.sequence for c in self.ranking if c.objective <= reach]
 
-    def cannot_win(self, bound: float) -> bool:
-        """Whether a ceiling on the speed rules a sequence out."""
-        if self.task.objective.speed is not None:
-            return bound < self.task.objective.speed
+    def cannot_win(self, sequence: Sequence_) -> bool:
+        """Whether the ceiling of a sequence rules it out, which is noted."""
+        bound, required = ceiling_of(self.task, sequence), self.task.objective.speed
         # the record is known to about three digits only: leave it a margin
-        return bound <= -self.record * self.task.speed_nominal * (1 - 5e-3)
+        record = -self.record * self.task.speed_nominal * (1 - _MARGIN)
+        beaten = bound < required if required is not None else bound <= record
+        if beaten:
+            self.ruled_out.add(sequence)
+        return beaten
 
 
 def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequence_] = ()) -> Survey:
     """Find the sequences that are worth polishing.
 
-    Sequences are tried in order of their `ceiling`, those of constructed gaits first. One whose
-    ceiling is below the best speed found is left out: it cannot win. Then the best ones are
-    varied by inserting, dropping and exchanging resting sets.
+    Sequences of constructed gaits are tried first, then those with the highest `ceiling`. One
+    whose ceiling is below the best speed found is left out: it cannot win. Where relaxations are
+    faster than trying they rule out the rest, and what they leave is tried from their durations.
+    Then the best sequences are varied by inserting, dropping and exchanging resting sets.
 
     Parameters
     ----------
@@ -231,26 +255,65 @@ def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
     # Constructed gaits first, so that none of them is ever better; then the highest ceilings.
     first = [canonical(s, masses, mirror=mirror) for s in (*hints, *constructed_sequences(task))]
     order = sorted(set(space) - set(first), key=lambda s: (-ceiling_of(task, s), len(s), s))
-    order = [*dict.fromkeys(first), *order]
-    head, excluded, varied, interrupted = len(set(first)), 0, 0, False
+    tried, varied, interrupted = 0, 0, False
     try:
-        while order and len(trials.best) < effort.enumerated:
-            possible = [s for s in order if not trials.cannot_win(ceiling_of(task, s))]
-            excluded += len(order) - len(possible)
-            size = head if not trials.best else 6
-            batch, order = possible[:size], possible[size:]
-            report("searching mode sequences", 0.6 * len(trials.best) / effort.enumerated)
-            trials.run(batch, [0])  # a first look; what comes close gets more starts
+        report("searching mode sequences", 0.0)
+        trials.run(list(dict.fromkeys(first)), [0])
+        if _bounds_are_close(task):
+            _rule_out(trials, [*first, *order], report)
+        else:
+            _try_out(trials, order, report)
         trials.run(trials.close(0.02), range(1, 1 + effort.starts))
         tried = len(trials.best)
         varied = _vary(trials, settings, report, mirror=mirror)
     except KeyboardInterrupt:
         if not trials.ranking:
             raise
-        tried, interrupted = len(trials.best), True
-    excluded += sum(trials.cannot_win(ceiling_of(task, s)) for s in order)
-    ranking, space_size = tuple(trials.ranking), len(set(space) | set(first))
-    return Survey(ranking, phases, space_size, excluded, tried, varied, trials.starts, interrupted)
+        tried, interrupted = tried or len(trials.best), True
+    everything = {*space, *first}
+    return Survey(
+        candidates=tuple(trials.ranking),
+        phases=phases,
+        space=len(everything),
+        excluded=len(trials.ruled_out & everything),
+        tried=tried,
+        varied=varied,
+        starts=trials.starts,
+        interrupted=interrupted,
+    )
+
+
+def _bounds_are_close(task: Task) -> bool:
+    """Whether relaxations rule sequences out faster than they could be tried."""
+    limits = task.limits
+    fixed = limits.period_range[0] == limits.period_range[1]
+    speed = task.objective.maximise == "speed" and limits.acceleration is not None
+    return speed and fixed and task.worm.links <= 2 and task.worm.drag == 0
+
+
+def _rule_out(trials: _Trials, sequences: list[Sequence_], report: Report) -> None:
+    """Rule out what cannot win by its relaxation; try the rest from relaxed durations."""
+    tree = planted([s for s in sequences if not trials.cannot_win(s)])
+    most = trials.starts + trials.effort.enumerated
+    with Solver(trials.task, max(trials.cutoff, 0.0), trials.workers) as solver:
+        while tree.open and tree.open[0].bound > trials.cutoff and trials.starts < most:
+            tree = grow(tree, trials.cutoff, solver)
+            if tree.open and tree.open[0].cells > _CELLS_OF_A_START:
+                branch, tree = taken(tree)
+                trials.run_from(branch)
+            report("ruling out mode sequences", None)
+    left = {branch.sequence for branch in tree.open if branch.bound > trials.cutoff}
+    trials.ruled_out |= set(sequences) - left
+
+
+def _try_out(trials: _Trials, sequences: list[Sequence_], report: Report) -> None:
+    """Try sequences in turn from a random start; what comes close gets more starts later."""
+    most = trials.effort.enumerated
+    while sequences and len(trials.best) < most:
+        possible = [s for s in sequences if not trials.cannot_win(s)]
+        batch, sequences = possible[:6], possible[6:]
+        report("searching mode sequences", 0.6 * len(trials.best) / most)
+        trials.run(batch, [0])
 
 
 def _enumerated_phases(letters: int, asked: int | None) -> int:
@@ -294,13 +357,16 @@ def _vary(trials: _Trials, settings: Search, report: Report, *, mirror: bool) ->
             for sequence in trials.close(0.02)[:3]
             for word in neighbours(sequence, letters, most)
         }
-        fresh = sorted(words - trials.best.keys())
+        fresh = sorted(words - trials.best.keys() - trials.ruled_out)
         order = np.random.default_rng((settings.seed, turn)).permutation(len(fresh))
         chosen = [fresh[k] for k in order[: effort.varied]]
-        batch = [s for s in chosen if not trials.cannot_win(ceiling_of(task, s))]
         report("varying the best sequences", 0.6 + 0.2 * turn / effort.rounds)
-        trials.run(batch, range(effort.starts))
-        varied += len(batch)
+        if _bounds_are_close(task):
+            _rule_out(trials, chosen, report)
+        else:
+            chosen = [s for s in chosen if not trials.cannot_win(s)]
+            trials.run(chosen, range(effort.starts))
+        varied += len(chosen)
         if trials.record >= record - 1e-4 * abs(record):
             break
     return varied

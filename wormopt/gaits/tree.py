@@ -21,7 +21,7 @@ from wormopt.gaits.attempt import Task
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
 from wormopt.gaits.sequences import Sequence_
 
-__all__ = ["Branch", "Solver", "Tree", "grow", "planted"]
+__all__ = ["Branch", "Solver", "Tree", "grow", "planted", "taken"]
 
 CELLS = 10  # per phase, to begin with
 _MOST_CELLS = 320
@@ -103,6 +103,25 @@ def planted(sequences: Sequence[Sequence_], watched: Sequence[Sequence_] = ()) -
     """
     roots = [Branch(np.inf, s, ((0.0, 1.0),) * len(s)) for s in sequences]
     return Tree(tuple(roots), watched=tuple(watched))
+
+
+def taken(tree: Tree) -> tuple[Branch, Tree]:
+    """Take the most promising branch off a tree, which then knows nothing of it.
+
+    Parameters
+    ----------
+    tree : Tree
+        With open branches.
+
+    Returns
+    -------
+    branch : Branch
+    tree : Tree
+        The others.
+    """
+    heap = [(-branch.bound, branch) for branch in tree.open]
+    branch = heapq.heappop(heap)[1]
+    return branch, replace(tree, open=tuple(other for _, other in heap))
 
 
 class Solver:
