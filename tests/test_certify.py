@@ -1,7 +1,7 @@
 """Certificates: bounds that no true gait passes, true optima that they come close to."""
 
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, product
 from math import sqrt
 
 import msgspec
@@ -103,8 +103,7 @@ class Motion:
 class Making:
     """How a motion is made."""
 
-    links: int
-    phases: int
+    shape: tuple[int, int]
     degree: int
     knots: int
     seed: int
@@ -112,17 +111,22 @@ class Making:
     jumps: bool = False
     vanishing: bool = False
 
+    @property
+    def links(self) -> int:
+        return self.shape[0]
+
+    @property
+    def phases(self) -> int:
+        return self.shape[1]
+
 
 def motion_of(making: Making) -> Motion:
     """Masses that rest in the phases of a random sequence, and else move anyhow."""
     random = np.random.default_rng(making.seed)
     masses, degree = making.links + 1, making.degree
     letters = [s for k in range(1, masses) for s in combinations(range(masses), k)]
-    while True:
-        picked = random.integers(len(letters), size=making.phases)
-        sequence = tuple(letters[k] for k in picked)
-        if is_gait(sequence):
-            break
+    words = [w for w in product(letters, repeat=making.phases) if is_gait(w)]
+    sequence = words[random.integers(len(words))]
     rests = np.array([[i in s for i in range(masses)] for s in sequence])
     durations = random.uniform(0.2, 1.0, making.phases)
     meet = random.uniform(0.0, 1.0, rests.shape) * ~rests * ~np.roll(rests, -1, axis=0)
@@ -192,8 +196,6 @@ def own_values(motion: Motion, program: Relaxation) -> np.ndarray:
     """The motion as a point of the relaxation: what its columns stand for."""
     limits, m = program._limits, program._cells
     x = np.zeros(len(program._upper))
-    gait = motion.gait(0.0)
-    shortest = np.array([gait(motion.velocity.x)]).min()  # lengths are put in below
 
     def put(columns: np.ndarray, values: np.ndarray) -> None:
         kept = columns >= 0
@@ -201,7 +203,6 @@ def own_values(motion: Motion, program: Relaxation) -> np.ndarray:
         assert np.abs(values[~kept]).max(initial=0.0) <= 1e-9
         x[columns[kept]] = values[kept]
 
-    del shortest
     way, start_lengths = motion.way, np.array(limits.task.limits.length_ranges(limits.links))[:, 0]
     offset = motion_offset(motion, start_lengths)
     for p, (start, stop) in enumerate(pairwise(motion.edges)):
@@ -257,23 +258,28 @@ def box_around(motion: Motion, task: Task, widths: np.ndarray) -> Box:
     return tuple(zip(low.tolist(), high.tolist(), strict=True))
 
 
-makings = st.builds(
-    Making,
-    links=st.integers(1, 3),
-    phases=st.integers(2, 4),
-    degree=st.integers(1, 3),
-    knots=st.integers(2, 4),
-    seed=st.integers(0, 2**32 - 1),
-    jumps=st.booleans(),
-    vanishing=st.booleans(),
-)
+SHAPES = st.sampled_from([(1, 2), (1, 4), (2, 2), (2, 3), (2, 4), (3, 2), (3, 3)])
+
+
+def makings(**kinds) -> st.SearchStrategy[Making]:
+    return st.builds(
+        Making,
+        **{"shape": SHAPES} | kinds,
+        degree=st.integers(1, 3),
+        knots=st.integers(2, 4),
+        seed=st.integers(0, 2**32 - 1),
+    )
 
 
 @settings(
-    max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+    max_examples=15, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
 )
 @given(
-    makings,
+    st.one_of(
+        makings(),
+        makings(jumps=st.just(True)),
+        makings(shape=st.sampled_from([(2, 3), (2, 4), (3, 3)]), vanishing=st.just(True)),
+    ),
     st.tuples(st.floats(0.1, 10.0), st.floats(0.1, 10.0)),
     st.sampled_from([0.0, 0.3, 3.0]),
     st.sampled_from([0.0, 2.0]),
@@ -282,8 +288,6 @@ makings = st.builds(
 )
 def test_a_true_motion_is_a_point_of_the_relaxation(making, masses, drag, margin, sharing, cells):
     """Whatever the solver does: the motion's own values obey every row, in any box."""
-    assume(making.phases > 2 + making.vanishing or not making.vanishing)
-    assume(not (making.jumps and making.vanishing))
     motion = motion_of(making)
     mass = np.geomspace(*masses, making.links + 1)
     worm = WormTable(links=making.links, mass=tuple(mass), drag=drag)

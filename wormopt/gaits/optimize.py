@@ -37,6 +37,8 @@ class Design:
         The gait.
     sequence : tuple of tuple of int
         Resting masses, phase after phase.
+    durations : tuple of float
+        How long each phase is.
     ceiling : float
         Bound on the speed by rates and modes alone, for any sequence.
     relative_error : float
@@ -56,6 +58,7 @@ class Design:
 
     gait: Gait
     sequence: Sequence_
+    durations: tuple[float, ...]
     ceiling: float
     relative_error: float
     survey: Survey
@@ -135,9 +138,12 @@ def design(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
         found = found or as_found(task, survey.candidates[0])
         interrupted = True
     mesh = found.program.mesh
+    arcs = found.program.unpack(found.solution.w)
+    durations = np.array(np.split(arcs.duration, mesh.phases)).sum(axis=1)
     return Design(
-        gait=gait_of_arcs(found.program.unpack(found.solution.w), mesh, task.worm.links),
+        gait=gait_of_arcs(arcs, mesh, task.worm.links),
         sequence=found.sequence,
+        durations=tuple(durations.tolist()),
         ceiling=bound,
         relative_error=error,
         survey=survey,

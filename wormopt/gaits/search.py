@@ -119,7 +119,7 @@ class Survey:
     space : int
         How many there are, up to rotation (and mirror image).
     excluded : int
-        Of these, proven not to be best by their ceiling.
+        Of these, proven not to be best by bounds on their speed.
     tried : int
         Of these, tried.
     varied : int
@@ -275,7 +275,7 @@ def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
         candidates=tuple(trials.ranking),
         phases=phases,
         space=len(everything),
-        excluded=len(trials.ruled_out & everything),
+        excluded=len((trials.ruled_out & everything) - trials.best.keys()),
         tried=tried,
         varied=varied,
         starts=trials.starts,

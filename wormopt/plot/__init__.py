@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from wormopt.plot import (
     averaging,
+    certificate,
     channel,
     coils,
     comparison,
@@ -71,6 +72,7 @@ PICTURES: dict[str, Picture] = {
         gaits.spikes, (*_CYCLE, "reaction", "reaction_mean", "sigma", "actuator_force")
     ),
     "front": Picture(gaits.front, ("front_speed", "front_value", "front_accepted")),
+    "certificate": Picture(certificate.certificate, ("proof_time", "proof_bound", "proof_value")),
     "animation": Picture(gaits.first_frame, (*_CYCLE, "position"), gaits.pose, gaits.FRAMES),
     "trackers": Picture(
         simulation.trackers,

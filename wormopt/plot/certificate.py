@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Polygon
 
 from wormopt.plot.parts import GREY, LINKS, RED, facts, label, scalar, sheet
 from wormopt.result import Result
@@ -54,21 +54,48 @@ def _draw_leaves(axes: Axes, drawn: Figure, result: Result) -> None:
     """Boxes over the first two durations, coloured by how far below the best they are."""
     low, high = result["leaf_shortest"], result["leaf_longest"]
     bound = result["leaf_bound"].values
-    order = np.argsort(bound)
-    corners, sizes = low.values[order, :2], (high.values - low.values)[order, :2]
-    boxes = [Rectangle((x, y), *size) for (x, y), size in zip(corners, sizes, strict=True)]
-    drawing = PatchCollection(boxes, cmap="viridis", edgecolor="white", linewidth=0.4)
-    drawing.set_array(bound[order])
+    shortest, longest = scalar(result, "leaf_period")
+    parts = [
+        _part(a, b, shortest - b[2], longest - a[2])
+        for a, b in zip(low.values, high.values, strict=True)
+    ]
+    there = np.array([len(part) > 2 for part in parts])
+    drawing = PatchCollection(
+        [Polygon(part) for part in parts if len(part) > 2],
+        cmap="viridis", edgecolor="white", linewidth=0.4,
+    )  # fmt: skip
+    drawing.set_array(bound[there])
     axes.add_collection(drawing)
-    drawn.colorbar(drawing, ax=axes, label=label("bound on the speed in the box", result["leaf_bound"].unit))
-    own = scalar(result, "gait_durations")
+    name = label("bound on the speed in a box", result["leaf_bound"].unit)
+    drawn.colorbar(drawing, ax=axes, label=name)
+    own = scalar(result, "leaf_durations")
     if own:
-        axes.plot(*own[:2], "*", color=RED, markersize=11, markeredgecolor="white", label="the gait's durations")
-    axes.set_xlim(0.0, float(high.values[:, 0].max()))
-    axes.set_ylim(0.0, float(high.values[:, 1].max()))
+        star = {"color": RED, "markersize": 13, "markeredgecolor": "white"}
+        axes.plot(*own[:2], "*", label="durations of the gait", **star)
+    axes.set_xlim(0.0, longest)
+    axes.set_ylim(0.0, longest)
     axes.grid(visible=False)
-    masses = low.text.removeprefix("shortest durations of the phases in which these masses rest: ")
-    first, second, *_ = masses.split("; ")
-    axes.set_xlabel(label(f"duration of rest of mass {first} $h_1$", low.unit))
-    axes.set_ylabel(label(f"duration of rest of mass {second} $h_2$", low.unit))
-    axes.set_title(f"boxes of the sequence {masses}", loc="left", color=GREY)
+    masses = [", ".join(map(str, resting)) for resting in scalar(result, "leaf_sequence")]
+    axes.set_xlabel(label(f"how long {_rest(masses[0])}, $h_1$", low.unit))
+    axes.set_ylabel(label(f"how long {_rest(masses[1])}, $h_2$", low.unit))
+    axes.set_title(f"boxes of the sequence {' – '.join(masses)}", loc="left", color=GREY)
+
+
+def _part(low: np.ndarray, high: np.ndarray, least: float, most: float) -> list[np.ndarray]:
+    """Corners of what a box leaves to h_1 and h_2 where least <= h_1 + h_2 <= most."""
+    (x, y), (X, Y) = low[:2], high[:2]
+    corners = [np.array(corner) for corner in ((x, y), (X, y), (X, Y), (x, Y))]
+    for sign, side in ((1.0, most), (-1.0, -least)):
+        kept = []
+        for a, b in zip(corners, np.roll(corners, -1, axis=0) if corners else [], strict=True):
+            inside_a, inside_b = side - sign * a.sum(), side - sign * b.sum()
+            if inside_a >= 0:
+                kept.append(a)
+            if inside_a * inside_b < 0:
+                kept.append(a + (b - a) * inside_a / (inside_a - inside_b))
+        corners = kept
+    return corners
+
+
+def _rest(masses: str) -> str:
+    return f"masses {masses} rest" if "," in masses else f"mass {masses} rests"

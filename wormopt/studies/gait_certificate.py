@@ -14,9 +14,8 @@ import numpy as np
 
 from wormopt.gaits.attempt import Task
 from wormopt.gaits.certify import Certificate, Progress, certify
-from wormopt.gaits.sequences import Sequence_, canonical
+from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.space import is_mirror_symmetric
-from wormopt.gaits.tree import Branch
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.gait_search import Search
@@ -76,13 +75,15 @@ def certified(
     faults = []
     if proof.gap < -_ROUNDING:
         faults.append("the gait is better than its proven bound; please report this scene")
+    unit = unit_of(_quantity(task), units)
+    scalars, variables = _leaves(proof, task, result.trust["solver"], units)
     return (
         replace(
             result,
             status="failed" if faults else result.status,
             reason="; ".join(filter(None, [result.reason, *faults])),
-            scalars=dict(result.scalars) | _scalars(proof, task, units),
-            variables=(*result.variables, *_variables(proof, task, result, units)),
+            scalars=dict(result.scalars) | _scalars(proof, task, units) | scalars,
+            variables=(*result.variables, *_course(proof, value, unit), *variables),
             trust=_trust(result, proof, settings),
             timings_s=dict(result.timings_s) | {"certify": proof.progress.seconds},
         ),
@@ -99,62 +100,75 @@ def _file(task: Task, value: float, settings: Search) -> Path:
 
 
 def _scalars(proof: Certificate, task: Task, units: str) -> dict[str, Scalar]:
-    quantity = "speed" if task.objective.minimise is None else "force"
     progress = proof.progress
-    bound = progress.bound if np.isfinite(progress.bound) else None
+    known = np.isfinite(progress.bound)
     return {
-        "bound": Scalar(bound, unit_of(quantity, units)),
-        "gap_certified": Scalar(max(0.0, proof.gap) if bound is not None else None),
+        "bound": Scalar(progress.bound, unit_of(_quantity(task), units)),
+        "gap_certified": Scalar(max(0.0, proof.gap) if known else None),
         "certified_phases": Scalar(proof.phases),
         "boxes_explored": Scalar(progress.boxes),
         "certified_seconds": Scalar(progress.seconds, "s"),
     }
 
 
-def _variables(proof: Certificate, task: Task, result: Result, units: str) -> list[Variable]:
-    quantity = "speed" if task.objective.minimise is None else "force"
-    unit = unit_of(quantity, units)
-    history = np.array(proof.progress.history).reshape(-1, 2)
-    value = float(result.scalars["objective"].value)
-    found = [
+def _quantity(task: Task) -> str:
+    return "speed" if task.objective.minimise is None else "force"
+
+
+def _course(proof: Certificate, value: float, unit: str) -> list[Variable]:
+    """The bound over time."""
+    if not proof.progress.history:
+        return []
+    history = np.array(proof.progress.history)
+    return [
         Variable("proof_time", "s", ("proof",), history[:, 0], "time spent on the proof"),
         Variable("proof_bound", unit, ("proof",), history[:, 1], "proven bound"),
-        Variable("proof_value", unit, ("proof",), np.full(len(history), value), "of the gait"),
+        Variable("proof_value", unit, ("proof",), 0 * history[:, 1] + value, "of the gait"),
     ]
-    sequence, leaves = _drawn(proof, task, result)
-    if leaves:
-        time, boxes = unit_of("time", units), np.array([leaf.box for leaf in leaves])
-        boxes = boxes * task.limits.period_range[1]
-        masses = "; ".join(",".join(map(str, resting)) for resting in sequence)
-        text = f"durations of the phases in which these masses rest: {masses}"
-        dims = ("leaf", "leaf_phase")
-        found += [
-            Variable("leaf_shortest", time, dims, boxes[:, :, 0], f"shortest {text}"),
-            Variable("leaf_longest", time, dims, boxes[:, :, 1], f"longest {text}"),
-            Variable(
-                "leaf_bound",
-                unit_of("speed", units),
-                ("leaf",),
-                np.array([leaf.bound for leaf in leaves]),
-                "proven bound on the speed",
-            ),
-        ]
-    return found
 
 
-def _drawn(proof: Certificate, task: Task, result: Result) -> tuple[Sequence_, list[Branch]]:
-    """Leaves of the gait's own sequence if it has three phases, else of the most divided one."""
+def _leaves(
+    proof: Certificate, task: Task, solver: dict[str, Any], units: str
+) -> tuple[dict[str, Scalar], list[Variable]]:
+    """Boxes of durations of one sequence of three phases: the gait's, or the most divided one."""
     tree = proof.progress.tree
-    if tree is None or not tree.watched:
-        return (), []
-    own = tuple(tuple(phase) for phase in result.trust["solver"]["sequence"])
-    same = canonical(own, task.worm.links + 1, mirror=is_mirror_symmetric(task))
-    leaves = {sequence: [] for sequence in tree.watched}
-    for branch in (*tree.leaves, *tree.open):
+    leaves = {sequence: [] for sequence in tree.watched} if tree else {}
+    for branch in (*tree.leaves, *tree.open) if tree else ():
         if branch.sequence in leaves and np.isfinite(branch.bound):
             leaves[branch.sequence].append(branch)
-    chosen = same if same in leaves else max(leaves, key=lambda s: len(leaves[s]))
-    return chosen, leaves[chosen]
+    if not any(leaves.values()):
+        return {}, []
+    images = _images(task, solver)
+    own = [sequence for sequence in leaves if sequence in images]
+    chosen = own[0] if own else max(leaves, key=lambda sequence: len(leaves[sequence]))
+    boxes = np.array([branch.box for branch in leaves[chosen]]) * task.limits.period_range[1]
+    bounds = np.array([branch.bound for branch in leaves[chosen]])
+    time, dims = unit_of("time", units), ("leaf", "leaf_phase")
+    scalars = {
+        "leaf_sequence": Scalar(chosen),
+        "leaf_period": Scalar(task.limits.period_range, time),
+    }
+    if own:
+        scalars["leaf_durations"] = Scalar(images[chosen], time)
+    return scalars, [
+        Variable("leaf_shortest", time, dims, boxes[:, :, 0], "shortest durations"),
+        Variable("leaf_longest", time, dims, boxes[:, :, 1], "longest durations"),
+        Variable("leaf_bound", unit_of("speed", units), ("leaf",), bounds, "bound on the speed"),
+    ]
+
+
+def _images(task: Task, solver: dict[str, Any]) -> dict[Sequence_, list[float]]:
+    """The gait's sequence and durations as they look from other phases, and in the mirror."""
+    masses, durations = range(task.worm.links + 1), list(solver["durations"])
+    own = [tuple(resting) for resting in solver["sequence"]]
+    views = [own]
+    if is_mirror_symmetric(task):
+        views.append([tuple(sorted(masses[-1] - i for i in resting)) for resting in own])
+    return {
+        (*view[k:], *view[:k]): durations[k:] + durations[:k]
+        for view in views
+        for k in range(len(own))
+    }
 
 
 def _trust(result: Result, proof: Certificate, settings: Search) -> dict[str, Any]:

@@ -232,6 +232,7 @@ def _design_trust(found: Design, excess: dict[str, float], limits: GaitLimits) -
         "solver": {
             "status": found.solution.status,
             "sequence": found.sequence,
+            "durations": found.durations,
             "violation": found.solution.violation,
             "arcs_per_phase": mesh.arcs,
             "degree": mesh.collocation.degree,
@@ -239,7 +240,7 @@ def _design_trust(found: Design, excess: dict[str, float], limits: GaitLimits) -
         "search": {
             "phases_enumerated": survey.phases,
             "sequences": survey.space,
-            "excluded_by_ceiling": survey.excluded,
+            "excluded_by_bounds": survey.excluded,
             "tried": survey.tried,
             "variations_tried": survey.varied,
             "starts": survey.starts,
