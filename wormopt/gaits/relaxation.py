@@ -33,7 +33,9 @@ __all__ = ["Box", "Relaxation", "Relaxed"]
 # Weights of the two ends in the bounds on averages; 0 and 1 are exact where a limit is active.
 _WEIGHTS = (0.0, 0.5, 1.0)
 # Allowance for the rounding of box sides; everything in the program is of size 1.
-_ROUNDING = 1e-15
+_ROUNDING = 1e-14
+
+_NOTHING = (np.empty(0),) * 3
 
 Box = tuple[tuple[float, float], ...]
 
@@ -50,12 +52,15 @@ class Relaxed:
     durations : ndarray, shape (phases,)
         Durations in the relaxed optimum; empty where there is none.
     losses : ndarray, shape (phases,)
-        Estimated part of the bound that relaxing products in each phase accounts for, as speed.
+        Part of the bound that relaxed products in each phase account for, to first order.
+    slack : ndarray, shape (phases,)
+        By how much the squares of the durations, as shares of the longest period, are exceeded.
     """
 
     bound: float
     durations: np.ndarray
     losses: np.ndarray
+    slack: np.ndarray
 
 
 class Relaxation:
@@ -135,7 +140,7 @@ class Relaxation:
         self._y = self._columns(at_ends, phases, m + 1, links + 1)
         self._q = self._columns(fastest[:, None], phases, m, links + 1)
         self._z = self._columns(fastest[:, None] if limits.drag else 0.0, phases, m, links + 1)
-        self._l = self._columns(np.ptp(limits.lengths, axis=1), phases, m, links)
+        self._l = self._columns(limits.strokes, phases, m, links)
         c_max = np.minimum(fastest, np.roll(fastest, -1, axis=0))
         self._c, self._c_max = self._columns(c_max, phases, links + 1), c_max
 
@@ -157,10 +162,10 @@ class Relaxation:
             start, end, mean = (_sum(form.alpha, way) for way in (y[:-1], y[1:], q))
             change = [*end, *_times(start, -1.0)]
             force = [*_times(change, 1.0 / width), *_sum(limits.drag * form.beta, z)]
-            if form.low > -np.inf:
-                self._rows.add([*force, (g, form.gamma - form.low)], 0.0, np.inf)
-            if form.high < np.inf:
-                self._rows.add([*force, (g, form.gamma - form.high)], -np.inf, 0.0)
+            if form.below < np.inf:
+                self._rows.add([*force, (g, form.below)], 0.0, np.inf)
+            if form.above < np.inf:
+                self._rows.add([*force, (g, -form.above)], -np.inf, 0.0)
             fall, rise = limits.slopes(form, resting)
             for sign, up, down in ((1.0, rise, fall), (-1.0, fall, rise)):
                 for weight in _WEIGHTS:
@@ -247,15 +252,16 @@ class Relaxation:
         """
         low, high, period = self._tighten(np.array(box))
         if np.any(low > high) or period[0] > period[1]:
-            return Relaxed(-np.inf, np.empty(0), np.empty(0))
+            return Relaxed(-np.inf, *_NOTHING)
         self._set_box(low, high)
         found = self._program.maximise()
         gain = found.bound / (period[0] if found.bound > 0 else period[1])
         bound = (self._reference + gain) * self._limits.speed * (1 + 4 * _ROUNDING)
         if not found.x.size:
-            return Relaxed(bound, found.x, found.x)
+            return Relaxed(bound, *_NOTHING)
         losses = self._losses(found) * self._limits.speed / period[0]
-        return Relaxed(bound, found.x[self._h], losses)
+        h = found.x[self._h]
+        return Relaxed(bound, h, losses, np.abs(found.x[self._g] - h**2))
 
     def _tighten(self, box: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
         """Draw the box in to durations that add up to an allowed period; and those periods."""

@@ -15,25 +15,26 @@ from wormopt.gaits.sequences import Resting
 __all__ = ["Form", "ScaledLimits"]
 
 
+# Limits are widened by this share of the numbers that they are the difference of.
+_ROUNDING = 1e-14
+
+
 @dataclass(frozen=True, eq=False)
 class Form:
-    """A limit low <= alpha a + k beta v + gamma <= high on accelerations a and velocities v.
+    """A limit -below <= alpha a + k beta v <= above on accelerations a and velocities v.
 
     Parameters
     ----------
     alpha, beta : ndarray, shape (n + 1,)
         Weights of the masses' accelerations, and of their drags k v.
-    gamma : float
-        What the load adds.
-    low, high : float
-        Limits; infinite where there is none.
+    below, above : float
+        What is left to either side of the value at rest; infinite without a limit.
     """
 
     alpha: np.ndarray
     beta: np.ndarray
-    gamma: float
-    low: float
-    high: float
+    below: float
+    above: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,20 +85,16 @@ class ScaledLimits:
         return self.task.worm.drag * self.speed / self.force
 
     @cached_property
-    def load(self) -> float:
-        """Load Gamma on each mass."""
-        return self.task.worm.load / self.force
-
-    @cached_property
     def rates(self) -> tuple[np.ndarray, np.ndarray]:
         """Largest contraction and extension rates, shape (n,) each."""
         contraction, extension = rate_bounds(self.task.limits, self.links)
         return contraction / self.speed, extension / self.speed
 
     @cached_property
-    def lengths(self) -> np.ndarray:
-        """Shortest and longest length of each link, shape (n, 2)."""
-        return np.array(self.task.limits.length_ranges(self.links)) / (self.speed * self.time)
+    def strokes(self) -> np.ndarray:
+        """How far the length of each link may change, shape (n,)."""
+        ranges = np.array(self.task.limits.length_ranges(self.links))
+        return np.ptp(ranges, axis=1) / (self.speed * self.time)
 
     @cached_property
     def acceleration(self) -> np.ndarray | None:
@@ -106,10 +103,6 @@ class ScaledLimits:
         if limit is None:
             return None
         return np.broadcast_to(limit, self.links) * self.time / self.speed
-
-    def _per_force(self, limit: float | tuple[float, ...] | None, count: int) -> np.ndarray:
-        """A limit on forces, one number each; infinite where there is none."""
-        return np.broadcast_to(np.inf if limit is None else limit, count) / self.force
 
     def fastest(self, resting: Resting) -> np.ndarray:
         """Largest velocity of each mass: links let it run from any that rests only so fast.
@@ -145,38 +138,54 @@ class ScaledLimits:
         given = self.acceleration
         most_of_each = np.full(self.links, np.inf) if given is None else given
         links = [
-            Form(-step, 0.0 * step, 0.0, -most, most)
+            Form(-step, 0.0 * step, most, most)
             for step, most in zip(
                 np.diff(np.eye(self.links + 1), axis=0), most_of_each, strict=True
             )
         ]
         return [*links, self._momentum(resting), *self._actuators(resting)]
 
+    def admits_rest(self, resting: Resting) -> bool:
+        """Whether the worm may stand still on the spikes of these masses.
+
+        Parameters
+        ----------
+        resting : tuple of int
+            Masses at rest.
+        """
+        return all(form.below >= 0.0 and form.above >= 0.0 for form in self.forms(resting))
+
     def _momentum(self, resting: Resting) -> Form:
         """Sum of the reactions: the momentum's change, the drag and the load, (7)."""
         limits, count = self.task.limits, self.links + 1
-        spikes = self._per_force(limits.spike_load, count)[list(resting)]
+        spikes = _spread(limits.spike_load, count)[list(resting)]
         # However they share it, together they carry no more than the sum of what each may.
         most = len(spikes) * spikes.min() if limits.sharing == "equal" else spikes.sum()
-        least = count * limits.sigma_margin / self.force
-        return Form(self.mass, np.ones(count), count * self.load, least, float(most))
+        load = self.task.worm.load
+        below = self._apart(count * load, count * limits.sigma_margin)
+        return Form(self.mass, np.ones(count), below, self._apart(float(most), count * load))
 
     def _actuators(self, resting: Resting) -> Iterator[Form]:
         """Actuator forces by the recursion (3), where the spikes' loads are known."""
-        limits, count = self.task.limits, self.links + 1
-        known = len(resting) == 1 or limits.sharing == "equal"
+        limits, count, rest = self.task.limits, self.links + 1, len(resting)
+        known = rest == 1 or limits.sharing == "equal"
         if limits.actuator_force is None or not known:
             return
-        share = np.isin(np.arange(count), resting) / len(resting)
-        for j, most in enumerate(self._per_force(limits.actuator_force, self.links), start=1):
-            carried, ahead = share[:j].sum(), np.arange(count) < j
+        for j, most in enumerate(_spread(limits.actuator_force, self.links), start=1):
+            held = sum(i < j for i in resting)  # whole numbers, so that what cancels is zero
+            weight = (held - rest * (np.arange(count) < j)) / rest
+            at_rest = self.task.worm.load * (held * count - rest * j) / rest
             yield Form(
-                carried * self.mass - ahead * self.mass,
-                carried - ahead.astype(float),
-                self.load * (carried * count - j),
-                -most,
-                most,
+                weight * self.mass,
+                weight,
+                self._apart(at_rest, -float(most)),
+                self._apart(float(most), at_rest),
             )
+
+    def _apart(self, high: float, low: float) -> float:
+        """Difference of two forces, rounded up, in units of force."""
+        size = abs(high) + abs(low)
+        return (high - low + _ROUNDING * size) / self.force if size < np.inf else np.inf
 
     def slopes(self, form: Form, resting: Resting) -> tuple[float, float]:
         """Largest fall and rise per time of alpha v, a form's weighted sum of velocities.
@@ -196,12 +205,16 @@ class ScaledLimits:
         v_max = self.fastest(resting)
         fastest_drag = self.drag * float(np.maximum(form.beta, 0.0) @ v_max)
         slowest_drag = self.drag * float(np.minimum(form.beta, 0.0) @ v_max)
-        fall = form.gamma + fastest_drag - form.low
-        rise = form.high - form.gamma - slowest_drag
+        fall, rise = form.below + fastest_drag, form.above - slowest_drag
         if self.acceleration is not None:
             a, masses = self.acceleration, range(self.links + 1)
             between = [min(a[min(m, i) : max(m, i)].sum() for m in resting) for i in masses]
             implied = float(np.abs(form.alpha) @ between)
             fall, rise = min(fall, implied), min(rise, implied)
-        # A limit below what the load alone asks for leaves no motion: any slope will do.
+        # A form that must fall, or rise, all the time does not rise, or fall, at all.
         return max(fall, 0.0), max(rise, 0.0)
+
+
+def _spread(limit: float | tuple[float, ...] | None, count: int) -> np.ndarray:
+    """A limit as one number each; infinite where there is none."""
+    return np.broadcast_to(np.inf if limit is None else limit, count)

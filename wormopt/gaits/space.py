@@ -10,13 +10,21 @@ import numpy as np
 from wormopt.core.modes import ceiling
 from wormopt.gaits.attempt import Task
 from wormopt.gaits.problem import loads_matter, rate_bounds
+from wormopt.gaits.scaled_limits import ScaledLimits
 from wormopt.gaits.sequences import Resting, Sequence_, sequences
 
-__all__ = ["ceiling_of", "is_mirror_symmetric", "letters_of", "sequences_of", "sizes_of"]
+__all__ = [
+    "all_sequences",
+    "ceiling_of",
+    "is_mirror_symmetric",
+    "letters_of",
+    "sequences_of",
+    "sizes_of",
+]
 
 
 def sequences_of(task: Task, phases: int) -> list[Sequence_]:
-    """List the sequences of 2 to so many phases that can be best, each class once.
+    """List the sequences of 2 to so many phases among which the best gait is sought.
 
     Parameters
     ----------
@@ -30,8 +38,35 @@ def sequences_of(task: Task, phases: int) -> list[Sequence_]:
     list of sequences
         Short ones first; of mirror images one only where limits are symmetric.
     """
-    masses, letters = task.worm.links + 1, letters_of(task)
-    mirror = is_mirror_symmetric(task)
+    return _words(task, letters_of(task), phases)
+
+
+def all_sequences(task: Task, phases: int) -> list[Sequence_]:
+    """List sequences of 2 to so many phases such that every gait has one of them.
+
+    A pause of all masses counts as a rest of some of them, unless no smaller set of spikes can
+    hold the worm: only then it is a set of its own.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    phases : int
+        Most phases.
+
+    Returns
+    -------
+    list of sequences
+        As `sequences_of`, with the pause where it matters.
+    """
+    letters, limits = letters_of(task), ScaledLimits(task)
+    if loads_matter(task.limits, task.objective) and not any(map(limits.admits_rest, letters)):
+        letters.append(tuple(range(task.worm.links + 1)))
+    return _words(task, letters, phases)
+
+
+def _words(task: Task, letters: list[Resting], phases: int) -> list[Sequence_]:
+    masses, mirror = task.worm.links + 1, is_mirror_symmetric(task)
     return [s for p in range(2, phases + 1) for s in sequences(masses, letters, p, mirror=mirror)]
 
 

@@ -27,6 +27,10 @@ CELLS = 10  # per phase, to begin with
 _MOST_CELLS = 320
 # Products count as tight where they explain less than this share of what is above the cutoff.
 _TIGHT = 0.2
+# Boxes are narrow if they leave the square of a duration open by no more than this share.
+_NARROW = 0.02
+# Sides are not cut any further; longest periods are 1.
+_NARROWEST = 1e-6
 # A cut leaves at least this share of an interval on either side.
 _LEAST_SHARE = 0.2
 # Idle programs that are kept, some megabytes each.
@@ -221,20 +225,28 @@ def grow(tree: Tree, cutoff: float, solver: Solver) -> Tree:
 
 def _twigs(branch: Branch, relaxed: Relaxed, before: float, cutoff: float) -> list[Branch]:
     """Parts of a branch, or the branch with finer cells; nothing if that leads no further."""
+    widths = np.ptp(np.array(branch.box), axis=1)
+    if not relaxed.durations.size:  # the solver failed
+        longest = int(np.argmax(widths))
+        return _cut(branch, longest, float(np.mean(branch.box[longest])))
     tight = _TIGHT * (branch.bound - cutoff)
-    helped = not branch.refined or before - branch.bound >= tight
-    if not relaxed.durations.size:  # the solver failed: cut the longest side in two
-        widths = np.ptp(np.array(branch.box), axis=1)
-        return _cut(branch, int(np.argmax(widths)), float(np.mean(branch.box[np.argmax(widths)])))
-    if relaxed.losses.sum() < tight and helped:
+    exact = relaxed.losses.sum() < tight
+    narrow = bool(np.all(relaxed.slack < _NARROW * relaxed.durations**2 + _NARROWEST))
+    vain = branch.refined and before - branch.bound < tight
+    if exact and (narrow or not vain):
         finer = branch._replace(cells=2 * branch.cells, refined=True)
         return [finer] if finer.cells <= _MOST_CELLS else []
-    phase = int(np.argmax(relaxed.losses))
+    if vain and not narrow:  # the box is what is too coarse, whatever the multipliers say
+        branch = branch._replace(cells=branch.cells // 2)
+    explained = relaxed.losses.sum() > _TIGHT * tight
+    phase = int(np.argmax(relaxed.losses if explained else relaxed.slack))
     return _cut(branch, phase, float(relaxed.durations[phase]))
 
 
 def _cut(branch: Branch, phase: int, at: float) -> list[Branch]:
     low, high = branch.box[phase]
+    if high - low < _NARROWEST:
+        return []
     margin = _LEAST_SHARE * (high - low)
     at = min(max(at, low + margin), high - margin)
     return [

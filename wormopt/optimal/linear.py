@@ -16,8 +16,6 @@ import highspy
 import numpy as np
 from scipy import sparse
 
-from wormopt.errors import SolveError
-
 __all__ = ["LinearProgram", "Maximum", "Rows", "Term"]
 
 # Columns, one per row or one for all, with their coefficients.
@@ -238,16 +236,8 @@ class LinearProgram:
         Maximum
             Where the solver finds no feasible point and the proof of that holds in spite of
             rounding, the bound is minus infinity. Where it fails the bound is poor but true.
-
-        Raises
-        ------
-        SolveError
-            If the program is outside what the solver takes.
         """
-        if self._highs.run() == highspy.HighsStatus.kError:
-            raise SolveError(
-                "the linear-program solver refused a program", "please report this scene"
-            )
+        self._highs.run()
         status = self._highs.getModelStatus()
         nothing = np.empty(0)
         if status == highspy.HighsModelStatus.kInfeasible:

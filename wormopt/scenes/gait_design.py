@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import comb
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -258,6 +259,8 @@ class Objective(Table, frozen=True, kw_only=True):
             yield "objective.speed", 'contradicts maximise = "speed"; leave one out'
 
 
+# Words of resting sets, before rotations and mirror images are counted as one.
+_MOST_ORDERS = 1_000_000
 _UNPROVEN = ("energy_per_distance", "acceleration_effort")
 _SPEED = "the speed to keep, a finite number above 0"
 
@@ -372,6 +375,9 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from self.objective.faults()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
+        yield from self._faults_of_proof()
+
+    def _faults_of_proof(self) -> Iterator[Fault]:
         if self.search.certify is None and "certificate" in self.want:
             yield "want", '"certificate" draws a proof; add a table [search.certify]'
         if self.search.certify is not None and self.objective.minimise in _UNPROVEN:
@@ -379,4 +385,21 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
                 "search.certify",
                 f"there is no proof for {self.objective.minimise}; leave it out, or seek speed, "
                 "peak_spike_load or peak_actuator_force",
+            )
+        if self.search.certify is not None and self.search.sequence is None:
+            yield from self._faults_of_many_orders(self.search.certify.phases)
+
+    def _faults_of_many_orders(self, phases: int) -> Iterator[Fault]:
+        masses, fewest = self.worm.links + 1, self.gait.resting
+        sharing = self.gait.spike_load is not None or self.gait.actuator_force is not None
+        most = masses if sharing or self.objective.minimise else fewest
+        sets = sum(comb(masses, size) for size in range(fewest, most + 1))
+        possible = max((p for p in range(2, 9) if sets**p <= _MOST_ORDERS), default=0)
+        if phases > possible:
+            yield (
+                "search.certify.phases",
+                f"{phases} phases of {sets} sets of resting masses have too many orders to look "
+                f"at; write {possible} at most"
+                if possible
+                else f"{sets} sets of resting masses are too many to look at; give search.sequence",
             )

@@ -73,7 +73,8 @@ def certified(
         with suppress(OSError):
             file.unlink()
     faults = []
-    if proof.gap < -_ROUNDING:
+    longer = len(result.trust["solver"]["sequence"]) > proof.phases
+    if proof.gap < -_ROUNDING and not longer:
         faults.append("the gait is better than its proven bound; please report this scene")
     unit = unit_of(_quantity(task), units)
     scalars, variables = _leaves(proof, task, result.trust["solver"], units)
@@ -184,6 +185,11 @@ def _trust(result: Result, proof: Certificate, settings: Search) -> dict[str, An
         warnings.append(
             f"the gap {wanted.gap:g} was not reached with the finest cells: either the gait can "
             'still be better (try search.effort = "thorough") or the gap is too small'
+        )
+    if len(result.trust["solver"]["sequence"]) > proof.phases:
+        warnings.append(
+            f"the gait has more than {proof.phases} phases, so that the bound is not one for it: "
+            "raise search.certify.phases, or give search.phases no more than that"
         )
     whose = "of its own sequence of resting masses" if proof.sequence else "of any sequence"
     return dict(result.trust) | {
