@@ -454,6 +454,29 @@ def designed(swept: bool = True) -> Result:
     return Result("wave", "film-wave", scalars=scalars, variables=tuple(variables))
 
 
+def proven(leaves: bool = True) -> Result:
+    """A bound that falls to a speed, and boxes of durations that fill a triangle."""
+    time, unit = np.array([0.5, 1.0, 4.0]), "m s-1"
+    variables = [
+        Variable("proof_time", "s", ("proof",), time),
+        Variable("proof_bound", unit, ("proof",), np.array([1.0, 0.9, 0.83])),
+        Variable("proof_value", unit, ("proof",), 0 * time + 0.82),
+    ]
+    scalars = {"gap_certified": Scalar(0.012), "certified_phases": Scalar(3)}
+    if leaves:
+        low = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.9, 0.9, 0.0]])
+        high = np.array([[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]])
+        dims = ("leaf", "leaf_phase")
+        variables += [
+            Variable("leaf_shortest", "s", dims, low),
+            Variable("leaf_longest", "s", dims, high),
+            Variable("leaf_bound", unit, dims[:1], np.array([0.7, 0.83, 0.6])),
+        ]
+        scalars |= {"leaf_sequence": Scalar([[0], [1, 2], [0, 2]])}
+        scalars |= {"leaf_period": Scalar([0.5, 1.0]), "leaf_durations": Scalar([0.3, 0.3, 0.4])}
+    return Result("proof", "gait-design", scalars=scalars, variables=tuple(variables))
+
+
 def crawled() -> Result:
     """A rod that lies on the lower wall, and coils on both sides."""
     time, frame = np.linspace(0.0, 1.0, 21), np.linspace(0.5, 1.0, 144)
@@ -514,7 +537,7 @@ def sample(picture: str) -> Result:
     made |= {"channel_velocity": squeezed, "segment_shapes": squeezed}
     made |= {"travelling_field": switched, "row_currents": switched}
     made |= {"reversals": swinging, "film": pumped, "ride": carried}
-    made |= {"rod_motion": crawled, "rod_frequency": answered}
+    made |= {"certificate": proven, "rod_motion": crawled, "rod_frequency": answered}
     made |= {"forward": moved, "basins": moved, "film_wave": designed}
     return made[picture]() if picture in made else shuffle(2)
 
@@ -815,3 +838,24 @@ def test_velocity_over_frequency_shows_marks_best_pattern_and_bars():
     assert "best pattern" in words
     assert len(drawn.axes) == 3
     assert len(figure(answered(searched=False), "rod_frequency").axes) == 1
+
+
+def test_boxes_of_durations_fill_what_the_period_allows_and_no_more():
+    bound, boxes, _bar = figure(proven(), "certificate").axes
+    assert len(figure(proven(leaves=False), "certificate").axes) == 1
+    assert "gap certified 0.012" in bound.get_title(loc="left")
+    parts = [path.vertices for path in boxes.collections[0].get_paths()]
+    assert len(parts) == 2  # nothing is left of the box in which h_1 + h_2 > 1
+    corners = np.concatenate([np.asarray(part) for part in parts]).sum(axis=1)
+    assert corners.max() == pytest.approx(1.0)
+    x, y = (np.concatenate([np.asarray(part)[:, k] for part in parts]) for k in (0, 1))
+    assert min(x) == 0.0
+    assert min(y) == 0.0
+    areas = [_area(np.asarray(part)) for part in parts]
+    # the triangle h_1 + h_2 <= 1 without that of h_1 + h_2 < 0.5 - h_3, which is empty
+    assert sum(areas) == pytest.approx(0.5)
+
+
+def _area(corners: np.ndarray) -> float:
+    x, y = corners.T
+    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))

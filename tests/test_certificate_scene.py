@@ -1,0 +1,153 @@
+"""Certificates in scenes: what a result says, what is refused, what is kept between runs."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_design import G1
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.errors import Interrupted, SceneError
+from wormopt.gaits import certify
+from wormopt.studies import gait_certificate
+
+OWN = ["search.sequence=[[0],[1],[2]]", 'search.effort="quick"', "search.workers=1"]
+
+
+def run(*changes: str):
+    return wo.run(wo.load_scene("certified_gait", [*OWN, *changes]))
+
+
+def value(result, name: str):
+    return result.scalars[name].value
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(gait_certificate, "checkpoints", lambda what: tmp_path / what)
+    return tmp_path / "certificates"
+
+
+def test_the_packaged_scene_is_certified(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    folder = ["-o", str(tmp_path / "o"), "--set", 'want=["certificate"]']
+    code = main(["run", "certified_gait", *folder, "--json"])
+    told = json.loads(capsys.readouterr().out)
+    scalars = {name: entry["value"] for name, entry in told["scalars"].items()}
+    assert code == 0
+    assert G1 * (1 - 1e-12) <= scalars["bound"] <= G1 * (1 + 1e-3)
+    assert 0 <= scalars["gap_certified"] <= 1e-3
+    assert scalars["certified_phases"] == 4
+    assert scalars["leaf_sequence"] == [[0], [1], [2]]
+    assert sum(scalars["leaf_durations"]) == pytest.approx(1.0)
+    assert told["trust"]["certificate"]["ended"] == "gap reached"
+    assert told["trust"]["warnings"] == []
+    assert (tmp_path / "o" / "certificate.png").is_file()
+    assert not list((tmp_path / "certificates").glob("*"))  # nothing is kept that is done
+
+
+def test_the_course_and_the_leaves_of_a_proof():
+    result = run("search.certify.gap=1e-2")
+    bound = result["proof_bound"].values
+    assert np.all(np.diff(bound) < 0)
+    assert bound[-1] == value(result, "bound")
+    assert np.all(np.diff(result["proof_time"].values) >= 0)
+    low, high = result["leaf_shortest"].values, result["leaf_longest"].values
+    own = np.array(value(result, "leaf_durations"))
+    held = np.all((low <= own) & (own <= high), axis=1)
+    assert held.any()  # the gait's own durations lie in a leaf, whose bound is above the gait
+    assert result["leaf_bound"].values[held].max() >= value(result, "speed") * (1 - 1e-12)
+    assert "its own sequence" in result.trust["certificate"]["holds_for"]
+
+
+def test_what_is_proven_is_kept_and_another_run_goes_on(cache: Path):
+    short = run("search.certify.time_limit=1e-9", "search.certify.gap=1e-3")
+    assert short.status == "ok"
+    assert value(short, "gap_certified") > 1e-3
+    assert "run again" in " ".join(short.trust["warnings"])
+    (kept,) = cache.iterdir()
+    longer = run("search.certify.gap=1e-3")
+    assert value(longer, "gap_certified") <= 1e-3
+    assert value(longer, "boxes_explored") > value(short, "boxes_explored")
+    assert longer["proof_time"].values[0] == short["proof_time"].values[0]
+    assert not list(cache.iterdir())
+    kept.write_bytes(b"not a checkpoint")
+    again = run("search.certify.gap=1e-3")
+    assert value(again, "gap_certified") <= 1e-3
+    assert value(again, "boxes_explored") <= value(longer, "boxes_explored")
+
+
+def test_an_interrupted_proof_leaves_the_gait_and_its_bound(monkeypatch, cache: Path):
+    grow, calls = certify.grow, []
+
+    def stopped(*given):
+        calls.append(given)
+        if len(calls) > 3:
+            raise KeyboardInterrupt
+        return grow(*given)
+
+    monkeypatch.setattr(certify, "grow", stopped)
+    with pytest.raises(Interrupted) as told:
+        run("search.certify.gap=1e-3")
+    partial = told.value.partial
+    assert partial.status == "failed"
+    assert "certificate is not" in partial.reason
+    assert value(partial, "speed") == pytest.approx(G1, abs=1e-9)
+    assert value(partial, "bound") > G1
+    assert len(list(cache.iterdir())) == 1
+
+
+def test_a_gait_of_more_phases_than_are_certified_is_no_contradiction():
+    own = wo.load_scene("certified_gait", ['search.effort="quick"', "search.certify.phases=2"])
+    result = wo.run(own)
+    assert result.status == "ok"
+    assert value(result, "bound") < value(result, "speed")
+    assert "more than 2 phases" in " ".join(result.trust["warnings"])
+
+
+def test_a_bound_below_the_gait_is_a_failure(monkeypatch):
+    def wrong(task, value, settings, *_):
+        return certify.Certificate(certify.Progress(0.9 * value), -0.1, 4, None, "gap reached")
+
+    monkeypatch.setattr(gait_certificate, "certify", wrong)
+    result = run()
+    assert result.status == "failed"
+    assert "better than its proven bound" in result.reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (["search.certify=true"], "search.certify: true is not allowed; write a table"),
+        (["search.certify.gap=0"], "search.certify.gap: 0 is not allowed; write a number from"),
+        (["search.certify.phases=9"], "search.certify.phases: 9 is not allowed"),
+        (["search.certify.time_limit=-1"], "search.certify.time_limit"),
+        (["search.certify.limit=3"], "search.certify.limit: unknown key"),
+        (
+            ['objective={minimise="energy_per_distance", speed=0.5}'],
+            "there is no proof for energy_per_distance",
+        ),
+        (
+            ["worm.links=6", "gait.spike_load=60.0", "search.certify.phases=4"],
+            "write 2 at most",
+        ),
+    ],
+)
+def test_proofs_that_cannot_be_had_are_refused(changes: list[str], said: str):
+    with pytest.raises(SceneError) as refused:
+        wo.load_scene("certified_gait", changes)
+    assert said in str(refused.value)
+
+
+def test_pictures_and_fronts_need_what_they_draw():
+    with pytest.raises(SceneError, match=r"\[search.certify\]"):
+        wo.load_scene("design_fast_gait", ['want=["certificate"]'])
+    with pytest.raises(SceneError, match="one design is certified at a time"):
+        wo.load_scene("pareto_speed_load", ["search.certify={}"])
+
+
+def test_a_design_without_a_certificate_has_none_of_it():
+    result = wo.run(wo.load_scene("design_fast_gait", OWN))
+    assert "bound" not in result.scalars
+    assert "certificate" not in result.trust
