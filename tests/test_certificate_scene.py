@@ -1,8 +1,10 @@
 """Certificates in scenes: what a result says, what is refused, what is kept between runs."""
 
 import json
+from functools import cache
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from test_design import G1
@@ -11,7 +13,9 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import Interrupted, SceneError
 from wormopt.gaits import certify
-from wormopt.studies import gait_certificate
+from wormopt.gaits.optimize import design
+from wormopt.progress import silent
+from wormopt.studies import gait_certificate, gait_design
 
 OWN = ["search.sequence=[[0],[1],[2]]", 'search.effort="quick"', "search.workers=1"]
 
@@ -20,12 +24,27 @@ def run(*changes: str):
     return wo.run(wo.load_scene("certified_gait", [*OWN, *changes]))
 
 
+@cache
+def designed_once(task, settings):
+    return design(task, settings, silent)
+
+
+@pytest.fixture(autouse=True)
+def one_design(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is designed does not depend on the certificate: once is enough."""
+
+    def again(task, settings, report):
+        return designed_once(task, msgspec.structs.replace(settings, certify=None))
+
+    monkeypatch.setattr(gait_design, "design", again)
+
+
 def value(result, name: str):
     return result.scalars[name].value
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(gait_certificate, "checkpoints", lambda what: tmp_path / what)
     return tmp_path / "certificates"
 
@@ -61,24 +80,24 @@ def test_the_course_and_the_leaves_of_a_proof():
     assert "its own sequence" in result.trust["certificate"]["holds_for"]
 
 
-def test_what_is_proven_is_kept_and_another_run_goes_on(cache: Path):
+def test_what_is_proven_is_kept_and_another_run_goes_on(kept: Path):
     short = run("search.certify.time_limit=1e-9", "search.certify.gap=1e-3")
     assert short.status == "ok"
     assert value(short, "gap_certified") > 1e-3
     assert "run again" in " ".join(short.trust["warnings"])
-    (kept,) = cache.iterdir()
+    (file,) = kept.iterdir()
     longer = run("search.certify.gap=1e-3")
     assert value(longer, "gap_certified") <= 1e-3
     assert value(longer, "boxes_explored") > value(short, "boxes_explored")
     assert longer["proof_time"].values[0] == short["proof_time"].values[0]
-    assert not list(cache.iterdir())
-    kept.write_bytes(b"not a checkpoint")
+    assert not list(kept.iterdir())
+    file.write_bytes(b"not a checkpoint")
     again = run("search.certify.gap=1e-3")
     assert value(again, "gap_certified") <= 1e-3
     assert value(again, "boxes_explored") <= value(longer, "boxes_explored")
 
 
-def test_an_interrupted_proof_leaves_the_gait_and_its_bound(monkeypatch, cache: Path):
+def test_an_interrupted_proof_leaves_the_gait_and_its_bound(monkeypatch, kept: Path):
     grow, calls = certify.grow, []
 
     def stopped(*given):
@@ -95,7 +114,7 @@ def test_an_interrupted_proof_leaves_the_gait_and_its_bound(monkeypatch, cache: 
     assert "certificate is not" in partial.reason
     assert value(partial, "speed") == pytest.approx(G1, abs=1e-9)
     assert value(partial, "bound") > G1
-    assert len(list(cache.iterdir())) == 1
+    assert len(list(kept.iterdir())) == 1
 
 
 def test_a_gait_of_more_phases_than_are_certified_is_no_contradiction():
