@@ -7,17 +7,17 @@ from math import sqrt
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import root_scalar
 
 from wormopt.core.gait import Gait
+from wormopt.errors import SolveError
 from wormopt.gaits import relaxation as relaxation_module
-from wormopt.gaits.attempt import Job, Task, attempt
+from wormopt.gaits.attempt import Task
 from wormopt.gaits.certify import certify
-from wormopt.gaits.optimize import gait_of_arcs
-from wormopt.gaits.polish import as_found
+from wormopt.gaits.optimize import design
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
 from wormopt.gaits.scaled_limits import ScaledLimits
 from wormopt.gaits.sequences import Sequence_, is_gait
@@ -542,22 +542,20 @@ def check_certificate(task: Task, sequence: Sequence_, speed: float, gap: float 
     assert found.gap <= gap or found.ending == "time limit"
 
 
-designed_limits = st.builds(
-    dict,
-    shortest=st.floats(0.3, 0.9),
-    room=st.floats(0.2, 1.0),
-    contraction=st.floats(0.3, 2.0),
-    extension=st.floats(0.3, 2.0),
-    acceleration=st.floats(5.0, 50.0),
-    load=st.floats(1.0, 20.0),
-    drag=st.sampled_from([0.0, 0.0, 1.0]),
-    period=st.floats(0.5, 2.0),
-    spike=st.one_of(st.none(), st.floats(3.5, 8.0)),
-    sequence=st.sampled_from([((0,), (2,)), G1_ORDER, ((0,), (1,), (2,))]),
-)
+designed_limits = {
+    "shortest": st.floats(0.3, 0.9),
+    "room": st.floats(0.2, 1.0),
+    "contraction": st.floats(0.3, 2.0),
+    "extension": st.floats(0.3, 2.0),
+    "acceleration": st.floats(5.0, 50.0),
+    "load": st.floats(1.0, 20.0),
+    "period": st.floats(0.5, 2.0),
+    "spike": st.one_of(st.none(), st.floats(3.5, 8.0)),
+    "sequence": st.sampled_from([((0,), (2,)), G1_ORDER, ((0,), (1,), (2,))]),
+}
 
 
-def designed(given_: dict, arcs: int = 6) -> tuple[Task, float]:
+def designed(given_: dict) -> tuple[Task, float]:
     """A task with random limits and the speed of a gait that meets them."""
     limits = GaitLimits(
         period=given_["period"],
@@ -568,26 +566,23 @@ def designed(given_: dict, arcs: int = 6) -> tuple[Task, float]:
     )
     worm = WormTable(links=2, mass=1.0, load=given_["load"], drag=given_["drag"])
     task = Task(worm, limits, SPEED)
-    candidates = [attempt(Job(task, given_["sequence"], (0, k), arcs)) for k in range(2)]
-    good = [c for c in candidates if c is not None]
-    assume(good)
-    solved = as_found(task, min(good, key=lambda c: c.objective))
-    arcs_found = solved.program.unpack(solved.solution.w)
-    motion = crawl(
-        gait_of_arcs(arcs_found, solved.program.mesh, 2), worm.masses, worm.drag, worm.load
-    )
-    assume(max(violations(motion, limits).values()) <= 1e-9)
+    own = Search(sequence=given_["sequence"], effort="quick", workers=1)
+    try:
+        gait = design(task, own, silent).gait
+    except SolveError:  # no gait of this order meets these limits
+        reject()
+    motion = crawl(gait, worm.masses, worm.drag, worm.load)
+    assert max(violations(motion, limits).values()) <= 1e-9
     return task, motion.speed * (1 - 1e-8)  # what its own violations may have gained
 
 
-@pytest.mark.slow
 @settings(
-    max_examples=4,
+    max_examples=2,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
-@given(designed_limits)
+@given(st.builds(dict, drag=st.just(0.0), **designed_limits))
 def test_no_designed_gait_passes_its_bound(given_):
     task, speed = designed(given_)
     check_certificate(task, given_["sequence"], speed)
@@ -595,14 +590,14 @@ def test_no_designed_gait_passes_its_bound(given_):
 
 @pytest.mark.slow
 @settings(
-    max_examples=40,
+    max_examples=15,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
-@given(designed_limits)
+@given(st.builds(dict, drag=st.sampled_from([0.0, 0.0, 0.0, 1.0]), **designed_limits))
 def test_no_designed_gait_passes_its_bound_for_many_limits(given_):
-    task, speed = designed(given_, arcs=8)
+    task, speed = designed(given_)
     check_certificate(task, given_["sequence"], speed, 3e-3)
 
 
@@ -711,7 +706,7 @@ class Dice:
         return Relaxed(bound, random.uniform(low - 0.1, high + 0.1), losses, slack)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=15, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40))
 def test_branches_together_hold_every_gait(seed, steps):
     """Nothing falls between boxes, whatever the relaxations say, and bounds only fall."""
