@@ -21,7 +21,7 @@ from wormopt.gaits.optimize import design
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
 from wormopt.gaits.scaled_limits import ScaledLimits
 from wormopt.gaits.sequences import Sequence_, is_gait
-from wormopt.gaits.tree import Branch, Solver, Tree, grow, planted
+from wormopt.gaits.tree import Branch, Solver, Tree, grow, plant
 from wormopt.gaits.verify import violations
 from wormopt.progress import silent
 from wormopt.scenes.gait_design import GaitLimits, Objective, RateLimits
@@ -154,7 +154,7 @@ def motion_of(making: Making) -> Motion:
     return Motion(sequence, durations, PPoly(velocity.c * scale, velocity.x))
 
 
-# Limits that a motion meets are taken this much wider: it keeps to them in spite of rounding.
+# Limits that a motion meets are take this much wider: it keeps to them in spite of rounding.
 WIDER = 1 + 1e-11
 
 
@@ -517,6 +517,7 @@ def test_a_peak_load_is_bounded_from_below():
     assert len(bounds) >= 3
 
 
+@pytest.mark.slow
 def test_a_peak_load_that_is_not_the_least_is_not_certified():
     """26 is 2.2 % above the least: no gap below that may be claimed."""
     task = g1(objective=Objective(minimise="peak_spike_load", speed=0.75))
@@ -651,6 +652,7 @@ def test_bounds_converge_with_order_two_in_the_cells():
     assert 1.75 <= order <= 2.25
 
 
+@pytest.mark.slow
 def test_bounds_of_g1_converge_with_its_cells():
     for cells, most in ((10, 1e-3), (40, 1e-4), (160, 2e-5)):
         program = Relaxation(g1(), G1_ORDER, cells, G1)
@@ -711,7 +713,7 @@ class Dice:
 def test_branches_together_hold_every_gait(seed, steps):
     """Nothing falls between boxes, whatever the relaxations say, and bounds only fall."""
     words = [((0,), (1,)), G1_ORDER, ((0,), (1,), (0,), (2,))]
-    tree, solver, random = planted(words, words), Dice(seed), np.random.default_rng(seed)
+    tree, solver, random = plant(words, words), Dice(seed), np.random.default_rng(seed)
     bound = tree.bound
     for _ in range(steps):
         tree = grow(tree, 0.5, solver)  # type: ignore[arg-type]
@@ -729,7 +731,7 @@ def test_branches_together_hold_every_gait(seed, steps):
 def test_the_branch_of_the_best_gait_stays_above_it():
     """Also where branches are done with."""
     task, cutoff = g1(), G1 * (1 + 1e-3)
-    tree = planted([G1_ORDER], [G1_ORDER])
+    tree = plant([G1_ORDER], [G1_ORDER])
     with Solver(task, G1, workers=1) as solver:
         while tree.open and tree.bound > cutoff:
             tree = grow(tree, cutoff, solver)
@@ -752,7 +754,7 @@ class Interrupting:
 
 def test_an_interrupted_step_leaves_the_tree_as_it_was():
     with Solver(g1(), G1, workers=1) as solver:
-        tree = grow(planted([G1_ORDER, ((0,), (2,))]), G1, solver)
+        tree = grow(plant([G1_ORDER, ((0,), (2,))]), G1, solver)
         before = Tree(tuple(tree.open), tree.done, tuple(tree.leaves), tree.boxes, tree.watched)
         with pytest.raises(KeyboardInterrupt):
             grow(tree, G1, Interrupting())  # type: ignore[arg-type]

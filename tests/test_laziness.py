@@ -114,6 +114,14 @@ def test_a_compiled_simulation_loads_no_integrator_of_scipy(tmp_path: Path, name
     assert not any(name.startswith("wormopt.optimal") for name in loaded)
 
 
+def test_a_design_of_one_sequence_loads_no_relaxation(tmp_path: Path):
+    own = ["--set", "search.sequence=[[0],[1],[2]]", "--set", 'search.effort="quick"']
+    loaded = loaded_by_a_run(["run", "design_fast_gait", "--json", "--no-plots", *own], tmp_path)
+    assert "wormopt.gaits.search" in loaded
+    assert not loaded & {"highspy", "wormopt.optimal.linear", "wormopt.gaits.tree"}
+    assert not loaded & {"wormopt.gaits.relaxation", "wormopt.studies.gait_certificate"}
+
+
 def test_step_commands_load_no_casadi(tmp_path: Path):
     loaded = loaded_by_a_run(["run", "prototype_steps", "--json", "--no-plots"], tmp_path)
     assert not loaded & {"casadi", "matplotlib"}

@@ -266,6 +266,12 @@ class Liar:
     def run(self):
         return self._run
 
+    def getRunTime(self):
+        return 0.0
+
+    def setOptionValue(self, *_):
+        return highspy.HighsStatus.kOk
+
     def getModelStatus(self):
         return self._status
 

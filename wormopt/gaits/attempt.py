@@ -190,10 +190,9 @@ def _linear_start(job: Job, program: Transcription, bounds: Bounds) -> np.ndarra
     for _ in range(6):
         phases = job.durations or random.dirichlet(np.full(mesh.phases, 8.0))
         durations = np.repeat(phases, job.arcs) * random.uniform(0.7, 1.3, mesh.total)
-        period = sum(job.durations) if job.durations else np.inf
         shortest, longest = job.task.limits.period_range
-        if not shortest <= period <= longest:
-            period = random.uniform(shortest, longest)
+        drawn = random.uniform(shortest, longest)
+        period = np.clip(sum(job.durations), shortest, longest) if job.durations else drawn
         durations *= period / durations.sum()
         w = program.rest(durations, job.task.rest)
         linear = program.nlp.linear_step(w, bounds, program.hold_durations())

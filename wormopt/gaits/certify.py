@@ -8,7 +8,8 @@ no gait must reach the speed. How far it can be lowered is the gap.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
+from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -18,7 +19,7 @@ import numpy as np
 from wormopt.gaits.attempt import Task
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.space import all_sequences
-from wormopt.gaits.tree import Solver, Tree, grow, planted
+from wormopt.gaits.tree import Solver, Tree, grow, plant
 from wormopt.progress import Report
 from wormopt.scenes.gait_design import Objective
 from wormopt.scenes.gait_search import Certify, Search
@@ -45,7 +46,7 @@ class Progress:
     tree : Tree, optional
         What is known of all gaits, at the step at hand.
     step : int
-        Number of the step; a cost takes several, see `proving`.
+        Number of the step; a cost takes several.
     boxes : int
         Linear programs solved.
     seconds : float
@@ -134,50 +135,47 @@ def certify(
     wanted = settings.certify or Certify()
     cost = task.objective.minimise is not None
     progress = begun = begun or Progress(0.0 if cost else np.inf)
-    gap, widest, saved, ending = np.inf, 0.0, time.monotonic(), "gap reached"
+    widest, saved, stopped = 0.0, time.monotonic(), "finest cells"
     until = saved + wanted.time_limit
     try:
-        for progress in proving(task, value, settings, begun):
-            gap = _gap(value, progress.bound, cost)
-            widest = max(widest, gap if gap < np.inf else 0.0)
-            report(f"certifying: gap {gap:.2g}", _fraction(gap, widest, wanted.gap))
-            if time.monotonic() > saved + _SAVED_EVERY:
-                save(progress)
-                saved = time.monotonic()
-            if gap > wanted.gap and time.monotonic() > until:
-                ending = "time limit"
-                break
+        with closing(_prove(task, value, settings, begun)) as steps:
+            for progress in steps:
+                gap = _gap(value, progress.bound, cost)
+                widest = max(widest, gap if gap < np.inf else 0.0)
+                report(_said(gap, progress), _fraction(gap, widest, wanted.gap))
+                if time.monotonic() > saved + _SAVED_EVERY:
+                    save(progress)
+                    saved = time.monotonic()
+                if gap > wanted.gap and time.monotonic() > until:
+                    stopped = "time limit"
+                    break
     except KeyboardInterrupt:
-        ending = "interrupted"
+        stopped = "interrupted"
     gap = _gap(value, progress.bound, cost)
-    if gap > wanted.gap:
+    if gap > wanted.gap and stopped != "finest cells":  # else another run has nothing to add
         save(progress)
-        ending = "finest cells" if ending == "gap reached" else ending
     own = settings.sequence
-    return Certificate(progress, gap, len(own) if own else wanted.phases, own, ending)
+    return Certificate(
+        progress=progress,
+        gap=gap,
+        phases=len(own) if own else wanted.phases,
+        sequence=own,
+        ending=stopped if gap > wanted.gap else "gap reached",
+    )
 
 
-def proving(task: Task, value: float, settings: Search, begun: Progress) -> Iterator[Progress]:
-    """Improve a bound step by step.
+def _said(gap: float, progress: Progress) -> str:
+    if gap < np.inf or progress.tree is None:
+        return f"certifying: gap {gap:.2g}"
+    unseen = sum(branch.bound == np.inf for branch in progress.tree.open)
+    return f"certifying: first look at orders of rest, {unseen} left"
 
-    A speed takes one step. For a cost each step lowers its limit further below ``value``, and is
-    done when no gait within that limit can have the required speed.
 
-    Parameters
-    ----------
-    task : Task
-        Worm, limits and objective.
-    value : float
-        The gait's objective.
-    settings : Search
-        With ``certify``.
-    begun : Progress
-        Where to go on.
+def _prove(task: Task, value: float, settings: Search, begun: Progress) -> Generator[Progress]:
+    """Improve a bound step by step; stopping between two steps loses nothing.
 
-    Yields
-    ------
-    Progress
-        Complete at any time: stopping here loses nothing.
+    A speed takes one tree. For a cost each tree has its limit lowered further below ``value``,
+    and is done when no gait within that limit can have the required speed.
     """
     wanted, clock = settings.certify or Certify(), time.perf_counter() - begun.seconds
     progress = begun
@@ -208,7 +206,7 @@ def proving(task: Task, value: float, settings: Search, begun: Progress) -> Iter
 def _planted(task: Task, settings: Search, phases: int) -> Tree:
     own = settings.sequence
     sequences = [tuple(tuple(sorted(s)) for s in own)] if own else all_sequences(task, phases)
-    return planted(sequences, [s for s in sequences if len(s) == 3])
+    return plant(sequences, [s for s in sequences if len(s) == 3])
 
 
 def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float, float | None]]:
@@ -222,6 +220,8 @@ def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float, floa
     steps = []
     for share in [*(s for s in _SHARES if s > gap), gap]:
         lowered = value * (1 - share)
+        while (value - lowered) / value > share:  # by a rounding
+            lowered = float(np.nextafter(lowered, value))
         count = np.size(given) if given is not None else 1
         limit = tuple(min(lowered, g) for g in per(lowered if given is None else given, count))
         limits = msgspec.structs.replace(task.limits, **{key: limit if count > 1 else limit[0]})

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,9 +22,11 @@ from wormopt.gaits.space import (
     sequences_of,
     sizes_of,
 )
-from wormopt.gaits.tree import Branch, Solver, grow, planted, taken
 from wormopt.progress import Report
 from wormopt.scenes.gait_search import Search
+
+if TYPE_CHECKING:
+    from wormopt.gaits.tree import Branch
 
 __all__ = ["Effort", "Survey", "constructed_sequences", "effort_of", "search", "workers_of"]
 
@@ -44,6 +47,9 @@ class Effort:
         Most variations tried in a round.
     polished : int
         Sequences handed on to be polished.
+    clearly : float
+        By which share a gait counts as clearly faster: sequences whose relaxation has none such
+        are left out, where that is quick to see. With 0 none are.
     """
 
     enumerated: int
@@ -51,12 +57,13 @@ class Effort:
     rounds: int
     varied: int
     polished: int
+    clearly: float
 
 
 _EFFORTS = {
-    "quick": Effort(enumerated=12, starts=1, rounds=0, varied=0, polished=1),
-    "normal": Effort(enumerated=36, starts=2, rounds=2, varied=10, polished=2),
-    "thorough": Effort(enumerated=300, starts=6, rounds=4, varied=40, polished=4),
+    "quick": Effort(enumerated=12, starts=1, rounds=0, varied=0, polished=1, clearly=0.0),
+    "normal": Effort(enumerated=36, starts=2, rounds=2, varied=10, polished=2, clearly=3e-3),
+    "thorough": Effort(enumerated=300, starts=6, rounds=4, varied=40, polished=4, clearly=0.0),
 }
 
 
@@ -102,8 +109,6 @@ def effort_of(settings: Search) -> Effort:
 
 # The record of a search is known to about three digits only.
 _MARGIN = 5e-3
-# With finer cells the relaxed durations are those of a true gait, nearly.
-_CELLS_OF_A_START = 20
 
 
 @dataclass(frozen=True)
@@ -119,7 +124,7 @@ class Survey:
     space : int
         How many there are, up to rotation (and mirror image).
     excluded : int
-        Of these, proven not to be best by bounds on their speed.
+        Of these, proven not to be clearly faster than the best found by then.
     tried : int
         Of these, tried.
     varied : int
@@ -180,7 +185,7 @@ class _Trials:
     @property
     def cutoff(self) -> float:
         """Speed above which a gait would be clearly faster than the fastest one found."""
-        return -self.record * self.task.speed_nominal * (1 + _MARGIN)
+        return -self.record * self.task.speed_nominal * (1 + self.effort.clearly)
 
     def close(self, share: float) -> list[Sequence_]:
         """Sequences whose objective comes within this share of the best."""
@@ -203,7 +208,7 @@ def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
 
     Sequences of constructed gaits are tried first, then those with the highest `ceiling`. One
     whose ceiling is below the best speed found is left out: it cannot win. Where relaxations are
-    faster than trying they rule out the rest, and what they leave is tried from their durations.
+    faster than trying they rule out what cannot be clearly faster than the best found.
     Then the best sequences are varied by inserting, dropping and exchanging resting sets.
 
     Parameters
@@ -259,10 +264,9 @@ def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
     try:
         report("searching mode sequences", 0.0)
         trials.run(list(dict.fromkeys(first)), [0])
-        if _bounds_are_close(task):
-            _rule_out(trials, [*first, *order], report)
-        else:
-            _try_out(trials, order, report)
+        if _bounds_are_quick(trials):
+            order = _rule_out(trials, order, report)
+        _try_out(trials, order, report)
         trials.run(trials.close(0.02), range(1, 1 + effort.starts))
         tried = len(trials.best)
         varied = _vary(trials, settings, report, mirror=mirror)
@@ -283,27 +287,28 @@ def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
     )
 
 
-def _bounds_are_close(task: Task) -> bool:
+def _bounds_are_quick(trials: _Trials) -> bool:
     """Whether relaxations rule sequences out faster than they could be tried."""
-    limits = task.limits
-    fixed = limits.period_range[0] == limits.period_range[1]
-    speed = task.objective.maximise == "speed" and limits.acceleration is not None
-    return speed and fixed and task.worm.links <= 2 and task.worm.drag == 0
+    task = trials.task
+    shortest, longest = task.limits.period_range
+    speed = task.objective.maximise == "speed" and task.limits.acceleration is not None
+    plain = shortest == longest and task.worm.links <= 2 and task.worm.drag == 0
+    return speed and plain and trials.effort.clearly > 0
 
 
-def _rule_out(trials: _Trials, sequences: list[Sequence_], report: Report) -> None:
-    """Rule out what cannot win by its relaxation; try the rest from relaxed durations."""
-    tree = planted([s for s in sequences if not trials.cannot_win(s)])
-    most = trials.starts + trials.effort.enumerated
-    with Solver(trials.task, max(trials.cutoff, 0.0), trials.workers) as solver:
-        while tree.open and tree.open[0].bound > trials.cutoff and trials.starts < most:
-            tree = grow(tree, trials.cutoff, solver)
-            if tree.open and tree.open[0].cells > _CELLS_OF_A_START:
-                branch, tree = taken(tree)
-                trials.run_from(branch)
-            report("ruling out mode sequences", None)
-    left = {branch.sequence for branch in tree.open if branch.bound > trials.cutoff}
-    trials.ruled_out |= set(sequences) - left
+def _rule_out(trials: _Trials, sequences: list[Sequence_], report: Report) -> list[Sequence_]:
+    """Rule out what cannot win by its relaxation; give what is left."""
+    from wormopt.gaits.exclusion import rule_out  # loads a solver that few searches need
+
+    def start(branch: Branch) -> None:
+        report("trying relaxed durations", None)
+        trials.run_from(branch)
+
+    report("ruling out mode sequences", None)
+    possible = [s for s in sequences if s not in trials.best and not trials.cannot_win(s)]
+    beaten = rule_out(trials.task, possible, lambda: trials.cutoff, start)
+    trials.ruled_out |= beaten
+    return [s for s in possible if s not in beaten]
 
 
 def _try_out(trials: _Trials, sequences: list[Sequence_], report: Report) -> None:
@@ -361,12 +366,9 @@ def _vary(trials: _Trials, settings: Search, report: Report, *, mirror: bool) ->
         order = np.random.default_rng((settings.seed, turn)).permutation(len(fresh))
         chosen = [fresh[k] for k in order[: effort.varied]]
         report("varying the best sequences", 0.6 + 0.2 * turn / effort.rounds)
-        if _bounds_are_close(task):
-            _rule_out(trials, chosen, report)
-        else:
-            chosen = [s for s in chosen if not trials.cannot_win(s)]
-            trials.run(chosen, range(effort.starts))
-        varied += len(chosen)
+        batch = [s for s in chosen if not trials.cannot_win(s)]
+        trials.run(batch, range(effort.starts))
+        varied += len(batch)
         if trials.record >= record - 1e-4 * abs(record):
             break
     return varied

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import heapq
 import os
-from collections import defaultdict
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from wormopt.gaits.attempt import Task
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
 from wormopt.gaits.sequences import Sequence_
 
-__all__ = ["Branch", "Solver", "Tree", "grow", "planted", "taken"]
+__all__ = ["Branch", "Solver", "Tree", "grow", "plant", "take"]
 
 CELLS = 10  # per phase, to begin with
 _MOST_CELLS = 320
@@ -91,7 +91,7 @@ class Tree:
         return max(self.done, self.open[0].bound if self.open else -np.inf)
 
 
-def planted(sequences: Sequence[Sequence_], watched: Sequence[Sequence_] = ()) -> Tree:
+def plant(sequences: Sequence[Sequence_], watched: Sequence[Sequence_] = ()) -> Tree:
     """Begin a tree of which nothing is known yet.
 
     Parameters
@@ -109,7 +109,7 @@ def planted(sequences: Sequence[Sequence_], watched: Sequence[Sequence_] = ()) -
     return Tree(tuple(roots), watched=tuple(watched))
 
 
-def taken(tree: Tree) -> tuple[Branch, Tree]:
+def take(tree: Tree) -> tuple[Branch, Tree]:
     """Take the most promising branch off a tree, which then knows nothing of it.
 
     Parameters
@@ -144,7 +144,8 @@ class Solver:
     def __init__(self, task: Task, reference: float, workers: int | None = None) -> None:
         self.workers = workers or os.cpu_count() or 1
         self._task, self._reference = task, reference
-        self._idle: dict[tuple[Sequence_, int], list[Relaxation]] = defaultdict(list)
+        self._idle: list[tuple[tuple[Sequence_, int], Relaxation]] = []
+        self._lock = Lock()
         self._threads = ThreadPoolExecutor(self.workers)
 
     def solve(self, branches: Sequence[Branch]) -> list[Relaxed]:
@@ -163,13 +164,13 @@ class Solver:
     def _solve(self, branch: Branch) -> Relaxed:
         # HiGHS lets go of the interpreter's lock, so threads do run side by side.
         key = (branch.sequence, branch.cells)
-        try:
-            relaxation = self._idle[key].pop()
-        except IndexError:
-            relaxation = Relaxation(self._task, *key, self._reference)
+        with self._lock:
+            at = next((k for k, (kept, _) in enumerate(self._idle) if kept == key), None)
+            found = None if at is None else self._idle.pop(at)[1]
+        relaxation = found or Relaxation(self._task, *key, self._reference)
         relaxed = relaxation.solve(branch.box)
-        if sum(map(len, list(self._idle.values()))) < _KEPT:
-            self._idle[key].append(relaxation)
+        with self._lock:  # the one used last comes first, the others fall off at the end
+            self._idle = [(key, relaxation), *self._idle[: _KEPT - 1]]
         return relaxed
 
     def close(self) -> None:

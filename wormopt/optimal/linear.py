@@ -22,6 +22,8 @@ __all__ = ["LinearProgram", "Maximum", "Rows", "Term"]
 Term = tuple["np.ndarray | int", "np.ndarray | float"]
 
 
+# Seconds that the solver may take for one program.
+_LONGEST = 30.0
 # Unit roundoffs by which a coefficient that was itself computed may be off.
 _COEFFICIENT_ULPS = 8
 _ULP = float(np.finfo(float).eps)
@@ -237,9 +239,11 @@ class LinearProgram:
             Where the solver finds no feasible point and the proof of that holds in spite of
             rounding, the bound is minus infinity. Where it fails the bound is poor but true.
         """
-        self._highs.run()
-        status = self._highs.getModelStatus()
         nothing = np.empty(0)
+        self._highs.setOptionValue("time_limit", self._highs.getRunTime() + _LONGEST)
+        if self._highs.run() == highspy.HighsStatus.kError:
+            return Maximum(self._crude(), nothing, nothing)
+        status = self._highs.getModelStatus()
         if status == highspy.HighsModelStatus.kInfeasible:
             # a ray of multipliers proves it: along it the bound of any cost falls without end
             _, exists, ray = self._highs.getDualRay()
@@ -285,7 +289,8 @@ class LinearProgram:
         reach = np.maximum(np.abs(self._lower), np.abs(self._upper))
         size = abs(y) @ abs(side) + (abs(cost) + abs(y) @ abs(self._matrix)) @ reach
         ulps = len(y) + len(cost) + self._most_terms + _COEFFICIENT_ULPS
-        return float(value + 2 * ulps * _ULP * size)
+        total = float(value + 2 * ulps * _ULP * size)
+        return total if np.isfinite(total) else np.inf  # multipliers beyond all bounds
 
 
 _OPTIONS = {

@@ -40,8 +40,9 @@ def certificate(result: Result) -> Figure:
 
 def _draw_bound(axes: Axes, result: Result) -> None:
     time, bound, value = (result[f"proof_{name}"] for name in ("time", "bound", "value"))
+    phases = scalar(result, "certified_phases")
     axes.step(time.values, bound.values, where="post", color=LINKS[0], linewidth=1.8,
-              label="no gait is better than this")  # fmt: skip
+              label=f"no gait of at most {phases} phases is better")  # fmt: skip
     axes.plot(time.values, value.values, color=LINKS[1], linewidth=1.8, label="the gait")
     axes.fill_between(time.values, value.values, bound.values, step="post", color=LINKS[0],
                       alpha=0.12, linewidth=0)  # fmt: skip

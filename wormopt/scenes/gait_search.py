@@ -43,7 +43,7 @@ class Search(Table, frozen=True, kw_only=True):
     sequence : tuple of tuple of int, optional
         The resting masses of each phase in turn; nothing else is tried then.
     workers : int, optional
-        Number of processes; as many as there are processors if left out.
+        Number of processes of the search, and of threads of a certificate.
     certify : Certify, optional
         The proof of how much better any gait could be; none if left out.
     """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -19,15 +18,15 @@ from wormopt.gaits.space import is_mirror_symmetric
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.gait_search import Search
-from wormopt.studies.checkpoints import checkpoints
+from wormopt.studies.checkpoints import checkpoints, forget, keep
 
-__all__ = ["certified"]
+__all__ = ["add_certificate"]
 
 # Rounding of the certificate and of the gait's own value, relative.
 _ROUNDING = 1e-12
 
 
-def certified(
+def add_certificate(
     result: Result, task: Task, settings: Search, units: str, report: Report
 ) -> tuple[Result, bool]:
     """Add a certificate to the result of a design.
@@ -60,18 +59,15 @@ def certified(
     file = _file(task, value, settings)
 
     def save(progress: Progress) -> None:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = file.with_suffix(f".{os.getpid()}")
-        unfinished.write_bytes(msgspec.msgpack.encode(progress))
-        unfinished.replace(file)
+        with suppress(OSError):  # a full disk must not cost the design: another run begins anew
+            keep(file, msgspec.msgpack.encode(progress))
 
     begun = None
     with suppress(OSError, msgspec.MsgspecError):  # not there, or damaged: begin again
         begun = msgspec.msgpack.decode(file.read_bytes(), type=Progress)
     proof = certify(task, value, settings, report, begun, save)
-    if proof.ending == "gap reached":
-        with suppress(OSError):
-            file.unlink()
+    if proof.ending in ("gap reached", "finest cells"):
+        forget(file)
     faults = []
     longer = len(result.trust["solver"]["sequence"]) > proof.phases
     if proof.gap < -_ROUNDING and not longer:

@@ -67,9 +67,9 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
         raise Interrupted(replace(result, status="failed", reason=reason))
     if table.search.certify is None or result.status != "ok":
         return result
-    from wormopt.studies.gait_certificate import certified
+    from wormopt.studies.gait_certificate import add_certificate
 
-    result, interrupted = certified(result, task, table.search, table.units, report)
+    result, interrupted = add_certificate(result, task, table.search, table.units, report)
     if interrupted:
         reason = "interrupted: the gait is done, its certificate is not; run again to go on"
         raise Interrupted(replace(result, status="failed", reason=reason))

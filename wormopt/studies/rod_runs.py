@@ -13,6 +13,8 @@ from pathlib import Path
 
 from wormopt.errors import SolveError
 from wormopt.progress import Report
+from wormopt.studies.checkpoints import forget as forget_file
+from wormopt.studies.checkpoints import keep
 from wormopt.studies.rod_case import RodCase
 from wormopt.studies.rod_course import RodPoint, follow
 
@@ -96,10 +98,7 @@ def forget(cases: Sequence[RodCase], folder: Path) -> None:
         Where motions are kept.
     """
     for case in cases:
-        with suppress(OSError):
-            _file(case, folder).unlink()
-    with suppress(OSError):
-        folder.rmdir()  # only if nobody else keeps anything there
+        forget_file(_file(case, folder))
 
 
 def _file(case: RodCase, folder: Path) -> Path:
@@ -111,10 +110,6 @@ def _follow_and_keep(case: RodCase, folder: Path) -> RodPoint:
         point = follow(case).point
     except SolveError as lost:
         point = RodPoint.lost(case.rate, str(lost))
-    file = _file(case, folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    unfinished = file.with_suffix(f".{os.getpid()}")
     # Python's JSON knows NaN, which lost motions are full of
-    unfinished.write_text(json.dumps(asdict(point)), encoding="utf-8")
-    unfinished.replace(file)
+    keep(_file(case, folder), json.dumps(asdict(point)).encode())
     return point
