@@ -69,7 +69,8 @@ def test_the_packaged_scene_is_certified(tmp_path: Path, capsys: pytest.CaptureF
 def test_the_course_and_the_leaves_of_a_proof():
     result = run("search.certify.gap=1e-2")
     bound = result["proof_bound"].values
-    assert np.all(np.diff(bound) < 0)
+    assert np.all(np.diff(bound) <= 0)
+    assert bound[0] == pytest.approx(1.0, abs=1e-5)  # the ceiling
     assert bound[-1] == value(result, "bound")
     assert np.all(np.diff(result["proof_time"].values) >= 0)
     low, high = result["leaf_shortest"].values, result["leaf_longest"].values
@@ -123,7 +124,22 @@ def test_a_gait_of_more_phases_than_are_certified_is_no_contradiction():
     result = wo.run(own)
     assert result.status == "ok"
     assert value(result, "bound") < value(result, "speed")
+    assert value(result, "gap_certified") is None
     assert "more than 2 phases" in " ".join(result.trust["warnings"])
+
+
+@pytest.mark.parametrize(
+    "objective", ['{maximise="speed"}', '{minimise="peak_spike_load", speed=0.5}']
+)
+def test_a_proof_without_time_still_gives_a_result_with_its_picture(
+    objective: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    changes = [*OWN, f"objective={objective}", "search.certify.time_limit=1e-9"]
+    sets = [part for change in [*changes, 'want=["certificate"]'] for part in ("--set", change)]
+    code = main(["run", "certified_gait", "-o", str(tmp_path / "o"), "--json", *sets])
+    assert code == 0
+    assert json.loads(capsys.readouterr().out)["trust"]["certificate"]["ended"] == "time limit"
+    assert (tmp_path / "o" / "certificate.png").is_file()
 
 
 def test_a_bound_below_the_gait_is_a_failure(monkeypatch):

@@ -62,7 +62,7 @@ def add_certificate(
         with suppress(OSError):  # a full disk must not cost the design: another run begins anew
             keep(file, msgspec.msgpack.encode(progress))
 
-    begun = None
+    begun = _begun(task, result)
     with suppress(OSError, msgspec.MsgspecError):  # not there, or damaged: begin again
         begun = msgspec.msgpack.decode(file.read_bytes(), type=Progress)
     proof = certify(task, value, settings, report, begun, save)
@@ -79,13 +79,21 @@ def add_certificate(
             result,
             status="failed" if faults else result.status,
             reason="; ".join(filter(None, [result.reason, *faults])),
-            scalars=dict(result.scalars) | _scalars(proof, task, units) | scalars,
+            scalars=dict(result.scalars) | _scalars(proof, task, units, longer) | scalars,
             variables=(*result.variables, *_course(proof, value, unit), *variables),
-            trust=_trust(result, proof, settings),
+            trust=_trust(result, proof, settings, task.limits.resting),
             timings_s=dict(result.timings_s) | {"certify": proof.progress.seconds},
         ),
         proof.ending == "interrupted",
     )
+
+
+def _begun(task: Task, result: Result) -> Progress:
+    """What is known before the proof: the ceiling of a speed, that a cost is not negative."""
+    # the ceiling is exact to the tolerance 1e-10 of its solver
+    ceiling = float(result.scalars["ceiling"].value) * (1 + 1e-6)
+    bound = ceiling if task.objective.minimise is None else 0.0
+    return Progress(bound, history=((0.0, bound),))
 
 
 def _file(task: Task, value: float, settings: Search) -> Path:
@@ -96,12 +104,11 @@ def _file(task: Task, value: float, settings: Search) -> Path:
     return checkpoints("certificates") / f"{name}.msgpack"
 
 
-def _scalars(proof: Certificate, task: Task, units: str) -> dict[str, Scalar]:
+def _scalars(proof: Certificate, task: Task, units: str, longer: bool) -> dict[str, Scalar]:
     progress = proof.progress
-    known = np.isfinite(progress.bound)
     return {
         "bound": Scalar(progress.bound, unit_of(_quantity(task), units)),
-        "gap_certified": Scalar(max(0.0, proof.gap) if known else None),
+        "gap_certified": Scalar(None if longer else max(0.0, proof.gap)),
         "certified_phases": Scalar(proof.phases),
         "boxes_explored": Scalar(progress.boxes),
         "certified_seconds": Scalar(progress.seconds, "s"),
@@ -114,9 +121,8 @@ def _quantity(task: Task) -> str:
 
 def _course(proof: Certificate, value: float, unit: str) -> list[Variable]:
     """The bound over time."""
-    if not proof.progress.history:
-        return []
-    history = np.array(proof.progress.history)
+    last = (proof.progress.seconds, proof.progress.bound)
+    history = np.array([*proof.progress.history, last])
     return [
         Variable("proof_time", "s", ("proof",), history[:, 0], "time spent on the proof"),
         Variable("proof_bound", unit, ("proof",), history[:, 1], "proven bound"),
@@ -133,7 +139,8 @@ def _leaves(
     for branch in (*tree.leaves, *tree.open) if tree else ():
         if branch.sequence in leaves and np.isfinite(branch.bound):
             leaves[branch.sequence].append(branch)
-    if not any(leaves.values()):
+    leaves = {sequence: found for sequence, found in leaves.items() if found}
+    if not leaves:
         return {}, []
     images = _images(task, solver)
     own = [sequence for sequence in leaves if sequence in images]
@@ -168,14 +175,16 @@ def _images(task: Task, solver: dict[str, Any]) -> dict[Sequence_, list[float]]:
     }
 
 
-def _trust(result: Result, proof: Certificate, settings: Search) -> dict[str, Any]:
+def _trust(result: Result, proof: Certificate, settings: Search, resting: int) -> dict[str, Any]:
     wanted = settings.certify
     assert wanted is not None
     warnings = list(result.trust["warnings"])
-    if proof.ending in ("time limit", "interrupted"):
+    if proof.ending == "interrupted":
+        warnings.append(f"the gap {wanted.gap:g} was not reached: run again to go on from here")
+    elif proof.ending == "time limit":
         warnings.append(
-            f"the gap {wanted.gap:g} was not reached ({proof.ending}): run again to go on from "
-            "here, or give search.certify.time_limit more seconds"
+            f"the gap {wanted.gap:g} was not reached (time limit): run again to go on from here, "
+            "or give search.certify.time_limit more seconds"
         )
     elif proof.ending == "finest cells":
         warnings.append(
@@ -192,7 +201,7 @@ def _trust(result: Result, proof: Certificate, settings: Search) -> dict[str, An
         "warnings": warnings,
         "certificate": {
             "holds_for": f"every gait {whose}, of at most {proof.phases} phases a period, in which "
-            "some mass rests at any time and the limits hold",
+            f"at least {resting} rest at any time and the limits hold",
             "ended": proof.ending,
             "wanted_gap": wanted.gap,
         },
