@@ -142,7 +142,7 @@ def certify(
             for progress in steps:
                 gap = _gap(value, progress.bound, cost)
                 widest = max(widest, gap if gap < np.inf else 0.0)
-                report(_said(gap, progress), _fraction(gap, widest, wanted.gap))
+                report(f"certifying: gap {gap:.2g}", _fraction(gap, widest, wanted.gap))
                 if time.monotonic() > saved + _SAVED_EVERY:
                     save(progress)
                     saved = time.monotonic()
@@ -162,13 +162,6 @@ def certify(
         sequence=own,
         ending=stopped if gap > wanted.gap else "gap reached",
     )
-
-
-def _said(gap: float, progress: Progress) -> str:
-    if gap < np.inf or progress.tree is None:
-        return f"certifying: gap {gap:.2g}"
-    unseen = sum(branch.bound == np.inf for branch in progress.tree.open)
-    return f"certifying: first look at orders of rest, {unseen} left"
 
 
 def _prove(task: Task, value: float, settings: Search, begun: Progress) -> Generator[Progress]:

@@ -81,7 +81,7 @@ def add_certificate(
             reason="; ".join(filter(None, [result.reason, *faults])),
             scalars=dict(result.scalars) | _scalars(proof, task, units, longer) | scalars,
             variables=(*result.variables, *_course(proof, value, unit), *variables),
-            trust=_trust(result, proof, settings, task.limits.resting),
+            trust=_trust(result, proof, settings, longer, task.limits.resting),
             timings_s=dict(result.timings_s) | {"certify": proof.progress.seconds},
         ),
         proof.ending == "interrupted",
@@ -175,7 +175,9 @@ def _images(task: Task, solver: dict[str, Any]) -> dict[Sequence_, list[float]]:
     }
 
 
-def _trust(result: Result, proof: Certificate, settings: Search, resting: int) -> dict[str, Any]:
+def _trust(
+    result: Result, proof: Certificate, settings: Search, longer: bool, resting: int
+) -> dict[str, Any]:
     wanted = settings.certify
     assert wanted is not None
     warnings = list(result.trust["warnings"])
@@ -191,7 +193,7 @@ def _trust(result: Result, proof: Certificate, settings: Search, resting: int) -
             f"the gap {wanted.gap:g} was not reached with the finest cells: either the gait can "
             'still be better (try search.effort = "thorough") or the gap is too small'
         )
-    if len(result.trust["solver"]["sequence"]) > proof.phases:
+    if longer:
         warnings.append(
             f"the gait has more than {proof.phases} phases, so that the bound is not one for it: "
             "raise search.certify.phases, or give search.phases no more than that"
@@ -201,7 +203,7 @@ def _trust(result: Result, proof: Certificate, settings: Search, resting: int) -
         "warnings": warnings,
         "certificate": {
             "holds_for": f"every gait {whose}, of at most {proof.phases} phases a period, in which "
-            f"at least {resting} rest at any time and the limits hold",
+            f"gait.resting = {resting} and all other limits hold at any time",
             "ended": proof.ending,
             "wanted_gap": wanted.gap,
         },
