@@ -16,7 +16,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from wormopt.gaits.attempt import Task
+from wormopt.core.task import Task
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.space import all_sequences
 from wormopt.gaits.tree import Solver, Tree, grow, plant

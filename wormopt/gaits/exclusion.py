@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from wormopt.gaits.attempt import Task
+from wormopt.core.task import Task
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.tree import Branch, Solver, grow, plant, take
 

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wormopt.gaits.attempt import Task
+from wormopt.core.task import Task
 from wormopt.gaits.scaled_limits import ScaledLimits
 from wormopt.gaits.sequences import Sequence_
 from wormopt.optimal.linear import LinearProgram, Maximum, Rows, Term

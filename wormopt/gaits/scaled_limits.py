@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from wormopt.gaits.attempt import Task
-from wormopt.gaits.problem import rate_bounds
+from wormopt.core.task import Task
 from wormopt.gaits.sequences import Resting
 
 __all__ = ["Form", "ScaledLimits"]
@@ -87,7 +86,7 @@ class ScaledLimits:
     @cached_property
     def rates(self) -> tuple[np.ndarray, np.ndarray]:
         """Largest contraction and extension rates, shape (n,) each."""
-        contraction, extension = rate_bounds(self.task.limits, self.links)
+        contraction, extension = map(np.array, self.task.limits.rate_bounds(self.links))
         return contraction / self.speed, extension / self.speed
 
     @cached_property
@@ -161,26 +160,40 @@ class ScaledLimits:
         spikes = _spread(limits.spike_load, count)[list(resting)]
         # However they share it, together they carry no more than the sum of what each may.
         most = len(spikes) * spikes.min() if limits.sharing == "equal" else spikes.sum()
-        load = self.task.worm.load
-        below = self._apart(count * load, count * limits.sigma_margin)
-        return Form(self.mass, np.ones(count), below, self._apart(float(most), count * load))
+        lightest, heaviest = self.task.worm.load_range
+        below = self._apart(count * lightest, count * limits.sigma_margin)
+        return Form(self.mass, np.ones(count), below, self._apart(float(most), count * heaviest))
 
     def _actuators(self, resting: Resting) -> Iterator[Form]:
         """Actuator forces by the recursion (3), where the spikes' loads are known."""
-        limits, count, rest = self.task.limits, self.links + 1, len(resting)
-        known = rest == 1 or limits.sharing == "equal"
+        limits = self.task.limits
+        known = len(resting) == 1 or limits.sharing == "equal"
         if limits.actuator_force is None or not known:
             return
-        for j, most in enumerate(_spread(limits.actuator_force, self.links), start=1):
-            held = sum(i < j for i in resting)  # whole numbers, so that what cancels is zero
-            weight = (held - rest * (np.arange(count) < j)) / rest
-            at_rest = self.task.worm.load * (held * count - rest * j) / rest
+        most_of_each = _spread(limits.actuator_force, self.links)
+        for (weight, at_rest), most in zip(self.actuators(resting), most_of_each, strict=True):
+            low, high = (at_rest * load for load in self.task.worm.load_range)
+            low, high = min(low, high), max(low, high)
             yield Form(
                 weight * self.mass,
                 weight,
-                self._apart(at_rest, -float(most)),
-                self._apart(float(most), at_rest),
+                self._apart(low, -float(most)),
+                self._apart(float(most), high),
             )
+
+    def actuators(self, resting: Resting) -> Iterator[tuple[np.ndarray, float]]:
+        """Weights of the masses' forces in each actuator's, and its force at rest per load.
+
+        Parameters
+        ----------
+        resting : tuple of int
+            Masses at rest, which share the load equally.
+        """
+        count, rest = self.links + 1, len(resting)
+        for j in range(1, count):
+            held = sum(i < j for i in resting)  # whole numbers, so that what cancels is zero
+            weight = (held - rest * (np.arange(count) < j)) / rest
+            yield weight, (held * count - rest * j) / rest
 
     def _apart(self, high: float, low: float) -> float:
         """Difference of two forces, rounded up, in units of force."""

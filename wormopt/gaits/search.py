@@ -1,34 +1,30 @@
-"""Search over the order in which masses rest: enumerate, bound, try, and vary the best.
+"""Search over the order in which masses rest: enumerate, race, vary the best.
 
-The order decides the optimum and local optimisation does not change it.
+The order decides the optimum and local optimisation does not change it. Every order is first
+tried with few arcs; what is close to the best at its level is looked at with more. A period is
+filled by as many cycles as suit the order, and several different cycles may be joined.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from itertools import islice, product
+from time import monotonic
 
 import numpy as np
 
-from wormopt.gaits.attempt import Candidate, Job, Task, attempts
-from wormopt.gaits.construct import block_wave_sequence
-from wormopt.gaits.sequences import Sequence_, canonical, neighbours
-from wormopt.gaits.space import (
-    ceiling_of,
-    is_mirror_symmetric,
-    letters_of,
-    sequences_of,
-    sizes_of,
-)
+from wormopt.core.task import Search, Task
+from wormopt.gaits.orders import first_orders, letters_of, plain_orders
+from wormopt.gaits.sequences import Sequence_, canonical, is_gait, mirrored, neighbours
+from wormopt.gaits.space import ceiling_of, is_mirror_symmetric
+from wormopt.gaits.trial import Trial, Trier
 from wormopt.progress import Report
-from wormopt.scenes.gait_search import Search
 
-if TYPE_CHECKING:
-    from wormopt.gaits.tree import Branch
-
-__all__ = ["Effort", "Survey", "constructed_sequences", "effort_of", "search", "workers_of"]
+__all__ = ["Effort", "Survey", "effort_of", "search"]
 
 
 @dataclass(frozen=True)
@@ -38,337 +34,317 @@ class Effort:
     Parameters
     ----------
     enumerated : int
-        Most sequences tried in the systematic part, best ceilings first.
-    starts : int
-        Random starts, after a first look, of each sequence that comes close to the best.
+        Most orders tried in the systematic part, best ceilings first.
+    width : int
+        Orders that are varied in each round, and share of what is promoted.
     rounds : int
-        Rounds in which the best sequences are varied.
+        Most rounds in which the best orders are varied.
     varied : int
         Most variations tried in a round.
-    polished : int
-        Sequences handed on to be polished.
-    clearly : float
-        By which share a gait counts as clearly faster: sequences whose relaxation has none such
-        are left out, where that is quick to see. With 0 none are.
     """
 
     enumerated: int
-    starts: int
+    width: int
     rounds: int
     varied: int
-    polished: int
-    clearly: float
 
 
 _EFFORTS = {
-    "quick": Effort(enumerated=12, starts=1, rounds=0, varied=0, polished=1, clearly=0.0),
-    "normal": Effort(enumerated=36, starts=2, rounds=2, varied=10, polished=2, clearly=3e-3),
-    "thorough": Effort(enumerated=300, starts=6, rounds=4, varied=40, polished=4, clearly=0.0),
+    "quick": Effort(enumerated=16, width=1, rounds=1, varied=8),
+    "normal": Effort(enumerated=160, width=3, rounds=8, varied=120),
+    "thorough": Effort(enumerated=1000, width=6, rounds=16, varied=400),
 }
-
-
-def workers_of(settings: Search, links: int) -> int:
-    """Number of processes: as asked for, else one per processor where that pays.
-
-    Up to two links a whole search takes about as long as starting processes.
-
-    Parameters
-    ----------
-    settings : Search
-        With or without ``workers``.
-    links : int
-        Number of links n.
-
-    Returns
-    -------
-    int
-        At least 1.
-    """
-    return settings.workers or (1 if links <= 2 else os.cpu_count() or 1)
+# What is within this share of the best of its level is looked at with more arcs.
+_MARGINS = (0.08, 0.01)
+_BATCH = 8
+_TIE = 1e-7
 
 
 def effort_of(settings: Search) -> Effort:
-    """Effort that a scene's search table asks for.
-
-    Parameters
-    ----------
-    settings : Search
-        Its ``effort`` is "quick", "normal" or "thorough".
-
-    Returns
-    -------
-    Effort
+    """Effort that is asked for.
 
     Examples
     --------
-    >>> effort_of(Search(effort="thorough")).starts
-    6
+    >>> effort_of(Search(effort="quick")).rounds
+    1
     """
     return _EFFORTS[settings.effort]
 
 
-# The record of a search is known to about three digits only.
-_MARGIN = 5e-3
-
-
 @dataclass(frozen=True)
 class Survey:
-    """What a search found and how much of the space it saw.
+    """What a search found and how much it saw.
 
     Parameters
     ----------
-    candidates : tuple of Candidate
-        Best of each sequence, best first.
-    phases : int
-        Sequences of 2 to so many phases were enumerated.
-    space : int
-        How many there are, up to rotation (and mirror image).
-    excluded : int
-        Of these, proven not to be clearly faster than the best found by then.
+    trials : tuple of Trial
+        Best of each order, best first.
     tried : int
-        Of these, tried.
+        Orders tried.
     varied : int
-        Variations tried beyond them.
-    starts : int
-        Optimisations in all.
-    interrupted : bool
-        Whether the user stopped the search.
+        Of these, variations of others.
+    programs : int
+        Linear programs solved.
+    ended : str
+        "searched", "time limit" or "interrupted".
     """
 
-    candidates: tuple[Candidate, ...]
-    phases: int
-    space: int
-    excluded: int
+    trials: tuple[Trial, ...]
     tried: int
     varied: int
-    starts: int
-    interrupted: bool = False
+    programs: int
+    ended: str
 
 
-@dataclass
-class _Trials:
-    """Best candidate of every sequence tried so far, and how to try more."""
+@dataclass(eq=False)
+class _Race:
+    """Best trial of every order so far, and the best value of every level."""
 
     task: Task
-    effort: Effort
-    seed: int
+    trier: Trier
     workers: int
-    best: dict[Sequence_, Candidate | None] = field(default_factory=dict)
-    ruled_out: set[Sequence_] = field(default_factory=set)
-    starts: int = 0
+    trials: dict[Sequence_, Trial | None] = field(default_factory=dict)
+    free: dict[Sequence_, Trial] = field(default_factory=dict)
+    records: dict[int, float] = field(default_factory=dict)
+    programs: int = 0
 
-    def run(self, batch: list[Sequence_], seeds: Sequence[int]) -> None:
-        """Try every sequence of a batch from random starts of these seeds."""
-        self._run([Job(self.task, s, (self.seed, k), 6) for s in batch for k in seeds])
+    def __post_init__(self) -> None:
+        self._pool = ThreadPoolExecutor(self.workers) if self.workers > 1 else None
+        self.mirror = is_mirror_symmetric(self.task)
 
-    def run_from(self, branch: Branch) -> None:
-        """Try a sequence from the middle of a box of durations."""
-        durations = np.mean(branch.box, axis=1) * self.task.limits.period_range[1]
-        self._run([Job(self.task, branch.sequence, (self.seed,), 6, tuple(durations.tolist()))])
+    def close(self) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
 
-    def _run(self, jobs: list[Job]) -> None:
-        self.starts += len(jobs)
-        for sequence, found in attempts(jobs, self.workers).items():
-            old = self.best.get(sequence)
-            if old is None or (found is not None and found.objective < old.objective):
-                self.best[sequence] = found
+    def canonical(self, sequence: Sequence_) -> Sequence_:
+        return canonical(sequence, self.task.worm.links + 1, mirror=self.mirror)
+
+    def each(self, work: Callable, jobs: Sequence) -> Iterator:
+        """Do the same with every job, side by side where there are threads."""
+        return self._pool.map(work, jobs) if self._pool is not None else map(work, jobs)
+
+    def enter(self, orders: Sequence[tuple[Sequence_, np.ndarray | None]]) -> None:
+        """Try orders for the first time."""
+        orders = [(s, d) for s, d in orders if self.can_win(s)]
+        enough = self._close(0)
+
+        def first(job: tuple[Sequence_, np.ndarray | None]) -> tuple[Trial | None, Trial | None]:
+            free = self.trier.free(*job, enough)
+            # a free period does no worse than any number of cycles
+            if free is None or free.value < enough:
+                return free, None
+            return free, self.trier.fit(free)
+
+        for (sequence, _), (free, fitted) in zip(orders, self.each(first, orders), strict=True):
+            key = self.canonical(sequence)
+            self.trials.setdefault(key, None)
+            if free is not None:
+                self.free[key] = free
+                self.programs += free.program.bilinear.programs
+            if fitted is not None:
+                self.keep(key, fitted)
+
+    def can_win(self, sequence: Sequence_) -> bool:
+        required = self.task.objective.speed
+        bound = self.value if required is None else required
+        return ceiling_of(self.task, sequence) > bound
+
+    def keep(self, key: Sequence_, trial: Trial) -> None:
+        self.programs += trial.program.bilinear.programs
+        record = self.records.get(trial.level, -np.inf)
+        self.records[trial.level] = max(record, trial.value)
+        old = self.trials.get(key)
+        if old is None or trial.value >= old.value:
+            self.trials[key] = trial
 
     @property
-    def ranking(self) -> list[Candidate]:
-        found = [c for c in self.best.values() if c is not None]
-        return sorted(found, key=lambda c: (c.objective, len(c.sequence), c.sequence))
+    def value(self) -> float:
+        return max(self.records.values(), default=-np.inf)
+
+    def _close(self, level: int) -> float:
+        record = self.records.get(level, -np.inf)
+        return record - _MARGINS[level] * abs(record) if np.isfinite(record) else -np.inf
 
     @property
-    def record(self) -> float:
-        return self.ranking[0].objective if self.ranking else np.inf
+    def ranking(self) -> list[Trial]:
+        """Best trials first; of those that tie, short cycles."""
+        found = [t for t in self.trials.values() if t is not None]
+        return sorted(found, key=lambda t: (-t.value, len(t.sequence), t.sequence))
 
-    @property
-    def cutoff(self) -> float:
-        """Speed above which a gait would be clearly faster than the fastest one found."""
-        return -self.record * self.task.speed_nominal * (1 + self.effort.clearly)
-
-    def close(self, share: float) -> list[Sequence_]:
-        """Sequences whose objective comes within this share of the best."""
-        reach = self.record + share * abs(self.record)
-        return [c.sequence for c in self.ranking if c.objective <= reach]
-
-    def cannot_win(self, sequence: Sequence_) -> bool:
-        """Whether the ceiling of a sequence rules it out, which is noted."""
-        bound, required = ceiling_of(self.task, sequence), self.task.objective.speed
-        # the record is known to about three digits only: leave it a margin
-        record = -self.record * self.task.speed_nominal * (1 - _MARGIN)
-        beaten = bound < required if required is not None else bound <= record
-        if beaten:
-            self.ruled_out.add(sequence)
-        return beaten
+    def promote(self, width: int) -> None:
+        """Look at what is close to the best of its level with more arcs."""
+        for level in range(len(_MARGINS)):
+            left = 4 * width // (level + 1)
+            while left > 0:
+                close = [t for t in self.ranking if t.level == level]
+                close = [t for t in close if t.value >= self._close(level)][: min(4, left)]
+                if not close:
+                    break
+                for trial, finer in zip(close, self.each(self.trier.finer, close), strict=True):
+                    self.keep(self.canonical(trial.sequence), finer)
+                left -= len(close)
 
 
-def search(task: Task, settings: Search, report: Report, hints: Sequence[Sequence_] = ()) -> Survey:
-    """Find the sequences that are worth polishing.
+def search(
+    task: Task, settings: Search, report: Report, hints: Iterable[Sequence_] = ()
+) -> Survey:
+    """Search the orders of rest, and the number of cycles, that give the best gait.
 
-    Sequences of constructed gaits are tried first, then those with the highest `ceiling`. One
-    whose ceiling is below the best speed found is left out: it cannot win. Where relaxations are
-    faster than trying they rule out what cannot be clearly faster than the best found.
-    Then the best sequences are varied by inserting, dropping and exchanging resting sets.
+    Constructed orders come first, then plain ones by the ceilings that their resting sets put on
+    the speed, then variations of the best: a set of resting masses inserted, dropped or
+    exchanged, two cycles joined.
 
     Parameters
     ----------
     task : Task
         Worm, limits, objective.
     settings : Search
-        Seed, effort, phases, the user's own sequence, processes.
+        Effort, phases, the user's own sequence, time limit, threads.
     report : callable
         Told what goes on: text and the fraction done.
-    hints : sequence of sequences, optional
+    hints : iterable of sequences, optional
         Tried first, with those of the constructed gaits.
 
     Returns
     -------
     Survey
-        The same for any number of workers.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If the user stops it before anything is found; later the survey is marked interrupted.
+        The same for any number of threads, but for time limits.
 
     Examples
     --------
     One link and two masses that rest in turn. Without the time that acceleration takes the speed
     would be half the rate.
 
+    >>> from wormopt.core.task import Limits, Worm
     >>> from wormopt.progress import silent
-    >>> from wormopt.scenes.gait_design import GaitLimits, Objective
-    >>> from wormopt.scenes.worm import WormTable
-    >>> worm = WormTable(links=1, mass=1.0, load=5.0)
-    >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> task = Task(worm, limits, Objective(maximise="speed"))
-    >>> settings = Search(sequence=((0,), (1,)), effort="quick", workers=1)
-    >>> survey = search(task, settings, silent)
-    >>> round(-survey.candidates[0].objective, 2), survey.starts
-    (0.42, 1)
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> survey = search(Task(Worm(1, load=5.0), limits), Search(), silent)
+    >>> round(survey.trials[0].value, 3), survey.trials[0].sequence
+    (0.425, ((0,), (1,)))
     """
-    effort, masses = effort_of(settings), task.worm.links + 1
-    trials = _Trials(task, effort, settings.seed, workers_of(settings, task.worm.links))
+    until = np.inf if settings.time_limit is None else monotonic() + settings.time_limit
+    over = threading.Event()
+    trier = Trier(task, stop=lambda: over.is_set() or monotonic() > until)
+    links = task.worm.links
+    race = _Race(task, trier, settings.workers or (1 if links <= 2 else os.cpu_count() or 1))
+    steps = _steps(race, settings, report, hints)
+    ended, varied = "searched", 0
+    try:
+        for varied in steps:
+            if monotonic() > until:
+                ended = "time limit"
+                break
+    except KeyboardInterrupt:
+        ended = "interrupted"
+    finally:
+        over.set()
+        race.close()
+    ranking = tuple(race.ranking)
+    return Survey(ranking, len(race.trials), varied, race.programs, ended)
+
+
+def _steps(
+    race: _Race, settings: Search, report: Report, hints: Iterable[Sequence_]
+) -> Iterator[int]:
+    """Search in steps of some seconds at most; after each, how many variations were tried."""
+    effort, task = effort_of(settings), race.task
     if settings.sequence is not None:
         own = tuple(tuple(sorted(s)) for s in settings.sequence)
-        trials.run([own], range(effort.starts))
-        return Survey(tuple(trials.ranking), len(own), 1, 0, 1, 0, trials.starts)
-    mirror = is_mirror_symmetric(task)
-    phases = _enumerated_phases(len(letters_of(task)), settings.phases)
-    space = sequences_of(task, phases)
-    # Constructed gaits first, so that none of them is ever better; then the highest ceilings.
-    first = [canonical(s, masses, mirror=mirror) for s in (*hints, *constructed_sequences(task))]
-    order = sorted(set(space) - set(first), key=lambda s: (-ceiling_of(task, s), len(s), s))
-    tried, varied, interrupted = 0, 0, False
-    try:
-        report("searching mode sequences", 0.0)
-        trials.run(list(dict.fromkeys(first)), [0])
-        if _bounds_are_quick(trials):
-            order = _rule_out(trials, order, report)
-        _try_out(trials, order, report)
-        trials.run(trials.close(0.02), range(1, 1 + effort.starts))
-        tried = len(trials.best)
-        varied = _vary(trials, settings, report, mirror=mirror)
-    except KeyboardInterrupt:
-        if not trials.ranking:
-            raise
-        tried, interrupted = tried or len(trials.best), True
-    everything = {*space, *first}
-    return Survey(
-        candidates=tuple(trials.ranking),
-        phases=phases,
-        space=len(everything),
-        excluded=len((trials.ruled_out & everything) - trials.best.keys()),
-        tried=tried,
-        varied=varied,
-        starts=trials.starts,
-        interrupted=interrupted,
-    )
+        report("trying your sequence", 0.0)
+        race.enter([(own, None)])
+        yield 0
+        race.promote(effort.width)
+        return
+    first = [race.canonical(s) for s in (*hints, *first_orders(task))]
+    first = [s for s in dict.fromkeys(first) if len(s) <= (settings.phases or len(s))]
+    report("trying constructed orders", 0.0)
+    for batch in _batches(first):
+        race.enter([(s, None) for s in batch])
+        yield 0
+    race.promote(1)
+    yield 0
+    orders = [s for s in plain_orders(task, settings.phases) if s not in race.trials]
+    tried = 0
+    for batch in _batches(islice(orders, effort.enumerated)):
+        report("searching orders of rest", 0.5 * tried / effort.enumerated)
+        race.enter([(s, None) for s in batch])
+        tried += len(batch)
+        yield 0
+    race.promote(effort.width)
+    yield from _vary(race, settings, report)
 
 
-def _bounds_are_quick(trials: _Trials) -> bool:
-    """Whether relaxations rule sequences out faster than they could be tried."""
-    task = trials.task
-    shortest, longest = task.limits.period_range
-    speed = task.objective.maximise == "speed" and task.limits.acceleration is not None
-    plain = shortest == longest and task.worm.links <= 2 and task.worm.drag == 0
-    return speed and plain and trials.effort.clearly > 0
-
-
-def _rule_out(trials: _Trials, sequences: list[Sequence_], report: Report) -> list[Sequence_]:
-    """Rule out what cannot win by its relaxation; give what is left."""
-    from wormopt.gaits.exclusion import rule_out  # loads a solver that few searches need
-
-    def start(branch: Branch) -> None:
-        report("trying relaxed durations", None)
-        trials.run_from(branch)
-
-    report("ruling out mode sequences", None)
-    possible = [s for s in sequences if s not in trials.best and not trials.cannot_win(s)]
-    beaten = rule_out(trials.task, possible, lambda: trials.cutoff, start)
-    trials.ruled_out |= beaten
-    return [s for s in possible if s not in beaten]
-
-
-def _try_out(trials: _Trials, sequences: list[Sequence_], report: Report) -> None:
-    """Try sequences in turn from a random start; what comes close gets more starts later."""
-    most = trials.effort.enumerated
-    while sequences and len(trials.best) < most:
-        possible = [s for s in sequences if not trials.cannot_win(s)]
-        batch, sequences = possible[:6], possible[6:]
-        report("searching mode sequences", 0.6 * len(trials.best) / most)
-        trials.run(batch, [0])
-
-
-def _enumerated_phases(letters: int, asked: int | None) -> int:
-    """Phases up to which enumeration stays small; longer sequences are left to variation."""
-    phases = asked or (4 if letters <= 7 else 3 if letters <= 21 else 2)
-    while phases > 2 and letters**phases > 1_000_000:
-        phases -= 1
-    return phases
-
-
-def constructed_sequences(task: Task) -> list[Sequence_]:
-    """Sequences of the constructed gaits that keep enough masses at rest.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-
-    Returns
-    -------
-    list of sequences
-        Block-rest waves, of more resting masses too where those share a load, and the accordion.
-    """
-    n = task.worm.links
-    found = [tuple(block_wave_sequence(n, a)) for a in sizes_of(task)]
-    if task.limits.resting == 1:
-        found.append(((0,), (n,)))
-    return found
-
-
-def _vary(trials: _Trials, settings: Search, report: Report, *, mirror: bool) -> int:
-    """Insert, drop and exchange resting sets in the best sequences while that helps."""
-    task, effort, varied = trials.task, trials.effort, 0
-    masses = task.worm.links + 1
-    most = settings.phases or 2 * masses
-    letters = letters_of(task)
+def _vary(race: _Race, settings: Search, report: Report) -> Iterator[int]:
+    """Vary the best orders while that helps."""
+    effort, varied = effort_of(settings), 0
     for turn in range(effort.rounds):
-        record = trials.record
-        words = {
-            canonical(word, masses, mirror=mirror)
-            for sequence in trials.close(0.02)[:3]
-            for word in neighbours(sequence, letters, most)
-        }
-        fresh = sorted(words - trials.best.keys() - trials.ruled_out)
-        order = np.random.default_rng((settings.seed, turn)).permutation(len(fresh))
-        chosen = [fresh[k] for k in order[: effort.varied]]
-        report("varying the best sequences", 0.6 + 0.2 * turn / effort.rounds)
-        batch = [s for s in chosen if not trials.cannot_win(s)]
-        trials.run(batch, range(effort.starts))
-        varied += len(batch)
-        if trials.record >= record - 1e-4 * abs(record):
+        record = race.value
+        fresh = list(islice(_variations(race, settings, effort.width), effort.varied))
+        for batch in _batches(fresh):
+            report("varying the best orders", 0.5 + 0.3 * turn / effort.rounds)
+            race.enter(batch)
+            varied += len(batch)
+            yield varied
+        race.promote(effort.width)
+        yield varied
+        if race.value <= record + 1e-5 * abs(record):
             break
-    return varied
+
+
+def _variations(
+    race: _Race, settings: Search, width: int
+) -> Iterator[tuple[Sequence_, np.ndarray]]:
+    """Neighbours and joined cycles of the best orders with durations to start from, each once."""
+    seen, most = set(race.trials), settings.phases or _MOST_PHASES
+    parents = _parents(race, width)
+    joined = islice(_joined(race, parents), _JOINED)
+    for sequence, durations in (*joined, *_edited(race, parents)):
+        key = race.canonical(sequence)
+        if len(sequence) <= most and is_gait(sequence) and key not in seen:
+            seen.add(key)
+            yield sequence, durations
+
+
+def _parents(race: _Race, width: int) -> list[Trial]:
+    """The best trials, and the best of each number of cycles."""
+    ranking = race.ranking
+    of_each = {t.cycles: t for t in reversed(ranking)}
+    enough = ranking[0].value - _MARGINS[0] * abs(ranking[0].value) if ranking else 0.0
+    close = sorted((t for t in of_each.values() if t.value >= enough), key=lambda t: -t.value)
+    return list(dict.fromkeys([*ranking[:width], *close[:width]]))
+
+
+def _edited(race: _Race, parents: list[Trial]) -> Iterator[tuple[Sequence_, np.ndarray]]:
+    """One resting set inserted, exchanged or dropped."""
+    for trial in parents:
+        durations = trial.durations
+        fresh = float(durations.mean()) / 2
+        for word, kept in neighbours(trial.sequence, letters_of(race.task)):
+            yield word, np.array([fresh if k is None else durations[k] for k in kept])
+
+
+def _joined(race: _Race, parents: list[Trial]) -> Iterator[tuple[Sequence_, np.ndarray]]:
+    """Two cycles in one, where a period has room: twice the same, its mirror image, two of the best."""
+    masses, longest = race.task.worm.links + 1, race.task.limits.period_range[1]
+    for one, two in product(parents, repeat=2):
+        first, second = one.durations, two.durations
+        if longest < 0.7 * (first.sum() + second.sum()):
+            continue
+        views = [(two.sequence, second)]
+        if race.mirror:
+            views.append((mirrored(two.sequence, masses), second))
+        for word, durations in views:
+            for k in range(len(word)):
+                yield (*one.sequence, *word[k:], *word[:k]), np.concatenate([first, np.roll(durations, -k)])
+
+
+def _batches(items: Iterable) -> Iterator[list]:
+    items = iter(items)
+    while batch := list(islice(items, _BATCH)):
+        yield batch
+
+
+# Most joined cycles in a round.
+_JOINED = 40
+# Phases of a cycle up to which orders are varied.
+_MOST_PHASES = 12

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import product
 
-__all__ = ["Resting", "Sequence_", "canonical", "is_gait", "neighbours", "sequences"]
+__all__ = ["Resting", "Sequence_", "canonical", "is_gait", "mirrored", "neighbours", "sequences"]
 
 Resting = tuple[int, ...]
 Sequence_ = tuple[Resting, ...]
@@ -79,11 +79,24 @@ def canonical(word: Sequence_, masses: int, *, mirror: bool) -> Sequence_:
     """
     images = [word]
     if mirror:
-        images.append(tuple(tuple(sorted(masses - 1 - i for i in s)) for s in word))
+        images.append(mirrored(word, masses))
     return min(image[k:] + image[:k] for image in images for k in range(len(word)))
 
 
-def neighbours(word: Sequence_, letters: Sequence[Resting], most: int) -> Iterator[Sequence_]:
+def mirrored(word: Sequence_, masses: int) -> Sequence_:
+    """Exchange head and tail.
+
+    Examples
+    --------
+    >>> mirrored(((0,), (0, 1)), 3)
+    ((2,), (1, 2))
+    """
+    return tuple(tuple(sorted(masses - 1 - i for i in s)) for s in word)
+
+
+def neighbours(
+    word: Sequence_, letters: Sequence[Resting]
+) -> Iterator[tuple[Sequence_, list[int | None]]]:
     """Drop, exchange or insert one resting set.
 
     Parameters
@@ -92,21 +105,27 @@ def neighbours(word: Sequence_, letters: Sequence[Resting], most: int) -> Iterat
         Resting masses, phase after phase.
     letters : sequence of tuple of int
         Resting sets that may come in.
-    most : int
-        Largest number of phases.
 
     Yields
     ------
-    tuple of tuple of int
+    word : tuple of tuple of int
+    origin : list of (int or None)
+        Which phase of the given word each of its phases is; None for what came in.
 
     Examples
     --------
-    >>> sorted(neighbours(((0,), (2,)), [(1,)], 3))[:2]
-    [((0,), (1,)), ((0,), (1,), (2,))]
+    >>> next(neighbours(((0,), (2,)), [(1,)]))
+    (((1,), (0,), (2,)), [None, 0, 1])
     """
+    every: list[int | None] = list(range(len(word)))
     for k in range(len(word)):
-        edits = [word[:k] + word[k + 1 :]]
-        for letter in letters:
-            edits.append((*word[:k], letter, *word[k + 1 :]))
-            edits.append((*word[:k], letter, *word[k:]))
-        yield from (e for e in edits if 2 <= len(e) <= most and is_gait(e))
+        edits = [
+            edit
+            for letter in letters
+            for edit in (
+                ((*word[:k], letter, *word[k:]), [*every[:k], None, *every[k:]]),
+                ((*word[:k], letter, *word[k + 1 :]), every),
+            )
+        ]
+        edits.append((word[:k] + word[k + 1 :], every[:k] + every[k + 1 :]))
+        yield from (e for e in edits if len(e[0]) >= 2 and is_gait(e[0]))

@@ -8,8 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from wormopt.core.modes import ceiling
-from wormopt.gaits.attempt import Task
-from wormopt.gaits.problem import loads_matter, rate_bounds
+from wormopt.core.task import Task
 from wormopt.gaits.scaled_limits import ScaledLimits
 from wormopt.gaits.sequences import Resting, Sequence_, sequences
 
@@ -60,7 +59,7 @@ def all_sequences(task: Task, phases: int) -> list[Sequence_]:
         As `sequences_of`, with the pause where it matters.
     """
     letters, limits = letters_of(task), ScaledLimits(task)
-    if loads_matter(task.limits, task.objective) and not any(map(limits.admits_rest, letters)):
+    if task.loads_matter and not any(map(limits.admits_rest, letters)):
         letters.append(tuple(range(task.worm.links + 1)))
     return _words(task, letters, phases)
 
@@ -79,7 +78,7 @@ def is_mirror_symmetric(task: Task) -> bool:
         Worm, limits, objective.
     """
     n, limits = task.worm.links, task.limits
-    contraction, extension = rate_bounds(limits, n)
+    contraction, extension = limits.rate_bounds(n)
     per_thing = [
         task.worm.masses,
         contraction,
@@ -108,8 +107,8 @@ def ceiling_of(task: Task, sequence: Sequence_) -> float:
 
 @lru_cache(maxsize=4096)
 def _ceiling_of_sets(task: Task, sets: frozenset[Resting]) -> float:
-    contraction, extension = rate_bounds(task.limits, task.worm.links)
-    return ceiling(contraction.tolist(), extension.tolist(), task.limits.resting, sets)
+    contraction, extension = task.limits.rate_bounds(task.worm.links)
+    return ceiling(contraction, extension, task.limits.resting, sets)
 
 
 def sizes_of(task: Task) -> range:
@@ -122,7 +121,7 @@ def sizes_of(task: Task) -> range:
     """
     fewest = task.limits.resting
     return range(
-        fewest, task.worm.links + 1 if loads_matter(task.limits, task.objective) else fewest + 1
+        fewest, task.worm.links + 1 if task.loads_matter else fewest + 1
     )
 
 

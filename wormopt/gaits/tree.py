@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wormopt.gaits.attempt import Task
+from wormopt.core.task import Task
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
 from wormopt.gaits.sequences import Sequence_
 

@@ -1,0 +1,326 @@
+"""The best gait of one order of rest as a bilinear program: durations times velocities.
+
+A cycle is cut into phases, one per set of resting masses, and each phase into arcs of free
+duration h. On an arc all velocities are polynomials, given by their Bernstein coefficients, so
+that limits on the coefficients hold at every instant. Rates are linear in velocities,
+accelerations and forces times h are linear in velocities and h; only lengths, ways and drag know
+products of h and a velocity. With one degree a velocity is linear on an arc, which is exact
+without drag: there the optimum is at some limit at all times, with constant acceleration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from wormopt.core.gait import Gait
+from wormopt.core.task import Limits, Objective, Task, Worm
+from wormopt.gaits.scaled_limits import Form, ScaledLimits
+from wormopt.gaits.sequences import Resting, Sequence_
+from wormopt.optimal.bilinear import BilinearProgram, BilinearRows, Point
+from wormopt.optimal.linear import Term
+
+__all__ = ["GaitProgram"]
+
+# Arcs of a smaller share of the cycle count as having no duration.
+_SHORT = 1e-9
+
+
+@lru_cache(maxsize=64)
+def _scaled(worm: Worm, limits: Limits, objective: Objective) -> ScaledLimits:
+    return ScaledLimits(Task(worm, limits, objective))
+
+
+class GaitProgram:
+    """The bilinear program of one cyclic order of rest.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits and objective; smooth costs are left out and the speed is sought.
+    sequence : tuple of tuple of int
+        Resting masses, phase after phase.
+    period : tuple of float
+        Shortest and longest duration of the cycle, whatever the limits say of the period.
+    arcs : int or sequence of int, optional
+        Arcs per phase, alike for all or one number for each.
+    degree : int, optional
+        Degree of the velocities on an arc.
+
+    Examples
+    --------
+    Two masses that rest in turn: without the time for ramps the speed would be half the rate.
+
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> program = GaitProgram(Task(Worm(1, load=5.0), limits), ((0,), (1,)), (1.0, 1.0))
+    >>> point = program.bilinear.climb(program.start([0.5, 0.5]), Climb(1e-9))
+    >>> round(program.speed(point), 9)
+    0.425
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        sequence: Sequence_,
+        period: tuple[float, float],
+        arcs: int | Sequence[int] = 6,
+        degree: int = 1,
+    ) -> None:
+        self.task, self.sequence, self.period, self.degree = task, sequence, period, degree
+        self.limits = _scaled(task.worm, replace(task.limits, period=period), task.objective)
+        self.arcs = np.broadcast_to(arcs, len(sequence))
+        self._edges = np.concatenate([[0], np.cumsum(self.arcs)])
+        self.total = int(self._edges[-1])
+        self._rows = BilinearRows()
+        self._peak: int | None = None
+        self._add_columns()
+        self._add_rates()
+        for phase, resting in enumerate(sequence):
+            at = slice(self._edges[phase], self._edges[phase + 1])
+            for form in self.limits.forms(resting):
+                self._add_form(form, at)
+            self._add_peaks(resting, at)
+        self._add_lengths()
+        self._add_ends()
+        self.bilinear = self._assemble()
+
+    # -- columns ---------------------------------------------------------------------------------
+
+    def _add_columns(self) -> None:
+        """Durations h, velocities v per arc, coefficient and mass, lengths l above the shortest."""
+        limits, total, degree, columns = self.limits, self.total, self.degree, self._rows.columns
+        fastest = np.repeat([limits.fastest(r) for r in self.sequence], self.arcs, axis=0)
+        self.h = columns(np.ones(total))
+        self.v = np.full((total, degree + 1, limits.links + 1), -1)
+        if self._continuous:
+            starts = columns(np.minimum(fastest, np.roll(fastest, 1, axis=0)))
+            self.v[:, 0], self.v[:, -1] = starts, np.roll(starts, -1, axis=0)
+        else:
+            self.v[:, 0], self.v[:, -1] = columns(fastest), columns(fastest)
+        for k in range(1, degree):
+            self.v[:, k] = columns(fastest)
+        self.length = columns(np.repeat(limits.strokes[None], total, axis=0))
+        if self.task.objective.minimise in ("peak_spike_load", "peak_actuator_force"):
+            self._peak = int(columns(np.array([np.inf]))[0])
+
+    @property
+    def _continuous(self) -> bool:
+        return self.limits.acceleration is not None
+
+    # -- rows ------------------------------------------------------------------------------------
+
+    def _add_rates(self) -> None:
+        """Rates of the links at all coefficients; between a mass at rest and one that moves a bound."""
+        ends = range(self.degree if self._continuous else self.degree + 1)
+        upper = np.array(self._rows.upper)
+        for j, (contraction, extension) in enumerate(zip(*self.limits.rates, strict=True)):
+            ahead, behind = (self.v[:, ends, i].ravel() for i in (j, j + 1))
+            np.minimum.at(upper, ahead[(behind < 0) & (ahead >= 0)], extension)
+            np.minimum.at(upper, behind[(ahead < 0) & (behind >= 0)], contraction)
+            both = (ahead >= 0) & (behind >= 0)
+            if both.any():
+                terms = [(ahead[both], 1.0), (behind[both], -1.0)]
+                self._rows.add(terms, [], -contraction, extension)
+        self._rows.upper = upper.tolist()
+
+    def _force(self, form: Form, at: slice, k: int) -> tuple[list[Term], list[tuple]]:
+        """Coefficient k of h times a form on some arcs: linear terms, and products for the drag.
+
+        Accelerations are of one degree less; where they meet a drag they are raised to its.
+        """
+        v, h, degree = self.v[at], self.h[at], self.degree
+        dragged = np.flatnonzero(form.beta * self.limits.drag)
+        raised = len(dragged) > 0
+        steps = [(k + 1, k, degree - k if raised else degree)]
+        if raised:
+            steps.append((k, k - 1, k))
+        linear = [
+            (v[:, end, i], sign * weight * form.alpha[i])
+            for later, sooner, weight in steps
+            if weight
+            for i in np.flatnonzero(form.alpha)
+            for end, sign in ((later, 1.0), (sooner, -1.0))
+        ]
+        products = [(h, v[:, k, i], self.limits.drag * form.beta[i]) for i in dragged]
+        return linear, products
+
+    def _coefficients(self, form: Form) -> range:
+        dragged = np.any(form.beta * self.limits.drag)
+        return range(self.degree + 1 if dragged else self.degree)
+
+    def _add_form(self, form: Form, at: slice) -> None:
+        """-below <= form <= above at all times of a phase, times h."""
+        for k in self._coefficients(form):
+            linear, products = self._force(form, at, k)
+            if not products and all(np.all(np.asarray(column) < 0) for column, _ in linear):
+                continue
+            if form.below < np.inf:
+                self._rows.add([*linear, (self.h[at], form.below)], products, 0.0, np.inf)
+            if form.above < np.inf:
+                self._rows.add([*linear, (self.h[at], -form.above)], products, -np.inf, 0.0)
+
+    def _add_peaks(self, resting: Resting, at: slice) -> None:
+        """Forces below the peak that is minimised, at all times of a phase and any load, times h."""
+        if self._peak is None:
+            return
+        limits, count = self.limits, self.limits.links + 1
+        loads = np.array(self.task.worm.load_range) / limits.force
+        if self.task.objective.minimise == "peak_spike_load":
+            whole = Form(limits.mass, np.ones(count), 0.0, 0.0)
+            self._add_peak(whole, at, count * loads[1], float(len(resting)))
+            return
+        for weight, at_rest in limits.actuators(resting):
+            for sign in (1.0, -1.0):
+                form = Form(sign * weight * limits.mass, sign * weight, 0.0, 0.0)
+                self._add_peak(form, at, float(np.max(sign * at_rest * loads)), 1.0)
+
+    def _add_peak(self, form: Form, at: slice, at_rest: float, shared: float) -> None:
+        for k in self._coefficients(form):
+            linear, products = self._force(form, at, k)
+            products = [*products, (self.h[at], self._peak, -shared)]
+            self._rows.add([*linear, (self.h[at], at_rest)], products, -np.inf, 0.0)
+
+    def _add_lengths(self) -> None:
+        """Lengths follow the rates, and stay in their ranges at all coefficients."""
+        share = 1.0 / (self.degree + 1)
+        for j, stroke in enumerate(self.limits.strokes):
+            length = self.length[:, j]
+            change: list[tuple] = []
+            for k in range(self.degree + 1):
+                change += [(self.h, self.v[:, k, j], share), (self.h, self.v[:, k, j + 1], -share)]
+                if k < self.degree:
+                    self._rows.add([(length, 1.0)], change, 0.0, stroke)
+            back = [(h, v, -weight) for h, v, weight in change]
+            self._rows.add([(np.roll(length, -1), 1.0), (length, -1.0)], back, 0.0, 0.0)
+
+    def _add_ends(self) -> None:
+        """Period, advance of the head, speed that is required, jumps of velocities."""
+        every = [(int(h), 1.0) for h in self.h]
+        shortest = self.limits.shortest_period
+        self._period = int(self._rows.add(every, [], shortest, 1.0)[0])
+        share = 1.0 / (self.degree + 1)
+        ways = [(int(self.h[k]), int(v), share) for k, row in enumerate(self.v[:, :, 0]) for v in row]
+        none = [(0, 0.0)]
+        self._advance = int(self._rows.add(none, ways, -np.inf, np.inf)[0])
+        required = self.task.objective.speed
+        if required is not None:
+            kept = [(h, -required / self.limits.speed) for h, _ in every]
+            self._rows.add(kept, ways, 0.0, np.inf)
+        if not self._continuous:
+            jump = [
+                (column, sign * mass)
+                for i, mass in enumerate(self.limits.mass)
+                for column, sign in ((self.v[:, 0, i], 1.0), (np.roll(self.v[:, -1, i], 1), -1.0))
+            ]
+            self._rows.add(jump, [], 0.0, np.inf)
+
+    def _assemble(self) -> BilinearProgram:
+        if self._peak is None:
+            return BilinearProgram(self._rows, self.h, self._advance, self._period)
+        low = int(self._rows.add([(self._peak, -1.0)], [], -np.inf, np.inf)[0])
+        return BilinearProgram(self._rows, self.h, low)
+
+    # -- points ----------------------------------------------------------------------------------
+
+    def start(
+        self, durations: Sequence[float] | np.ndarray, random: np.random.Generator | None = None
+    ) -> Point | None:
+        """Best motion with given durations of the phases (and random ones of their arcs)."""
+        shares = np.ones(self.total)
+        if random is not None:
+            shares = random.uniform(0.7, 1.3, self.total)
+        sums = np.add.reduceat(shares, self._edges[:-1])
+        return self.start_arcs(shares * np.repeat(np.asarray(durations) / sums, self.arcs))
+
+    def start_arcs(self, widths: np.ndarray) -> Point | None:
+        """Best motion with given durations of the arcs."""
+        x = np.zeros(len(self.bilinear.upper))
+        x[self.h] = widths / self.limits.time
+        return self.bilinear.restore(x)
+
+    def finer(self, point: Point, degree: int | None = None) -> tuple[GaitProgram, Point | None]:
+        """The same cycle with every arc halved, once those that only repeat others are joined."""
+        h = point.x[self.h]
+        joined = self._joined(point)
+        sums = np.add.reduceat(h, np.flatnonzero(joined))
+        arcs = np.add.reduceat(joined.astype(int), self._edges[:-1])
+        widths = np.repeat(sums / 2, 2) * self.limits.time
+        finer = GaitProgram(self.task, self.sequence, self.period, 2 * arcs, degree or self.degree)
+        return finer, finer.start_arcs(widths)
+
+    def _joined(self, point: Point) -> np.ndarray:
+        """True for each arc that must begin where it does.
+
+        At a phase, at a change of acceleration, and where a length turns: its range is held by
+        the coefficients, which an arc with a turn inside would hold farther from its ends.
+        """
+        begins = np.zeros(self.total, bool)
+        begins[self._edges[:-1]] = True
+        if self.degree > 1 or not self._continuous:
+            return np.ones(self.total, bool)
+        h, last = point.x[self.h], -1
+        long = h > _SHORT * h.sum()
+        v = np.where(self.v >= 0, point.x[self.v], 0.0)
+        slopes = (v[:, 1] - v[:, 0]) / np.where(long, h, 1.0)[:, None]
+        rates = np.diff(v, axis=2)
+        for k in range(self.total):
+            if begins[k]:
+                last = k if long[k] else -1
+            elif long[k]:
+                if last >= 0:
+                    bends = np.abs(slopes[k] - slopes[last]) > 1e-6 * (1 + np.abs(slopes[k]))
+                    turns = rates[last, 0] * rates[k, 1] < 0
+                    begins[k] = bends.any() or (turns & (np.abs(rates[k, 0]) < 1e-6)).any()
+                last = k
+        return begins
+
+    def durations(self, point: Point) -> np.ndarray:
+        """Duration of each phase, in the task's units."""
+        return np.add.reduceat(point.x[self.h], self._edges[:-1]) * self.limits.time
+
+    def widths(self, point: Point) -> np.ndarray:
+        """Duration of each arc, in the task's units."""
+        return point.x[self.h] * self.limits.time
+
+    @property
+    def unit(self) -> float:
+        """Unit of the objective, in the task's units."""
+        return self.limits.speed if self._peak is None else self.limits.force
+
+    def objective(self, point: Point) -> float:
+        """What is made large, in the task's units: the speed, or a peak load with its sign changed."""
+        if self._peak is None:
+            return self.speed(point)
+        return -float(point.x[self._peak]) * self.limits.force
+
+    def speed(self, point: Point) -> float:
+        """Mean speed, in the task's units."""
+        values = self.bilinear.values(point.x)
+        return float(values[self._advance] / values[self._period]) * self.limits.speed
+
+    def gait(self, point: Point) -> Gait:
+        """The cycle as link lengths over time; arcs without duration are left out."""
+        from math import comb
+
+        limits, degree = self.limits, self.degree
+        h = point.x[self.h]
+        kept = np.flatnonzero(h > 1e-14 * h.sum())
+        v = np.where(self.v >= 0, point.x[self.v], 0.0)[kept]
+        rates = -np.diff(v, axis=2) * limits.speed  # (arc, coefficient, link)
+        to_powers = np.array(
+            [
+                [comb(degree, p) * comb(p, k) * (-1.0) ** (p - k) if k <= p else 0.0 for k in range(degree + 1)]
+                for p in range(degree + 1)
+            ]
+        )
+        width = h[kept] * limits.time
+        powers = np.einsum("pk,akj->ajp", to_powers, rates)
+        power = np.arange(degree + 1)
+        shortest = np.array(self.task.limits.length_ranges(limits.links))[:, 0]
+        pieces = np.zeros((len(kept), limits.links, degree + 2))
+        pieces[:, :, 0] = point.x[self.length][kept] * limits.speed * limits.time + shortest
+        pieces[:, :, 1:] = powers / width[:, None, None] ** power / (power + 1)
+        return Gait(np.concatenate([[0.0], np.cumsum(width)]), pieces)
