@@ -1,15 +1,19 @@
 """Mode sequences, and the ceiling of the mode linear program against values known exactly."""
 
+import time
 from collections.abc import Iterable
 from fractions import Fraction
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import sparse
+from scipy.optimize import linprog
 
-from wormopt.core.modes import ModeSequence, ceiling
+from wormopt.core.ceiling import best_modes, ceiling
+from wormopt.core.modes import ModeSequence
 from wormopt.gaits.construct import block_wave
 from wormopt.worms.crawl import crawl
 
@@ -53,6 +57,33 @@ def test_the_accordion_with_two_rates_is_the_best(links: int):
     assert found == pytest.approx(exact, rel=1e-9)
 
 
+def listed(contraction: list[float], extension: list[float], sets: list) -> float:
+    """Solve the mode linear program as it is stated, with columns for every listed set.
+
+    Per mode the share of time, then the distance of every mass.
+    """
+    n, scale = len(contraction), max(contraction + extension)
+    change = np.eye(n, n + 2, 1) - np.eye(n, n + 2, 2)  # lengthening of a link over the mode
+    too_long, too_short = change.copy(), -change
+    too_long[:, 0] = -np.array(extension) / scale
+    too_short[:, 0] = -np.array(contraction) / scale
+    upper = np.full((len(sets), n + 2), np.inf)
+    for row, mode in zip(upper, sets, strict=True):
+        row[[i + 1 for i in mode]] = 0.0
+    sums = np.vstack([np.eye(1, n + 2), change])
+    answer = linprog(
+        np.tile(-np.eye(1, n + 2, 1), len(sets)).ravel(),
+        A_ub=sparse.kron(np.eye(len(sets)), np.vstack([too_long, too_short]), format="csr"),
+        b_ub=np.zeros(2 * n * len(sets)),
+        A_eq=np.tile(sums, len(sets)),
+        b_eq=np.eye(n + 1)[0],
+        bounds=np.column_stack([np.zeros(upper.size), upper.ravel()]),
+        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+    )
+    assert answer.status == 0
+    return -answer.fun * scale
+
+
 def all_sets(links: int, least: int) -> list[tuple[int, ...]]:
     masses = range(links + 1)
     return [s for size in range(least, links + 2) for s in combinations(masses, size)]
@@ -77,6 +108,127 @@ def test_limits_only_lower_the_ceiling(data: st.DataObject, links: int):
     # Run backwards and seen from behind, the worm crawls as well; what contracted now extends.
     mirrored = ceiling(extension[::-1], contraction[::-1], resting)
     assert mirrored == pytest.approx(whole, abs=slack)
+
+
+@settings(max_examples=40, deadline=None)
+@given(data=st.data(), links=st.integers(1, 6))
+def test_the_ceiling_is_that_of_all_sets_listed(data: st.DataObject, links: int):
+    rates = st.lists(st.floats(0.05, 3), min_size=links, max_size=links)
+    contraction, extension = data.draw(rates), data.draw(rates)
+    resting = data.draw(st.integers(1, links))
+    exact = listed(contraction, extension, list(combinations(range(links + 1), resting)))
+    assert ceiling(contraction, extension, resting) == pytest.approx(exact, rel=1e-9)
+    some = data.draw(st.lists(st.sampled_from(all_sets(links, 1)), min_size=1, max_size=8))
+    exact = listed(contraction, extension, some)
+    assert ceiling(contraction, extension, 1, some) == pytest.approx(exact, rel=1e-9, abs=1e-11)
+
+
+@pytest.mark.parametrize("resting", range(1, 9))
+def test_the_ceiling_of_eight_links_is_that_of_all_sets_listed(resting: int):
+    contraction, extension = np.random.default_rng(resting).uniform(0.2, 2.0, (2, 8)).tolist()
+    exact = listed(contraction, extension, list(combinations(range(9), resting)))
+    assert ceiling(contraction, extension, resting) == pytest.approx(exact, rel=1e-9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(data=st.data(), links=st.integers(1, 12), factor=st.floats(1e-6, 1e6))
+def test_the_ceiling_scales_mirrors_and_falls_with_resting_masses(
+    data: st.DataObject, links: int, factor: float
+):
+    rates = st.lists(st.floats(0.01, 10), min_size=links, max_size=links)
+    contraction, extension = data.draw(rates), data.draw(rates)
+    values = [ceiling(contraction, extension, a) for a in range(1, links + 1)]
+    assert all(more <= less * (1 + 1e-9) for less, more in pairwise(values))
+    resting = data.draw(st.integers(1, links))
+    scaled = ceiling([factor * c for c in contraction], [factor * e for e in extension], resting)
+    assert scaled == pytest.approx(factor * values[resting - 1], rel=1e-9)
+    # Time reversed and seen from behind it crawls as well: links in reverse, rates swapped.
+    mirrored = ceiling(extension[::-1], contraction[::-1], resting)
+    assert mirrored == pytest.approx(values[resting - 1], rel=1e-9)
+
+
+def fastest_segment(weights: np.ndarray, contraction: np.ndarray, extension: np.ndarray) -> float:
+    """Largest weighted sum of velocities between two masses at rest; ends without one are inf."""
+    n = len(weights)
+    if n == 0:
+        return 0.0
+    to_ahead, to_behind = np.eye(n + 1, n, -1), np.eye(n + 1, n)
+    lengthening = to_ahead - to_behind
+    inner = np.isfinite(contraction)
+    answer = linprog(
+        -weights,
+        A_ub=np.vstack([lengthening[inner], -lengthening[inner]]),
+        b_ub=np.concatenate([extension[inner], contraction[inner]]),
+    )
+    assert answer.status == 0
+    return -answer.fun
+
+
+def bound_of_weights(
+    weights: np.ndarray, contraction: np.ndarray, extension: np.ndarray, resting: int
+) -> float:
+    """Largest weighted sum of velocities with so many masses at rest, for weights of sum 1.
+
+    All masses advance alike in a period, so it is an upper bound on the mean speed. Linear
+    programs between masses at rest, then the best positions of 1, 2, ... of them.
+    """
+    n = len(contraction)
+    c, e = (np.concatenate([[np.inf], r, [np.inf]]) for r in (contraction, extension))
+
+    def between(ahead: int, behind: int) -> float:
+        links = slice(ahead + 1, behind + 1)
+        return fastest_segment(weights[ahead + 1 : behind], c[links], e[links])
+
+    best = {i: between(-1, i) for i in range(n + 1)}
+    inside = {(i, k): between(i, k) for i, k in combinations(range(n + 1), 2)}
+    for _ in range(resting - 1):
+        best = {
+            k: max((best[i] + inside[i, k] for i in best if i < k), default=-np.inf)
+            for k in range(n + 1)
+        }
+    return max(value + between(i, n + 1) for i, value in best.items())
+
+
+@pytest.mark.parametrize(
+    ("links", "resting"), [(6, 2), (16, 1), (16, 5), (16, 9), (32, 1), (32, 8), (32, 16), (32, 30)]
+)
+@pytest.mark.parametrize("equal", [True, False], ids=["equal", "unequal"])
+def test_a_mix_of_modes_reaches_the_ceiling_that_its_weights_prove(
+    links: int, resting: int, equal: bool
+):
+    """Primal and dual, both checked here: the mix is a motion, the weights bound all motions."""
+    rates = np.random.default_rng(links + resting).uniform(0.3, 1.5, (2, links))
+    contraction, extension = np.ones((2, links)) if equal else rates
+    (mix,) = best_modes(contraction.tolist(), extension.tolist(), resting)
+    shares, velocities = np.array(mix.shares), np.array(mix.velocities)
+    assert shares.sum() == pytest.approx(1, rel=1e-9)
+    assert shares.min() > 0
+    assert len(set(mix.sets)) == len(mix.sets) <= links + 2
+    for z, v in zip(mix.sets, velocities, strict=True):
+        assert len(z) == resting
+        assert v[list(z)] == pytest.approx(0, abs=1e-9)
+    assert velocities.min() > -1e-9
+    lengthening = velocities[:, :-1] - velocities[:, 1:]
+    assert (lengthening <= extension + 1e-9).all()
+    assert (lengthening >= -contraction - 1e-9).all()
+    assert shares @ velocities == pytest.approx(mix.speed, rel=1e-9)
+    weights = np.array(mix.weights)
+    assert weights.sum() == pytest.approx(1, rel=1e-12)
+    proven = bound_of_weights(weights, contraction, extension, resting)
+    assert mix.ceiling == pytest.approx(proven, rel=1e-9)
+    assert mix.speed == pytest.approx(proven, rel=2e-8)
+    slowest = min(*contraction, *extension)  # block-rest wave, accordion
+    assert mix.ceiling >= slowest * (links + 1 - resting) / (links + 1) * (1 - 1e-9)
+    if resting == 1:
+        assert mix.ceiling >= links * slowest / 2 * (1 - 1e-9)
+
+
+@pytest.mark.parametrize("links", [16, 32])
+def test_long_worms_take_no_longer_than_seconds(links: int):
+    begun = time.perf_counter()
+    for resting in (1, 2, links // 2, links):
+        ceiling([1.0] * links, [1.0] * links, resting)
+    assert time.perf_counter() - begun < 20  # about 1 on a machine with nothing else to do
 
 
 @settings(max_examples=25, deadline=None)

@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from wormopt.core.modes import ceiling
+from wormopt.core.ceiling import ceiling
 from wormopt.gaits.attempt import Task
 from wormopt.gaits.problem import loads_matter, rate_bounds
 from wormopt.gaits.scaled_limits import ScaledLimits
