@@ -27,7 +27,9 @@ _SAME = 1e-8
 # Of the largest rate: what is slower counts as rest where a unit of speed is chosen.
 _TINY = 1e-9
 # Rounds after which the bound stands as it is, true but not sharp; 32 links take about 100.
-_ROUNDS = 2000
+_ROUNDS = 500
+# Sets drawn per mass when mixes of few are sought.
+_DRAWS = 4
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,8 @@ def ceiling(
     -------
     float
         Distance per time, never below the speed of a gait within these limits: a bound by
-        multipliers, true but for rounding, and at most about 1e-9 of it above the optimum.
+        multipliers, true but for rounding, and at most about 1e-9 of it above the optimum unless
+        rates differ by many powers of ten.
 
     Raises
     ------
@@ -93,8 +96,9 @@ def ceiling(
 
     Notes
     -----
-    For equal rates r it is (n/2 - a + 1) r if 3 a <= n + 2, 2 r/n for a = n - 1 and r/(n + 1) for
-    a = n, see section 7 of the page on kinematic theory.
+    For equal rates r and n links it is (n/2 - a + 1) r if 3 a <= n + 2, 2 r/n for a = n - 1 and
+    r/(n + 1) for a = n; with n + 2 <= 3 a and 2 a <= n + 1 it is ((n + 2)/3 - a/2) r, checked up
+    to n = 59. No closed form is known otherwise. See section 7 of the page on kinematic theory.
 
     Examples
     --------
@@ -115,9 +119,9 @@ def best_modes(
 ) -> tuple[ModeMix, ...]:
     """Find mixes of few modes that reach the ceiling; their orders are candidates for gaits.
 
-    Optima are many. From each found one sets are taken out, in random order, as long as the rest
-    still reach the ceiling: no set can be left out of the mixes returned, but a mix of entirely
-    different and fewer sets may exist.
+    Optima are many. In every try, sets that can be part of one are drawn at random and taken out
+    again as long as those left still reach the ceiling. So no set can be left out of a mix
+    returned, but a mix of entirely different and fewer sets may exist: more tries help.
 
     Parameters
     ----------
@@ -135,6 +139,11 @@ def best_modes(
     tuple of ModeMix
         Different in their sets, fewest sets first; at least one.
 
+    Raises
+    ------
+    ArithmeticError
+        If no mix reaches the ceiling to 1e-8 of it, as when rates differ by many powers of ten.
+
     Examples
     --------
     >>> (mix,) = best_modes([1.0] * 4, [1.0] * 4, resting=1)
@@ -142,31 +151,60 @@ def best_modes(
     (((0,), (4,)), (0.5, 0.5))
     """
     whole = _generate(contraction, extension, resting, None)
+    if whole.speed < whole.ceiling * (1 - _SAME):
+        raise ArithmeticError("the rates differ too much to find modes that reach the ceiling")
     rng, found = np.random.default_rng(seed), {}
     for _ in range(count):
-        mix = _thinned(whole, contraction, extension, rng)
+        mix = _thinned(
+            whole, contraction, extension, _perhaps_used(whole, contraction, extension, rng)
+        )
         found.setdefault(mix.sets, mix)
     return tuple(sorted(found.values(), key=lambda mix: (len(mix.sets), mix.sets)))
 
 
 def _as_sets(sets: Iterable[Iterable[int]] | None) -> list[tuple[int, ...]] | None:
-    return None if sets is None else sorted({tuple(sorted(set(z))) for z in sets})
+    return sorted({tuple(sorted(set(z))) for z in sets or ()}) or None
+
+
+def _perhaps_used(
+    whole: ModeMix,
+    contraction: Sequence[float],
+    extension: Sequence[float],
+    rng: np.random.Generator,
+) -> list[tuple[int, ...]]:
+    """Draw resting sets that a best mix can have: those whose weighted sum is the ceiling."""
+    rates, unit, resting = np.array([contraction, extension]), whole.ceiling, len(whole.sets[0])
+    gains = _Chain(rates / unit).gains(np.array(whole.weights))
+    behind = _longest_paths(gains[::-1, ::-1].T, resting)[0][:, ::-1]
+    sets = set(whole.sets)
+    for _ in range(_DRAWS * len(gains)):
+        path, value = [0], 0.0
+        for left in range(resting, 0, -1):
+            ahead = value + gains[path[-1]]
+            total = ahead + behind[left]
+            path.append(int(rng.choice(np.flatnonzero(total > total.max() - _SAME))))
+            value = ahead[path[-1]]
+        sets.add(tuple(node - 1 for node in path[1:]))
+    return [z for _, z in sorted(zip(rng.permutation(len(sets)), sorted(sets), strict=True))]
 
 
 def _thinned(
     whole: ModeMix,
     contraction: Sequence[float],
     extension: Sequence[float],
-    rng: np.random.Generator,
+    sets: list[tuple[int, ...]],
 ) -> ModeMix:
-    """Take out sets as long as the others reach the ceiling."""
-    mix, resting = whole, len(whole.sets[0])
-    for index in rng.permutation(len(whole.sets)):
-        left = [z for z in mix.sets if z != whole.sets[index]]
-        if left and len(left) < len(mix.sets):
-            fewer = _generate(contraction, extension, resting, left)
-            if fewer.speed >= whole.ceiling * (1 - _SAME):
-                mix = fewer
+    """Take out sets, many at a time at first, as long as the others reach the ceiling."""
+    mix, size = whole, len(sets)
+    while size := size // 2:
+        start = 0
+        while start < len(sets):
+            others = sets[:start] + sets[start + size :]
+            fewer = _generate(contraction, extension, len(sets[0]), others) if others else None
+            if fewer and fewer.speed >= whole.ceiling * (1 - _SAME):
+                mix, sets = fewer, others
+            else:
+                start += size
     # weights that prove the best for fewer sets prove nothing for all
     return replace(mix, ceiling=whole.ceiling, weights=whole.weights)
 
@@ -375,6 +413,7 @@ class _Mixer:
         self._solver, self._rows = _simplex(), np.arange(chain.masses + 1, dtype=np.int32)
         self._sets: list[tuple[int, ...]] = []
         self._patterns: list[np.ndarray] = []
+        self._units: list[float] = []
         nothing = np.empty(0, np.int32), np.empty(0)
         self._solver.addCol(1.0, 0.0, _INFINITE, 0, *nothing)  # the speed
         for _ in range(chain.masses):  # velocity of the mass = speed
@@ -390,7 +429,9 @@ class _Mixer:
         """Add a pattern."""
         self._sets.append(resting)
         self._patterns.append(velocities)
-        entries = np.append(velocities, 1.0)
+        # solvers like entries near 1: of fast patterns the distance is the unknown, not the share
+        self._units.append(max(1.0, float(velocities.max())))
+        entries = np.append(velocities, 1.0) / self._units[-1]
         self._solver.addCol(0.0, 0.0, _INFINITE, len(entries), self._rows, entries)
 
     def mix(self) -> tuple[float, np.ndarray]:
@@ -401,7 +442,7 @@ class _Mixer:
 
     def modes(self) -> tuple[dict[tuple[int, ...], float], list[np.ndarray]]:
         """Give shares and mean velocities of the resting sets in the best mix, sets sorted."""
-        parts = _solution(self._solver)[0][1:]
+        parts = _solution(self._solver)[0][1:] / self._units
         way: dict[tuple[int, ...], np.ndarray] = {}
         shares: dict[tuple[int, ...], float] = {}
         for i in sorted(np.flatnonzero(parts > _SOLVED).tolist(), key=lambda i: self._sets[i]):
@@ -431,6 +472,9 @@ def _solution(solver: Any) -> tuple[np.ndarray, np.ndarray]:
     import highspy
 
     solver.run()
+    if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+        solver.clearSolver()  # the basis of the last program may be a poor start
+        solver.run()
     if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
         raise ArithmeticError(f"the mode linear program failed: {solver.getModelStatus()}")
     solution = solver.getSolution()
