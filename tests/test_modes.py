@@ -353,6 +353,20 @@ def test_mixes_of_fewest_sets_are_found(links: int):
             )
 
 
+@pytest.mark.parametrize("links", [2, 13, 32])
+@pytest.mark.parametrize("ratio", [1e-5, 1e-14])
+def test_a_link_that_hardly_moves_does_not_spoil_the_bound(links: int, ratio: float):
+    """It joins two masses into one, up to what it moves itself."""
+    rates = np.random.default_rng(links).uniform(0.5, 1.5, (2, links))
+    stiff = rates.copy()
+    stiff[:, links // 2] = ratio
+    contraction, extension = np.delete(rates, links // 2, axis=1).tolist()
+    joined = ceiling(contraction, extension, 1)
+    contraction, extension = stiff.tolist()
+    bound = ceiling(contraction, extension, 1)
+    assert joined * (1 - 1e-9) <= bound <= joined + links * max(ratio, 2e-6)
+
+
 @pytest.mark.parametrize("links", [16, 32])
 def test_long_worms_take_no_longer_than_seconds(links: int):
     begun = time.perf_counter()

@@ -24,7 +24,9 @@ __all__ = ["ModeMix", "best_modes", "ceiling"]
 _WORTHWHILE = 2e-10
 _SOLVED = 1e-10
 _SAME = 1e-8
-# Of the largest rate: what is slower counts as rest where a unit of speed is chosen.
+# Of the largest rate: slower links are taken to be as fast as this, which the solver can tell
+# from 0; and what is slower counts as rest where a unit of speed is chosen.
+_SLOWEST = 1e-6
 _TINY = 1e-9
 # Rounds after which the bound stands as it is, true but not sharp; 32 links take about 100.
 _ROUNDS = 500
@@ -86,8 +88,8 @@ def ceiling(
     -------
     float
         Distance per time, never below the speed of a gait within these limits: a bound by
-        multipliers, true but for rounding, and at most about 1e-9 of it above the optimum unless
-        rates differ by many powers of ten.
+        multipliers, true but for rounding, and at most about 1e-9 of it above the optimum. Links
+        slower than 1e-6 of the fastest rate count as if they had that rate.
 
     Raises
     ------
@@ -142,7 +144,8 @@ def best_modes(
     Raises
     ------
     ArithmeticError
-        If no mix reaches the ceiling to 1e-8 of it, as when rates differ by many powers of ten.
+        If no mix is found that reaches the ceiling to 1e-8 of it, as can happen where rates differ
+        by many powers of ten.
 
     Examples
     --------
@@ -152,7 +155,7 @@ def best_modes(
     """
     whole = _generate(contraction, extension, resting, None)
     if whole.speed < whole.ceiling * (1 - _SAME):
-        raise ArithmeticError("the rates differ too much to find modes that reach the ceiling")
+        raise ArithmeticError("no modes were found that reach the ceiling: rates differ too much")
     rng, found = np.random.default_rng(seed), {}
     for _ in range(count):
         mix = _thinned(
@@ -219,6 +222,7 @@ def _generate(
     masses = len(contraction) + 1
     first = sets or [_block(start, resting, masses) for start in range(masses)]
     rates = np.array([contraction, extension], float)
+    rates = np.maximum(rates, _SLOWEST * rates.max())  # which can only raise the ceiling
     # Tolerances of the solver are absolute, so the speed of the first mix becomes the unit.
     unit = float(rates.max())
     speed = _Mixer(_Chain(rates / unit), first).mix()[0]
@@ -429,8 +433,8 @@ class _Mixer:
         """Add a pattern."""
         self._sets.append(resting)
         self._patterns.append(velocities)
-        # solvers like entries near 1: of fast patterns the distance is the unknown, not the share
-        self._units.append(max(1.0, float(velocities.max())))
+        # fast patterns have small shares, and the solver drops entries that are too small
+        self._units.append(float(np.sqrt(max(1.0, velocities.max()))))
         entries = np.append(velocities, 1.0) / self._units[-1]
         self._solver.addCol(0.0, 0.0, _INFINITE, len(entries), self._rows, entries)
 
@@ -472,8 +476,12 @@ def _solution(solver: Any) -> tuple[np.ndarray, np.ndarray]:
     import highspy
 
     solver.run()
-    if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+    for tolerance in (_TOLERANCE, 1e-7):  # bounds are true for any multipliers
+        if solver.getModelStatus() == highspy.HighsModelStatus.kOptimal:
+            break
         solver.clearSolver()  # the basis of the last program may be a poor start
+        solver.setOptionValue("primal_feasibility_tolerance", tolerance)
+        solver.setOptionValue("dual_feasibility_tolerance", tolerance)
         solver.run()
     if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
         raise ArithmeticError(f"the mode linear program failed: {solver.getModelStatus()}")
@@ -481,10 +489,12 @@ def _solution(solver: Any) -> tuple[np.ndarray, np.ndarray]:
     return np.array(solution.col_value), np.array(solution.row_dual)
 
 
+_TOLERANCE = 1e-10
 _OPTIONS = {
     "threads": 1,
     "solver": "simplex",
+    "small_matrix_value": 1e-12,
     "presolve": "off",  # programs differ little from the last: its basis is worth more
-    "primal_feasibility_tolerance": 1e-10,
-    "dual_feasibility_tolerance": 1e-10,
+    "primal_feasibility_tolerance": _TOLERANCE,
+    "dual_feasibility_tolerance": _TOLERANCE,
 }
