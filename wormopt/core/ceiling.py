@@ -150,8 +150,8 @@ def best_modes(
     Examples
     --------
     >>> (mix,) = best_modes([1.0] * 4, [1.0] * 4, resting=1)
-    >>> mix.sets, mix.shares
-    (((0,), (4,)), (0.5, 0.5))
+    >>> mix.sets, [round(share, 9) for share in mix.shares]
+    (((0,), (4,)), [0.5, 0.5])
     """
     whole = _generate(contraction, extension, resting, None)
     if whole.speed < whole.ceiling * (1 - _SAME):
