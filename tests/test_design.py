@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.core.modes import ceiling
+from wormopt.core.ceiling import ceiling
 from wormopt.errors import Interrupted, SolveError
 from wormopt.gaits import search
 from wormopt.gaits.attempt import Task

@@ -1,16 +1,15 @@
-"""Which contact holds when: mode sequences, and the ceiling that modes alone put on the speed."""
+"""Which contact holds when: mode sequences."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
 from wormopt.errors import ArgumentError
 
-__all__ = ["ModeSequence", "ceiling"]
+__all__ = ["ModeSequence"]
 
 
 @dataclass(frozen=True)
@@ -80,75 +79,3 @@ class ModeSequence:
     def states(self) -> np.ndarray:
         """Contact states as an array, shape (phases, contacts)."""
         return np.array(self.phases, dtype=int)
-
-
-def ceiling(
-    contraction: Sequence[float],
-    extension: Sequence[float],
-    resting: int,
-    sets: Iterable[Iterable[int]] | None = None,
-) -> float:
-    """Upper bound on the mean speed that link-rate limits and resting masses alone allow.
-
-    The mode linear program: each mode (which masses rest) has a share of the period and a
-    distance for every moving mass; all masses advance alike and no link changes faster than its
-    rate. It holds for any period, any order of modes and any further limit.
-
-    Parameters
-    ----------
-    contraction, extension : sequence of float, shape (n,)
-        Largest rates -l_j' and l_j'.
-    resting : int
-        Masses at rest at any time, 1 <= a <= n.
-    sets : iterable of iterables of int, optional
-        Resting sets that may occur; by default all of ``resting`` masses.
-
-    Returns
-    -------
-    float
-        Distance per time, never below the speed of a gait within these limits.
-
-    Raises
-    ------
-    ArithmeticError
-        If the linear program is not solved, which it always can be: rest is feasible.
-
-    Examples
-    --------
-    >>> round(ceiling([1.0, 1.0], [1.0, 1.0], resting=1), 12)
-    1.0
-    """
-    from scipy import sparse
-    from scipy.optimize import linprog
-
-    n, scale = len(contraction), float(max(*contraction, *extension))
-    modes = [frozenset(s) for s in (sets or combinations(range(n + 1), resting))]
-    # Columns per mode: share of the period, then the distance of every mass.
-    width, total = n + 2, (n + 2) * len(modes)
-    change = np.zeros((n, width))  # lengthening of link j over the mode
-    change[np.arange(n), np.arange(n) + 1] = 1.0
-    change[np.arange(n), np.arange(n) + 2] = -1.0
-    too_long, too_short = change.copy(), -change
-    too_long[:, 0] = -np.asarray(extension) / scale  # tolerances of the solver are absolute
-    too_short[:, 0] = -np.asarray(contraction) / scale
-    rates = sparse.kron(np.eye(len(modes)), np.vstack([too_long, too_short]), format="csr")
-    shares = np.tile(np.eye(1, width), len(modes))
-    closed = sparse.csr_matrix(np.tile(change, len(modes)))
-    upper = np.full((len(modes), width), np.inf)
-    for row, mode in enumerate(modes):
-        upper[row, [i + 1 for i in mode]] = 0.0
-    head = np.zeros((len(modes), width))
-    head[:, 1] = -1.0
-    answer = linprog(
-        head.ravel(),
-        A_ub=rates,
-        b_ub=np.zeros(2 * n * len(modes)),
-        A_eq=sparse.vstack([sparse.csr_matrix(shares), closed]),
-        b_eq=np.concatenate([[1.0], np.zeros(n)]),
-        bounds=np.column_stack([np.zeros(total), upper.ravel()]),
-        method="highs",
-        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
-    )
-    if answer.status != 0:
-        raise ArithmeticError(f"the mode linear program failed: {answer.message}")
-    return float(-answer.fun) * scale

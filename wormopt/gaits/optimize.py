@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wormopt.core.ceiling import ceiling
 from wormopt.core.gait import Gait
-from wormopt.core.modes import ModeSequence, ceiling
+from wormopt.core.modes import ModeSequence
 from wormopt.errors import SolveError
 from wormopt.gaits.attempt import Task, mesh_of
 from wormopt.gaits.polish import as_found, polish, refine

@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from wormopt.core.modes import ceiling
+from wormopt.core.ceiling import ceiling
 from wormopt.core.task import Task
 from wormopt.gaits.scaled_limits import ScaledLimits
 from wormopt.gaits.sequences import Resting, Sequence_, sequences
