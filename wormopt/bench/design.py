@@ -6,9 +6,10 @@ import math
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 from wormopt.bench.design_cases import G1, Case, draw, scene_text
 from wormopt.bench.design_milp import by_milp
@@ -24,6 +25,8 @@ __all__ = [
     "Attempt",
     "Posed",
     "Reached",
+    "bounds",
+    "described",
     "measure_design",
     "ours",
     "posed",
@@ -181,7 +184,7 @@ def ours(case: Case, seconds: float, design: Callable[[Case, float, Better], Non
     return course
 
 
-def _by_scene(case: Case, seconds: float, better: Better) -> None:
+def _by_scene(case: Case, seconds: float, better: Better) -> None:  # noqa: ARG001
     """Run a scene to its end; it takes no time limit, and tells the last gait alone."""
     from wormopt.scenes import load_scene
     from wormopt.studies.gait_design import run
@@ -230,7 +233,9 @@ def measure_design(
     for problem in problems:
         for name, solve in solvers.items():
             attempt = Attempt(name, problem.case["name"], problem.bound)
-            report(f"design: {name} on {attempt.problem}", len(known) / len(problems) / len(solvers))
+            report(
+                f"design: {name} on {attempt.problem}", len(known) / len(problems) / len(solvers)
+            )
             try:
                 attempt.course = solve(problem.case, seconds)
             except Exception as error:  # whatever a designer does wrong
@@ -278,3 +283,59 @@ def reached(known: Sequence[Attempt]) -> list[Reached]:
             share = sum(map(math.isfinite, times)) / len(times)
             rows.append(Reached(solver, accuracy, median(times), share))
     return rows
+
+
+def described(known: Sequence[Attempt]) -> dict[str, Any]:
+    """Lay out what was measured for JSON.
+
+    Parameters
+    ----------
+    known : sequence of Attempt
+        What was measured.
+
+    Returns
+    -------
+    dict
+    """
+    most, rows = bounds(known), reached(known)
+    attempts = [
+        asdict(a)
+        | {
+            "bound": most[a.problem],
+            "certified": not math.isnan(a.bound),
+            "best": a.best,
+            "wrong": a.wrong,
+        }
+        for a in known
+    ]
+    summed = [
+        {
+            "solver": r.solver,
+            "accuracy": r.accuracy,
+            "time_s": _finite(r.seconds),
+            "share": r.share,
+        }
+        for r in rows
+    ]
+    ratios = [{"accuracy": a, "ratio": _finite(_ratio(rows, a))} for a in ACCURACIES]
+    uncertified = len({a.problem for a in known if math.isnan(a.bound)})
+    return {
+        "case": "design",
+        "attempts": attempts,
+        "reached": summed,
+        "ratios": ratios,
+        "uncertified": uncertified,
+        "done": False,
+    }
+
+
+def _ratio(rows: Sequence[Reached], accuracy: float) -> float:
+    """Median time of ours over that of the fastest of the others."""
+    times = {r.solver: r.seconds for r in rows if r.accuracy == accuracy}
+    own = times.pop(OWN, math.inf)
+    fastest = min(times.values(), default=math.inf)
+    return own / fastest if math.isfinite(fastest) else math.inf
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -108,7 +108,7 @@ class Limits:
 
     @property
     def fastest(self) -> np.ndarray:
-        """Velocity that no mass exceeds, shape (n + 1,): some other rests, links differ by rates."""
+        """Velocity that no mass exceeds while some other rests, shape (n + 1,)."""
         ahead = np.append(0.0, np.cumsum(self.extension))
         behind = np.append(0.0, np.cumsum(self.contraction))
         return np.maximum(ahead[-1] - ahead, behind)

@@ -136,7 +136,7 @@ def solve_grid(
     solver.passModel(_program(limits, grid))
     if start is not None:
         guess: Any = highspy.HighsSolution()
-        guess.col_value = _halved(start, limits)
+        guess.col_value = _halved(start)
         solver.setSolution(guess)
     best: list[Motion] = []
 
@@ -228,7 +228,7 @@ def _motion(values: np.ndarray, limits: Limits, grid: Grid) -> Motion:
     return Motion(np.full(N, grid.period / N), velocities, lengths)
 
 
-def _halved(motion: Motion, limits: Limits) -> np.ndarray:
+def _halved(motion: Motion) -> np.ndarray:
     """Columns of the same motion on twice as many steps."""
     v, h = motion.velocities, motion.durations[0] / 2
     velocities = np.stack([v, (v + np.roll(v, -1, axis=0)) / 2], axis=1).reshape(-1, v.shape[1])

@@ -1,4 +1,4 @@
-"""Motions of piecewise linear velocities, by which rivals are judged: speed and excess in closed form.
+"""Motions of piecewise linear velocities, by which rivals are judged, in closed form.
 
 Shares no code with the designer or with `crawl`.
 """

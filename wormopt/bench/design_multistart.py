@@ -265,22 +265,22 @@ class _Program:
         rests = np.zeros((K, n + 1), bool)
         for k, masses in enumerate(start.word):
             rests[k * _ARCS : (k + 1) * _ARCS, list(masses)] = True
-        at_nodes = rests | np.roll(rests, 1, axis=0)
-        fastest = np.where(at_nodes, 0.0, limits.fastest)
+        fastest = np.where(rests | np.roll(rests, 1, axis=0), 0.0, limits.fastest).ravel()
         parts = np.repeat(rng.dirichlet(np.full(len(start.word), 3.0)), _ARCS)
         parts *= rng.uniform(0.5, 1.5, K)
         durations = parts / parts.sum() * rng.uniform(shortest, longest)
-        speeds = fastest * rng.uniform(0.0, 0.5, (K, n + 1))
-        lengths = np.tile(limits.length.mean(axis=1), K)
-        low, high = limits.length.T
+        least = np.full(K, _SHORTEST * longest)
+        low, middle, high = (
+            np.tile(f(limits.length, axis=1), K) for f in (np.min, np.mean, np.max)
+        )
         answer = self._solver(
-            x0=np.concatenate([durations, speeds.ravel(), lengths]),
+            x0=np.concatenate([durations, fastest * rng.uniform(0.0, 0.5, len(fastest)), middle]),
             p=rests.sum(axis=1),
-            lbx=np.concatenate([np.full(K, _SHORTEST * longest), 0 * speeds.ravel(), np.tile(low, K)]),
-            ubx=np.concatenate([np.full(K, longest), fastest.ravel(), np.tile(high, K)]),
+            lbx=np.concatenate([least, 0.0 * fastest, low]),
+            ubx=np.concatenate([np.full(K, longest), fastest, high]),
             lbg=np.concatenate([*(row[1] for row in self._rows), [shortest]]),
             ubg=np.concatenate([*(row[2] for row in self._rows), [longest]]),
-        )  # fmt: skip
+        )
         x = np.array(answer["x"]).ravel()
         if not np.all(np.isfinite(x)):
             return None
