@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import highspy
 import numpy as np
@@ -155,7 +155,7 @@ def _program(limits: Limits, grid: Grid) -> Any:
     matrix, low, high = _rows(limits, grid)
     program: Any = highspy.HighsLp()
     program.sense_ = highspy.ObjSense.kMaximize
-    program.num_row_, program.num_col_ = matrix.shape
+    program.num_row_, program.num_col_ = len(low), N * (3 * n + 2)
     head = np.zeros(masses)
     head[0] = 1 / N
     program.col_cost_ = np.concatenate([np.tile(head, N), np.zeros(N * (n + masses))])
@@ -173,49 +173,56 @@ def _program(limits: Limits, grid: Grid) -> Any:
 
 
 def _rows(limits: Limits, grid: Grid) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
-    """All limits, each as (velocities, lengths, rests, lower side, upper side)."""
-    N, n, dt = grid.steps, limits.links, grid.period / grid.steps
-    here = sparse.identity(N, format="csr")
-    there = here[np.roll(np.arange(N), -1)]  # of the next node
-    rates = np.eye(n, n + 1) - np.eye(n, n + 1, 1)
-    links, masses, total = np.eye(n), np.eye(n + 1), np.ones((1, n + 1))
-    fastest, inf = limits.fastest, np.inf
-    force = sparse.kron(there - here, limits.mass[None, :] / dt)
-    forces = [force + sparse.kron(at, limits.drag * total) for at in (here, there)]
-    at_rest = sparse.kron(here, np.diag(fastest))
-    blocks = [
-        (sparse.kron(here, rates), None, None, -limits.contraction, limits.extension),
-        (
-            sparse.kron(there - here, rates), None, None,
-            -limits.acceleration * dt, limits.acceleration * dt,
-        ),
-        (
-            sparse.kron(there + here, -dt / 2 * rates), sparse.kron(there - here, links), None,
-            0.0, 0.0,
-        ),
-        (
-            sparse.kron(here, dt / 2 * rates), sparse.kron(here, links), None,
-            limits.length[:, 0], limits.length[:, 1],
-        ),
-        *((sparse.kron(at, masses), None, at_rest, -inf, fastest) for at in (here, there)),
-        (None, None, sparse.kron(here, total), float(limits.resting), inf),
-        *((given, None, None, -limits.static_load, inf) for given in forces),
-    ]  # fmt: skip
-    if np.isfinite(limits.spike_load):
-        shared = sparse.kron(here, -limits.spike_load * total)
-        blocks += [(given, None, shared, -inf, -limits.static_load) for given in forces]
+    """Stack all limits, each of which is repeated in every step."""
+    N, n = grid.steps, limits.links
     widths = (N * (n + 1), N * n, N * (n + 1))
-    matrix, low, high = [], [], []
-    for *parts, lower, upper in blocks:
-        rows = next(part.shape[0] for part in parts if part is not None)
+    matrix: list[Any] = []
+    sides: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    for limit in _limits_of_steps(limits, grid):
+        rows = next(part.shape[0] for part in limit.parts if part is not None)
         row = [
             sparse.csr_matrix((rows, width)) if part is None else part
-            for part, width in zip(parts, widths, strict=True)
+            for part, width in zip(limit.parts, widths, strict=True)
         ]
         matrix.append(sparse.hstack(row))
-        for sides, side in ((low, lower), (high, upper)):
-            sides.append(np.tile(np.broadcast_to(side, rows // N), N))
-    return sparse.csr_matrix(sparse.vstack(matrix)), np.concatenate(low), np.concatenate(high)
+        for known, side in zip(sides, (limit.low, limit.high), strict=True):
+            known.append(np.tile(np.broadcast_to(side, rows // N), N))
+    low, high = map(np.concatenate, sides)
+    return sparse.csr_matrix(sparse.vstack(matrix)), low, high
+
+
+class _Limit(NamedTuple):
+    """Coefficients of velocities, lengths and rests, None where they are zero, and both sides."""
+
+    parts: tuple[Any, Any, Any]
+    low: float | np.ndarray
+    high: float | np.ndarray
+
+
+def _limits_of_steps(limits: Limits, grid: Grid) -> Iterator[_Limit]:
+    N, n, dt, inf = grid.steps, limits.links, grid.period / grid.steps, np.inf
+    here = np.eye(N)
+    there = np.roll(here, 1, axis=1)  # at the next node
+    every, total = sparse.kron(here, np.eye(n)), np.ones((1, n + 1))
+    rates = np.eye(n, n + 1) - np.eye(n, n + 1, 1)
+    rate, change = sparse.kron(here, rates), sparse.kron(there - here, rates)
+    reach, fastest = limits.acceleration * dt, limits.fastest
+    yield _Limit((rate, None, None), -limits.contraction, limits.extension)
+    yield _Limit((change, None, None), -reach, reach)
+    grown = sparse.kron(there + here, -dt / 2 * rates)
+    yield _Limit((grown, sparse.kron(there - here, np.eye(n)), None), 0.0, 0.0)
+    # the middle Bernstein coefficient
+    yield _Limit((dt / 2 * rate, every, None), limits.length[:, 0], limits.length[:, 1])
+    yield _Limit((None, None, sparse.kron(here, total)), float(limits.resting), inf)
+    for at in (here, there):
+        still = sparse.kron(here, np.diag(fastest))
+        yield _Limit((sparse.kron(at, np.eye(n + 1)), None, still), -inf, fastest)
+        force = sparse.kron(there - here, limits.mass[None, :] / dt)
+        force += sparse.kron(at, limits.drag * total)
+        yield _Limit((force, None, None), -limits.static_load, inf)
+        if np.isfinite(limits.spike_load):
+            shared = sparse.kron(here, -limits.spike_load * total)
+            yield _Limit((force, None, shared), -inf, -limits.static_load)
 
 
 def _motion(values: np.ndarray, limits: Limits, grid: Grid) -> Motion:

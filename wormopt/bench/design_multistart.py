@@ -233,8 +233,10 @@ class _Program:
 
     def _add(self, row: ca.SX, low: float | np.ndarray, high: float | np.ndarray) -> None:
         size, repeated = row.numel(), row.shape[1]
-        sides = (np.tile(np.broadcast_to(s, size // repeated), repeated) for s in (low, high))
-        self._rows.append((ca.vec(row), *sides))
+        least, most = (
+            np.tile(np.broadcast_to(side, size // repeated), repeated) for side in (low, high)
+        )
+        self._rows.append((ca.vec(row), least, most))
 
     def _add_links(self, h: ca.SX, v: ca.SX, later: ca.SX, lengths: ca.SX) -> None:
         limits, n = self._limits, self._limits.links
