@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from statistics import median
+from statistics import median_high
 from typing import Any
 
 from wormopt.bench.design_cases import G1, Case, draw, scene_text
@@ -281,7 +281,7 @@ def reached(known: Sequence[Attempt]) -> list[Reached]:
         for solver in dict.fromkeys(a.solver for a in known):
             times = [a.time_to(accuracy, most[a.problem]) for a in known if a.solver == solver]
             share = sum(map(math.isfinite, times)) / len(times)
-            rows.append(Reached(solver, accuracy, median(times), share))
+            rows.append(Reached(solver, accuracy, median_high(times), share))
     return rows
 
 

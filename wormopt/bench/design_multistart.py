@@ -91,8 +91,8 @@ def by_multistart(
 ) -> Course:
     """Design a gait from random starts until the time is over.
 
-    Half of the starts take a random order and number of cycles, the others those of one of the
-    best, changed by chance.
+    A third of the starts takes a random order and number of cycles, the others those of one of
+    the best, changed by chance.
 
     Parameters
     ----------
@@ -163,12 +163,14 @@ def best_by_multistart(
 def _next(
     limits: Limits, kept: dict[Start, float], phases: Sequence[int], rng: np.random.Generator
 ) -> Start:
-    if len(kept) < 2 or rng.random() < 0.5:
+    if len(kept) < 2 or rng.random() < 0.3:
         word = _random_word(limits, phases, rng)
         return Start(word, int(rng.integers(1, _CYCLES + 1)))
     near = list(kept)[min(int(rng.geometric(0.4)) - 1, len(kept) - 1)]
     cycles = min(max(near.cycles + int(rng.integers(-1, 2)), 1), _CYCLES)
-    changed = _changed(limits, near.word, rng)
+    changed = near.word
+    for _ in range(int(rng.integers(4))):
+        changed = _changed(limits, changed, rng) or near.word
     allowed = len(changed) in phases and _moves(changed)
     return Start(_turned(changed) if allowed else near.word, cycles)
 
@@ -191,9 +193,9 @@ def _random_set(limits: Limits, rng: np.random.Generator) -> tuple[int, ...]:
 
 
 def _changed(limits: Limits, word: Word, rng: np.random.Generator) -> Word:
-    """Put a phase in, take one out, replace one, or leave all as it is."""
+    """Put a phase in, take one out, or replace one."""
     place, new = int(rng.integers(len(word))), _random_set(limits, rng)
-    skip, insert = [(0, ()), (0, (new,)), (1, ()), (1, (new,))][int(rng.integers(4))]
+    skip, insert = [(0, (new,)), (1, ()), (1, (new,))][int(rng.integers(3))]
     return word[:place] + insert + word[place + skip :]
 
 

@@ -164,7 +164,13 @@ def draw_gaps(known: Sequence[Attempt], path: Path) -> None:
         gaps = np.array([_gaps(a, most[a.problem], times) for a in known if a.solver == solver])
         axes.plot(times, gaps.T, color=_COLOURS[k], linewidth=0.5, alpha=0.4)
         width = 2.6 if solver == OWN else 1.6
-        axes.plot(times, np.median(gaps, axis=0), color=_COLOURS[k], linewidth=width, label=solver)
+        axes.plot(
+            times,
+            np.quantile(gaps, 0.5, axis=0, method="higher"),
+            color=_COLOURS[k],
+            linewidth=width,
+            label=solver,
+        )
     axes.set_ylim(1e-5, 1.1)
     axes.set_title("design: median over the problems, each of them thin", fontsize=9)
     axes.legend(fontsize=8, frameon=False)
