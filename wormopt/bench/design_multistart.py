@@ -1,7 +1,8 @@
 """Gait design by IPOPT from many random starts, over orders of resting masses.
 
 Arcs of free duration with velocities linear within them. Six a phase are enough for two links
-without drag; more links and drag gain up to half a percent by ten. One program serves all orders of so many phases: which masses rest stands in its bounds.
+without drag in the benchmarks; with more links or drag ten gain up to half a percent. One program
+serves all orders of so many phases: which masses rest stands in its bounds.
 """
 
 from __future__ import annotations
