@@ -183,7 +183,8 @@ def test_what_a_solver_does_wrong_is_counted(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_every_case_has_solvers_and_a_name_on_the_command_line():
-    assert set(CASES) == {*WORK_PRECISION, "averaging", "chain_length", "smoothing", "ocp"}
+    others = {"averaging", "chain_length", "smoothing", "ocp", "design"}
+    assert set(CASES) == {*WORK_PRECISION, *others}
     for case in WORK_PRECISION.values():
         assert set(case.solvers) <= set(SOLVERS)
         assert {name for target in case.targets for name in target.than} <= set(case.solvers)

@@ -10,5 +10,6 @@ CASES = {
     "chain_length": "time of a step for 2 to 1000 links",
     "averaging": "averages of the magneto-elastic pair, and its resonance curve",
     "ocp": "the fastest smooth slide by optimal control, time to build and to solve",
+    "design": "random gait-design problems, seconds to come near the bound on the speed",
 }
 """Benchmarks and what they are, here so that the command line can tell without loading any."""

@@ -6,16 +6,18 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator
 
 from wormopt.bench.cases import GOAL, Case
 from wormopt.bench.chain_length import LONG, Length, slope
+from wormopt.bench.design import OWN, Attempt, bounds
 from wormopt.bench.ocp import Timed
 from wormopt.bench.smoothing import Smoothing, order
 from wormopt.bench.work_precision import Record
 
-__all__ = ["draw_lengths", "draw_records", "draw_smoothing", "draw_times"]
+__all__ = ["draw_gaps", "draw_lengths", "draw_records", "draw_smoothing", "draw_times"]
 
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#332288", "#882255")
 _MARKS = "os^Dv<>pP*Xh"
@@ -142,6 +144,44 @@ def draw_times(known: Sequence[Timed], path: Path) -> None:
         axes.spines[["top", "right"]].set_visible(False)
     left.invert_yaxis()
     figure.savefig(path, dpi=130)
+
+
+def draw_gaps(known: Sequence[Attempt], path: Path) -> None:
+    """Draw how far from the bound the best gait is after which time: all problems, and the median.
+
+    Parameters
+    ----------
+    known : sequence of Attempt
+        What was measured.
+    path : Path
+        PNG file to write.
+    """
+    figure, axes = _axes("time (s)", "distance of the speed from its bound")
+    most = bounds(known)
+    last = max((seconds for a in known for seconds, _ in a.course), default=1.0)
+    times = np.geomspace(1e-2, max(last, 1.0), 400)
+    for k, solver in enumerate(dict.fromkeys(a.solver for a in known)):
+        gaps = np.array([_gaps(a, most[a.problem], times) for a in known if a.solver == solver])
+        axes.plot(times, gaps.T, color=_COLOURS[k], linewidth=0.5, alpha=0.4)
+        width = 2.6 if solver == OWN else 1.6
+        axes.plot(
+            times,
+            np.quantile(gaps, 0.5, axis=0, method="higher"),
+            color=_COLOURS[k],
+            linewidth=width,
+            label=solver,
+        )
+    axes.set_ylim(1e-5, 1.1)
+    axes.set_title("design: median over the problems, each of them thin", fontsize=9)
+    axes.legend(fontsize=8, frameon=False)
+    figure.savefig(path, dpi=130)
+
+
+def _gaps(attempt: Attempt, bound: float, times: np.ndarray) -> np.ndarray:
+    speeds = np.zeros_like(times)
+    for seconds, speed in attempt.course:
+        speeds[times >= seconds] = speed
+    return np.maximum(1 - speeds / bound, 1e-5) if bound > 0 else np.ones_like(times)
 
 
 def _axes(across: str, up: str, figure: Figure | None = None, place: int = 111):

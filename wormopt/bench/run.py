@@ -84,6 +84,8 @@ def bench(name: str, *, quick: bool, folder: Path, report: Report) -> Iterator[F
         yield from _averaging(quick, folder, report)
     elif name == "ocp":
         yield from _ocp(quick, folder, report)
+    elif name == "design":
+        yield from _design(quick, folder, report)
     else:
         yield from _chain_length(quick, folder, report)
 
@@ -237,6 +239,19 @@ def _times(known: Sequence[Timed]) -> Found:
     return {"case": "ocp", "times": rows, "targets": targets, "done": False}
 
 
+def _design(quick: bool, folder: Path, report: Report) -> Iterator[Found]:
+    from wormopt.bench.design import described, measure_design, posed
+
+    known, problems = [], posed(quick=quick)
+    for known in measure_design(problems, 4.0 if quick else 30.0, report):
+        yield described(known)
+    picture = folder / "design.png"
+    from wormopt.bench.pictures import draw_gaps
+
+    draw_gaps(known, picture)
+    yield described(known) | {"picture": str(picture), "done": True}
+
+
 # -- text --------------------------------------------------------------------------------------
 
 
@@ -258,6 +273,8 @@ def table(found: Mapping[str, Any]) -> str:
         lines = _averages_table(found)
     elif "times" in found:
         lines = _times_table(found)
+    elif "attempts" in found:
+        lines = _attempts_table(found)
     else:
         lines = _lengths_table(found) if "lengths" in found else _solvers_table(found)
     if not found["done"]:
@@ -347,6 +364,28 @@ def _times_table(found: Mapping[str, Any]) -> list[str]:
             f"  target, {target['grid']}: solve at most {target['most']:g} of {target['than']}: "
             f"{target['ratio']:.3g}, {met}"
         )
+    return lines
+
+
+def _attempts_table(found: Mapping[str, Any]) -> list[str]:
+    solvers = list(dict.fromkeys(r["solver"] for r in found["reached"]))
+    rows = [("within", *solvers, "ours/theirs")]
+    for entry in found["ratios"]:
+        cells = [
+            f"{_seconds(r['time_s'], 'not reached')}, {r['share']:.0%}"
+            for r in found["reached"]
+            if r["accuracy"] == entry["accuracy"]
+        ]
+        ratio = "" if entry["ratio"] is None else f"{entry['ratio']:.3g}"
+        rows.append((f"{entry['accuracy']:.1%}", *cells, ratio))
+    count = len({a["problem"] for a in found["attempts"]})
+    lines = [f"design: {count} problems, median time and share that came so near", *_aligned(rows)]
+    if found["uncertified"]:
+        lines.append(f"  {found['uncertified']} of the bounds are the best gait of this run")
+    for a in found["attempts"]:
+        if a["wrong"] or a["failure"]:
+            why = a["failure"] or f"speed {a['best']:.9g} above the bound {a['bound']:.9g}"
+            lines.append(f"  {a['solver']} on {a['problem']}: {why}")
     return lines
 
 

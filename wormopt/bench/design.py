@@ -1,0 +1,341 @@
+"""Gait design against other ways to do it: seconds to come near the bound on the speed."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from statistics import median_high
+from typing import Any
+
+from wormopt.bench.design_cases import G1, Case, draw, scene_text
+from wormopt.bench.design_milp import by_milp
+from wormopt.bench.design_motion import Course
+from wormopt.bench.design_multistart import by_multistart
+from wormopt.progress import Report, silent
+
+__all__ = [
+    "ACCURACIES",
+    "BOUNDS",
+    "OWN",
+    "SOLVERS",
+    "Attempt",
+    "Posed",
+    "Reached",
+    "bounds",
+    "described",
+    "measure_design",
+    "ours",
+    "posed",
+    "reached",
+]
+
+ACCURACIES = (0.1, 0.03, 0.01, 0.003)
+"""Distances from the bound, as parts of it."""
+
+BOUNDS = {"g1": 14 * math.sqrt(1394) / 125 - 839 / 250}
+"""Certified bounds on the speed by problem. Elsewhere the best gait of a run stands in."""
+
+OWN = "wormopt"
+"""The solver whose times are compared with those of the others."""
+
+_SEED = 1
+_ABOVE = 1e-6  # beyond its bound by more, a speed is wrong
+
+Solver = Callable[[Case, float], Course]
+Better = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Posed:
+    """A problem and how fast any gait can be.
+
+    Parameters
+    ----------
+    case : dict
+        The problem.
+    bound : float, optional
+        Certified bound on the speed, NaN where there is none.
+    """
+
+    case: Case
+    bound: float = math.nan
+
+
+@dataclass
+class Attempt:
+    """What one solver did on one problem.
+
+    Parameters
+    ----------
+    solver, problem : str
+        Which.
+    bound : float
+        On the speed, NaN where there is none.
+    course : list of (float, float)
+        Seconds, and the best speed by then.
+    failure : str
+        Why there is no more.
+    """
+
+    solver: str
+    problem: str
+    bound: float
+    course: Course = field(default_factory=list)
+    failure: str = ""
+
+    @property
+    def best(self) -> float:
+        """Best speed, 0 without any gait."""
+        return max((speed for _, speed in self.course), default=0.0)
+
+    @property
+    def wrong(self) -> bool:
+        """Whether a speed is above the certified bound."""
+        return self.best > self.bound * (1 + _ABOVE)
+
+    def time_to(self, accuracy: float, bound: float) -> float:
+        """Seconds until the gait is so near to a bound.
+
+        Parameters
+        ----------
+        accuracy : float
+            As a part of the bound.
+        bound : float
+            Certified, or the best known.
+
+        Returns
+        -------
+        float
+            Infinite where it never is.
+
+        Examples
+        --------
+        >>> Attempt("a", "b", 1.0, [(0.1, 0.5), (2.0, 0.95)]).time_to(0.1, 1.0)
+        2.0
+        """
+        near = [seconds for seconds, speed in self.course if speed >= (1 - accuracy) * bound]
+        return min(near, default=math.inf)
+
+
+@dataclass(frozen=True)
+class Reached:
+    """How one solver did on all problems for one accuracy.
+
+    Parameters
+    ----------
+    solver : str
+        Which.
+    accuracy : float
+        Distance from the bound.
+    seconds : float
+        Median over all problems, infinite where most were not solved so well.
+    share : float
+        Of the problems that were.
+    """
+
+    solver: str
+    accuracy: float
+    seconds: float
+    share: float
+
+
+def posed(*, quick: bool) -> list[Posed]:
+    """The benchmark problem, and seeded random ones.
+
+    Parameters
+    ----------
+    quick : bool
+        Fewer of them.
+
+    Returns
+    -------
+    list of Posed
+    """
+    cases = [G1, *draw(_SEED, 3 if quick else 12)]
+    return [Posed(case, BOUNDS.get(case["name"], math.nan)) for case in cases]
+
+
+def ours(case: Case, seconds: float, design: Callable[[Case, float, Better], None]) -> Course:
+    """Time our own designer.
+
+    Parameters
+    ----------
+    case : dict
+        The problem.
+    seconds : float
+        When to stop.
+    design : callable
+        (case, seconds, better); calls better(speed) whenever it has a better gait.
+
+    Returns
+    -------
+    list of (float, float)
+    """
+    begin, course = time.perf_counter(), Course()
+
+    def better(speed: float) -> None:
+        course.append((time.perf_counter() - begin, speed))
+
+    design(case, seconds, better)
+    return course
+
+
+def _by_scene(case: Case, seconds: float, better: Better) -> None:  # noqa: ARG001
+    """Run a scene to its end; it takes no time limit, and tells the last gait alone."""
+    from wormopt.scenes import load_scene
+    from wormopt.studies.gait_design import run
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "design.toml"
+        file.write_text(scene_text(case, ['effort = "quick"', "workers = 1"]), encoding="utf-8")
+        result = run(load_scene(file), silent)
+    if result.status == "ok":
+        better(float(result.scalars["speed"].value))
+
+
+SOLVERS: dict[str, Solver] = {
+    OWN: lambda case, seconds: ours(case, seconds, _by_scene),
+    "HiGHS, equal steps": by_milp,
+    "IPOPT, many starts": by_multistart,
+}
+"""Designers by their names."""
+
+
+def measure_design(
+    problems: Sequence[Posed],
+    seconds: float,
+    report: Report,
+    solvers: Mapping[str, Solver] = SOLVERS,
+) -> Iterator[list[Attempt]]:
+    """Give every solver the same time on every problem, in turn.
+
+    Parameters
+    ----------
+    problems : sequence of Posed
+        What to solve.
+    seconds : float
+        For each solver and problem.
+    report : callable
+        Told how far it is.
+    solvers : mapping of str to callable, optional
+        Which solvers.
+
+    Yields
+    ------
+    list of Attempt
+        All so far.
+    """
+    known: list[Attempt] = []
+    for problem in problems:
+        for name, solve in solvers.items():
+            attempt = Attempt(name, problem.case["name"], problem.bound)
+            report(
+                f"design: {name} on {attempt.problem}", len(known) / len(problems) / len(solvers)
+            )
+            try:
+                attempt.course = solve(problem.case, seconds)
+            except Exception as error:  # whatever a designer does wrong
+                attempt.failure = f"{type(error).__name__}: {str(error).splitlines()[0]}"
+            known.append(attempt)
+            yield known
+
+
+def bounds(known: Sequence[Attempt]) -> dict[str, float]:
+    """By problem the certified bound, or the best speed of the run.
+
+    Parameters
+    ----------
+    known : sequence of Attempt
+        What was measured.
+
+    Returns
+    -------
+    dict of str to float
+    """
+    found: dict[str, float] = {}
+    for attempt in known:
+        best = attempt.best if math.isnan(attempt.bound) else attempt.bound
+        found[attempt.problem] = max(best, found.get(attempt.problem, 0.0))
+    return found
+
+
+def reached(known: Sequence[Attempt]) -> list[Reached]:
+    """Sum up times over the problems.
+
+    Parameters
+    ----------
+    known : sequence of Attempt
+        What was measured.
+
+    Returns
+    -------
+    list of Reached
+        By accuracy, then by solver.
+    """
+    most, rows = bounds(known), []
+    for accuracy in ACCURACIES:
+        for solver in dict.fromkeys(a.solver for a in known):
+            times = [a.time_to(accuracy, most[a.problem]) for a in known if a.solver == solver]
+            share = sum(map(math.isfinite, times)) / len(times)
+            rows.append(Reached(solver, accuracy, median_high(times), share))
+    return rows
+
+
+def described(known: Sequence[Attempt]) -> dict[str, Any]:
+    """Lay out what was measured for JSON.
+
+    Parameters
+    ----------
+    known : sequence of Attempt
+        What was measured.
+
+    Returns
+    -------
+    dict
+    """
+    most, rows = bounds(known), reached(known)
+    attempts = [
+        asdict(a)
+        | {
+            "bound": most[a.problem],
+            "certified": not math.isnan(a.bound),
+            "best": a.best,
+            "wrong": a.wrong,
+        }
+        for a in known
+    ]
+    summed = [
+        {
+            "solver": r.solver,
+            "accuracy": r.accuracy,
+            "time_s": _finite(r.seconds),
+            "share": r.share,
+        }
+        for r in rows
+    ]
+    ratios = [{"accuracy": a, "ratio": _finite(_ratio(rows, a))} for a in ACCURACIES]
+    uncertified = len({a.problem for a in known if math.isnan(a.bound)})
+    return {
+        "case": "design",
+        "attempts": attempts,
+        "reached": summed,
+        "ratios": ratios,
+        "uncertified": uncertified,
+        "done": False,
+    }
+
+
+def _ratio(rows: Sequence[Reached], accuracy: float) -> float:
+    """Median time of ours over that of the fastest of the others."""
+    times = {r.solver: r.seconds for r in rows if r.accuracy == accuracy}
+    own = times.pop(OWN, math.inf)
+    fastest = min(times.values(), default=math.inf)
+    return own / fastest if math.isfinite(fastest) else math.inf
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
