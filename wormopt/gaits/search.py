@@ -171,18 +171,16 @@ class _Race:
         found = [t for t in self.trials.values() if t is not None]
         return sorted(found, key=lambda t: (-t.value, len(t.sequence), t.sequence))
 
-    def promote(self, width: int) -> None:
+    def promote(self, level: int, most: int) -> None:
         """Look at what is close to the best of its level with more arcs."""
-        for level in range(len(_MARGINS)):
-            left = 4 * width // (level + 1)
-            while left > 0:
-                close = [t for t in self.ranking if t.level == level]
-                close = [t for t in close if t.value >= self._close(level)][: min(4, left)]
-                if not close:
-                    break
-                for trial, finer in zip(close, self.each(self.trier.finer, close), strict=True):
-                    self.keep(self.canonical(trial.sequence), finer)
-                left -= len(close)
+        while most > 0:
+            close = [t for t in self.ranking if t.level == level]
+            close = [t for t in close if t.value >= self._close(level)][: min(4, most)]
+            if not close:
+                return
+            for trial, finer in zip(close, self.each(self.trier.finer, close), strict=True):
+                self.keep(self.canonical(trial.sequence), finer)
+            most -= len(close)
 
 
 def search(
@@ -253,7 +251,8 @@ def _steps(
         report("trying your sequence", 0.0)
         race.enter([(own, None)])
         yield 0
-        race.promote(effort.width)
+        race.promote(0, 1)
+        race.promote(1, 1)
         return
     first = [race.canonical(s) for s in (*hints, *first_orders(task))]
     first = [s for s in dict.fromkeys(first) if len(s) <= (settings.phases or len(s))]
@@ -261,7 +260,7 @@ def _steps(
     for batch in _batches(first):
         race.enter([(s, None) for s in batch])
         yield 0
-    race.promote(1)
+    race.promote(0, 1)
     yield 0
     orders = [s for s in plain_orders(task, settings.phases) if s not in race.trials]
     tried = 0
@@ -270,8 +269,9 @@ def _steps(
         race.enter([(s, None) for s in batch])
         tried += len(batch)
         yield 0
-    race.promote(effort.width)
+    race.promote(0, 3 * effort.width)
     yield from _vary(race, settings, report)
+    race.promote(1, effort.width)
 
 
 def _vary(race: _Race, settings: Search, report: Report) -> Iterator[int]:
@@ -285,7 +285,7 @@ def _vary(race: _Race, settings: Search, report: Report) -> Iterator[int]:
             race.enter(batch)
             varied += len(batch)
             yield varied
-        race.promote(effort.width)
+        race.promote(0, 2 * effort.width)
         yield varied
         if race.value <= record + 1e-5 * abs(record):
             break
@@ -306,12 +306,12 @@ def _variations(
 
 
 def _parents(race: _Race, width: int) -> list[Trial]:
-    """The best trials, and the best of each number of cycles."""
+    """The best trials, and the best of each length and number of cycles."""
     ranking = race.ranking
-    of_each = {t.cycles: t for t in reversed(ranking)}
+    of_each = {(t.cycles, len(t.sequence)): t for t in reversed(ranking)}
     enough = ranking[0].value - _MARGINS[0] * abs(ranking[0].value) if ranking else 0.0
     close = sorted((t for t in of_each.values() if t.value >= enough), key=lambda t: -t.value)
-    return list(dict.fromkeys([*ranking[:width], *close[:width]]))
+    return list(dict.fromkeys([*ranking[:width], *close[: 2 * width]]))
 
 
 def _edited(race: _Race, parents: list[Trial]) -> Iterator[tuple[Sequence_, np.ndarray]]:
