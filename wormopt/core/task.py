@@ -331,6 +331,11 @@ class Objective:
         """Make an objective of its name."""
         return cls(None if name == "speed" else name, speed)
 
+    @property
+    def is_smooth(self) -> bool:
+        """Whether it is neither linear nor a peak."""
+        return self.minimise in ("energy_per_distance", "acceleration_effort")
+
     def faults(self) -> Iterator[Fault]:
         """Yield field and message of whatever is wrong."""
         if self.minimise is None and self.speed is not None:

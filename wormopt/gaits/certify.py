@@ -13,17 +13,13 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import msgspec
 import numpy as np
 
-from wormopt.core.task import Task
+from wormopt.core.task import Certify, Objective, Search, Task, per
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.space import all_sequences
 from wormopt.gaits.tree import Solver, Tree, grow, plant
 from wormopt.progress import Report
-from wormopt.scenes.gait_design import Objective
-from wormopt.scenes.gait_search import Certify, Search
-from wormopt.scenes.types import per
 
 __all__ = ["Certificate", "Progress", "certify"]
 
@@ -124,10 +120,9 @@ def certify(
     Two masses that rest in turn.
 
     >>> from wormopt.progress import silent
-    >>> from wormopt.scenes.gait_design import GaitLimits
-    >>> from wormopt.scenes.worm import WormTable
-    >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> task = Task(WormTable(links=1, mass=1.0, load=5.0), limits, Objective(maximise="speed"))
+    >>> from wormopt.core.task import Limits, Worm
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> task = Task(Worm(links=1, mass=1.0, load=5.0), limits, Objective())
     >>> proof = certify(task, 0.45, Search(certify=Certify(phases=2, gap=0.01)), silent)
     >>> proof.gap <= 0.01, proof.ending
     (True, 'gap reached')
@@ -209,7 +204,7 @@ def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float, floa
         return [(task, value * (1 + gap), None)]
     key = _LIMIT_OF[cost]
     given = getattr(task.limits, key)
-    fastest, below = Objective(maximise="speed"), float(np.nextafter(required, 0.0))
+    fastest, below = Objective(), float(np.nextafter(required, 0.0))
     steps = []
     for share in [*(s for s in _SHARES if s > gap), gap]:
         lowered = value * (1 - share)
@@ -217,7 +212,7 @@ def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float, floa
             lowered = float(np.nextafter(lowered, value))
         count = np.size(given) if given is not None else 1
         limit = tuple(min(lowered, g) for g in per(lowered if given is None else given, count))
-        limits = msgspec.structs.replace(task.limits, **{key: limit if count > 1 else limit[0]})
+        limits = replace(task.limits, **{key: limit if count > 1 else limit[0]})
         steps.append((replace(task, limits=limits, objective=fastest), below, lowered))
     return steps
 

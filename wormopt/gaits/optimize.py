@@ -1,117 +1,174 @@
-"""Design a gait: search the sequence of resting masses, polish it, refine it; or say why not."""
+"""Design a gait: search the order of rest and the number of cycles, then sharpen it; or say why not."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from time import perf_counter
+from typing import Any, Literal
 
 import numpy as np
 
 from wormopt.core.ceiling import ceiling
 from wormopt.core.gait import Gait
-from wormopt.core.modes import ModeSequence
-from wormopt.errors import SolveError
-from wormopt.gaits.attempt import Task, mesh_of
-from wormopt.gaits.polish import as_found, polish, refine
-from wormopt.gaits.problem import gait_problem, rate_bounds
-from wormopt.gaits.search import Survey, constructed_sequences, search
+from wormopt.core.task import Cost, Limits, Objective, Search, Task, Worm
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.gaits.orders import first_orders
+from wormopt.gaits.search import Survey, effort_of, search
 from wormopt.gaits.sequences import Sequence_
-from wormopt.optimal.collocation import bernstein_matrix
-from wormopt.optimal.elastic import elastic
-from wormopt.optimal.mesh import Arcs, Mesh
-from wormopt.optimal.nlp import Ipopt, Solution
-from wormopt.optimal.transcription import Transcription
-from wormopt.progress import Report
-from wormopt.scenes.gait_search import Search
+from wormopt.gaits.trial import Trial, Trier
+from wormopt.gaits.verify import violations
+from wormopt.progress import Report, silent
+from wormopt.worms.crawl import Crawl, crawl
 
-__all__ = ["Design", "design", "gait_of_arcs"]
+__all__ = ["Design", "design", "designed"]
+
+# Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
+_RESOLVED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 4000, 5
+# Trials within this share of the best are sharpened too: one of them may end higher.
+_CLOSE, _TIE = 2e-3, 1e-8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Design:
     """A designed gait with what is known of its quality.
 
     Parameters
     ----------
+    task : Task
+        What was asked for.
     gait : Gait
-        The gait.
+        One cycle of the gait.
+    cycles : int
+        How many such cycles fill the period.
     sequence : tuple of tuple of int
-        Resting masses, phase after phase.
+        Resting masses of a cycle, phase after phase.
     durations : tuple of float
         How long each phase is.
     ceiling : float
-        Bound on the speed by rates and modes alone, for any sequence.
-    relative_error : float
-        Relative gain in the objective that is left, to first order, when every arc is halved;
-        NaN if that was not reached.
+        Bound on the speed by rates and resting masses alone, for any gait.
+    error : float
+        Relative gain in the objective that the last halving of every arc brought.
     survey : Survey
         What was searched.
-    solution : Solution
-        How the last nonlinear program ended.
-    mesh : Mesh
-        The final mesh.
+    solver : mapping
+        How the last program ended: violation, arcs, degree and the like.
     timings_s : dict of str to float
         Seconds of each stage.
-    interrupted : bool
-        Whether the user stopped it before it was done.
+    ended : str
+        "searched"; or "time limit" or "interrupted", where the search was cut short.
+    trial : Trial, optional
+        The last program, from which multipliers are taken; None for smooth costs.
+
+    Examples
+    --------
+    >>> worm = Worm(links=1, load=5.0)
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> found = design(worm, limits)
+    >>> round(found.speed, 9), found.sequence, max(found.violations.values()) < 1e-9
+    (0.425, ((0,), (1,)), True)
     """
 
+    task: Task
     gait: Gait
+    cycles: int
     sequence: Sequence_
     durations: tuple[float, ...]
     ceiling: float
-    relative_error: float
+    error: float
     survey: Survey
-    solution: Solution
-    mesh: Mesh
+    solver: dict[str, Any]
     timings_s: dict[str, float]
-    interrupted: bool = False
+    ended: str = "searched"
+    trial: Trial | None = field(default=None, repr=False)
+
+    @cached_property
+    def motion(self) -> Crawl:
+        """How the worm crawls with it, in closed form; under the largest load of a range."""
+        return self.motion_under(self.task.worm.load_range[1])
+
+    def motion_under(self, load: float) -> Crawl:
+        """How the worm crawls with it under some load."""
+        worm, limits = self.task.worm, self.task.limits
+        return crawl(self.gait, worm.masses, worm.drag, load, limits.sharing)
+
+    @property
+    def speed(self) -> float:
+        """Mean speed."""
+        return self.motion.speed
+
+    @cached_property
+    def violations(self) -> dict[str, float]:
+        """Excess over each limit relative to its size, at the ends and middle of a range of loads."""
+        low, high = self.task.worm.load_range
+        loads = [low] if low == high else [low, (low + high) / 2, high]
+        found = [
+            violations(self.motion_under(load), self.task.limits, self.cycles) for load in loads
+        ]
+        return {key: max(excess[key] for excess in found) for key in found[0]}
 
 
-def design(task: Task, settings: Search, report: Report, hints: Sequence[Sequence_] = ()) -> Design:
-    """Design the best gait that a scene asks for.
-
-    Search, polish and refinement in turn. A required speed above the ceiling of rates and modes
-    is refused at once; where nothing is found, `elastic` names the limits in conflict.
+def design(
+    worm: Worm,
+    limits: Limits,
+    objective: Literal["speed"] | Cost = "speed",
+    speed: float | None = None,
+    search: Search = Search(),
+    report: Report = silent,
+) -> Design:
+    """Design the best gait of a worm within limits.
 
     Parameters
     ----------
-    task : Task
-        Worm, limits and objective.
-    settings : Search
+    worm : Worm
+        Links, masses, drag, load.
+    limits : Limits
+        What the gait must keep to.
+    objective : str, optional
+        "speed", made large, or a cost, made small.
+    speed : float, optional
+        Mean speed required where a cost is made small.
+    search : Search, optional
         How to search.
-    report : callable
+    report : callable, optional
         Told what goes on.
-    hints : sequence of sequences, optional
-        Sequences of resting masses to try first.
 
     Returns
     -------
     Design
-        Optimal for its sequence of resting masses, the best of those searched.
+        The best gait found: its speed, loads (``motion``) and how it keeps its limits
+        (``violations``).
 
     Raises
     ------
+    ArgumentError
+        If the arguments are wrong or do not fit together.
     SolveError
         If no gait meets the limits; the message names those in conflict.
     KeyboardInterrupt
-        If the user stops it before the search found a gait.
+        If the user stops it before a gait was found; later the design is marked interrupted.
 
     Examples
     --------
-    >>> from wormopt.progress import silent
-    >>> from wormopt.scenes.gait_design import GaitLimits, Objective
-    >>> from wormopt.scenes.worm import WormTable
-    >>> worm = WormTable(links=2, mass=1.0, load=5.0)
-    >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> fastest = Task(worm, limits, Objective(maximise="speed"))
-    >>> found = design(fastest, Search(effort="quick"), silent)  # doctest: +SKIP
-    >>> too_fast = Task(worm, limits, Objective(minimise="peak_spike_load", speed=2.0))
-    >>> design(too_fast, Search(effort="quick"), silent)
+    >>> worm = Worm(links=2, load=5.0)
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> round(design(worm, limits).speed, 9)
+    0.825666653
+    >>> design(worm, limits, "peak_spike_load", speed=2.0)
     Traceback (most recent call last):
     wormopt.errors.SolveError: objective.speed = 2 is above the ceiling 1 that ...
     """
+    task = Task(worm, limits, Objective.of(objective, speed))
+    for key, message in search.faults(worm.links, limits.resting):
+        raise ArgumentError(f"search.{key}: {message}")
+    return designed(task, search, report)
+
+
+def designed(
+    task: Task, settings: Search, report: Report, hints: Iterable[Sequence_] = ()
+) -> Design:
+    """Design the best gait of a task, as `design`; orders in ``hints`` are tried first."""
     bound = _ceiling(task)
     required = task.objective.speed
     if required is not None and required > bound:
@@ -120,109 +177,146 @@ def design(task: Task, settings: Search, report: Report, hints: Sequence[Sequenc
             "gait.acceleration and gait.resting put on any gait",
             f"require less than {bound:.6g}, or raise gait.rate",
         )
-    clock = time.perf_counter()
+    if task.objective.is_smooth:
+        _refuse_load_range(task)
+    begin = perf_counter()
     survey = search(task, settings, report, hints)
-    if not survey.candidates:
-        report("looking for the limits in conflict", 0.8)
-        own = settings.sequence and tuple(tuple(sorted(s)) for s in settings.sequence)
-        raise _conflict(task, [own] if own else constructed_sequences(task))
-    searched = time.perf_counter()
-    interrupted, error = survey.interrupted, np.nan
-    found = as_found(task, survey.candidates[0]) if interrupted else None
-    try:
-        if found is None:
-            report("polishing", 0.8)
-            found = polish(task, settings, survey)
-            report("refining", 0.9)
-            found, error = refine(task, found)
-    except KeyboardInterrupt:
-        found = found or as_found(task, survey.candidates[0])
-        interrupted = True
-    mesh = found.program.mesh
-    arcs = found.program.unpack(found.solution.w)
-    durations = np.array(np.split(arcs.duration, mesh.phases)).sum(axis=1)
-    return Design(
-        gait=gait_of_arcs(arcs, mesh, task.worm.links),
-        sequence=found.sequence,
-        durations=tuple(durations.tolist()),
-        ceiling=bound,
-        relative_error=error,
-        survey=survey,
-        solution=found.solution,
-        mesh=mesh,
-        timings_s={
-            "search": searched - clock,
-            "polish_and_refine": time.perf_counter() - searched,
-        },
-        interrupted=interrupted,
-    )
+    if not survey.trials:
+        raise _nothing(task, settings, survey, report)
+    searched = perf_counter()
+    if task.objective.is_smooth:
+        found = _smooth(task, settings, survey, bound, report)
+    else:
+        found = _sharpest(task, settings, survey, bound, report)
+    timings = {"search": searched - begin, "sharpen": perf_counter() - searched}
+    return replace(found, timings_s=timings)
 
 
 def _ceiling(task: Task) -> float:
-    contraction, extension = rate_bounds(task.limits, task.worm.links)
-    return ceiling(contraction.tolist(), extension.tolist(), task.limits.resting)
+    contraction, extension = task.limits.rate_bounds(task.worm.links)
+    return ceiling(contraction, extension, task.limits.resting)
 
 
-def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
-    """Integrate link accelerations twice, arc by arc, into a Gait.
-
-    Parameters
-    ----------
-    arcs : Arcs
-        Motion of the model of `spiked_worm`.
-    mesh : Mesh
-        Its mesh.
-    links : int
-        Number of links n.
-
-    Returns
-    -------
-    Gait
-        Piecewise polynomial; arcs without duration are left out.
-    """
-    kept = np.flatnonzero(arcs.duration > 1e-15 * arcs.duration.sum())
-    nodes, m = mesh.input_nodes, mesh.input_degree
-    to_powers = np.linalg.inv(nodes[:, None] ** np.arange(m + 1)) @ np.linalg.inv(
-        bernstein_matrix(nodes)
-    )
-    pieces = np.zeros((len(kept), links, m + 3))
-    k = np.arange(m + 1)
-    for row, arc in enumerate(kept):
-        h = arcs.duration[arc]
-        pieces[row, :, 0] = arcs.start[1 : links + 1, arc]
-        pieces[row, :, 1] = arcs.start[links + 2 :, arc]
-        power = arcs.inputs[:, :, arc] @ to_powers.T / h**k
-        pieces[row, :, 2:] = power / ((k + 1) * (k + 2))
-    return Gait(np.concatenate([[0.0], np.cumsum(arcs.duration[kept])]), pieces)
-
-
-def _conflict(task: Task, sequences: Sequence[Sequence_]) -> SolveError:
-    """Say which limits stand against each other, by the least slack that lets a gait exist."""
-    rigid = gait_problem(task.worm, task.limits, task.objective)
-    problem = elastic(rigid)
-    least, slack = np.inf, np.zeros(len(problem.design))
-    for sequence in sequences:
-        program = Transcription(problem, mesh_of(sequence, 4))
-        bounds = program.bounds(ModeSequence.of_resting(sequence, task.worm.links + 1))
-        total = program.mesh.total
-        w = program.rest(np.full(total, np.mean(task.limits.period_range) / total), task.rest)
-        w[-len(slack) :] = 10.0
-        answer = program.nlp.solve(w, bounds, Ipopt(tolerance=1e-7))
-        if answer.violation < 1e-5 and answer.objective < least:
-            least, slack = answer.objective, program.unpack(answer.w).design
-    nominal = {b.name: b.nominal for b in (*rigid.along, *rigid.at_ends)}
-    given = [
-        f"{name} by {size * nominal[name]:.4g}"
-        for signal, size in zip(problem.design, slack, strict=True)
-        if (name := signal.name.removeprefix("slack ")) in nominal and size > 1e-5
-    ]
-    if not given:
-        return SolveError(
-            "no sequence of resting masses was solved, though the limits do not seem to conflict",
-            'try search.effort = "thorough" or another search.seed',
+def _refuse_load_range(task: Task) -> None:
+    low, high = task.worm.load_range
+    if low < high:
+        raise SolveError(
+            f"{task.objective.minimise} depends on the load, and worm.load is a range",
+            "give one load, or seek speed or a peak",
         )
-    return SolveError(
-        "no gait meets these limits together; the least that has to give way is "
-        + " and ".join(given),
-        "relax that, or what stands against it",
+
+
+def _nothing(task: Task, settings: Search, survey: Survey, report: Report) -> Exception:
+    if survey.ended == "interrupted":
+        return KeyboardInterrupt()
+    if survey.ended == "time limit":
+        return SolveError("no gait was found before search.time_limit", "give it more seconds")
+    report("looking for the limits in conflict", 0.8)
+    from wormopt.gaits.conflict import conflict  # loads a solver that few designs need
+
+    own = settings.sequence and tuple(tuple(sorted(s)) for s in settings.sequence)
+    return conflict(task, [own] if own else first_orders(task))
+
+
+def _sharpest(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
+    """Halve the arcs of the best trials until that gains nothing, and take the best vertex."""
+    best = survey.trials[0]
+    close = [t for t in survey.trials if t.value >= best.value - _CLOSE * abs(best.value)]
+    ended, solved = survey.ended, []
+    trier = Trier(task)
+    for trial in close[: max(1, effort_of(settings).width - 1)]:
+        try:
+            report("sharpening", 0.9)
+            solved.append(_sharpen(trier, trial, quickly=ended != "searched"))
+        except KeyboardInterrupt:
+            ended = "interrupted"
+            solved.append((trial, np.nan))
+        if ended != "searched":
+            break
+    value = max(trial.value for trial, _ in solved)
+    trial, error = min(
+        (s for s in solved if s[0].value >= value - _TIE * abs(value)),
+        key=lambda s: len(s[0].sequence),
+    )
+    return Design(
+        task=task,
+        gait=trial.program.gait(trial.point),
+        cycles=trial.cycles,
+        sequence=trial.sequence,
+        durations=tuple(trial.durations.tolist()),
+        ceiling=bound,
+        error=error,
+        survey=survey,
+        solver={
+            "status": "sharpened" if ended == "searched" else "cut short",
+            "violation": trial.program.bilinear.violation(trial.point.x),
+            "arcs_per_phase": trial.program.arcs.tolist(),
+            "degree": trial.program.degree + 1,
+        },
+        timings_s={},
+        ended=ended,
+        trial=trial,
+    )
+
+
+def _sharpen(trier: Trier, trial: Trial, quickly: bool) -> tuple[Trial, float]:
+    """Halve arcs, with drag at a higher degree, then solve for what is active exactly."""
+    error = np.inf
+    for _ in range(1 if quickly else _MOST_HALVINGS):
+        degree = _DRAGGED if trier.task.worm.drag else 1
+        finer = trier.finer(trial, 1e-7, max(degree, trial.program.degree))
+        error = (finer.value - trial.value) / abs(trial.value or 1.0)
+        trial = finer
+        if error <= _RESOLVED or len(trial.point.x) > _MOST_UNKNOWNS:
+            break
+    trial = trier.climbed(trial, tolerance=1e-10, steps=10)
+    point, _ = trial.program.bilinear.sharpen(trial.point)
+    return replace(trial, point=point), error
+
+
+_DRAGGED = 3  # degree of velocities where drag bends them
+
+
+def _smooth(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
+    """Solve the smooth cost from the best trials."""
+    # loads a solver that few designs need
+    from wormopt.gaits.smooth import gait_of_arcs, refine_cost, solve_cost
+
+    solved, ended = [], survey.ended
+    try:
+        for k, trial in enumerate(survey.trials[: 4 * effort_of(settings).width]):
+            report("solving for the cost", 0.8 + 0.01 * k)
+            found = solve_cost(task, trial)
+            if found is not None:
+                solved.append(found)
+            if ended != "searched" and solved:
+                break
+        if not solved:
+            raise SolveError("no motion was found for this cost", "try another search.seed")
+        best = min(solved, key=lambda s: s.objective)
+        report("refining", 0.9)
+        best, error = refine_cost(task, best) if ended == "searched" else (best, np.nan)
+    except KeyboardInterrupt:
+        if not solved:
+            raise
+        best, error, ended = min(solved, key=lambda s: s.objective), np.nan, "interrupted"
+    mesh = best.program.mesh
+    durations = np.array(np.split(best.arcs.duration, mesh.phases)).sum(axis=1)
+    return Design(
+        task=task,
+        gait=gait_of_arcs(best.arcs, mesh, task.worm.links),
+        cycles=best.trial.cycles,
+        sequence=best.trial.sequence,
+        durations=tuple(durations.tolist()),
+        ceiling=bound,
+        error=error,
+        survey=survey,
+        solver={
+            "status": best.solution.status,
+            "violation": best.solution.violation,
+            "arcs_per_phase": mesh.arcs,
+            "degree": mesh.collocation.degree,
+        },
+        timings_s={},
+        ended=ended,
     )

@@ -9,70 +9,11 @@ import casadi as ca
 import numpy as np
 
 from wormopt.core.model import Model, Signal
+from wormopt.core.task import Limits, Objective, Task, Worm
 from wormopt.optimal.problem import Bound, Ends, Problem
-from wormopt.scenes.gait_design import GaitLimits, Objective
-from wormopt.scenes.worm import WormTable
 from wormopt.worms.spiked import spiked_worm
 
-__all__ = ["gait_problem", "loads_matter", "rate_bounds"]
-
-
-def rate_bounds(limits: GaitLimits, links: int) -> tuple[np.ndarray, np.ndarray]:
-    """Largest contraction and extension rates, given or implied by length and acceleration.
-
-    A link that swings within a range R with acceleration at most a is never faster than
-    sqrt(a R): it starts from and returns to rate 0 within that range.
-
-    Parameters
-    ----------
-    limits : GaitLimits
-        With a rate or an acceleration limit.
-    links : int
-        Number of links n.
-
-    Returns
-    -------
-    contraction, extension : ndarray, shape (n,)
-
-    Examples
-    --------
-    >>> limits = GaitLimits(period=1.0, length=(0.75, 1.0), acceleration=16.0)
-    >>> rate_bounds(limits, 1)
-    (array([2.]), array([2.]))
-    """
-    implied = np.full(links, np.inf)
-    if limits.acceleration is not None:
-        ranges = np.ptp(np.array(limits.length_ranges(links)), axis=1)
-        implied = np.sqrt(np.broadcast_to(limits.acceleration, links) * ranges)
-    given = limits.rate_limits(links)
-    if given is None:
-        return implied, implied
-    return np.minimum(given[0], implied), np.minimum(given[1], implied)
-
-
-def loads_matter(limits: GaitLimits, objective: Objective) -> bool:
-    """Whether it matters how resting masses share the load: a limit or the cost depends on it.
-
-    Parameters
-    ----------
-    limits : GaitLimits
-        Limits of the scene.
-    objective : Objective
-        What is sought.
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, impulses=True)
-    >>> loads_matter(limits, Objective(maximise="speed"))
-    False
-    """
-    costs = ("peak_spike_load", "peak_actuator_force", "energy_per_distance")
-    limited = limits.spike_load is not None or limits.actuator_force is not None
-    return limited or objective.minimise in costs
+__all__ = ["gait_problem"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +41,7 @@ class _Cost:
     integrand: ca.SX | None = None
 
 
-def gait_problem(worm: WormTable, limits: GaitLimits, objective: Objective) -> Problem:
+def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
     """State the design of a kinematic gait as an optimal-control problem.
 
     Costs are scaled to about 1: a speed by the largest rate, forces by the worm's inertia over a
@@ -109,9 +50,9 @@ def gait_problem(worm: WormTable, limits: GaitLimits, objective: Objective) -> P
 
     Parameters
     ----------
-    worm : WormTable
+    worm : Worm
         Masses, drag, load.
-    limits : GaitLimits
+    limits : Limits
         What the gait must keep to; the number of resting masses is left to the mode sequence.
     objective : Objective
         What to seek.
@@ -124,9 +65,9 @@ def gait_problem(worm: WormTable, limits: GaitLimits, objective: Objective) -> P
 
     Examples
     --------
-    >>> worm = WormTable(links=2, mass=1.0, load=5.0)
-    >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> problem = gait_problem(worm, limits, Objective(maximise="speed"))
+    >>> worm = Worm(links=2, mass=1.0, load=5.0)
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> problem = gait_problem(worm, limits, Objective())
     >>> [bound.name for bound in problem.along]
     ['gait.length', 'gait.rate', 'gait.acceleration']
     """
@@ -135,13 +76,13 @@ def gait_problem(worm: WormTable, limits: GaitLimits, objective: Objective) -> P
     model = spiked_worm(
         worm.masses,
         worm.drag,
-        worm.load,
+        worm.load_range[-1 if limits.spike_load is not None else 0],
         length_nominal=float(ranges.max()),
         time_nominal=shortest_longest[1],
     )
     ends = Ends.of(model, 1)
     advance = ends.end[0] - ends.start[0]
-    speed_nominal = float(np.max(rate_bounds(limits, n)))
+    speed_nominal = float(np.max(limits.rate_bounds(n)))
     at_ends = [Bound("start", ends.start[0], 0.0, 0.0)]
     way = advance
     if objective.speed is not None:
@@ -164,12 +105,12 @@ def gait_problem(worm: WormTable, limits: GaitLimits, objective: Objective) -> P
         at_ends=at_ends,
         slacks=cost.slacks,
         design=cost.design,
-        sharing=_sharing(model, limits, objective),
+        sharing=_sharing(model, limits, Task(worm, limits, objective).loads_matter),
         impulses=limits.impulses,
     )
 
 
-def _limits_along(model: Model, limits: GaitLimits, links: int, ranges: np.ndarray) -> list[Bound]:
+def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) -> list[Bound]:
     x = {s.name: s for s in model.x}
     bounds = [
         Bound("gait.length", x["length"].symbol, ranges[:, 0], ranges[:, 1], x["length"].nominal)
@@ -198,11 +139,9 @@ def _limits_along(model: Model, limits: GaitLimits, links: int, ranges: np.ndarr
     return bounds
 
 
-def _sharing(
-    model: Model, limits: GaitLimits, objective: Objective
-) -> Callable[[ca.SX], ca.SX] | None:
+def _sharing(model: Model, limits: Limits, matter: bool) -> Callable[[ca.SX], ca.SX] | None:
     """Residual of the sharing rule, for contacts whose load the motion leaves open."""
-    if limits.resting == 1 and not loads_matter(limits, objective):
+    if limits.resting == 1 and not matter:
         return None
 
     def equal(stick: ca.SX) -> ca.SX:
@@ -216,7 +155,7 @@ def _sharing(
             rows.append(force[i] + (1 - stick[i - 1]) * rows[-1])
         return ca.vertcat(*rows)
 
-    if limits.sharing == "equal" or not loads_matter(limits, objective):
+    if limits.sharing == "equal" or not matter:
         return equal
     return least_actuation
 

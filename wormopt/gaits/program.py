@@ -202,7 +202,9 @@ class GaitProgram:
         shortest = self.limits.shortest_period
         self._period = int(self._rows.add(every, [], shortest, 1.0)[0])
         share = 1.0 / (self.degree + 1)
-        ways = [(int(self.h[k]), int(v), share) for k, row in enumerate(self.v[:, :, 0]) for v in row]
+        ways = [
+            (int(self.h[k]), int(v), share) for k, row in enumerate(self.v[:, :, 0]) for v in row
+        ]
         none = [(0, 0.0)]
         self._advance = int(self._rows.add(none, ways, -np.inf, np.inf)[0])
         required = self.task.objective.speed
@@ -312,7 +314,10 @@ class GaitProgram:
         rates = -np.diff(v, axis=2) * limits.speed  # (arc, coefficient, link)
         to_powers = np.array(
             [
-                [comb(degree, p) * comb(p, k) * (-1.0) ** (p - k) if k <= p else 0.0 for k in range(degree + 1)]
+                [
+                    comb(degree, p) * comb(p, k) * (-1.0) ** (p - k) if k <= p else 0.0
+                    for k in range(degree + 1)
+                ]
                 for p in range(degree + 1)
             ]
         )

@@ -82,11 +82,10 @@ class Relaxation:
     Two masses that rest in turn: the best speed is 0.425, half the rate less the time that ramps
     take. The narrower the box, the closer the bound.
 
-    >>> from wormopt.scenes.gait_design import GaitLimits, Objective
-    >>> from wormopt.scenes.worm import WormTable
-    >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> worm = WormTable(links=1, mass=1.0, load=5.0)
-    >>> relaxation = Relaxation(Task(worm, limits, Objective(maximise="speed")), ((0,), (1,)), 10)
+    >>> from wormopt.core.task import Limits, Objective, Worm
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> worm = Worm(links=1, mass=1.0, load=5.0)
+    >>> relaxation = Relaxation(Task(worm, limits, Objective()), ((0,), (1,)), 10)
     >>> narrow = relaxation.solve(((0.49, 0.51), (0.49, 0.51))).bound
     >>> 0.425 < narrow < relaxation.solve(relaxation.root).bound <= 0.5
     True

@@ -87,6 +87,8 @@ class Survey:
         Linear programs solved.
     ended : str
         "searched", "time limit" or "interrupted".
+    seconds : dict of str to float
+        Seconds of each stage.
     """
 
     trials: tuple[Trial, ...]
@@ -94,6 +96,7 @@ class Survey:
     varied: int
     programs: int
     ended: str
+    seconds: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
@@ -183,9 +186,7 @@ class _Race:
             most -= len(close)
 
 
-def search(
-    task: Task, settings: Search, report: Report, hints: Iterable[Sequence_] = ()
-) -> Survey:
+def search(task: Task, settings: Search, report: Report, hints: Iterable[Sequence_] = ()) -> Survey:
     """Search the orders of rest, and the number of cycles, that give the best gait.
 
     Constructed orders come first, then plain ones by the ceilings that their resting sets put on
@@ -335,7 +336,10 @@ def _joined(race: _Race, parents: list[Trial]) -> Iterator[tuple[Sequence_, np.n
             views.append((mirrored(two.sequence, masses), second))
         for word, durations in views:
             for k in range(len(word)):
-                yield (*one.sequence, *word[k:], *word[:k]), np.concatenate([first, np.roll(durations, -k)])
+                yield (
+                    (*one.sequence, *word[k:], *word[:k]),
+                    np.concatenate([first, np.roll(durations, -k)]),
+                )
 
 
 def _batches(items: Iterable) -> Iterator[list]:

@@ -120,9 +120,7 @@ def sizes_of(task: Task) -> range:
         Worm, limits, objective.
     """
     fewest = task.limits.resting
-    return range(
-        fewest, task.worm.links + 1 if task.loads_matter else fewest + 1
-    )
+    return range(fewest, task.worm.links + 1 if task.loads_matter else fewest + 1)
 
 
 def letters_of(task: Task) -> list[Resting]:

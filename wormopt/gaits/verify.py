@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from wormopt.scenes.gait_design import GaitLimits
+from wormopt.core.task import Limits
 from wormopt.worms.crawl import Crawl
 
 __all__ = ["violations"]
 
 
-def violations(motion: Crawl, limits: GaitLimits) -> dict[str, float]:
+def violations(motion: Crawl, limits: Limits, cycles: int = 1) -> dict[str, float]:
     """Excess over every limit, relative to the limit's own size; not positive where it holds.
 
     Extremes are those of the motion's own functions over all time, see `Crawl.extremes`.
@@ -19,8 +19,10 @@ def violations(motion: Crawl, limits: GaitLimits) -> dict[str, float]:
     ----------
     motion : Crawl
         Motion under the gait.
-    limits : GaitLimits
-        Limits of the scene.
+    limits : Limits
+        What it must keep to.
+    cycles : int, optional
+        How often the gait runs through in a period.
 
     Returns
     -------
@@ -35,7 +37,7 @@ def violations(motion: Crawl, limits: GaitLimits) -> dict[str, float]:
     >>> from wormopt.worms.crawl import crawl
     >>> wave = block_wave(2, 1, 1.0, (0.8, 1.2), "trapezoid")  # rates up to 1.6
     >>> motion = crawl(wave, [1.0] * 3, 0.0, 50.0)
-    >>> found = violations(motion, GaitLimits(period=1.0, length=(0.7, 1.2), rate=1.0))
+    >>> found = violations(motion, Limits(period=1.0, length=(0.7, 1.2), rate=1.0))
     >>> {key: round(value, 3) for key, value in found.items() if value > 1e-9}
     {'gait.rate': 0.6}
     """
@@ -62,7 +64,7 @@ def violations(motion: Crawl, limits: GaitLimits) -> dict[str, float]:
     found["sigma"] = -low / motion.force_scale
     found["gait.resting"] = float(limits.resting - motion.resting_min)
     shortest, longest = limits.period_range
-    period = motion.gait.period
+    period = motion.gait.period * cycles
     found["gait.period"] = max(shortest - period, period - longest) / longest
     found["closed"] = _gap(motion, limits)
     return found
@@ -74,7 +76,7 @@ def _excess(motion: Crawl, signal: str, low: np.ndarray, high: np.ndarray) -> fl
     return float(np.max(np.maximum(low - least, most - high) / size))
 
 
-def _gap(motion: Crawl, limits: GaitLimits) -> float:
+def _gap(motion: Crawl, limits: Limits) -> float:
     """Largest jump of lengths, and of rates unless impulses are allowed, between pieces."""
     gait = motion.gait
     widths = np.diff(gait.breaks)

@@ -314,7 +314,9 @@ class BilinearProgram:
             if better is not None and gained > 0:
                 best = better
                 share = gained / promised
-                radius = min(2 * radius, _LARGEST) if share > 0.5 else radius * min(1.0, 4 * share + 0.2)
+                radius = (
+                    min(2 * radius, _LARGEST) if share > 0.5 else radius * min(1.0, 4 * share + 0.2)
+                )
             else:
                 radius *= _SHRINK
             if radius < _SMALLEST or stop(best):

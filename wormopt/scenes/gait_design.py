@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from math import comb
 from pathlib import Path
 from typing import Annotated, Literal
 
 from msgspec import Meta, field
-from msgspec.structs import replace
 
+from wormopt.core.task import MOST_LINKS, Cost, Limits, Objective, Rates, Task
 from wormopt.errors import Fault
-from wormopt.scenes.gait_search import Search
+from wormopt.scenes.gait_search import SearchTable
 from wormopt.scenes.motor import MotorTable
-from wormopt.scenes.shapes import too_many_resting
 from wormopt.scenes.types import (
     NonNegative,
     PairPerLink,
@@ -24,18 +24,11 @@ from wormopt.scenes.types import (
     SceneTable,
     Sharing,
     Table,
-    per,
-    wrong_count,
-    wrong_order,
 )
 from wormopt.scenes.worm import WormTable
 
-Cost = Literal[
-    "peak_spike_load", "peak_actuator_force", "energy_per_distance", "acceleration_effort"
-]
 
-
-class RateLimits(Table, frozen=True, kw_only=True):
+class RateTable(Table, frozen=True, kw_only=True):
     """Limits on the rate of a link, apart for both directions.
 
     Parameters
@@ -50,18 +43,18 @@ class RateLimits(Table, frozen=True, kw_only=True):
     extension: PerLink
 
 
-class GaitLimits(Table, frozen=True, kw_only=True):
-    """What a designed gait must keep to. Limits left out do not hold.
+class LimitTable(Table, frozen=True, kw_only=True):
+    """What a designed gait must keep to, see `Limits`. Limits left out do not hold.
 
     Parameters
     ----------
     period : float or tuple of two floats
-        The period, or the shortest and longest allowed.
+        The period, or the shortest and longest allowed; one or more cycles fill it.
     length : tuple
         Shortest and longest length, one pair for all links or one per link.
     resting : int
         At least so many masses rest at any time.
-    rate : float, tuple of float or RateLimits, optional
+    rate : float, tuple of float or RateTable, optional
         Limit on the rate of each link.
     acceleration : float or tuple of float, optional
         Limit on the acceleration of each link.
@@ -75,20 +68,12 @@ class GaitLimits(Table, frozen=True, kw_only=True):
         How several resting masses share the spike load.
     impulses : bool
         Velocities may jump, where no acceleration limit is given.
-
-    Examples
-    --------
-    >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> limits.length_ranges(2)
-    ((0.7, 1.3), (0.7, 1.3))
-    >>> limits.rate_limits(2)
-    ((1.0, 1.0), (1.0, 1.0))
     """
 
     period: PositiveOrPair
     length: PairPerLink
-    resting: Annotated[int, Meta(ge=1, le=8, description="a whole number, 1 or above")] = 1
-    rate: PerLink | RateLimits | None = None
+    resting: Annotated[int, Meta(ge=1, le=MOST_LINKS, description="a whole number, 1 or above")] = 1
+    rate: PerLink | RateTable | None = None
     acceleration: PerLink | None = None
     spike_load: PerMass | None = None
     actuator_force: PerLink | None = None
@@ -97,140 +82,15 @@ class GaitLimits(Table, frozen=True, kw_only=True):
     impulses: bool = False
 
     @property
-    def period_range(self) -> tuple[float, float]:
-        """Shortest and longest period; equal where the period is fixed."""
-        shortest, longest = per(self.period, 2)
-        return shortest, longest
-
-    def length_ranges(self, links: int) -> tuple[tuple[float, float], ...]:
-        """Shortest and longest length of each link.
-
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        """
-        pairs = self._pairs() or [self._numbers()] * links
-        return tuple((low, high) for low, high in pairs)
-
-    def _pairs(self) -> list[tuple[float, ...]]:
-        return [item for item in self.length if isinstance(item, tuple)]
-
-    def _numbers(self) -> tuple[float, ...]:
-        return tuple(item for item in self.length if not isinstance(item, tuple))
-
-    def rate_limits(self, links: int) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-        """Limits on contraction and on extension, one number per link each; None without.
-
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        """
-        if self.rate is None:
-            return None
-        if isinstance(self.rate, RateLimits):
-            return per(self.rate.contraction, links), per(self.rate.extension, links)
-        return per(self.rate, links), per(self.rate, links)
-
-    def within(self, motor: MotorTable, links: int) -> GaitLimits:
-        """Limits that a motor on every link keeps to as well.
-
-        Parameters
-        ----------
-        motor : MotorTable
-            The motor.
-        links : int
-            Number of links.
-
-        Examples
-        --------
-        >>> limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0)
-        >>> both = limits.within(MotorTable(lead=0.1, rate_max=8, acceleration_max=50), 2)
-        >>> both.rate_limits(2), both.acceleration
-        (((0.8, 0.8), (0.8, 0.8)), (5.0, 5.0))
-        """
-        rate, acceleration = motor.length_rate, motor.length_acceleration
-        contraction, extension = self.rate_limits(links) or ((rate,) * links,) * 2
-        return replace(
-            self,
-            rate=RateLimits(
-                contraction=tuple(min(rate, limit) for limit in contraction),
-                extension=tuple(min(rate, limit) for limit in extension),
-            ),
-            acceleration=tuple(
-                min(acceleration, limit) for limit in per(self.acceleration or acceleration, links)
-            ),
-        )
-
-    def faults(self, links: int, motor: bool = False) -> Iterator[Fault]:
-        """Yield what is wrong between the keys, or does not fit a worm of so many links.
-
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        motor : bool, optional
-            Whether motors limit rates and accelerations too.
-        """
-        yield from wrong_order("gait.period", self.period_range, may_be_equal=True)
-        yield from too_many_resting(self.resting, links)
-        yield from self._faults_of_length(links)
-        yield from self._faults_of_lists(links)
-        yield from self._faults_of_jumps(motor)
-
-    def _faults_of_length(self, links: int) -> Iterator[Fault]:
-        pairs, numbers = self._pairs(), self._numbers()
-        if not pairs and len(numbers) == 2:
-            yield from wrong_order("gait.length", numbers, may_be_equal=False)
-        elif numbers or len(pairs) != links:
-            yield (
-                "gait.length",
-                "neither one range nor one per link; write [shortest, longest], "
-                f"or a list of {links} such pairs",
-            )
-        for index, pair in enumerate(pairs):
-            yield from wrong_order(f"gait.length[{index}]", pair, may_be_equal=False)
-
-    def _faults_of_lists(self, links: int) -> Iterator[Fault]:
-        if isinstance(self.rate, RateLimits):
-            yield from wrong_count("gait.rate.contraction", self.rate.contraction, links, "links")
-            yield from wrong_count("gait.rate.extension", self.rate.extension, links, "links")
-        else:
-            yield from wrong_count("gait.rate", self.rate, links, "links")
-        yield from wrong_count("gait.acceleration", self.acceleration, links, "links")
-        yield from wrong_count("gait.spike_load", self.spike_load, links + 1, "masses")
-        yield from wrong_count("gait.actuator_force", self.actuator_force, links, "links")
-
-    def _faults_of_jumps(self, motor: bool) -> Iterator[Fault]:
-        if motor and self.impulses:
-            yield "gait.impulses", "motor.acceleration_max forbids jumps; leave gait.impulses out"
-        if motor:
-            return
-        if self.rate is None and self.acceleration is None:
-            yield "gait", "links of unlimited rate and acceleration; give gait.rate or both"
-        if self.acceleration is None and not self.impulses:
-            yield (
-                "gait.acceleration",
-                "velocities may jump: give gait.acceleration or set gait.impulses = true",
-            )
-        if not self.impulses:
-            return
-        if self.acceleration is not None:
-            yield (
-                "gait.impulses",
-                "gait.acceleration forbids the jumps that impulses allow; leave one out",
-            )
-        for key in ("actuator_force", "spike_load"):
-            if getattr(self, key) is not None:
-                yield (
-                    "gait.impulses",
-                    f"an impulse exceeds any gait.{key}; leave gait.impulses out and give "
-                    "gait.acceleration",
-                )
+    def limits(self) -> Limits:
+        """The limits themselves."""
+        given = {name: getattr(self, name) for name in self.__struct_fields__}
+        if isinstance(self.rate, RateTable):
+            given["rate"] = Rates(self.rate.contraction, self.rate.extension)
+        return Limits(**given)
 
 
-class Objective(Table, frozen=True, kw_only=True):
+class ObjectiveTable(Table, frozen=True, kw_only=True):
     """What makes a gait the best: exactly one of `maximise` and `minimise`.
 
     Parameters
@@ -246,6 +106,11 @@ class Objective(Table, frozen=True, kw_only=True):
     maximise: Literal["speed"] | None = None
     minimise: Cost | None = None
     speed: Positive | None = None
+
+    @property
+    def objective(self) -> Objective:
+        """The objective itself."""
+        return Objective(self.minimise, self.speed)
 
     def faults(self) -> Iterator[Fault]:
         """Yield what is wrong between the keys of this table."""
@@ -282,23 +147,30 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
         Pictures to draw.
     worm : WormTable
         The worm.
-    gait : GaitLimits
+    gait : LimitTable
         The limits.
-    search : Search
+    search : SearchTable
         How to search.
     motor : MotorTable, optional
         Motors that set the links' lengths, whose limits hold too.
     """
 
     worm: WormTable
-    gait: GaitLimits
-    search: Search = field(default_factory=Search)
+    gait: LimitTable
+    search: SearchTable = field(default_factory=SearchTable)
     motor: MotorTable | None = None
 
     @property
-    def limits(self) -> GaitLimits:
+    def limits(self) -> Limits:
         """The limits, those of the motors among them."""
-        return self.gait if self.motor is None else self.gait.within(self.motor, self.worm.links)
+        own, motor = self.gait.limits, self.motor
+        if motor is None:
+            return own
+        return own.within(motor.length_rate, motor.length_acceleration, self.worm.links)
+
+    def task(self, objective: Objective) -> Task:
+        """The problem of design with some objective."""
+        return Task(self.worm.worm, self.limits, objective)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows.
@@ -309,11 +181,22 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
             Folder of the scene.
         """
         yield from super().faults(folder)
-        yield from self.worm.faults()
-        yield from self.gait.faults(self.worm.links, self.motor is not None)
+        yield from self.worm.faults(loads=True)
+        yield from self._faults_of_limits()
         if self.motor is not None:
             yield from self.motor.faults()
         yield from self.search.faults(self.worm.links, self.gait.resting)
+
+    def _faults_of_limits(self) -> Iterator[Fault]:
+        limits = self.gait.limits
+        if self.motor is not None:
+            if limits.impulses:
+                yield "gait.impulses", "motor.acceleration_max forbids jumps; leave it out"
+                return
+            given = {name: getattr(limits, name) or 1.0 for name in ("rate", "acceleration")}
+            limits = replace(limits, **given)  # what is left out is the motor's
+        for key, message in limits.faults(self.worm.links):
+            yield f"gait.{key}".removesuffix("."), message.format(*["gait."] * 3)
 
     def faults_of_cost(self, key: str, cost: Cost | None) -> Iterator[Fault]:
         """Yield a fault if a cost has no finite value in this scene.
@@ -350,19 +233,19 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         Pictures to draw.
     worm : WormTable
         The worm.
-    gait : GaitLimits
+    gait : LimitTable
         The limits.
-    search : Search
+    search : SearchTable
         How to search.
     motor : MotorTable, optional
         Motors that set the links' lengths.
-    objective : Objective
+    objective : ObjectiveTable
         What to seek.
     """
 
     kind: Literal["gait-design"]
     want: tuple[Literal["gait", "motion", "spikes", "certificate", "animation"], ...] = ()
-    objective: Objective
+    objective: ObjectiveTable
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows.

@@ -45,7 +45,7 @@ class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
         Pictures to draw.
     worm : WormTable
         The worm.
-    gait : GaitLimits
+    gait : LimitTable
         The limits.
     search : Search
         How to search.

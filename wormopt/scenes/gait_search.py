@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from msgspec import Meta
+from msgspec import Meta, structs
 
+from wormopt.core.task import MOST_LINKS, Certify, Search
 from wormopt.errors import Fault
 from wormopt.scenes.types import Positive, Seed, Table
 
 
-class Certify(Table, frozen=True, kw_only=True):
+class CertifyTable(Table, frozen=True, kw_only=True):
     """Proof of how much better any gait could be.
 
     Parameters
     ----------
     phases : int
-        It speaks of all gaits with at most so many phases a period, 2 to 8.
+        It speaks of all gaits with at most so many phases a cycle, 2 to 8.
     gap : float
         How much better a gait might still be when it is enough, as a share.
     time_limit : float
@@ -29,7 +30,7 @@ class Certify(Table, frozen=True, kw_only=True):
     time_limit: Positive = 300.0
 
 
-class Search(Table, frozen=True, kw_only=True):
+class SearchTable(Table, frozen=True, kw_only=True):
     """How the order in which masses rest is sought.
 
     Parameters
@@ -39,32 +40,41 @@ class Search(Table, frozen=True, kw_only=True):
     effort : {"quick", "normal", "thorough"}
         How much is searched.
     phases : int, optional
-        A period has at most so many phases, 2 to 12.
+        A cycle has at most so many phases, 2 to 64.
     sequence : tuple of tuple of int, optional
-        The resting masses of each phase in turn; nothing else is tried then.
+        The resting masses of each phase of a cycle in turn; nothing else is tried then.
+    time_limit : float, optional
+        Seconds after which the best gait found so far is taken.
     workers : int, optional
-        Number of processes of the search, and of threads of a certificate.
-    certify : Certify, optional
+        Number of threads.
+    certify : CertifyTable, optional
         The proof of how much better any gait could be; none if left out.
     """
 
     seed: Seed = 0
     effort: Literal["quick", "normal", "thorough"] = "normal"
-    phases: Annotated[int, Meta(ge=2, le=12, description="a whole number from 2 to 12")] | None = (
+    phases: Annotated[int, Meta(ge=2, le=64, description="a whole number from 2 to 64")] | None = (
         None
     )
     sequence: (
         Annotated[
-            tuple[tuple[Annotated[int, Meta(ge=0, le=8)], ...], ...],
+            tuple[tuple[Annotated[int, Meta(ge=0, le=MOST_LINKS)], ...], ...],
             Meta(description="a list of lists of mass indices, [[0], [2], [1]] say"),
         ]
         | None
     ) = None
+    time_limit: Positive | None = None
     workers: (
         Annotated[int, Meta(ge=1, le=1024, description="a whole number from 1 to 1024")] | None
     ) = None
+    certify: CertifyTable | None = None
 
-    certify: Certify | None = None
+    @property
+    def search(self) -> Search:
+        """The settings themselves."""
+        given = structs.asdict(self)
+        proof = self.certify and Certify(**structs.asdict(self.certify))
+        return Search(**given | {"certify": proof})
 
     def faults(self, links: int, resting: int) -> Iterator[Fault]:
         """Yield what is wrong with the designer's own sequence.
@@ -76,22 +86,5 @@ class Search(Table, frozen=True, kw_only=True):
         resting : int
             At least so many masses rest at any time.
         """
-        if self.sequence is None:
-            return
-        count = len(self.sequence)
-        if count < 2:
-            yield "search.sequence", "fewer than two phases; write at least two"
-        if self.phases is not None and count > self.phases:
-            yield "search.sequence", f"{count} phases, but search.phases allows {self.phases}"
-        for index, masses in enumerate(self.sequence):
-            key = f"search.sequence[{index}]"
-            if len(set(masses)) != len(masses):
-                yield key, "names a mass twice; name it once"
-            if any(mass > links for mass in masses):
-                yield key, f"names a mass there is not; write indices 0 to {links}"
-            if len(set(masses)) < resting:
-                yield key, f"fewer resting masses than gait.resting = {resting}; name more"
-            if count > 1 and set(masses) == set(self.sequence[index - 1]):
-                yield key, "the same masses rest as in the phase before (round the period)"
-        for mass in sorted(set.intersection(*map(set, self.sequence)) if self.sequence else ()):
-            yield "search.sequence", f"mass {mass} rests in every phase; let it move in one"
+        for key, message in self.search.faults(links, resting):
+            yield f"search.{key}", message

@@ -13,6 +13,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from wormopt.core.task import Sharing as Sharing
+from wormopt.core.task import per as per
 from wormopt.errors import Fault
 
 _LARGEST = sys.float_info.max
@@ -36,6 +38,10 @@ Pair = Annotated[
 ]
 PositiveOrPair = Annotated[
     Positive | Pair, _words("a finite number above 0, or a range [smallest, largest]")
+]
+NonNegativeOrPair = Annotated[
+    NonNegative | Annotated[tuple[NonNegative, ...], Meta(min_length=2, max_length=2)],
+    _words("a finite number, 0 or above, or a range [smallest, largest]"),
 ]
 PairPerLink = Annotated[
     tuple[Positive | Pair, ...],
@@ -69,7 +75,6 @@ Seed = Annotated[int, Meta(ge=0, le=2**32 - 1, description="a whole number from 
 
 # Control characters are refused: files and terminals mangle them.
 Title = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]*$"), _words("text in quotes, on one line")]
-Sharing = Literal["equal", "least_actuation"]
 
 
 class Table(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -144,24 +149,6 @@ def extreme_numbers(value: object, key: str = "") -> Iterator[Fault]:
             key,
             f"{value:g} is too {size} to compute with; choose units in which it is nearer to 1",
         )
-
-
-def per(value: float | tuple[float, ...], count: int) -> tuple[float, ...]:
-    """One number for each of `count` things, from one number or a list.
-
-    Parameters
-    ----------
-    value : float or tuple of float
-        A list is given back as it is.
-    count : int
-        How many are needed.
-
-    Examples
-    --------
-    >>> per(2.0, 3)
-    (2.0, 2.0, 2.0)
-    """
-    return value if isinstance(value, tuple) else (value,) * count
 
 
 def wrong_count(

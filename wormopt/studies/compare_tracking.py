@@ -11,16 +11,13 @@ from typing import Any
 import numpy as np
 
 from wormopt.core.gait import Gait
+from wormopt.core.task import Limits, Search, Worm
 from wormopt.errors import SolveError
-from wormopt.gaits.attempt import Task
 from wormopt.gaits.optimize import design
 from wormopt.progress import Report, silent
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.compare_tracking import CompareScene, DesignedShape
-from wormopt.scenes.gait_design import GaitLimits, Objective
-from wormopt.scenes.gait_search import Search
 from wormopt.scenes.scene import Scene
-from wormopt.scenes.worm import WormTable
 from wormopt.simulation.ensemble import Member, simulate_ensemble
 from wormopt.simulation.options import Exact, Tolerance
 from wormopt.simulation.simulate import simulate
@@ -131,15 +128,9 @@ def _gait(scene: Scene[CompareScene], index: int) -> Gait:
     if not isinstance(shape, DesignedShape):
         return gait_of_shape(shape, scene, f"reference[{index}].gait")
     links = scene.table.worm.links
-    limits = GaitLimits(
-        period=shape.period,
-        length=(shape.length[0], shape.length[1]),
-        rate=shape.rate,
-        acceleration=shape.acceleration,
-    )
-    worm = WormTable(links=links, mass=1.0, load=shape.load)
-    search = Search(effort="quick", sequence=tuple((i,) for i in range(links, -1, -1)))
-    found = design(Task(worm, limits, Objective(maximise="speed")), search, silent)
+    limits = Limits(shape.period, shape.length, rate=shape.rate, acceleration=shape.acceleration)
+    order = Search(sequence=tuple((i,) for i in range(links, -1, -1)))
+    found = design(Worm(links, load=shape.load), limits, search=order)
     return _without_short_pieces(found.gait)
 
 

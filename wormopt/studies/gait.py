@@ -52,11 +52,11 @@ def run(scene: Scene[GaitScene], report: Report) -> Result:
     motion = crawl(gait, worm.masses, worm.drag, worm.load, table.gait.sharing)
     scalars = motion_scalars(motion, table.units)
     crawled = time.perf_counter()
-    again = recheck(motion, worm)
+    again = recheck(motion)
     error = abs(again.speed - motion.speed)
     scalars["recheck_speed_error"] = Scalar(error, unit_of("speed", table.units))
     checked = time.perf_counter()
-    trust = dict(motion_trust(motion, worm, again))
+    trust = dict(motion_trust(motion, again))
     warnings = _warnings(motion)
     faults = disagreements(motion, again)
     return Result(

@@ -11,13 +11,13 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from wormopt.gaits.attempt import Task
+from wormopt.core.task import Search, Task
 from wormopt.gaits.certify import Certificate, Progress, certify
+from wormopt.gaits.optimize import Design
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.space import is_mirror_symmetric
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
-from wormopt.scenes.gait_search import Search
 from wormopt.studies.checkpoints import checkpoints, forget, keep
 
 __all__ = ["add_certificate"]
@@ -27,7 +27,7 @@ _ROUNDING = 1e-12
 
 
 def add_certificate(
-    result: Result, task: Task, settings: Search, units: str, report: Report
+    result: Result, found: Design, settings: Search, units: str, report: Report
 ) -> tuple[Result, bool]:
     """Add a certificate to the result of a design.
 
@@ -38,8 +38,8 @@ def add_certificate(
     ----------
     result : Result
         Of the design.
-    task : Task
-        Worm, limits, objective.
+    found : Design
+        The design.
     settings : Search
         With the proof that is wanted.
     units : {"dimensionless", "SI"}
@@ -55,7 +55,7 @@ def add_certificate(
     interrupted : bool
         Whether the user stopped it.
     """
-    value = float(result.scalars["objective"].value)
+    task, value = found.task, float(result.scalars["objective"].value)
     file = _file(task, value, settings)
 
     def save(progress: Progress) -> None:

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from wormopt.core.task import Cost
 from wormopt.errors import Interrupted, SolveError
-from wormopt.gaits.attempt import Task
-from wormopt.gaits.optimize import Design, design
-from wormopt.gaits.verify import violations
+from wormopt.gaits.optimize import Design, designed
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, unit_of
-from wormopt.scenes.gait_design import Cost, DesignTable, GaitDesignScene, GaitLimits, Objective
+from wormopt.scenes.gait_design import DesignTable, GaitDesignScene
 from wormopt.scenes.scene import Scene
 from wormopt.studies.motion import (
     disagreements,
@@ -24,7 +23,7 @@ from wormopt.studies.motion import (
     recheck,
 )
 from wormopt.studies.motor_limits import motor_faults, motor_scalars, motor_trust, say_whose
-from wormopt.worms.crawl import Crawl, crawl
+from wormopt.worms.crawl import Crawl
 
 __all__ = ["cost_scalar", "design_result", "objective_value", "run"]
 
@@ -55,21 +54,21 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
         If the user stops it; the best gait so far is its partial result.
     """
     table = scene.table
-    task = Task(table.worm, table.limits, table.objective)
+    task, settings = table.task(table.objective.objective), table.search.search
     try:
-        found = design(task, table.search, report)
+        found = designed(task, settings, report)
     except SolveError as error:
         told = say_whose(error, table)
         raise SolveError(told.reason, told.suggestion, _nothing(scene, str(told))) from None
-    result = design_result(scene, found, table.objective)
-    if found.interrupted:
-        reason = "interrupted: the best gait so far, not polished"
+    result = design_result(scene, found)
+    if found.ended == "interrupted":
+        reason = "interrupted: the best gait so far, its search cut short"
         raise Interrupted(replace(result, status="failed", reason=reason))
-    if table.search.certify is None or result.status != "ok":
+    if settings.certify is None or result.status != "ok":
         return result
     from wormopt.studies.gait_certificate import add_certificate
 
-    result, interrupted = add_certificate(result, task, table.search, table.units, report)
+    result, interrupted = add_certificate(result, found, settings, table.units, report)
     if interrupted:
         reason = "interrupted: the gait is done, its certificate is not; run again to go on"
         raise Interrupted(replace(result, status="failed", reason=reason))
@@ -82,9 +81,7 @@ def _nothing(scene: Scene[Any], reason: str) -> Result:
     )
 
 
-def design_result(
-    scene: Scene[Any], found: Design, objective: Objective, cost: Cost | None = None
-) -> Result:
+def design_result(scene: Scene[Any], found: Design, cost: Cost | None = None) -> Result:
     """Result of a designed gait with its trust report.
 
     Parameters
@@ -93,8 +90,6 @@ def design_result(
         Whose table is a DesignTable.
     found : Design
         The designed gait.
-    objective : Objective
-        What was sought.
     cost : str, optional
         A cost to state besides.
 
@@ -102,18 +97,16 @@ def design_result(
     -------
     Result
         Everything in it is computed anew from the gait alone, in closed form, and rechecked by
-        integration. Status "failed" where a limit is exceeded by more than 1e-9 of its size, or
-        the two routes differ in speed by more than that.
+        integration; signals show one cycle. Status "failed" where a limit is exceeded by more
+        than 1e-9 of its size, or the two routes differ in speed by more than that.
     """
     table: DesignTable = scene.table
-    worm, limits = table.worm, table.limits
     clock = time.perf_counter()
-    motion = crawl(found.gait, worm.masses, worm.drag, worm.load, limits.sharing)
-    again = recheck(motion, worm)
-    excess = violations(motion, limits)
+    motion, objective = found.motion, found.task.objective
+    again, excess = recheck(motion), dict(found.violations)
     if objective.speed is not None:
         excess["objective.speed"] = 1.0 - motion.speed / objective.speed
-    scalars = motion_scalars(motion, table.units) | _design_scalars(table, found, motion, objective)
+    scalars = motion_scalars(motion, table.units) | _design_scalars(table, found, motion)
     scalars |= motor_scalars(table, found.gait)
     if cost is not None:
         value, quantity = objective_value(motion, cost)
@@ -121,10 +114,10 @@ def design_result(
     error = abs(again.speed - motion.speed)
     scalars["worst_violation"] = Scalar(max(0.0, *excess.values()))
     scalars["recheck_speed_error"] = Scalar(error, unit_of("speed", table.units))
-    trust = dict(motion_trust(motion, worm, again)) | _design_trust(found, excess, limits)
+    trust = dict(motion_trust(motion, again)) | _design_trust(found, excess)
     trust |= motor_trust(table)
     faults = [*_faults(excess, motion, found.ceiling), *disagreements(motion, again)]
-    faults += motor_faults(table, found.gait)
+    faults += [*_faults_under_loads(found), *motor_faults(table, found.gait)]
     return Result(
         scene=scene.name,
         kind=table.kind,
@@ -137,6 +130,19 @@ def design_result(
         timings_s=found.timings_s | {"prove": time.perf_counter() - clock},
         scene_text=scene.text,
     )
+
+
+def _faults_under_loads(found: Design) -> list[str]:
+    """Integrate anew under other loads of a range: as many masses must rest, as fast a motion."""
+    low, high = found.task.worm.load_range
+    if low == high:
+        return []
+    motions = [found.motion_under(load) for load in np.linspace(low, high, 5)[:-1].tolist()]
+    return [
+        f"under the load {motion.drive.load:g}: {fault}"
+        for motion in motions
+        for fault in disagreements(motion, recheck(motion))
+    ]
 
 
 def cost_scalar(cost: Cost) -> str:
@@ -197,17 +203,19 @@ def objective_value(motion: Crawl, minimise: Cost | None) -> tuple[float, str]:
             return motion.effort, "acceleration_squared"
 
 
-def _design_scalars(
-    table: DesignTable, found: Design, motion: Crawl, objective: Objective
-) -> dict[str, Scalar]:
+def _design_scalars(table: DesignTable, found: Design, motion: Crawl) -> dict[str, Scalar]:
     units, limits, links = table.units, table.limits, table.worm.links
-    value, quantity = objective_value(motion, objective.minimise)
-    unit = unit_of(quantity, units)
+    value, quantity = objective_value(motion, found.task.objective.minimise)
+    unit, time_unit = unit_of(quantity, units), unit_of("time", units)
     scalars = {
         "objective": Scalar(value, unit),
+        "cycles": Scalar(found.cycles),
+        "period": Scalar(found.cycles * found.gait.period, time_unit),
+        "advance": Scalar(found.cycles * motion.advance, unit_of("length", units)),
+        "smallest_period": Scalar(found.gait.period, time_unit),
         "ceiling": Scalar(found.ceiling, unit_of("speed", units)),
         "gap": Scalar((found.ceiling - motion.speed) / found.ceiling),
-        "discretisation_error": Scalar(found.relative_error * abs(value), unit),
+        "discretisation_error": Scalar(found.error * abs(value), unit),
         "length_limits": Scalar(limits.length_ranges(links), unit_of("length", units)),
     }
     rates = limits.rate_limits(links)
@@ -217,36 +225,37 @@ def _design_scalars(
         scalars["spike_load_limit"] = Scalar(limits.spike_load, unit_of("force", units))
     if limits.actuator_force is not None:
         scalars["actuator_force_limit"] = Scalar(limits.actuator_force, unit_of("force", units))
+    low, high = found.task.worm.load_range
+    if low < high:
+        scalars["load_range"] = Scalar([low, high], unit_of("force", units))
     return scalars
 
 
-def _design_trust(found: Design, excess: dict[str, float], limits: GaitLimits) -> dict[str, Any]:
-    survey, mesh = found.survey, found.mesh
-    warnings = []
-    if not found.relative_error <= 1e-7:
+def _design_trust(found: Design, excess: dict[str, float]) -> dict[str, Any]:
+    survey, warnings = found.survey, []
+    if not found.error <= 1e-6:
         warnings.append("halving the arcs still changes the objective: see discretisation_error")
-    if limits.sharing == "least_actuation" and limits.resting > 1:
-        warnings.append("only motions in which every resting spike is loaded were considered")
+    if found.ended != "searched":
+        warnings.append(
+            f"the search was cut short ({found.ended}): a longer one may find a better gait"
+        )
     return {
         "violations": {k: max(0.0, v) for k, v in excess.items()},
         "solver": {
-            "status": found.solution.status,
+            **found.solver,
             "sequence": found.sequence,
             "durations": found.durations,
-            "violation": found.solution.violation,
-            "arcs_per_phase": mesh.arcs,
-            "degree": mesh.collocation.degree,
+            "cycles": found.cycles,
         },
         "search": {
-            "phases_enumerated": survey.phases,
-            "sequences": survey.space,
-            "excluded_by_bounds": survey.excluded,
+            "ended": found.ended,
             "tried": survey.tried,
             "variations_tried": survey.varied,
-            "starts": survey.starts,
+            "linear_programs": survey.programs,
+            "stages_s": survey.seconds,
             "best": [
-                {"sequence": c.sequence, "scaled_objective": c.objective}
-                for c in survey.candidates[:5]
+                {"sequence": t.sequence, "cycles": t.cycles, "objective": abs(t.value)}
+                for t in survey.trials[:5]
             ],
         },
         "ceiling": "upper bound on the speed by link rates and resting masses alone",

@@ -8,17 +8,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
-import msgspec
 import numpy as np
 from platformdirs import user_cache_path
 
+from wormopt.core.task import Objective
 from wormopt.errors import Interrupted, SolveError
-from wormopt.gaits.attempt import Task
-from wormopt.gaits.optimize import design
+from wormopt.gaits.optimize import designed
 from wormopt.gaits.sequences import Sequence_
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
-from wormopt.scenes.gait_design import Objective
 from wormopt.scenes.gait_pareto import GaitParetoScene
 from wormopt.scenes.scene import Scene
 from wormopt.studies.gait_design import cost_scalar, design_result
@@ -117,16 +115,11 @@ def _point(
     def on(text: str, fraction: float | None) -> None:
         report(f"point {total - index + 1} of {total}: {text}", done + (fraction or 0.0) / total)
 
-    goal = (
-        Objective(maximise="speed") if speed is None else Objective(minimise=against, speed=speed)
-    )
-    settings = table.search
-    if speed is not None and settings.effort == "normal":
-        settings = msgspec.structs.replace(settings, effort="quick")
-    found = design(Task(table.worm, table.limits, goal), settings, on, hints)
-    if found.interrupted:
+    goal = Objective() if speed is None else Objective(against, speed)
+    found = designed(table.task(goal), table.search.search, on, hints)
+    if found.ended == "interrupted":
         raise KeyboardInterrupt
-    result = design_result(scene, found, goal, against)
+    result = design_result(scene, found, against)
     unfinished = folder.with_suffix(".part")
     shutil.rmtree(unfinished, ignore_errors=True)
     unfinished.mkdir(parents=True)

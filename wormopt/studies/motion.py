@@ -9,7 +9,6 @@ import numpy as np
 
 from wormopt.gaits.files import gait_variables
 from wormopt.result import Scalar, Variable, unit_of
-from wormopt.scenes.worm import WormTable
 from wormopt.simulation.bimodal import BimodalMotion, integrate
 from wormopt.worms.crawl import Crawl
 
@@ -117,15 +116,13 @@ def motion_variables(motion: Crawl, units: str) -> list[Variable]:
     return [*signals, *gait_variables(motion.gait, units)]
 
 
-def recheck(motion: Crawl, worm: WormTable) -> BimodalMotion:
+def recheck(motion: Crawl) -> BimodalMotion:
     """Integrate (7) for the same gait by the second, event-located route.
 
     Parameters
     ----------
     motion : Crawl
         The motion to check.
-    worm : WormTable
-        The worm.
 
     Returns
     -------
@@ -136,18 +133,17 @@ def recheck(motion: Crawl, worm: WormTable) -> BimodalMotion:
     SolveError
         If that route finds no periodic motion.
     """
-    return integrate(motion.gait, worm.masses, worm.drag, worm.load)
+    drive = motion.drive
+    return integrate(motion.gait, drive.mass.tolist(), drive.drag, drive.load)
 
 
-def motion_trust(motion: Crawl, worm: WormTable, again: BimodalMotion) -> Mapping[str, Any]:
+def motion_trust(motion: Crawl, again: BimodalMotion) -> Mapping[str, Any]:
     """Residuals of a motion and its agreement with the second route.
 
     Parameters
     ----------
     motion : Crawl
         The motion.
-    worm : WormTable
-        The worm.
     again : BimodalMotion
         From `recheck`.
 
@@ -160,7 +156,7 @@ def motion_trust(motion: Crawl, worm: WormTable, again: BimodalMotion) -> Mappin
     """
     low, high = motion.extremes("closure")
     # drag acts on the mean velocity of the masses, which over a period is the speed
-    balance = _lambda_mean(motion) - worm.drag * motion.speed - worm.load
+    balance = _lambda_mean(motion) - motion.drive.drag * motion.speed - motion.drive.load
     trust: dict[str, Any] = {
         "force_balance": max(abs(low[0]), abs(high[0])),
         "impulse_balance": abs(balance),

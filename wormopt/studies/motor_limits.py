@@ -120,7 +120,7 @@ def say_whose(error: SolveError, table: DesignTable) -> SolveError:
 
 def _whose(table: DesignTable, motor: MotorTable) -> dict[str, list[str]]:
     """Of each link, whether the gait's limit or the motor's is the smaller."""
-    links, limits = table.worm.links, table.gait
+    links, limits = table.worm.links, table.gait.limits
     rates = limits.rate_limits(links)
     given = {
         "rate": np.full(links, np.inf) if rates is None else np.min(rates, axis=0),

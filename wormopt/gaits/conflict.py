@@ -1,0 +1,52 @@
+"""Why no gait exists: the limits that stand against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wormopt.core.modes import ModeSequence
+from wormopt.core.task import Task
+from wormopt.errors import SolveError
+from wormopt.gaits.problem import gait_problem
+from wormopt.gaits.sequences import Sequence_
+from wormopt.gaits.smooth import mesh_of, resting_state
+from wormopt.optimal.elastic import elastic
+from wormopt.optimal.nlp import Ipopt
+from wormopt.optimal.transcription import Transcription
+
+__all__ = ["conflict"]
+
+
+def conflict(task: Task, sequences: Sequence[Sequence_]) -> SolveError:
+    """Say which limits stand against each other, by the least slack that lets a gait exist."""
+    rigid = gait_problem(task.worm, task.limits, task.objective)
+    problem = elastic(rigid)
+    least, slack = np.inf, np.zeros(len(problem.design))
+    for sequence in sequences:
+        program = Transcription(problem, mesh_of(sequence, 4))
+        bounds = program.bounds(ModeSequence.of_resting(sequence, task.worm.links + 1))
+        total = program.mesh.total
+        durations = np.full(total, np.mean(task.limits.period_range) / total)
+        w = program.rest(durations, resting_state(task))
+        w[-len(slack) :] = 10.0
+        answer = program.nlp.solve(w, bounds, Ipopt(tolerance=1e-7))
+        if answer.violation < 1e-5 and answer.objective < least:
+            least, slack = answer.objective, program.unpack(answer.w).design
+    nominal = {b.name: b.nominal for b in (*rigid.along, *rigid.at_ends)}
+    given = [
+        f"{name} by {size * nominal[name]:.4g}"
+        for signal, size in zip(problem.design, slack, strict=True)
+        if (name := signal.name.removeprefix("slack ")) in nominal and size > 1e-5
+    ]
+    if not given:
+        return SolveError(
+            "no order of resting masses was solved, though the limits do not seem to conflict",
+            'try search.effort = "thorough" or another search.seed',
+        )
+    return SolveError(
+        "no gait meets these limits together; the least that has to give way is "
+        + " and ".join(given),
+        "relax that, or what stands against it",
+    )

@@ -1,0 +1,181 @@
+"""Costs that are neither linear nor a peak: energy and effort, by IPOPT from a searched gait.
+
+With the durations of a gait that is fast enough the motion is a linear program; from there the
+collocated problem of optimal control is solved with the cost itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from wormopt.core.gait import Gait
+from wormopt.core.modes import ModeSequence
+from wormopt.core.task import Objective, Task
+from wormopt.gaits.problem import gait_problem
+from wormopt.gaits.sequences import Sequence_
+from wormopt.gaits.trial import Trial
+from wormopt.optimal.collocation import Collocation, bernstein_matrix
+from wormopt.optimal.mesh import Arcs, Mesh, on_finer_mesh
+from wormopt.optimal.nlp import Bounds, Ipopt, Solution
+from wormopt.optimal.transcription import Transcription
+
+__all__ = ["Solved", "gait_of_arcs", "mesh_of", "refine_cost", "resting_state", "solve_cost"]
+
+# Refinement stops when halving every arc changes the cost by less than this, relatively.
+_RESOLVED = 1e-7
+# A solution counts as feasible if its scaled constraints are violated by no more.
+_FEASIBLE = 1e-10
+_ARCS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """An order of rest solved for a cost on some mesh.
+
+    Parameters
+    ----------
+    trial : Trial
+        Where it was started from: a fast gait of the same order and number of cycles.
+    program : Transcription
+        The program solved.
+    bounds : Bounds
+        Its bounds for this order.
+    solution : Solution
+        What was found.
+    """
+
+    trial: Trial
+    program: Transcription
+    bounds: Bounds
+    solution: Solution
+
+    @property
+    def objective(self) -> float:
+        """Scaled cost."""
+        return self.solution.objective
+
+    @property
+    def arcs(self) -> Arcs:
+        """The motion."""
+        return self.program.unpack(self.solution.w)
+
+
+def mesh_of(sequence: Sequence_, arcs: int, degree: int = 2) -> Mesh:
+    """Mesh with as many phases as the sequence.
+
+    Accelerations have the degree of the states less 2, so that lengths are exact.
+
+    Examples
+    --------
+    >>> mesh_of(((0,), (2,), (1,)), arcs=6).total
+    18
+    """
+    return Mesh(len(sequence), arcs, Collocation(degree), degree - 2)
+
+
+def resting_state(task: Task) -> np.ndarray:
+    """State of `spiked_worm` at rest, links in the middle of their ranges, shape (2n + 2,)."""
+    lengths = np.mean(task.limits.length_ranges(task.worm.links), axis=1)
+    return np.concatenate([[0.0], lengths, [0.0], 0.0 * lengths])
+
+
+@lru_cache(maxsize=16)
+def _program(task: Task, mesh: Mesh) -> Transcription:
+    return Transcription(gait_problem(task.worm, task.limits, task.objective), mesh)
+
+
+def solve_cost(task: Task, trial: Trial) -> Solved | None:
+    """Solve for the cost, started from a trial; None where no motion is found.
+
+    Parameters
+    ----------
+    task : Task
+        With a smooth cost.
+    trial : Trial
+        A gait that is fast enough.
+    """
+    cycle = replace(task, limits=replace(task.limits, period=trial.program.period))
+    mesh = mesh_of(trial.sequence, _ARCS)
+    program = _program(cycle, mesh)
+    bounds = program.bounds(ModeSequence.of_resting(trial.sequence, task.worm.links + 1))
+    fastest = _program(replace(cycle, objective=Objective()), mesh)
+    rest = fastest.rest(np.repeat(trial.durations / _ARCS, _ARCS), resting_state(task))
+    own = fastest.bounds(ModeSequence.of_resting(trial.sequence, task.worm.links + 1))
+    linear = fastest.nlp.linear_step(rest, own, fastest.hold_durations())
+    if linear is None:
+        return None
+    begin = replace(fastest.unpack(linear[0]), **program.nominal_extras())
+    start = program.nlp.start(program.pack(begin, bounds), bounds)
+    found = program.nlp.finish(program.nlp.solve(start.w, bounds, Ipopt()), bounds)
+    return Solved(trial, program, bounds, found) if found.violation <= 1e-8 else None
+
+
+def refine_cost(task: Task, solved: Solved) -> tuple[Solved, float]:
+    """Raise the degree until halving every arc gains less than 1e-7, or costs no longer fall.
+
+    Returns
+    -------
+    solved : Solved
+        On the last mesh.
+    error : float
+        Relative gain that is left, to first order, when every arc is halved; infinite where the
+        linear program that tells has no solution.
+    """
+    error = _left_by_halving(solved)
+    for mesh in _finer(solved.program.mesh):
+        if error <= _RESOLVED:
+            break
+        program, bounds, start = _carry(solved, mesh)
+        found = program.nlp.finish(program.nlp.solve(start.w, bounds, Ipopt()), bounds)
+        if found.objective < solved.objective and found.violation <= _FEASIBLE:
+            solved = replace(solved, program=program, bounds=bounds, solution=found)
+            error = _left_by_halving(solved)
+    return solved, error
+
+
+def _finer(mesh: Mesh) -> Iterator[Mesh]:
+    for degree in (3, 5):
+        yield replace(mesh, collocation=Collocation(degree), input_degree=degree - 2)
+
+
+def _left_by_halving(solved: Solved) -> float:
+    """Relative gain that is left when every arc is halved: the best step of the linear program.
+
+    An interior-point solver's own noise is larger than that.
+    """
+    mesh = replace(solved.program.mesh, arcs=2 * solved.program.mesh.arcs)
+    program, bounds, start = _carry(solved, mesh)
+    step = program.nlp.linear_step(start.w, bounds, np.full(start.w.shape, 1e-2))
+    return np.inf if step is None else abs(step[1] / solved.objective)
+
+
+def _carry(solved: Solved, mesh: Mesh) -> tuple[Transcription, Bounds, Solution]:
+    fine = Transcription(solved.program.problem, mesh)
+    sequence = ModeSequence.of_resting(
+        solved.trial.sequence, solved.trial.program.task.worm.links + 1
+    )
+    bounds = fine.bounds(sequence)
+    w = fine.pack(on_finer_mesh(solved.arcs, solved.program.mesh, mesh), bounds)
+    return fine, bounds, fine.nlp.start(w, bounds)
+
+
+def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
+    """Integrate link accelerations twice, arc by arc; arcs without duration are left out."""
+    kept = np.flatnonzero(arcs.duration > 1e-15 * arcs.duration.sum())
+    nodes, m = mesh.input_nodes, mesh.input_degree
+    to_powers = np.linalg.inv(nodes[:, None] ** np.arange(m + 1)) @ np.linalg.inv(
+        bernstein_matrix(nodes)
+    )
+    pieces = np.zeros((len(kept), links, m + 3))
+    k = np.arange(m + 1)
+    for row, arc in enumerate(kept):
+        h = arcs.duration[arc]
+        pieces[row, :, 0] = arcs.start[1 : links + 1, arc]
+        pieces[row, :, 1] = arcs.start[links + 2 :, arc]
+        power = arcs.inputs[:, :, arc] @ to_powers.T / h**k
+        pieces[row, :, 2:] = power / ((k + 1) * (k + 2))
+    return Gait(np.concatenate([[0.0], np.cumsum(arcs.duration[kept])]), pieces)
