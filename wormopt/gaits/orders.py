@@ -2,32 +2,57 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, permutations
 from math import comb
 
+from wormopt.core.ceiling import best_modes
 from wormopt.core.task import Task
 from wormopt.gaits.construct import block_wave_sequence
-from wormopt.gaits.sequences import Resting, Sequence_, sequences
+from wormopt.gaits.sequences import Resting, Sequence_, is_gait, mirrored, sequences
 from wormopt.gaits.space import ceiling_of, is_mirror_symmetric, sizes_of
+from wormopt.gaits.waves import wave_orders
 
 __all__ = ["first_orders", "letters_of", "plain_orders"]
 
 # Sets are all listed up to so many, words of them up to so many.
 _MOST_SETS, _MOST_WORDS = 64, 4000
+# Solutions of the ceiling's linear program that are looked at.
+_MIXES = 3
 
 
 def first_orders(task: Task) -> list[Sequence_]:
-    """Orders of constructed gaits, which no search should fall behind.
+    """Orders that no search should fall behind, whatever the number of links.
 
-    Block-rest waves, of more resting masses too where those share a load, and for one resting
-    mass accordions: head and tail in turn, without and with a mass between.
+    Head and tail in turn, without and with a block between; the resting sets of the ceiling's
+    solutions in every order; travelling waves, of more resting masses too where those share a
+    load.
     """
-    n = task.worm.links
-    found = [tuple(block_wave_sequence(n, a)) for a in sizes_of(task)] if n <= 12 else []
-    if task.limits.resting == 1:
-        between = sorted({n // 2, n // 3, n - n // 3} - {0, n})
-        found = [((0,), (n,)), *(((0,), (i,), (n,)) for i in between), *found]
-    return found
+    n, fewest = task.worm.links, task.limits.resting
+    found = [*_ends_in_turn(n, fewest), *_best_sets_in_turn(task)]
+    found += [tuple(block_wave_sequence(n, a)) for a in sizes_of(task)]
+    waves = wave_orders(n, fewest)
+    if not is_mirror_symmetric(task):
+        waves += [mirrored(wave, n + 1) for wave in waves]
+    return [s for s in dict.fromkeys([*found, *waves]) if is_gait(s)]
+
+
+def _ends_in_turn(links: int, resting: int) -> Iterator[Sequence_]:
+    """Accordions: a block at the head and one at the tail, and one between."""
+    head, tail = tuple(range(resting)), tuple(range(links + 1 - resting, links + 1))
+    yield (head, tail)
+    spare = links + 1 - resting
+    for start in sorted({spare // 2, spare // 3, spare - spare // 3} - {0, spare}):
+        yield (head, tuple(range(start, start + resting)), tail)
+
+
+def _best_sets_in_turn(task: Task) -> Iterator[Sequence_]:
+    """All cyclic orders of the sets by which the ceiling is reached, where they are few."""
+    contraction, extension = task.limits.rate_bounds(task.worm.links)
+    count = _MIXES if task.worm.links <= 12 else 1
+    for mix in best_modes(contraction, extension, task.limits.resting, count=count):
+        first, *others = (tuple(sorted(s)) for s in mix.sets)
+        if len(others) <= 3:
+            yield from ((first, *order) for order in permutations(others))
 
 
 def letters_of(task: Task) -> list[Resting]:
@@ -57,9 +82,9 @@ def plain_orders(task: Task, phases: int | None = None) -> list[Sequence_]:
         for count in range(2, most + 1):
             if len(sets) ** count <= _MOST_WORDS * count:
                 found |= set(sequences(masses, sets, count, mirror=mirror))
-    return sorted(found, key=lambda s: (-_rounded(ceiling_of(task, s)), len(s), s))
+    return sorted(found, key=lambda s: (-_rounded_ceiling(task, s), len(s), s))
 
 
-def _rounded(value: float) -> float:
-    """Ceilings are equal if they are to six digits."""
-    return float(f"{value:.6g}")
+def _rounded_ceiling(task: Task, sequence: Sequence_) -> float:
+    """Ceiling of an order to six digits; of long worms it takes too long."""
+    return float(f"{ceiling_of(task, sequence):.6g}") if task.worm.links <= 8 else 0.0

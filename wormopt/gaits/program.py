@@ -78,7 +78,7 @@ class GaitProgram:
         self._peak: int | None = None
         self._add_columns()
         self._add_rates()
-        for phase, resting in enumerate(sequence):
+        for phase, resting in enumerate(sequence[: self._phases]):
             at = slice(self._edges[phase], self._edges[phase + 1])
             for form in self.limits.forms(resting):
                 self._add_form(form, at)
@@ -86,6 +86,15 @@ class GaitProgram:
         self._add_lengths()
         self._add_ends()
         self.bilinear = self._assemble()
+
+    @property
+    def _phases(self) -> int:
+        """Phases whose rows are stated; those of all others follow from them."""
+        return len(self.sequence)
+
+    @property
+    def _stated(self) -> slice:
+        return slice(0, self._edges[self._phases])
 
     # -- columns ---------------------------------------------------------------------------------
 
@@ -103,8 +112,11 @@ class GaitProgram:
         for k in range(1, degree):
             self.v[:, k] = columns(fastest)
         self.length = columns(np.repeat(limits.strokes[None], total, axis=0))
+        self._add_peak_column()
+
+    def _add_peak_column(self) -> None:
         if self.task.objective.minimise in ("peak_spike_load", "peak_actuator_force"):
-            self._peak = int(columns(np.array([np.inf]))[0])
+            self._peak = int(self._rows.columns(np.array([np.inf]))[0])
 
     @property
     def _continuous(self) -> bool:
@@ -114,10 +126,10 @@ class GaitProgram:
 
     def _add_rates(self) -> None:
         """Rates of the links at all coefficients; between a mass at rest and one that moves a bound."""
-        ends = range(self.degree if self._continuous else self.degree + 1)
+        ends = slice(0, self.degree if self._continuous else self.degree + 1)
         upper = np.array(self._rows.upper)
         for j, (contraction, extension) in enumerate(zip(*self.limits.rates, strict=True)):
-            ahead, behind = (self.v[:, ends, i].ravel() for i in (j, j + 1))
+            ahead, behind = (self.v[self._stated, ends, i].ravel() for i in (j, j + 1))
             np.minimum.at(upper, ahead[(behind < 0) & (ahead >= 0)], extension)
             np.minimum.at(upper, behind[(ahead < 0) & (behind >= 0)], contraction)
             both = (ahead >= 0) & (behind >= 0)
@@ -185,16 +197,17 @@ class GaitProgram:
 
     def _add_lengths(self) -> None:
         """Lengths follow the rates, and stay in their ranges at all coefficients."""
-        share = 1.0 / (self.degree + 1)
+        share, own = 1.0 / (self.degree + 1), self._stated
         for j, stroke in enumerate(self.limits.strokes):
-            length = self.length[:, j]
+            length, after = self.length[own, j], np.roll(self.length[:, j], -1)[own]
             change: list[tuple] = []
             for k in range(self.degree + 1):
-                change += [(self.h, self.v[:, k, j], share), (self.h, self.v[:, k, j + 1], -share)]
+                for mass, sign in ((j, share), (j + 1, -share)):
+                    change.append((self.h[own], self.v[own, k, mass], sign))
                 if k < self.degree:
                     self._rows.add([(length, 1.0)], change, 0.0, stroke)
             back = [(h, v, -weight) for h, v, weight in change]
-            self._rows.add([(np.roll(length, -1), 1.0), (length, -1.0)], back, 0.0, 0.0)
+            self._rows.add([(after, 1.0), (length, -1.0)], back, 0.0, 0.0)
 
     def _add_ends(self) -> None:
         """Period, advance of the head, speed that is required, jumps of velocities."""
@@ -221,9 +234,9 @@ class GaitProgram:
 
     def _assemble(self) -> BilinearProgram:
         if self._peak is None:
-            return BilinearProgram(self._rows, self.h, self._advance, self._period)
+            return BilinearProgram(self._rows, np.unique(self.h), self._advance, self._period)
         low = int(self._rows.add([(self._peak, -1.0)], [], -np.inf, np.inf)[0])
-        return BilinearProgram(self._rows, self.h, low)
+        return BilinearProgram(self._rows, np.unique(self.h), low)
 
     # -- points ----------------------------------------------------------------------------------
 
@@ -250,7 +263,7 @@ class GaitProgram:
         sums = np.add.reduceat(h, np.flatnonzero(joined))
         arcs = np.add.reduceat(joined.astype(int), self._edges[:-1])
         widths = np.repeat(sums / 2, 2) * self.limits.time
-        finer = GaitProgram(self.task, self.sequence, self.period, 2 * arcs, degree or self.degree)
+        finer = type(self)(self.task, self.sequence, self.period, 2 * arcs, degree or self.degree)
         return finer, finer.start_arcs(widths)
 
     def _joined(self, point: Point) -> np.ndarray:

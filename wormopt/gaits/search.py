@@ -41,18 +41,22 @@ class Effort:
         Most rounds in which the best orders are varied.
     varied : int
         Most variations tried in a round.
+    work : float
+        Pivots times rows and columns after which no more variations are tried; long worms need
+        more for each.
     """
 
     enumerated: int
     width: int
     rounds: int
     varied: int
+    work: float
 
 
 _EFFORTS = {
-    "quick": Effort(enumerated=16, width=1, rounds=1, varied=8),
-    "normal": Effort(enumerated=160, width=3, rounds=8, varied=120),
-    "thorough": Effort(enumerated=1000, width=6, rounds=16, varied=400),
+    "quick": Effort(enumerated=16, width=1, rounds=1, varied=8, work=3e8),
+    "normal": Effort(enumerated=160, width=3, rounds=8, varied=120, work=1.5e9),
+    "thorough": Effort(enumerated=1000, width=6, rounds=16, varied=400, work=3e10),
 }
 # What is within this share of the best of its level is looked at with more arcs.
 _MARGINS = (0.08, 0.01)
@@ -110,6 +114,7 @@ class _Race:
     free: dict[Sequence_, Trial] = field(default_factory=dict)
     records: dict[int, float] = field(default_factory=dict)
     programs: int = 0
+    work: int = 0
 
     def __post_init__(self) -> None:
         self._pool = ThreadPoolExecutor(self.workers) if self.workers > 1 else None
@@ -143,22 +148,26 @@ class _Race:
             self.trials.setdefault(key, None)
             if free is not None:
                 self.free[key] = free
-                self.programs += free.program.bilinear.programs
+                self._count(free)
             if fitted is not None:
                 self.keep(key, fitted)
 
     def can_win(self, sequence: Sequence_) -> bool:
         required = self.task.objective.speed
         bound = self.value if required is None else required
-        return ceiling_of(self.task, sequence) > bound
+        return self.task.worm.links > _CHEAP_CEILINGS or ceiling_of(self.task, sequence) > bound
 
     def keep(self, key: Sequence_, trial: Trial) -> None:
-        self.programs += trial.program.bilinear.programs
+        self._count(trial)
         record = self.records.get(trial.level, -np.inf)
         self.records[trial.level] = max(record, trial.value)
         old = self.trials.get(key)
         if old is None or trial.value >= old.value:
             self.trials[key] = trial
+
+    def _count(self, trial: Trial) -> None:
+        self.programs += trial.program.bilinear.programs
+        self.work += trial.program.bilinear.work
 
     @property
     def value(self) -> float:
@@ -270,6 +279,8 @@ def _steps(
         race.enter([(s, None) for s in batch])
         tried += len(batch)
         yield 0
+        if race.work > effort.work / 2:
+            break
     race.promote(0, 3 * effort.width)
     yield from _vary(race, settings, report)
     race.promote(1, effort.width)
@@ -286,6 +297,8 @@ def _vary(race: _Race, settings: Search, report: Report) -> Iterator[int]:
             race.enter(batch)
             varied += len(batch)
             yield varied
+            if race.work > effort.work:
+                return
         race.promote(0, 2 * effort.width)
         yield varied
         if race.value <= record + 1e-5 * abs(record):
@@ -348,6 +361,8 @@ def _batches(items: Iterable) -> Iterator[list]:
         yield batch
 
 
+# Links up to which ceilings cost less than a first look at an order.
+_CHEAP_CEILINGS = 8
 # Most joined cycles in a round.
 _JOINED = 40
 # Phases of a cycle up to which orders are varied.

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil, floor
+from typing import Any
 
 import numpy as np
 
 from wormopt.core.task import Objective, Task
 from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.sequences import Sequence_
+from wormopt.gaits.waves import WaveProgram, is_wave
 from wormopt.optimal.bilinear import Climb, Point
 
 __all__ = ["Trial", "Trier"]
@@ -79,6 +81,15 @@ class Trier:
         strokes = np.ptp(self.task.limits.length_ranges(links), axis=1)
         return float(np.median(strokes / rates)) / 2
 
+    def program(
+        self, sequence: Sequence_, period: tuple[float, float], arcs: Any, degree: int = 1
+    ) -> GaitProgram:
+        """The program of an order; that of a travelling wave where it is one and would be large."""
+        masses = self.task.worm.links + 1
+        large = int(np.broadcast_to(arcs, len(sequence)).sum()) * 2 * masses > _LARGE
+        kind = WaveProgram if large and is_wave(sequence, masses) else GaitProgram
+        return kind(self.task, sequence, period, arcs, degree)
+
     def free(
         self,
         sequence: Sequence_,
@@ -103,9 +114,8 @@ class Trier:
         low, high = self.shortest / cycles, self.longest / cycles
         period = float(trial.durations.sum())
         wanted = float(np.clip(period, low, high))
-        program = GaitProgram(
-            self.task, trial.sequence, (low, high), trial.program.arcs, trial.program.degree
-        )
+        same = trial.program
+        program = type(same)(self.task, trial.sequence, (low, high), same.arcs, same.degree)
         start = program.start_arcs(trial.program.widths(trial.point) * (wanted / period))
         return start and self.climbed(Trial(program, start, cycles, trial.level))
 
@@ -116,7 +126,7 @@ class Trier:
         durations: np.ndarray,
         enough: float,
     ) -> Trial | None:
-        program = GaitProgram(self.task, sequence, period, self._arcs)
+        program = self.program(sequence, period, self._arcs)
         if self.task.objective.speed is None:
             start = program.start(durations)
             return start and self.climbed(Trial(program, start), enough=enough)
@@ -128,7 +138,7 @@ class Trier:
         """Climb to the required speed first, then down the cost."""
         required = self.task.objective.speed or 0.0
         fastest = Task(self.task.worm, self.task.limits, Objective())
-        fast = GaitProgram(fastest, program.sequence, program.period, self._arcs)
+        fast = type(program)(fastest, program.sequence, program.period, self._arcs)
         start = fast.start(durations)
         if start is None:
             return None
@@ -156,6 +166,8 @@ class Trier:
         return better if better.value >= trial.value else replace(trial, level=level)
 
 
+# Programs of travelling waves with more unknowns than this are reduced to one phase.
+_LARGE = 1800
 _UP = 1 + 1e-9
 # A free period is no longer than so many times the first guess, and no shorter than this share.
 _LONGEST, _SHORTEST = 20.0, 1e-4

@@ -186,6 +186,7 @@ class BilinearProgram:
             self._highs.setOptionValue(option, value)
         self._basis: Any = None
         self.programs = 0  # linear programs solved
+        self.work = 0  # their pivots, times rows and columns
 
     def _assemble(self, rows: BilinearRows) -> None:
         """Lay out the Jacobian: constant entries, and those proportional to an unknown."""
@@ -250,6 +251,8 @@ class BilinearProgram:
             self._highs.setBasis(self._basis)
         self.programs += 1
         self._highs.run()
+        pivots = self._highs.getInfo().simplex_iteration_count
+        self.work += (pivots + _PIVOTS_OF_SETTING_UP) * sum(jacobian.shape)
         if self._highs.getModelStatus() != highspy.HighsModelStatus.kOptimal:
             return None
         self._basis = self._highs.getBasis()
@@ -371,6 +374,7 @@ def _nonbasic(status: Sequence[Any]) -> np.ndarray:
 
 
 _NEWTON_STEPS = 4
+_PIVOTS_OF_SETTING_UP = 20
 _SHARP = 1e-12
 
 _OPTIONS = {

@@ -1,0 +1,104 @@
+"""Travelling waves: every mass does what the one behind it did a phase before.
+
+The velocity of mass i in phase p depends on (i + p) modulo the number of phases only, so that the
+program of a cycle has the unknowns of one phase and one mass, however many links the worm has.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from wormopt.gaits.program import GaitProgram
+from wormopt.gaits.sequences import Sequence_
+
+__all__ = ["WaveProgram", "is_wave", "wave_orders"]
+
+
+def wave_orders(links: int, resting: int) -> list[Sequence_]:
+    """Orders in which blocks of resting masses, equally far apart, run from tail to head.
+
+    One for each number of phases q, with the shortest blocks that leave enough masses at rest.
+
+    Examples
+    --------
+    >>> wave_orders(2, 1)
+    [((0, 2), (1,)), ((0,), (2,), (1,))]
+    """
+    masses, found = links + 1, []
+    for phases in range(2, masses + 1):
+        for block in range(1, phases):
+            sets = [
+                tuple(i for i in range(masses) if (i + p) % phases < block) for p in range(phases)
+            ]
+            if min(map(len, sets)) >= resting:
+                found.append(tuple(sets))
+                break
+    return found
+
+
+def is_wave(sequence: Sequence_, masses: int) -> bool:
+    """Whether masses rest in turn, each a phase after the one behind it."""
+    phases = len(sequence)
+    classes = {i % phases for i in sequence[0]}
+    return phases <= masses and all(
+        set(resting) == {i for i in range(masses) if (i + p) % phases in classes}
+        for p, resting in enumerate(sequence)
+    )
+
+
+class WaveProgram(GaitProgram):
+    """The program of a cycle whose phases are alike: a travelling wave.
+
+    Parameters are those of `GaitProgram`; the sequence must be a wave, see `is_wave`, and all
+    phases have as many arcs. The limits of every link and mass hold, unequal ones too.
+
+    Examples
+    --------
+    >>> from wormopt.core.task import Limits, Task, Worm
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> order = wave_orders(31, 4)[6]
+    >>> program = WaveProgram(Task(Worm(31, load=5.0), limits), order, (0.1, 1.0))
+    >>> len(order), len(program.bilinear.upper) < 100
+    (8, True)
+    """
+
+    @cached_property
+    def _uniform(self) -> bool:
+        limits = self.limits
+        given = [
+            limits.mass,
+            *limits.rates,
+            limits.strokes,
+            limits.acceleration if limits.acceleration is not None else [0.0],
+            self.task.limits.spike_load or 0.0,
+            self.task.limits.actuator_force or 0.0,
+        ]
+        return all(np.ptp(np.asarray(values)) == 0.0 for values in given)
+
+    @property
+    def _phases(self) -> int:
+        # with unequal masses or limits, each phase has rows of its own
+        return 1 if self._uniform else len(self.sequence)
+
+    def _add_columns(self) -> None:
+        """Columns by class: (mass + phase) modulo phases, and arc of the phase."""
+        limits, phases, arcs = self.limits, len(self.sequence), int(self.arcs[0])
+        masses, columns = np.arange(limits.links + 1), self._rows.columns
+        classes = (masses + np.arange(phases)[:, None]) % phases  # (phase, mass)
+        most = np.full(phases, np.inf)
+        for phase, resting in enumerate(self.sequence):
+            np.minimum.at(most, classes[phase], limits.fastest(resting))
+        self.h = np.tile(columns(np.ones(arcs)), phases)
+        at_nodes = np.repeat(most[:, None], arcs, axis=1)
+        at_nodes[:, 0] = np.minimum(most, np.roll(most, 1))
+        starts = columns(at_nodes)
+        ends = np.concatenate([starts[:, 1:], np.roll(starts[:, :1], -1, axis=0)], axis=1)
+        inner = [columns(np.repeat(most[:, None], arcs, axis=1)) for _ in range(self.degree - 1)]
+        by_class = np.stack([starts, *inner, ends], axis=2)  # (class, arc, coefficient)
+        self.v = by_class[classes].transpose(0, 2, 3, 1).reshape(phases * arcs, -1, len(masses))
+        strokes = np.full((phases, arcs), limits.strokes.min())
+        of_links = columns(strokes)[(masses[1:] + np.arange(phases)[:, None]) % phases]
+        self.length = of_links.transpose(0, 2, 1).reshape(phases * arcs, -1)
+        self._add_peak_column()
