@@ -44,6 +44,8 @@ class Effort:
     work : float
         Pivots times rows and columns after which no more variations are tried; long worms need
         more for each.
+    starts : int
+        Random starts of the best orders where a cost is sought.
     """
 
     enumerated: int
@@ -51,12 +53,13 @@ class Effort:
     rounds: int
     varied: int
     work: float
+    starts: int
 
 
 _EFFORTS = {
-    "quick": Effort(enumerated=16, width=1, rounds=1, varied=8, work=3e8),
-    "normal": Effort(enumerated=160, width=3, rounds=8, varied=120, work=1.5e9),
-    "thorough": Effort(enumerated=1000, width=6, rounds=16, varied=400, work=3e10),
+    "quick": Effort(enumerated=16, width=1, rounds=1, varied=8, work=3e8, starts=1),
+    "normal": Effort(enumerated=160, width=3, rounds=8, varied=120, work=1.5e9, starts=3),
+    "thorough": Effort(enumerated=1000, width=6, rounds=16, varied=400, work=3e10, starts=8),
 }
 # What is within this share of the best of its level is looked at with more arcs.
 _MARGINS = (0.08, 0.01)
@@ -131,7 +134,10 @@ class _Race:
         """Do the same with every job, side by side where there are threads."""
         return self._pool.map(work, jobs) if self._pool is not None else map(work, jobs)
 
-    def enter(self, orders: Sequence[tuple[Sequence_, np.ndarray | None]]) -> None:
+    def enter(
+        self,
+        orders: Sequence[tuple[Sequence_, np.ndarray | None]],
+    ) -> None:
         """Try orders for the first time."""
         orders = [(s, d) for s, d in orders if self.can_win(s)]
         enough = self._close(0)
@@ -182,6 +188,19 @@ class _Race:
         """Best trials first; of those that tie, short cycles."""
         found = [t for t in self.trials.values() if t is not None]
         return sorted(found, key=lambda t: (-t.value, len(t.sequence), t.sequence))
+
+    def restart(self, width: int, random: Sequence[int]) -> None:
+        """Try the best orders once more, with arcs drawn at random."""
+        best = self.ranking[:width]
+
+        def again(trial: Trial) -> Trial | None:
+            free = self.trier.free(trial.sequence, None, random=np.random.default_rng(random))
+            fitted = free and self.trier.fit(free)
+            return fitted and self.trier.finer(fitted)
+
+        for trial, other in zip(best, self.each(again, best), strict=True):
+            if other is not None:
+                self.keep(self.canonical(trial.sequence), other)
 
     def promote(self, level: int, most: int) -> None:
         """Look at what is close to the best of its level with more arcs."""
@@ -282,6 +301,13 @@ def _steps(
         if race.work > effort.work / 2:
             break
     race.promote(0, 3 * effort.width)
+    # the speed climbs to one top from anywhere, costs do not
+    for start in range(effort.starts if task.objective.minimise else 1):
+        report("trying other starts", 0.5)
+        race.restart(
+            4 * effort.width if task.objective.minimise else effort.width, (settings.seed, start)
+        )
+        yield 0
     yield from _vary(race, settings, report)
     race.promote(1, effort.width)
 

@@ -95,13 +95,17 @@ class Trier:
         sequence: Sequence_,
         durations: np.ndarray | None = None,
         enough: float = -np.inf,
+        random: np.random.Generator | None = None,
     ) -> Trial | None:
-        """Climb with a period as short as may be, up to the longest; give up below ``enough``."""
+        """Climb with a period as short as may be, up to the longest; give up below ``enough``.
+
+        Arcs of a phase are alike to begin with, or drawn at random.
+        """
         if durations is None:
             durations = np.full(len(sequence), self.phase_guess())
         longest = min(self.longest, _LONGEST * float(durations.sum()))
         durations = durations * min(1.0, longest / durations.sum())
-        return self._climb(sequence, (_SHORTEST * longest, longest), durations, enough)
+        return self._climb(sequence, (_SHORTEST * longest, longest), durations, enough, random)
 
     def fit(self, trial: Trial) -> Trial | None:
         """The best whole number of cycles in a period."""
@@ -125,21 +129,26 @@ class Trier:
         period: tuple[float, float],
         durations: np.ndarray,
         enough: float,
+        random: np.random.Generator | None,
     ) -> Trial | None:
         program = self.program(sequence, period, self._arcs)
         if self.task.objective.speed is None:
-            start = program.start(durations)
+            start = program.start(durations, random)
             return start and self.climbed(Trial(program, start), enough=enough)
-        return self._climb_cost(program, durations, enough)
+        return self._climb_cost(program, durations, enough, random)
 
     def _climb_cost(
-        self, program: GaitProgram, durations: np.ndarray, enough: float
+        self,
+        program: GaitProgram,
+        durations: np.ndarray,
+        enough: float,
+        random: np.random.Generator | None,
     ) -> Trial | None:
         """Climb to the required speed first, then down the cost."""
         required = self.task.objective.speed or 0.0
         fastest = Task(self.task.worm, self.task.limits, Objective())
         fast = type(program)(fastest, program.sequence, program.period, self._arcs)
-        start = fast.start(durations)
+        start = fast.start(durations, random)
         if start is None:
             return None
         reached = fast.bilinear.climb(
