@@ -17,7 +17,7 @@ from wormopt.bench.design import (
     posed,
     reached,
 )
-from wormopt.bench.design_cases import G1, Case, Limits, draw, scene_text
+from wormopt.bench.design_cases import G1, Arrays, Case, draw, scene_text
 from wormopt.bench.design_milp import Grid, by_milp, solve_grid
 from wormopt.bench.design_motion import Motion
 from wormopt.bench.design_multistart import Found, best_by_multistart, by_multistart
@@ -50,7 +50,7 @@ def test_problems_are_scenes(tmp_path: Path):
     for case in cases:
         file.write_text(scene_text(case, ["seed = 1"]), encoding="utf-8")
         table = load_scene(file).table
-        limits = Limits.of(case)
+        limits = Arrays.of(case)
         assert (table.gait.resting, table.gait.period_range) == (limits.resting, limits.period)
         assert np.array_equal(table.gait.length_ranges(limits.links), limits.length)
         assert np.array_equal(
@@ -82,7 +82,7 @@ def accordion() -> Motion:
 
 
 def test_the_judge_accepts_what_is_right():
-    motion, limits = accordion(), Limits.of(ONE_LINK)
+    motion, limits = accordion(), Arrays.of(ONE_LINK)
     assert motion.speed == pytest.approx(0.45)
     # a mass of 1 slows down with 20, and both together are held back with 10 only
     assert motion.excess(limits).pop("sigma") == pytest.approx((20 - 10) * 0.05 / 2)
@@ -102,11 +102,11 @@ def test_the_judge_accepts_what_is_right():
 )
 def test_the_judge_finds_what_is_wrong(key: str, change: dict[str, Any]):
     case = {**ONE_LINK, "gait": ONE_LINK["gait"] | change}
-    assert accordion().excess(Limits.of(case))[key] > 1e-3
+    assert accordion().excess(Arrays.of(case))[key] > 1e-3
 
 
 def test_the_judge_sees_motion_where_rest_is_due_and_the_turn_of_a_length():
-    limits = Limits.of(ONE_LINK)
+    limits = Arrays.of(ONE_LINK)
     both = Motion(np.ones(2) / 2, np.array([[0.0, 0.0], [0.1, 0.1]]), np.ones(1))
     assert both.excess(limits)["resting"] == 1.0
     # at both ends 1.3, in between 1.3 + 0.1
@@ -133,7 +133,7 @@ def gait_of(motion: Motion) -> Gait:
 
 def confirm(motion: Motion, case: Case, tolerance: float) -> None:
     """What the worm does with these lengths, by `crawl`, which shares no code with the judge."""
-    limits = Limits.of(case)
+    limits = Arrays.of(case)
     worm = crawl(gait_of(motion), limits.mass.tolist(), limits.drag, limits.load)
     assert worm.speed == pytest.approx(motion.speed, abs=tolerance)
     assert worm.extremes("sigma")[0] >= -1e-3
@@ -165,7 +165,7 @@ def searched(case: Case, speed: float, phases: tuple[int, ...]) -> list[Found]:
 @pytest.mark.parametrize(("case", "optimum"), KNOWN)
 def test_the_mixed_integer_program_gives_gaits(case: Case, optimum: float):
     found: list[Motion] = []
-    limits = Limits.of(case)
+    limits = Arrays.of(case)
     coarse = solve_grid(limits, Grid(10, 1.0), 60.0, found.append)
     assert coarse is not None
     assert coarse.speed == max(motion.speed for motion in found) > 0.8 * optimum
@@ -205,7 +205,7 @@ def test_the_best_of_many_starts_is_the_last_that_was_told():
 )
 def test_rivals_keep_to_other_limits_too(gait: dict[str, Any]):
     case = {"name": "other", "worm": G1["worm"] | {"drag": 0.3}, "gait": G1["gait"] | gait}
-    limits = Limits.of(case)
+    limits = Arrays.of(case)
     by_grid = solve_grid(limits, Grid(8, 1.0), 60.0, lambda motion: None)
     by_starts = searched(case, 0.1, (3,))[-1]
     assert by_grid is not None

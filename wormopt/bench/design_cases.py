@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["G1", "Case", "Limits", "draw", "scene_text"]
+from wormopt.core.task import Limits, Rates, Task, Worm
+
+__all__ = ["G1", "Arrays", "Case", "draw", "scene_text", "task_of"]
 
 Case = dict[str, Any]
 """``name``, and the tables ``worm`` and ``gait`` of a scene of kind gait-design."""
@@ -29,7 +31,7 @@ G1: Case = {
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
+class Arrays:
     """A design problem as arrays.
 
     Parameters
@@ -62,7 +64,7 @@ class Limits:
     spike_load: float
 
     @classmethod
-    def of(cls, case: Case) -> Limits:
+    def of(cls, case: Case) -> Arrays:
         """Read the tables of a case.
 
         Parameters
@@ -72,11 +74,11 @@ class Limits:
 
         Returns
         -------
-        Limits
+        Arrays
 
         Examples
         --------
-        >>> Limits.of(G1).extension
+        >>> Arrays.of(G1).extension
         array([1., 1.])
         """
         worm, gait = case["worm"], case["gait"]
@@ -214,6 +216,20 @@ def _one(rng: np.random.Generator, low: float, high: float) -> float:
 
 def _rounded(value: float) -> float:
     return float(f"{value:.3g}")
+
+
+def task_of(case: Case) -> Task:
+    """The problem as the designer takes it.
+
+    Examples
+    --------
+    >>> task_of(G1).worm.links
+    2
+    """
+    gait = dict(case["gait"])
+    if isinstance(gait.get("rate"), dict):
+        gait["rate"] = Rates(**gait["rate"])
+    return Task(Worm(**case["worm"]), Limits(**gait))
 
 
 def scene_text(case: Case, search: Sequence[str] = ()) -> str:

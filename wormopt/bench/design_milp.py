@@ -1,6 +1,6 @@
 """Gait design as a mixed-integer linear program on equal steps, solved by HiGHS.
 
-Velocities are linear within steps, a binary tells of every mass and step whether it rests. Limits
+Velocities are linear within steps, a binary tells of every mass and step whether it rests. Arrays
 hold at all times: rates, forces and accelerations are extreme at nodes, and the length of a link
 within a step lies in the hull of its Bernstein coefficients. The period must be given, so several
 are tried, whole parts of the longest among them; those that do well on few steps are refined.
@@ -18,7 +18,7 @@ import highspy
 import numpy as np
 from scipy import sparse
 
-from wormopt.bench.design_cases import Case, Limits
+from wormopt.bench.design_cases import Arrays, Case
 from wormopt.bench.design_motion import Course, Motion
 
 __all__ = ["Grid", "by_milp", "solve_grid"]
@@ -68,7 +68,7 @@ def by_milp(case: Case, seconds: float, tell: Tell | None = None) -> Course:
     list of (float, float)
         Motions that exceed a limit by more than 1e-6 of its size do not count.
     """
-    begin, limits = time.perf_counter(), Limits.of(case)
+    begin, limits = time.perf_counter(), Arrays.of(case)
     course: Course = []
 
     def known(motion: Motion) -> None:
@@ -99,7 +99,7 @@ def _later(count: int, level: int) -> int:
     return sum(math.ceil(count / 2**k) for k in range(1, len(_STEPS) - level))
 
 
-def _periods(limits: Limits) -> list[float]:
+def _periods(limits: Arrays) -> list[float]:
     shortest, longest = limits.period
     if shortest == longest:
         return [longest / cycles for cycles in (1, 2, 3, 4)]
@@ -107,13 +107,13 @@ def _periods(limits: Limits) -> list[float]:
 
 
 def solve_grid(
-    limits: Limits, grid: Grid, seconds: float, known: Tell, start: Motion | None = None
+    limits: Arrays, grid: Grid, seconds: float, known: Tell, start: Motion | None = None
 ) -> Motion | None:
     """Solve the program of one grid.
 
     Parameters
     ----------
-    limits : Limits
+    limits : Arrays
         The problem.
     grid : Grid
         Its steps.
@@ -149,7 +149,7 @@ def solve_grid(
     return max(best, key=lambda motion: motion.speed, default=None)
 
 
-def _program(limits: Limits, grid: Grid) -> Any:
+def _program(limits: Arrays, grid: Grid) -> Any:
     """Columns: velocities at all nodes, lengths there, and who rests in each step."""
     N, n, masses = grid.steps, limits.links, limits.links + 1
     matrix, low, high = _rows(limits, grid)
@@ -172,7 +172,7 @@ def _program(limits: Limits, grid: Grid) -> Any:
     return program
 
 
-def _rows(limits: Limits, grid: Grid) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
+def _rows(limits: Arrays, grid: Grid) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
     """Stack all limits, each of which is repeated in every step."""
     N, n = grid.steps, limits.links
     widths = (N * (n + 1), N * n, N * (n + 1))
@@ -199,7 +199,7 @@ class _Limit(NamedTuple):
     high: float | np.ndarray
 
 
-def _limits_of_steps(limits: Limits, grid: Grid) -> Iterator[_Limit]:
+def _limits_of_steps(limits: Arrays, grid: Grid) -> Iterator[_Limit]:
     N, n, dt, inf = grid.steps, limits.links, grid.period / grid.steps, np.inf
     here = np.eye(N)
     there = np.roll(here, 1, axis=1)  # at the next node
@@ -225,7 +225,7 @@ def _limits_of_steps(limits: Limits, grid: Grid) -> Iterator[_Limit]:
             yield _Limit((force, None, shared), -inf, -limits.static_load)
 
 
-def _motion(values: np.ndarray, limits: Limits, grid: Grid) -> Motion:
+def _motion(values: np.ndarray, limits: Arrays, grid: Grid) -> Motion:
     """Velocities that the solver leaves to masses at rest are none."""
     N, masses = grid.steps, limits.links + 1
     velocities = np.maximum(values[: N * masses].reshape(N, masses), 0.0)

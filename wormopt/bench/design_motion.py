@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wormopt.bench.design_cases import Limits
+from wormopt.bench.design_cases import Arrays
 
 __all__ = ["Course", "Motion"]
 
@@ -57,7 +57,7 @@ class Motion:
     def _means(self) -> np.ndarray:
         return (self.velocities + np.roll(self.velocities, -1, axis=0)) / 2
 
-    def excess(self, limits: Limits) -> dict[str, float]:
+    def excess(self, limits: Arrays) -> dict[str, float]:
         """Excess over every limit relative to its size, not positive where it holds.
 
         Extremes are those of the linear and quadratic functions on all arcs, not of samples.
@@ -65,7 +65,7 @@ class Motion:
 
         Parameters
         ----------
-        limits : Limits
+        limits : Arrays
             What the motion must keep to.
 
         Returns
@@ -89,12 +89,12 @@ class Motion:
             **self._force_excess(start, end, still, limits),
         }
 
-    def worst(self, limits: Limits) -> float:
+    def worst(self, limits: Arrays) -> float:
         """Largest excess over any limit.
 
         Parameters
         ----------
-        limits : Limits
+        limits : Arrays
             What the motion must keep to.
 
         Returns
@@ -103,7 +103,7 @@ class Motion:
         """
         return max(self.excess(limits).values())
 
-    def _off_period(self, limits: Limits) -> float:
+    def _off_period(self, limits: Arrays) -> float:
         """How far whole numbers of cycles miss the allowed periods."""
         shortest, longest = limits.period
         counts = np.unique([max(1, round(p / self.period)) for p in limits.period])
@@ -112,7 +112,7 @@ class Motion:
         return float(np.maximum(shortest - totals, totals - longest).min()) / longest
 
     def _length_excess(
-        self, rate: np.ndarray, later: np.ndarray, limits: Limits
+        self, rate: np.ndarray, later: np.ndarray, limits: Arrays
     ) -> dict[str, float]:
         h = self.durations[:, None]
         begin = self.lengths + np.vstack(
@@ -129,7 +129,7 @@ class Motion:
         return {"length": float(over.max()), "closed": float(closed.max())}
 
     def _force_excess(
-        self, start: np.ndarray, end: np.ndarray, still: np.ndarray, limits: Limits
+        self, start: np.ndarray, end: np.ndarray, still: np.ndarray, limits: Arrays
     ) -> dict[str, float]:
         """Momentum that the spikes give on each arc, were its force that of its start or end."""
         h = self.durations

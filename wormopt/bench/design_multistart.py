@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from wormopt.bench.design_cases import Case, Limits
+from wormopt.bench.design_cases import Arrays, Case
 from wormopt.bench.design_motion import Course, Motion
 
 __all__ = ["Found", "Start", "best_by_multistart", "by_multistart"]
@@ -115,7 +115,7 @@ def by_multistart(
     list of (float, float)
         Gaits that exceed a limit by more than 1e-7 of its size do not count.
     """
-    begin, limits, rng = time.perf_counter(), Limits.of(case), np.random.default_rng(seed)
+    begin, limits, rng = time.perf_counter(), Arrays.of(case), np.random.default_rng(seed)
     programs: dict[int, _Program] = {}
     course: Course = []
     kept: dict[Start, float] = {}
@@ -170,7 +170,7 @@ def best_by_multistart(
 
 
 def _next(
-    limits: Limits, kept: dict[Start, float], phases: Sequence[int], rng: np.random.Generator
+    limits: Arrays, kept: dict[Start, float], phases: Sequence[int], rng: np.random.Generator
 ) -> Start:
     if len(kept) < 2 or rng.random() < 0.3:
         word = _random_word(limits, phases, rng)
@@ -184,7 +184,7 @@ def _next(
     return Start(_turned(changed) if allowed else near.word, cycles)
 
 
-def _random_word(limits: Limits, phases: Sequence[int], rng: np.random.Generator) -> Word:
+def _random_word(limits: Arrays, phases: Sequence[int], rng: np.random.Generator) -> Word:
     """Of any count of phases, as not all of them allow a gait."""
     while True:
         count = int(rng.choice(np.asarray(phases)))
@@ -193,7 +193,7 @@ def _random_word(limits: Limits, phases: Sequence[int], rng: np.random.Generator
             return _turned(word)
 
 
-def _random_set(limits: Limits, rng: np.random.Generator) -> tuple[int, ...]:
+def _random_set(limits: Arrays, rng: np.random.Generator) -> tuple[int, ...]:
     """A quarter of them larger than need be, where that may help."""
     sets = limits.resting_sets()
     larger = [s for s in sets if len(s) > limits.resting]
@@ -201,7 +201,7 @@ def _random_set(limits: Limits, rng: np.random.Generator) -> tuple[int, ...]:
     return chosen[int(rng.integers(len(chosen)))]
 
 
-def _changed(limits: Limits, word: Word, rng: np.random.Generator) -> Word:
+def _changed(limits: Arrays, word: Word, rng: np.random.Generator) -> Word:
     """Put a phase in, take one out, or replace one."""
     place, new = int(rng.integers(len(word))), _random_set(limits, rng)
     skip, insert = [(0, (new,)), (1, ()), (1, (new,))][int(rng.integers(3))]
@@ -222,7 +222,7 @@ def _turned(word: Word) -> Word:
 class _Program:
     """Nonlinear program of all orders of so many phases: durations, velocities, lengths."""
 
-    def __init__(self, limits: Limits, phases: int, arcs: int) -> None:
+    def __init__(self, limits: Arrays, phases: int, arcs: int) -> None:
         self._limits, self._each, self._arcs = limits, arcs, arcs * phases
         K, n = self._arcs, limits.links
         h, v = ca.SX.sym("h", K), ca.SX.sym("v", n + 1, K)

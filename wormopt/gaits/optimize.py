@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
@@ -166,9 +166,16 @@ def design(
 
 
 def designed(
-    task: Task, settings: Search, report: Report, hints: Iterable[Sequence_] = ()
+    task: Task,
+    settings: Search,
+    report: Report,
+    hints: Iterable[Sequence_] = (),
+    better: Callable[[Trial], None] = lambda _: None,
 ) -> Design:
-    """Design the best gait of a task, as `design`; orders in ``hints`` are tried first."""
+    """Design the best gait of a task, as `design`; orders in ``hints`` are tried first.
+
+    Every trial that is better than all before it is given to ``better``.
+    """
     bound = _ceiling(task)
     required = task.objective.speed
     if required is not None and required > bound:
@@ -180,7 +187,7 @@ def designed(
     if task.objective.is_smooth:
         _refuse_load_range(task)
     begin = perf_counter()
-    survey = search(task, settings, report, hints)
+    survey = search(task, settings, report, hints, better)
     if not survey.trials:
         raise _nothing(task, settings, survey, report)
     searched = perf_counter()

@@ -27,6 +27,9 @@ from wormopt.progress import Report
 __all__ = ["Effort", "Survey", "effort_of", "search"]
 
 
+Better = Callable[[Trial], None]
+
+
 @dataclass(frozen=True)
 class Effort:
     """How much is tried.
@@ -64,7 +67,6 @@ _EFFORTS = {
 # What is within this share of the best of its level is looked at with more arcs.
 _MARGINS = (0.08, 0.01)
 _BATCH = 8
-_TIE = 1e-7
 
 
 def effort_of(settings: Search) -> Effort:
@@ -113,11 +115,13 @@ class _Race:
     task: Task
     trier: Trier
     workers: int
+    report: Report
+    better: Better
     trials: dict[Sequence_, Trial | None] = field(default_factory=dict)
-    free: dict[Sequence_, Trial] = field(default_factory=dict)
     records: dict[int, float] = field(default_factory=dict)
     programs: int = 0
     work: int = 0
+    varied: int = 0
 
     def __post_init__(self) -> None:
         self._pool = ThreadPoolExecutor(self.workers) if self.workers > 1 else None
@@ -126,6 +130,12 @@ class _Race:
     def close(self) -> None:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
+
+    def tell(self, stage: str, fraction: float) -> str:
+        """Say what is done next, and the best so far; give the stage back."""
+        best = f", best so far {abs(self.value):.6g}" if self.records else ""
+        self.report(stage + best, fraction)
+        return stage
 
     def canonical(self, sequence: Sequence_) -> Sequence_:
         return canonical(sequence, self.task.worm.links + 1, mirror=self.mirror)
@@ -153,7 +163,6 @@ class _Race:
             key = self.canonical(sequence)
             self.trials.setdefault(key, None)
             if free is not None:
-                self.free[key] = free
                 self._count(free)
             if fitted is not None:
                 self.keep(key, fitted)
@@ -165,6 +174,8 @@ class _Race:
 
     def keep(self, key: Sequence_, trial: Trial) -> None:
         self._count(trial)
+        if trial.value > self.value:
+            self.better(trial)
         record = self.records.get(trial.level, -np.inf)
         self.records[trial.level] = max(record, trial.value)
         old = self.trials.get(key)
@@ -214,7 +225,13 @@ class _Race:
             most -= len(close)
 
 
-def search(task: Task, settings: Search, report: Report, hints: Iterable[Sequence_] = ()) -> Survey:
+def search(
+    task: Task,
+    settings: Search,
+    report: Report,
+    hints: Iterable[Sequence_] = (),
+    better: Better = lambda _: None,
+) -> Survey:
     """Search the orders of rest, and the number of cycles, that give the best gait.
 
     Constructed orders come first, then plain ones by the ceilings that their resting sets put on
@@ -231,6 +248,8 @@ def search(task: Task, settings: Search, report: Report, hints: Iterable[Sequenc
         Told what goes on: text and the fraction done.
     hints : iterable of sequences, optional
         Tried first, with those of the constructed gaits.
+    better : callable, optional
+        Given every trial that is better than all before it.
 
     Returns
     -------
@@ -253,12 +272,15 @@ def search(task: Task, settings: Search, report: Report, hints: Iterable[Sequenc
     over = threading.Event()
     trier = Trier(task, stop=lambda: over.is_set() or monotonic() > until)
     links = task.worm.links
-    race = _Race(task, trier, settings.workers or (1 if links <= 2 else os.cpu_count() or 1))
-    steps = _steps(race, settings, report, hints)
-    ended, varied = "searched", 0
+    workers = settings.workers or (1 if links <= 2 else os.cpu_count() or 1)
+    race = _Race(task, trier, workers, report, better)
+    ended, seconds, since = "searched", dict[str, float](), monotonic()
     try:
-        for varied in steps:
-            if monotonic() > until:
+        for stage in _steps(race, settings, hints):
+            now = monotonic()
+            seconds[stage] = seconds.get(stage, 0.0) + now - since
+            since = now
+            if now > until:
                 ended = "time limit"
                 break
     except KeyboardInterrupt:
@@ -267,68 +289,67 @@ def search(task: Task, settings: Search, report: Report, hints: Iterable[Sequenc
         over.set()
         race.close()
     ranking = tuple(race.ranking)
-    return Survey(ranking, len(race.trials), varied, race.programs, ended)
+    return Survey(ranking, len(race.trials), race.varied, race.programs, ended, seconds)
 
 
-def _steps(
-    race: _Race, settings: Search, report: Report, hints: Iterable[Sequence_]
-) -> Iterator[int]:
-    """Search in steps of some seconds at most; after each, how many variations were tried."""
+def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator[str]:
+    """Search in steps of some seconds at most; after each, the stage that it belongs to."""
     effort, task = effort_of(settings), race.task
     if settings.sequence is not None:
-        own = tuple(tuple(sorted(s)) for s in settings.sequence)
-        report("trying your sequence", 0.0)
-        race.enter([(own, None)])
-        yield 0
+        stage = race.tell("your sequence", 0.0)
+        race.enter([(tuple(tuple(sorted(s)) for s in settings.sequence), None)])
+        yield stage
         race.promote(0, 1)
         race.promote(1, 1)
+        yield stage
         return
     first = [race.canonical(s) for s in (*hints, *first_orders(task))]
     first = [s for s in dict.fromkeys(first) if len(s) <= (settings.phases or len(s))]
-    report("trying constructed orders", 0.0)
     for batch in _batches(first):
+        stage = race.tell("constructed orders", 0.0)
         race.enter([(s, None) for s in batch])
-        yield 0
+        yield stage
     race.promote(0, 1)
-    yield 0
+    yield "constructed orders"
     orders = [s for s in plain_orders(task, settings.phases) if s not in race.trials]
-    tried = 0
-    for batch in _batches(islice(orders, effort.enumerated)):
-        report("searching orders of rest", 0.5 * tried / effort.enumerated)
+    for k, batch in enumerate(_batches(islice(orders, effort.enumerated))):
+        stage = race.tell("plain orders", 0.5 * k * _BATCH / effort.enumerated)
         race.enter([(s, None) for s in batch])
-        tried += len(batch)
-        yield 0
+        yield stage
         if race.work > effort.work / 2:
             break
     race.promote(0, 3 * effort.width)
-    # the speed climbs to one top from anywhere, costs do not
-    for start in range(effort.starts if task.objective.minimise else 1):
-        report("trying other starts", 0.5)
-        race.restart(
-            4 * effort.width if task.objective.minimise else effort.width, (settings.seed, start)
-        )
-        yield 0
-    yield from _vary(race, settings, report)
+    yield "plain orders"
+    # the speed climbs to one top from almost anywhere, costs do not
+    starts, width = (1, 1) if task.objective.minimise is None else (effort.starts, 4)
+    for start in range(starts):
+        stage = race.tell("other starts", 0.5)
+        race.restart(width * effort.width, (settings.seed, start))
+        yield stage
+    for _ in _vary(race, settings):
+        yield "variations"
+    stage = race.tell("finer arcs", 0.8)
     race.promote(1, effort.width)
+    yield stage
 
 
-def _vary(race: _Race, settings: Search, report: Report) -> Iterator[int]:
+def _vary(race: _Race, settings: Search) -> Iterator[None]:
     """Vary the best orders while that helps."""
-    effort, varied = effort_of(settings), 0
+    effort = effort_of(settings)
     for turn in range(effort.rounds):
         record = race.value
         fresh = list(islice(_variations(race, settings, effort.width), effort.varied))
         for batch in _batches(fresh):
-            report("varying the best orders", 0.5 + 0.3 * turn / effort.rounds)
+            race.tell("variations", 0.5 + 0.3 * turn / effort.rounds)
             race.enter(batch)
-            varied += len(batch)
-            yield varied
+            race.varied += len(batch)
+            yield
             if race.work > effort.work:
                 return
         race.promote(0, 2 * effort.width)
-        yield varied
+        yield
         if race.value <= record + 1e-5 * abs(record):
-            break
+            return
 
 
 def _variations(
