@@ -214,6 +214,30 @@ class ScaledLimits:
         # A form that must fall, or rise, all the time does not rise, or fall, at all.
         return max(fall, 0.0), max(rise, 0.0)
 
+    def span(self, alpha: np.ndarray, resting: Resting) -> tuple[float, float]:
+        """Least and largest weighted sum of velocities, by the rates of the links.
+
+        Parameters
+        ----------
+        alpha : ndarray, shape (n + 1,)
+            Weights of the masses.
+        resting : tuple of int
+            Masses at rest.
+
+        Returns
+        -------
+        least, largest : float
+        """
+        contraction, extension = self.rates
+        fastest = self.fastest(resting)
+        least, largest = [np.minimum(alpha, 0.0) @ fastest], [np.maximum(alpha, 0.0) @ fastest]
+        for m in resting:  # velocities are sums of rates v_{j-1} - v_j, counted from this mass
+            inner = np.cumsum(alpha)[:-1] - (np.arange(self.links) >= m) * alpha.sum()
+            into, out = np.maximum(inner, 0.0), np.maximum(-inner, 0.0)
+            largest.append(into @ extension + out @ contraction)
+            least.append(-(into @ contraction + out @ extension))
+        return float(max(least)), float(min(largest))
+
 
 def _spread(limit: float | tuple[float, ...] | None, count: int) -> np.ndarray:
     """A limit as one number each; infinite where there is none."""

@@ -47,8 +47,7 @@ class Rows:
 
     count: int = 0
     _entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)
-    _lower: list[np.ndarray] = field(default_factory=list)
-    _upper: list[np.ndarray] = field(default_factory=list)
+    _sides: list[np.ndarray] = field(default_factory=list)
 
     def add(
         self,
@@ -71,15 +70,15 @@ class Rows:
         ndarray of int
             Numbers of the rows.
         """
-        size = int(np.broadcast_shapes(*(np.shape(v) for term in terms for v in term), (1,))[0])
+        size = max((np.size(p) for term in terms for p in term if np.ndim(p)), default=1)
         rows = np.arange(self.count, self.count + size)
-        for columns, coefficients in terms:
-            column = np.broadcast_to(columns, size)
-            kept = column >= 0
-            value = np.broadcast_to(np.asarray(coefficients, float), size)[kept]
-            self._entries.append((rows[kept], column[kept], value))
-        self._lower.append(np.broadcast_to(np.asarray(lower, float), size))
-        self._upper.append(np.broadcast_to(np.asarray(upper, float), size))
+        column, value = np.empty((len(terms), size), int), np.empty((len(terms), size))
+        for k, (columns, coefficients) in enumerate(terms):
+            column[k], value[k] = columns, coefficients
+        sides = np.empty((2, size))
+        sides[0], sides[1] = lower, upper
+        self._entries.append((np.tile(rows, len(terms)), column.ravel(), value.ravel()))
+        self._sides.append(sides)
         self.count += size
         return rows
 
@@ -98,8 +97,10 @@ class Rows:
         lower, upper : ndarray, shape (rows,)
         """
         row, column, value = (np.concatenate(part) for part in zip(*self._entries, strict=True))
-        matrix = sparse.coo_array((value, (row, column)), (self.count, columns)).tocsr()
-        return matrix, np.concatenate(self._lower), np.concatenate(self._upper)
+        kept = column >= 0
+        entries = (value[kept], (row[kept], column[kept]))
+        matrix = sparse.coo_array(entries, (self.count, columns)).tocsr()
+        return matrix, *np.concatenate(self._sides, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +171,23 @@ class LinearProgram:
         model.a_matrix_.index_ = self._matrix.indices
         model.a_matrix_.value_ = self._matrix.data
         return model
+
+    def extend(self, rows: Rows) -> None:
+        """Add rows at the end.
+
+        Parameters
+        ----------
+        rows : Rows
+            Their numbers follow those of the rows that there are.
+        """
+        matrix, lower, upper = rows.assemble(len(self._cost))
+        self._highs.addRows(
+            rows.count, lower, upper, matrix.nnz, matrix.indptr[:-1], matrix.indices, matrix.data
+        )
+        self._matrix = sparse.vstack([self._matrix, matrix], format="csr")
+        self._row_lower = np.concatenate([self._row_lower, lower])
+        self._row_upper = np.concatenate([self._row_upper, upper])
+        self._most_terms = int(np.bincount(self._matrix.indices).max(initial=0))
 
     def places(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Find where coefficients are stored, to change them by.
