@@ -24,14 +24,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.gaits.attempt import Task
+from wormopt.gaits.cuts import Cut, Cuts
 from wormopt.gaits.scaled_limits import ScaledLimits
 from wormopt.gaits.sequences import Sequence_
 from wormopt.optimal.linear import LinearProgram, Maximum, Rows, Term
 
 __all__ = ["Box", "Relaxation", "Relaxed"]
 
-# Weights of the two ends in the bounds on averages; 0 and 1 are exact where a limit is active.
-_WEIGHTS = (0.0, 0.5, 1.0)
+# Cuts that miss by less than this share of the largest average are not worth a row.
+_MISSED = 1e-3
+_ROUNDS = 5
 # Allowance for the rounding of box sides; everything in the program is of size 1.
 _ROUNDING = 1e-14
 
@@ -98,12 +100,14 @@ class Relaxation:
         self._reference = reference / self._limits.speed
         self._rows = Rows()
         self._upper: list[float] = []
+        self._sums: list[Cut] = []
         self._add_columns()
         for phase in range(len(sequence)):
             self._add_rates(phase)
             self._add_forces(phase)
         self._add_course()
         self._add_products()
+        self._cuts = Cuts(self._sums)
         self._program = self._assemble()
 
     @property
@@ -166,15 +170,12 @@ class Relaxation:
                 self._rows.add([*force, (g, form.below)], 0.0, np.inf)
             if form.above < np.inf:
                 self._rows.add([*force, (g, -form.above)], -np.inf, 0.0)
+            least, largest = limits.span(form.alpha, resting)
             fall, rise = limits.slopes(form, resting)
-            for sign, up, down in ((1.0, rise, fall), (-1.0, fall, rise)):
-                for weight in _WEIGHTS:
-                    # Run from the start for the share `weight` of the cell, else from the end.
-                    reach = _share(weight**2, up) + _share((1 - weight) ** 2, down)
-                    if reach < np.inf:
-                        ends = [*_times(start, -sign * weight), *_times(end, -sign * (1 - weight))]
-                        row = [*_times(mean, sign), *ends, (g, -reach * width / 2)]
-                        self._rows.add(row, -np.inf, 0.0)
+            self._sums += [
+                Cut(phase, form.alpha, rise, fall, largest),
+                Cut(phase, -form.alpha, fall, rise, -least),
+            ]
             if self._continuous:
                 gain = [
                     *_sum(form.alpha, self._c[phase][None]),
@@ -182,6 +183,23 @@ class Relaxation:
                 ]
                 self._rows.add([*gain, (h, -rise)], -np.inf, 0.0)
                 self._rows.add([*gain, (h, fall)], 0.0, np.inf)
+
+    def _add_cuts(
+        self, which: np.ndarray, cells: np.ndarray, before: np.ndarray, after: np.ndarray
+    ) -> Rows:
+        """Bound averages of sums over cells by what is run along from their ends."""
+        cuts, p, width, rows = self._cuts, self._cuts.phase[which], 1.0 / self._cells, Rows()
+        reach = cuts.reach(which, before, after) * width / 2
+        terms: list[Term] = [
+            (self._g[p], -reach),
+            (self._h[p], -(1.0 - before - after) * cuts.most[which]),
+        ]
+        for i, weight in enumerate(cuts.weights[which].T):
+            ends = (self._q[p, cells, i], self._y[p, cells, i], self._y[p, cells + 1, i])
+            for column, share in zip(ends, (1.0, -before, -after), strict=True):
+                terms.append((np.where(weight * share != 0.0, column, -1), weight * share))
+        rows.add(terms, -np.inf, 0.0)
+        return rows
 
     def _add_course(self) -> None:
         """Lengths follow the ways and close, all masses advance alike, the period is allowed."""
@@ -255,6 +273,10 @@ class Relaxation:
             return Relaxed(-np.inf, *_NOTHING)
         self._set_box(low, high)
         found = self._program.maximise()
+        for _ in range(_ROUNDS):
+            if not found.x.size or not self._cut_off(found.x):
+                break
+            found = self._program.maximise()
         gain = found.bound / (period[0] if found.bound > 0 else period[1])
         bound = (self._reference + gain) * self._limits.speed * (1 + 4 * _ROUNDING)
         if not found.x.size:
@@ -294,6 +316,24 @@ class Relaxation:
             program.change(places, -slope)
             program.set_sides(rows, lower, upper)
 
+    def _cut_off(self, x: np.ndarray) -> bool:
+        """Add the cuts that a point does not meet; whether there are any."""
+        cuts, x, width = self._cuts, np.append(x, 0.0), 1.0 / self._cells
+        y, q = (
+            np.einsum("cki,ci->ck", x[columns[cuts.phase]], cuts.weights)
+            for columns in (self._y, self._q)
+        )
+        start, end, g = y[:, :-1], y[:, 1:], x[self._g[cuts.phase], None]
+        level = x[self._h[cuts.phase]] * cuts.most
+        before, after = cuts.shares(start, end, level[:, None], g * width)
+        which = np.broadcast_to(np.arange(len(level))[:, None], q.shape)
+        reach = cuts.reach(which, before, after) * g * width / 2
+        most = before * start + after * end + reach + (1 - before - after) * level[:, None]
+        found = np.nonzero(q > most + _MISSED * x[self._way])
+        if found[0].size:
+            self._program.extend(self._add_cuts(*found, before[found], after[found]))
+        return found[0].size > 0
+
     def _losses(self, found: Maximum) -> np.ndarray:
         """Gain of each phase from its products, to first order: multiplier times violation."""
         x, duals = found.x, np.abs(found.row_duals)
@@ -313,6 +353,6 @@ def _times(terms: Iterable[Term], factor: float) -> list[Term]:
     return [(columns, factor * np.asarray(value)) for columns, value in terms]
 
 
-def _share(weight: float, slope: float) -> float:
-    """Product in which a weight of 0 makes even an unlimited slope vanish."""
-    return weight * slope if weight else 0.0
+def _square(share: np.ndarray, slope: float) -> np.ndarray:
+    """Slope times a square, in which a share of 0 makes even an unlimited slope vanish."""
+    return np.square(share) * slope if slope < np.inf else np.where(share > 0.0, np.inf, 0.0)
