@@ -179,9 +179,9 @@ def _prove(task: Task, value: float, settings: Search, begun: Progress) -> Gener
         tree = begun.tree if number == begun.step else None
         tree = tree or _planted(reduced, settings, wanted.phases)
         earlier = progress.boxes - (tree.boxes if number == begun.step else 0)
-        with Solver(reduced, cutoff, settings.workers) as solver:
+        with Solver(reduced, settings.workers) as solver:
             while tree.open and tree.open[0].bound > cutoff:
-                tree = grow(tree, cutoff, solver)
+                tree = grow(tree, cutoff, solver, value if lowered is None else None)
                 seconds, bound = time.perf_counter() - clock, progress.bound
                 if lowered is None:
                     bound = min(bound, tree.bound)
@@ -199,7 +199,8 @@ def _prove(task: Task, value: float, settings: Search, begun: Progress) -> Gener
 def _planted(task: Task, settings: Search, phases: int) -> Tree:
     own = settings.sequence
     sequences = [tuple(tuple(sorted(s)) for s in own)] if own else all_sequences(task, phases)
-    return plant(sequences, [s for s in sequences if len(s) == 3])
+    shortest, longest = task.limits.period_range
+    return plant(sequences, [s for s in sequences if len(s) == 3], shortest / longest)
 
 
 def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float, float | None]]:

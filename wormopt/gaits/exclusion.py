@@ -53,10 +53,11 @@ def rule_out(
     >>> rule_out(task, [((0,), (1,))], lambda: 0.6, lambda branch: None)
     {((0,), (1,))}
     """
-    tree, starts = plant(sequences), 0
+    shortest, longest = task.limits.period_range
+    tree, starts = plant(sequences, shortest=shortest / longest), 0
     most = _BOXES + _BOXES_OF_EACH * len(sequences)
     # one thread: what is found must not depend on which of them is faster
-    with Solver(task, max(cutoff(), 0.0), workers=1) as solver:
+    with Solver(task, workers=1) as solver:
         while tree.open and tree.open[0].bound > cutoff():
             if tree.boxes >= most or starts >= _STARTS:
                 break

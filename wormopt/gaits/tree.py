@@ -1,17 +1,20 @@
 """Branch and bound over sequences of resting masses and boxes of durations.
 
-Every gait belongs to one branch of the tree: a sequence and a box that holds its durations. The
+Every gait belongs to one branch of the tree: a sequence and a box that holds the period of its
+cycle and the phases' shares of it. A gait that repeats has the period of one repetition. The
 relaxation bounds the speed of all gaits of a branch at once. What is below the cutoff is done
-with; the rest is cut in two where the relaxed durations lie, or looked at with finer cells.
+with; the rest is cut in two where the relaxed optimum lies, or looked at with finer cells.
 """
 
 from __future__ import annotations
 
 import heapq
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import repeat
 from threading import Lock
 from typing import NamedTuple
 
@@ -23,22 +26,26 @@ from wormopt.gaits.sequences import Sequence_
 
 __all__ = ["Branch", "Solver", "Tree", "grow", "plant", "take"]
 
-CELLS = 10  # per phase, to begin with
-_MOST_CELLS = 320
+CELLS = 2  # per phase, to begin with
+_MOST_CELLS = 128
 # Products count as tight where they explain less than this share of what is above the cutoff.
 _TIGHT = 0.2
-# Boxes are narrow if they leave the square of a duration open by no more than this share.
+# Sides are narrow if their slack is no more than this share of the square of what they hold.
 _NARROW = 0.02
-# Sides are not cut any further; longest periods are 1.
+# Ratio of the longest period of a box to its shortest.
+_WIDEST = 2.0
+# Sides are not cut any further; periods and longest periods are 1.
 _NARROWEST = 1e-6
 # A cut leaves at least this share of an interval on either side.
 _LEAST_SHARE = 0.2
+# Periods of cycles are quotients.
+_ROUNDING = 1e-15
 # Idle programs that are kept, some megabytes each.
 _KEPT = 200
 
 
 class Branch(NamedTuple):
-    """All gaits of a sequence with durations in a box.
+    """All gaits of a sequence in a box.
 
     Parameters
     ----------
@@ -47,7 +54,8 @@ class Branch(NamedTuple):
     sequence : tuple of tuple of int
         Resting masses, phase after phase.
     box : tuple of (float, float)
-        Shortest and longest duration of each phase, as shares of the longest period.
+        Smallest and largest share of the period of each phase, then shortest and longest period
+        of the cycle as shares of the longest allowed.
     cells : int
         Cells per phase with which it is looked at next.
     refined : bool
@@ -59,6 +67,12 @@ class Branch(NamedTuple):
     box: Box
     cells: int = CELLS
     refined: bool = False
+
+    @property
+    def durations(self) -> Box:
+        """Shortest and longest duration of each phase, as shares of the longest period."""
+        *shares, (shortest, longest) = self.box
+        return tuple((low * shortest, high * longest) for low, high in shares)
 
 
 @dataclass(frozen=True)
@@ -77,6 +91,8 @@ class Tree:
         Linear programs solved.
     watched : tuple of sequences
         Sequences whose leaves are kept, for a picture.
+    shortest : float
+        Shortest period, as a share of the longest; cycles last a whole part of a period.
     """
 
     open: tuple[Branch, ...]
@@ -84,6 +100,7 @@ class Tree:
     leaves: tuple[Branch, ...] = ()
     boxes: int = 0
     watched: tuple[Sequence_, ...] = ()
+    shortest: float = 1.0
 
     @property
     def bound(self) -> float:
@@ -91,7 +108,9 @@ class Tree:
         return max(self.done, self.open[0].bound if self.open else -np.inf)
 
 
-def plant(sequences: Sequence[Sequence_], watched: Sequence[Sequence_] = ()) -> Tree:
+def plant(
+    sequences: Sequence[Sequence_], watched: Sequence[Sequence_] = (), shortest: float = 1.0
+) -> Tree:
     """Begin a tree of which nothing is known yet.
 
     Parameters
@@ -100,13 +119,15 @@ def plant(sequences: Sequence[Sequence_], watched: Sequence[Sequence_] = ()) -> 
         Resting masses, phase after phase.
     watched : sequence of sequences, optional
         Those whose leaves are wanted.
+    shortest : float, optional
+        Shortest period, as a share of the longest.
 
     Returns
     -------
     Tree
     """
-    roots = [Branch(np.inf, s, ((0.0, 1.0),) * len(s)) for s in sequences]
-    return Tree(tuple(roots), watched=tuple(watched))
+    roots = [Branch(np.inf, s, ((0.0, 1.0),) * (len(s) + 1)) for s in sequences]
+    return Tree(tuple(roots), watched=tuple(watched), shortest=shortest)
 
 
 def take(tree: Tree) -> tuple[Branch, Tree]:
@@ -135,40 +156,40 @@ class Solver:
     ----------
     task : Task
         Worm and limits.
-    reference : float
-        A speed near the optimum.
     workers : int, optional
         Number of threads; as many as there are processors if left out.
     """
 
-    def __init__(self, task: Task, reference: float, workers: int | None = None) -> None:
+    def __init__(self, task: Task, workers: int | None = None) -> None:
         self.workers = workers or os.cpu_count() or 1
-        self._task, self._reference = task, reference
+        self._task = task
         self._idle: list[tuple[tuple[Sequence_, int], Relaxation]] = []
         self._lock = Lock()
         self._threads = ThreadPoolExecutor(self.workers)
 
-    def solve(self, branches: Sequence[Branch]) -> list[Relaxed]:
+    def solve(self, branches: Sequence[Branch], cutoff: float) -> list[Relaxed]:
         """Solve the relaxation of every branch.
 
         Parameters
         ----------
         branches : sequence of Branch
+        cutoff : float
+            Lower bounds are not wanted.
 
         Returns
         -------
         list of Relaxed
         """
-        return list(self._threads.map(self._solve, branches))
+        return list(self._threads.map(self._solve, branches, repeat(cutoff)))
 
-    def _solve(self, branch: Branch) -> Relaxed:
+    def _solve(self, branch: Branch, cutoff: float) -> Relaxed:
         # HiGHS lets go of the interpreter's lock, so threads do run side by side.
         key = (branch.sequence, branch.cells)
         with self._lock:
             at = next((k for k, (kept, _) in enumerate(self._idle) if kept == key), None)
             found = None if at is None else self._idle.pop(at)[1]
-        relaxation = found or Relaxation(self._task, *key, self._reference)
-        relaxed = relaxation.solve(branch.box)
+        relaxation = found or Relaxation(self._task, *key)
+        relaxed = relaxation.solve(branch.box, cutoff)
         with self._lock:  # the one used last comes first, the others fall off at the end
             self._idle = [(key, relaxation), *self._idle[: _KEPT - 1]]
         return relaxed
@@ -184,7 +205,13 @@ class Solver:
         self.close()
 
 
-def grow(tree: Tree, cutoff: float, solver: Solver) -> Tree:
+def grow(
+    tree: Tree,
+    cutoff: float,
+    solver: Solver,
+    found: float | None = None,
+    look: Callable[[Branch, Relaxed], None] = lambda *_: None,
+) -> Tree:
     """Look at the most promising branches.
 
     Parameters
@@ -195,6 +222,10 @@ def grow(tree: Tree, cutoff: float, solver: Solver) -> Tree:
         Branches proven to hold nothing faster are done with.
     solver : Solver
         Solves the relaxations.
+    found : float, optional
+        Speed of a gait that is the best or nearly so, if one is known.
+    look : callable, optional
+        Told every branch that is not done with, and its relaxation.
 
     Returns
     -------
@@ -205,10 +236,13 @@ def grow(tree: Tree, cutoff: float, solver: Solver) -> Tree:
     batch: list[Branch] = []
     while heap and len(batch) < 2 * solver.workers and -heap[0][0] > cutoff:
         batch.append(heapq.heappop(heap)[1])
-    done, leaves = tree.done, list(tree.leaves)
-    for branch, relaxed in zip(batch, solver.solve(batch), strict=True):
+    done, leaves, aim = tree.done, list(tree.leaves), cutoff if found is None else found
+    for branch, relaxed in zip(batch, solver.solve(batch, cutoff), strict=True):
         known = branch._replace(bound=min(branch.bound, relaxed.bound))
-        twigs = _twigs(known, relaxed, branch.bound, cutoff) if known.bound > cutoff else []
+        twigs = []
+        if known.bound > cutoff:
+            look(known, relaxed)
+            twigs = _twigs(known, relaxed, branch.bound, aim, tree.shortest)
         for twig in twigs:
             heapq.heappush(heap, (-twig.bound, twig))
         if not twigs:
@@ -224,15 +258,20 @@ def grow(tree: Tree, cutoff: float, solver: Solver) -> Tree:
     )
 
 
-def _twigs(branch: Branch, relaxed: Relaxed, before: float, cutoff: float) -> list[Branch]:
+def _twigs(
+    branch: Branch, relaxed: Relaxed, before: float, aim: float, shortest: float
+) -> list[Branch]:
     """Parts of a branch, or the branch with finer cells; nothing if that leads no further."""
-    widths = np.ptp(np.array(branch.box), axis=1)
-    if not relaxed.durations.size:  # the solver failed
-        longest = int(np.argmax(widths))
-        return _cut(branch, longest, float(np.mean(branch.box[longest])))
-    tight = _TIGHT * (branch.bound - cutoff)
+    if not relaxed.point.size:  # the solver failed
+        longest = int(np.argmax(np.ptp(np.array(branch.box), axis=1)))
+        return _cut(branch, longest, float(np.mean(branch.box[longest])), shortest)
+    least, most = branch.box[-1]
+    if most > _WIDEST * least:  # little is true of such different periods at once
+        at = math.sqrt(least * most) if least else 0.75 * most
+        return _cut(branch, len(branch.sequence), at, shortest)
+    tight = _TIGHT * (branch.bound - aim)
     exact = relaxed.losses.sum() < tight
-    narrow = bool(np.all(relaxed.slack < _NARROW * relaxed.durations**2 + _NARROWEST))
+    narrow = bool(np.all(relaxed.slack < _NARROW * relaxed.point**2 + _NARROWEST))
     vain = branch.refined and before - branch.bound < tight
     if exact and (narrow or not vain):
         finer = branch._replace(cells=2 * branch.cells, refined=True)
@@ -240,17 +279,28 @@ def _twigs(branch: Branch, relaxed: Relaxed, before: float, cutoff: float) -> li
     if vain and not narrow:  # the box is what is too coarse, whatever the multipliers say
         branch = branch._replace(cells=branch.cells // 2)
     explained = relaxed.losses.sum() > _TIGHT * tight
-    phase = int(np.argmax(relaxed.losses if explained else relaxed.slack))
-    return _cut(branch, phase, float(relaxed.durations[phase]))
+    side = int(np.argmax(relaxed.losses if explained else relaxed.slack))
+    return _cut(branch, side, float(relaxed.point[side]), shortest)
 
 
-def _cut(branch: Branch, phase: int, at: float) -> list[Branch]:
-    low, high = branch.box[phase]
+def _cut(branch: Branch, side: int, at: float, shortest: float) -> list[Branch]:
+    low, high = branch.box[side]
     if high - low < _NARROWEST:
         return []
     margin = _LEAST_SHARE * (high - low)
     at = min(max(at, low + margin), high - margin)
+    parts = [(low, at), (at, high)]
+    if side == len(branch.sequence):
+        parts = [p for p in (_periods(shortest, *part) for part in parts) if p[0] <= p[1]]
     return [
-        branch._replace(box=(*branch.box[:phase], side, *branch.box[phase + 1 :]), refined=False)
-        for side in ((low, at), (at, high))
+        branch._replace(box=(*branch.box[:side], part, *branch.box[side + 1 :]), refined=False)
+        for part in parts
     ]
+
+
+def _periods(shortest: float, low: float, high: float) -> tuple[float, float]:
+    """Shortest and longest period of a cycle in a range: a whole part of a period up to 1."""
+    fewest = max(1, math.ceil(shortest / high * (1 - _ROUNDING)))
+    most = math.floor(1 / low * (1 + _ROUNDING)) if low > 0.0 else math.inf
+    least = max(low, shortest / most * (1 - _ROUNDING))
+    return least, min(high, 1 / fewest * (1 + _ROUNDING))
