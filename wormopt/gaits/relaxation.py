@@ -290,10 +290,10 @@ class Relaxation:
         upper = np.array(self._upper) * (1 + 4 * _ROUNDING)
         cost[self._way] = 1.0
         program = LinearProgram(cost, self._rows, 0.0 * upper, upper)
-        self._places = [
-            [program.places(plane.rows, column) for column in plane.columns]
-            for plane in self._planes
-        ]
+        self._places = np.concatenate(
+            [program.places(plane.rows, column) for plane in self._planes for column in plane.columns]
+        )
+        self._plane_rows = np.concatenate([plane.rows for plane in self._planes])
         return program
 
     def solve(self, box: Box, cutoff: float = -np.inf) -> Relaxed:
@@ -316,7 +316,7 @@ class Relaxation:
             return Relaxed(-np.inf, *_NOTHING)
         self._set_box(sides)
         found = self._program.maximise()
-        bound = self._bound_of(found)
+        bound = min(self._bound_of(found), self._upper[self._way] * self._limits.speed * (1 + 4 * _ROUNDING))
         for _ in range(_ROUNDS):
             if bound <= cutoff or not found.x.size or not self._cut_off(found.x):
                 break
@@ -352,12 +352,15 @@ class Relaxation:
         program.set_bounds(
             np.array([self._period, self._room]), np.array([a, 0.0]), np.array([b, room])
         )
-        for plane, places in zip(self._planes, self._places, strict=True):
+        coefficients, upper = [], []
+        for plane in self._planes:
+            none = np.zeros(len(plane.rows))
             values, side = plane.of(sides.of(plane.phase))
-            for place, value in zip(places, values, strict=True):
-                program.change(place, value + np.zeros(len(place)))
-            upper = side + np.full(len(plane.rows), _ROUNDING)
-            program.set_sides(plane.rows, np.full(len(upper), -np.inf), upper)
+            coefficients += [none + value for value in values]
+            upper.append(none + side + _ROUNDING)
+        program.change(self._places, np.concatenate(coefficients))
+        most = np.concatenate(upper)
+        program.set_sides(self._plane_rows, np.full(len(most), -np.inf), most)
 
     def _cut_off(self, x: np.ndarray) -> bool:
         """Add the cuts that a point does not meet; whether there are any."""

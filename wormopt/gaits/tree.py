@@ -126,7 +126,8 @@ def plant(
     -------
     Tree
     """
-    roots = [Branch(np.inf, s, ((0.0, 1.0),) * (len(s) + 1)) for s in sequences]
+    periods = (_periods(shortest, 0.0, 1 / _WIDEST), _periods(shortest, 1 / _WIDEST, 1.0))
+    roots = [Branch(np.inf, s, ((0.0, 1.0),) * len(s) + (p,)) for s in sequences for p in periods]
     return Tree(tuple(roots), watched=tuple(watched), shortest=shortest)
 
 
