@@ -88,7 +88,9 @@ class Cuts:
             up, down = (slope[:, None] * reach for slope in (self.rise, self.fall))
             before, after = (level - start) / up, (level - end) / down
             meet = _share((end - start + down) / (up + down))
-        before, after = _share(before), _share(after)
+        # where nothing limits a slope it is not run along
+        before = np.where(np.isfinite(self.rise)[:, None], _share(before), 0.0)
+        after = np.where(np.isfinite(self.fall)[:, None], _share(after), 0.0)
         apart = before + after <= 1.0
         return np.where(apart, before, meet), np.where(apart, after, 1.0 - meet)
 
@@ -100,4 +102,4 @@ def _share(value: np.ndarray) -> np.ndarray:
 
 def _square(share: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Slope times a square, in which a share of 0 makes even an unlimited slope vanish."""
-    return np.where(share > 0.0, share**2 * np.where(share > 0.0, slope, 0.0), 0.0)
+    return share**2 * np.where(share > 0.0, slope, 0.0)

@@ -31,10 +31,11 @@ from wormopt.optimal.linear import LinearProgram, Maximum, Rows, Term
 
 __all__ = ["Box", "Relaxation", "Relaxed"]
 
-# Averages above what cuts allow by less than this share of the speed are not worth a row.
-_MISSED = 2e-3
-# Rounds of cuts for a box.
-_ROUNDS = 8
+# Averages above what cuts allow are worth a row if they are so by this share of what the bound is
+# above the cutoff; then by shares of the speed from the second to the third.
+_MISSED, _LEAST_MISSED, _MOST_MISSED = 0.2, 1e-5, 2e-3
+# Rounds of cuts for a box, and the shares for a bound that is as close as cuts make it.
+_ROUNDS, _ALL_ROUNDS, _ALL_MISSED = 8, 100, 1e-9
 # Allowance for the rounding of box sides; everything in the program is of size 1.
 _ROUNDING = 1e-14
 
@@ -59,12 +60,15 @@ class Relaxed:
         box that is to blame.
     slack : ndarray, shape (phases + 1,)
         Product of the distances from both ends of each side of the box.
+    loads : float
+        Part of the bound that loads on masses that perhaps do not rest account for.
     """
 
     bound: float
     point: np.ndarray
     losses: np.ndarray
     slack: np.ndarray
+    loads: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +106,8 @@ class Relaxation:
         Resting masses, phase after phase; neighbours differ.
     cells : int
         Cells per phase.
+    more : tuple of int, optional
+        So many others may rest in each phase besides; none if left out.
 
     Examples
     --------
@@ -118,9 +124,13 @@ class Relaxation:
     True
     """
 
-    def __init__(self, task: Task, sequence: Sequence_, cells: int) -> None:
+    def __init__(
+        self, task: Task, sequence: Sequence_, cells: int, more: tuple[int, ...] = ()
+    ) -> None:
         self._limits = ScaledLimits(task)
         self._sequence, self._cells = sequence, cells
+        self._more = more or (0,) * len(sequence)
+        self._borne: list[tuple[int, np.ndarray, float]] = []
         self._rows = Rows()
         self._upper: list[float] = []
         self._sums: list[Cut] = []
@@ -186,14 +196,17 @@ class Relaxation:
         limits, resting, width = self._limits, self._sequence[phase], 1.0 / self._cells
         y, q, z = self._y[phase], self._q[phase], self._z[phase]
         h, g = int(self._h[phase]), int(self._g[phase])
-        for form in limits.forms(resting):
+        above = np.empty(0, int)
+        for form in limits.forms(resting, self._more[phase]):
             start, end, mean = (_sum(form.alpha, way) for way in (y[:-1], y[1:], q))
             change = [*end, *_times(start, -1.0)]
             force = [*_times(change, 1.0 / width), *_sum(limits.drag * form.beta, z)]
             if form.below < np.inf:
                 self._rows.add([*force, (g, form.below)], 0.0, np.inf)
             if form.above < np.inf:
-                self._rows.add([*force, (g, -form.above)], -np.inf, 0.0)
+                above = self._rows.add([*force, (g, -form.above)], -np.inf, 0.0)
+            if form.shared > 0.0:
+                self._borne.append((phase, above, form.shared))
             least, largest = limits.span(form.alpha, resting)
             fall, rise = limits.slopes(form, resting)
             self._sums += [
@@ -296,7 +309,7 @@ class Relaxation:
         self._plane_rows = np.concatenate([plane.rows for plane in self._planes])
         return program
 
-    def solve(self, box: Box, cutoff: float = -np.inf) -> Relaxed:
+    def solve(self, box: Box, cutoff: float | None = None) -> Relaxed:
         """Bound the speed of all gaits in a box.
 
         Parameters
@@ -305,7 +318,8 @@ class Relaxation:
             Smallest and largest share of the period of every phase, then the shortest and longest
             period as shares of the longest allowed.
         cutoff : float, optional
-            Lower bounds are not wanted.
+            Lower bounds are not wanted, and less work is done for bounds far above. All that
+            can be done is done if left out.
 
         Returns
         -------
@@ -317,8 +331,9 @@ class Relaxation:
         self._set_box(sides)
         found = self._program.maximise()
         bound = min(self._bound_of(found), self._upper[self._way] * self._limits.speed * (1 + 4 * _ROUNDING))
-        for _ in range(_ROUNDS):
-            if bound <= cutoff or not found.x.size or not self._cut_off(found.x):
+        for _ in range(_ALL_ROUNDS if cutoff is None else _ROUNDS):
+            missed = self._missed(bound, cutoff)
+            if missed <= 0.0 or not found.x.size or not self._cut_off(found.x, missed):
                 break
             found = self._program.maximise()
             bound = min(bound, self._bound_of(found))
@@ -327,7 +342,15 @@ class Relaxation:
         point = found.x[[*self._e, self._period]]
         ends = np.append(sides.low, sides.a), np.append(sides.high, sides.b)
         slack = np.maximum(point - ends[0], 0.0) * np.maximum(ends[1] - point, 0.0)
-        return Relaxed(bound, point, self._losses(found, sides) * self._limits.speed, slack)
+        losses, loads = self._losses(found, sides), self._loads(found)
+        return Relaxed(bound, point, losses * self._limits.speed, slack, loads)
+
+    def _missed(self, bound: float, cutoff: float | None) -> float:
+        """By which share of the speed cuts must be missed to be made; 0 for none."""
+        if cutoff is None:
+            return _ALL_MISSED
+        above = _MISSED * (bound - cutoff) / bound if bound > cutoff else 0.0
+        return min(max(above, _LEAST_MISSED), _MOST_MISSED) if above else 0.0
 
     def _bound_of(self, found: Maximum) -> float:
         return found.bound * self._limits.speed * (1 + 4 * _ROUNDING)
@@ -362,7 +385,7 @@ class Relaxation:
         most = np.concatenate(upper)
         program.set_sides(self._plane_rows, np.full(len(most), -np.inf), most)
 
-    def _cut_off(self, x: np.ndarray) -> bool:
+    def _cut_off(self, x: np.ndarray, missed: float) -> bool:
         """Add the cuts that a point does not meet; whether there are any."""
         cuts, x, width = self._cuts, np.append(np.maximum(x, 0.0), 0.0), 1.0 / self._cells
         y, q = (
@@ -375,10 +398,17 @@ class Relaxation:
         which = np.broadcast_to(np.arange(len(level))[:, None], q.shape)
         reach = cuts.reach(which, before, after) * g * width / 2
         most = before * start + after * end + reach + (1 - before - after) * level[:, None]
-        found = np.nonzero(q > most + _MISSED * x[self._way])
+        found = np.nonzero(q > most + missed * x[self._way])
         if found[0].size:
             self._program.extend(self._add_cuts(*found, before[found], after[found]))
         return found[0].size > 0
+
+    def _loads(self, found: Maximum) -> float:
+        gains = [
+            np.abs(found.row_duals[rows]).sum() * found.x[self._g[p]] * shared
+            for p, rows, shared in self._borne
+        ]
+        return float(sum(gains)) * self._limits.speed
 
     def _losses(self, found: Maximum, sides: _Sides) -> np.ndarray:
         """Gain from products by sides of the box, to first order: multipliers times violations."""

@@ -29,12 +29,15 @@ class Form:
         Weights of the masses' accelerations, and of their drags k v.
     below, above : float
         What is left to either side of the value at rest; infinite without a limit.
+    shared : float
+        Part of ``above`` that masses bear which perhaps do not rest.
     """
 
     alpha: np.ndarray
     beta: np.ndarray
     below: float
     above: float
+    shared: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,13 +125,15 @@ class ScaledLimits:
             [min(contraction[m:i].sum() + extension[i:m].sum() for m in resting) for i in masses]
         )
 
-    def forms(self, resting: Resting) -> list[Form]:
+    def forms(self, resting: Resting, more: int = 0) -> list[Form]:
         """List all limits on accelerations and forces.
 
         Parameters
         ----------
         resting : tuple of int
             Masses at rest.
+        more : int, optional
+            So many others may rest as well.
 
         Returns
         -------
@@ -143,7 +148,7 @@ class ScaledLimits:
                 np.diff(np.eye(self.links + 1), axis=0), most_of_each, strict=True
             )
         ]
-        return [*links, self._momentum(resting), *self._actuators(resting)]
+        return [*links, self._momentum(resting, more), *([] if more else self._actuators(resting))]
 
     def admits_rest(self, resting: Resting) -> bool:
         """Whether the worm may stand still on the spikes of these masses.
@@ -155,15 +160,21 @@ class ScaledLimits:
         """
         return all(form.below >= 0.0 and form.above >= 0.0 for form in self.forms(resting))
 
-    def _momentum(self, resting: Resting) -> Form:
+    def _momentum(self, resting: Resting, more: int) -> Form:
         """Sum of the reactions: the momentum's change, the drag and the load, (7)."""
         limits, count = self.task.limits, self.links + 1
         spikes = _spread(limits.spike_load, count)[list(resting)]
         # However they share it, together they carry no more than the sum of what each may.
-        most = len(spikes) * spikes.min() if limits.sharing == "equal" else spikes.sum()
-        load = self.task.worm.load
-        below = self._apart(count * load, count * limits.sigma_margin)
-        return Form(self.mass, np.ones(count), below, self._apart(float(most), count * load))
+        if limits.sharing == "equal":
+            known, others = len(spikes) * spikes.min(), more * spikes.min() if more else 0.0
+        else:
+            moving = np.sort(np.delete(_spread(limits.spike_load, count), list(resting)))
+            known, others = spikes.sum(), moving[len(moving) - more :].sum()
+        lightest, heaviest = self.task.worm.load_range  # limits hold under every load
+        below = self._apart(count * lightest, count * limits.sigma_margin)
+        above = self._apart(float(known + others), count * heaviest)
+        shared = float(others) / self.force if above < np.inf else 0.0
+        return Form(self.mass, np.ones(count), below, above, shared)
 
     def _actuators(self, resting: Resting) -> Iterator[Form]:
         """Actuator forces by the recursion (3), where the spikes' loads are known."""
@@ -174,12 +185,13 @@ class ScaledLimits:
         for j, most in enumerate(_spread(limits.actuator_force, self.links), start=1):
             held = sum(i < j for i in resting)  # whole numbers, so that what cancels is zero
             weight = (held - rest * (np.arange(count) < j)) / rest
-            at_rest = self.task.worm.load * (held * count - rest * j) / rest
+            loads = self.task.worm.load_range
+            at_rest = sorted(load * (held * count - rest * j) / rest for load in loads)
             yield Form(
                 weight * self.mass,
                 weight,
-                self._apart(at_rest, -float(most)),
-                self._apart(float(most), at_rest),
+                self._apart(at_rest[0], -float(most)),
+                self._apart(float(most), at_rest[1]),
             )
 
     def _apart(self, high: float, low: float) -> float:

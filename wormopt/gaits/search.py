@@ -163,7 +163,7 @@ class _Trials:
 
     def run_from(self, branch: Branch) -> None:
         """Try a sequence from the middle of a box of durations."""
-        durations = np.mean(branch.box, axis=1) * self.task.limits.period_range[1]
+        durations = np.mean(branch.durations, axis=1) * self.task.limits.period_range[1]
         self._run([Job(self.task, branch.sequence, (self.seed,), 6, tuple(durations.tolist()))])
 
     def _run(self, jobs: list[Job]) -> None:

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wormopt.gaits.attempt import Task
+from wormopt.gaits.families import Family, families, parts
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
 from wormopt.gaits.sequences import Sequence_
 
@@ -40,6 +41,8 @@ _NARROWEST = 1e-6
 _LEAST_SHARE = 0.2
 # Periods of cycles are quotients.
 _ROUNDING = 1e-15
+# Families of so many sequences are divided first, larger ones where loads are to blame.
+_FEW = 16
 # Idle programs that are kept, some megabytes each.
 _KEPT = 200
 
@@ -60,6 +63,8 @@ class Branch(NamedTuple):
         Cells per phase with which it is looked at next.
     refined : bool
         Whether that is a finer look at what was looked at before.
+    family : tuple of sequences
+        All the sequences of the branch. Where they are several, others may rest besides.
     """
 
     bound: float
@@ -67,6 +72,13 @@ class Branch(NamedTuple):
     box: Box
     cells: int = CELLS
     refined: bool = False
+    family: Family = ()
+
+    @property
+    def more(self) -> tuple[int, ...]:
+        """How many masses may rest in each phase besides those of the sequence."""
+        most = [max(map(len, sets)) for sets in zip(*self.family, strict=True)]
+        return tuple(m - len(s) for m, s in zip(most, self.sequence, strict=False))
 
     @property
     def durations(self) -> Box:
@@ -127,7 +139,11 @@ def plant(
     Tree
     """
     periods = (_periods(shortest, 0.0, 1 / _WIDEST), _periods(shortest, 1 / _WIDEST, 1.0))
-    roots = [Branch(np.inf, s, ((0.0, 1.0),) * len(s) + (p,)) for s in sequences for p in periods]
+    roots = [
+        Branch(np.inf, common, ((0.0, 1.0),) * len(common) + (period,), family=family)
+        for common, family in families(sequences).items()
+        for period in periods
+    ]
     return Tree(tuple(roots), watched=tuple(watched), shortest=shortest)
 
 
@@ -164,7 +180,7 @@ class Solver:
     def __init__(self, task: Task, workers: int | None = None) -> None:
         self.workers = workers or os.cpu_count() or 1
         self._task = task
-        self._idle: list[tuple[tuple[Sequence_, int], Relaxation]] = []
+        self._idle: list[tuple[tuple[Sequence_, int, tuple[int, ...]], Relaxation]] = []
         self._lock = Lock()
         self._threads = ThreadPoolExecutor(self.workers)
 
@@ -185,7 +201,7 @@ class Solver:
 
     def _solve(self, branch: Branch, cutoff: float) -> Relaxed:
         # HiGHS lets go of the interpreter's lock, so threads do run side by side.
-        key = (branch.sequence, branch.cells)
+        key = (branch.sequence, branch.cells, branch.more)
         with self._lock:
             at = next((k for k, (kept, _) in enumerate(self._idle) if kept == key), None)
             found = None if at is None else self._idle.pop(at)[1]
@@ -274,6 +290,9 @@ def _twigs(
     exact = relaxed.losses.sum() < tight
     narrow = bool(np.all(relaxed.slack < _NARROW * relaxed.point**2 + _NARROWEST))
     vain = branch.refined and before - branch.bound < tight
+    few = len(branch.family) <= _FEW
+    if any(branch.more) and (few or exact or relaxed.loads > relaxed.losses.sum()):
+        return _members(branch)
     if exact and (narrow or not vain):
         finer = branch._replace(cells=2 * branch.cells, refined=True)
         return [finer] if finer.cells <= _MOST_CELLS else []
@@ -282,6 +301,17 @@ def _twigs(
     explained = relaxed.losses.sum() > _TIGHT * tight
     side = int(np.argmax(relaxed.losses if explained else relaxed.slack))
     return _cut(branch, side, float(relaxed.point[side]), shortest)
+
+
+def _members(branch: Branch) -> list[Branch]:
+    """The parts of a family that differ in the phase where most others may rest."""
+    phase = int(np.argmax(branch.more))
+    twigs = []
+    for family in parts(branch.family, phase):
+        known = (*branch.sequence[:phase], family[0][phase], *branch.sequence[phase + 1 :])
+        sequence = known if len(family) > 1 else family[0]
+        twigs.append(branch._replace(sequence=sequence, family=family, refined=False))
+    return twigs
 
 
 def _cut(branch: Branch, side: int, at: float, shortest: float) -> list[Branch]:

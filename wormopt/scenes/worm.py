@@ -41,6 +41,11 @@ class WormTable(Table, frozen=True, kw_only=True):
         """Mass of each point mass, head first."""
         return per(self.mass, self.links + 1)
 
+    @property
+    def load_range(self) -> tuple[float, float]:
+        """Lowest and highest load."""
+        return self.load, self.load
+
     def faults(self) -> Iterator[Fault]:
         """Yield what is wrong between the keys of this table."""
         yield from wrong_count("worm.mass", self.mass, self.links + 1, "masses")

@@ -138,14 +138,15 @@ def _leaves(
     leaves = {sequence: [] for sequence in tree.watched} if tree else {}
     for branch in (*tree.leaves, *tree.open) if tree else ():
         if branch.sequence in leaves and np.isfinite(branch.bound):
-            leaves[branch.sequence].append(branch)
+            if branch.box[-1][1] >= tree.shortest:  # the picture is of gaits of one cycle
+                leaves[branch.sequence].append(branch)
     leaves = {sequence: found for sequence, found in leaves.items() if found}
     if not leaves:
         return {}, []
     images = _images(task, solver)
     own = [sequence for sequence in leaves if sequence in images]
     chosen = own[0] if own else max(leaves, key=lambda sequence: len(leaves[sequence]))
-    boxes = np.array([branch.box for branch in leaves[chosen]]) * task.limits.period_range[1]
+    boxes = np.array([branch.durations for branch in leaves[chosen]]) * task.limits.period_range[1]
     bounds = np.array([branch.bound for branch in leaves[chosen]])
     time, dims = unit_of("time", units), ("leaf", "leaf_phase")
     scalars = {
