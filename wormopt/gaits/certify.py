@@ -18,10 +18,10 @@ import msgspec
 import numpy as np
 
 from wormopt.gaits.attempt import Task
+from wormopt.gaits.relaxation import Relaxed
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.space import all_sequences
-from wormopt.gaits.relaxation import Relaxed
-from wormopt.gaits.tree import Branch, Solver, Tree, grow, plant
+from wormopt.gaits.tree import Branch, Solver, Tree, grow, periods, plant
 from wormopt.progress import Report
 from wormopt.scenes.gait_design import Objective
 from wormopt.scenes.gait_search import Certify, Search
@@ -121,7 +121,8 @@ def certify(
     save : callable, optional
         Given the progress now and then, and at the end where the gap is not reached.
     improve : callable, optional
-        Told the resting masses and the durations of one cycle of a relaxed gait of large bound.
+        Told the resting masses and the durations of one cycle of a relaxed gait of large bound;
+        so many cycles as fit make an allowed period.
         Gives the speed of a true gait made from it, minus infinity without one. Where that is
         faster than ``value``, the certificate speaks of it. Not called for costs.
 
@@ -180,7 +181,8 @@ class _Best:
 
     def __init__(self, task: Task, speed: float, improve: Improve | None) -> None:
         self.speed = speed
-        self._unit, self._improve = task.limits.period_range[1], improve
+        shortest, self._unit = task.limits.period_range
+        self._shortest, self._improve = shortest / self._unit, improve
         self._looks: Counter[Sequence_] = Counter()
 
     def look(self, branch: Branch, relaxed: Relaxed) -> None:
@@ -189,7 +191,8 @@ class _Best:
             return
         self._looks[branch.sequence] += 1
         if self._looks[branch.sequence].bit_count() == 1:  # the 1st, 2nd, 4th, ...
-            durations = relaxed.point[:-1] * relaxed.point[-1] * self._unit
+            period = periods(self._shortest, float(relaxed.point[-1]), 1.0)[0]
+            durations = relaxed.point[:-1] * period * self._unit
             found = self._improve(branch.sequence, tuple(durations.tolist()))
             self.speed = max(self.speed, found)
 
@@ -237,9 +240,7 @@ def _planted(task: Task, settings: Search, phases: int) -> Tree:
     return plant(sequences, [s for s in sequences if len(s) == 3], shortest / longest)
 
 
-def _steps(
-    task: Task, value: float, gap: float
-) -> list[tuple[Task, float | None, float | None]]:
+def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float | None, float | None]]:
     """Tasks, the speeds that nothing in them must pass, and the costs that this proves.
 
     Of a speed only the task: nothing must pass the best gait by more than the gap.

@@ -18,13 +18,14 @@ All of them vanish as boxes and cells shrink.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from wormopt.gaits.attempt import Task
 from wormopt.gaits.cuts import Cut, Cuts
+from wormopt.gaits.planes import Sides, of_drags, of_meetings, of_shares
 from wormopt.gaits.scaled_limits import ScaledLimits
 from wormopt.gaits.sequences import Sequence_
 from wormopt.optimal.linear import LinearProgram, Maximum, Rows, Term
@@ -38,8 +39,6 @@ _MISSED, _LEAST_MISSED, _MOST_MISSED = 0.2, 1e-5, 2e-3
 _ROUNDS, _ALL_ROUNDS, _ALL_MISSED = 8, 100, 1e-9
 # Allowance for the rounding of box sides; everything in the program is of size 1.
 _ROUNDING = 1e-14
-
-_NOTHING = (np.empty(0),) * 3
 
 Box = tuple[tuple[float, float], ...]
 
@@ -69,30 +68,6 @@ class Relaxed:
     losses: np.ndarray
     slack: np.ndarray
     loads: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class _Sides:
-    """A box: shares of the phases from ``low`` to ``high``, the period from ``a`` to ``b``."""
-
-    low: np.ndarray
-    high: np.ndarray
-    a: float
-    b: float
-
-    def of(self, phase: np.ndarray) -> _Sides:
-        """The sides for things that belong to phases."""
-        return _Sides(self.low[phase], self.high[phase], self.a, self.b)
-
-
-@dataclass(frozen=True, eq=False)
-class _Plane:
-    """Rows sum of coefficients times columns <= side, both of which depend on the box."""
-
-    rows: np.ndarray
-    columns: tuple[np.ndarray, ...]
-    phase: np.ndarray
-    of: Callable[[_Sides], tuple[tuple[np.ndarray | float, ...], np.ndarray | float]]
 
 
 class Relaxation:
@@ -194,11 +169,11 @@ class Relaxation:
     def _add_forces(self, phase: int) -> None:
         """Limits on accelerations and forces, and what they say of averages and whole phases."""
         limits, resting, width = self._limits, self._sequence[phase], 1.0 / self._cells
-        y, q, z = self._y[phase], self._q[phase], self._z[phase]
+        y, z = self._y[phase], self._z[phase]
         h, g = int(self._h[phase]), int(self._g[phase])
         above = np.empty(0, int)
         for form in limits.forms(resting, self._more[phase]):
-            start, end, mean = (_sum(form.alpha, way) for way in (y[:-1], y[1:], q))
+            start, end = (_sum(form.alpha, way) for way in (y[:-1], y[1:]))
             change = [*end, *_times(start, -1.0)]
             force = [*_times(change, 1.0 / width), *_sum(limits.drag * form.beta, z)]
             if form.below < np.inf:
@@ -269,44 +244,28 @@ class Relaxation:
 
     def _add_products(self) -> None:
         """Enclose products by planes that depend on the box."""
-        e, t = self._e, np.full(len(self._e), self._period)
-        every = np.arange(len(e))
-        self._planes: list[_Plane] = []
-        # g = e² T and h = e T from above: along one side of e² or e, and one of T
-        self._add_plane(every, (self._g, e, t), _square_at_shortest)
-        self._add_plane(every, (self._g, e, t), _square_at_longest)
-        self._add_plane(every, (self._h, e, t), lambda s: ((1.0, -s.a, -s.high), -s.high * s.a))
-        self._add_plane(every, (self._h, e, t), lambda s: ((1.0, -s.b, -s.low), -s.low * s.b))
-        # 1 / T below its chord
-        self._add_plane(
-            every[:1], (t[:1], self._room[None]), lambda s: ((1.0, s.a * s.b), s.a + s.b)
-        )
+        e, room = self._e, int(self._room)
         p, y, c, most = self._meeting = _table(self._meetings() if self._continuous else ())
-        self._add_plane(p, (y, c), lambda s: ((1.0, -s.high), 0.0))
-        self._add_plane(p, (y, c), lambda s: ((-1.0, s.low), 0.0))
-        self._add_plane(p, (y, c, e[p]), lambda s: ((1.0, -s.low, -most), -most * s.low))
-        self._add_plane(p, (y, c, e[p]), lambda s: ((-1.0, s.high, most), most * s.high))
-        p, z, q, top = self._drag = _table(self._drags())
-        # 0 <= q <= e v_max is multiplied by h, which is in the box
-        self._add_plane(p, (z, q), lambda s: ((1.0, -s.high * s.b), 0.0))
-        self._add_plane(p, (z, q), lambda s: ((-1.0, s.low * s.a), 0.0))
-        columns = (z, self._g[p], e[p], q)
-        self._add_plane(p, columns, lambda s: _left_over(1.0, s.low * s.a, top))
-        self._add_plane(p, columns, lambda s: _left_over(-1.0, s.high * s.b, top))
-
-    def _add_plane(self, phase: np.ndarray, columns: tuple[np.ndarray, ...], of: Callable) -> None:
-        rows = self._rows.add([(column, 1.0) for column in columns], -np.inf, np.inf)
-        self._planes.append(_Plane(rows, columns, phase, of))
+        d, z, q, top = self._drag = _table(self._drags())
+        self._planes = [
+            *of_shares(self._g, self._h, e, int(self._period), room),
+            *of_meetings(p, y, c, e[p], most),
+            *of_drags(d, z, q, self._g[d], e[d], top),
+        ]
+        self._plane_rows = [
+            self._rows.add([(column, 1.0) for column in plane.columns], -np.inf, np.inf)
+            for plane in self._planes
+        ]
 
     def _assemble(self) -> LinearProgram:
         cost = np.zeros(len(self._upper))
         upper = np.array(self._upper) * (1 + 4 * _ROUNDING)
         cost[self._way] = 1.0
         program = LinearProgram(cost, self._rows, 0.0 * upper, upper)
+        pairs = zip(self._planes, self._plane_rows, strict=True)
         self._places = np.concatenate(
-            [program.places(plane.rows, column) for plane in self._planes for column in plane.columns]
+            [program.places(rows, column) for plane, rows in pairs for column in plane.columns]
         )
-        self._plane_rows = np.concatenate([plane.rows for plane in self._planes])
         return program
 
     def solve(self, box: Box, cutoff: float | None = None) -> Relaxed:
@@ -327,10 +286,10 @@ class Relaxation:
         """
         sides = self._tighten(np.array(box))
         if np.any(sides.low > sides.high) or sides.a > sides.b:
-            return Relaxed(-np.inf, *_NOTHING)
+            return _nothing(-np.inf)
         self._set_box(sides)
         found = self._program.maximise()
-        bound = min(self._bound_of(found), self._upper[self._way] * self._limits.speed * (1 + 4 * _ROUNDING))
+        bound = self._bound_of(found)
         for _ in range(_ALL_ROUNDS if cutoff is None else _ROUNDS):
             missed = self._missed(bound, cutoff)
             if missed <= 0.0 or not found.x.size or not self._cut_off(found.x, missed):
@@ -338,7 +297,7 @@ class Relaxation:
             found = self._program.maximise()
             bound = min(bound, self._bound_of(found))
         if not found.x.size:
-            return Relaxed(bound, *_NOTHING)
+            return _nothing(bound)
         point = found.x[[*self._e, self._period]]
         ends = np.append(sides.low, sides.a), np.append(sides.high, sides.b)
         slack = np.maximum(point - ends[0], 0.0) * np.maximum(ends[1] - point, 0.0)
@@ -355,21 +314,23 @@ class Relaxation:
     def _bound_of(self, found: Maximum) -> float:
         return found.bound * self._limits.speed * (1 + 4 * _ROUNDING)
 
-    def _tighten(self, box: np.ndarray) -> _Sides:
+    def _tighten(self, box: np.ndarray) -> Sides:
         """Draw the box in to shares that add up to 1."""
         (low, high), (a, b) = box[:-1].T, box[-1]
         others_low, others_high = low.sum() - low, high.sum() - high
-        return _Sides(
+        return Sides(
             np.maximum(low, 1.0 - others_high - _ROUNDING),
             np.minimum(high, 1.0 - others_low + _ROUNDING),
             float(a),
             float(b),
         )
 
-    def _set_box(self, sides: _Sides) -> None:
+    def _set_box(self, sides: Sides) -> None:
         program, (low, high, a, b) = self._program, (sides.low, sides.high, sides.a, sides.b)
         program.set_bounds(self._e, low, high)
-        program.set_bounds(self._g, np.maximum(low**2 * a - _ROUNDING, 0.0), high**2 * b + _ROUNDING)
+        program.set_bounds(
+            self._g, np.maximum(low**2 * a - _ROUNDING, 0.0), high**2 * b + _ROUNDING
+        )
         program.set_bounds(self._h, np.maximum(low * a - _ROUNDING, 0.0), high * b + _ROUNDING)
         room = min(1.0 / a if a else np.inf, self._most_room) * (1 + _ROUNDING)
         program.set_bounds(
@@ -377,13 +338,14 @@ class Relaxation:
         )
         coefficients, upper = [], []
         for plane in self._planes:
-            none = np.zeros(len(plane.rows))
+            none = np.zeros(len(plane.phase))
             values, side = plane.of(sides.of(plane.phase))
             coefficients += [none + value for value in values]
             upper.append(none + side + _ROUNDING)
         program.change(self._places, np.concatenate(coefficients))
         most = np.concatenate(upper)
-        program.set_sides(self._plane_rows, np.full(len(most), -np.inf), most)
+        rows = np.concatenate(self._plane_rows)
+        program.set_sides(rows, np.full(len(most), -np.inf), most)
 
     def _cut_off(self, x: np.ndarray, missed: float) -> bool:
         """Add the cuts that a point does not meet; whether there are any."""
@@ -395,13 +357,13 @@ class Relaxation:
         start, end, g = y[:, :-1], y[:, 1:], x[self._g[cuts.phase], None]
         level = x[self._e[cuts.phase]] * cuts.most
         before, after = cuts.shares(start, end, level[:, None], g * width)
-        which = np.broadcast_to(np.arange(len(level))[:, None], q.shape)
-        reach = cuts.reach(which, before, after) * g * width / 2
+        every = np.broadcast_to(np.arange(len(level))[:, None], q.shape)
+        reach = cuts.reach(every, before, after) * g * width / 2
         most = before * start + after * end + reach + (1 - before - after) * level[:, None]
-        found = np.nonzero(q > most + missed * x[self._way])
-        if found[0].size:
-            self._program.extend(self._add_cuts(*found, before[found], after[found]))
-        return found[0].size > 0
+        found = which, cells = np.nonzero(q > most + missed * x[self._way])
+        if which.size:
+            self._program.extend(self._add_cuts(which, cells, before[found], after[found]))
+        return which.size > 0
 
     def _loads(self, found: Maximum) -> float:
         gains = [
@@ -410,10 +372,10 @@ class Relaxation:
         ]
         return float(sum(gains)) * self._limits.speed
 
-    def _losses(self, found: Maximum, sides: _Sides) -> np.ndarray:
+    def _losses(self, found: Maximum, sides: Sides) -> np.ndarray:
         """Gain from products by sides of the box, to first order: multipliers times violations."""
         x, (low, high) = found.x, (sides.low, sides.high)
-        weights = [np.abs(found.row_duals[plane.rows]) for plane in self._planes]
+        weights = [np.abs(found.row_duals[rows]) for rows in self._plane_rows]
         e, t = x[self._e], x[self._period]
         excess = t * (e - low) * (high - e)
         losses = np.append(np.maximum(excess, 0.0) * (weights[0] + weights[1]), 0.0)
@@ -429,30 +391,17 @@ class Relaxation:
         return losses
 
 
-def _square_at_shortest(s: _Sides) -> tuple[tuple[np.ndarray | float, ...], np.ndarray | float]:
-    """g below a times the secant of e², and what longer periods add at most."""
-    ends = s.low + s.high
-    return (1.0, -s.a * ends, -(s.high**2)), -s.a * s.low * s.high - s.high**2 * s.a
-
-
-def _square_at_longest(s: _Sides) -> tuple[tuple[np.ndarray | float, ...], np.ndarray | float]:
-    """g below b times the secant of e², less what shorter periods take at least."""
-    return (1.0, -s.b * (s.low + s.high), -(s.low**2)), -s.b * s.low * s.high - s.low**2 * s.b
-
-
-def _left_over(
-    sign: float, h: np.ndarray, top: np.ndarray
-) -> tuple[tuple[np.ndarray | float, ...], float]:
-    """Sign times (z - v_max g + h (v_max e - q)) is not positive."""
-    return (sign, -sign * top, sign * h * top, -sign * h), 0.0
-
-
 def _table(
     products: Iterable[tuple[int, int, int, float]],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Phases, products, factors and the factors' largest values."""
-    table = np.array([*products], float).reshape(-1, 4).T
-    return *table[:3].astype(int), table[3]
+    phase, whole, factor, most = np.array([*products], float).reshape(-1, 4).T
+    return phase.astype(int), whole.astype(int), factor.astype(int), most
+
+
+def _nothing(bound: float) -> Relaxed:
+    none = np.empty(0)
+    return Relaxed(bound, none, none, none)
 
 
 def _sum(weights: np.ndarray, columns: np.ndarray) -> list[Term]:

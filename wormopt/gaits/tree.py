@@ -25,7 +25,7 @@ from wormopt.gaits.families import Family, families, parts
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
 from wormopt.gaits.sequences import Sequence_
 
-__all__ = ["Branch", "Solver", "Tree", "grow", "plant", "take"]
+__all__ = ["Branch", "Solver", "Tree", "grow", "periods", "plant", "take"]
 
 CELLS = 2  # per phase, to begin with
 _MOST_CELLS = 128
@@ -138,11 +138,11 @@ def plant(
     -------
     Tree
     """
-    periods = (_periods(shortest, 0.0, 1 / _WIDEST), _periods(shortest, 1 / _WIDEST, 1.0))
+    halves = (periods(shortest, 0.0, 1 / _WIDEST), periods(shortest, 1 / _WIDEST, 1.0))
     roots = [
         Branch(np.inf, common, ((0.0, 1.0),) * len(common) + (period,), family=family)
         for common, family in families(sequences).items()
-        for period in periods
+        for period in halves
     ]
     return Tree(tuple(roots), watched=tuple(watched), shortest=shortest)
 
@@ -308,8 +308,9 @@ def _members(branch: Branch) -> list[Branch]:
     phase = int(np.argmax(branch.more))
     twigs = []
     for family in parts(branch.family, phase):
-        known = (*branch.sequence[:phase], family[0][phase], *branch.sequence[phase + 1 :])
-        sequence = known if len(family) > 1 else family[0]
+        word = next(iter(family))
+        known = (*branch.sequence[:phase], word[phase], *branch.sequence[phase + 1 :])
+        sequence = known if len(family) > 1 else word
         twigs.append(branch._replace(sequence=sequence, family=family, refined=False))
     return twigs
 
@@ -322,15 +323,33 @@ def _cut(branch: Branch, side: int, at: float, shortest: float) -> list[Branch]:
     at = min(max(at, low + margin), high - margin)
     parts = [(low, at), (at, high)]
     if side == len(branch.sequence):
-        parts = [p for p in (_periods(shortest, *part) for part in parts) if p[0] <= p[1]]
+        parts = [p for p in (periods(shortest, *part) for part in parts) if p[0] <= p[1]]
     return [
         branch._replace(box=(*branch.box[:side], part, *branch.box[side + 1 :]), refined=False)
         for part in parts
     ]
 
 
-def _periods(shortest: float, low: float, high: float) -> tuple[float, float]:
-    """Shortest and longest period of a cycle in a range: a whole part of a period up to 1."""
+def periods(shortest: float, low: float, high: float) -> tuple[float, float]:
+    """Find the shortest and longest period of a cycle in a range.
+
+    Parameters
+    ----------
+    shortest : float
+        Shortest period of which a cycle lasts a whole part; the longest is 1.
+    low, high : float
+        The range.
+
+    Returns
+    -------
+    least, most : float
+        The first above the second where there is none.
+
+    Examples
+    --------
+    >>> [round(period, 9) for period in periods(0.9, 0.35, 0.8)]
+    [0.45, 0.5]
+    """
     fewest = max(1, math.ceil(shortest / high * (1 - _ROUNDING)))
     most = math.floor(1 / low * (1 + _ROUNDING)) if low > 0.0 else math.inf
     least = max(low, shortest / most * (1 - _ROUNDING))

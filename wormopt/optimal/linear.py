@@ -265,7 +265,8 @@ class LinearProgram:
         if not solution.dual_valid:
             return Maximum(self._crude(), nothing, nothing)
         duals = np.array(solution.row_dual)
-        return Maximum(self.bound(duals), np.array(solution.col_value), duals)
+        bound = min(self.bound(duals), self._crude())
+        return Maximum(bound, np.array(solution.col_value), duals)
 
     def _crude(self) -> float:
         """Bound without multipliers."""

@@ -137,9 +137,9 @@ def _leaves(
     tree = proof.progress.tree
     leaves = {sequence: [] for sequence in tree.watched} if tree else {}
     for branch in (*tree.leaves, *tree.open) if tree else ():
-        if branch.sequence in leaves and np.isfinite(branch.bound):
-            if branch.box[-1][1] >= tree.shortest:  # the picture is of gaits of one cycle
-                leaves[branch.sequence].append(branch)
+        one_cycle = tree is not None and branch.box[-1][1] >= tree.shortest
+        if one_cycle and branch.sequence in leaves and np.isfinite(branch.bound):
+            leaves[branch.sequence].append(branch)
     leaves = {sequence: found for sequence, found in leaves.items() if found}
     if not leaves:
         return {}, []
