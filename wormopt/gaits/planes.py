@@ -54,7 +54,15 @@ class Plane:
 
 
 def of_shares(g: np.ndarray, h: np.ndarray, e: np.ndarray, period: int, room: int) -> list[Plane]:
-    """Bound g = e² T, h = e T and the room 1 / T from above, columns of each phase given."""
+    """Bound g = e² T, h = e T and the room 1 / T from above.
+
+    Parameters
+    ----------
+    g, h, e : ndarray of int
+        Columns, one of each phase.
+    period, room : int
+        Columns.
+    """
     phase, t = np.arange(len(e)), np.full(len(e), period)
     chord = Plane(phase[:1], (t[:1], np.array([room])), lambda s: ((1.0, s.a * s.b), s.a + s.b))
     return [
@@ -69,7 +77,17 @@ def of_shares(g: np.ndarray, h: np.ndarray, e: np.ndarray, period: int, room: in
 def of_meetings(
     phase: np.ndarray, y: np.ndarray, c: np.ndarray, e: np.ndarray, most: np.ndarray
 ) -> list[Plane]:
-    """Enclose y = e c, where c is at most so large."""
+    """Enclose y = e c.
+
+    Parameters
+    ----------
+    phase : ndarray of int
+        Phases of the products.
+    y, c, e : ndarray of int
+        Columns.
+    most : ndarray
+        Largest values of c.
+    """
     return [
         Plane(phase, (y, c), lambda s: ((1.0, -s.high), 0.0)),
         Plane(phase, (y, c), lambda s: ((-1.0, s.low), 0.0)),
@@ -86,7 +104,17 @@ def of_drags(
     e: np.ndarray,
     most: np.ndarray,
 ) -> list[Plane]:
-    """Enclose z = h q: h, which is in the box, multiplies 0 <= q <= e v_max; h e is g."""
+    """Enclose z = h q: h, which is in the box, multiplies 0 <= q <= e v_max; h e is g.
+
+    Parameters
+    ----------
+    phase : ndarray of int
+        Phases of the products.
+    z, q, g, e : ndarray of int
+        Columns.
+    most : ndarray
+        Largest velocities v_max.
+    """
     columns = (z, g, e, q)
     return [
         Plane(phase, (z, q), lambda s: ((1.0, -s.high * s.b), 0.0)),

@@ -259,7 +259,7 @@ def grow(
         twigs = []
         if known.bound > cutoff:
             look(known, relaxed)
-            twigs = _twigs(known, relaxed, branch.bound, aim, tree.shortest)
+            twigs = _twigs(known, relaxed, branch.bound, cutoff, aim, tree.shortest)
         for twig in twigs:
             heapq.heappush(heap, (-twig.bound, twig))
         if not twigs:
@@ -276,7 +276,7 @@ def grow(
 
 
 def _twigs(
-    branch: Branch, relaxed: Relaxed, before: float, aim: float, shortest: float
+    branch: Branch, relaxed: Relaxed, before: float, cutoff: float, aim: float, shortest: float
 ) -> list[Branch]:
     """Parts of a branch, or the branch with finer cells; nothing if that leads no further."""
     if not relaxed.point.size:  # the solver failed
@@ -294,8 +294,10 @@ def _twigs(
     if any(branch.more) and (few or exact or relaxed.loads > relaxed.losses.sum()):
         return _members(branch)
     if exact and (narrow or not vain):
-        finer = branch._replace(cells=2 * branch.cells, refined=True)
-        return [finer] if finer.cells <= _MOST_CELLS else []
+        if branch.cells < _MOST_CELLS:
+            return [branch._replace(cells=2 * branch.cells, refined=True)]
+        if relaxed.losses.sum() < branch.bound - cutoff:  # no box is narrow enough
+            return []
     if vain and not narrow:  # the box is what is too coarse, whatever the multipliers say
         branch = branch._replace(cells=branch.cells // 2)
     explained = relaxed.losses.sum() > _TIGHT * tight
