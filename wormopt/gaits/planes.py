@@ -30,7 +30,13 @@ class Sides:
     b: float
 
     def of(self, phase: np.ndarray) -> Sides:
-        """Sides for things that belong to phases."""
+        """Give the sides for things that belong to phases.
+
+        Parameters
+        ----------
+        phase : ndarray of int
+            Phases of the things.
+        """
         return Sides(self.low[phase], self.high[phase], self.a, self.b)
 
 

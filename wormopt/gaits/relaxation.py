@@ -34,7 +34,7 @@ __all__ = ["Box", "Relaxation", "Relaxed"]
 
 # Averages above what cuts allow are worth a row if they are so by this share of what the bound is
 # above the cutoff; then by shares of the speed from the second to the third.
-_MISSED, _LEAST_MISSED, _MOST_MISSED = 0.2, 1e-5, 2e-3
+_MISSED, _LEAST_MISSED, _MOST_MISSED = 0.5, 1e-5, 5e-3
 # Rounds of cuts for a box, and the shares for a bound that is as close as cuts make it.
 _ROUNDS, _ALL_ROUNDS, _ALL_MISSED = 8, 100, 1e-9
 # Allowance for the rounding of box sides; everything in the program is of size 1.

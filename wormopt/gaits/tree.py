@@ -38,7 +38,7 @@ _WIDEST = 2.0
 # Sides are not cut any further; periods and longest periods are 1.
 _NARROWEST = 1e-6
 # A cut leaves at least this share of an interval on either side.
-_LEAST_SHARE = 0.2
+_LEAST_SHARE = 0.35
 # Periods of cycles are quotients.
 _ROUNDING = 1e-15
 # Families of so many sequences are divided first, larger ones where loads are to blame.
