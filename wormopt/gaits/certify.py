@@ -80,7 +80,7 @@ class Certificate:
     gap : float
         By which share of its own value the gait could be better at most.
     phases : int
-        It speaks of gaits of at most so many phases a period.
+        It speaks of gaits of at most so many phases a cycle.
     sequence : tuple of tuple of int, optional
         The one order of rest it speaks of; None for all.
     ending : str

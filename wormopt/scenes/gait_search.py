@@ -17,7 +17,7 @@ class Certify(Table, frozen=True, kw_only=True):
     Parameters
     ----------
     phases : int
-        It speaks of all gaits with at most so many phases a period, 2 to 8.
+        It speaks of all gaits with at most so many phases a cycle, 2 to 8.
     gap : float
         How much better a gait might still be when it is enough, as a share.
     time_limit : float

@@ -203,7 +203,7 @@ def _trust(
     return dict(result.trust) | {
         "warnings": warnings,
         "certificate": {
-            "holds_for": f"every gait {whose}, of at most {proof.phases} phases a period, in which "
+            "holds_for": f"every gait {whose}, of at most {proof.phases} phases a cycle, in which "
             f"gait.resting = {resting} and all other limits hold at any time",
             "ended": proof.ending,
             "wanted_gap": wanted.gap,
