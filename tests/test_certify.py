@@ -14,13 +14,16 @@ from scipy.optimize import root_scalar
 
 from wormopt.core.gait import Gait
 from wormopt.errors import SolveError
-from wormopt.gaits import relaxation as relaxation_module
+from wormopt.gaits import planes
 from wormopt.gaits.attempt import Task
 from wormopt.gaits.certify import certify
+from wormopt.gaits.cuts import Cuts
+from wormopt.gaits.families import families, parts
 from wormopt.gaits.optimize import design
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
 from wormopt.gaits.scaled_limits import ScaledLimits
-from wormopt.gaits.sequences import Sequence_, is_gait
+from wormopt.gaits.sequences import Sequence_, canonical, is_gait
+from wormopt.gaits.space import all_sequences
 from wormopt.gaits.tree import Branch, Solver, Tree, grow, plant
 from wormopt.gaits.verify import violations
 from wormopt.progress import silent
@@ -47,7 +50,7 @@ def proof(task: Task, value: float, gap: float = 1e-3, report=silent, **changed)
     options = {"phases": 4, "time_limit": 120.0, "sequence": None, "workers": 1} | changed
     wanted = Certify(phases=options["phases"], gap=gap, time_limit=options["time_limit"])
     own = Search(certify=wanted, sequence=options["sequence"], workers=options["workers"])
-    return certify(task, value, own, report, options.get("begun"))
+    return certify(task, value, own, report, options.get("begun"), improve=options.get("improve"))
 
 
 def check_bound(bound: float, speed: float) -> None:
@@ -55,8 +58,16 @@ def check_bound(bound: float, speed: float) -> None:
     assert bound >= speed * (1 - 1e-12), "a gait of this speed is said not to be"
 
 
+ONE_CYCLE = (1.0, 1.0)
+
+
 def point(durations) -> Box:
-    return tuple((float(h), float(h)) for h in durations)
+    return (*((float(h), float(h)) for h in durations), ONE_CYCLE)
+
+
+def root(phases: int) -> Box:
+    """Every gait of so many phases."""
+    return ((0.0, 1.0),) * (phases + 1)
 
 
 # -- motions that are true by construction -----------------------------------------------------
@@ -211,22 +222,26 @@ def own_values(motion: Motion, program: Relaxation) -> np.ndarray:
     offset = start_lengths * WIDER - [
         least_of(PPoly(swing.c[:, :, j], way.x)) for j in range(limits.links)
     ]
+    period = motion.period / limits.time
+    put(np.array([program._period, program._room]), np.array([period, 1 / period]))
+    x[program._room] = min(1 / period, program._most_room)
     for p, (start, stop) in enumerate(pairwise(motion.edges)):
-        h = motion.durations[p] / limits.time
+        share = motion.durations[p] / motion.period
         t = np.linspace(start, stop, m + 1)
         v = motion.velocity(t)
         v[-1] = motion.before(stop)
-        mean = np.diff(way(t), axis=0) * m / limits.time / limits.speed  # h times velocity
-        put(program._h[p : p + 1], np.array([h]))
-        put(program._g[p : p + 1], np.array([h**2]))
-        put(program._y[p], h * v / limits.speed)
+        mean = np.diff(way(t), axis=0) * m / motion.period / limits.speed  # share times velocity
+        put(program._e[p : p + 1], np.array([share]))
+        put(program._g[p : p + 1], np.array([share**2 * period]))
+        put(program._h[p : p + 1], np.array([share * period]))
+        put(program._y[p], share * v / limits.speed)
         put(program._q[p], mean)
-        put(program._z[p], h * mean if limits.drag else 0 * mean)
+        put(program._z[p], share * period * mean if limits.drag else 0 * mean)
         lengths = offset - np.diff(way(t[:-1]), axis=1)
-        put(program._l[p], (lengths - start_lengths) / limits.speed / limits.time)
+        put(program._l[p], (lengths - start_lengths) / limits.speed / motion.period)
         at_end = motion.velocity(stop % motion.period if p + 1 < len(motion.durations) else 0.0)
         put(program._c[p], at_end / limits.speed if program._continuous else 0 * at_end)
-    x[program._way] = way(motion.period)[0] / limits.speed / limits.time
+    x[program._way] = motion.speed / limits.speed
     return x
 
 
@@ -246,17 +261,18 @@ def turns_of(piece: np.ndarray, width: float) -> np.ndarray:
 
 def excess(program: Relaxation, x: np.ndarray, box: Box) -> float:
     """Largest violation of any row or bound by a point, relative to the row's terms."""
-    low, high, _ = program._tighten(np.array(box))
-    program._set_box(low, high)
+    program._set_box(program._tighten(np.array(box)))
     lp = program._program
-    value, size = lp._matrix @ x, abs(lp._matrix) @ np.abs(x) + 1e-3
+    terms, count = lp._value * x[lp._column], len(lp._row_lower)
+    value, size = (np.bincount(lp._row, t, count) for t in (terms, np.abs(terms)))
+    size += 1e-3
     rows = np.maximum(lp._row_lower - value, value - lp._row_upper) / size
     return float(max(rows.max(), (lp._lower - x).max(), (x - lp._upper).max()))
 
 
 def box_around(motion: Motion, task: Task, widths: np.ndarray) -> Box:
-    """A box of shares of the longest period that holds the durations."""
-    share = motion.durations / task.limits.period_range[1]
+    """A box that holds the shares of the period and the period, with one width more for it."""
+    share = np.append(motion.durations / motion.period, motion.period / task.limits.period_range[1])
     low, high = np.maximum(share - widths, 0.0), np.minimum(share + widths[::-1], 1.0)
     return tuple(zip(low.tolist(), high.tolist(), strict=True))
 
@@ -297,14 +313,15 @@ def test_a_true_motion_is_a_point_of_the_relaxation(making, masses, drag, margin
     # the second route agrees that it is a gait within these limits
     assert max(violations(crawled, task.limits).values()) <= 1e-9
     assert crawled.speed == pytest.approx(motion.speed, rel=1e-11)
-    program = Relaxation(task, motion.sequence, cells, 0.7 * motion.speed)
+    program = Relaxation(task, motion.sequence, cells)
     x = own_values(motion, program)
     random = np.random.default_rng(making.seed)
-    for widths in (np.zeros(making.phases), random.uniform(0, 0.3, making.phases)):
+    for widths in (np.zeros(making.phases + 1), random.uniform(0, 0.3, making.phases + 1)):
         box = box_around(motion, task, widths)
-        assert excess(program, x, box) <= 1e-12
         check_bound(program.solve(box).bound, motion.speed)
-    check_bound(program.solve(program.root).bound, motion.speed)
+        assert excess(program, x, box) <= 1e-12  # with all cuts that were made
+    check_bound(program.solve(root(making.phases)).bound, motion.speed)
+    assert excess(program, x, box) <= 1e-12
 
 
 def test_every_limit_of_the_relaxation_is_tight():
@@ -331,11 +348,37 @@ def test_every_limit_of_the_relaxation_is_tight():
     def broken_by(changed: dict) -> float:
         limits = msgspec.structs.replace(exact, **changed)
         program = Relaxation(replace(task, limits=limits), motion.sequence, 8)
-        return excess(program, own_values(motion, program), box_around(motion, task, np.zeros(4)))
+        return excess(program, own_values(motion, program), box_around(motion, task, np.zeros(5)))
 
     assert broken_by({}) <= 1e-12
     for changed in lowered:
         assert broken_by(changed) > 1e-9, changed
+
+
+@pytest.mark.parametrize("plane", range(13))
+def test_every_plane_is_as_tight_as_it_may_be(plane):
+    """In a point of a box every plane is met; beside it no plane may take another's side."""
+    motion = motion_of(Making(shape=(2, 4), degree=2, knots=3, seed=8))
+    worm = WormTable(links=2, mass=(1.0, 2.0, 3.0), drag=1.0)
+    task, _ = extremes_as_limits(motion, worm, 1.0, "equal", jumps=False)
+    program = Relaxation(task, motion.sequence, 3)
+    x, given_ = own_values(motion, program), program._planes[plane]
+
+    def broken_by(of, box: Box) -> bool:
+        program._planes[plane] = replace(given_, of=of)
+        return excess(program, x, box) > 1e-9
+
+    exact = box_around(motion, task, np.zeros(5))
+    period = motion.period / task.limits.period_range[1]
+    beside = [
+        (*((a - low, a + high) for a, _ in exact[:-1]), (period - 0.05, period + 0.05))
+        for low, high in ((0.02, 0.02), (0.02, 1e-4), (1e-4, 0.02))
+    ]
+    assert not any(broken_by(given_.of, box) for box in (exact, *beside))
+    assert broken_by(lambda s: (given_.of(s)[0], given_.of(s)[1] - 1e-6), exact)
+    if plane != 4:  # the chord of 1 / T does not know shares
+        turned = lambda s: given_.of(replace(s, low=s.high, high=s.low))  # noqa: E731
+        assert any(broken_by(turned, box) for box in beside)
 
 
 @settings(max_examples=6, deadline=None, derandomize=True)
@@ -375,7 +418,7 @@ def test_bounds_do_not_depend_on_units(making, units):
         ),
         SPEED,
     )
-    box = box_around(motion, task, np.full(3, 0.05))
+    box = box_around(motion, task, np.full(4, 0.05))
     bound = Relaxation(task, motion.sequence, 6).solve(box).bound
     in_units = Relaxation(other, motion.sequence, 6).solve(box).bound
     check_bound(in_units, motion.speed * length / time)
@@ -534,6 +577,91 @@ def test_a_speed_that_is_not_the_largest_is_not_certified():
     check_bound(found.progress.bound, G1)
 
 
+def test_a_gait_may_repeat_in_its_period():
+    """Three cycles of 4/3 fill a period of 4 better than any one cycle."""
+    found = proof(g1(period=4.0), 0.866818628, 1e-2)
+    assert found.ending == "gap reached"
+    check_bound(found.progress.bound, 0.866818628)
+    alone = Relaxation(g1(period=4.0), G1_ORDER, 2).solve((*root(2), ONE_CYCLE)).bound
+    assert alone < 0.866818628
+
+
+def test_gaits_made_on_the_way_are_certified_in_place_of_a_worse_one():
+    told = []
+
+    def improve(sequence: Sequence_, durations: tuple[float, ...]) -> float:
+        told.append((sequence, durations))
+        return G1 if canonical(sequence, 3, mirror=True) == ((0,), (1,), (2,)) else -np.inf
+
+    found = proof(g1(), 0.7, 1e-2, improve=improve)
+    assert found.progress.found == G1
+    assert found.ending == "gap reached"
+    assert found.gap == pytest.approx(found.progress.bound / G1 - 1, abs=1e-12)
+    check_bound(found.progress.bound, G1)
+    for sequence, durations in told:
+        assert len(durations) == len(sequence)
+        assert 1 / sum(durations) == pytest.approx(round(1 / sum(durations)), rel=1e-6)
+
+
+class Ranged(WormTable, frozen=True):
+    """Any load from 4 to 6."""
+
+    @property
+    def load_range(self) -> tuple[float, float]:
+        return 4.0, 6.0
+
+
+def test_limits_hold_under_every_load_of_a_range():
+    task = g1(spike_load=27.0, actuator_force=12.0)
+    ranged, low, high = (
+        ScaledLimits(replace(task, worm=worm))
+        for worm in (
+            Ranged(links=2, mass=1.0),
+            WormTable(links=2, mass=1.0, load=4.0),
+            WormTable(links=2, mass=1.0, load=6.0),
+        )
+    )
+    for resting in ((0,), (1,), (0, 2), (0, 1)):
+        for both, *ends in zip(*(at.forms(resting) for at in (ranged, low, high)), strict=True):
+            assert both.below == min(end.below for end in ends)
+            assert both.above == min(end.above for end in ends)
+
+
+# -- families ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("task", [g1(spike_load=27.0), g1(resting=2, spike_load=60.0), g1(links=3)])
+def test_every_sequence_is_in_one_family(task):
+    words = all_sequences(task, 4)
+    found = families(words)
+    members = [canonical(word, 0, mirror=False) for family in found.values() for word in family]
+    assert sorted(members) == sorted(canonical(word, 0, mirror=False) for word in words)
+    for common, family in found.items():
+        for word in family:
+            assert all(set(s) <= set(own) for s, own in zip(common, word, strict=True))
+        assert sorted(w for part in parts(family, 1) for w in part) == sorted(family)
+        assert all(len({word[1] for word in part}) == 1 for part in parts(family, 1))
+
+
+@settings(max_examples=10, deadline=None, derandomize=True)
+@given(
+    makings(shape=st.sampled_from([(2, 3), (3, 3)])), st.sampled_from(["equal", "least_actuation"])
+)
+def test_what_holds_for_a_family_holds_for_its_members(making, sharing):
+    """A motion also obeys the program in which only some of its resting masses are known."""
+    motion = motion_of(making)
+    worm = WormTable(links=making.links, mass=1.0, drag=0.3)
+    task, _ = extremes_as_limits(motion, worm, 1.0, sharing, jumps=False)
+    word, common = motion.sequence, tuple(resting[:1] for resting in motion.sequence)
+    more = tuple(len(own) - len(s) for s, own in zip(common, word, strict=True))
+    program = Relaxation(task, common, 2, more)
+    bound = program.solve(root(making.phases)).bound
+    check_bound(bound, motion.speed)
+    assert excess(program, own_values(motion, program), root(making.phases)) <= 1e-12
+    own = Relaxation(task, word, 2).solve(root(making.phases)).bound
+    assert bound >= own * (1 - 1e-9)
+
+
 # -- gaits found by the designer ---------------------------------------------------------------
 
 
@@ -604,9 +732,13 @@ def test_no_designed_gait_passes_its_bound_for_many_limits(given_):
 
 def breaks(monkeypatch, name: str) -> None:
     """One wrong sign or factor in the relaxation."""
-    slopes, forms = ScaledLimits.slopes, ScaledLimits.forms
+    slopes, forms, span = ScaledLimits.slopes, ScaledLimits.forms, ScaledLimits.span
+
+    def middle(s):
+        return (1.0, -0.5 * s.b * (s.low + s.high), 0.0 * s.low), -s.b * s.low * s.high
+
     if name == "slopes":
-        monkeypatch.setattr(ScaledLimits, "slopes", lambda *a: tuple(-v for v in slopes(*a)))
+        monkeypatch.setattr(ScaledLimits, "slopes", lambda *a: tuple(v / 2 for v in slopes(*a)))
     elif name == "load":
         monkeypatch.setattr(
             ScaledLimits,
@@ -618,11 +750,14 @@ def breaks(monkeypatch, name: str) -> None:
     elif name == "rates":
         monkeypatch.setattr(ScaledLimits, "rates", (np.full(2, 0.9), np.full(2, 0.9)))
     elif name == "cuts":  # averages below the values at both ends
-        monkeypatch.setattr(relaxation_module, "_WEIGHTS", (0.0, 1.0))
-        monkeypatch.setattr(relaxation_module, "_share", lambda *_: 0.0)
+        monkeypatch.setattr(Cuts, "reach", lambda self, which, before, _: 0.0 * before)
+    elif name == "span":  # rates of the links less than allowed
+        monkeypatch.setattr(ScaledLimits, "span", lambda *a: tuple(0.9 * v for v in span(*a)))
+    elif name == "squares":  # squares of shares at their middle, not their secant
+        monkeypatch.setattr(planes, "_square_at_longest", middle)
 
 
-@pytest.mark.parametrize("name", ["slopes", "load", "inertia", "rates", "cuts"])
+@pytest.mark.parametrize("name", ["slopes", "load", "inertia", "rates", "cuts", "span", "squares"])
 def test_a_broken_relaxation_is_caught(monkeypatch, name):
     check_certificate(g1(), G1_ORDER, G1)
     breaks(monkeypatch, name)
@@ -633,46 +768,38 @@ def test_a_broken_relaxation_is_caught(monkeypatch, name):
 # -- convergence -------------------------------------------------------------------------------
 
 
-def excess_of_cells(h: float, cells: int) -> float:
-    """By how much the bound of one link passes the optimum at durations h and 1 - h."""
+@pytest.mark.parametrize("cells", [1, 2, 4, 20])
+def test_cells_of_one_link_are_exact(cells):
+    """A trapezoid is a ramp, a level and a ramp: what cuts run along, wherever the corners are."""
     task = g1(links=1, length=(0.1, 2.0))
-    best = min(t - 3 / 40 for t in (h, 1 - h))
-    bound = Relaxation(task, ((0,), (1,)), cells).solve(point((h, 1 - h))).bound
-    assert bound >= best * (1 - 1e-12)
-    return bound - best
+    for h in (0.47, 0.43, 0.3779, 0.3141, 0.2718, 0.21):
+        bound = Relaxation(task, ((0,), (1,)), cells).solve(point((h, 1 - h))).bound
+        check_bound(bound, h - 3 / 40)
+        assert bound <= h - 3 / 40 + 1e-11
 
 
-def test_bounds_converge_with_order_two_in_the_cells():
-    """The worst over durations, since switches may happen to lie on the cells' ends."""
-    cells = np.array([10, 20, 40, 80, 160])
-    durations = (0.47, 0.43, 0.3779, 0.3141, 0.2718, 0.21)
-    worst = np.array([max(excess_of_cells(h, int(m)) for h in durations) for m in cells])
-    assert np.all(worst * cells**2 <= 0.6)
-    order = -np.polyfit(np.log(cells), np.log(worst), 1)[0]
-    assert 1.75 <= order <= 2.25
-
-
-@pytest.mark.slow
-def test_bounds_of_g1_converge_with_its_cells():
-    for cells, most in ((10, 1e-3), (40, 1e-4), (160, 2e-5)):
-        program = Relaxation(g1(), G1_ORDER, cells, G1)
-        bound = program.solve(point(G1_DURATIONS)).bound
-        assert G1 * (1 - 1e-12) <= bound <= G1 + most
+@pytest.mark.parametrize(("cells", "most"), [(1, 1e-2), (2, 1e-10), (4, 1e-9), (10, 1e-9)])
+def test_two_cells_of_g1_are_exact(cells, most):
+    bound = Relaxation(g1(), G1_ORDER, cells).solve(point(G1_DURATIONS)).bound
+    check_bound(bound, G1)
+    assert bound <= G1 + most
 
 
 def test_bounds_of_one_link_converge_with_order_two_in_the_box():
-    """Its rates do not depend on durations to first order: 3/40 of the width squared is left."""
-    program = Relaxation(g1(links=1), ((0,), (1,)), 20, 0.425)
+    """A ramp's loss 3/40 is divided by 1 + w², by which the secant passes the square."""
+    program = Relaxation(g1(links=1), ((0,), (1,)), 20)
     widths = np.array([0.1, 0.05, 0.02, 0.01, 5e-3])
-    excesses = [program.solve(((0.5 - w / 2, 0.5 + w / 2),) * 2).bound - 0.425 for w in widths]
-    assert excesses == pytest.approx(3 / 40 * widths**2, rel=1e-3)
+    excesses = [
+        program.solve((*((0.5 - w / 2, 0.5 + w / 2),) * 2, ONE_CYCLE)).bound - 0.425 for w in widths
+    ]
+    assert excesses == pytest.approx(3 / 40 * widths**2 / (1 + widths**2), rel=1e-4)
 
 
 def test_bounds_of_g1_converge_with_order_between_one_and_two_in_the_box():
-    program = Relaxation(g1(), G1_ORDER, 80, G1)
+    program = Relaxation(g1(), G1_ORDER, 80)
     widths = np.array([0.1, 0.05, 0.02, 0.01, 5e-3])
     left = program.solve(point(G1_DURATIONS)).bound  # by the cells alone
-    boxes = [[(max(h - w / 2, 0.0), h + w / 2) for h in G1_DURATIONS] for w in widths]
+    boxes = [[*((max(h - w / 2, 0.0), h + w / 2) for h in G1_DURATIONS), ONE_CYCLE] for w in widths]
     excesses = np.array([program.solve(tuple(box)).bound - left for box in boxes])
     assert np.all(np.diff(excesses) < 0)
     assert np.all(excesses <= 0.11 * (widths / 0.1))
@@ -691,17 +818,17 @@ class Dice:
     def __init__(self, seed: int) -> None:
         self._random = np.random.default_rng(seed)
 
-    def solve(self, branches):
+    def solve(self, branches, cutoff):
         return [self._relaxed(branch) for branch in branches]
 
     def _relaxed(self, branch: Branch) -> Relaxed:
-        random, n = self._random, len(branch.sequence)
-        kind = random.integers(6)
+        random, n = self._random, len(branch.sequence) + 1
+        kind, none = random.integers(6), np.empty(0)
         bound = min(branch.bound, 3.0) * random.uniform(0.8, 1.05)
         if kind == 0:
-            return Relaxed(-np.inf, *[np.empty(0)] * 3)
+            return Relaxed(-np.inf, none, none, none)
         if kind == 1:
-            return Relaxed(bound, *[np.empty(0)] * 3)
+            return Relaxed(bound, none, none, none)
         low, high = np.array(branch.box).T
         losses = random.uniform(0.0, 1.0, n) * random.choice([0.0, 1e-3, 1.0])
         slack = random.uniform(0.0, 1.0, n) * random.choice([0.0, 1e-4, 1.0])
@@ -709,11 +836,12 @@ class Dice:
 
 
 @settings(max_examples=15, deadline=None, derandomize=True)
-@given(st.integers(0, 2**32 - 1), st.integers(1, 40))
-def test_branches_together_hold_every_gait(seed, steps):
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.sampled_from([1.0, 0.8, 0.3]))
+def test_branches_together_hold_every_gait(seed, steps, shortest):
     """Nothing falls between boxes, whatever the relaxations say, and bounds only fall."""
     words = [((0,), (1,)), G1_ORDER, ((0,), (1,), (0,), (2,))]
-    tree, solver, random = plant(words, words), Dice(seed), np.random.default_rng(seed)
+    solver, random = Dice(seed), np.random.default_rng(seed)
+    tree = plant(words, words, shortest)
     bound = tree.bound
     for _ in range(steps):
         tree = grow(tree, 0.5, solver)  # type: ignore[arg-type]
@@ -723,8 +851,10 @@ def test_branches_together_hold_every_gait(seed, steps):
     for word in words:
         boxes = [np.array(b.box) for b in (*tree.open, *tree.leaves) if b.sequence == word]
         volume = sum(np.prod(np.ptp(box, axis=1)) for box in boxes)
-        assert volume == pytest.approx(1.0, abs=1e-12)
-        for h in random.dirichlet(np.ones(len(word)), 50) * random.uniform(0, 1, (50, 1)):
+        assert volume <= 1.0 + 1e-12
+        for shares in random.dirichlet(np.ones(len(word)), 50):
+            cycles = random.integers(1, 20)
+            h = np.append(shares, random.uniform(shortest, 1.0) / cycles)
             assert any(np.all((box[:, 0] <= h) & (h <= box[:, 1])) for box in boxes)
 
 
@@ -732,13 +862,13 @@ def test_the_branch_of_the_best_gait_stays_above_it():
     """Also where branches are done with."""
     task, cutoff = g1(), G1 * (1 + 1e-3)
     tree = plant([G1_ORDER], [G1_ORDER])
-    with Solver(task, G1, workers=1) as solver:
+    with Solver(task, workers=1) as solver:
         while tree.open and tree.bound > cutoff:
             tree = grow(tree, cutoff, solver)
             holding = [
                 b
                 for b in (*tree.open, *tree.leaves)
-                if all(a <= h <= c for h, (a, c) in zip(G1_DURATIONS, b.box, strict=True))
+                if all(a <= h <= c for h, (a, c) in zip((*G1_DURATIONS, 1.0), b.box, strict=True))
             ]
             assert holding
             check_bound(min(b.bound for b in holding), G1)
@@ -748,12 +878,12 @@ def test_the_branch_of_the_best_gait_stays_above_it():
 class Interrupting:
     workers = 1
 
-    def solve(self, branches):
+    def solve(self, branches, cutoff):
         raise KeyboardInterrupt
 
 
 def test_an_interrupted_step_leaves_the_tree_as_it_was():
-    with Solver(g1(), G1, workers=1) as solver:
+    with Solver(g1(), workers=1) as solver:
         tree = grow(plant([G1_ORDER, ((0,), (2,))]), G1, solver)
         before = Tree(tuple(tree.open), tree.done, tuple(tree.leaves), tree.boxes, tree.watched)
         with pytest.raises(KeyboardInterrupt):
@@ -793,9 +923,9 @@ def test_an_interrupted_certificate_is_true_and_goes_on():
     assert np.all(np.diff(history[:, 0]) > 0)
     assert np.all(np.diff(history[:, 1]) < 0)
     assert second.progress.history[: len(first.progress.history)] == first.progress.history
-    # no box is solved twice: together they are as many as without a stop
+    # nothing is proven again; the course differs a little, since programs forget their cuts
     straight = proof(g1(), G1, sequence=G1_ORDER)
-    assert second.progress.boxes == straight.progress.boxes
+    assert second.progress.boxes < first.progress.boxes + straight.progress.boxes
     shares = [fraction for _, fraction in report.told if fraction is not None]
     assert all(0.0 <= share <= 1.0 for share in shares)
     assert len(shares) > 3
@@ -809,7 +939,7 @@ def test_an_interrupted_certificate_of_a_cost_goes_on_at_its_step():
     second = proof(task, LEAST_PEAK, 2.9e-2, sequence=G1_ORDER, begun=first.progress)
     straight = proof(task, LEAST_PEAK, 2.9e-2, sequence=G1_ORDER)
     assert second.progress.bound == straight.progress.bound
-    assert second.progress.boxes == straight.progress.boxes
+    assert second.progress.boxes < first.progress.boxes + straight.progress.boxes
     assert second.progress.step == straight.progress.step
 
 

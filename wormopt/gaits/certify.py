@@ -8,6 +8,7 @@ no gait must reach the speed. How far it can be lowered is the gap.
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -16,13 +17,15 @@ from typing import Literal
 import numpy as np
 
 from wormopt.core.task import Certify, Objective, Search, Task, per
+from wormopt.gaits.relaxation import Relaxed
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.space import all_sequences
-from wormopt.gaits.tree import Solver, Tree, grow, plant
+from wormopt.gaits.tree import Branch, Solver, Tree, grow, periods, plant
 from wormopt.progress import Report
 
 __all__ = ["Certificate", "Progress", "certify"]
 
+Improve = Callable[[Sequence_, tuple[float, ...]], float]
 Ending = Literal["gap reached", "time limit", "finest cells", "interrupted"]
 
 # A limit is lowered in such shares, so that a run that is stopped has proven something.
@@ -49,6 +52,8 @@ class Progress:
         Time spent.
     history : tuple of (float, float)
         Seconds and bound, whenever the bound became better.
+    found : float
+        Speed of the best gait made on the way, see ``improve`` of `certify`.
     """
 
     bound: float
@@ -57,6 +62,7 @@ class Progress:
     boxes: int = 0
     seconds: float = 0.0
     history: tuple[tuple[float, float], ...] = ()
+    found: float = -np.inf
 
 
 @dataclass(frozen=True)
@@ -70,7 +76,7 @@ class Certificate:
     gap : float
         By which share of its own value the gait could be better at most.
     phases : int
-        It speaks of gaits of at most so many phases a period.
+        It speaks of gaits of at most so many phases a cycle.
     sequence : tuple of tuple of int, optional
         The one order of rest it speaks of; None for all.
     ending : str
@@ -91,6 +97,7 @@ def certify(
     report: Report,
     begun: Progress | None = None,
     save: Callable[[Progress], None] = lambda _: None,
+    improve: Improve | None = None,
 ) -> Certificate:
     """Prove how much better than a gait any gait could be.
 
@@ -109,6 +116,11 @@ def certify(
         What an earlier run has proven of the same task and value.
     save : callable, optional
         Given the progress now and then, and at the end where the gap is not reached.
+    improve : callable, optional
+        Told the resting masses and the durations of one cycle of a relaxed gait of large bound;
+        so many cycles as fit make an allowed period.
+        Gives the speed of a true gait made from it, minus infinity without one. Where that is
+        faster than ``value``, the certificate speaks of it. Not called for costs.
 
     Returns
     -------
@@ -133,9 +145,9 @@ def certify(
     widest, saved, stopped = 0.0, time.monotonic(), "finest cells"
     until = saved + wanted.time_limit
     try:
-        with closing(_prove(task, value, settings, begun)) as steps:
+        with closing(_prove(task, value, settings, begun, improve)) as steps:
             for progress in steps:
-                gap = _gap(value, progress.bound, cost)
+                gap = _gap(max(value, progress.found), progress.bound, cost)
                 widest = max(widest, gap if gap < np.inf else 0.0)
                 report(f"certifying: gap {gap:.2g}", _fraction(gap, widest, wanted.gap))
                 if time.monotonic() > saved + _SAVED_EVERY:
@@ -146,7 +158,7 @@ def certify(
                     break
     except KeyboardInterrupt:
         stopped = "interrupted"
-    gap = _gap(value, progress.bound, cost)
+    gap = _gap(max(value, progress.found), progress.bound, cost)
     if gap > wanted.gap and stopped != "finest cells":  # else another run has nothing to add
         save(progress)
     own = settings.sequence
@@ -159,7 +171,30 @@ def certify(
     )
 
 
-def _prove(task: Task, value: float, settings: Search, begun: Progress) -> Generator[Progress]:
+class _Best:
+    """The best speed known, and who may raise it."""
+
+    def __init__(self, task: Task, speed: float, improve: Improve | None) -> None:
+        self.speed = speed
+        shortest, self._unit = task.limits.period_range
+        self._shortest, self._improve = shortest / self._unit, improve
+        self._looks: Counter[Sequence_] = Counter()
+
+    def look(self, branch: Branch, relaxed: Relaxed) -> None:
+        """Try a relaxed gait; of each sequence fewer and fewer, as boxes become alike."""
+        if self._improve is None or not relaxed.point.size or len(branch.family) > 1:
+            return
+        self._looks[branch.sequence] += 1
+        if self._looks[branch.sequence].bit_count() == 1:  # the 1st, 2nd, 4th, ...
+            period = periods(self._shortest, float(relaxed.point[-1]), 1.0)[0]
+            durations = relaxed.point[:-1] * period * self._unit
+            found = self._improve(branch.sequence, tuple(durations.tolist()))
+            self.speed = max(self.speed, found)
+
+
+def _prove(
+    task: Task, value: float, settings: Search, begun: Progress, improve: Improve | None
+) -> Generator[Progress]:
     """Improve a bound step by step; stopping between two steps loses nothing.
 
     A speed takes one tree. For a cost each tree has its limit lowered further below ``value``,
@@ -167,16 +202,18 @@ def _prove(task: Task, value: float, settings: Search, begun: Progress) -> Gener
     """
     wanted, clock = settings.certify or Certify(), time.perf_counter() - begun.seconds
     progress = begun
-    steps = _steps(task, value, wanted.gap)
-    for number, (reduced, cutoff, lowered) in enumerate(steps):
+    for number, (reduced, required, lowered) in enumerate(_steps(task, value, wanted.gap)):
         if number < begun.step:
             continue
         tree = begun.tree if number == begun.step else None
         tree = tree or _planted(reduced, settings, wanted.phases)
         earlier = progress.boxes - (tree.boxes if number == begun.step else 0)
-        with Solver(reduced, cutoff, settings.workers) as solver:
-            while tree.open and tree.open[0].bound > cutoff:
-                tree = grow(tree, cutoff, solver)
+        best = _Best(task, max(value, begun.found), improve if lowered is None else None)
+        with Solver(reduced, settings.workers) as solver:
+            while tree.bound > (cutoff := required or best.speed * (1 + wanted.gap)):
+                if not tree.open or tree.open[0].bound <= cutoff:
+                    return  # the finest cells do not tell
+                tree = grow(tree, cutoff, solver, None if required else best.speed, best.look)
                 seconds, bound = time.perf_counter() - clock, progress.bound
                 if lowered is None:
                     bound = min(bound, tree.bound)
@@ -185,23 +222,27 @@ def _prove(task: Task, value: float, settings: Search, begun: Progress) -> Gener
                 history = progress.history
                 if bound != progress.bound:
                     history = (*history, (seconds, bound))
-                progress = Progress(bound, tree, number, earlier + tree.boxes, seconds, history)
+                found = begun.found if required else best.speed
+                boxes = earlier + tree.boxes
+                progress = Progress(bound, tree, number, boxes, seconds, history, found)
                 yield progress
-        if tree.bound > cutoff:  # the finest cells do not tell
-            return
 
 
 def _planted(task: Task, settings: Search, phases: int) -> Tree:
     own = settings.sequence
     sequences = [tuple(tuple(sorted(s)) for s in own)] if own else all_sequences(task, phases)
-    return plant(sequences, [s for s in sequences if len(s) == 3])
+    shortest, longest = task.limits.period_range
+    return plant(sequences, [s for s in sequences if len(s) == 3], shortest / longest)
 
 
-def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float, float | None]]:
-    """Tasks, the speeds that nothing in them must pass, and the costs that this proves."""
+def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float | None, float | None]]:
+    """Tasks, the speeds that nothing in them must pass, and the costs that this proves.
+
+    Of a speed only the task: nothing must pass the best gait by more than the gap.
+    """
     cost, required = task.objective.minimise, task.objective.speed
     if cost is None or required is None:
-        return [(task, value * (1 + gap), None)]
+        return [(task, None, None)]
     key = _LIMIT_OF[cost]
     given = getattr(task.limits, key)
     fastest, below = Objective(), float(np.nextafter(required, 0.0))

@@ -1,19 +1,19 @@
-"""An outer relaxation of gait design: a linear program whose maximum no gait can beat.
+"""Relaxation of gait design: a linear program whose maximum no gait can beat.
 
-The resting masses of every phase are given, and a box that holds the durations of the phases.
-Each phase of duration h runs over a scaled time s in [0, 1], cut into equal cells, and instead of
-a velocity v the program knows y = h v, the way per scaled time. In these unknowns lengths, ways
-and limits on rates are linear; accelerations become y' / h², so that their limits are linear in
-y and g = h². Averages over a cell obey every linear limit that the motion obeys at each instant.
-Every true gait with durations in the box therefore gives a feasible point: the program only
-relaxes
+The resting masses of every phase are given, and a box that holds the phases' shares of the period,
+and the period T. Each phase of share e and duration h = e T runs over a scaled time s in [0, 1],
+cut into equal cells, and instead of a velocity v the program knows y = e v, the way per scaled
+time and period. In these unknowns the speed, ways and limits on rates are linear; accelerations
+become y' / (e h), so that their limits are linear in y and g = e h. Lengths are linear in y and
+1 / T. Averages over a cell obey every linear limit that the motion obeys at each instant. Every
+true gait in the box therefore gives a feasible point: the program only relaxes
 
-- g = h², to the secant over the box,
-- y = h c where phases meet and the velocity c is the same on both sides, and z = h q for the drag,
+- g = e² T, h = e T and 1 / T, to planes over the box,
+- y = e c where phases meet and the velocity c is the same on both sides, and z = h q for the drag,
   to their smallest enclosures by planes over the box (McCormick),
 - what happens inside a cell.
 
-All three vanish as boxes and cells shrink.
+All of them vanish as boxes and cells shrink.
 """
 
 from __future__ import annotations
@@ -24,18 +24,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.core.task import Task
+from wormopt.gaits.cuts import Cut, Cuts
+from wormopt.gaits.planes import Sides, of_drags, of_meetings, of_shares
 from wormopt.gaits.scaled_limits import ScaledLimits
 from wormopt.gaits.sequences import Sequence_
 from wormopt.optimal.linear import LinearProgram, Maximum, Rows, Term
 
 __all__ = ["Box", "Relaxation", "Relaxed"]
 
-# Weights of the two ends in the bounds on averages; 0 and 1 are exact where a limit is active.
-_WEIGHTS = (0.0, 0.5, 1.0)
+# Averages above what cuts allow are worth a row if they are so by this share of what the bound is
+# above the cutoff; then by shares of the speed from the second to the third.
+_MISSED, _LEAST_MISSED, _MOST_MISSED = 0.5, 1e-5, 5e-3
+# Rounds of cuts for a box, and the shares for a bound that is as close as cuts make it.
+_ROUNDS, _ALL_ROUNDS, _ALL_MISSED = 8, 100, 1e-9
 # Allowance for the rounding of box sides; everything in the program is of size 1.
 _ROUNDING = 1e-14
-
-_NOTHING = (np.empty(0),) * 3
 
 Box = tuple[tuple[float, float], ...]
 
@@ -47,24 +50,28 @@ class Relaxed:
     Parameters
     ----------
     bound : float
-        Proven: no gait of the sequence with durations in the box is faster. Minus infinity where
-        there is none.
-    durations : ndarray, shape (phases,)
-        Durations in the relaxed optimum; empty where there is none.
-    losses : ndarray, shape (phases,)
-        Part of the bound that relaxed products in each phase account for, to first order.
-    slack : ndarray, shape (phases,)
-        By how much the squares of the durations, as shares of the longest period, are exceeded.
+        Proven: no gait of the sequence in the box is faster. Minus infinity where there is none.
+    point : ndarray, shape (phases + 1,)
+        The phases' shares of the period and the period, as a share of the longest, in the
+        relaxed optimum; empty where there is none.
+    losses : ndarray, shape (phases + 1,)
+        Part of the bound that relaxed products account for, to first order, by the side of the
+        box that is to blame.
+    slack : ndarray, shape (phases + 1,)
+        Product of the distances from both ends of each side of the box.
+    loads : float
+        Part of the bound that loads on masses that perhaps do not rest account for.
     """
 
     bound: float
-    durations: np.ndarray
+    point: np.ndarray
     losses: np.ndarray
     slack: np.ndarray
+    loads: float = 0.0
 
 
 class Relaxation:
-    """The linear program of one sequence of resting masses, for any box of durations.
+    """The linear program of one sequence of resting masses, for any box of shares and periods.
 
     Parameters
     ----------
@@ -74,8 +81,8 @@ class Relaxation:
         Resting masses, phase after phase; neighbours differ.
     cells : int
         Cells per phase.
-    reference : float, optional
-        A speed near the optimum, where the period may vary: the bound is closest there.
+    more : tuple of int, optional
+        So many others may rest in each phase besides; none if left out.
 
     Examples
     --------
@@ -86,29 +93,29 @@ class Relaxation:
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> worm = Worm(links=1, mass=1.0, load=5.0)
     >>> relaxation = Relaxation(Task(worm, limits, Objective()), ((0,), (1,)), 10)
-    >>> narrow = relaxation.solve(((0.49, 0.51), (0.49, 0.51))).bound
-    >>> 0.425 < narrow < relaxation.solve(relaxation.root).bound <= 0.5
+    >>> narrow = relaxation.solve(((0.49, 0.51), (0.49, 0.51), (1.0, 1.0))).bound
+    >>> 0.425 < narrow < relaxation.solve(((0.0, 1.0), (0.0, 1.0), (1.0, 1.0))).bound <= 0.5
     True
     """
 
-    def __init__(self, task: Task, sequence: Sequence_, cells: int, reference: float = 0.0) -> None:
+    def __init__(
+        self, task: Task, sequence: Sequence_, cells: int, more: tuple[int, ...] = ()
+    ) -> None:
         self._limits = ScaledLimits(task)
         self._sequence, self._cells = sequence, cells
-        self._reference = reference / self._limits.speed
+        self._more = more or (0,) * len(sequence)
+        self._borne: list[tuple[int, np.ndarray, float]] = []
         self._rows = Rows()
         self._upper: list[float] = []
+        self._sums: list[Cut] = []
         self._add_columns()
         for phase in range(len(sequence)):
             self._add_rates(phase)
             self._add_forces(phase)
         self._add_course()
         self._add_products()
+        self._cuts = Cuts(self._sums)
         self._program = self._assemble()
-
-    @property
-    def root(self) -> Box:
-        """The box of all durations, as shares of the longest period."""
-        return ((0.0, 1.0),) * len(self._sequence)
 
     @property
     def _continuous(self) -> bool:
@@ -124,14 +131,20 @@ class Relaxation:
         return number
 
     def _add_columns(self) -> None:
-        """Durations h, squares g, ways y and q, lengths l from the shortest, velocities c."""
+        """Speed, period T, shares e, g, h, ways y and q, lengths l from the shortest, speeds c.
+
+        Lengths are per period like ways, and so is what they may change by: ``_room`` is 1 / T,
+        or less where no link could use more. No link swings by more than 1 per period.
+        """
         limits, phases, m = self._limits, len(self._sequence), self._cells
         links = limits.links
         fastest = np.array([limits.fastest(resting) for resting in self._sequence])
         rests = fastest == 0.0
         before, after = np.roll(rests, 1, axis=0), np.roll(rests, -1, axis=0)
+        self._most_room = 1.0 / float(limits.strokes[limits.strokes > 0.0].min(initial=np.inf))
         self._way = int(self._columns(float(fastest.max()), 1)[0])
-        self._h, self._g = self._columns(1.0, phases), self._columns(1.0, phases)
+        self._period, self._room = self._columns(np.array([1.0, max(self._most_room, 1.0)]), 2)
+        self._e, self._g, self._h = self._columns(1.0, 3, phases)
         at_ends = np.repeat(fastest[:, None], m + 1, axis=1)
         if self._continuous:
             at_ends[:, 0][before] = 0.0
@@ -139,41 +152,41 @@ class Relaxation:
         self._y = self._columns(at_ends, phases, m + 1, links + 1)
         self._q = self._columns(fastest[:, None], phases, m, links + 1)
         self._z = self._columns(fastest[:, None] if limits.drag else 0.0, phases, m, links + 1)
-        self._l = self._columns(limits.strokes, phases, m, links)
+        self._l = self._columns(np.where(limits.strokes > 0.0, 1.0, 0.0), phases, m, links)
         c_max = np.minimum(fastest, np.roll(fastest, -1, axis=0))
         self._c, self._c_max = self._columns(c_max, phases, links + 1), c_max
 
     def _add_rates(self, phase: int) -> None:
         """Rates of the links at the cells' ends and on average."""
-        h = int(self._h[phase])
+        e = int(self._e[phase])
         for j, (most_in, most_out) in enumerate(zip(*self._limits.rates, strict=True)):
             for way in (self._y[phase], self._q[phase]):
                 change = [(way[:, j], 1.0), (way[:, j + 1], -1.0)]
-                self._rows.add([*change, (h, -most_out)], -np.inf, 0.0)
-                self._rows.add([*change, (h, most_in)], 0.0, np.inf)
+                self._rows.add([*change, (e, -most_out)], -np.inf, 0.0)
+                self._rows.add([*change, (e, most_in)], 0.0, np.inf)
 
     def _add_forces(self, phase: int) -> None:
         """Limits on accelerations and forces, and what they say of averages and whole phases."""
         limits, resting, width = self._limits, self._sequence[phase], 1.0 / self._cells
-        y, q, z = self._y[phase], self._q[phase], self._z[phase]
+        y, z = self._y[phase], self._z[phase]
         h, g = int(self._h[phase]), int(self._g[phase])
-        for form in limits.forms(resting):
-            start, end, mean = (_sum(form.alpha, way) for way in (y[:-1], y[1:], q))
+        above = np.empty(0, int)
+        for form in limits.forms(resting, self._more[phase]):
+            start, end = (_sum(form.alpha, way) for way in (y[:-1], y[1:]))
             change = [*end, *_times(start, -1.0)]
             force = [*_times(change, 1.0 / width), *_sum(limits.drag * form.beta, z)]
             if form.below < np.inf:
                 self._rows.add([*force, (g, form.below)], 0.0, np.inf)
             if form.above < np.inf:
-                self._rows.add([*force, (g, -form.above)], -np.inf, 0.0)
+                above = self._rows.add([*force, (g, -form.above)], -np.inf, 0.0)
+            if form.shared > 0.0:
+                self._borne.append((phase, above, form.shared))
+            least, largest = limits.span(form.alpha, resting)
             fall, rise = limits.slopes(form, resting)
-            for sign, up, down in ((1.0, rise, fall), (-1.0, fall, rise)):
-                for weight in _WEIGHTS:
-                    # Run from the start for the share `weight` of the cell, else from the end.
-                    reach = _share(weight**2, up) + _share((1 - weight) ** 2, down)
-                    if reach < np.inf:
-                        ends = [*_times(start, -sign * weight), *_times(end, -sign * (1 - weight))]
-                        row = [*_times(mean, sign), *ends, (g, -reach * width / 2)]
-                        self._rows.add(row, -np.inf, 0.0)
+            self._sums += [
+                Cut(phase, form.alpha, rise, fall, largest),
+                Cut(phase, -form.alpha, fall, rise, -least),
+            ]
             if self._continuous:
                 gain = [
                     *_sum(form.alpha, self._c[phase][None]),
@@ -182,6 +195,21 @@ class Relaxation:
                 self._rows.add([*gain, (h, -rise)], -np.inf, 0.0)
                 self._rows.add([*gain, (h, fall)], 0.0, np.inf)
 
+    def _add_cuts(
+        self, which: np.ndarray, cells: np.ndarray, before: np.ndarray, after: np.ndarray
+    ) -> Rows:
+        """Bound averages of sums over cells by what is run along from their ends."""
+        cuts, p, width, rows = self._cuts, self._cuts.phase[which], 1.0 / self._cells, Rows()
+        reach = cuts.reach(which, before, after) * width / 2
+        level = (np.maximum(1.0 - before - after, 0.0) + _ROUNDING) * cuts.most[which]
+        terms: list[Term] = [(self._g[p], -reach), (self._e[p], -level)]
+        for i, weight in enumerate(cuts.weights[which].T):
+            ends = (self._q[p, cells, i], self._y[p, cells, i], self._y[p, cells + 1, i])
+            for column, share in zip(ends, (1.0, -before, -after), strict=True):
+                terms.append((np.where(weight * share != 0.0, column, -1), weight * share))
+        rows.add(terms, -np.inf, 0.0)
+        return rows
+
     def _add_course(self) -> None:
         """Lengths follow the ways and close, all masses advance alike, the period is allowed."""
         width = 1.0 / self._cells
@@ -189,14 +217,17 @@ class Relaxation:
             length, q = self._l[:, :, j].ravel(), self._q.reshape(-1, self._limits.links + 1)
             change = [(q[:, j], -width), (q[:, j + 1], width)]
             self._rows.add([(np.roll(length, -1), 1.0), (length, -1.0), *change], 0.0, 0.0)
+            self._rows.add([(length, 1.0), (self._room, -self._limits.strokes[j])], -np.inf, 0.0)
         for i in range(self._limits.links + 1):
             ways = [(int(column), width) for column in self._q[:, :, i].ravel()]
             self._rows.add([*ways, (self._way, -1.0)], 0.0, 0.0)
-        durations = [(int(column), 1.0) for column in self._h]
-        self._rows.add(durations, self._limits.shortest_period, 1.0)
+        for columns, whole in ((self._e, -1), (self._h, int(self._period))):
+            parts = [(int(column), 1.0) for column in columns]
+            side = 1.0 if whole < 0 else 0.0
+            self._rows.add([*parts, (whole, -1.0)], side - _ROUNDING, side + _ROUNDING)
 
     def _meetings(self) -> Iterator[tuple[int, int, int, float]]:
-        """List y = h c on both sides of the instants where phases meet."""
+        """List y = e c on both sides of the instants where phases meet."""
         phases = len(self._sequence)
         for p, i in zip(*np.nonzero(self._c_max), strict=True):
             after = (p + 1) % phases
@@ -211,96 +242,165 @@ class Relaxation:
             yield p, int(self._z[p, k, i]), q, self._upper[q]
 
     def _add_products(self) -> None:
-        """Enclose whole = h factor by two planes through factor = 0, two through factor = most.
-
-        Their slopes depend on the box, and so does the secant above g = h².
-        """
-        self._secants = self._rows.add([(self._g, 1.0), (self._h, -1.0)], -np.inf, 0.0)
-        products = [*(self._meetings() if self._continuous else ()), *self._drags()]
-        table = np.array(products, float).reshape(-1, 4).T
-        self._phase, self._whole, self._factor = table[:3].astype(int)
-        self._most, h = table[3], self._h[self._phase]
+        """Enclose products by planes that depend on the box."""
+        e, room = self._e, int(self._room)
+        p, y, c, most = self._meeting = _table(self._meetings() if self._continuous else ())
+        d, z, q, top = self._drag = _table(self._drags())
         self._planes = [
-            self._rows.add([(self._whole, 1.0), (self._factor, -1.0), (h, slope)], -np.inf, np.inf)
-            for slope in (0.0 * self._most, 0.0 * self._most, -self._most, -self._most)
+            *of_shares(self._g, self._h, e, int(self._period), room),
+            *of_meetings(p, y, c, e[p], most),
+            *of_drags(d, z, q, self._g[d], e[d], top),
         ]
-        drag = self._whole >= self._z[self._z >= 0].min(initial=len(self._upper))
-        g = self._g[self._phase[drag]]  # z = h² v is below g times the largest velocity
-        self._rows.add([(self._whole[drag], 1.0), (g, -self._most[drag])], -np.inf, 0.0)
+        self._plane_rows = [
+            self._rows.add([(column, 1.0) for column in plane.columns], -np.inf, np.inf)
+            for plane in self._planes
+        ]
 
     def _assemble(self) -> LinearProgram:
         cost = np.zeros(len(self._upper))
         upper = np.array(self._upper) * (1 + 4 * _ROUNDING)
-        cost[self._way], cost[self._h] = 1.0, -self._reference
+        cost[self._way] = 1.0
         program = LinearProgram(cost, self._rows, 0.0 * upper, upper)
-        self._secant_places = program.places(self._secants, self._h)
-        self._plane_places = [program.places(rows, self._factor) for rows in self._planes]
+        pairs = zip(self._planes, self._plane_rows, strict=True)
+        self._places = np.concatenate(
+            [program.places(rows, column) for plane, rows in pairs for column in plane.columns]
+        )
         return program
 
-    def solve(self, box: Box) -> Relaxed:
-        """Bound the speed of all gaits whose durations lie in a box.
+    def solve(self, box: Box, cutoff: float | None = None) -> Relaxed:
+        """Bound the speed of all gaits in a box.
 
         Parameters
         ----------
         box : tuple of (float, float)
-            Shortest and longest duration of every phase, as shares of the longest period.
+            Smallest and largest share of the period of every phase, then the shortest and longest
+            period as shares of the longest allowed.
+        cutoff : float, optional
+            Lower bounds are not wanted, and less work is done for bounds far above. All that
+            can be done is done if left out.
 
         Returns
         -------
         Relaxed
         """
-        low, high, period = self._tighten(np.array(box))
-        if np.any(low > high) or period[0] > period[1]:
-            return Relaxed(-np.inf, *_NOTHING)
-        self._set_box(low, high)
+        sides = self._tighten(np.array(box))
+        if np.any(sides.low > sides.high) or sides.a > sides.b:
+            return _nothing(-np.inf)
+        self._set_box(sides)
         found = self._program.maximise()
-        gain = found.bound / (period[0] if found.bound > 0 else period[1])
-        bound = (self._reference + gain) * self._limits.speed * (1 + 4 * _ROUNDING)
+        bound = self._bound_of(found)
+        for _ in range(_ALL_ROUNDS if cutoff is None else _ROUNDS):
+            missed = self._missed(bound, cutoff)
+            if missed <= 0.0 or not found.x.size or not self._cut_off(found.x, missed):
+                break
+            found = self._program.maximise()
+            bound = min(bound, self._bound_of(found))
         if not found.x.size:
-            return Relaxed(bound, *_NOTHING)
-        losses = self._losses(found) * self._limits.speed / period[0]
-        h = found.x[self._h]
-        return Relaxed(bound, h, losses, np.abs(found.x[self._g] - h**2))
+            return _nothing(bound)
+        point = found.x[[*self._e, self._period]]
+        ends = np.append(sides.low, sides.a), np.append(sides.high, sides.b)
+        slack = np.maximum(point - ends[0], 0.0) * np.maximum(ends[1] - point, 0.0)
+        losses, loads = self._losses(found, sides), self._loads(found)
+        return Relaxed(bound, point, losses * self._limits.speed, slack, loads)
 
-    def _tighten(self, box: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
-        """Draw the box in to durations that add up to an allowed period; and those periods."""
-        low, high = box.T
-        shortest = max(self._limits.shortest_period, float(low.sum()) - _ROUNDING)
-        longest = min(1.0, float(high.sum()) + _ROUNDING)
+    def _missed(self, bound: float, cutoff: float | None) -> float:
+        """By which share of the speed cuts must be missed to be made; 0 for none."""
+        if cutoff is None:
+            return _ALL_MISSED
+        above = _MISSED * (bound - cutoff) / bound if bound > cutoff else 0.0
+        return min(max(above, _LEAST_MISSED), _MOST_MISSED) if above else 0.0
+
+    def _bound_of(self, found: Maximum) -> float:
+        return found.bound * self._limits.speed * (1 + 4 * _ROUNDING)
+
+    def _tighten(self, box: np.ndarray) -> Sides:
+        """Draw the box in to shares that add up to 1."""
+        (low, high), (a, b) = box[:-1].T, box[-1]
         others_low, others_high = low.sum() - low, high.sum() - high
-        drawn = (
-            np.maximum(low, shortest - others_high - _ROUNDING),
-            np.minimum(high, longest - others_low + _ROUNDING),
+        return Sides(
+            np.maximum(low, 1.0 - others_high - _ROUNDING),
+            np.minimum(high, 1.0 - others_low + _ROUNDING),
+            float(a),
+            float(b),
         )
-        return *drawn, (shortest, longest)
 
-    def _set_box(self, low: np.ndarray, high: np.ndarray) -> None:
-        program, n = self._program, len(low)
-        program.set_bounds(self._h, low, high)
-        program.set_bounds(self._g, low**2 - _ROUNDING, high**2 + _ROUNDING)
-        program.change(self._secant_places, -(low + high))
-        program.set_sides(self._secants, np.full(n, -np.inf), _ROUNDING - low * high)
-        at_low, at_high = low[self._phase], high[self._phase]
-        none = np.full(len(self._phase), np.inf)
-        for rows, places, slope, lower, upper in zip(
-            self._planes,
-            self._plane_places,
-            (at_high, at_low, at_low, at_high),
-            (-none, 0.0 * at_low, -none, -self._most * at_high - _ROUNDING),
-            (0.0 * at_low, none, -self._most * at_low + _ROUNDING, none),
-            strict=True,
-        ):
-            program.change(places, -slope)
-            program.set_sides(rows, lower, upper)
+    def _set_box(self, sides: Sides) -> None:
+        program, (low, high, a, b) = self._program, (sides.low, sides.high, sides.a, sides.b)
+        program.set_bounds(self._e, low, high)
+        program.set_bounds(
+            self._g, np.maximum(low**2 * a - _ROUNDING, 0.0), high**2 * b + _ROUNDING
+        )
+        program.set_bounds(self._h, np.maximum(low * a - _ROUNDING, 0.0), high * b + _ROUNDING)
+        room = min(1.0 / a if a else np.inf, self._most_room) * (1 + _ROUNDING)
+        program.set_bounds(
+            np.array([self._period, self._room]), np.array([a, 0.0]), np.array([b, room])
+        )
+        coefficients, upper = [], []
+        for plane in self._planes:
+            none = np.zeros(len(plane.phase))
+            values, side = plane.of(sides.of(plane.phase))
+            coefficients += [none + value for value in values]
+            upper.append(none + side + _ROUNDING)
+        program.change(self._places, np.concatenate(coefficients))
+        most = np.concatenate(upper)
+        rows = np.concatenate(self._plane_rows)
+        program.set_sides(rows, np.full(len(most), -np.inf), most)
 
-    def _losses(self, found: Maximum) -> np.ndarray:
-        """Gain of each phase from its products, to first order: multiplier times violation."""
-        x, duals = found.x, np.abs(found.row_duals)
-        losses = duals[self._secants] * np.abs(x[self._g] - x[self._h] ** 2)
-        apart = np.abs(x[self._whole] - x[self._h[self._phase]] * x[self._factor])
-        weights = sum((duals[rows] for rows in self._planes), np.zeros(len(apart)))
-        np.add.at(losses, self._phase, weights * apart)
+    def _cut_off(self, x: np.ndarray, missed: float) -> bool:
+        """Add the cuts that a point does not meet; whether there are any."""
+        cuts, x, width = self._cuts, np.append(np.maximum(x, 0.0), 0.0), 1.0 / self._cells
+        y, q = (
+            np.einsum("cki,ci->ck", x[columns[cuts.phase]], cuts.weights)
+            for columns in (self._y, self._q)
+        )
+        start, end, g = y[:, :-1], y[:, 1:], x[self._g[cuts.phase], None]
+        level = x[self._e[cuts.phase]] * cuts.most
+        before, after = cuts.shares(start, end, level[:, None], g * width)
+        every = np.broadcast_to(np.arange(len(level))[:, None], q.shape)
+        reach = cuts.reach(every, before, after) * g * width / 2
+        most = before * start + after * end + reach + (1 - before - after) * level[:, None]
+        found = which, cells = np.nonzero(q > most + missed * x[self._way])
+        if which.size:
+            self._program.extend(self._add_cuts(which, cells, before[found], after[found]))
+        return which.size > 0
+
+    def _loads(self, found: Maximum) -> float:
+        gains = [
+            np.abs(found.row_duals[rows]).sum() * found.x[self._g[p]] * shared
+            for p, rows, shared in self._borne
+        ]
+        return float(sum(gains)) * self._limits.speed
+
+    def _losses(self, found: Maximum, sides: Sides) -> np.ndarray:
+        """Gain from products by sides of the box, to first order: multipliers times violations."""
+        x, (low, high) = found.x, (sides.low, sides.high)
+        weights = [np.abs(found.row_duals[rows]) for rows in self._plane_rows]
+        e, t = x[self._e], x[self._period]
+        excess = t * (e - low) * (high - e)
+        losses = np.append(np.maximum(excess, 0.0) * (weights[0] + weights[1]), 0.0)
+        rest = np.abs(x[self._g] - t * e**2 - excess) * (weights[0] + weights[1])
+        rest += np.abs(x[self._h] - t * e) * (weights[2] + weights[3])
+        losses[-1] += rest.sum() + float(weights[4][0]) * abs(x[self._room] * t - 1.0)
+        p, y, c, _ = self._meeting
+        np.add.at(losses, p, sum(weights[5:9]) * np.abs(x[y] - e[p] * x[c]))
+        p, z, q, _ = self._drag
+        periods_fault = sides.b * low < sides.a * high  # the relative width of the period is less
+        side = np.where(periods_fault, np.arange(len(e)), len(e))[p]
+        np.add.at(losses, side, sum(weights[9:13]) * np.abs(x[z] - t * e[p] * x[q]))
         return losses
+
+
+def _table(
+    products: Iterable[tuple[int, int, int, float]],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Phases, products, factors and the factors' largest values."""
+    phase, whole, factor, most = np.array([*products], float).reshape(-1, 4).T
+    return phase.astype(int), whole.astype(int), factor.astype(int), most
+
+
+def _nothing(bound: float) -> Relaxed:
+    none = np.empty(0)
+    return Relaxed(bound, none, none, none)
 
 
 def _sum(weights: np.ndarray, columns: np.ndarray) -> list[Term]:
@@ -310,8 +410,3 @@ def _sum(weights: np.ndarray, columns: np.ndarray) -> list[Term]:
 
 def _times(terms: Iterable[Term], factor: float) -> list[Term]:
     return [(columns, factor * np.asarray(value)) for columns, value in terms]
-
-
-def _share(weight: float, slope: float) -> float:
-    """Product in which a weight of 0 makes even an unlimited slope vanish."""
-    return weight * slope if weight else 0.0

@@ -28,12 +28,15 @@ class Form:
         Weights of the masses' accelerations, and of their drags k v.
     below, above : float
         What is left to either side of the value at rest; infinite without a limit.
+    shared : float
+        Part of ``above`` that masses bear which perhaps do not rest.
     """
 
     alpha: np.ndarray
     beta: np.ndarray
     below: float
     above: float
+    shared: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,13 +124,15 @@ class ScaledLimits:
             [min(contraction[m:i].sum() + extension[i:m].sum() for m in resting) for i in masses]
         )
 
-    def forms(self, resting: Resting) -> list[Form]:
+    def forms(self, resting: Resting, more: int = 0) -> list[Form]:
         """List all limits on accelerations and forces.
 
         Parameters
         ----------
         resting : tuple of int
             Masses at rest.
+        more : int, optional
+            So many others may rest as well.
 
         Returns
         -------
@@ -142,7 +147,7 @@ class ScaledLimits:
                 np.diff(np.eye(self.links + 1), axis=0), most_of_each, strict=True
             )
         ]
-        return [*links, self._momentum(resting), *self._actuators(resting)]
+        return [*links, self._momentum(resting, more), *([] if more else self._actuators(resting))]
 
     def admits_rest(self, resting: Resting) -> bool:
         """Whether the worm may stand still on the spikes of these masses.
@@ -154,15 +159,21 @@ class ScaledLimits:
         """
         return all(form.below >= 0.0 and form.above >= 0.0 for form in self.forms(resting))
 
-    def _momentum(self, resting: Resting) -> Form:
+    def _momentum(self, resting: Resting, more: int) -> Form:
         """Sum of the reactions: the momentum's change, the drag and the load, (7)."""
         limits, count = self.task.limits, self.links + 1
         spikes = _spread(limits.spike_load, count)[list(resting)]
         # However they share it, together they carry no more than the sum of what each may.
-        most = len(spikes) * spikes.min() if limits.sharing == "equal" else spikes.sum()
-        lightest, heaviest = self.task.worm.load_range
+        if limits.sharing == "equal":
+            known, others = len(spikes) * spikes.min(), more * spikes.min() if more else 0.0
+        else:
+            moving = np.sort(np.delete(_spread(limits.spike_load, count), list(resting)))
+            known, others = spikes.sum(), moving[len(moving) - more :].sum()
+        lightest, heaviest = self.task.worm.load_range  # limits hold under every load
         below = self._apart(count * lightest, count * limits.sigma_margin)
-        return Form(self.mass, np.ones(count), below, self._apart(float(most), count * heaviest))
+        above = self._apart(float(known + others), count * heaviest)
+        shared = float(others) / self.force if above < np.inf else 0.0
+        return Form(self.mass, np.ones(count), below, above, shared)
 
     def _actuators(self, resting: Resting) -> Iterator[Form]:
         """Actuator forces by the recursion (3), where the spikes' loads are known."""
@@ -171,14 +182,13 @@ class ScaledLimits:
         if limits.actuator_force is None or not known:
             return
         most_of_each = _spread(limits.actuator_force, self.links)
-        for (weight, at_rest), most in zip(self.actuators(resting), most_of_each, strict=True):
-            low, high = (at_rest * load for load in self.task.worm.load_range)
-            low, high = min(low, high), max(low, high)
+        for (weight, per_load), most in zip(self.actuators(resting), most_of_each, strict=True):
+            at_rest = sorted(load * per_load for load in self.task.worm.load_range)
             yield Form(
                 weight * self.mass,
                 weight,
-                self._apart(low, -float(most)),
-                self._apart(float(most), high),
+                self._apart(at_rest[0], -float(most)),
+                self._apart(float(most), at_rest[1]),
             )
 
     def actuators(self, resting: Resting) -> Iterator[tuple[np.ndarray, float]]:
@@ -188,6 +198,11 @@ class ScaledLimits:
         ----------
         resting : tuple of int
             Masses at rest, which share the load equally.
+
+        Yields
+        ------
+        weight : ndarray, shape (n + 1,)
+        at_rest : float
         """
         count, rest = self.links + 1, len(resting)
         for j in range(1, count):
@@ -226,6 +241,30 @@ class ScaledLimits:
             fall, rise = min(fall, implied), min(rise, implied)
         # A form that must fall, or rise, all the time does not rise, or fall, at all.
         return max(fall, 0.0), max(rise, 0.0)
+
+    def span(self, alpha: np.ndarray, resting: Resting) -> tuple[float, float]:
+        """Least and largest weighted sum of velocities, by the rates of the links.
+
+        Parameters
+        ----------
+        alpha : ndarray, shape (n + 1,)
+            Weights of the masses.
+        resting : tuple of int
+            Masses at rest.
+
+        Returns
+        -------
+        least, largest : float
+        """
+        contraction, extension = self.rates
+        fastest = self.fastest(resting)
+        least, largest = [np.minimum(alpha, 0.0) @ fastest], [np.maximum(alpha, 0.0) @ fastest]
+        for m in resting:  # velocities are sums of rates v_{j-1} - v_j, counted from this mass
+            inner = np.cumsum(alpha)[:-1] - (np.arange(self.links) >= m) * alpha.sum()
+            into, out = np.maximum(inner, 0.0), np.maximum(-inner, 0.0)
+            largest.append(into @ extension + out @ contraction)
+            least.append(-(into @ contraction + out @ extension))
+        return float(max(least)), float(min(largest))
 
 
 def _spread(limit: float | tuple[float, ...] | None, count: int) -> np.ndarray:

@@ -1,44 +1,54 @@
 """Branch and bound over sequences of resting masses and boxes of durations.
 
-Every gait belongs to one branch of the tree: a sequence and a box that holds its durations. The
+Every gait belongs to one branch of the tree: a sequence and a box that holds the period of its
+cycle and the phases' shares of it. A gait that repeats has the period of one repetition. The
 relaxation bounds the speed of all gaits of a branch at once. What is below the cutoff is done
-with; the rest is cut in two where the relaxed durations lie, or looked at with finer cells.
+with; the rest is cut in two where the relaxed optimum lies, or looked at with finer cells.
 """
 
 from __future__ import annotations
 
 import heapq
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import repeat
 from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
 
 from wormopt.core.task import Task
+from wormopt.gaits.families import Family, families, parts
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
 from wormopt.gaits.sequences import Sequence_
 
-__all__ = ["Branch", "Solver", "Tree", "grow", "plant", "take"]
+__all__ = ["Branch", "Solver", "Tree", "grow", "periods", "plant", "take"]
 
-CELLS = 10  # per phase, to begin with
-_MOST_CELLS = 320
+CELLS = 2  # per phase, to begin with
+_MOST_CELLS = 128
 # Products count as tight where they explain less than this share of what is above the cutoff.
 _TIGHT = 0.2
-# Boxes are narrow if they leave the square of a duration open by no more than this share.
+# Sides are narrow if their slack is no more than this share of the square of what they hold.
 _NARROW = 0.02
-# Sides are not cut any further; longest periods are 1.
+# Ratio of the longest period of a box to its shortest.
+_WIDEST = 2.0
+# Sides are not cut any further; periods and longest periods are 1.
 _NARROWEST = 1e-6
 # A cut leaves at least this share of an interval on either side.
-_LEAST_SHARE = 0.2
+_LEAST_SHARE = 0.35
+# Periods of cycles are quotients.
+_ROUNDING = 1e-15
+# Families of so many sequences are divided first, larger ones where loads are to blame.
+_FEW = 16
 # Idle programs that are kept, some megabytes each.
 _KEPT = 200
 
 
 class Branch(NamedTuple):
-    """All gaits of a sequence with durations in a box.
+    """All gaits of a sequence in a box.
 
     Parameters
     ----------
@@ -47,11 +57,14 @@ class Branch(NamedTuple):
     sequence : tuple of tuple of int
         Resting masses, phase after phase.
     box : tuple of (float, float)
-        Shortest and longest duration of each phase, as shares of the longest period.
+        Smallest and largest share of the period of each phase, then shortest and longest period
+        of the cycle as shares of the longest allowed.
     cells : int
         Cells per phase with which it is looked at next.
     refined : bool
         Whether that is a finer look at what was looked at before.
+    family : tuple of sequences
+        All the sequences of the branch. Where they are several, others may rest besides.
     """
 
     bound: float
@@ -59,6 +72,19 @@ class Branch(NamedTuple):
     box: Box
     cells: int = CELLS
     refined: bool = False
+    family: Family = ()
+
+    @property
+    def more(self) -> tuple[int, ...]:
+        """How many masses may rest in each phase besides those of the sequence."""
+        most = [max(map(len, sets)) for sets in zip(*self.family, strict=True)]
+        return tuple(m - len(s) for m, s in zip(most, self.sequence, strict=False))
+
+    @property
+    def durations(self) -> Box:
+        """Shortest and longest duration of each phase, as shares of the longest period."""
+        *shares, (shortest, longest) = self.box
+        return tuple((low * shortest, high * longest) for low, high in shares)
 
 
 @dataclass(frozen=True)
@@ -77,6 +103,8 @@ class Tree:
         Linear programs solved.
     watched : tuple of sequences
         Sequences whose leaves are kept, for a picture.
+    shortest : float
+        Shortest period, as a share of the longest; cycles last a whole part of a period.
     """
 
     open: tuple[Branch, ...]
@@ -84,6 +112,7 @@ class Tree:
     leaves: tuple[Branch, ...] = ()
     boxes: int = 0
     watched: tuple[Sequence_, ...] = ()
+    shortest: float = 1.0
 
     @property
     def bound(self) -> float:
@@ -91,7 +120,9 @@ class Tree:
         return max(self.done, self.open[0].bound if self.open else -np.inf)
 
 
-def plant(sequences: Sequence[Sequence_], watched: Sequence[Sequence_] = ()) -> Tree:
+def plant(
+    sequences: Sequence[Sequence_], watched: Sequence[Sequence_] = (), shortest: float = 1.0
+) -> Tree:
     """Begin a tree of which nothing is known yet.
 
     Parameters
@@ -100,13 +131,20 @@ def plant(sequences: Sequence[Sequence_], watched: Sequence[Sequence_] = ()) -> 
         Resting masses, phase after phase.
     watched : sequence of sequences, optional
         Those whose leaves are wanted.
+    shortest : float, optional
+        Shortest period, as a share of the longest.
 
     Returns
     -------
     Tree
     """
-    roots = [Branch(np.inf, s, ((0.0, 1.0),) * len(s)) for s in sequences]
-    return Tree(tuple(roots), watched=tuple(watched))
+    halves = (periods(shortest, 0.0, 1 / _WIDEST), periods(shortest, 1 / _WIDEST, 1.0))
+    roots = [
+        Branch(np.inf, common, ((0.0, 1.0),) * len(common) + (period,), family=family)
+        for common, family in families(sequences).items()
+        for period in halves
+    ]
+    return Tree(tuple(roots), watched=tuple(watched), shortest=shortest)
 
 
 def take(tree: Tree) -> tuple[Branch, Tree]:
@@ -135,40 +173,40 @@ class Solver:
     ----------
     task : Task
         Worm and limits.
-    reference : float
-        A speed near the optimum.
     workers : int, optional
         Number of threads; as many as there are processors if left out.
     """
 
-    def __init__(self, task: Task, reference: float, workers: int | None = None) -> None:
+    def __init__(self, task: Task, workers: int | None = None) -> None:
         self.workers = workers or os.cpu_count() or 1
-        self._task, self._reference = task, reference
-        self._idle: list[tuple[tuple[Sequence_, int], Relaxation]] = []
+        self._task = task
+        self._idle: list[tuple[tuple[Sequence_, int, tuple[int, ...]], Relaxation]] = []
         self._lock = Lock()
         self._threads = ThreadPoolExecutor(self.workers)
 
-    def solve(self, branches: Sequence[Branch]) -> list[Relaxed]:
+    def solve(self, branches: Sequence[Branch], cutoff: float) -> list[Relaxed]:
         """Solve the relaxation of every branch.
 
         Parameters
         ----------
         branches : sequence of Branch
+        cutoff : float
+            Lower bounds are not wanted.
 
         Returns
         -------
         list of Relaxed
         """
-        return list(self._threads.map(self._solve, branches))
+        return list(self._threads.map(self._solve, branches, repeat(cutoff)))
 
-    def _solve(self, branch: Branch) -> Relaxed:
+    def _solve(self, branch: Branch, cutoff: float) -> Relaxed:
         # HiGHS lets go of the interpreter's lock, so threads do run side by side.
-        key = (branch.sequence, branch.cells)
+        key = (branch.sequence, branch.cells, branch.more)
         with self._lock:
             at = next((k for k, (kept, _) in enumerate(self._idle) if kept == key), None)
             found = None if at is None else self._idle.pop(at)[1]
-        relaxation = found or Relaxation(self._task, *key, self._reference)
-        relaxed = relaxation.solve(branch.box)
+        relaxation = found or Relaxation(self._task, *key)
+        relaxed = relaxation.solve(branch.box, cutoff)
         with self._lock:  # the one used last comes first, the others fall off at the end
             self._idle = [(key, relaxation), *self._idle[: _KEPT - 1]]
         return relaxed
@@ -184,7 +222,13 @@ class Solver:
         self.close()
 
 
-def grow(tree: Tree, cutoff: float, solver: Solver) -> Tree:
+def grow(
+    tree: Tree,
+    cutoff: float,
+    solver: Solver,
+    found: float | None = None,
+    look: Callable[[Branch, Relaxed], None] = lambda *_: None,
+) -> Tree:
     """Look at the most promising branches.
 
     Parameters
@@ -195,6 +239,10 @@ def grow(tree: Tree, cutoff: float, solver: Solver) -> Tree:
         Branches proven to hold nothing faster are done with.
     solver : Solver
         Solves the relaxations.
+    found : float, optional
+        Speed of a gait that is the best or nearly so, if one is known.
+    look : callable, optional
+        Told every branch that is not done with, and its relaxation.
 
     Returns
     -------
@@ -205,10 +253,13 @@ def grow(tree: Tree, cutoff: float, solver: Solver) -> Tree:
     batch: list[Branch] = []
     while heap and len(batch) < 2 * solver.workers and -heap[0][0] > cutoff:
         batch.append(heapq.heappop(heap)[1])
-    done, leaves = tree.done, list(tree.leaves)
-    for branch, relaxed in zip(batch, solver.solve(batch), strict=True):
+    done, leaves, aim = tree.done, list(tree.leaves), cutoff if found is None else found
+    for branch, relaxed in zip(batch, solver.solve(batch, cutoff), strict=True):
         known = branch._replace(bound=min(branch.bound, relaxed.bound))
-        twigs = _twigs(known, relaxed, branch.bound, cutoff) if known.bound > cutoff else []
+        twigs = []
+        if known.bound > cutoff:
+            look(known, relaxed)
+            twigs = _twigs(known, relaxed, branch.bound, cutoff, aim, tree.shortest)
         for twig in twigs:
             heapq.heappush(heap, (-twig.bound, twig))
         if not twigs:
@@ -224,33 +275,84 @@ def grow(tree: Tree, cutoff: float, solver: Solver) -> Tree:
     )
 
 
-def _twigs(branch: Branch, relaxed: Relaxed, before: float, cutoff: float) -> list[Branch]:
+def _twigs(
+    branch: Branch, relaxed: Relaxed, before: float, cutoff: float, aim: float, shortest: float
+) -> list[Branch]:
     """Parts of a branch, or the branch with finer cells; nothing if that leads no further."""
-    widths = np.ptp(np.array(branch.box), axis=1)
-    if not relaxed.durations.size:  # the solver failed
-        longest = int(np.argmax(widths))
-        return _cut(branch, longest, float(np.mean(branch.box[longest])))
-    tight = _TIGHT * (branch.bound - cutoff)
+    if not relaxed.point.size:  # the solver failed
+        longest = int(np.argmax(np.ptp(np.array(branch.box), axis=1)))
+        return _cut(branch, longest, float(np.mean(branch.box[longest])), shortest)
+    least, most = branch.box[-1]
+    if most > _WIDEST * least:  # little is true of such different periods at once
+        at = math.sqrt(least * most) if least else 0.75 * most
+        return _cut(branch, len(branch.sequence), at, shortest)
+    tight = _TIGHT * (branch.bound - aim)
     exact = relaxed.losses.sum() < tight
-    narrow = bool(np.all(relaxed.slack < _NARROW * relaxed.durations**2 + _NARROWEST))
+    narrow = bool(np.all(relaxed.slack < _NARROW * relaxed.point**2 + _NARROWEST))
     vain = branch.refined and before - branch.bound < tight
+    few = len(branch.family) <= _FEW
+    if any(branch.more) and (few or exact or relaxed.loads > relaxed.losses.sum()):
+        return _members(branch)
     if exact and (narrow or not vain):
-        finer = branch._replace(cells=2 * branch.cells, refined=True)
-        return [finer] if finer.cells <= _MOST_CELLS else []
+        if branch.cells < _MOST_CELLS:
+            return [branch._replace(cells=2 * branch.cells, refined=True)]
+        if relaxed.losses.sum() < branch.bound - cutoff:  # no box is narrow enough
+            return []
     if vain and not narrow:  # the box is what is too coarse, whatever the multipliers say
         branch = branch._replace(cells=branch.cells // 2)
     explained = relaxed.losses.sum() > _TIGHT * tight
-    phase = int(np.argmax(relaxed.losses if explained else relaxed.slack))
-    return _cut(branch, phase, float(relaxed.durations[phase]))
+    side = int(np.argmax(relaxed.losses if explained else relaxed.slack))
+    return _cut(branch, side, float(relaxed.point[side]), shortest)
 
 
-def _cut(branch: Branch, phase: int, at: float) -> list[Branch]:
-    low, high = branch.box[phase]
+def _members(branch: Branch) -> list[Branch]:
+    """The parts of a family that differ in the phase where most others may rest."""
+    phase = int(np.argmax(branch.more))
+    twigs = []
+    for family in parts(branch.family, phase):
+        word = next(iter(family))
+        known = (*branch.sequence[:phase], word[phase], *branch.sequence[phase + 1 :])
+        sequence = known if len(family) > 1 else word
+        twigs.append(branch._replace(sequence=sequence, family=family, refined=False))
+    return twigs
+
+
+def _cut(branch: Branch, side: int, at: float, shortest: float) -> list[Branch]:
+    low, high = branch.box[side]
     if high - low < _NARROWEST:
         return []
     margin = _LEAST_SHARE * (high - low)
     at = min(max(at, low + margin), high - margin)
+    parts = [(low, at), (at, high)]
+    if side == len(branch.sequence):
+        parts = [p for p in (periods(shortest, *part) for part in parts) if p[0] <= p[1]]
     return [
-        branch._replace(box=(*branch.box[:phase], side, *branch.box[phase + 1 :]), refined=False)
-        for side in ((low, at), (at, high))
+        branch._replace(box=(*branch.box[:side], part, *branch.box[side + 1 :]), refined=False)
+        for part in parts
     ]
+
+
+def periods(shortest: float, low: float, high: float) -> tuple[float, float]:
+    """Find the shortest and longest period of a cycle in a range.
+
+    Parameters
+    ----------
+    shortest : float
+        Shortest period of which a cycle lasts a whole part; the longest is 1.
+    low, high : float
+        The range.
+
+    Returns
+    -------
+    least, most : float
+        The first above the second where there is none.
+
+    Examples
+    --------
+    >>> [round(period, 9) for period in periods(0.9, 0.35, 0.8)]
+    [0.45, 0.5]
+    """
+    fewest = max(1, math.ceil(shortest / high * (1 - _ROUNDING)))
+    most = math.floor(1 / low * (1 + _ROUNDING)) if low > 0.0 else math.inf
+    least = max(low, shortest / most * (1 - _ROUNDING))
+    return least, min(high, 1 / fewest * (1 + _ROUNDING))

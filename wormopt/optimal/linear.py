@@ -47,8 +47,7 @@ class Rows:
 
     count: int = 0
     _entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)
-    _lower: list[np.ndarray] = field(default_factory=list)
-    _upper: list[np.ndarray] = field(default_factory=list)
+    _sides: list[np.ndarray] = field(default_factory=list)
 
     def add(
         self,
@@ -71,15 +70,15 @@ class Rows:
         ndarray of int
             Numbers of the rows.
         """
-        size = int(np.broadcast_shapes(*(np.shape(v) for term in terms for v in term), (1,))[0])
+        size = max((np.size(p) for term in terms for p in term if np.ndim(p)), default=1)
         rows = np.arange(self.count, self.count + size)
-        for columns, coefficients in terms:
-            column = np.broadcast_to(columns, size)
-            kept = column >= 0
-            value = np.broadcast_to(np.asarray(coefficients, float), size)[kept]
-            self._entries.append((rows[kept], column[kept], value))
-        self._lower.append(np.broadcast_to(np.asarray(lower, float), size))
-        self._upper.append(np.broadcast_to(np.asarray(upper, float), size))
+        column, value = np.empty((len(terms), size), int), np.empty((len(terms), size))
+        for k, (columns, coefficients) in enumerate(terms):
+            column[k], value[k] = columns, coefficients
+        sides = np.empty((2, size))
+        sides[0], sides[1] = lower, upper
+        self._entries.append((np.tile(rows, len(terms)), column.ravel(), value.ravel()))
+        self._sides.append(sides)
         self.count += size
         return rows
 
@@ -98,8 +97,10 @@ class Rows:
         lower, upper : ndarray, shape (rows,)
         """
         row, column, value = (np.concatenate(part) for part in zip(*self._entries, strict=True))
-        matrix = sparse.coo_array((value, (row, column)), (self.count, columns)).tocsr()
-        return matrix, np.concatenate(self._lower), np.concatenate(self._upper)
+        kept = column >= 0
+        entries = (value[kept], (row[kept], column[kept]))
+        matrix = sparse.coo_array(entries, (self.count, columns)).tocsr()
+        return matrix, *np.concatenate(self._sides, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,27 +150,39 @@ class LinearProgram:
     def __init__(self, cost: np.ndarray, rows: Rows, lower: np.ndarray, upper: np.ndarray) -> None:
         if not (np.all(np.isfinite(lower)) and np.all(np.isfinite(upper))):
             raise ValueError("every column of the program needs finite bounds")
-        self._matrix, self._row_lower, self._row_upper = rows.assemble(len(cost))
         self._cost, self._lower, self._upper = cost, lower.copy(), upper.copy()
-        self._most_terms = int(np.bincount(self._matrix.indices).max(initial=0))
+        self._starts = np.zeros(1, np.int32)
+        self._row, self._column = np.empty((2, 0), np.int32)
+        self._value, self._row_lower, self._row_upper = np.empty((3, 0))
         self._highs: Any = highspy.Highs()  # its stubs lack half of its methods
         self._highs.silent()
         for option, value in _OPTIONS.items():
             self._highs.setOptionValue(option, value)
-        self._highs.passModel(self._model())
-
-    def _model(self) -> Any:
         model: Any = highspy.HighsLp()
-        model.num_row_, model.num_col_ = len(self._row_lower), len(self._cost)
+        model.num_row_, model.num_col_ = 0, len(cost)
         model.sense_ = highspy.ObjSense.kMaximize
-        model.col_cost_ = self._cost
-        model.col_lower_, model.col_upper_ = self._lower, self._upper
-        model.row_lower_, model.row_upper_ = self._row_lower, self._row_upper
-        model.a_matrix_.format_ = highspy.MatrixFormat.kRowwise
-        model.a_matrix_.start_ = self._matrix.indptr
-        model.a_matrix_.index_ = self._matrix.indices
-        model.a_matrix_.value_ = self._matrix.data
-        return model
+        model.col_cost_, model.col_lower_, model.col_upper_ = cost, lower, upper
+        self._highs.passModel(model)
+        self.extend(rows)
+
+    def extend(self, rows: Rows) -> None:
+        """Add rows at the end.
+
+        Parameters
+        ----------
+        rows : Rows
+            Their numbers follow those of the rows that there are.
+        """
+        matrix, lower, upper = rows.assemble(len(self._cost))
+        starts, column, value = matrix.indptr, matrix.indices, matrix.data
+        self._highs.addRows(rows.count, lower, upper, len(value), starts[:-1], column, value)
+        row = np.repeat(np.arange(rows.count), np.diff(starts)) + len(self._row_lower)
+        self._starts = np.concatenate([self._starts, starts[1:] + self._starts[-1]])
+        self._row, self._column = np.append(self._row, row), np.append(self._column, column)
+        self._value = np.append(self._value, value)
+        self._row_lower = np.append(self._row_lower, lower)
+        self._row_upper = np.append(self._row_upper, upper)
+        self._most_terms = int(np.bincount(self._column).max(initial=0))
 
     def places(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Find where coefficients are stored, to change them by.
@@ -183,7 +196,7 @@ class LinearProgram:
         -------
         ndarray of int, shape (m,)
         """
-        starts, indices = self._matrix.indptr, self._matrix.indices
+        starts, indices = self._starts, self._column
         found = [
             start + np.searchsorted(indices[start:end], column)
             for start, end, column in zip(starts[rows], starts[rows + 1], columns, strict=True)
@@ -199,13 +212,11 @@ class LinearProgram:
             From `places`.
         values : ndarray, shape (m,)
         """
-        new = self._matrix.data[places] != values
-        rows = np.searchsorted(self._matrix.indptr, places[new], side="right") - 1
-        columns = self._matrix.indices[places[new]]
-        self._matrix.data[places] = values
-        for row, column, value in zip(
-            rows.tolist(), columns.tolist(), values[new].tolist(), strict=True
-        ):
+        new = self._value[places] != values
+        places, values = places[new], values[new]
+        self._value[places] = values
+        changes = (self._row[places], self._column[places], values)
+        for row, column, value in zip(*(c.tolist() for c in changes), strict=True):
             self._highs.changeCoeff(row, column, value)
 
     def set_sides(self, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
@@ -258,6 +269,7 @@ class LinearProgram:
         return Maximum(bound, np.array(solution.col_value), duals)
 
     def _crude(self) -> float:
+        """Bound without multipliers."""
         return self.bound(np.zeros(len(self._row_lower)))
 
     def bound(self, duals: np.ndarray) -> float:
@@ -283,11 +295,13 @@ class LinearProgram:
         has_side = np.where(duals > 0, self._row_upper, -self._row_lower) < np.inf
         y = np.where(has_side, duals, 0.0)
         side = np.where(y > 0, self._row_upper, np.where(y < 0, self._row_lower, 0.0))
-        left = cost - y @ self._matrix
+        parts, columns = y[self._row] * self._value, len(cost)
+        left = cost - np.bincount(self._column, parts, columns)
         value = y @ side + np.maximum(left * self._lower, left * self._upper).sum()
         # Every sum is off by at most as many roundoffs of its absolute values as it has terms.
         reach = np.maximum(np.abs(self._lower), np.abs(self._upper))
-        size = abs(y) @ abs(side) + (abs(cost) + abs(y) @ abs(self._matrix)) @ reach
+        sizes = abs(cost) + np.bincount(self._column, abs(parts), columns)
+        size = abs(y) @ abs(side) + sizes @ reach
         ulps = len(y) + len(cost) + self._most_terms + _COEFFICIENT_ULPS
         total = float(value + 2 * ulps * _ULP * size)
         return total if np.isfinite(total) else np.inf  # multipliers beyond all bounds

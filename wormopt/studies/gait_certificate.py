@@ -137,7 +137,8 @@ def _leaves(
     tree = proof.progress.tree
     leaves = {sequence: [] for sequence in tree.watched} if tree else {}
     for branch in (*tree.leaves, *tree.open) if tree else ():
-        if branch.sequence in leaves and np.isfinite(branch.bound):
+        one_cycle = tree is not None and branch.box[-1][1] >= tree.shortest
+        if one_cycle and branch.sequence in leaves and np.isfinite(branch.bound):
             leaves[branch.sequence].append(branch)
     leaves = {sequence: found for sequence, found in leaves.items() if found}
     if not leaves:
@@ -145,7 +146,7 @@ def _leaves(
     images = _images(task, solver)
     own = [sequence for sequence in leaves if sequence in images]
     chosen = own[0] if own else max(leaves, key=lambda sequence: len(leaves[sequence]))
-    boxes = np.array([branch.box for branch in leaves[chosen]]) * task.limits.period_range[1]
+    boxes = np.array([branch.durations for branch in leaves[chosen]]) * task.limits.period_range[1]
     bounds = np.array([branch.bound for branch in leaves[chosen]])
     time, dims = unit_of("time", units), ("leaf", "leaf_phase")
     scalars = {
@@ -202,7 +203,7 @@ def _trust(
     return dict(result.trust) | {
         "warnings": warnings,
         "certificate": {
-            "holds_for": f"every gait {whose}, of at most {proof.phases} phases a period, in which "
+            "holds_for": f"every gait {whose}, of at most {proof.phases} phases a cycle, in which "
             f"gait.resting = {resting} and all other limits hold at any time",
             "ended": proof.ending,
             "wanted_gap": wanted.gap,
