@@ -23,7 +23,7 @@ from wormopt.gaits.space import all_sequences
 from wormopt.gaits.tree import Branch, Solver, Tree, grow, periods, plant
 from wormopt.progress import Report
 
-__all__ = ["Certificate", "Progress", "certify"]
+__all__ = ["Certificate", "Progress", "gap_of", "prove"]
 
 Improve = Callable[[Sequence_, tuple[float, ...]], float]
 Ending = Literal["gap reached", "time limit", "finest cells", "interrupted"]
@@ -53,7 +53,7 @@ class Progress:
     history : tuple of (float, float)
         Seconds and bound, whenever the bound became better.
     found : float
-        Speed of the best gait made on the way, see ``improve`` of `certify`.
+        Speed of the best gait made on the way, see ``improve`` of `prove`.
     """
 
     bound: float
@@ -90,7 +90,7 @@ class Certificate:
     ending: Ending
 
 
-def certify(
+def prove(
     task: Task,
     value: float,
     settings: Search,
@@ -135,7 +135,7 @@ def certify(
     >>> from wormopt.core.task import Limits, Worm
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> task = Task(Worm(links=1, mass=1.0, load=5.0), limits, Objective())
-    >>> proof = certify(task, 0.45, Search(certify=Certify(phases=2, gap=0.01)), silent)
+    >>> proof = prove(task, 0.45, Search(certify=Certify(phases=2, gap=0.01)), silent)
     >>> proof.gap <= 0.01, proof.ending
     (True, 'gap reached')
     """
@@ -147,7 +147,7 @@ def certify(
     try:
         with closing(_prove(task, value, settings, begun, improve)) as steps:
             for progress in steps:
-                gap = _gap(max(value, progress.found), progress.bound, cost)
+                gap = gap_of(max(value, progress.found), progress.bound, cost)
                 widest = max(widest, gap if gap < np.inf else 0.0)
                 report(f"certifying: gap {gap:.2g}", _fraction(gap, widest, wanted.gap))
                 if time.monotonic() > saved + _SAVED_EVERY:
@@ -158,7 +158,7 @@ def certify(
                     break
     except KeyboardInterrupt:
         stopped = "interrupted"
-    gap = _gap(max(value, progress.found), progress.bound, cost)
+    gap = gap_of(max(value, progress.found), progress.bound, cost)
     if gap > wanted.gap and stopped != "finest cells":  # else another run has nothing to add
         save(progress)
     own = settings.sequence
@@ -258,7 +258,8 @@ def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float | Non
     return steps
 
 
-def _gap(value: float, bound: float, cost: bool) -> float:
+def gap_of(value: float, bound: float, cost: bool) -> float:
+    """By which share of its own value a gait could still be better."""
     if not value > 0.0:  # a worm that stands still can be better by any share
         return np.inf
     return (value - bound) / value if cost else (bound - value) / value

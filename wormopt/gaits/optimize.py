@@ -22,7 +22,7 @@ from wormopt.gaits.verify import violations
 from wormopt.progress import Report, silent
 from wormopt.worms.crawl import Crawl, crawl
 
-__all__ = ["Design", "design", "designed"]
+__all__ = ["Design", "design", "designed", "finished"]
 
 # Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
 _RESOLVED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 4000, 5
@@ -97,6 +97,11 @@ class Design:
     def speed(self) -> float:
         """Mean speed."""
         return self.motion.speed
+
+    @property
+    def value(self) -> float:
+        """The objective as it was optimised: the speed, or a peak load."""
+        return self.speed if self.trial is None else abs(self.trial.value)
 
     @cached_property
     def violations(self) -> dict[str, float]:
@@ -245,6 +250,12 @@ def _sharpest(task: Task, settings: Search, survey: Survey, bound: float, report
         (s for s in solved if s[0].value >= value - _TIE * abs(value)),
         key=lambda s: len(s[0].sequence),
     )
+    return _of_trial(task, trial, error, bound, survey, ended)
+
+
+def _of_trial(
+    task: Task, trial: Trial, error: float, bound: float, survey: Survey, ended: str
+) -> Design:
     return Design(
         task=task,
         gait=trial.program.gait(trial.point),
@@ -264,6 +275,13 @@ def _sharpest(task: Task, settings: Search, survey: Survey, bound: float, report
         ended=ended,
         trial=trial,
     )
+
+
+def finished(design: Design, trial: Trial) -> Design:
+    """A trial of the same task made into a design, sharpened."""
+    sharp, error = _sharpen(Trier(design.task), trial, quickly=False)
+    found = _of_trial(design.task, sharp, error, design.ceiling, design.survey, design.ended)
+    return replace(found, timings_s=design.timings_s)
 
 
 def _sharpen(trier: Trier, trial: Trial, quickly: bool) -> tuple[Trial, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +13,9 @@ import msgspec
 import numpy as np
 
 from wormopt.core.task import Search, Task
-from wormopt.gaits.certify import Certificate, Progress, certify
+from wormopt.gaits.certify import Certificate, Progress
 from wormopt.gaits.optimize import Design
+from wormopt.gaits.proof import certified
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.space import is_mirror_symmetric
 from wormopt.progress import Report
@@ -27,7 +29,12 @@ _ROUNDING = 1e-12
 
 
 def add_certificate(
-    result: Result, found: Design, settings: Search, units: str, report: Report
+    result: Result,
+    found: Design,
+    settings: Search,
+    units: str,
+    report: Report,
+    restate: Callable[[Design], Result],
 ) -> tuple[Result, bool]:
     """Add a certificate to the result of a design.
 
@@ -46,6 +53,8 @@ def add_certificate(
         The units of the scene.
     report : callable
         Told the gap.
+    restate : callable
+        Makes the result of a better design, where the proof comes upon one.
 
     Returns
     -------
@@ -55,8 +64,8 @@ def add_certificate(
     interrupted : bool
         Whether the user stopped it.
     """
-    task, value = found.task, float(result.scalars["objective"].value)
-    file = _file(task, value, settings)
+    task = found.task
+    file = _file(task, found.value, settings)
 
     def save(progress: Progress) -> None:
         with suppress(OSError):  # a full disk must not cost the design: another run begins anew
@@ -65,11 +74,14 @@ def add_certificate(
     begun = _begun(task, result)
     with suppress(OSError, msgspec.MsgspecError):  # not there, or damaged: begin again
         begun = msgspec.msgpack.decode(file.read_bytes(), type=Progress)
-    proof = certify(task, value, settings, report, begun, save)
+    outcome = certified(found, settings, report, begun, save)
+    proof = outcome.certificate
     if proof.ending in ("gap reached", "finest cells"):
         forget(file)
-    faults = []
-    longer = len(result.trust["solver"]["sequence"]) > proof.phases
+    if outcome.design is not found:
+        result = restate(outcome.design)
+    faults = [result.reason] if result.reason else []
+    longer = len(outcome.design.sequence) > proof.phases
     if proof.gap < -_ROUNDING and not longer:
         faults.append("the gait is better than its proven bound; please report this scene")
     unit = unit_of(_quantity(task), units)
@@ -78,9 +90,9 @@ def add_certificate(
         replace(
             result,
             status="failed" if faults else result.status,
-            reason="; ".join(filter(None, [result.reason, *faults])),
+            reason="; ".join(faults),
             scalars=dict(result.scalars) | _scalars(proof, task, units, longer) | scalars,
-            variables=(*result.variables, *_course(proof, value, unit), *variables),
+            variables=(*result.variables, *_course(proof, outcome.design.value, unit), *variables),
             trust=_trust(result, proof, settings, longer, task.limits.resting),
             timings_s=dict(result.timings_s) | {"certify": proof.progress.seconds},
         ),

@@ -68,7 +68,9 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
         return result
     from wormopt.studies.gait_certificate import add_certificate
 
-    result, interrupted = add_certificate(result, found, settings, table.units, report)
+    result, interrupted = add_certificate(
+        result, found, settings, table.units, report, lambda better: design_result(scene, better)
+    )
     if interrupted:
         reason = "interrupted: the gait is done, its certificate is not; run again to go on"
         raise Interrupted(replace(result, status="failed", reason=reason))

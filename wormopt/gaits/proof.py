@@ -1,0 +1,128 @@
+"""A design and the proof of how much better any gait could be; the proof may better the design."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wormopt.core.task import Certify, Search
+from wormopt.errors import ArgumentError
+from wormopt.gaits.certify import Certificate, Progress, gap_of, prove
+from wormopt.gaits.optimize import Design, finished
+from wormopt.gaits.sequences import Sequence_
+from wormopt.gaits.trial import Trial, Trier
+from wormopt.progress import Report, silent
+
+__all__ = ["Certified", "certified", "certify"]
+
+
+@dataclass(frozen=True, eq=False)
+class Certified:
+    """A design with a proof.
+
+    Parameters
+    ----------
+    design : Design
+        The design, or a better one that was found on the way.
+    certificate : Certificate
+        What is proven, and how.
+    """
+
+    design: Design
+    certificate: Certificate
+
+    @property
+    def bound(self) -> float:
+        """No gait of which the certificate speaks is faster, or cheaper."""
+        return self.certificate.progress.bound
+
+    @property
+    def gap(self) -> float:
+        """By which share of its own value the design could be better at most."""
+        return self.certificate.gap
+
+
+def certify(
+    design: Design,
+    phases: int = 4,
+    gap: float = 1e-2,
+    time_limit: float = 300.0,
+    report: Report = silent,
+) -> Certified:
+    """Prove how much better than a design any gait could be.
+
+    Parameters
+    ----------
+    design : Design
+        Of the speed or of a peak load.
+    phases : int, optional
+        The proof speaks of all gaits of at most so many phases a cycle, and any number of cycles.
+    gap : float, optional
+        How much better a gait might still be when it is enough, as a share.
+    time_limit : float, optional
+        Seconds after which it ends with the gap it has.
+    report : callable, optional
+        Told the gap.
+
+    Returns
+    -------
+    Certified
+        The design, or a better one found on the way, with its bound and gap.
+
+    Raises
+    ------
+    ArgumentError
+        If the design's cost has no proof.
+
+    Examples
+    --------
+    >>> from wormopt.core.task import Limits, Worm
+    >>> from wormopt.gaits.optimize import design
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> proof = certify(design(Worm(links=1, load=5.0), limits))
+    >>> proof.gap <= 0.01, proof.bound >= proof.design.speed
+    (True, True)
+    """
+    if design.task.objective.is_smooth:
+        raise ArgumentError(
+            f"there is no proof for {design.task.objective.minimise}; seek speed, "
+            "peak_spike_load or peak_actuator_force"
+        )
+    return certified(design, Search(certify=Certify(phases, gap, time_limit)), report)
+
+
+def certified(
+    design: Design,
+    settings: Search,
+    report: Report,
+    begun: Progress | None = None,
+    save: Callable[[Progress], None] = lambda _: None,
+) -> Certified:
+    """Prove as `prove`; relaxed gaits are starts from which the design may become better."""
+    task, trier = design.task, Trier(design.task)
+    cost = task.objective.minimise is not None
+    best: list[Trial] = []
+
+    def improve(sequence: Sequence_, durations: tuple[float, ...]) -> float:
+        record = best[-1].value if best else design.value
+        free = trier.free(sequence, np.array(durations), enough=_NEAR * record)
+        fitted = None if free is None or free.value < _NEAR * record else trier.fit(free)
+        if fitted is None:
+            return -np.inf
+        finer = trier.finer(trier.finer(fitted))
+        if finer.value > record:
+            best.append(finer)
+        return finer.value
+
+    proof = prove(task, design.value, settings, report, begun, save, improve)
+    if best:
+        better = finished(design, best[-1])
+        design = better if better.value > design.value else design
+    gap = gap_of(design.value, proof.progress.bound, cost)
+    return Certified(design, replace(proof, gap=gap))
+
+
+# Relaxed gaits that end below this share of the best speed are not looked at any closer.
+_NEAR = 0.95
