@@ -91,7 +91,7 @@ class Design:
     def motion_under(self, load: float) -> Crawl:
         """How the worm crawls with it under some load."""
         worm, limits = self.task.worm, self.task.limits
-        return crawl(self.gait, worm.masses, worm.drag, load, limits.sharing)
+        return crawl(self.gait, worm.masses, worm.drag, load, limits.sharing, limits.spike_load)
 
     @property
     def speed(self) -> float:
