@@ -1,6 +1,7 @@
 """How resting spikes share their load where each carries only so much: rule, motion, design."""
 
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from wormopt.core.task import Limits, Worm
+from wormopt.core.task import Cost, Limits, Worm
 from wormopt.gaits.construct import block_wave
-from wormopt.gaits.optimize import design
+from wormopt.gaits.optimize import Design, design
 from wormopt.worms.crawl import crawl
 from wormopt.worms.sharing import share_load
 
@@ -108,3 +109,49 @@ def test_design_may_leave_a_resting_spike_little_load():
     assert found.speed == pytest.approx(0.275, abs=1e-9)
     assert max(found.violations.values()) < 1e-9
     assert found.motion.extremes("reaction")[1].max() <= 27.0 * (1 + 1e-12)
+
+
+def actuated(objective: Cost | None = None, **changed: Any) -> Design:
+    """Two of three masses rest at any time; least actuation shares the load."""
+    numbers: dict[str, Any] = {"period": 1.0, "length": (0.7, 1.3), "rate": 1.0}
+    numbers |= {"acceleration": 20.0, "resting": 2, "sharing": "least_actuation"}
+    limits = Limits(**(numbers | changed))
+    if objective is not None:
+        return design(Worm(2, load=5.0), limits, objective, speed=0.2)
+    return design(Worm(2, load=5.0), limits)
+
+
+@pytest.mark.parametrize("most", [(16.0, 16.0), (9.0, 20.0)])
+def test_design_under_limited_actuators_keeps_to_the_rule(most: tuple[float, float]):
+    """The crawl splits in closed form, the program by rows; the mirror image is as fast."""
+    found = actuated(actuator_force=most)
+    assert max(found.violations.values()) < 1e-9
+    assert actuated(actuator_force=most[::-1]).speed == pytest.approx(found.speed, rel=1e-9)
+    reached = np.abs(found.motion.extremes("actuator_force")).max(axis=0)
+    assert np.max(reached / most) == pytest.approx(1.0, rel=1e-9)
+
+
+def test_limits_on_spikes_and_actuators_together():
+    """Weaker spikes move load, and with it actuator forces, and cost speed."""
+    found = [actuated(actuator_force=(9.0, 20.0), spike_load=most) for most in (9.0, 10.0, 12.0)]
+    for design_, most in zip(found, (9.0, 10.0, 12.0), strict=True):
+        assert max(design_.violations.values()) < 1e-9
+        assert design_.motion.extremes("reaction")[1].max() == pytest.approx(most, rel=1e-9)
+    speeds = [design_.speed for design_ in found]
+    # without limits on actuators the first two could be 5/36 and 1/5
+    assert speeds == sorted(speeds)
+    assert 0.13 < speeds[0] < 5 / 36
+    assert 0.19 < speeds[1] < 1 / 5
+
+
+@pytest.mark.parametrize(
+    ("cost", "signal"), [("peak_spike_load", "reaction"), ("peak_actuator_force", "actuator_force")]
+)
+def test_peaks_minimised_are_those_of_the_rule(cost: Cost, signal: str):
+    """What the program makes small is what the closed form finds."""
+    found = actuated(cost)
+    assert max(found.violations.values()) < 1e-9
+    assert found.trial is not None
+    peak = float(np.abs(found.motion.extremes(signal)).max())
+    assert peak == pytest.approx(-found.trial.value, rel=1e-9)
+    assert found.speed == pytest.approx(0.2, rel=1e-9)

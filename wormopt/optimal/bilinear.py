@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 
 from wormopt.optimal.linear import Term
 
-__all__ = ["BilinearProgram", "BilinearRows", "Climb", "Point"]
+__all__ = ["BilinearProgram", "BilinearRows", "Climb", "Point", "Product"]
 
 # First and second factor, one per row or one for all, and the coefficient.
 Product = tuple["np.ndarray | int", "np.ndarray | int", "np.ndarray | float"]
