@@ -17,6 +17,7 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.gaits.orders import first_orders
 from wormopt.gaits.search import Survey, effort_of, search
 from wormopt.gaits.sequences import Sequence_
+from wormopt.gaits.split import split_matters
 from wormopt.gaits.trial import Trial, Trier
 from wormopt.gaits.verify import violations
 from wormopt.progress import Report, silent
@@ -25,9 +26,13 @@ from wormopt.worms.crawl import Crawl, crawl
 __all__ = ["Design", "design", "designed", "finished"]
 
 # Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
-_RESOLVED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 4000, 5
+_RESOLVED, _RESOLVED_DRAGGED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 1e-7, 1500, 5
+# Degree of velocities where drag bends them, and most steps of a climb between two halvings.
+_DRAGGED, _STEPS = 3, 15
 # Trials within this share of the best are sharpened too: one of them may end higher.
 _CLOSE, _TIE = 2e-3, 1e-8
+# Excess over a limit, and how many times more trials are sharpened before one within it is found.
+_ACCEPTED, _MOST_UNSOUND = 1e-9, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +96,7 @@ class Design:
     def motion_under(self, load: float) -> Crawl:
         """How the worm crawls with it under some load."""
         worm, limits = self.task.worm, self.task.limits
-        return crawl(self.gait, worm.masses, worm.drag, load, limits.sharing)
+        return crawl(self.gait, worm.masses, worm.drag, load, limits.sharing, limits.spike_load)
 
     @property
     def speed(self) -> float:
@@ -233,10 +238,11 @@ def _nothing(task: Task, settings: Search, survey: Survey, report: Report) -> Ex
 def _sharpest(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
     """Halve the arcs of the best trials until that gains nothing, and take the best vertex."""
     best = survey.trials[0]
-    close = [t for t in survey.trials if t.value >= best.value - _CLOSE * abs(best.value)]
     ended, solved = survey.ended, []
-    trier = Trier(task)
-    for trial in close[: max(1, effort_of(settings).width - 1)]:
+    trier, most, sound = Trier(task), max(1, effort_of(settings).width - 1), False
+    for k, trial in enumerate(survey.trials[: _MOST_UNSOUND * most]):
+        if sound and (k >= most or trial.value < best.value - _CLOSE * abs(best.value)):
+            break
         try:
             report("sharpening", 0.9)
             solved.append(_sharpen(trier, trial, quickly=ended != "searched"))
@@ -245,6 +251,9 @@ def _sharpest(task: Task, settings: Search, survey: Survey, bound: float, report
             solved.append((trial, np.nan))
         if ended != "searched":
             break
+        sound = sound or _keeps_split(task, solved[-1][0])
+    if sound:
+        solved = [s for s in solved if _keeps_split(task, s[0])]
     value = max(trial.value for trial, _ in solved)
     trial, error = min(
         (s for s in solved if s[0].value >= value - _TIE * abs(value)),
@@ -284,22 +293,40 @@ def finished(design: Design, trial: Trial) -> Design:
     return replace(found, timings_s=design.timings_s)
 
 
+def _keeps_split(task: Task, trial: Trial) -> bool:
+    """Whether limits hold with the split of all masses that rest in fact, where that matters.
+
+    The program knows of those that are to rest; more may, and take their share.
+    """
+    if not any(split_matters(task, resting) for resting in trial.sequence):
+        return True
+    worm, limits, gait = task.worm, task.limits, trial.program.gait(trial.point)
+    motions = [
+        crawl(gait, worm.masses, worm.drag, load, limits.sharing, limits.spike_load)
+        for load in sorted({*worm.load_range, float(np.mean(worm.load_range))})
+    ]
+    return all(max(violations(m, limits, trial.cycles).values()) < _ACCEPTED for m in motions)
+
+
 def _sharpen(trier: Trier, trial: Trial, quickly: bool) -> tuple[Trial, float]:
-    """Halve arcs, with drag at a higher degree, then solve for what is active exactly."""
+    """Halve arcs until that gains nothing, then solve for what is active exactly.
+
+    With drag the optimum bends velocities: their degree is raised first.
+    """
     error = np.inf
+    if trier.task.worm.drag and trial.program.degree < _DRAGGED:
+        trial = trier.finer(trial, 1e-7, _DRAGGED, parts=1, steps=_STEPS)
     for _ in range(1 if quickly else _MOST_HALVINGS):
-        degree = _DRAGGED if trier.task.worm.drag else 1
-        finer = trier.finer(trial, 1e-7, max(degree, trial.program.degree))
+        if len(trial.point.x) > _MOST_UNKNOWNS:
+            break
+        finer = trier.finer(trial, 1e-8, steps=_STEPS)
         error = (finer.value - trial.value) / abs(trial.value or 1.0)
         trial = finer
-        if error <= _RESOLVED or len(trial.point.x) > _MOST_UNKNOWNS:
+        if error <= (_RESOLVED_DRAGGED if trier.task.worm.drag else _RESOLVED):
             break
-    trial = trier.climbed(trial, tolerance=1e-10, steps=10)
+    trial = trier.climbed(trial, tolerance=1e-10, steps=_STEPS)
     point, _ = trial.program.bilinear.sharpen(trial.point)
     return replace(trial, point=point), error
-
-
-_DRAGGED = 3  # degree of velocities where drag bends them
 
 
 def _smooth(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:

@@ -20,7 +20,8 @@ from wormopt.core.gait import Gait
 from wormopt.core.task import Limits, Objective, Task, Worm
 from wormopt.gaits.scaled_limits import Form, ScaledLimits
 from wormopt.gaits.sequences import Resting, Sequence_
-from wormopt.optimal.bilinear import BilinearProgram, BilinearRows, Point
+from wormopt.gaits.split import Pattern, SplitRows, split_matters
+from wormopt.optimal.bilinear import BilinearProgram, BilinearRows, Point, Product
 from wormopt.optimal.linear import Term
 
 __all__ = ["GaitProgram"]
@@ -49,6 +50,9 @@ class GaitProgram:
         Arcs per phase, alike for all or one number for each.
     degree : int, optional
         Degree of the velocities on an arc.
+    patterns : tuple, optional
+        Which spikes are unloaded or full, arc after arc, where that matters (`gaits.split`); any
+        split of the load is allowed if left out.
 
     Examples
     --------
@@ -66,10 +70,12 @@ class GaitProgram:
         task: Task,
         sequence: Sequence_,
         period: tuple[float, float],
-        arcs: int | Sequence[int] = 6,
+        arcs: int | Sequence[int] | np.ndarray = 6,
         degree: int = 1,
+        patterns: tuple[Pattern | None, ...] | None = None,
     ) -> None:
         self.task, self.sequence, self.period, self.degree = task, sequence, period, degree
+        self.patterns = patterns
         self.limits = _scaled(task.worm, replace(task.limits, period=period), task.objective)
         self.arcs = np.broadcast_to(arcs, len(sequence))
         self._edges = np.concatenate([[0], np.cumsum(self.arcs)])
@@ -82,7 +88,10 @@ class GaitProgram:
             at = slice(self._edges[phase], self._edges[phase + 1])
             for form in self.limits.forms(resting):
                 self._add_form(form, at)
-            self._add_peaks(resting, at)
+            if split_matters(task, resting):
+                self._add_splits(resting, at)
+            else:
+                self._add_peaks(resting, at)
         self._add_lengths()
         self._add_ends()
         self.bilinear = self._assemble()
@@ -138,7 +147,9 @@ class GaitProgram:
                 self._rows.add(terms, [], -contraction, extension)
         self._rows.upper = upper.tolist()
 
-    def _force(self, form: Form, at: slice, k: int) -> tuple[list[Term], list[tuple]]:
+    def _force(
+        self, form: Form, at: slice | np.ndarray, k: int
+    ) -> tuple[list[Term], list[Product]]:
         """Coefficient k of h times a form on some arcs: linear terms, and products for the drag.
 
         Accelerations are of one degree less; where they meet a drag they are raised to its.
@@ -149,14 +160,16 @@ class GaitProgram:
         steps = [(k + 1, k, degree - k if raised else degree)]
         if raised:
             steps.append((k, k - 1, k))
-        linear = [
+        linear: list[Term] = [
             (v[:, end, i], sign * weight * form.alpha[i])
             for later, sooner, weight in steps
             if weight
             for i in np.flatnonzero(form.alpha)
             for end, sign in ((later, 1.0), (sooner, -1.0))
         ]
-        products = [(h, v[:, k, i], self.limits.drag * form.beta[i]) for i in dragged]
+        products: list[Product] = [
+            (h, v[:, k, i], self.limits.drag * form.beta[i]) for i in dragged
+        ]
         return linear, products
 
     def _coefficients(self, form: Form) -> range:
@@ -173,6 +186,24 @@ class GaitProgram:
                 self._rows.add([*linear, (self.h[at], form.below)], products, 0.0, np.inf)
             if form.above < np.inf:
                 self._rows.add([*linear, (self.h[at], -form.above)], products, -np.inf, 0.0)
+
+    def _add_splits(self, resting: Resting, at: slice) -> None:
+        """What each spike carries, with one pattern for all loads of a range."""
+        patterns = self.patterns or (None,) * self.total
+        degree = self.degree if self.limits.drag else self.degree - 1
+        for pattern in sorted(set(patterns[at]), key=str):
+            arcs = np.array([k for k in range(self.total)[at] if patterns[k] == pattern])
+            for load in sorted(set(self.task.worm.load_range)):
+                SplitRows(
+                    self._rows,
+                    self.limits,
+                    self._force,
+                    self.h[arcs],
+                    arcs,
+                    degree,
+                    resting,
+                    load / self.limits.force,
+                ).add(pattern, self._peak, self.task.objective.minimise)
 
     def _add_peaks(self, resting: Resting, at: slice) -> None:
         """Forces below the peak that is minimised, at all times of a phase and any load, times h."""
@@ -256,15 +287,18 @@ class GaitProgram:
         x[self.h] = widths / self.limits.time
         return self.bilinear.restore(x)
 
-    def finer(self, point: Point, degree: int | None = None) -> tuple[GaitProgram, Point | None]:
-        """The same cycle with every arc halved, once those that only repeat others are joined."""
-        h = point.x[self.h]
-        joined = self._joined(point)
-        sums = np.add.reduceat(h, np.flatnonzero(joined))
-        arcs = np.add.reduceat(joined.astype(int), self._edges[:-1])
-        widths = np.repeat(sums / 2, 2) * self.limits.time
-        finer = type(self)(self.task, self.sequence, self.period, 2 * arcs, degree or self.degree)
-        return finer, finer.start_arcs(widths)
+    def finer(
+        self, point: Point, degree: int | None = None, parts: int = 2
+    ) -> tuple[GaitProgram, Point | None]:
+        """The same cycle with every arc cut in parts, once those that only repeat are joined."""
+        begins = self._joined(point)
+        first = np.flatnonzero(begins)
+        patterns = self.patterns and tuple(self.patterns[k] for k in np.repeat(first, parts))
+        arcs = parts * np.add.reduceat(begins.astype(int), self._edges[:-1])
+        widths = np.add.reduceat(point.x[self.h], first) * (self.limits.time / parts)
+        degree = degree or self.degree
+        finer = type(self)(self.task, self.sequence, self.period, arcs, degree, patterns)
+        return finer, finer.start_arcs(np.repeat(widths, parts))
 
     def _joined(self, point: Point) -> np.ndarray:
         """True for each arc that must begin where it does.
@@ -289,8 +323,20 @@ class GaitProgram:
                     bends = np.abs(slopes[k] - slopes[last]) > 1e-6 * (1 + np.abs(slopes[k]))
                     turns = rates[last, 0] * rates[k, 1] < 0
                     begins[k] = bends.any() or (turns & (np.abs(rates[k, 0]) < 1e-6)).any()
+                    if self.patterns and self.patterns[k] != self.patterns[last]:
+                        begins[k] = True
                 last = k
         return begins
+
+    def with_patterns(self, patterns: tuple[Pattern | None, ...]) -> GaitProgram:
+        """The same with other patterns.
+
+        Parameters
+        ----------
+        patterns : tuple
+            As for the class.
+        """
+        return GaitProgram(self.task, self.sequence, self.period, self.arcs, self.degree, patterns)
 
     def durations(self, point: Point) -> np.ndarray:
         """Duration of each phase, in the task's units."""

@@ -106,6 +106,16 @@ class ScaledLimits:
             return None
         return np.broadcast_to(limit, self.links) * self.time / self.speed
 
+    @cached_property
+    def spikes(self) -> np.ndarray:
+        """Largest loads of the spikes, shape (n + 1,); infinite without a limit."""
+        return _spread(self.task.limits.spike_load, self.links + 1) / self.force
+
+    @cached_property
+    def actuator_most(self) -> np.ndarray:
+        """Largest forces of the actuators, shape (n,); infinite without a limit."""
+        return _spread(self.task.limits.actuator_force, self.links) / self.force
+
     def fastest(self, resting: Resting) -> np.ndarray:
         """Largest velocity of each mass: links let it run from any that rests only so fast.
 

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from wormopt.core.task import Objective, Task
+from wormopt.gaits.patterns import patterns_of, simple_patterns
 from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.sequences import Sequence_
+from wormopt.gaits.split import split_matters
 from wormopt.gaits.waves import WaveProgram, is_wave
 from wormopt.optimal.bilinear import Climb, Point
 
@@ -121,7 +123,9 @@ class Trier:
         same = trial.program
         program = type(same)(self.task, trial.sequence, (low, high), same.arcs, same.degree)
         start = program.start_arcs(trial.program.widths(trial.point) * (wanted / period))
-        return start and self.climbed(Trial(program, start, cycles, trial.level))
+        if start is None:
+            return None
+        return self.settled(self.climbed(Trial(program, start, cycles, trial.level)))
 
     def _climb(
         self,
@@ -165,13 +169,57 @@ class Trier:
         point = trial.program.bilinear.climb(trial.point, until, lambda _: self._stop())
         return replace(trial, point=point)
 
-    def finer(self, trial: Trial, tolerance: float = 1e-4, degree: int | None = None) -> Trial:
-        """Halve the arcs and climb on; never worse."""
-        program, start = trial.program.finer(trial.point, degree)
+    def settled(self, trial: Trial) -> Trial | None:
+        """With the split of least actuation instead of any split; None where none is found.
+
+        Parameters
+        ----------
+        trial : Trial
+            Found with any split.
+        """
+        if not any(split_matters(self.task, resting) for resting in trial.sequence):
+            return trial
+        widths = trial.program.widths(trial.point)
+        found = []
+        for patterns in (patterns_of(trial.program, trial.point), *simple_patterns(trial.program)):
+            program = trial.program.with_patterns(patterns)
+            start = program.start_arcs(widths)
+            if start is not None:
+                found.append(self.climbed(replace(trial, program=program, point=start)))
+        best = max(found, key=lambda t: t.value, default=None)
+        return best and self._other_patterns(best)
+
+    def _other_patterns(self, trial: Trial, tolerance: float = 1e-3) -> Trial:
+        """Climb on with the other pattern wherever two hold, as long as that helps."""
+        for _ in range(_FLIPS if trial.program.patterns else 0):
+            patterns = patterns_of(trial.program, trial.point, other=True)
+            if patterns == trial.program.patterns:
+                break
+            program = trial.program.with_patterns(patterns)
+            start = program.start_arcs(trial.program.widths(trial.point))
+            if start is None:
+                break
+            better = self.climbed(replace(trial, program=program, point=start), tolerance)
+            if better.value <= trial.value + tolerance * abs(trial.value):
+                break
+            trial = better
+        return trial
+
+    def finer(
+        self,
+        trial: Trial,
+        tolerance: float = 1e-4,
+        degree: int | None = None,
+        parts: int = 2,
+        steps: int = 40,
+    ) -> Trial:
+        """Cut the arcs in parts, or raise the degree, and climb on; never worse."""
+        program, start = trial.program.finer(trial.point, degree, parts)
         level = trial.level + 1
         if start is None:
             return replace(trial, level=level)
-        better = self.climbed(Trial(program, start, trial.cycles, level), tolerance, 40)
+        better = self.climbed(Trial(program, start, trial.cycles, level), tolerance, steps)
+        better = self._other_patterns(better, tolerance)
         return better if better.value >= trial.value else replace(trial, level=level)
 
 
@@ -180,3 +228,5 @@ _LARGE = 1800
 _UP = 1 + 1e-9
 # A free period is no longer than so many times the first guess, and no shorter than this share.
 _LONGEST, _SHORTEST = 20.0, 1e-4
+# Most rounds in which other patterns of unloaded spikes are tried.
+_FLIPS = 4

@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 
 from wormopt.optimal.linear import Term
 
-__all__ = ["BilinearProgram", "BilinearRows", "Climb", "Point"]
+__all__ = ["BilinearProgram", "BilinearRows", "Climb", "Point", "Product"]
 
 # First and second factor, one per row or one for all, and the coefficient.
 Product = tuple["np.ndarray | int", "np.ndarray | int", "np.ndarray | float"]
@@ -327,7 +327,7 @@ class BilinearProgram:
         return best
 
     def sharpen(self, point: Point, radius: float = 1e-3) -> tuple[Point, np.ndarray]:
-        """Solve the equations of the active rows and bounds by Newton's method.
+        """Move onto the active rows and bounds by Newton's method, to rounding.
 
         Parameters
         ----------
@@ -347,35 +347,63 @@ class BilinearProgram:
         if found is None:
             return point, np.zeros(len(self.row_lower))
         multipliers = np.array(found.row_dual)
+        active = _nonbasic(self._basis.row_status)
+        at_upper = np.array([s == _UPPER for s in self._basis.row_status])
+        free = ~_nonbasic(self._basis.col_status)
         x = np.array(found.col_value)
-        basis = self._basis
-        held_rows = _nonbasic(basis.row_status)
-        free = ~_nonbasic(basis.col_status)
-        at_upper = np.array([s == highspy.HighsBasisStatus.kUpper for s in basis.row_status])
-        sides = np.where(at_upper, self.row_upper, self.row_lower)[held_rows]
-        for _ in range(_NEWTON_STEPS):
-            off = self.values(x)[held_rows] - sides
-            if not np.all(np.isfinite(off)):
+        for _ in range(_ROUNDS):
+            x = self._projected(x, np.where(at_upper, self.row_upper, self.row_lower), active, free)
+            if x is None:
                 return point, multipliers
-            matrix = self.jacobian(x)[held_rows][:, free].tocsc()
-            try:
-                x[free] -= splu(matrix).solve(off)
-            except (RuntimeError, ValueError):  # singular: the basis is no vertex here
-                return point, multipliers
-        sharp = Point(x, self.value(x))
+            values = self.values(x)
+            above = ~active & (values > self.row_upper + _SHARP)
+            below = ~active & (values < self.row_lower - _SHARP)
+            outside = free & ((x < self.lower - _SHARP) | (x > self.upper + _SHARP))
+            if not (above.any() or below.any() or outside.any()):
+                break
+            active, at_upper = active | above | below, (at_upper & ~below) | above
+            x, free = np.clip(x, self.lower, self.upper), free & ~outside
+        sharp = Point(np.clip(x, self.lower, self.upper), 0.0)
+        sharp = Point(sharp.x, self.value(sharp.x))
         worse = sharp.value < point.value - 1e-7 * abs(point.value)
-        if worse or self.violation(x) > max(_SHARP, 1e-3 * self.violation(point.x)):
+        if worse or self.violation(sharp.x) > max(10 * _SHARP, 1e-3 * self.violation(point.x)):
             return point, multipliers
         return sharp, multipliers
+
+    def _projected(
+        self, x: np.ndarray, sides: np.ndarray, active: np.ndarray, free: np.ndarray
+    ) -> np.ndarray | None:
+        """The nearest point where active rows are at their sides; None where there is none.
+
+        At a vertex this is Newton's method; elsewhere the smallest steps are taken.
+        """
+        x = x.copy()
+        weights = sparse.diags_array(1.0 / (x[free] ** 2 + _SMALL**2))
+        for _ in range(_NEWTON_STEPS):
+            off = self.values(x)[active] - sides[active]
+            if not np.all(np.isfinite(off)):
+                return None
+            matrix = self.jacobian(x)[active][:, free]
+            loose = sparse.diags_array(np.full(len(off), -_LOOSE))
+            system = sparse.block_array([[weights, matrix.T], [matrix, loose]], format="csc")
+            try:
+                step = splu(system).solve(np.concatenate([np.zeros(free.sum()), -off]))
+            except (RuntimeError, ValueError):  # rows that contradict each other
+                return None
+            x[free] += step[: free.sum()]
+        return x
 
 
 def _nonbasic(status: Sequence[Any]) -> np.ndarray:
     return np.array([s != highspy.HighsBasisStatus.kBasic for s in status])
 
 
-_NEWTON_STEPS = 4
+_UPPER = highspy.HighsBasisStatus.kUpper
+_NEWTON_STEPS, _ROUNDS = 3, 4
+# Unknowns below this size may move as far as one of it; rows that others imply may be off by this.
+_SMALL, _LOOSE = 1e-3, 1e-13
 _PIVOTS_OF_SETTING_UP = 20
-_SHARP = 1e-12
+_SHARP = 1e-13
 
 _OPTIONS = {
     "threads": 1,

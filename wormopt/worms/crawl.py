@@ -92,7 +92,7 @@ class Crawl:
         mean = np.zeros_like(s) if stretch.common is not None else sigma
         total = len(drive.mass) * mean
         if stretch.resting:
-            loads = share_load(total, unloaded, stretch.resting, drive.sharing)
+            loads = share_load(total, unloaded, stretch.resting, drive.sharing, drive.spike_load)
         else:
             loads = np.zeros_like(v)
         force = unloaded + np.cumsum(loads, axis=0)
@@ -358,7 +358,12 @@ def _integral_of_squares(series: Series) -> float:
 
 
 def crawl(
-    gait: Gait, mass: Sequence[float], drag: float, load: float, sharing: Sharing = "equal"
+    gait: Gait,
+    mass: Sequence[float],
+    drag: float,
+    load: float,
+    sharing: Sharing = "equal",
+    spike_load: float | Sequence[float] | None = None,
 ) -> Crawl:
     """Find the periodic motion that a gait gives a worm with spikes, (1)-(7).
 
@@ -372,6 +377,8 @@ def crawl(
         Viscous drag k and load Gamma on every mass.
     sharing : {"equal", "least_actuation"}, optional
         How two or more resting masses share the load.
+    spike_load : float or sequence of float, optional
+        What each spike can carry: "least_actuation" leaves more to the others, see `share_load`.
 
     Returns
     -------
@@ -400,5 +407,5 @@ def crawl(
     """
     if len(mass) != gait.links + 1:
         raise ArgumentError(f"{gait.links} links join {gait.links + 1} masses, not {len(mass)}")
-    drive = Drive(gait, np.asarray(mass, dtype=float), drag, load, sharing)
+    drive = Drive(gait, np.asarray(mass, dtype=float), drag, load, sharing, spike_load)
     return Crawl(gait, *periodic_stretches(drive), drive)

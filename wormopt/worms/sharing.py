@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Literal
 
@@ -14,7 +14,11 @@ Sharing = Literal["equal", "least_actuation"]
 
 
 def share_load(
-    total: np.ndarray, unloaded: np.ndarray, resting: Sequence[int], sharing: Sharing
+    total: np.ndarray,
+    unloaded: np.ndarray,
+    resting: Sequence[int],
+    sharing: Sharing,
+    most: Sequence[float] | np.ndarray | float | None = None,
 ) -> np.ndarray:
     """Split the total spike load over the resting masses.
 
@@ -27,8 +31,11 @@ def share_load(
     resting : sequence of int
         Resting masses, ascending.
     sharing : {"equal", "least_actuation"}
-        Same load on each, or the split with loads >= 0 that minimises the sum of squared
-        actuator forces. The latter is a bounded isotonic regression of the cumulative load.
+        Same load on each, or the split with loads from 0 to ``most`` that minimises the sum of
+        squared actuator forces.
+    most : float or sequence of float, shape (n+1,), optional
+        What each spike can carry; anything if left out. Where the resting spikes together cannot
+        carry the total, all are overloaded alike. Equal loads do not heed it.
 
     Returns
     -------
@@ -37,26 +44,64 @@ def share_load(
 
     Examples
     --------
+    Masses 0 and 2 rest. Least actuation would leave all to the head, which can carry 4.
+
     >>> import numpy as np
-    >>> share_load(np.array([6.0]), np.zeros((3, 1)), [0, 2], "equal").ravel()
+    >>> total, unloaded = np.array([6.0]), np.array([[-9.0], [-9.0], [-6.0]])
+    >>> share_load(total, unloaded, [0, 2], "equal").ravel()
     array([3., 0., 3.])
+    >>> share_load(total, unloaded, [0, 2], "least_actuation", most=4.0).ravel()
+    array([4., 0., 2.])
     """
-    loads = np.zeros_like(unloaded)
-    if sharing == "equal" or len(resting) == 1:
-        loads[list(resting)] = total / len(resting)
+    loads, masses = np.zeros_like(unloaded), list(resting)
+    if sharing == "equal" or len(masses) == 1:
+        loads[masses] = total / len(masses)
         return loads
+    caps = np.broadcast_to(np.inf if most is None else most, len(unloaded))[masses]
+    pushed = np.maximum(total, 0.0)
+    excess = np.maximum(pushed - caps.sum(), 0.0) / len(masses)
+    caps = np.minimum(caps[:, None], pushed) + excess
     # Behind resting mass k and before the next, every actuator force is unloaded + carried[k].
-    spans = list(pairwise(resting))
+    spans = list(pairwise(masses))
     sums = np.array([unloaded[i:j].sum(axis=0) for i, j in spans])
-    counts = np.array([j - i for i, j in spans])
-    carried = np.full_like(sums, -np.inf)
-    for k in range(len(spans)):
-        for first in range(k + 1):
-            means = [
-                -sums[first : last + 1].sum(axis=0) / counts[first : last + 1].sum()
-                for last in range(k, len(spans))
-            ]
-            carried[k] = np.maximum(carried[k], np.min(means, axis=0))
-    carried = np.clip(carried, 0.0, np.maximum(total, 0.0))
-    loads[list(resting)] = np.diff(carried, axis=0, prepend=0.0 * total[None], append=total[None])
+    counts = [j - i for i, j in spans]
+    carried = [pushed]
+    wanted = list(_wanted(sums, counts, caps))
+    for want, cap in zip(reversed(wanted), caps[:0:-1], strict=True):
+        carried.append(np.clip(want, carried[-1] - cap, carried[-1]))
+    inner = np.array(carried[:0:-1])
+    loads[masses] = np.diff(inner, axis=0, prepend=0.0 * total[None], append=total[None])
     return loads
+
+
+def _wanted(sums: np.ndarray, counts: Sequence[int], caps: np.ndarray) -> Iterator[np.ndarray]:
+    """What the first resting masses would carry together, did those behind let them.
+
+    The least sum of squares ahead is a convex function of the load carried so far; its slope is
+    piecewise linear, given by knots. One more spike, which takes 0 to its cap, parts the slope
+    at its root and moves what is behind by the cap.
+    """
+    place, slope = np.zeros((1, sums.shape[1])), np.zeros((1, sums.shape[1]))
+    root = place[0]
+    for total, count, cap in zip(sums, counts, caps[:-1], strict=True):
+        place = np.vstack([place + np.where(slope > 0, cap, 0.0), root, root + cap])
+        slope = np.vstack([slope, np.zeros((2, len(root)))])
+        order = np.lexsort((slope, place), axis=0)
+        place, slope = (np.take_along_axis(knots, order, axis=0) for knots in (place, slope))
+        slope = slope + count * place + total
+        root = _root(place, slope)
+        yield root
+
+
+def _root(place: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Root of ascending piecewise linear functions, or the end of their range nearest to one."""
+    last = len(place) - 1
+    above = np.minimum((slope < 0).sum(axis=0), last)
+    below = np.maximum(above - 1, 0)
+    x0, x1, y0, y1 = (
+        np.take_along_axis(knots, at[None], axis=0)[0]
+        for knots in (place, slope)
+        for at in (below, above)
+    )
+    rise = np.where(y1 > y0, y1 - y0, 1.0)
+    return np.clip(x0 - y0 * (x1 - x0) / rise, x0, x1)

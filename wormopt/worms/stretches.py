@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, pairwise
@@ -31,6 +31,8 @@ class Drive:
         Viscous drag k and load Gamma on every mass.
     sharing : {"equal", "least_actuation"}
         How resting masses share the load.
+    spike_load : float or sequence of float, optional
+        What each spike can carry, which the second rule heeds.
     """
 
     gait: Gait
@@ -38,6 +40,7 @@ class Drive:
     drag: float
     load: float
     sharing: Sharing
+    spike_load: float | Sequence[float] | None = None
 
     @property
     def mean_mass(self) -> float:

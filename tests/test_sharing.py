@@ -1,0 +1,157 @@
+"""How resting spikes share their load where each carries only so much: rule, motion, design."""
+
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
+
+from wormopt.core.task import Cost, Limits, Worm
+from wormopt.gaits.construct import block_wave
+from wormopt.gaits.optimize import Design, design
+from wormopt.worms.crawl import crawl
+from wormopt.worms.sharing import share_load
+
+Split = tuple[np.ndarray, float, list[int], np.ndarray, np.ndarray]
+
+
+@st.composite
+def splits(draw: st.DrawFn) -> Split:
+    """Random forces, total, resting masses, caps that suffice (some endless), and the split."""
+    random = np.random.default_rng(draw(st.integers(0, 10**6)))
+    links = draw(st.integers(1, 8))
+    count = int(random.integers(2, links + 2))
+    resting = sorted(random.choice(links + 1, count, replace=False).tolist())
+    total = float(random.uniform(0.01, 20))
+    unloaded = np.append(random.normal(0, 8, links), -total)
+    most = random.uniform(0, 1, links + 1)
+    most *= total * random.uniform(1, 3) / most[resting].sum()
+    most[random.uniform(size=links + 1) < 0.1] = np.inf
+    loads = share_load(np.array([total]), unloaded[:, None], resting, "least_actuation", most)
+    return unloaded, total, resting, most, loads.ravel()
+
+
+@settings(max_examples=300, deadline=None)
+@given(split=splits())
+def test_no_shift_of_load_between_spikes_makes_actuation_less(split: Split):
+    """Shifts from one spike to another span all feasible directions of a convex problem."""
+    unloaded, total, resting, most, loads = split
+    scale = total + np.abs(unloaded).max()
+    assert loads.sum() == pytest.approx(total, rel=1e-12)
+    assert loads.min() >= -1e-13 * scale
+    assert np.all(loads <= most + 1e-13 * scale)
+    assert np.delete(loads, resting) == pytest.approx(0.0, abs=0.0)
+    force = (unloaded + np.cumsum(loads))[:-1]
+    for giver, taker in permutations(resting, 2):
+        if loads[giver] > 1e-12 * scale and loads[taker] < most[taker] - 1e-12 * scale:
+            low, high = sorted((giver, taker))
+            slope = force[low:high].sum() * (1.0 if taker == low else -1.0)
+            assert slope >= -1e-11 * scale
+
+
+@settings(max_examples=100, deadline=None)
+@given(split=splits())
+def test_capped_split_is_the_bounded_least_squares_solution(split: Split):
+    """Against a solver for boxes, the sum held by a heavily weighted row."""
+    unloaded, total, resting, most, loads = split
+    links = len(unloaded) - 1
+    carried = np.array([[float(i < j) for i in resting] for j in range(1, links + 1)])
+    rows = np.vstack([carried, np.full(len(resting), 1e5)])
+    sought = np.append(-unloaded[:-1], 1e5 * total)
+    caps = np.maximum(most[resting], 1e-9)
+    best = lsq_linear(rows, sought, (0.0, caps), tol=1e-14, method="bvls")
+    forces, others = (unloaded[:-1] + carried @ x for x in (loads[resting], best.x))
+    assert forces @ forces == pytest.approx(others @ others, rel=1e-5, abs=1e-5)
+
+
+def test_spikes_that_cannot_carry_it_all_are_overloaded_alike():
+    total, unloaded = np.array([9.0, 5.0]), np.array([[-1.0, -1.0]] * 3)
+    loads = share_load(total, unloaded, [0, 2], "least_actuation", [2.0, 9.0, 3.0])
+    assert loads == pytest.approx(np.array([[4.0, 2.0], [0.0, 0.0], [5.0, 3.0]]))
+
+
+def test_capped_loads_in_motion():
+    """Caps are kept at all times, moves and sums stay, and more actuation is the price."""
+    gait = block_wave(4, 3, 1.0, (0.9, 1.2), "quintic")
+    free = crawl(gait, [1.0] * 5, 0.5, 30.0, "least_actuation")
+    highest = free.extremes("reaction")[1].max()
+    needed = 5 / 3 * free.extremes("reaction_mean")[1].max()
+    cap = 0.7 * highest + 0.3 * needed
+    held = crawl(gait, [1.0] * 5, 0.5, 30.0, "least_actuation", cap)
+    assert needed < cap < highest
+    assert held.extremes("reaction")[1].max() == pytest.approx(cap, rel=1e-9)
+    assert held.advance == pytest.approx(free.advance, abs=1e-13)
+    assert held.integral("reaction").sum() == pytest.approx(free.integral("reaction").sum())
+    low, high = held.extremes("closure")
+    assert max(-low[0], high[0]) < 1e-9 * cap
+    assert held.net_work == pytest.approx(free.net_work, rel=1e-9)
+    squares = [
+        float((m.sample(2000)["actuator_force"] ** 2).sum(axis=0).mean()) for m in (free, held)
+    ]
+    assert squares[0] < squares[1]
+
+
+def test_design_may_leave_a_resting_spike_little_load():
+    """Both spikes carry 27 at most, by any split: as fast as if only their sum were limited."""
+    limits = Limits(
+        period=1.0,
+        length=(0.7, 1.3),
+        rate=1.0,
+        acceleration=20.0,
+        resting=2,
+        spike_load=27.0,
+        sharing="least_actuation",
+    )
+    found = design(Worm(2, load=5.0), limits)
+    assert found.speed == pytest.approx(0.275, abs=1e-9)
+    assert max(found.violations.values()) < 1e-9
+    assert found.motion.extremes("reaction")[1].max() <= 27.0 * (1 + 1e-12)
+
+
+def actuated(objective: Cost | None = None, **changed: Any) -> Design:
+    """Two of three masses rest at any time; least actuation shares the load."""
+    numbers: dict[str, Any] = {"period": 1.0, "length": (0.7, 1.3), "rate": 1.0}
+    numbers |= {"acceleration": 20.0, "resting": 2, "sharing": "least_actuation"}
+    limits = Limits(**(numbers | changed))
+    if objective is not None:
+        return design(Worm(2, load=5.0), limits, objective, speed=0.2)
+    return design(Worm(2, load=5.0), limits)
+
+
+@pytest.mark.parametrize("most", [(16.0, 16.0), (9.0, 20.0)])
+def test_design_under_limited_actuators_keeps_to_the_rule(most: tuple[float, float]):
+    """The crawl splits in closed form, the program by rows; the mirror image is as fast."""
+    found = actuated(actuator_force=most)
+    assert max(found.violations.values()) < 1e-9
+    assert actuated(actuator_force=most[::-1]).speed == pytest.approx(found.speed, rel=1e-9)
+    reached = np.abs(found.motion.extremes("actuator_force")).max(axis=0)
+    assert np.max(reached / most) == pytest.approx(1.0, rel=1e-9)
+
+
+def test_limits_on_spikes_and_actuators_together():
+    """Weaker spikes move load, and with it actuator forces, and cost speed."""
+    found = [actuated(actuator_force=(9.0, 20.0), spike_load=most) for most in (9.0, 10.0, 12.0)]
+    for design_, most in zip(found, (9.0, 10.0, 12.0), strict=True):
+        assert max(design_.violations.values()) < 1e-9
+        assert design_.motion.extremes("reaction")[1].max() == pytest.approx(most, rel=1e-9)
+    speeds = [design_.speed for design_ in found]
+    # without limits on actuators the first two could be 5/36 and 1/5
+    assert speeds == sorted(speeds)
+    assert 0.13 < speeds[0] < 5 / 36
+    assert 0.19 < speeds[1] < 1 / 5
+
+
+@pytest.mark.parametrize(
+    ("cost", "signal"), [("peak_spike_load", "reaction"), ("peak_actuator_force", "actuator_force")]
+)
+def test_peaks_minimised_are_those_of_the_rule(cost: Cost, signal: str):
+    """What the program makes small is what the closed form finds."""
+    found = actuated(cost)
+    assert max(found.violations.values()) < 1e-9
+    assert found.trial is not None
+    peak = float(np.abs(found.motion.extremes(signal)).max())
+    assert peak == pytest.approx(-found.trial.value, rel=1e-9)
+    assert found.speed == pytest.approx(0.2, rel=1e-9)
