@@ -26,7 +26,7 @@ from wormopt.worms.crawl import Crawl, crawl
 __all__ = ["Design", "design", "designed", "finished"]
 
 # Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
-_RESOLVED, _RESOLVED_DRAGGED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 1e-7, 1500, 5
+_RESOLVED, _RESOLVED_DRAGGED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 1e-7, 1000, 5
 # Degree of velocities where drag bends them, and most steps of a climb between two halvings.
 _DRAGGED, _STEPS = 3, 15
 # Trials within this share of the best are sharpened too: one of them may end higher.
