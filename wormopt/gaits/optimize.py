@@ -1,4 +1,4 @@
-"""Design a gait: search the order of rest and the number of cycles, then sharpen it; or say why not."""
+"""Design a gait: search the order of rest and cycles a period, sharpen it, or say why not."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ __all__ = ["Design", "design", "designed"]
 _RESOLVED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 4000, 5
 # Trials within this share of the best are sharpened too: one of them may end higher.
 _CLOSE, _TIE = 2e-3, 1e-8
+_SEARCH = Search()
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,13 @@ class Design:
         return self.motion_under(self.task.worm.load_range[1])
 
     def motion_under(self, load: float) -> Crawl:
-        """How the worm crawls with it under some load."""
+        """How the worm crawls with it under some load.
+
+        Parameters
+        ----------
+        load : float
+            On each mass.
+        """
         worm, limits = self.task.worm, self.task.limits
         return crawl(self.gait, worm.masses, worm.drag, load, limits.sharing)
 
@@ -100,7 +107,7 @@ class Design:
 
     @cached_property
     def violations(self) -> dict[str, float]:
-        """Excess over each limit relative to its size, at the ends and middle of a range of loads."""
+        """Excess over each limit by its size; the worst of a load range's ends and middle."""
         low, high = self.task.worm.load_range
         loads = [low] if low == high else [low, (low + high) / 2, high]
         found = [
@@ -114,7 +121,7 @@ def design(
     limits: Limits,
     objective: Literal["speed"] | Cost = "speed",
     speed: float | None = None,
-    search: Search = Search(),
+    search: Search = _SEARCH,
     report: Report = silent,
 ) -> Design:
     """Design the best gait of a worm within limits.
@@ -168,7 +175,23 @@ def design(
 def designed(
     task: Task, settings: Search, report: Report, hints: Iterable[Sequence_] = ()
 ) -> Design:
-    """Design the best gait of a task, as `design`; orders in ``hints`` are tried first."""
+    """Design the best gait of a task, as `design`.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    settings : Search
+        How to search.
+    report : callable
+        Told what goes on.
+    hints : iterable of sequences, optional
+        Orders of rest that are tried first.
+
+    Returns
+    -------
+    Design
+    """
     bound = _ceiling(task)
     required = task.objective.speed
     if required is not None and required > bound:
@@ -206,7 +229,7 @@ def _refuse_load_range(task: Task) -> None:
         )
 
 
-def _nothing(task: Task, settings: Search, survey: Survey, report: Report) -> Exception:
+def _nothing(task: Task, settings: Search, survey: Survey, report: Report) -> BaseException:
     if survey.ended == "interrupted":
         return KeyboardInterrupt()
     if survey.ended == "time limit":
@@ -295,7 +318,7 @@ def _smooth(task: Task, settings: Search, survey: Survey, bound: float, report: 
             raise SolveError("no motion was found for this cost", "try another search.seed")
         best = min(solved, key=lambda s: s.objective)
         report("refining", 0.9)
-        best, error = refine_cost(task, best) if ended == "searched" else (best, np.nan)
+        best, error = refine_cost(best) if ended == "searched" else (best, np.nan)
     except KeyboardInterrupt:
         if not solved:
             raise

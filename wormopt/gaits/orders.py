@@ -21,6 +21,18 @@ def first_orders(task: Task) -> list[Sequence_]:
 
     Block-rest waves, of more resting masses too where those share a load, and for one resting
     mass accordions: head and tail in turn, without and with a mass between.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+
+    Examples
+    --------
+    >>> from wormopt.core.task import Limits, Worm
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> first_orders(Task(Worm(links=1), limits))
+    [((0,), (1,)), ((1,), (0,))]
     """
     n = task.worm.links
     found = [tuple(block_wave_sequence(n, a)) for a in sizes_of(task)] if n <= 12 else []
@@ -34,6 +46,11 @@ def letters_of(task: Task) -> list[Resting]:
     """Sets of resting masses that orders are made of.
 
     All sets, where they are few; else blocks of neighbours round the ends.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
     """
     masses, sizes = task.worm.links + 1, sizes_of(task)
     if sum(comb(masses, size) for size in sizes) <= _MOST_SETS:
@@ -48,6 +65,13 @@ def plain_orders(task: Task, phases: int | None = None) -> list[Sequence_]:
     """Orders of few phases, the highest ceilings first, then the shortest.
 
     Of exactly as many resting masses as asked for, and of more in short orders only.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    phases : int, optional
+        Most phases of a cycle.
     """
     masses, mirror = task.worm.links + 1, is_mirror_symmetric(task)
     letters = letters_of(task)

@@ -63,6 +63,11 @@ _TIE = 1e-7
 def effort_of(settings: Search) -> Effort:
     """Effort that is asked for.
 
+    Parameters
+    ----------
+    settings : Search
+        How to search.
+
     Examples
     --------
     >>> effort_of(Search(effort="quick")).rounds
@@ -229,7 +234,8 @@ def search(task: Task, settings: Search, report: Report, hints: Iterable[Sequenc
     steps = _steps(race, settings, report, hints)
     ended, varied = "searched", 0
     try:
-        for varied in steps:
+        for count in steps:
+            varied = count
             if monotonic() > until:
                 ended = "time limit"
                 break
@@ -325,7 +331,7 @@ def _edited(race: _Race, parents: list[Trial]) -> Iterator[tuple[Sequence_, np.n
 
 
 def _joined(race: _Race, parents: list[Trial]) -> Iterator[tuple[Sequence_, np.ndarray]]:
-    """Two cycles in one, where a period has room: twice the same, its mirror image, two of the best."""
+    """Two cycles in one, where a period has room: the same, its mirror image, or another."""
     masses, longest = race.task.worm.links + 1, race.task.limits.period_range[1]
     for one, two in product(parents, repeat=2):
         first, second = one.durations, two.durations

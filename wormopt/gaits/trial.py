@@ -85,7 +85,22 @@ class Trier:
         durations: np.ndarray | None = None,
         enough: float = -np.inf,
     ) -> Trial | None:
-        """Climb with a period as short as may be, up to the longest; give up below ``enough``."""
+        """Climb with a free period, as short as may be, up to the longest.
+
+        Parameters
+        ----------
+        sequence : tuple of tuple of int
+            Resting masses, phase after phase.
+        durations : ndarray, optional
+            Of the phases, to begin with.
+        enough : float, optional
+            Give up where this value seems out of reach.
+
+        Returns
+        -------
+        Trial or None
+            None where no gait of this order meets the limits.
+        """
         if durations is None:
             durations = np.full(len(sequence), self.phase_guess())
         longest = min(self.longest, _LONGEST * float(durations.sum()))
@@ -93,7 +108,18 @@ class Trier:
         return self._climb(sequence, (_SHORTEST * longest, longest), durations, enough)
 
     def fit(self, trial: Trial) -> Trial | None:
-        """The best whole number of cycles in a period."""
+        """The best whole number of cycles in a period.
+
+        Parameters
+        ----------
+        trial : Trial
+            With a free period.
+
+        Returns
+        -------
+        Trial or None
+            None where no number of cycles has a gait.
+        """
         period = float(trial.durations.sum())
         counts = {floor(self.longest / period * _UP), ceil(self.shortest / period / _UP)}
         fitted = [self._fitted(trial, max(1, count)) for count in sorted(counts)]
@@ -141,13 +167,36 @@ class Trier:
     def climbed(
         self, trial: Trial, tolerance: float = 1e-3, steps: int = 25, enough: float = -np.inf
     ) -> Trial:
-        """Climb on from where a trial is."""
+        """Climb on from where a trial is.
+
+        Parameters
+        ----------
+        trial : Trial
+            Where to begin.
+        tolerance, steps, enough : float, int, float
+            See `Climb`; ``enough`` in the task's units.
+
+        Returns
+        -------
+        Trial
+            Never worse.
+        """
         until = Climb(tolerance, steps, enough=enough / trial.program.unit)
         point = trial.program.bilinear.climb(trial.point, until, lambda _: self._stop())
         return replace(trial, point=point)
 
     def finer(self, trial: Trial, tolerance: float = 1e-4, degree: int | None = None) -> Trial:
-        """Halve the arcs and climb on; never worse."""
+        """Halve the arcs and climb on; never worse.
+
+        Parameters
+        ----------
+        trial : Trial
+            Where to begin.
+        tolerance : float, optional
+            See `Climb`.
+        degree : int, optional
+            Degree of the velocities on an arc; as it is if left out.
+        """
         program, start = trial.program.finer(trial.point, degree)
         level = trial.level + 1
         if start is None:
