@@ -1,10 +1,10 @@
 """Certificates in scenes: what a result says, what is refused, what is kept between runs."""
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from test_design import G1
@@ -13,7 +13,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import Interrupted, SceneError
 from wormopt.gaits import certify
-from wormopt.gaits.optimize import design
+from wormopt.gaits.optimize import designed
 from wormopt.progress import silent
 from wormopt.studies import gait_certificate, gait_design
 
@@ -26,7 +26,7 @@ def run(*changes: str):
 
 @cache
 def designed_once(task, settings):
-    return design(task, settings, silent)
+    return designed(task, settings, silent)
 
 
 @pytest.fixture(autouse=True)
@@ -34,9 +34,9 @@ def one_design(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is designed does not depend on the certificate: once is enough."""
 
     def again(task, settings, report):
-        return designed_once(task, msgspec.structs.replace(settings, certify=None))
+        return designed_once(task, replace(settings, certify=None))
 
-    monkeypatch.setattr(gait_design, "design", again)
+    monkeypatch.setattr(gait_design, "designed", again)
 
 
 def value(result, name: str):

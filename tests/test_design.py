@@ -1,6 +1,7 @@
 """Designed gaits: benchmarks, the bounds they may not pass, and what happens when none exists."""
 
 import json
+from dataclasses import replace
 from itertools import combinations
 from math import comb, gcd, sqrt
 from pathlib import Path
@@ -13,23 +14,21 @@ from hypothesis import strategies as st
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.core.ceiling import ceiling
+from wormopt.core.task import Limits, Objective, Rates, Search, Task, Worm
 from wormopt.errors import Interrupted, SolveError
-from wormopt.gaits import search
-from wormopt.gaits.attempt import Task
 from wormopt.gaits.construct import block_wave
 from wormopt.gaits.files import gait_of_result
-from wormopt.gaits.optimize import design
+from wormopt.gaits.optimize import design, designed
 from wormopt.gaits.sequences import sequences
+from wormopt.gaits.trial import Trier
 from wormopt.gaits.verify import violations
-from wormopt.optimal.collocation import Collocation
-from wormopt.progress import silent
-from wormopt.scenes.gait_design import GaitLimits, Objective, RateLimits
-from wormopt.scenes.gait_search import Search
-from wormopt.scenes.worm import WormTable
+from wormopt.optimal.bilinear import BilinearProgram
 from wormopt.simulation.bimodal import integrate
 from wormopt.worms.crawl import crawl
 
 G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1
+G1_WORM = Worm(links=2, load=5.0)
+G1_LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
 
 
 def run(*overrides: str):
@@ -112,28 +111,14 @@ def test_drag_bends_the_arcs_and_they_are_resolved():
 
 @pytest.mark.slow
 def test_halving_every_arc_confirms_the_discretisation_error():
-    """The gain promised by the linear program against optimising on halved arcs for real."""
-    from dataclasses import replace
-
-    from wormopt.gaits import attempt, polish
-
-    task = Task(
-        WormTable(links=2, mass=1.0, drag=0.5, load=5.0),
-        GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0),
-        Objective(maximise="speed"),
-    )
-    order = ((0,), (1,), (2,))
-    jobs = [attempt.Job(task, order, (0, 1000 + k), 8) for k in range(4)]
-    coarse = attempt.attempts(jobs, 1)[order]
-    assert coarse is not None
-    solved = polish._solve(task, coarse)
-    meshes = [
-        replace(coarse.mesh, arcs=arcs, collocation=Collocation(5), input_degree=3)
-        for arcs in (8, 16)
-    ]
-    once, halved = (polish._optimise_on(task, solved, mesh) for mesh in meshes)
-    assert halved.objective == pytest.approx(once.objective, abs=1e-7)
-    assert polish._left_by_halving(task, once) < 1e-6
+    """What is left by the last halving, against halving once more with a higher degree."""
+    own = Search(sequence=((0,), (1,), (2,)))
+    found = design(replace(G1_WORM, drag=0.5), G1_LIMITS, search=own)
+    trial = found.trial
+    assert trial is not None
+    finer = Trier(found.task).finer(trial, 1e-9, trial.program.degree + 1)
+    assert finer.value == pytest.approx(trial.value, rel=1e-7)
+    assert abs(found.error) < 1e-6
 
 
 def test_uphill_gait_keeps_two_masses_at_rest():
@@ -147,7 +132,7 @@ def test_uphill_gait_keeps_two_masses_at_rest():
 
 def best_wave(links: int, resting: int) -> float:
     """Speed of the fastest block-rest wave of trapezoidal rate within the limits of G1."""
-    limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0, resting=resting)
+    limits = replace(G1_LIMITS, resting=resting)
     for stroke in np.linspace(0.6, 0.02, 30):
         for ramp in (0.15, 0.3, 0.5):
             length = (1 - stroke / 2, 1 + stroke / 2)
@@ -210,20 +195,19 @@ limits_ = st.builds(
 @given(limits_)
 def test_no_designed_gait_passes_the_ceiling(given_):
     """Random limits: the ceiling holds, no limit is exceeded, and the second route agrees."""
-    limits = GaitLimits(
+    limits = Limits(
         period=given_["period"],
         length=(given_["shortest"], given_["shortest"] + given_["room"]),
-        rate=RateLimits(contraction=given_["contraction"], extension=given_["extension"]),
+        rate=Rates(contraction=given_["contraction"], extension=given_["extension"]),
         acceleration=given_["acceleration"],
     )
-    worm = WormTable(links=2, mass=1.0, load=given_["load"])
-    task = Task(worm, limits, Objective(maximise="speed"))
+    worm = Worm(links=2, load=given_["load"])
     own = Search(sequence=given_["sequence"], effort="quick", workers=1)
-    found = design(task, own, silent)
-    motion = crawl(found.gait, worm.masses, 0.0, worm.load)
+    found = design(worm, limits, search=own)
+    motion = crawl(found.gait, worm.masses, 0.0, given_["load"])
     assert motion.speed <= found.ceiling + 1e-9
-    assert max(violations(motion, limits).values()) <= 1e-9
-    again = integrate(found.gait, worm.masses, 0.0, worm.load)
+    assert max(violations(motion, limits, found.cycles).values()) <= 1e-9
+    again = integrate(found.gait, worm.masses, 0.0, given_["load"])
     assert again.speed == pytest.approx(motion.speed, abs=1e-9)
 
 
@@ -266,8 +250,7 @@ def test_mirror_images_really_are_equally_fast():
 def test_a_sequence_is_never_faster_than_its_own_ceiling(fast_gait):
     for candidate in fast_gait.trust["search"]["best"]:
         bound = ceiling([1.0, 1.0], [1.0, 1.0], 1, candidate["sequence"])
-        # speed is scaled by the rate limit, which is 1 here
-        assert -candidate["scaled_objective"] <= bound + 1e-3
+        assert candidate["objective"] <= bound + 1e-9
 
 
 # -- no gait, interruptions ------------------------------------------------------------------
@@ -307,17 +290,22 @@ def test_an_impossible_request_names_the_limits(overrides, named, tmp_path: Path
     assert (tmp_path / "o" / "summary.json").is_file()
 
 
-def test_an_interrupted_search_leaves_the_best_gait_so_far(monkeypatch):
-    calls = []
+def interrupt_climb(monkeypatch, after: int) -> list[int]:
+    """The user stops when so many climbs have begun, once."""
+    climb, calls = BilinearProgram.climb, []
 
-    def interrupted_later(*args):
-        calls.append(args)
-        if len(calls) > 1:
+    def interrupted_once(*args):
+        calls.append(len(calls))
+        if len(calls) == after:
             raise KeyboardInterrupt
-        return original(*args)
+        return climb(*args)
 
-    original = search.attempts
-    monkeypatch.setattr(search, "attempts", interrupted_later)
+    monkeypatch.setattr(BilinearProgram, "climb", interrupted_once)
+    return calls
+
+
+def test_an_interrupted_search_leaves_the_best_gait_so_far(monkeypatch):
+    interrupt_climb(monkeypatch, 6)
     with pytest.raises(Interrupted) as stopped:
         run()
     partial = stopped.value.partial
@@ -334,7 +322,7 @@ def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
         "pareto_speed_load",
         ["pareto.points=3", 'search.effort="quick"', "search.sequence=[[0],[2],[1]]"],
     )
-    original, seen = gait_pareto.design, []
+    original, seen = gait_pareto.designed, []
 
     def stop_at_the_third(*args):
         seen.append(args)
@@ -342,7 +330,7 @@ def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
             raise KeyboardInterrupt
         return original(*args)
 
-    monkeypatch.setattr(gait_pareto, "design", stop_at_the_third)
+    monkeypatch.setattr(gait_pareto, "designed", stop_at_the_third)
     with pytest.raises(Interrupted) as stopped:
         wo.run(scene)
     assert len(stopped.value.partial["front_speed"].values) == 2
@@ -356,33 +344,24 @@ def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
 
 def test_impulses_reach_what_accelerations_cannot():
     """Rates may jump without an acceleration limit; momentum still falls no faster than by load."""
-    limits = GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, impulses=True)
-    worm = WormTable(links=2, mass=1.0, load=5.0)
+    limits = replace(G1_LIMITS, acceleration=None, impulses=True)
     own = Search(sequence=((0,), (2,), (1,)), workers=1)
-    found = design(Task(worm, limits, Objective(maximise="speed")), own, silent)
-    motion = crawl(found.gait, worm.masses, 0.0, 5.0)
+    found = design(G1_WORM, limits, search=own)
+    motion = crawl(found.gait, G1_WORM.masses, 0.0, 5.0)
     assert G1 < motion.speed <= 1.0 + 1e-9
     assert not motion.glides
-    assert max(violations(motion, limits).values()) <= 1e-9
-    assert integrate(found.gait, worm.masses, 0.0, 5.0).speed == pytest.approx(motion.speed)
+    assert max(violations(motion, limits, found.cycles).values()) <= 1e-9
+    assert integrate(found.gait, G1_WORM.masses, 0.0, 5.0).speed == pytest.approx(motion.speed)
 
 
 def test_limits_survive_being_sent_to_another_process():
     import pickle
 
-    task = Task(
-        WormTable(links=2, mass=1.0),
-        GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0),
-        Objective(maximise="speed"),
-    )
+    task = Task(G1_WORM, G1_LIMITS)
     assert pickle.loads(pickle.dumps(task)) == task
 
 
 def test_a_required_speed_above_the_ceiling_is_refused_before_any_search():
-    task = Task(
-        WormTable(links=2, mass=1.0, load=5.0),
-        GaitLimits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0),
-        Objective(minimise="energy_per_distance", speed=1.1),
-    )
+    task = Task(G1_WORM, G1_LIMITS, Objective("energy_per_distance", 1.1))
     with pytest.raises(SolveError, match=r"objective\.speed = 1\.1 is above the ceiling 1"):
-        design(task, Search(), lambda *_: pytest.fail("it searched"))
+        designed(task, Search(), lambda *_: pytest.fail("it searched"))

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 
 from wormopt.cli import main
+from wormopt.core.task import Limits, Rates
 from wormopt.errors import SceneError
 from wormopt.scenes import Scene, load_scene, packaged_scenes
 from wormopt.scenes.gait import BlockWave, FastGait
-from wormopt.scenes.gait_design import GaitLimits, RateLimits
 
 DESIGN = """
 schema = 1
@@ -103,9 +103,9 @@ HOSTILE = [
     (DESIGN, "gait=[]", "gait", "a table"),
     (DESIGN, "worm.links=2.0", "worm.links", "a whole number"),
     (DESIGN, "worm.links=true", "worm.links", "a whole number"),
-    (DESIGN, "worm.links=0", "worm.links", "1 to 8"),
-    (DESIGN, "worm.links=9", "worm.links", "1 to 8"),
-    (DESIGN, f"worm.links={10**30}", "worm.links", "1 to 8"),
+    (DESIGN, "worm.links=0", "worm.links", "1 to 32"),
+    (DESIGN, "worm.links=33", "worm.links", "1 to 32"),
+    (DESIGN, f"worm.links={10**30}", "worm.links", "1 to 32"),
     (DESIGN, "worm.links", "worm.links", "missing"),
     (DESIGN, "worm.mass=-1", "worm.mass", "above 0"),
     (DESIGN, "worm.mass=0", "worm.mass", "above 0"),
@@ -165,7 +165,7 @@ HOSTILE = [
     (DESIGN, 'objective={minimise="energy_per_distance", speed=0}', "objective.speed", "above 0"),
     (DESIGN, "search.seed=-1", "search.seed", "a whole number from 0"),
     (DESIGN, 'search.effort="max"', "search.effort", '"thorough"'),
-    (DESIGN, "search.phases=1", "search.phases", "2 to 12"),
+    (DESIGN, "search.phases=1", "search.phases", "2 to 64"),
     (DESIGN, "search.workers=0", "search.workers", "1 to 1024"),
     (DESIGN, "search.sequence=[[0]]", "search.sequence", "two"),
     (DESIGN, "search.sequence=[[0], [3]]", "search.sequence[1]", "indices 0 to 2"),
@@ -474,12 +474,12 @@ def test_a_gait_file_is_found_beside_the_scene(tmp_path: Path):
 
 
 def test_limits_are_spread_over_links():
-    limits = GaitLimits(period=(1.0, 2.0), length=((1.0, 2.0), (2.0, 3.0)))
+    limits = Limits(period=(1.0, 2.0), length=((1.0, 2.0), (2.0, 3.0)))
     assert limits.period_range == (1.0, 2.0)
     assert limits.length_ranges(2) == ((1.0, 2.0), (2.0, 3.0))
     assert limits.rate_limits(2) is None
-    limits = GaitLimits(
-        period=1.0, length=(1.0, 2.0), rate=RateLimits(contraction=1.0, extension=(2.0, 3.0))
+    limits = Limits(
+        period=1.0, length=(1.0, 2.0), rate=Rates(contraction=1.0, extension=(2.0, 3.0))
     )
     assert limits.period_range == (1.0, 1.0)
     assert limits.length_ranges(2) == ((1.0, 2.0), (1.0, 2.0))

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from wormopt.core.gait import Gait
     from wormopt.core.model import Contact, Model, Output, Schedule, Signal, Switch
     from wormopt.core.modes import ModeSequence
+    from wormopt.core.task import Certify, Limits, Objective, Rates, Search, Task, Worm
     from wormopt.errors import (
         ArgumentError,
         Interrupted,
@@ -32,7 +33,8 @@ if TYPE_CHECKING:
     )
     from wormopt.gaits.construct import fast_gait, travelling_sine
     from wormopt.gaits.files import load_gait
-    from wormopt.gaits.optimize import design
+    from wormopt.gaits.optimize import Design, design
+    from wormopt.gaits.verify import violations
     from wormopt.linear.bode import bode
     from wormopt.linear.lie import relative_degree
     from wormopt.linear.linearise import Linear, linearise
@@ -91,6 +93,7 @@ _HOMES = {
     "ArgumentError": "wormopt.errors",
     "Bound": "wormopt.optimal.problem",
     "Branch": "wormopt.averaging.continuation",
+    "Certify": "wormopt.core.task",
     "ChannelWorm": "wormopt.worms.channel",
     "Coil": "wormopt.magnetics.winding",
     "CoilRow": "wormopt.magnetics.coils",
@@ -100,6 +103,7 @@ _HOMES = {
     "CosineWave": "wormopt.worms.film",
     "Coulomb": "wormopt.core.friction",
     "Decay": "wormopt.tracking.lambda_tracker",
+    "Design": "wormopt.gaits.optimize",
     "Ends": "wormopt.optimal.problem",
     "Ensemble": "wormopt.simulation.ensemble",
     "Event": "wormopt.simulation.trajectory",
@@ -115,6 +119,7 @@ _HOMES = {
     "Interrupted": "wormopt.errors",
     "Ipopt": "wormopt.optimal.nlp",
     "Law": "wormopt.core.friction",
+    "Limits": "wormopt.core.task",
     "Linear": "wormopt.linear.linearise",
     "MagnetoElastic": "wormopt.magnetics.material",
     "Marcher": "wormopt.simulation.moreau",
@@ -125,12 +130,14 @@ _HOMES = {
     "Modes": "wormopt.linear.modes",
     "Motion": "wormopt.optimal.motion",
     "MovingProfile": "wormopt.magnetics.travelling",
+    "Objective": "wormopt.core.task",
     "Optimum": "wormopt.optimal.optimise",
     "Output": "wormopt.core.model",
     "Plugin": "wormopt.optimal.nlp",
     "Prescribed": "wormopt.optimal.contact",
     "Problem": "wormopt.optimal.problem",
     "Quadratic": "wormopt.tracking.lambda_tracker",
+    "Rates": "wormopt.core.task",
     "Reference": "wormopt.tracking.reference",
     "Result": "wormopt.result",
     "Rod": "wormopt.worms.rod",
@@ -138,6 +145,7 @@ _HOMES = {
     "Scene": "wormopt.scenes",
     "SceneError": "wormopt.errors",
     "Schedule": "wormopt.core.model",
+    "Search": "wormopt.core.task",
     "Signal": "wormopt.core.model",
     "Smooth": "wormopt.simulation.options",
     "Smoothed": "wormopt.optimal.contact",
@@ -147,11 +155,13 @@ _HOMES = {
     "Stepper": "wormopt.worms.stepper",
     "Stribeck": "wormopt.core.friction",
     "Switch": "wormopt.core.model",
+    "Task": "wormopt.core.task",
     "Tolerance": "wormopt.simulation.options",
     "Trajectory": "wormopt.simulation.trajectory",
     "UnknownNameError": "wormopt.errors",
     "Variable": "wormopt.result",
     "Viscous": "wormopt.core.friction",
+    "Worm": "wormopt.core.task",
     "WormoptError": "wormopt.errors",
     "average": "wormopt.averaging.average",
     "averaged_pair": "wormopt.worms.averaged_pair",
@@ -195,12 +205,14 @@ _HOMES = {
     "tracers": "wormopt.worms.float",
     "travelling_sine": "wormopt.gaits.construct",
     "vibration_modes": "wormopt.linear.modes",
+    "violations": "wormopt.gaits.verify",
 }
 
 __all__ = [
     "ArgumentError",
     "Bound",
     "Branch",
+    "Certify",
     "ChannelWorm",
     "Coil",
     "CoilRow",
@@ -210,6 +222,7 @@ __all__ = [
     "CosineWave",
     "Coulomb",
     "Decay",
+    "Design",
     "Ends",
     "Ensemble",
     "Event",
@@ -225,6 +238,7 @@ __all__ = [
     "Interrupted",
     "Ipopt",
     "Law",
+    "Limits",
     "Linear",
     "MagnetoElastic",
     "Marcher",
@@ -235,12 +249,14 @@ __all__ = [
     "Modes",
     "Motion",
     "MovingProfile",
+    "Objective",
     "Optimum",
     "Output",
     "Plugin",
     "Prescribed",
     "Problem",
     "Quadratic",
+    "Rates",
     "Reference",
     "Result",
     "Rod",
@@ -248,6 +264,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "Schedule",
+    "Search",
     "Signal",
     "Smooth",
     "Smoothed",
@@ -257,11 +274,13 @@ __all__ = [
     "Stepper",
     "Stribeck",
     "Switch",
+    "Task",
     "Tolerance",
     "Trajectory",
     "UnknownNameError",
     "Variable",
     "Viscous",
+    "Worm",
     "WormoptError",
     "__version__",
     "average",
@@ -306,6 +325,7 @@ __all__ = [
     "tracers",
     "travelling_sine",
     "vibration_modes",
+    "violations",
 ]
 
 

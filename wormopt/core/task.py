@@ -185,13 +185,25 @@ class Limits(_Frozen):
         return shortest, longest
 
     def length_ranges(self, links: int) -> tuple[tuple[float, float], ...]:
-        """Shortest and longest length of each of so many links."""
+        """Shortest and longest length of each of so many links.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+        """
         one = all(not isinstance(item, tuple) for item in self.length)
         pairs = [self.length] * links if one else self.length
         return tuple((low, high) for low, high in pairs)
 
     def rate_limits(self, links: int) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-        """Limits on contraction and on extension, one number per link each; None without."""
+        """Limits on contraction and on extension, one number per link each; None without.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+        """
         if self.rate is None:
             return None
         if isinstance(self.rate, Rates):
@@ -203,6 +215,16 @@ class Limits(_Frozen):
 
         A link that swings within a range R with acceleration at most a is never faster than
         sqrt(a R): it starts from and returns to rate 0 within that range.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+
+        Returns
+        -------
+        contraction, extension : tuple of float
+            One number per link each.
 
         Examples
         --------
@@ -218,6 +240,13 @@ class Limits(_Frozen):
 
     def within(self, rate: float, acceleration: float, links: int) -> Limits:
         """Limits that every link keeps to as well, of a motor say.
+
+        Parameters
+        ----------
+        rate, acceleration : float
+            Most that a motor gives.
+        links : int
+            Number of links.
 
         Examples
         --------
@@ -236,7 +265,13 @@ class Limits(_Frozen):
         )
 
     def faults(self, links: int) -> Iterator[Fault]:
-        """Yield field and message of whatever is wrong, or does not fit so many links."""
+        """Yield field and message of whatever is wrong, or does not fit so many links.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+        """
         yield from _faults_of_numbers("period", self.period, 2, "ends of a range")
         if len(per(self.period, 2)) == 2:
             yield from _wrong_order("period", self.period_range)
@@ -328,7 +363,15 @@ class Objective:
 
     @classmethod
     def of(cls, name: Literal["speed"] | Cost, speed: float | None = None) -> Objective:
-        """Make an objective of its name."""
+        """Make an objective of its name.
+
+        Parameters
+        ----------
+        name : str
+            "speed", or the cost to be made small.
+        speed : float, optional
+            Mean speed required where a cost is made small.
+        """
         return cls(None if name == "speed" else name, speed)
 
     @property
@@ -396,7 +439,15 @@ class Search(_Frozen):
     certify: Certify | None = field(default=None)
 
     def faults(self, links: int, resting: int) -> Iterator[Fault]:
-        """Yield what is wrong with the designer's own sequence."""
+        """Yield field and message of what is wrong.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+        resting : int
+            At least so many masses rest at any time.
+        """
         if self.sequence is None:
             return
         count = len(self.sequence)
@@ -453,7 +504,7 @@ class Task:
 
     @property
     def loads_matter(self) -> bool:
-        """Whether it matters how resting masses share the load: a limit or the cost depends on it."""
+        """Whether a limit or the cost depends on how resting masses share the load."""
         limited = self.limits.spike_load is not None or self.limits.actuator_force is not None
         return limited or self.objective.minimise not in (None, "acceleration_effort")
 
@@ -475,7 +526,7 @@ class Task:
 def _faults_of_numbers(
     key: str, value: Any, count: int, things: str, least: float | None = None
 ) -> Iterator[Fault]:
-    """Yield a fault for what is no finite number above 0, or not below least, or too short a list."""
+    """Yield a fault for what is no finite number above 0 or from least on, or no full list."""
     if value is None:
         return
     if isinstance(value, tuple) and len(value) != count:

@@ -20,7 +20,20 @@ __all__ = ["conflict"]
 
 
 def conflict(task: Task, sequences: Sequence[Sequence_]) -> SolveError:
-    """Say which limits stand against each other, by the least slack that lets a gait exist."""
+    """Say which limits stand against each other, by the least slack that lets a gait exist.
+
+    Parameters
+    ----------
+    task : Task
+        What no gait was found for.
+    sequences : sequence of sequences
+        Resting masses, phase after phase; each is tried.
+
+    Returns
+    -------
+    SolveError
+        To be raised.
+    """
     rigid = gait_problem(task.worm, task.limits, task.objective)
     problem = elastic(rigid)
     least, slack = np.inf, np.zeros(len(problem.design))

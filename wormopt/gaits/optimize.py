@@ -1,4 +1,4 @@
-"""Design a gait: search the order of rest and the number of cycles, then sharpen it; or say why not."""
+"""Design a gait: search the order of rest and cycles a period, sharpen it, or say why not."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ _DRAGGED, _STEPS = 3, 15
 _CLOSE, _TIE = 2e-3, 1e-8
 # Excess over a limit, and how many times more trials are sharpened before one within it is found.
 _ACCEPTED, _MOST_UNSOUND = 1e-9, 4
+_SEARCH = Search()
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,13 @@ class Design:
         return self.motion_under(self.task.worm.load_range[1])
 
     def motion_under(self, load: float) -> Crawl:
-        """How the worm crawls with it under some load."""
+        """How the worm crawls with it under some load.
+
+        Parameters
+        ----------
+        load : float
+            On each mass.
+        """
         worm, limits = self.task.worm, self.task.limits
         return crawl(self.gait, worm.masses, worm.drag, load, limits.sharing, limits.spike_load)
 
@@ -110,7 +117,7 @@ class Design:
 
     @cached_property
     def violations(self) -> dict[str, float]:
-        """Excess over each limit relative to its size, at the ends and middle of a range of loads."""
+        """Excess over each limit by its size; the worst of a load range's ends and middle."""
         low, high = self.task.worm.load_range
         loads = [low] if low == high else [low, (low + high) / 2, high]
         found = [
@@ -124,7 +131,7 @@ def design(
     limits: Limits,
     objective: Literal["speed"] | Cost = "speed",
     speed: float | None = None,
-    search: Search = Search(),
+    search: Search = _SEARCH,
     report: Report = silent,
 ) -> Design:
     """Design the best gait of a worm within limits.
@@ -223,7 +230,7 @@ def _refuse_load_range(task: Task) -> None:
         )
 
 
-def _nothing(task: Task, settings: Search, survey: Survey, report: Report) -> Exception:
+def _nothing(task: Task, settings: Search, survey: Survey, report: Report) -> BaseException:
     if survey.ended == "interrupted":
         return KeyboardInterrupt()
     if survey.ended == "time limit":
@@ -347,7 +354,7 @@ def _smooth(task: Task, settings: Search, survey: Survey, bound: float, report: 
             raise SolveError("no motion was found for this cost", "try another search.seed")
         best = min(solved, key=lambda s: s.objective)
         report("refining", 0.9)
-        best, error = refine_cost(task, best) if ended == "searched" else (best, np.nan)
+        best, error = refine_cost(best) if ended == "searched" else (best, np.nan)
     except KeyboardInterrupt:
         if not solved:
             raise

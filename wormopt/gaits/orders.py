@@ -60,6 +60,11 @@ def letters_of(task: Task) -> list[Resting]:
     """Sets of resting masses that orders are made of.
 
     All sets, where they are few; else blocks of neighbours round the ends.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
     """
     masses, sizes = task.worm.links + 1, sizes_of(task)
     if sum(comb(masses, size) for size in sizes) <= _MOST_SETS:
@@ -74,6 +79,13 @@ def plain_orders(task: Task, phases: int | None = None) -> list[Sequence_]:
     """Orders of few phases, the highest ceilings first, then the shortest.
 
     Of exactly as many resting masses as asked for, and of more in short orders only.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    phases : int, optional
+        Most phases of a cycle.
     """
     masses, mirror = task.worm.links + 1, is_mirror_symmetric(task)
     letters = letters_of(task)

@@ -21,8 +21,7 @@ from wormopt.core.task import Limits, Objective, Task, Worm
 from wormopt.gaits.scaled_limits import Form, ScaledLimits
 from wormopt.gaits.sequences import Resting, Sequence_
 from wormopt.gaits.split import Pattern, SplitRows, split_matters
-from wormopt.optimal.bilinear import BilinearProgram, BilinearRows, Point, Product
-from wormopt.optimal.linear import Term
+from wormopt.optimal.bilinear import BilinearProgram, BilinearRows, Point, Product, Term
 
 __all__ = ["GaitProgram"]
 
@@ -58,6 +57,7 @@ class GaitProgram:
     --------
     Two masses that rest in turn: without the time for ramps the speed would be half the rate.
 
+    >>> from wormopt.optimal.bilinear import Climb
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> program = GaitProgram(Task(Worm(1, load=5.0), limits), ((0,), (1,)), (1.0, 1.0))
     >>> point = program.bilinear.climb(program.start([0.5, 0.5]), Climb(1e-9))
@@ -134,7 +134,7 @@ class GaitProgram:
     # -- rows ------------------------------------------------------------------------------------
 
     def _add_rates(self) -> None:
-        """Rates of the links at all coefficients; between a mass at rest and one that moves a bound."""
+        """Rates of the links at all coefficients; bounds where one of both masses rests."""
         ends = slice(0, self.degree if self._continuous else self.degree + 1)
         upper = np.array(self._rows.upper)
         for j, (contraction, extension) in enumerate(zip(*self.limits.rates, strict=True)):
@@ -206,7 +206,7 @@ class GaitProgram:
                 ).add(pattern, self._peak, self.task.objective.minimise)
 
     def _add_peaks(self, resting: Resting, at: slice) -> None:
-        """Forces below the peak that is minimised, at all times of a phase and any load, times h."""
+        """Forces below the peak that is minimised, at all times and any load, times h."""
         if self._peak is None:
             return
         limits, count = self.limits, self.limits.links + 1
@@ -274,7 +274,20 @@ class GaitProgram:
     def start(
         self, durations: Sequence[float] | np.ndarray, random: np.random.Generator | None = None
     ) -> Point | None:
-        """Best motion with given durations of the phases (and random ones of their arcs)."""
+        """Best motion with given durations of the phases.
+
+        Parameters
+        ----------
+        durations : sequence of float
+            In the task's units.
+        random : Generator, optional
+            Draws durations of their arcs, equal if left out.
+
+        Returns
+        -------
+        Point or None
+            None where no motion meets the limits.
+        """
         shares = np.ones(self.total)
         if random is not None:
             shares = random.uniform(0.7, 1.3, self.total)
@@ -282,7 +295,18 @@ class GaitProgram:
         return self.start_arcs(shares * np.repeat(np.asarray(durations) / sums, self.arcs))
 
     def start_arcs(self, widths: np.ndarray) -> Point | None:
-        """Best motion with given durations of the arcs."""
+        """Best motion with given durations of the arcs.
+
+        Parameters
+        ----------
+        widths : ndarray
+            Durations of the arcs, in the task's units.
+
+        Returns
+        -------
+        Point or None
+            None where no motion meets the limits.
+        """
         x = np.zeros(len(self.bilinear.upper))
         x[self.h] = widths / self.limits.time
         return self.bilinear.restore(x)
@@ -339,11 +363,23 @@ class GaitProgram:
         return GaitProgram(self.task, self.sequence, self.period, self.arcs, self.degree, patterns)
 
     def durations(self, point: Point) -> np.ndarray:
-        """Duration of each phase, in the task's units."""
+        """Duration of each phase, in the task's units.
+
+        Parameters
+        ----------
+        point : Point
+            Of this program.
+        """
         return np.add.reduceat(point.x[self.h], self._edges[:-1]) * self.limits.time
 
     def widths(self, point: Point) -> np.ndarray:
-        """Duration of each arc, in the task's units."""
+        """Duration of each arc, in the task's units.
+
+        Parameters
+        ----------
+        point : Point
+            Of this program.
+        """
         return point.x[self.h] * self.limits.time
 
     @property
@@ -352,18 +388,36 @@ class GaitProgram:
         return self.limits.speed if self._peak is None else self.limits.force
 
     def objective(self, point: Point) -> float:
-        """What is made large, in the task's units: the speed, or a peak load with its sign changed."""
+        """What is made large, in the task's units: the speed, or minus a peak load.
+
+        Parameters
+        ----------
+        point : Point
+            Of this program.
+        """
         if self._peak is None:
             return self.speed(point)
         return -float(point.x[self._peak]) * self.limits.force
 
     def speed(self, point: Point) -> float:
-        """Mean speed, in the task's units."""
+        """Mean speed, in the task's units.
+
+        Parameters
+        ----------
+        point : Point
+            Of this program.
+        """
         values = self.bilinear.values(point.x)
         return float(values[self._advance] / values[self._period]) * self.limits.speed
 
     def gait(self, point: Point) -> Gait:
-        """The cycle as link lengths over time; arcs without duration are left out."""
+        """The cycle as link lengths over time; arcs without duration are left out.
+
+        Parameters
+        ----------
+        point : Point
+            Of this program.
+        """
         from math import comb
 
         limits, degree = self.limits, self.degree

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -277,6 +277,6 @@ class ScaledLimits:
         return float(max(least)), float(min(largest))
 
 
-def _spread(limit: float | tuple[float, ...] | None, count: int) -> np.ndarray:
+def _spread(limit: float | Sequence[float] | None, count: int) -> np.ndarray:
     """A limit as one number each; infinite where there is none."""
     return np.broadcast_to(np.inf if limit is None else limit, count)

@@ -72,6 +72,11 @@ _BATCH = 8
 def effort_of(settings: Search) -> Effort:
     """Effort that is asked for.
 
+    Parameters
+    ----------
+    settings : Search
+        How to search.
+
     Examples
     --------
     >>> effort_of(Search(effort="quick")).rounds
@@ -385,7 +390,7 @@ def _edited(race: _Race, parents: list[Trial]) -> Iterator[tuple[Sequence_, np.n
 
 
 def _joined(race: _Race, parents: list[Trial]) -> Iterator[tuple[Sequence_, np.ndarray]]:
-    """Two cycles in one, where a period has room: twice the same, its mirror image, two of the best."""
+    """Two cycles in one, where a period has room: the same, its mirror image, or another."""
     masses, longest = race.task.worm.links + 1, race.task.limits.period_range[1]
     for one, two in product(parents, repeat=2):
         first, second = one.durations, two.durations

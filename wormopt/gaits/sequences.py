@@ -86,6 +86,13 @@ def canonical(word: Sequence_, masses: int, *, mirror: bool) -> Sequence_:
 def mirrored(word: Sequence_, masses: int) -> Sequence_:
     """Exchange head and tail.
 
+    Parameters
+    ----------
+    word : tuple of tuple of int
+        Resting masses, phase after phase.
+    masses : int
+        Number of masses.
+
     Examples
     --------
     >>> mirrored(((0,), (0, 1)), 3)

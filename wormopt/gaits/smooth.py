@@ -69,6 +69,15 @@ def mesh_of(sequence: Sequence_, arcs: int, degree: int = 2) -> Mesh:
 
     Accelerations have the degree of the states less 2, so that lengths are exact.
 
+    Parameters
+    ----------
+    sequence : tuple of tuple of int
+        Resting masses, phase after phase.
+    arcs : int
+        Arcs per phase.
+    degree : int, optional
+        Degree of the states.
+
     Examples
     --------
     >>> mesh_of(((0,), (2,), (1,)), arcs=6).total
@@ -78,7 +87,13 @@ def mesh_of(sequence: Sequence_, arcs: int, degree: int = 2) -> Mesh:
 
 
 def resting_state(task: Task) -> np.ndarray:
-    """State of `spiked_worm` at rest, links in the middle of their ranges, shape (2n + 2,)."""
+    """State of `spiked_worm` at rest, links in the middle of their ranges, shape (2n + 2,).
+
+    Parameters
+    ----------
+    task : Task
+        Worm and limits.
+    """
     lengths = np.mean(task.limits.length_ranges(task.worm.links), axis=1)
     return np.concatenate([[0.0], lengths, [0.0], 0.0 * lengths])
 
@@ -114,8 +129,13 @@ def solve_cost(task: Task, trial: Trial) -> Solved | None:
     return Solved(trial, program, bounds, found) if found.violation <= 1e-8 else None
 
 
-def refine_cost(task: Task, solved: Solved) -> tuple[Solved, float]:
+def refine_cost(solved: Solved) -> tuple[Solved, float]:
     """Raise the degree until halving every arc gains less than 1e-7, or costs no longer fall.
+
+    Parameters
+    ----------
+    solved : Solved
+        What to refine.
 
     Returns
     -------
@@ -164,7 +184,17 @@ def _carry(solved: Solved, mesh: Mesh) -> tuple[Transcription, Bounds, Solution]
 
 
 def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
-    """Integrate link accelerations twice, arc by arc; arcs without duration are left out."""
+    """Integrate link accelerations twice, arc by arc; arcs without duration are left out.
+
+    Parameters
+    ----------
+    arcs : Arcs
+        The motion.
+    mesh : Mesh
+        On which it was found.
+    links : int
+        Number of links.
+    """
     kept = np.flatnonzero(arcs.duration > 1e-15 * arcs.duration.sum())
     nodes, m = mesh.input_nodes, mesh.input_degree
     to_powers = np.linalg.inv(nodes[:, None] ** np.arange(m + 1)) @ np.linalg.inv(

@@ -110,7 +110,18 @@ class Trier:
         return self._climb(sequence, (_SHORTEST * longest, longest), durations, enough, random)
 
     def fit(self, trial: Trial) -> Trial | None:
-        """The best whole number of cycles in a period."""
+        """The best whole number of cycles in a period.
+
+        Parameters
+        ----------
+        trial : Trial
+            With a free period.
+
+        Returns
+        -------
+        Trial or None
+            None where no number of cycles has a gait.
+        """
         period = float(trial.durations.sum())
         counts = {floor(self.longest / period * _UP), ceil(self.shortest / period / _UP)}
         fitted = [self._fitted(trial, max(1, count)) for count in sorted(counts)]
@@ -164,7 +175,20 @@ class Trier:
     def climbed(
         self, trial: Trial, tolerance: float = 1e-3, steps: int = 25, enough: float = -np.inf
     ) -> Trial:
-        """Climb on from where a trial is."""
+        """Climb on from where a trial is.
+
+        Parameters
+        ----------
+        trial : Trial
+            Where to begin.
+        tolerance, steps, enough : float, int, float
+            See `Climb`; ``enough`` in the task's units.
+
+        Returns
+        -------
+        Trial
+            Never worse.
+        """
         until = Climb(tolerance, steps, enough=enough / trial.program.unit)
         point = trial.program.bilinear.climb(trial.point, until, lambda _: self._stop())
         return replace(trial, point=point)

@@ -18,10 +18,10 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from wormopt.optimal.linear import Term
-
 __all__ = ["BilinearProgram", "BilinearRows", "Climb", "Point", "Product"]
 
+# Columns, one per row or one for all, and the coefficient.
+Term = tuple["np.ndarray | int", "np.ndarray | float"]
 # First and second factor, one per row or one for all, and the coefficient.
 Product = tuple["np.ndarray | int", "np.ndarray | int", "np.ndarray | float"]
 
@@ -33,6 +33,13 @@ _SHORTEST_STEP = 0.02
 @dataclass
 class BilinearRows:
     """Rows of a bilinear program in the making, added in blocks, and its columns.
+
+    Parameters
+    ----------
+    count : int
+        Rows so far.
+    lower, upper : list of float
+        Bounds of the columns so far.
 
     Examples
     --------
@@ -50,7 +57,18 @@ class BilinearRows:
     _products: list[tuple[Any, ...]] = field(default_factory=list)
 
     def columns(self, upper: np.ndarray) -> np.ndarray:
-        """Number new columns from 0 to these bounds; -1 where the bound is 0: no column."""
+        """Number new columns from 0 to these bounds; -1 where the bound is 0: no column.
+
+        Parameters
+        ----------
+        upper : ndarray
+            Upper bounds, of any shape.
+
+        Returns
+        -------
+        ndarray of int
+            Of the same shape.
+        """
         kept = upper > 0.0
         number = np.where(kept, len(self.upper) - 1 + np.cumsum(kept).reshape(upper.shape), -1)
         self.upper.extend(upper[kept].tolist())
@@ -68,6 +86,15 @@ class BilinearRows:
 
         Columns, factors and coefficients are broadcast against each other. Terms with a column
         or factor -1 are left out: what they stand for is zero.
+
+        Parameters
+        ----------
+        linear : sequence of (columns, coefficients)
+            Linear terms.
+        products : sequence of (columns, columns, coefficients)
+            Products of two unknowns.
+        lower, upper : float or ndarray
+            Sides; infinite where there is none.
         """
         terms = (*linear, *products)
         size = max((np.size(factor) for term in terms for factor in term[:-1]), default=1)
@@ -202,7 +229,13 @@ class BilinearProgram:
         self._slopes = sparse.csr_array(entries, (len(places), n))
 
     def jacobian(self, x: np.ndarray) -> sparse.csr_array:
-        """Derivatives of all rows, shape (rows, columns)."""
+        """Derivatives of all rows, shape (rows, columns).
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        """
         return self._matrix(self._constant + self._slopes @ x)
 
     def _matrix(self, data: np.ndarray) -> sparse.csr_array:
@@ -210,22 +243,48 @@ class BilinearProgram:
         return sparse.csr_array((data, self._indices, self._starts), shape)
 
     def values(self, x: np.ndarray) -> np.ndarray:
-        """Values of all rows."""
+        """Values of all rows.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        """
         return self._matrix(self._constant + 0.5 * (self._slopes @ x)) @ x
 
     def value(self, x: np.ndarray) -> float:
-        """Objective."""
+        """Objective.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        """
         values = self.values(x)
         return float(values[self._gain] / (1.0 if self._per is None else values[self._per]))
 
     def violation(self, x: np.ndarray) -> float:
-        """Largest excess over any side of a row or bound of a column."""
+        """Largest excess over any side of a row or bound of a column.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        """
         values = self.values(x)
         rows = np.maximum(self.row_lower - values, values - self.row_upper)
         return float(max(rows.max(), np.maximum(self.lower - x, x - self.upper).max(), 0.0))
 
     def slope(self, x: np.ndarray, jacobian: sparse.csr_array) -> np.ndarray:
-        """Gradient of the objective."""
+        """Gradient of the objective.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        jacobian : csr_array
+            Derivatives of all rows there.
+        """
         gain = self._dense(jacobian, self._gain)
         if self._per is None:
             return gain
@@ -239,7 +298,7 @@ class BilinearProgram:
         return dense
 
     def _step(self, x: np.ndarray, radius: np.ndarray | float) -> Any:
-        """Solve the program linearised at x with the held columns near it; None if there is none."""
+        """Solve the program linearised at x, held columns near it; None without a solution."""
         jacobian = self.jacobian(x)
         self._load(jacobian, self.slope(x, jacobian), jacobian @ x - self.values(x))
         low, high = self.lower[self.held], self.upper[self.held]
@@ -260,7 +319,7 @@ class BilinearProgram:
 
     def _load(self, matrix: sparse.csr_array, cost: np.ndarray, shift: np.ndarray) -> None:
         model: Any = highspy.HighsLp()
-        model.num_row_, model.num_col_ = matrix.shape
+        model.num_row_, model.num_col_ = len(self.row_lower), len(self.upper)
         model.sense_ = highspy.ObjSense.kMaximize
         model.col_cost_ = cost
         model.col_lower_, model.col_upper_ = self.lower, self.upper
@@ -272,7 +331,13 @@ class BilinearProgram:
         self._highs.passModel(model)
 
     def restore(self, x: np.ndarray) -> Point | None:
-        """Best point with the held columns of x; None where there is none."""
+        """Best point with the held columns of x; None where there is none.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        """
         found = self._step(x, 0.0)
         if found is None:
             return None

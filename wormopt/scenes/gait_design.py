@@ -169,7 +169,13 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
         return own.within(motor.length_rate, motor.length_acceleration, self.worm.links)
 
     def task(self, objective: Objective) -> Task:
-        """The problem of design with some objective."""
+        """The problem of design with some objective.
+
+        Parameters
+        ----------
+        objective : Objective
+            What to seek.
+        """
         return Task(self.worm.worm, self.limits, objective)
 
     def faults(self, folder: Path) -> Iterator[Fault]:

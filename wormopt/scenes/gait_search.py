@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, structs
 
@@ -72,9 +72,10 @@ class SearchTable(Table, frozen=True, kw_only=True):
     @property
     def search(self) -> Search:
         """The settings themselves."""
-        given = structs.asdict(self)
-        proof = self.certify and Certify(**structs.asdict(self.certify))
-        return Search(**given | {"certify": proof})
+        given: dict[str, Any] = structs.asdict(self)
+        if self.certify is not None:
+            given["certify"] = Certify(**structs.asdict(self.certify))
+        return Search(**given)
 
     def faults(self, links: int, resting: int) -> Iterator[Fault]:
         """Yield what is wrong with the designer's own sequence.

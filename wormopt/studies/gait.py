@@ -49,7 +49,7 @@ def run(scene: Scene[GaitScene], report: Report) -> Result:
     clock = time.perf_counter()
     report("crawling", None)
     gait = gait_of_shape(table.gait, scene)
-    motion = crawl(gait, worm.masses, worm.drag, worm.load, table.gait.sharing)
+    motion = crawl(gait, worm.masses, worm.drag, worm.worm.load_range[1], table.gait.sharing)
     scalars = motion_scalars(motion, table.units)
     crawled = time.perf_counter()
     again = recheck(motion)

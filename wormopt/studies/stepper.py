@@ -73,8 +73,8 @@ def run(scene: Scene[StepperScene], report: Report) -> Result:
     asked, steps = _commands(scene, gait, stepper)
     report("crawling", 0.4)
     worm = table.worm
-    ideal = crawl(gait, worm.masses, worm.drag, worm.load, table.gait.sharing)
-    again = recheck(ideal, worm)
+    ideal = crawl(gait, worm.masses, worm.drag, worm.worm.load_range[1], table.gait.sharing)
+    again = recheck(ideal)
     report("moving by steps", 0.7)
     bristles = table.bristles
     moved = ratchet(steps, bristles.backslip, bristles.settle_time)
@@ -95,7 +95,7 @@ def run(scene: Scene[StepperScene], report: Report) -> Result:
         },
         "tick_error": late,
         "period_error": moved.period_error,
-        "ideal": dict(motion_trust(ideal, worm, again)),
+        "ideal": dict(motion_trust(ideal, again)),
         "assumptions": dict(_ASSUMED),
         "warnings": [
             *_warnings(table, stepper, ideal, moved),
