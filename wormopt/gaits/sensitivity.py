@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.core.task import Limits, Rates, Task
+from wormopt.core.task import Rates, Task
 from wormopt.gaits.optimize import Design
 from wormopt.gaits.trial import Trial
 
@@ -199,9 +199,9 @@ _Number = tuple[str, float, Callable[[float], Any]]
 
 
 def _numbers(value: Any, ends: Sequence[str]) -> Iterator[_Number]:
-    """Every number of a number, (nested) tuple or Rates: suffix of its name, itself, how to move it.
+    """Every number of a number, (nested) tuple or Rates: suffix of its name, itself, how it moves.
 
-    A pair of numbers with names for its ends is a range.
+    A pair of numbers is a range where its ends have names.
     """
     if isinstance(value, Rates):
         for way in ("contraction", "extension"):

@@ -386,8 +386,9 @@ class BilinearProgram:
             Change of the objective; NaN where no point is left near the optimum.
         """
         sizes = x[self.held]
-        moved._basis = self._basis  # noqa: SLF001 another program of this class
-        found = moved._step(x, radius * np.maximum(sizes, _SHORTEST_STEP * sizes.mean()))  # noqa: SLF001
+        moved._basis = self._basis
+        near = radius * np.maximum(sizes, _SHORTEST_STEP * sizes.mean())
+        found = moved._step(x, near)
         if found is None:
             return np.nan
         row, column = np.array(found.row_dual), np.array(found.col_dual)
@@ -400,9 +401,9 @@ class BilinearProgram:
 
 
 def _worth(multipliers: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
-    """Worth of sides at their multipliers, whose signs tell which side is meant."""
+    """Worth of sides at their multipliers, whose signs tell which; where there is none, rounding."""
     sides = np.where(multipliers > 0, upper, lower)
-    return float(multipliers @ np.where(multipliers == 0, 0.0, sides))
+    return float(multipliers @ np.where(np.isfinite(sides), sides, 0.0))
 
 
 def _nonbasic(status: Sequence[Any]) -> np.ndarray:
