@@ -8,17 +8,17 @@ that of the best gait of the same order of rest.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from wormopt.core.task import Rates, Task
+from wormopt.core.task import Objective, Rates, Task
 from wormopt.gaits.optimize import Design
 from wormopt.gaits.trial import Trial
 
-__all__ = ["Limit", "Sensitivity", "limits_of", "sensitivities"]
+__all__ = ["Limit", "Sensitivity", "limits_of", "scaling_error", "sensitivities"]
 
 # Limits are moved by this share; what they gain is evaluated by multipliers, without rounding.
 _SHARE = 1e-5
@@ -98,14 +98,15 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
 
     Examples
     --------
-    A worm of one link is as fast as its rate and the ramps between allow.
+    Two masses m that rest in turn, at rate r, period T, acceleration a and load G, reach the speed
+    r/2 - r r/(2 T) (1/a + m/(2 G)).
 
-    >>> from wormopt.core.task import Worm
+    >>> from wormopt.core.task import Limits, Worm
     >>> from wormopt.gaits.optimize import design
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> found = sensitivities(design(Worm(1, load=5.0), limits))
-    >>> {s.name: round(s.derivative, 6) for s in found if abs(s.derivative) > 1e-9}
-    {...}
+    >>> {s.name: round(s.derivative, 4) for s in found if abs(s.elasticity) > 1e-9}
+    {'gait.period': 0.075, 'gait.rate': 0.35, 'gait.acceleration': 0.0012, 'worm.mass': -0.05, ...
     """
     trial = design.trial
     if trial is None:
@@ -113,12 +114,35 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
     return tuple(_sensitivity(design.task, trial, limit) for limit in limits_of(design.task))
 
 
+def scaling_error(known: Iterable[Sensitivity], objective: Objective) -> float:
+    """How far elasticities are from what a change of units of mass, length and time tells.
+
+    Numbers in other units describe the same worm. So the elasticities, each times the power of a
+    unit that its limit has, add up to the power that the objective has.
+
+    Parameters
+    ----------
+    known : iterable of Sensitivity
+        Of all limits.
+    objective : Objective
+        What is sought.
+
+    Returns
+    -------
+    float
+        Largest error; near 0 unless the limits count differently to both sides.
+    """
+    of = "speed" if objective.minimise is None else "force"
+    sums = sum((s.elasticity * np.array(_POWERS[s.quantity]) for s in known), np.zeros(3))
+    return float(np.abs(sums - _POWERS[of]).max())
+
+
 def _sensitivity(task: Task, trial: Trial, limit: Limit) -> Sensitivity:
     sign = 1.0 if task.objective.minimise is None else -1.0
     scale = limit.value or trial.program.limits.force  # only forces may be 0
     raised, lowered = (_gain(trial, limit, step) for step in (_SHARE * scale, -_SHARE * scale))
     better = raised if raised > 0 or np.isnan(lowered) else lowered if lowered < 0 else 0.0
-    derivative, value = sign * better, abs(trial.value)
+    derivative, value = sign * better + 0.0, abs(trial.value)
     apart = max(_SAME * max(abs(raised), abs(lowered)), _NOTHING * value / scale)
     return Sensitivity(
         name=limit.name,
@@ -159,7 +183,7 @@ def limits_of(task: Task) -> Iterator[Limit]:
 
     Examples
     --------
-    >>> from wormopt.core.task import Worm
+    >>> from wormopt.core.task import Limits, Worm
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=(1.0, 2.0), impulses=True)
     >>> [limit.name for limit in limits_of(Task(Worm(2), limits))][:4]
     ['gait.period', 'gait.length.shortest', 'gait.length.longest', 'gait.rate[0]']
@@ -242,4 +266,14 @@ _KEYS: tuple[tuple[str, str, str, Sequence[str]], ...] = (
     ("worm", "drag", "drag", ()),
     ("worm", "load", "force", ("smallest", "largest")),
 )
+# Powers of the units of mass, length and time.
+_POWERS = {
+    "mass": (1, 0, 0),
+    "length": (0, 1, 0),
+    "time": (0, 0, 1),
+    "speed": (0, 1, -1),
+    "acceleration": (0, 1, -2),
+    "force": (1, 1, -2),
+    "drag": (1, 0, -1),
+}
 _TABLES = {"limits": "gait", "objective": "objective", "worm": "worm"}
