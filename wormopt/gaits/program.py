@@ -244,7 +244,19 @@ class GaitProgram:
         return self.start_arcs(shares * np.repeat(np.asarray(durations) / sums, self.arcs))
 
     def moved(self, task: Task, period: tuple[float, float]) -> GaitProgram:
-        """The same unknowns and rows in the same units, with the numbers of another task."""
+        """Give the same unknowns and rows in the same units, with the numbers of another task.
+
+        Parameters
+        ----------
+        task : Task
+            Of the same worm and limits but for their numbers.
+        period : tuple of float
+            Shortest and longest duration of its cycle.
+
+        Returns
+        -------
+        GaitProgram
+        """
         return type(self)(task, self.sequence, period, self.arcs, self.degree, self.limits)
 
     def start_arcs(self, widths: np.ndarray) -> Point | None:

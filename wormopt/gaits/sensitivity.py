@@ -3,7 +3,9 @@
 The optimum is often a vertex that more limits meet than need to, where multipliers are not
 unique. So every limit is moved a little, the program with the moved limit is linearised at the
 optimum and solved: its multipliers are those of this direction, and the derivative by them is
-that of the best gait of the same order of rest.
+that of the best gait of the same order of rest. Where a limit seems to count differently to both
+sides, gaits of a family may be best alike of which each holds for one side only: then the moved
+program is solved again, and what gains more counts.
 """
 
 from __future__ import annotations
@@ -16,7 +18,9 @@ import numpy as np
 
 from wormopt.core.task import Objective, Rates, Task
 from wormopt.gaits.optimize import Design
+from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.trial import Trial
+from wormopt.optimal.bilinear import Climb
 
 __all__ = ["Limit", "Sensitivity", "limits_of", "scaling_error", "sensitivities"]
 
@@ -25,7 +29,9 @@ _SHARE = 1e-5
 # Derivatives to both sides count as one where they differ by no more than this share.
 _SAME = 0.01
 # An elasticity of this size is rounding.
-_NOTHING = 1e-7
+_NOTHING = 1e-5
+# How far limits are moved to solve again, and when that is done.
+_FAR, _AGAIN = 1e-4, Climb(tolerance=1e-10, steps=40)
 
 
 @dataclass(frozen=True)
@@ -139,33 +145,56 @@ def scaling_error(known: Iterable[Sensitivity], objective: Objective) -> float:
 
 def _sensitivity(task: Task, trial: Trial, limit: Limit) -> Sensitivity:
     sign = 1.0 if task.objective.minimise is None else -1.0
+    value = abs(trial.value)
     scale = limit.value or trial.program.limits.force  # only forces may be 0
-    raised, lowered = (_gain(trial, limit, step) for step in (_SHARE * scale, -_SHARE * scale))
+    raised, lowered = (_gain(trial, limit, way * _SHARE * scale) for way in (1.0, -1.0))
+    if _apart(raised, lowered, value / scale):
+        # Where a whole family of gaits is best, another one of it may gain more by the move.
+        raised = np.fmax(raised, _gain_again(trial, limit, _FAR * scale))
+        lowered = np.fmin(lowered, _gain_again(trial, limit, -_FAR * scale))
     better = raised if raised > 0 or np.isnan(lowered) else lowered if lowered < 0 else 0.0
-    derivative, value = sign * better + 0.0, abs(trial.value)
-    apart = max(_SAME * max(abs(raised), abs(lowered)), _NOTHING * value / scale)
+    derivative = float(sign * better + 0.0)
     return Sensitivity(
         name=limit.name,
         value=limit.value,
         quantity=limit.quantity,
         derivative=derivative,
         elasticity=derivative * limit.value / value if value else np.nan,
-        raised=sign * raised,
-        lowered=sign * lowered,
-        one_sided=abs(raised - lowered) > apart,
+        raised=float(sign * raised),
+        lowered=float(sign * lowered),
+        one_sided=_apart(raised, lowered, value / scale),
     )
 
 
+def _apart(raised: float, lowered: float, size: float) -> bool:
+    """Whether derivatives to both sides differ, by more than rounding of one of usual size."""
+    return abs(raised - lowered) > max(_SAME * max(abs(raised), abs(lowered)), _NOTHING * size)
+
+
 def _gain(trial: Trial, limit: Limit, step: float) -> float:
-    """Derivative of what is made large, to one side of a limit."""
+    """Derivative of what is made large to one side of a limit, at the gait as it is."""
     if limit.value + step < 0.0:
         return np.nan
-    task, program = limit.moved(limit.value + step), trial.program
+    moved = _moved(trial, limit.moved(limit.value + step))
+    return trial.program.bilinear.gain(moved.bilinear, trial.point.x) * trial.program.unit / step
+
+
+def _gain_again(trial: Trial, limit: Limit, step: float) -> float:
+    """The same by solving again from there."""
+    if limit.value + step < 0.0:
+        return np.nan
+    program, moved = trial.program, _moved(trial, limit.moved(limit.value + step))
+    widths = program.widths(trial.point)
+    start = moved.start_arcs(widths * (np.clip(widths.sum(), *moved.period) / widths.sum()))
+    if start is None:
+        return np.nan
+    return (moved.objective(moved.bilinear.climb(start, _AGAIN)) - trial.value) / step
+
+
+def _moved(trial: Trial, task: Task) -> GaitProgram:
     shortest, longest = task.limits.period_range
     cycles = max(1, trial.cycles)
-    moved = program.moved(task, (shortest / cycles, longest / cycles))
-    gained = program.bilinear.gain(moved.bilinear, trial.point.x)
-    return gained * program.unit / step
+    return trial.program.moved(task, (shortest / cycles, longest / cycles))
 
 
 def limits_of(task: Task) -> Iterator[Limit]:

@@ -223,7 +223,7 @@ def limits(result: Result) -> Figure:
     elasticity, known = result["limit_elasticity"].values, result.attributes["limits"]
     binding = [k for k in np.argsort(-abs(elasticity)) if abs(elasticity[k]) > _NO_INFLUENCE]
     shown = binding[:_MOST_BARS]
-    drawn = sheet(8, 2.2 + 0.34 * max(3, len(shown)))
+    drawn = sheet(8, 2.5 + 0.34 * max(3, len(shown)))
     axes = drawn.subplots()
     better = 1.0 if known["objective"] == "speed" else -1.0
     for place, k in enumerate(shown):
@@ -238,8 +238,10 @@ def limits(result: Result) -> Figure:
     axes.set_ylim(max(3, len(shown)) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
     axes.margins(x=0.16)
-    of = _OBJECTIVES.get(known["objective"], "speed").partition(",")[0]
-    axes.set_xlabel(f"per cent {of} per per cent of the limit")
+    axes.set_ylabel("limit")
+    cost = _OBJECTIVES.get(known["objective"], "").partition(",")[0]
+    of = f"of the {cost}" if cost else "speed"
+    axes.set_xlabel(rf"per cent {of} per per cent of the limit ($\%/\%$)")
     axes.set_title(_limit_notes(known, elasticity, len(binding) - len(shown)), loc="left")
     handles = [
         Line2D([], [], color=colour, linewidth=7, label=f"better when {way}")

@@ -250,7 +250,22 @@ def label(text: str, unit: str) -> str:
 
 
 def raised(unit: str) -> str:
-    """Write a unit with its powers raised, and '1' as nothing."""
+    """Write a unit with its powers raised, and '1' as nothing.
+
+    Parameters
+    ----------
+    unit : str
+        UDUNITS text.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> raised("m s-2"), raised("1")
+    ('m s$^{-2}$', '')
+    """
     return re.sub(r"(?<=[A-Za-z])(-?[0-9]+)", r"$^{\1}$", "" if unit == "1" else unit)
 
 
