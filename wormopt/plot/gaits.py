@@ -227,12 +227,10 @@ def limits(result: Result) -> Figure:
     axes = drawn.subplots()
     better = 1.0 if known["objective"] == "speed" else -1.0
     for place, k in enumerate(shown):
-        upward = better * elasticity[k] > 0
-        axes.barh(place, elasticity[k], 0.66, color=LINKS[0] if upward else LINKS[3])
+        length = float(elasticity[k])
+        axes.barh(place, length, 0.66, color=LINKS[0] if better * length > 0 else LINKS[3])
         mark = " *" if known["one_sided"][k] else ""
-        axes.annotate(
-            f"{elasticity[k]:+.3g}{mark}", (elasticity[k], place), **_beside(elasticity[k])
-        )
+        axes.annotate(f"{length:+.3g}{mark}", (length, place), **_beside(length))
     axes.axvline(0.0, color=GREY, linewidth=0.8)
     axes.set_yticks(range(len(shown)), [_limit_text(known, k) for k in shown])
     axes.set_ylim(max(3, len(shown)) - 0.4, -0.6)
