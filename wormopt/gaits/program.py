@@ -68,7 +68,7 @@ class GaitProgram:
         task: Task,
         sequence: Sequence_,
         period: tuple[float, float],
-        arcs: int | Sequence[int] = 6,
+        arcs: int | Sequence[int] | np.ndarray = 6,
         degree: int = 1,
         like: ScaledLimits | None = None,
     ) -> None:
