@@ -599,14 +599,6 @@ def test_gaits_made_on_the_way_are_certified_in_place_of_a_worse_one():
         assert 1 / sum(durations) == pytest.approx(round(1 / sum(durations)), rel=1e-6)
 
 
-class Ranged(WormTable, frozen=True):
-    """Any load from 4 to 6."""
-
-    @property
-    def load_range(self) -> tuple[float, float]:
-        return 4.0, 6.0
-
-
 def test_limits_hold_under_every_load_of_a_range():
     task = g1(spike_load=27.0, actuator_force=12.0)
     ranged, low, high = (

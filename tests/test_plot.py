@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 from wormopt.plot import PICTURES, draw, figure, rod
-from wormopt.plot.parts import stretches
+from wormopt.plot.parts import LINKS, stretches
 from wormopt.result import Result, Scalar, Variable
 
 UNITS = {
@@ -72,6 +72,20 @@ def front() -> Result:
     variables.append(Variable("front_accepted", "1", ("point",), np.array([1, 1, 0])))
     scalars = {"front_objective": Scalar("peak_spike_load"), "ceiling": Scalar(1.0)}
     return Result("front", "gait-pareto", "", scalars=scalars, variables=tuple(variables))
+
+
+def weighed(objective: str = "speed") -> Result:
+    """A limit that helps when raised, one when lowered, one that counts for one side, idle ones."""
+    elasticity = Variable("limit_elasticity", "1", ("limit",), np.array([0.8, -0.3, 0.1, 0.0, 0.0]))
+    names = ["gait.rate", "worm.mass", "worm.load", "gait.period", "gait.sigma_margin"]
+    known = {
+        "objective": objective,
+        "name": names,
+        "value": [1.0, 2.0, 5.0, 1.0, 0.0],
+        "unit": ["m s-1", "kg", "N", "s", "N"],
+        "one_sided": [name == "worm.load" for name in names],
+    }
+    return Result("weighed", "gait-design", variables=(elasticity,), attributes={"limits": known})
 
 
 def crawl(trackers: int = 1, links: int = 2, funnel: bool = False) -> Result:
@@ -529,7 +543,7 @@ def answered(searched: bool = True) -> Result:
 
 
 def sample(picture: str) -> Result:
-    made = {"front": front, "trackers": crawl, "bands": herd, "signals": own}
+    made = {"front": front, "limits": weighed, "trackers": crawl, "bands": herd, "signals": own}
     made |= {"comparison": compared, "draws": compared, "convergence": relaxed}
     made |= {"waveform": driven, "stress_strain": stretched}
     made |= {"velocity": pulled, "resonance": resonant}
@@ -555,6 +569,20 @@ def test_every_picture_is_written(picture: str, tmp_path: Path):
         assert min(image.size) > 500
         assert len(image.convert("RGB").getcolors(1_000_000) or []) > 20
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_bars_of_limits_tell_which_way_helps():
+    for objective, colours in (("speed", LINKS[::3]), ("peak_spike_load", LINKS[3::-3])):
+        axes = figure(weighed(objective), "limits").axes[0]
+        bars = [bar for bar in axes.patches if isinstance(bar, Rectangle)]
+        assert [bar.get_width() for bar in bars] == [0.8, -0.3, 0.1]
+        assert all(same_color(bars[k].get_facecolor(), colours[k]) for k in (0, 1))
+        ticks = [text.get_text() for text in axes.get_yticklabels()]
+        assert ticks[1:] == ["worm.mass = 2 kg", "worm.load = 5 N"]
+        assert [text.get_text() for text in axes.texts] == ["+0.8", "-0.3", "+0.1 *"]
+        notes = axes.get_title(loc="left")
+        assert "influence: gait.period" in notes
+        assert "0: gait.sigma_margin" in notes
 
 
 @pytest.mark.parametrize("links", range(1, 9))

@@ -66,7 +66,7 @@ KINDS: dict[str, Kind] = {
         summary="the best gait within limits on links, spikes and actuators",
         table="wormopt.scenes.gait_design:GaitDesignScene",
         study="wormopt.studies.gait_design",
-        pictures=("gait", "motion", "spikes", "certificate", "animation"),
+        pictures=("gait", "motion", "spikes", "limits", "certificate", "animation"),
     ),
     "gait-pareto": Kind(
         summary="front of the best gaits between speed and a second objective",

@@ -86,6 +86,31 @@ def unit_of(quantity: str, units: str) -> str:
     return unit if units == "SI" else "1"
 
 
+def unit_ratio(quantity: str, per: str, units: str) -> str:
+    """Unit of a derivative: of one quantity by another.
+
+    Parameters
+    ----------
+    quantity, per : str
+        Keys of `UNITS`.
+    units : {"dimensionless", "SI"}
+        The ``units`` of the scene.
+
+    Examples
+    --------
+    >>> unit_ratio("speed", "acceleration", "SI"), unit_ratio("speed", "force", "SI")
+    ('s', 'm s-1 N-1')
+    >>> unit_ratio("force", "force", "SI")
+    '1'
+    """
+    powers: dict[str, int] = {}
+    for name, sign in ((quantity, 1), (per, -1)):
+        for symbol, power in re.findall(r"([A-Za-z]+)(-?\d*)", unit_of(name, units)):
+            powers[symbol] = powers.get(symbol, 0) + sign * int(power or 1)
+    parts = [f"{s}{p if p != 1 else ''}" for s, p in powers.items() if p]
+    return " ".join(parts) or "1"
+
+
 def plain(value: Any) -> Any:
     """Turn a value into what JSON can say: arrays into lists, NaN and infinity into None.
 

@@ -52,6 +52,8 @@ class GaitProgram:
     patterns : tuple, optional
         Which spikes are unloaded or full, arc after arc, where that matters (`gaits.split`); any
         split of the load is allowed if left out.
+    like : ScaledLimits, optional
+        Whose units are taken instead of the task's own.
 
     Examples
     --------
@@ -73,10 +75,14 @@ class GaitProgram:
         arcs: int | Sequence[int] | np.ndarray = 6,
         degree: int = 1,
         patterns: tuple[Pattern | None, ...] | None = None,
+        like: ScaledLimits | None = None,
     ) -> None:
         self.task, self.sequence, self.period, self.degree = task, sequence, period, degree
         self.patterns = patterns
-        self.limits = _scaled(task.worm, replace(task.limits, period=period), task.objective)
+        limits = replace(task.limits, period=period)
+        self.limits = _scaled(task.worm, limits, task.objective)
+        if like is not None:
+            self.limits = replace(self.limits, like=like)
         self.arcs = np.broadcast_to(arcs, len(sequence))
         self._edges = np.concatenate([[0], np.cumsum(self.arcs)])
         self.total = int(self._edges[-1])
@@ -243,8 +249,8 @@ class GaitProgram:
     def _add_ends(self) -> None:
         """Period, advance of the head, speed that is required, jumps of velocities."""
         every = [(int(h), 1.0) for h in self.h]
-        shortest = self.limits.shortest_period
-        self._period = int(self._rows.add(every, [], shortest, 1.0)[0])
+        shortest, longest = self.limits.shortest_period, self.limits.longest_period
+        self._period = int(self._rows.add(every, [], shortest, longest)[0])
         share = 1.0 / (self.degree + 1)
         ways = [
             (int(self.h[k]), int(v), share) for k, row in enumerate(self.v[:, :, 0]) for v in row
@@ -293,6 +299,23 @@ class GaitProgram:
             shares = random.uniform(0.7, 1.3, self.total)
         sums = np.add.reduceat(shares, self._edges[:-1])
         return self.start_arcs(shares * np.repeat(np.asarray(durations) / sums, self.arcs))
+
+    def moved(self, task: Task, period: tuple[float, float]) -> GaitProgram:
+        """Give the same unknowns and rows in the same units, with the numbers of another task.
+
+        Parameters
+        ----------
+        task : Task
+            Of the same worm and limits but for their numbers.
+        period : tuple of float
+            Shortest and longest duration of its cycle.
+
+        Returns
+        -------
+        GaitProgram
+        """
+        same = (self.arcs, self.degree, self.patterns, self.limits)
+        return type(self)(task, self.sequence, period, *same)
 
     def start_arcs(self, widths: np.ndarray) -> Point | None:
         """Best motion with given durations of the arcs.

@@ -47,9 +47,12 @@ class ScaledLimits:
     ----------
     task : Task
         Worm and limits.
+    like : ScaledLimits, optional
+        Whose units are taken instead of the task's own, to compare the two.
     """
 
     task: Task
+    like: ScaledLimits | None = None
 
     @property
     def links(self) -> int:
@@ -59,27 +62,37 @@ class ScaledLimits:
     @cached_property
     def speed(self) -> float:
         """Unit of speeds: the largest link rate."""
-        return self.task.speed_nominal
+        return self.like.speed if self.like else self.task.speed_nominal
 
     @cached_property
     def time(self) -> float:
         """Unit of times: the longest period."""
-        return self.task.limits.period_range[1]
+        return self.like.time if self.like else self.task.limits.period_range[1]
 
     @cached_property
     def shortest_period(self) -> float:
-        """Shortest period; the longest is 1."""
+        """Shortest period."""
         return self.task.limits.period_range[0] / self.time
+
+    @cached_property
+    def longest_period(self) -> float:
+        """Longest period: 1 in its own units."""
+        return self.task.limits.period_range[1] / self.time
+
+    @cached_property
+    def mean_mass(self) -> float:
+        """Unit of masses."""
+        return self.like.mean_mass if self.like else float(np.mean(self.task.worm.masses))
 
     @cached_property
     def force(self) -> float:
         """Unit of forces."""
-        return float(np.mean(self.task.worm.masses)) * self.speed / self.time
+        return self.mean_mass * self.speed / self.time
 
     @cached_property
     def mass(self) -> np.ndarray:
         """Masses, shape (n + 1,)."""
-        return np.array(self.task.worm.masses) / np.mean(self.task.worm.masses)
+        return np.array(self.task.worm.masses) / self.mean_mass
 
     @cached_property
     def drag(self) -> float:

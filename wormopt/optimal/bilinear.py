@@ -458,6 +458,46 @@ class BilinearProgram:
             x[free] += step[: free.sum()]
         return x
 
+    def gain(self, moved: BilinearProgram, x: np.ndarray, radius: float = 1e-3) -> float:
+        """What a small change of sides, bounds and coefficients gains, to first order.
+
+        The program that has moved is linearised at the old optimum. Its multipliers there are
+        those of the direction of the move, also where those of the old program are not unique.
+
+        Parameters
+        ----------
+        moved : BilinearProgram
+            With the same unknowns and rows.
+        x : ndarray
+            Local optimum of this program.
+        radius : float, optional
+            Trust region, as a share of each held factor.
+
+        Returns
+        -------
+        float
+            Change of the objective; NaN where no point is left near the optimum.
+        """
+        sizes = x[self.held]
+        moved._basis = self._basis
+        near = radius * np.maximum(sizes, _SHORTEST_STEP * sizes.mean())
+        found = moved._step(x, near)
+        if found is None:
+            return np.nan
+        row, column = np.array(found.row_dual), np.array(found.col_dual)
+        column[self.held] = 0.0  # the trust region's, not the program's
+        gained = _worth(row, moved.row_lower, moved.row_upper)
+        gained -= _worth(row, self.row_lower, self.row_upper)
+        gained += _worth(column, moved.lower, moved.upper) - _worth(column, self.lower, self.upper)
+        gained -= float(row @ (moved.values(x) - self.values(x)))
+        return gained + moved.value(x) - self.value(x)
+
+
+def _worth(multipliers: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
+    """Worth of sides at their multipliers, whose signs tell which; where there is none, rounding."""
+    sides = np.where(multipliers > 0, upper, lower)
+    return float(multipliers @ np.where(np.isfinite(sides), sides, 0.0))
+
 
 def _nonbasic(status: Sequence[Any]) -> np.ndarray:
     return np.array([s != highspy.HighsBasisStatus.kBasic for s in status])

@@ -71,6 +71,7 @@ PICTURES: dict[str, Picture] = {
     "spikes": Picture(
         gaits.spikes, (*_CYCLE, "reaction", "reaction_mean", "sigma", "actuator_force")
     ),
+    "limits": Picture(gaits.limits, ("limit_elasticity",)),
     "front": Picture(gaits.front, ("front_speed", "front_value", "front_accepted")),
     "certificate": Picture(certificate.certificate, ("proof_time", "proof_bound", "proof_value")),
     "animation": Picture(gaits.first_frame, (*_CYCLE, "position"), gaits.pose, gaits.FRAMES),

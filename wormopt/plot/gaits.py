@@ -5,6 +5,7 @@ Values of time stand twice where something jumps, so lines draw jumps as they ar
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from wormopt.plot.parts import (
     legend,
     link_handles,
     mass_handles,
+    raised,
     ranges,
     rate_ranges,
     scalar,
@@ -35,7 +37,7 @@ from wormopt.plot.parts import (
 )
 from wormopt.result import Result
 
-__all__ = ["FRAMES", "first_frame", "front", "gait", "motion", "pose", "spikes"]
+__all__ = ["FRAMES", "first_frame", "front", "gait", "limits", "motion", "pose", "spikes"]
 
 _PERIODS = 2  # shown of a motion
 _FRAMES_PER_PERIOD = 36
@@ -203,6 +205,78 @@ def front(result: Result) -> Figure:
     axes.margins(0.06)
     drawn.legend(loc="outside lower center", ncols=3)
     return drawn
+
+
+def limits(result: Result) -> Figure:
+    """What each limit is worth: per cent of the objective per per cent of the limit.
+
+    Parameters
+    ----------
+    result : Result
+        With the variable ``limit_elasticity`` and the attribute ``limits``.
+
+    Returns
+    -------
+    Figure
+        Bars, the longest on top; limits that do not bind are named below.
+    """
+    elasticity, known = result["limit_elasticity"].values, result.attributes["limits"]
+    binding = [k for k in np.argsort(-abs(elasticity)) if abs(elasticity[k]) > _NO_INFLUENCE]
+    shown = binding[:_MOST_BARS]
+    drawn = sheet(8, 2.5 + 0.34 * max(3, len(shown)))
+    axes = drawn.subplots()
+    better = 1.0 if known["objective"] == "speed" else -1.0
+    for place, k in enumerate(shown):
+        length = float(elasticity[k])
+        axes.barh(place, length, 0.66, color=LINKS[0] if better * length > 0 else LINKS[3])
+        mark = " *" if known["one_sided"][k] else ""
+        axes.annotate(f"{length:+.3g}{mark}", (length, place), **_beside(length))
+    axes.axvline(0.0, color=GREY, linewidth=0.8)
+    axes.set_yticks(range(len(shown)), [_limit_text(known, k) for k in shown])
+    axes.set_ylim(max(3, len(shown)) - 0.4, -0.6)
+    axes.grid(visible=False, axis="y")
+    axes.margins(x=0.16)
+    axes.set_ylabel("limit")
+    cost = _OBJECTIVES.get(known["objective"], "").partition(",")[0]
+    of = f"of the {cost}" if cost else "speed"
+    axes.set_xlabel(rf"per cent {of} per per cent of the limit ($\%/\%$)")
+    axes.set_title(_limit_notes(known, elasticity, len(binding) - len(shown)), loc="left")
+    handles = [
+        Line2D([], [], color=colour, linewidth=7, label=f"better when {way}")
+        for colour, way in ((LINKS[0], "raised"), (LINKS[3], "lowered"))
+    ]
+    drawn.legend(handles=handles, loc="outside lower center", ncols=2)
+    return drawn
+
+
+# Elasticities below this are rounding; more bars than these cannot be read.
+_NO_INFLUENCE, _MOST_BARS = 1e-6, 24
+
+
+def _beside(length: float) -> dict[str, Any]:
+    """Place a number at the end of its bar, outside."""
+    side = 1.0 if length > 0 else -1.0
+    return {"xytext": (4 * side, 0), "textcoords": "offset points", "size": 9, "va": "center",
+            "ha": "left" if side > 0 else "right", "color": GREY}  # fmt: skip
+
+
+def _limit_text(known: dict[str, Any], k: int) -> str:
+    return f"{known['name'][k]} = {known['value'][k]:.4g} {raised(known['unit'][k])}".rstrip()
+
+
+def _limit_notes(known: dict[str, Any], elasticity: np.ndarray, hidden: int) -> str:
+    """What the bars do not show, in a few lines."""
+    idle = np.flatnonzero(abs(elasticity) <= _NO_INFLUENCE)
+    notes = []
+    for text, is_zero in (("without influence", False), ("not shown as they are 0", True)):
+        names = [known["name"][k] for k in idle if (known["value"][k] == 0) == is_zero]
+        if names:
+            notes.append(f"{text}: {', '.join(names)}")
+    if hidden:
+        notes.append(f"{hidden} shorter bars left out")
+    if any(known["one_sided"]):
+        notes.append("* counts when relaxed; tightened it counts differently")
+    return "\n".join(line for note in notes for line in textwrap.wrap(note, 72))
 
 
 def first_frame(result: Result) -> Figure:

@@ -246,10 +246,26 @@ def label(text: str, unit: str) -> str:
     >>> label("speed", "m s-1"), label("ratio", "1")
     ('speed (m s$^{-1}$)', 'ratio')
     """
-    return text if unit == "1" else f"{text} ({_raised(unit)})"
+    return text if unit == "1" else f"{text} ({raised(unit)})"
 
 
-def _raised(unit: str) -> str:
+def raised(unit: str) -> str:
+    """Write a unit with its powers raised, and '1' as nothing.
+
+    Parameters
+    ----------
+    unit : str
+        UDUNITS text.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> raised("m s-2"), raised("1")
+    ('m s$^{-2}$', '')
+    """
     return re.sub(r"(?<=[A-Za-z])(-?[0-9]+)", r"$^{\1}$", "" if unit == "1" else unit)
 
 
@@ -288,7 +304,7 @@ def facts(result: Result, *names: str) -> str:
     """
     found = [(name.replace("_", " "), result.scalars.get(name)) for name in names]
     return "    ".join(
-        f"{name} {number.value:.6g} {_raised(number.unit)}".rstrip()
+        f"{name} {number.value:.6g} {raised(number.unit)}".rstrip()
         for name, number in found
         if number and isinstance(number.value, int | float)
     )

@@ -250,7 +250,7 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     """
 
     kind: Literal["gait-design"]
-    want: tuple[Literal["gait", "motion", "spikes", "certificate", "animation"], ...] = ()
+    want: tuple[Literal["gait", "motion", "spikes", "limits", "certificate", "animation"], ...] = ()
     objective: ObjectiveTable
 
     def faults(self, folder: Path) -> Iterator[Fault]:
@@ -264,6 +264,8 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from self.objective.faults()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
+        if "limits" in self.want and self.objective.minimise in _UNPROVEN:
+            yield "want", f'"limits" is not known for {self.objective.minimise}; leave it out'
         yield from self._faults_of_proof()
 
     def _faults_of_proof(self) -> Iterator[Fault]:

@@ -15,6 +15,7 @@ from wormopt.progress import Report
 from wormopt.result import Result, Scalar, unit_of
 from wormopt.scenes.gait_design import DesignTable, GaitDesignScene
 from wormopt.scenes.scene import Scene
+from wormopt.studies.gait_limits import add_limits
 from wormopt.studies.motion import (
     disagreements,
     motion_scalars,
@@ -64,6 +65,7 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
     if found.ended == "interrupted":
         reason = "interrupted: the best gait so far, its search cut short"
         raise Interrupted(replace(result, status="failed", reason=reason))
+    result = add_limits(result, found, table)
     if settings.certify is None or result.status != "ok":
         return result
     from wormopt.studies.gait_certificate import add_certificate

@@ -1,0 +1,260 @@
+"""What limits are worth: by formulas, by solving again with the limit moved, by units."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+import wormopt as wo
+from wormopt.core.task import Limits, Objective, Rates, Search, Task, Worm
+from wormopt.errors import SceneError
+from wormopt.gaits.optimize import Design, design, designed
+from wormopt.gaits.sensitivity import Limit, Sensitivity, limits_of, scaling_error, sensitivities
+from wormopt.optimal.bilinear import Climb
+from wormopt.plot import draw
+from wormopt.progress import silent
+
+LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+G1 = Worm(2, load=5.0)
+ORDER = ((0,), (1,), (2,))
+
+
+def by_name(known: tuple[Sensitivity, ...]) -> dict[str, Sensitivity]:
+    return {s.name: s for s in known}
+
+
+def climbed_again(found: Design, limit: Limit, share: float) -> float:
+    """The objective where a limit has moved, solved in units of its own from the same arcs."""
+    trial = found.trial
+    assert trial is not None
+    old, task = trial.program, limit.moved(limit.value * (1 + share))
+    shortest, longest = (end / trial.cycles for end in task.limits.period_range)
+    widths = old.widths(trial.point)
+    widths = widths * np.clip(widths.sum(), shortest, longest) / widths.sum()
+    new = type(old)(task, old.sequence, (shortest, longest), old.arcs, old.degree)
+    start = new.start_arcs(widths)
+    assert start is not None
+    point, _ = new.bilinear.sharpen(new.bilinear.climb(start, Climb(1e-10, 60)))
+    return abs(new.objective(point))
+
+
+def designed_again(found: Design, limit: Limit, share: float) -> float:
+    """The objective where a limit has moved, by a search from nothing."""
+    trial = designed(limit.moved(limit.value * (1 + share)), Search(), silent).trial
+    assert trial is not None
+    return abs(trial.value)
+
+
+def assert_confirmed(found: Design, again=climbed_again, share: float = 1e-3) -> None:
+    """Central differences, which a curved objective leaves alone, to 1 %."""
+    known = sensitivities(found)
+    assert [s for s in known if s.one_sided] == []
+    assert found.trial is not None
+    for s, limit in zip(known, limits_of(found.task), strict=True):
+        if s.value:
+            change = again(found, limit, share) - again(found, limit, -share)
+            elasticity = change / (2 * share * abs(found.trial.value))
+            assert s.elasticity == pytest.approx(elasticity, rel=0.01, abs=2e-5), s.name
+
+
+@given(
+    rate=st.floats(0.5, 1.5),
+    acceleration=st.floats(10.0, 40.0),
+    load=st.floats(4.0, 12.0),
+    mass=st.floats(0.5, 2.0),
+    period=st.floats(0.9, 1.2),
+)
+@settings(max_examples=10, deadline=None)
+def test_two_masses_have_a_formula(rate, acceleration, load, mass, period):
+    """A trapezoid of the rate: up with the acceleration, down with what the load holds back."""
+    fall = 2 * load / mass
+    assume(fall < 0.95 * acceleration)
+    ramps = 1 / acceleration + 1 / fall
+    assume(rate * ramps < 0.3 * period)
+    found = design(
+        Worm(1, mass, load=load),
+        Limits(period, (0.5, 2.0), rate=rate, acceleration=acceleration),
+        search=Search(sequence=((0,), (1,))),
+    )
+    speed = rate / 2 - rate**2 / (2 * period) * ramps
+    assert found.trial is not None
+    assume(found.cycles == 1)
+    assert found.speed == pytest.approx(speed, rel=1e-9)
+    known = by_name(sensitivities(found))
+    expected = {
+        "gait.rate": 0.5 - rate / period * ramps,
+        "gait.period": rate**2 / (2 * period**2) * ramps,
+        "gait.acceleration": rate**2 / (2 * period) / acceleration**2,
+        "worm.load": rate**2 / (2 * period) / (fall * load),
+        "worm.mass": -(rate**2) / (2 * period) / (fall * mass),
+        "gait.length.longest": 0.0,
+    }
+    for name, derivative in expected.items():
+        assert known[name].derivative == pytest.approx(derivative, rel=1e-3, abs=1e-7), name
+
+
+def test_where_more_limits_meet_than_need_to_no_single_one_helps():
+    """The stroke of a link is just what its rate allows: speed is 0.425 by either."""
+    limits = replace(LIMITS, length=(0.7, 0.7 + 0.425))
+    found = design(Worm(1, load=5.0), limits, search=Search(sequence=((0,), (1,))))
+    assert found.speed == pytest.approx(0.425, abs=1e-9)
+    known = by_name(sensitivities(found))
+    assert all(known[name].one_sided for name in ("gait.rate", "gait.length.longest"))
+    for name, raised, lowered in (
+        ("gait.rate", 0.0, 0.35),
+        ("gait.length.longest", 0.0, 1.0),
+        ("gait.length.shortest", -1.0, 0.0),
+        ("gait.period", -0.425, 0.075),
+        ("gait.acceleration", 0.0, 1 / 800),
+    ):
+        s = known[name]
+        assert (s.raised, s.lowered) == pytest.approx((raised, lowered), rel=1e-3, abs=1e-6), name
+        assert s.derivative == pytest.approx(0.0, abs=1e-6), name
+
+
+def test_g1_solved_again():
+    found = design(G1, LIMITS)
+    assert_confirmed(found)
+    rate = next(limit for limit in limits_of(found.task) if limit.name == "gait.rate")
+    again = designed_again(found, rate, 1e-3) - designed_again(found, rate, -1e-3)
+    known = by_name(sensitivities(found))
+    assert known["gait.rate"].derivative == pytest.approx(again / 2e-3, rel=0.01)
+
+
+def test_spike_limit_solved_again():
+    assert_confirmed(design(G1, replace(LIMITS, spike_load=27.0)))
+
+
+def test_cost_solved_again():
+    """Of a cost, which ways are better is turned round; so is the required speed."""
+    search = Search(sequence=((0,), (1,), (0, 1), (1,), (2,)))
+    found = design(G1, LIMITS, "peak_spike_load", 0.75, search)
+    assert found.trial is not None
+    assert -found.trial.value == pytest.approx(25.434782608695, abs=1e-7)
+    assert_confirmed(found)
+    known = by_name(sensitivities(found))
+    assert known["gait.rate"].derivative < 0 < known["objective.speed"].derivative
+
+
+def test_lists_add_up_to_the_one_number():
+    """Also where a family of gaits is the best, as here: single multipliers differ by half."""
+    one = by_name(sensitivities(design(G1, LIMITS)))
+    each = replace(LIMITS, rate=Rates(1.0, (1.0, 1.0)), acceleration=(20.0, 20.0))
+    many = by_name(sensitivities(design(replace(G1, mass=(1.0, 1.0, 1.0)), each)))
+    for name, parts in (
+        ("gait.acceleration", ["gait.acceleration[0]", "gait.acceleration[1]"]),
+        (
+            "gait.rate",
+            ["gait.rate.contraction", "gait.rate.extension[0]", "gait.rate.extension[1]"],
+        ),
+        ("worm.mass", ["worm.mass[0]", "worm.mass[1]", "worm.mass[2]"]),
+    ):
+        total = sum(many[part].derivative for part in parts)
+        assert total == pytest.approx(one[name].derivative, rel=1e-3), name
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=8, deadline=None)
+def test_other_units_describe_the_same_worm(seed):
+    """Elasticities times powers of a unit add up to that of the speed."""
+    random = np.random.default_rng(seed)
+    masses = random.uniform(0.5, 2.0, 3).tolist()
+    worm = Worm(2, masses, load=(random.uniform(3, 6), random.uniform(6, 9)))
+    limits = Limits(
+        period=(0.5, random.uniform(0.8, 1.5)),
+        length=((0.7, random.uniform(0.9, 1.3)), (0.6, random.uniform(0.9, 1.3))),
+        rate=random.uniform(0.5, 1.5, 2).tolist(),
+        acceleration=random.uniform(10, 40),
+        spike_load=random.uniform(40, 60),
+        sigma_margin=random.uniform(0.1, 1.0),
+    )
+    found = design(worm, limits, search=Search(sequence=ORDER))
+    known = sensitivities(found)
+    assume(not any(s.one_sided for s in known))
+    assert scaling_error(known, Objective()) < 1e-3
+
+
+def test_names_are_those_of_the_scene_and_each_moves_its_own_number():
+    limits = replace(LIMITS, period=(0.5, 1.0), rate=Rates(1.0, (1.0, 2.0)), spike_load=40.0)
+    task = Task(replace(G1, load=(4.0, 4.0)), limits)
+    moved = {limit.name: limit.moved(1.1 * limit.value) for limit in limits_of(task)}
+    assert list(moved) == [
+        "gait.period.shortest", "gait.period.longest", "gait.length.shortest",
+        "gait.length.longest", "gait.rate.contraction", "gait.rate.extension[0]",
+        "gait.rate.extension[1]", "gait.acceleration", "gait.spike_load", "gait.sigma_margin",
+        "worm.mass", "worm.load",
+    ]  # fmt: skip
+    assert moved["gait.rate.extension[1]"].limits.rate == Rates(1.0, (1.0, 2.2))
+    assert moved["gait.length.longest"].limits.length == pytest.approx((0.7, 1.43))
+    assert moved["worm.load"].worm.load_range == pytest.approx((4.4, 4.4))
+
+
+def test_scene_tells_what_binds(tmp_path: Path):
+    scene = wo.load_scene("design_fast_gait", ['units="SI"', "gait.acceleration=[20, 20]"])
+    result = wo.run(scene)
+    rate = result.scalars["sensitivity.rate"]
+    assert rate.value == pytest.approx(0.651333, abs=1e-6)
+    assert rate.unit == "1"
+    acceleration = result.scalars["sensitivity.acceleration"]
+    assert sum(acceleration.value) == pytest.approx(0.004441, abs=1e-6)
+    assert acceleration.unit == "s"
+    assert result.scalars["sensitivity.load"].unit == "m s-1 N-1"
+    assert result.trust["sensitivity"]["scaling_error"] < 1e-4
+    assert result.attributes["limits"]["name"][3] == "gait.rate"
+    draw(result, "limits", tmp_path / "limits.png")
+
+
+def test_smooth_costs_have_none():
+    cost = 'objective={minimise="acceleration_effort", speed=0.3}'
+    with pytest.raises(SceneError, match="limits"):
+        wo.load_scene("design_fast_gait", [cost, 'want=["limits"]'])
+
+
+@pytest.mark.slow
+def test_drag_solved_again():
+    assert_confirmed(design(replace(G1, drag=0.5), LIMITS))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("worm", "limits"),
+    [
+        (
+            Worm(2, load=9.49),
+            Limits(1.54, (0.606, 0.862), rate=1.68, acceleration=67.7, spike_load=114.0),
+        ),
+        (
+            Worm(2, (1.24, 0.608, 1.15), load=9.93),
+            Limits(0.693, (0.618, 1.28), rate=0.721, acceleration=4.27, spike_load=34.3),
+        ),
+        (
+            Worm(2, load=6.45),
+            Limits(
+                (0.384, 0.566),
+                (0.537, 1.13),
+                resting=2,
+                rate=Rates((1.34, 0.843), (1.13, 0.948)),
+                acceleration=27.3,
+            ),
+        ),
+        (
+            Worm(2, drag=0.161, load=7.1),
+            Limits(3.09, ((0.605, 1.07), (0.605, 0.913)), rate=1.24, acceleration=26.6),
+        ),
+        (
+            Worm(2, load=2.14),
+            Limits(3.35, (0.694, 1.23), rate=0.679, acceleration=15.1, spike_load=10.3),
+        ),
+    ],
+)
+def test_random_problems_solved_again(worm: Worm, limits: Limits):
+    assert_confirmed(design(worm, limits))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("limits", [LIMITS, replace(LIMITS, spike_load=27.0)])
+def test_whole_designs_again(limits: Limits):
+    assert_confirmed(design(G1, limits), designed_again)
