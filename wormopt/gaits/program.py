@@ -21,7 +21,8 @@ from wormopt.core.task import Limits, Objective, Task, Worm
 from wormopt.gaits.scaled_limits import Form, ScaledLimits
 from wormopt.gaits.sequences import Resting, Sequence_
 from wormopt.gaits.split import Pattern, SplitRows, split_matters
-from wormopt.optimal.bilinear import BilinearProgram, BilinearRows, Point, Product, Term
+from wormopt.optimal.bilinear import BilinearProgram, Point
+from wormopt.optimal.bilinear_rows import BilinearRows, Product, Term
 
 __all__ = ["GaitProgram"]
 

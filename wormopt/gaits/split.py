@@ -18,7 +18,7 @@ import numpy as np
 from wormopt.core.task import Task
 from wormopt.gaits.scaled_limits import Form, ScaledLimits
 from wormopt.gaits.sequences import Resting
-from wormopt.optimal.bilinear import BilinearRows, Product, Term
+from wormopt.optimal.bilinear_rows import BilinearRows, Product, Term
 
 __all__ = ["Pattern", "SplitRows", "split_matters"]
 

@@ -10,7 +10,7 @@ makes the step feasible again. Where the optimum is a vertex, steps become Newto
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import highspy
@@ -18,117 +18,13 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-__all__ = ["BilinearProgram", "BilinearRows", "Climb", "Point", "Product"]
+from wormopt.optimal.bilinear_rows import BilinearRows
 
-# Columns, one per row or one for all, and the coefficient.
-Term = tuple["np.ndarray | int", "np.ndarray | float"]
-# First and second factor, one per row or one for all, and the coefficient.
-Product = tuple["np.ndarray | int", "np.ndarray | int", "np.ndarray | float"]
+__all__ = ["BilinearProgram", "Climb", "Point"]
 
 _SHRINK, _LARGEST, _SMALLEST = 0.25, 1.0, 1e-7
 # Steps are never held to less than this share of their mean.
 _SHORTEST_STEP = 0.02
-
-
-@dataclass
-class BilinearRows:
-    """Rows of a bilinear program in the making, added in blocks, and its columns.
-
-    Parameters
-    ----------
-    count : int
-        Rows so far.
-    lower, upper : list of float
-        Bounds of the columns so far.
-
-    Examples
-    --------
-    >>> rows = BilinearRows()
-    >>> x = rows.columns(np.array([2.0, 2.0]))
-    >>> rows.add([(x[0], 1.0)], [(x[0], x[1], 1.0)], -np.inf, 3.0)  # x0 + x0 x1 <= 3
-    array([0])
-    """
-
-    count: int = 0
-    lower: list[float] = field(default_factory=list)
-    upper: list[float] = field(default_factory=list)
-    _sides: list[tuple[int, Any, Any]] = field(default_factory=list)
-    _linear: list[tuple[Any, ...]] = field(default_factory=list)
-    _products: list[tuple[Any, ...]] = field(default_factory=list)
-
-    def columns(self, upper: np.ndarray) -> np.ndarray:
-        """Number new columns from 0 to these bounds; -1 where the bound is 0: no column.
-
-        Parameters
-        ----------
-        upper : ndarray
-            Upper bounds, of any shape.
-
-        Returns
-        -------
-        ndarray of int
-            Of the same shape.
-        """
-        kept = upper > 0.0
-        number = np.where(kept, len(self.upper) - 1 + np.cumsum(kept).reshape(upper.shape), -1)
-        self.upper.extend(upper[kept].tolist())
-        self.lower.extend([0.0] * int(kept.sum()))
-        return number
-
-    def add(
-        self,
-        linear: Sequence[Term],
-        products: Sequence[Product],
-        lower: np.ndarray | float,
-        upper: np.ndarray | float,
-    ) -> np.ndarray:
-        """Add the rows lower <= linear terms + products <= upper; give their numbers.
-
-        Columns, factors and coefficients are broadcast against each other. Terms with a column
-        or factor -1 are left out: what they stand for is zero.
-
-        Parameters
-        ----------
-        linear : sequence of (columns, coefficients)
-            Linear terms.
-        products : sequence of (columns, columns, coefficients)
-            Products of two unknowns.
-        lower, upper : float or ndarray
-            Sides; infinite where there is none.
-        """
-        terms = (*linear, *products)
-        size = max((np.size(factor) for term in terms for factor in term[:-1]), default=1)
-        rows = np.arange(self.count, self.count + size)
-        self._linear += [(rows, *term) for term in linear]
-        self._products += [(rows, *term) for term in products]
-        self._sides.append((size, lower, upper))
-        self.count += size
-        return rows
-
-    def terms(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """All linear terms and all products: rows, columns or both factors, coefficients."""
-        return _stacked(self._linear, 3), _stacked(self._products, 4)
-
-    def sides(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper sides of all rows."""
-        lower, upper = (
-            np.concatenate([np.full(side[0], side[k]) for side in self._sides]) for k in (1, 2)
-        )
-        return lower, upper
-
-
-def _stacked(terms: list[tuple[Any, ...]], width: int) -> list[np.ndarray]:
-    """Columns of a list of terms, numbers broadcast to the rows, without those that are zero."""
-    sizes = [len(term[0]) for term in terms]
-    parts = []
-    for k in range(width):
-        given = [term[k] for term in terms]
-        arrays = [
-            v if np.ndim(v) else np.full(size, v) for v, size in zip(given, sizes, strict=True)
-        ]
-        parts.append(np.concatenate(arrays) if arrays else np.empty(0, int))
-    there = np.all([part >= 0 for part in parts[1:-1]], axis=0)
-    return [part[there] for part in parts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,29 +307,53 @@ class BilinearProgram:
         found = self._step(point.x, radius * np.maximum(point.x[self.held], 1e-12))
         if found is None:
             return point, np.zeros(len(self.row_lower))
-        multipliers = np.array(found.row_dual)
-        active = _nonbasic(self._basis.row_status)
-        at_upper = np.array([s == _UPPER for s in self._basis.row_status])
-        free = ~_nonbasic(self._basis.col_status)
-        x = np.array(found.col_value)
-        for _ in range(_ROUNDS):
-            x = self._projected(x, np.where(at_upper, self.row_upper, self.row_lower), active, free)
+        for x in (self._on_active(np.array(found.col_value)), self._inside(point.x)):
             if x is None:
-                return point, multipliers
-            values = self.values(x)
+                continue
+            sharp = Point(x, self.value(x))
+            worse = sharp.value < point.value - 1e-7 * abs(point.value)
+            if not worse and self.violation(x) <= 10 * _SHARP:
+                return sharp, np.array(found.row_dual)
+        return point, np.array(found.row_dual)
+
+    def _on_active(self, x: np.ndarray) -> np.ndarray | None:
+        """Where all is at its side that is so in the last basis, and what this would break too."""
+        active, free = _nonbasic(self._basis.row_status), ~_nonbasic(self._basis.col_status)
+        at_upper = np.array([s == _UPPER for s in self._basis.row_status])
+        for _ in range(_ROUNDS):
+            sides = np.where(at_upper, self.row_upper, self.row_lower)
+            found = self._projected(x, sides, active, free)
+            if found is None:
+                return None
+            values = self.values(found)
             above = ~active & (values > self.row_upper + _SHARP)
             below = ~active & (values < self.row_lower - _SHARP)
-            outside = free & ((x < self.lower - _SHARP) | (x > self.upper + _SHARP))
+            outside = free & ((found < self.lower - _SHARP) | (found > self.upper + _SHARP))
+            x = np.clip(found, self.lower, self.upper)
             if not (above.any() or below.any() or outside.any()):
-                break
+                return x
             active, at_upper = active | above | below, (at_upper & ~below) | above
-            x, free = np.clip(x, self.lower, self.upper), free & ~outside
-        sharp = Point(np.clip(x, self.lower, self.upper), 0.0)
-        sharp = Point(sharp.x, self.value(sharp.x))
-        worse = sharp.value < point.value - 1e-7 * abs(point.value)
-        if worse or self.violation(sharp.x) > max(10 * _SHARP, 1e-3 * self.violation(point.x)):
-            return point, multipliers
-        return sharp, multipliers
+            free = free & ~outside
+        return None
+
+    def _inside(self, x: np.ndarray) -> np.ndarray | None:
+        """A little within all sides, by more than the solver may be off; only equations exact."""
+        open_rows = self.row_lower < self.row_upper
+        sides = self.row_lower, self.row_upper
+        self.row_lower = sides[0] + np.where(open_rows, _MARGIN, 0.0)
+        self.row_upper = sides[1] - np.where(open_rows, _MARGIN, 0.0)
+        try:
+            found = self.restore(x)
+        finally:
+            self.row_lower, self.row_upper = sides
+        if found is None:
+            return None
+        free = (found.x > self.lower + _MARGIN) & (found.x < self.upper - _MARGIN)
+        free[self.held] = False
+        exact = self._projected(
+            np.clip(found.x, self.lower, self.upper), sides[0], ~open_rows, free
+        )
+        return None if exact is None else np.clip(exact, self.lower, self.upper)
 
     def _projected(
         self, x: np.ndarray, sides: np.ndarray, active: np.ndarray, free: np.ndarray
@@ -494,7 +414,7 @@ class BilinearProgram:
 
 
 def _worth(multipliers: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
-    """Worth of sides at their multipliers, whose signs tell which; where there is none, rounding."""
+    """Worth of sides at their multipliers, whose signs tell which side it is."""
     sides = np.where(multipliers > 0, upper, lower)
     return float(multipliers @ np.where(np.isfinite(sides), sides, 0.0))
 
@@ -508,7 +428,7 @@ _NEWTON_STEPS, _ROUNDS = 3, 4
 # Unknowns below this size may move as far as one of it; rows that others imply may be off by this.
 _SMALL, _LOOSE = 1e-3, 1e-13
 _PIVOTS_OF_SETTING_UP = 20
-_SHARP = 1e-13
+_SHARP, _MARGIN = 1e-13, 4e-9
 
 _OPTIONS = {
     "threads": 1,

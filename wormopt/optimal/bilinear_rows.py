@@ -1,0 +1,117 @@
+"""Rows and columns of a bilinear program in the making."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+__all__ = ["BilinearRows", "Product", "Term"]
+
+# Columns, one per row or one for all, and the coefficient.
+Term = tuple["np.ndarray | int", "np.ndarray | float"]
+# First and second factor, one per row or one for all, and the coefficient.
+Product = tuple["np.ndarray | int", "np.ndarray | int", "np.ndarray | float"]
+
+
+@dataclass
+class BilinearRows:
+    """Rows of a bilinear program in the making, added in blocks, and its columns.
+
+    Parameters
+    ----------
+    count : int
+        Rows so far.
+    lower, upper : list of float
+        Bounds of the columns so far.
+
+    Examples
+    --------
+    >>> rows = BilinearRows()
+    >>> x = rows.columns(np.array([2.0, 2.0]))
+    >>> rows.add([(x[0], 1.0)], [(x[0], x[1], 1.0)], -np.inf, 3.0)  # x0 + x0 x1 <= 3
+    array([0])
+    """
+
+    count: int = 0
+    lower: list[float] = field(default_factory=list)
+    upper: list[float] = field(default_factory=list)
+    _sides: list[tuple[int, Any, Any]] = field(default_factory=list)
+    _linear: list[tuple[Any, ...]] = field(default_factory=list)
+    _products: list[tuple[Any, ...]] = field(default_factory=list)
+
+    def columns(self, upper: np.ndarray) -> np.ndarray:
+        """Number new columns from 0 to these bounds; -1 where the bound is 0: no column.
+
+        Parameters
+        ----------
+        upper : ndarray
+            Upper bounds, of any shape.
+
+        Returns
+        -------
+        ndarray of int
+            Of the same shape.
+        """
+        kept = upper > 0.0
+        number = np.where(kept, len(self.upper) - 1 + np.cumsum(kept).reshape(upper.shape), -1)
+        self.upper.extend(upper[kept].tolist())
+        self.lower.extend([0.0] * int(kept.sum()))
+        return number
+
+    def add(
+        self,
+        linear: Sequence[Term],
+        products: Sequence[Product],
+        lower: np.ndarray | float,
+        upper: np.ndarray | float,
+    ) -> np.ndarray:
+        """Add the rows lower <= linear terms + products <= upper; give their numbers.
+
+        Columns, factors and coefficients are broadcast against each other. Terms with a column
+        or factor -1 are left out: what they stand for is zero.
+
+        Parameters
+        ----------
+        linear : sequence of (columns, coefficients)
+            Linear terms.
+        products : sequence of (columns, columns, coefficients)
+            Products of two unknowns.
+        lower, upper : float or ndarray
+            Sides; infinite where there is none.
+        """
+        terms = (*linear, *products)
+        size = max((np.size(factor) for term in terms for factor in term[:-1]), default=1)
+        rows = np.arange(self.count, self.count + size)
+        self._linear += [(rows, *term) for term in linear]
+        self._products += [(rows, *term) for term in products]
+        self._sides.append((size, lower, upper))
+        self.count += size
+        return rows
+
+    def terms(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """All linear terms and all products: rows, columns or both factors, coefficients."""
+        return _stacked(self._linear, 3), _stacked(self._products, 4)
+
+    def sides(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper sides of all rows."""
+        lower, upper = (
+            np.concatenate([np.full(side[0], side[k]) for side in self._sides]) for k in (1, 2)
+        )
+        return lower, upper
+
+
+def _stacked(terms: list[tuple[Any, ...]], width: int) -> list[np.ndarray]:
+    """Columns of a list of terms, numbers broadcast to the rows, without those that are zero."""
+    sizes = [len(term[0]) for term in terms]
+    parts = []
+    for k in range(width):
+        given = [term[k] for term in terms]
+        arrays = [
+            v if np.ndim(v) else np.full(size, v) for v, size in zip(given, sizes, strict=True)
+        ]
+        parts.append(np.concatenate(arrays) if arrays else np.empty(0, int))
+    there = np.all([part >= 0 for part in parts[1:-1]], axis=0)
+    return [part[there] for part in parts]
