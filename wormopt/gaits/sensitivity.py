@@ -148,7 +148,7 @@ def _sensitivity(task: Task, trial: Trial, limit: Limit) -> Sensitivity:
     value = abs(trial.value)
     scale = limit.value or trial.program.limits.force  # only forces may be 0
     raised, lowered = (_gain(trial, limit, way * _SHARE * scale) for way in (1.0, -1.0))
-    if _apart(raised, lowered, value / scale):
+    if np.isnan(raised) or _apart(raised, lowered, value / scale):
         # Where a whole family of gaits is best, another one of it may gain more by the move.
         raised = np.fmax(raised, _gain_again(trial, limit, _FAR * scale))
         lowered = np.fmin(lowered, _gain_again(trial, limit, -_FAR * scale))
