@@ -32,6 +32,8 @@ _SAME = 0.01
 _NOTHING = 1e-5
 # How far limits are moved to solve again, and when that is done.
 _FAR, _AGAIN = 1e-4, Climb(tolerance=1e-10, steps=40)
+# Programs with more unknowns are not solved again: that takes seconds for each limit.
+_MOST_AGAIN = 1000
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,9 @@ class Sensitivity:
     raised, lowered : float
         Derivatives to either side; NaN where the limit cannot be moved that way.
     one_sided : bool
-        Whether these differ by more than 1 %: from here on something else binds.
+        Whether these differ by more than 1 %: from here on something else binds, or, in a
+        program of more than 1000 unknowns, a family of gaits is best alike; each side is then
+        at least as good as it says.
     """
 
     name: str
@@ -148,7 +152,8 @@ def _sensitivity(task: Task, trial: Trial, limit: Limit) -> Sensitivity:
     value = abs(trial.value)
     scale = limit.value or trial.program.limits.force  # only forces may be 0
     raised, lowered = (_gain(trial, limit, way * _SHARE * scale) for way in (1.0, -1.0))
-    if _apart(raised, lowered, value / scale):
+    unsure = np.isnan(raised) or _apart(raised, lowered, value / scale)
+    if unsure and len(trial.point.x) <= _MOST_AGAIN:
         # Where a whole family of gaits is best, another one of it may gain more by the move.
         raised = np.fmax(raised, _gain_again(trial, limit, _FAR * scale))
         lowered = np.fmin(lowered, _gain_again(trial, limit, -_FAR * scale))

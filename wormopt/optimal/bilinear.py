@@ -387,7 +387,7 @@ class BilinearProgram:
         Parameters
         ----------
         moved : BilinearProgram
-            With the same unknowns and rows.
+            With the same unknowns, and the same rows in the same order.
         x : ndarray
             Local optimum of this program.
         radius : float, optional
@@ -396,8 +396,10 @@ class BilinearProgram:
         Returns
         -------
         float
-            Change of the objective; NaN where no point is left near the optimum.
+            Change of the objective; NaN where no point is left near the optimum, or rows differ.
         """
+        if len(moved.row_lower) != len(self.row_lower):
+            return np.nan
         sizes = x[self.held]
         moved._basis = self._basis
         near = radius * np.maximum(sizes, _SHORTEST_STEP * sizes.mean())
