@@ -1,0 +1,229 @@
+"""The bilinear program of one order of rest, and what designs of it keep, by independent routes."""
+
+from dataclasses import replace
+from functools import cache
+from math import sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, reject, settings
+from hypothesis import strategies as st
+from test_certify import one_link_speed, one_links
+
+from wormopt.bench import design_cases, design_multistart
+from wormopt.bench.design_motion import Motion
+from wormopt.core.task import Limits, Rates, Search, Task, Worm
+from wormopt.errors import SolveError
+from wormopt.gaits.optimize import Design, design
+from wormopt.gaits.program import GaitProgram
+from wormopt.gaits.trial import Trial, Trier
+from wormopt.optimal.bilinear import Climb, Point
+from wormopt.simulation.bimodal import integrate
+
+G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1
+G1_WORM = Worm(links=2, load=5.0)
+G1_LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+G1_ORDER = ((0,), (2,), (1,))
+
+
+def point(found: Point | None) -> Point:
+    assert found is not None
+    return found
+
+
+# -- the judge: shares no code with the program, nor with `crawl` --------------------------------
+
+
+def motion_of(found: Design) -> Motion:
+    """Velocities from link rates alone: where nothing slides back the slowest mass rests."""
+    h, polynomial = np.diff(found.gait.breaks), found.gait.polynomial
+    assert polynomial.shape[2] == 3  # rates are linear on each piece
+    relative = np.hstack([np.zeros((len(h), 1)), -np.cumsum(polynomial[:, :, 1], axis=1)])
+    velocities = relative - relative.min(axis=1, keepdims=True)
+    return Motion(h, velocities, polynomial[0, :, 0])
+
+
+def case_of(worm: Worm, limits: Limits) -> design_cases.Case:
+    gait = {key: value for key, value in vars(limits).items() if value is not None}
+    if isinstance(limits.rate, Rates):
+        gait["rate"] = vars(limits.rate)
+    return {"name": "drawn", "worm": vars(worm), "gait": gait}
+
+
+def parts_of(case: design_cases.Case) -> tuple[Worm, Limits]:
+    rate = case["gait"]["rate"]
+    rate = Rates(**rate) if isinstance(rate, dict) else rate
+    return Worm(**case["worm"]), Limits(**case["gait"] | {"rate": rate})
+
+
+def check(found: Design, tolerance: float = 1e-8) -> None:
+    """Its limits hold and its speed is what it says, by the judge and by integration."""
+    worm, limits = found.task.worm, found.task.limits
+    if not worm.drag:
+        judged = motion_of(found)
+        assert judged.worst(design_cases.Limits.of(case_of(worm, limits))) <= tolerance
+        assert judged.speed == pytest.approx(found.speed, rel=1e-9)
+    again = integrate(found.gait, worm.masses, worm.drag, worm.load_range[1])
+    assert again.speed == pytest.approx(found.speed, rel=1e-8)
+    assert again.resting_min >= limits.resting
+    assert max(found.violations.values()) <= 1e-9
+
+
+# -- closed forms ------------------------------------------------------------------------------
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(one_links)
+def test_one_link_is_designed_to_its_closed_form(given_: dict[str, Any]):
+    """Trapezoids by hand; as many strokes a period as are best for them."""
+    load = given_["load"]
+    limits = Limits(
+        period=given_["period"],
+        length=(0.3, 0.3 + given_["room"]),
+        rate=Rates(given_["contraction"], given_["extension"]),
+        acceleration=given_["acceleration"],
+        spike_load=None if given_["spike"] is None else 2 * load * given_["spike"],
+        sigma_margin=load * given_["margin"],
+    )
+    worm = Worm(links=1, mass=given_["masses"], load=load)
+    found = design(worm, limits, search=Search(sequence=((0,), (1,)), workers=1))
+    best = max(
+        one_link_speed(worm, replace(limits, period=given_["period"] / k)) for k in range(1, 30)
+    )
+    assert found.speed == pytest.approx(best, rel=1e-9)
+    assert found.speed == pytest.approx(
+        one_link_speed(worm, replace(limits, period=given_["period"] / found.cycles)), rel=1e-9
+    )
+    excess = dict(found.violations)
+    excess.pop("gait.sigma_margin", None)  # by the margin's own size, which may be next to nothing
+    assert max(excess.values()) <= 1e-9
+    assert found.motion.extremes("sigma")[0][0] >= limits.sigma_margin - 1e-9 * load
+
+
+def test_the_speed_of_one_link_by_hand():
+    """Rate 1, up in 1/20, down in 1/10 by the load 2 Gamma / m = 10: half a period less 3/40."""
+    found = design(Worm(1, load=5.0), G1_LIMITS)
+    assert found.speed == pytest.approx(0.5 - 3 / 40, abs=1e-14)
+    assert sorted(found.durations) == pytest.approx([0.5, 0.5], abs=1e-12)
+    # up and down without a plateau a stroke of 0.03 takes 0.095: five of either in a period
+    short = design(Worm(1, load=5.0), replace(G1_LIMITS, length=(0.7, 0.73)))
+    assert short.cycles == 5
+    assert short.speed == pytest.approx(5 * 0.03, abs=1e-12)
+
+
+def test_g1_is_the_optimum_of_its_program_to_rounding():
+    found = design(G1_WORM, G1_LIMITS, search=Search(sequence=G1_ORDER))
+    assert found.speed == pytest.approx(G1, abs=1e-12)
+    assert found.solver["violation"] <= 1e-12
+    assert max(found.violations.values()) <= 1e-12
+    check(found)
+
+
+# -- arcs halved, vertices sharpened ---------------------------------------------------------------
+
+
+@cache
+def drawn(seed: int, index: int) -> tuple[Worm, Limits]:
+    return parts_of(design_cases.draw(seed, index + 1)[index])
+
+
+def climbed(task: Task, sequence, arcs: int, degree: int) -> tuple[GaitProgram, Point]:
+    longest = task.limits.period_range[1]
+    program = GaitProgram(task, sequence, (0.2 * longest, longest), arcs, degree)
+    start = program.start(np.full(len(sequence), longest / len(sequence)))
+    if start is None:
+        reject()
+    return program, program.bilinear.climb(start, Climb(1e-4, 10))
+
+
+orders = st.sampled_from([((0,), (2,)), G1_ORDER, ((0,), (1,), (2,)), ((0,), (1,), (0,), (2,))])
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(
+    st.floats(0.2, 2.0),
+    st.floats(5.0, 40.0),
+    st.sampled_from([0.0, 0.0, 0.7]),
+    orders,
+    st.integers(2, 5),
+    st.integers(1, 2),
+)
+def test_halving_the_arcs_never_loses(room, acceleration, drag, sequence, arcs, degree):
+    limits = replace(G1_LIMITS, length=(0.7, 0.7 + room), acceleration=acceleration)
+    task = Task(replace(G1_WORM, drag=drag), limits)
+    program, found = climbed(task, sequence, arcs, degree)
+    for raised in (None, degree + 1):
+        finer, start = program.finer(found, raised)
+        assert finer.objective(point(start)) >= program.objective(found) * (1 - 1e-8)
+        assert finer.durations(point(start)) == pytest.approx(program.durations(found), abs=1e-8)
+        assert finer.bilinear.violation(point(start).x) <= 1e-8
+    trier = Trier(task)
+    trial = Trial(program, found)
+    assert trier.finer(trial).value >= trial.value
+
+
+@settings(max_examples=10, deadline=None, derandomize=True)
+@given(st.floats(0.3, 1.0), st.floats(8.0, 40.0), orders)
+def test_sharpening_ends_at_rounding_and_loses_nothing(room, acceleration, sequence):
+    limits = replace(G1_LIMITS, length=(0.7, 0.7 + room), acceleration=acceleration)
+    program, found = climbed(Task(G1_WORM, limits), sequence, 8, 1)
+    best = program.bilinear.climb(found, Climb(1e-12, 60))
+    sharp, multipliers = program.bilinear.sharpen(best)
+    assert sharp.value >= best.value * (1 - 1e-7)
+    assert program.bilinear.violation(sharp.x) <= 1e-12
+    assert np.all(np.isfinite(multipliers))
+
+
+# -- rivals and judges -------------------------------------------------------------------------
+
+
+@cache
+def small_cases() -> list[design_cases.Case]:
+    """The first random problems of two links without drag."""
+    cases = design_cases.draw(2, 40)
+    return [c for c in cases if c["worm"]["links"] == 2 and not c["worm"]["drag"]][:3]
+
+
+@pytest.mark.parametrize("index", [0, 1, 2])
+def test_an_independent_solver_agrees_on_random_problems(index: int):
+    """IPOPT with arcs of its own, from random starts of the same order and number of cycles."""
+    case = small_cases()[index]
+    worm, limits = parts_of(case)
+    found = design(worm, limits, search=Search(effort="quick", workers=1))
+    check(found)
+    judged = design_cases.Limits.of(case)
+    arcs = max(found.solver["arcs_per_phase"])
+    program = design_multistart._Program(judged, len(found.sequence), arcs)
+    start = design_multistart.Start(found.sequence, found.cycles)
+    random = np.random.default_rng(0)
+    motions = [program.solve(start, random) for _ in range(4)]
+    kept = [m.speed for m in motions if m is not None and m.worst(judged) <= 1e-7]
+    assert kept
+    assert max(kept) <= found.speed * (1 + 1e-6)
+    assert max(kept) >= found.speed * (1 - 1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("index", [0, 1])
+def test_no_rival_of_any_order_is_faster_on_random_problems(index: int):
+    case = small_cases()[index]
+    found = design(*parts_of(case))
+    rival = design_multistart.best_by_multistart(case, 20.0)
+    assert rival is not None
+    assert rival.speed <= found.speed * (1 + 1e-6)
+
+
+@settings(max_examples=8, deadline=None, derandomize=True)
+@given(st.integers(0, 10_000))
+def test_every_gait_keeps_its_limits(seed):
+    """Random problems of two and three links by the judge, by integration and by `crawl`."""
+    case = design_cases.draw(seed, 1)[0]
+    worm, limits = parts_of(case)
+    if worm.links > 3 or worm.drag or limits.resting > 1:
+        reject()
+    try:
+        found = design(worm, limits, search=Search(sequence=((0,), (worm.links,)), workers=1))
+    except SolveError:
+        reject()
+    check(found)
