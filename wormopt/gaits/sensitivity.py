@@ -33,7 +33,7 @@ _NOTHING = 1e-5
 # How far limits are moved to solve again, and when that is done.
 _FAR, _AGAIN = 1e-4, Climb(tolerance=1e-10, steps=40)
 # Programs with more unknowns are not solved again: that takes seconds for each limit.
-_MOST_AGAIN = 1000
+_MOST_AGAIN = 400
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Sensitivity:
         Derivatives to either side; NaN where the limit cannot be moved that way.
     one_sided : bool
         Whether these differ by more than 1 %: from here on something else binds, or, in a
-        program of more than 1000 unknowns, a family of gaits is best alike; each side is then
+        program of more than 400 unknowns, a family of gaits is best alike; each side is then
         at least as good as it says.
     """
 
