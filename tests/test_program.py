@@ -62,7 +62,7 @@ def check(found: Design, tolerance: float = 1e-8) -> None:
     worm, limits = found.task.worm, found.task.limits
     if not worm.drag:
         judged = motion_of(found)
-        assert judged.worst(design_cases.Limits.of(case_of(worm, limits))) <= tolerance
+        assert judged.worst(design_cases.Arrays.of(case_of(worm, limits))) <= tolerance
         assert judged.speed == pytest.approx(found.speed, rel=1e-9)
     again = integrate(found.gait, worm.masses, worm.drag, worm.load_range[1])
     assert again.speed == pytest.approx(found.speed, rel=1e-8)
@@ -192,7 +192,7 @@ def test_an_independent_solver_agrees_on_random_problems(index: int):
     worm, limits = parts_of(case)
     found = design(worm, limits, search=Search(effort="quick", workers=1))
     check(found)
-    judged = design_cases.Limits.of(case)
+    judged = design_cases.Arrays.of(case)
     arcs = max(found.solver["arcs_per_phase"])
     program = design_multistart._Program(judged, len(found.sequence), arcs)
     start = design_multistart.Start(found.sequence, found.cycles)
