@@ -18,6 +18,7 @@ import numpy as np
 
 from wormopt.core.gait import Gait
 from wormopt.core.task import Limits, Objective, Task, Worm
+from wormopt.gaits.costs import CostColumns, has_cost_columns
 from wormopt.gaits.scaled_limits import Form, ScaledLimits
 from wormopt.gaits.sequences import Resting, Sequence_
 from wormopt.optimal.bilinear import BilinearProgram, BilinearRows, Point
@@ -40,7 +41,8 @@ class GaitProgram:
     Parameters
     ----------
     task : Task
-        Worm, limits and objective; smooth costs are left out and the speed is sought.
+        Worm, limits and objective; where velocities may jump, smooth costs are left out and the
+        speed is sought.
     sequence : tuple of tuple of int
         Resting masses, phase after phase.
     period : tuple of float
@@ -74,15 +76,18 @@ class GaitProgram:
         self.arcs = np.broadcast_to(arcs, len(sequence))
         self._edges = np.concatenate([[0], np.cumsum(self.arcs)])
         self.total = int(self._edges[-1])
-        self._rows = BilinearRows()
+        self.rows = BilinearRows()
         self._peak: int | None = None
         self._add_columns()
+        self._costs = CostColumns(self) if has_cost_columns(task) else None
         self._add_rates()
         for phase, resting in enumerate(sequence[: self._phases]):
             at = slice(self._edges[phase], self._edges[phase + 1])
             for form in self.limits.forms(resting):
                 self._add_form(form, at)
             self._add_peaks(resting, at)
+            if self._costs is not None:
+                self._costs.add_phase(resting, at)
         self._add_lengths()
         self._add_ends()
         self.bilinear = self._assemble()
@@ -100,7 +105,7 @@ class GaitProgram:
 
     def _add_columns(self) -> None:
         """Durations h, velocities v per arc, coefficient and mass, lengths l above the shortest."""
-        limits, total, degree, columns = self.limits, self.total, self.degree, self._rows.columns
+        limits, total, degree, columns = self.limits, self.total, self.degree, self.rows.columns
         fastest = np.repeat([limits.fastest(r) for r in self.sequence], self.arcs, axis=0)
         self.h = columns(np.ones(total))
         self.v = np.full((total, degree + 1, limits.links + 1), -1)
@@ -116,7 +121,7 @@ class GaitProgram:
 
     def _add_peak_column(self) -> None:
         if self.task.objective.minimise in ("peak_spike_load", "peak_actuator_force"):
-            self._peak = int(self._rows.columns(np.array([np.inf]))[0])
+            self._peak = int(self.rows.columns(np.array([np.inf]))[0])
 
     @property
     def _continuous(self) -> bool:
@@ -127,7 +132,7 @@ class GaitProgram:
     def _add_rates(self) -> None:
         """Rates of the links at all coefficients; between a mass at rest and one that moves a bound."""
         ends = slice(0, self.degree if self._continuous else self.degree + 1)
-        upper = np.array(self._rows.upper)
+        upper = np.array(self.rows.upper)
         for j, (contraction, extension) in enumerate(zip(*self.limits.rates, strict=True)):
             ahead, behind = (self.v[self._stated, ends, i].ravel() for i in (j, j + 1))
             np.minimum.at(upper, ahead[(behind < 0) & (ahead >= 0)], extension)
@@ -135,8 +140,8 @@ class GaitProgram:
             both = (ahead >= 0) & (behind >= 0)
             if both.any():
                 terms = [(ahead[both], 1.0), (behind[both], -1.0)]
-                self._rows.add(terms, [], -contraction, extension)
-        self._rows.upper = upper.tolist()
+                self.rows.add(terms, [], -contraction, extension)
+        self.rows.upper = upper.tolist()
 
     def _force(self, form: Form, at: slice, k: int) -> tuple[list[Term], list[tuple]]:
         """Coefficient k of h times a form on some arcs: linear terms, and products for the drag.
@@ -170,9 +175,9 @@ class GaitProgram:
             if not products and all(np.all(np.asarray(column) < 0) for column, _ in linear):
                 continue
             if form.below < np.inf:
-                self._rows.add([*linear, (self.h[at], form.below)], products, 0.0, np.inf)
+                self.rows.add([*linear, (self.h[at], form.below)], products, 0.0, np.inf)
             if form.above < np.inf:
-                self._rows.add([*linear, (self.h[at], -form.above)], products, -np.inf, 0.0)
+                self.rows.add([*linear, (self.h[at], -form.above)], products, -np.inf, 0.0)
 
     def _add_peaks(self, resting: Resting, at: slice) -> None:
         """Forces below the peak that is minimised, at all times of a phase and any load, times h."""
@@ -193,7 +198,7 @@ class GaitProgram:
         for k in self._coefficients(form):
             linear, products = self._force(form, at, k)
             products = [*products, (self.h[at], self._peak, -shared)]
-            self._rows.add([*linear, (self.h[at], at_rest)], products, -np.inf, 0.0)
+            self.rows.add([*linear, (self.h[at], at_rest)], products, -np.inf, 0.0)
 
     def _add_lengths(self) -> None:
         """Lengths follow the rates, and stay in their ranges at all coefficients."""
@@ -205,38 +210,43 @@ class GaitProgram:
                 for mass, sign in ((j, share), (j + 1, -share)):
                     change.append((self.h[own], self.v[own, k, mass], sign))
                 if k < self.degree:
-                    self._rows.add([(length, 1.0)], change, 0.0, stroke)
+                    self.rows.add([(length, 1.0)], change, 0.0, stroke)
             back = [(h, v, -weight) for h, v, weight in change]
-            self._rows.add([(after, 1.0), (length, -1.0)], back, 0.0, 0.0)
+            self.rows.add([(after, 1.0), (length, -1.0)], back, 0.0, 0.0)
 
     def _add_ends(self) -> None:
         """Period, advance of the head, speed that is required, jumps of velocities."""
         every = [(int(h), 1.0) for h in self.h]
         shortest = self.limits.shortest_period
-        self._period = int(self._rows.add(every, [], shortest, 1.0)[0])
+        self._period = int(self.rows.add(every, [], shortest, 1.0)[0])
         share = 1.0 / (self.degree + 1)
         ways = [
             (int(self.h[k]), int(v), share) for k, row in enumerate(self.v[:, :, 0]) for v in row
         ]
         none = [(0, 0.0)]
-        self._advance = int(self._rows.add(none, ways, -np.inf, np.inf)[0])
+        self._advance = int(self.rows.add(none, ways, -np.inf, np.inf)[0])
         required = self.task.objective.speed
         if required is not None:
             kept = [(h, -required / self.limits.speed) for h, _ in every]
-            self._rows.add(kept, ways, 0.0, np.inf)
+            self.rows.add(kept, ways, 0.0, np.inf)
         if not self._continuous:
             jump = [
                 (column, sign * mass)
                 for i, mass in enumerate(self.limits.mass)
                 for column, sign in ((self.v[:, 0, i], 1.0), (np.roll(self.v[:, -1, i], 1), -1.0))
             ]
-            self._rows.add(jump, [], 0.0, np.inf)
+            self.rows.add(jump, [], 0.0, np.inf)
 
     def _assemble(self) -> BilinearProgram:
+        if self._costs is not None:
+            gain = self._costs.add_gain(len(self.sequence) / self._phases)
+            per = self._advance if self._costs.energy else self._period
+            excess = self._costs.excess()
+            return BilinearProgram(self.rows, np.unique(self.h), gain, per, excess)
         if self._peak is None:
-            return BilinearProgram(self._rows, np.unique(self.h), self._advance, self._period)
-        low = int(self._rows.add([(self._peak, -1.0)], [], -np.inf, np.inf)[0])
-        return BilinearProgram(self._rows, np.unique(self.h), low)
+            return BilinearProgram(self.rows, np.unique(self.h), self._advance, self._period)
+        low = int(self.rows.add([(self._peak, -1.0)], [], -np.inf, np.inf)[0])
+        return BilinearProgram(self.rows, np.unique(self.h), low)
 
     # -- points ----------------------------------------------------------------------------------
 
@@ -256,6 +266,32 @@ class GaitProgram:
         x[self.h] = widths / self.limits.time
         return self.bilinear.restore(x)
 
+    def moving(self, widths: np.ndarray, v: np.ndarray, first: np.ndarray) -> Point:
+        """A motion that is known to be feasible: durations of arcs, velocities, first lengths.
+
+        Parameters
+        ----------
+        widths : ndarray, shape (arcs,)
+            In scaled units, as are all others.
+        v : ndarray, shape (arcs, 2, masses)
+            Velocities at both ends of each arc.
+        first : ndarray, shape (links,)
+            Lengths at the start, above the shortest.
+        """
+        x = np.zeros(len(self.bilinear.upper))
+        x[self.h] = widths
+        x[self.v[self.v >= 0]] = v[self.v >= 0]
+        steps = -np.diff(v.mean(axis=1), axis=1) * widths[:, None]
+        x[self.length] = first + np.cumsum(steps, axis=0) - steps
+        if self._costs is not None:
+            self._costs.complete(x)
+        return self.bilinear.point(x)
+
+    def motion(self, point: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Durations of arcs, velocities and first lengths of a point, as `moving` takes them."""
+        v = np.where(self.v >= 0, point.x[self.v], 0.0)
+        return point.x[self.h], v, point.x[self.length[0]]
+
     def finer(self, point: Point, degree: int | None = None) -> tuple[GaitProgram, Point | None]:
         """The same cycle with every arc halved, once those that only repeat others are joined."""
         h = point.x[self.h]
@@ -264,7 +300,20 @@ class GaitProgram:
         arcs = np.add.reduceat(joined.astype(int), self._edges[:-1])
         widths = np.repeat(sums / 2, 2) * self.limits.time
         finer = type(self)(self.task, self.sequence, self.period, 2 * arcs, degree or self.degree)
+        if self._costs is not None:
+            return finer, finer.moving(*self._halved(point, sums / 2))
         return finer, finer.start_arcs(widths)
+
+    def _halved(
+        self, point: Point, widths: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same motion on arcs of these durations, each twice."""
+        h, v, first = self.motion(point)
+        widths = np.repeat(widths, 2)
+        old, new = (np.concatenate([[0.0], np.cumsum(w)]) for w in (h, widths))
+        nodes = np.concatenate([v[:, 0], v[-1:, -1]])
+        at = np.stack([np.interp(new, old, mass) for mass in nodes.T], axis=1)
+        return widths, np.stack([at[:-1], at[1:]], axis=1), first
 
     def _joined(self, point: Point) -> np.ndarray:
         """True for each arc that must begin where it does.
@@ -303,13 +352,26 @@ class GaitProgram:
     @property
     def unit(self) -> float:
         """Unit of the objective, in the task's units."""
-        return self.limits.speed if self._peak is None else self.limits.force
+        if self._costs is not None and not self._costs.energy:
+            return (self.limits.speed / self.limits.time) ** 2
+        return self.limits.speed if self._is_speed else self.limits.force
+
+    @property
+    def _is_speed(self) -> bool:
+        return self._peak is None and self._costs is None
 
     def objective(self, point: Point) -> float:
-        """What is made large, in the task's units: the speed, or a peak load with its sign changed."""
-        if self._peak is None:
-            return self.speed(point)
-        return -float(point.x[self._peak]) * self.limits.force
+        """What is made large, in the task's units: the speed, or a cost with its sign changed.
+
+        Of the energy per distance the part that gaits differ in: without the work against loads.
+        """
+        return self.speed(point) if self._is_speed else point.value * self.unit
+
+    def same_for_all(self) -> float:
+        """What `objective` leaves out of a cost."""
+        if self._costs is None or not self._costs.energy:
+            return 0.0
+        return (self.limits.links + 1) * self.task.worm.load_range[1]
 
     def speed(self, point: Point) -> float:
         """Mean speed, in the task's units."""

@@ -62,7 +62,7 @@ _EFFORTS = {
     "thorough": Effort(enumerated=1000, width=6, rounds=16, varied=400, work=3e10, starts=8),
 }
 # What is within this share of the best of its level is looked at with more arcs.
-_MARGINS = (0.08, 0.01)
+_MARGINS = (0.5, 0.15)
 _BATCH = 8
 _TIE = 1e-7
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.core.task import Objective, Task
+from wormopt.gaits.costs import has_cost_columns
 from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.waves import WaveProgram, is_wave
@@ -120,8 +121,20 @@ class Trier:
         wanted = float(np.clip(period, low, high))
         same = trial.program
         program = type(same)(self.task, trial.sequence, (low, high), same.arcs, same.degree)
-        start = program.start_arcs(trial.program.widths(trial.point) * (wanted / period))
+        widths = trial.program.widths(trial.point) * (wanted / period)
+        if has_cost_columns(self.task):
+            start = self._near(trial, program, widths)
+        else:
+            start = program.start_arcs(widths)
         return start and self.climbed(Trial(program, start, cycles, trial.level))
+
+    def _near(self, trial: Trial, program: GaitProgram, widths: np.ndarray) -> Point | None:
+        """A motion like that of a trial with other durations."""
+        _, v, first = trial.program.motion(trial.point)
+        old, new = trial.program.limits.time, program.limits.time
+        like = program.moving(widths / new, v, first * (old / new))
+        found = (program.bilinear.restore(like.x, factors) for factors in _NEARNESS)
+        return next((point for point in found if point is not None), None)
 
     def _climb(
         self,
@@ -154,7 +167,12 @@ class Trier:
         reached = fast.bilinear.climb(
             start, Climb(1e-4), lambda p: self._stop() or fast.objective(p) >= 1.02 * required
         )
-        begin = program.start_arcs(fast.widths(reached))
+        if has_cost_columns(self.task):
+            # a cost that is no peak asks for the motion itself: it is feasible there too
+            too_slow = fast.objective(reached) < required
+            begin = None if too_slow else program.moving(*fast.motion(reached))
+        else:
+            begin = program.start_arcs(fast.widths(reached))
         return begin and self.climbed(Trial(program, begin), enough=enough)
 
     def climbed(
@@ -178,5 +196,7 @@ class Trier:
 # Programs of travelling waves with more unknowns than this are reduced to one phase.
 _LARGE = 1800
 _UP = 1 + 1e-9
+# Shares of their bounds within which velocities stay where durations are changed.
+_NEARNESS = (0.05, 0.4, np.inf)
 # A free period is no longer than so many times the first guess, and no shorter than this share.
 _LONGEST, _SHORTEST = 20.0, 1e-4

@@ -85,7 +85,7 @@ class WaveProgram(GaitProgram):
     def _add_columns(self) -> None:
         """Columns by class: (mass + phase) modulo phases, and arc of the phase."""
         limits, phases, arcs = self.limits, len(self.sequence), int(self.arcs[0])
-        masses, columns = np.arange(limits.links + 1), self._rows.columns
+        masses, columns = np.arange(limits.links + 1), self.rows.columns
         classes = (masses + np.arange(phases)[:, None]) % phases  # (phase, mass)
         most = np.full(phases, np.inf)
         for phase, resting in enumerate(self.sequence):
