@@ -21,7 +21,7 @@ from wormopt.optimal.bilinear import Excess
 if TYPE_CHECKING:
     from wormopt.gaits.program import GaitProgram
 
-__all__ = ["CostColumns", "has_cost_columns"]
+__all__ = ["CostColumns", "has_cost_columns", "is_energy"]
 
 # A cost of an arc is less than this, in units of force times way or of rate squared over time.
 _MOST = 1e6
@@ -32,6 +32,11 @@ _TANGENTS = (0.03, 0.07, 0.13, 0.22, 0.35, 0.5, 0.75, 1.0)
 def has_cost_columns(task: Task) -> bool:
     """Whether the cost of a task is part of its bilinear program."""
     return task.objective.is_smooth and task.limits.acceleration is not None
+
+
+def is_energy(task: Task) -> bool:
+    """Whether this cost is what actuators absorb."""
+    return has_cost_columns(task) and task.objective.minimise == "energy_per_distance"
 
 
 @dataclass(eq=False)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from wormopt.core.ceiling import ceiling
 from wormopt.core.gait import Gait
 from wormopt.core.task import Cost, Limits, Objective, Search, Task, Worm
 from wormopt.errors import ArgumentError, SolveError
+from wormopt.gaits.costs import has_cost_columns, is_energy
 from wormopt.gaits.orders import first_orders
 from wormopt.gaits.search import Survey, effort_of, search
 from wormopt.gaits.sequences import Sequence_
@@ -22,12 +23,17 @@ from wormopt.gaits.verify import violations
 from wormopt.progress import Report, silent
 from wormopt.worms.crawl import Crawl, crawl
 
+if TYPE_CHECKING:
+    from wormopt.gaits.smooth import Solved
+
 __all__ = ["Design", "design", "designed"]
 
 # Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
 _RESOLVED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 4000, 5
 # Trials within this share of the best are sharpened too: one of them may end higher.
 _CLOSE, _TIE = 2e-3, 1e-8
+# Smooth costs are solved for from so many of the best trials.
+_POLISHED = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,6 +244,14 @@ def _sharpest(task: Task, settings: Search, survey: Survey, bound: float, report
         (s for s in solved if s[0].value >= value - _TIE * abs(value)),
         key=lambda s: len(s[0].sequence),
     )
+    status = "sharpened" if ended == "searched" else "cut short"
+    return _of_trial(task, trial, survey, bound, error, ended, status)
+
+
+def _of_trial(
+    task: Task, trial: Trial, survey: Survey, bound: float, error: float, ended: str, status: str
+) -> Design:
+    """The gait of a trial as it is."""
     return Design(
         task=task,
         gait=trial.program.gait(trial.point),
@@ -248,7 +262,7 @@ def _sharpest(task: Task, settings: Search, survey: Survey, bound: float, report
         error=error,
         survey=survey,
         solver={
-            "status": "sharpened" if ended == "searched" else "cut short",
+            "status": status,
             "violation": trial.program.bilinear.violation(trial.point.x),
             "arcs_per_phase": trial.program.arcs.tolist(),
             "degree": trial.program.degree + 1,
@@ -278,30 +292,58 @@ _DRAGGED = 3  # degree of velocities where drag bends them
 
 
 def _smooth(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
-    """Solve the smooth cost from the best trials."""
+    """Resolve the best trials of a smooth cost, and solve for it exactly from the best of them."""
     # loads a solver that few designs need
-    from wormopt.gaits.smooth import gait_of_arcs, refine_cost, solve_cost
+    from wormopt.gaits.smooth import refine_cost, solve_cost
 
-    solved, ended = [], survey.ended
+    solved: list[Solved] = []
+    trials, ended, error = list(survey.trials), survey.ended, np.nan
+    quickly = ended != "searched"
     try:
-        for k, trial in enumerate(survey.trials[: 4 * effort_of(settings).width]):
-            report("solving for the cost", 0.8 + 0.01 * k)
+        trials = trials if quickly else _resolved(task, settings, trials, report)
+        for trial in trials[: 1 if quickly else _POLISHED]:
+            report("solving for the cost", 0.9)
             found = solve_cost(task, trial)
-            if found is not None:
-                solved.append(found)
-            if ended != "searched" and solved:
-                break
-        if not solved:
-            raise SolveError("no motion was found for this cost", "try another search.seed")
-        best = min(solved, key=lambda s: s.objective)
-        report("refining", 0.9)
-        best, error = refine_cost(task, best) if ended == "searched" else (best, np.nan)
+            solved += [] if found is None else [found]
+        if solved and not quickly:
+            report("refining", 0.95)
+            best, error = refine_cost(min(solved, key=lambda s: s.objective))
+            solved.append(best)
     except KeyboardInterrupt:
-        if not solved:
-            raise
-        best, error, ended = min(solved, key=lambda s: s.objective), np.nan, "interrupted"
+        ended = "interrupted"
+    if solved:
+        return _of_solved(task, min(solved, key=lambda s: s.objective), survey, bound, error, ended)
+    if has_cost_columns(task):
+        return _of_trial(task, trials[0], survey, bound, error, ended, "cut short")
+    if ended == "interrupted":
+        raise KeyboardInterrupt
+    raise SolveError("no motion was found for this cost", "try another search.seed")
+
+
+def _resolved(task: Task, settings: Search, trials: list[Trial], report: Report) -> list[Trial]:
+    """Halve the arcs of the best trials where that is cheap; best first."""
+    if not is_energy(task):
+        return trials
+    trier, found = Trier(task), []
+    for trial in trials[: 4 * effort_of(settings).width]:
+        report("resolving the best orders", 0.85)
+        for _ in range(_MOST_HALVINGS):
+            before = trial.value
+            trial = trier.finer(trial, 1e-6)
+            gained = trial.value - before
+            if gained <= 1e-5 * abs(before) or len(trial.point.x) > _MOST_UNKNOWNS / 4:
+                break
+        found.append(trial)
+    return sorted(found, key=lambda t: -t.value)
+
+
+def _of_solved(
+    task: Task, best: Solved, survey: Survey, bound: float, error: float, ended: str
+) -> Design:
+    from wormopt.gaits.smooth import gait_of_arcs
+
     mesh = best.program.mesh
-    durations = np.array(np.split(best.arcs.duration, mesh.phases)).sum(axis=1)
+    durations = np.bincount(mesh.phase, weights=best.arcs.duration)
     return Design(
         task=task,
         gait=gait_of_arcs(best.arcs, mesh, task.worm.links),
@@ -314,7 +356,7 @@ def _smooth(task: Task, settings: Search, survey: Survey, bound: float, report: 
         solver={
             "status": best.solution.status,
             "violation": best.solution.violation,
-            "arcs_per_phase": mesh.arcs,
+            "arcs_per_phase": mesh.counts,
             "degree": mesh.collocation.degree,
         },
         timings_s={},

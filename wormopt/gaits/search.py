@@ -18,6 +18,7 @@ from time import monotonic
 import numpy as np
 
 from wormopt.core.task import Search, Task
+from wormopt.gaits.costs import is_energy
 from wormopt.gaits.orders import first_orders, letters_of, plain_orders
 from wormopt.gaits.sequences import Sequence_, canonical, is_gait, mirrored, neighbours
 from wormopt.gaits.space import ceiling_of, is_mirror_symmetric
@@ -61,8 +62,11 @@ _EFFORTS = {
     "normal": Effort(enumerated=160, width=3, rounds=8, varied=120, work=1.5e9, starts=3),
     "thorough": Effort(enumerated=1000, width=6, rounds=16, varied=400, work=3e10, starts=8),
 }
-# What is within this share of the best of its level is looked at with more arcs.
-_MARGINS = (0.5, 0.15)
+# What is within this share of the best of its level is looked at with more arcs; of the energy
+# that is absorbed, a small part of what is spent, few arcs tell little.
+_MARGINS, _MARGINS_OF_ENERGY = (0.08, 0.01), (0.5, 0.15)
+# Energy absorbed per distance, in units of force, that counts as none.
+_NONE = 1e-10
 _BATCH = 8
 _TIE = 1e-7
 
@@ -122,6 +126,8 @@ class _Race:
     def __post_init__(self) -> None:
         self._pool = ThreadPoolExecutor(self.workers) if self.workers > 1 else None
         self.mirror = is_mirror_symmetric(self.task)
+        self._energy = is_energy(self.task)
+        self.margins = _MARGINS_OF_ENERGY if self._energy else _MARGINS
 
     def close(self) -> None:
         if self._pool is not None:
@@ -179,9 +185,14 @@ class _Race:
     def value(self) -> float:
         return max(self.records.values(), default=-np.inf)
 
+    @property
+    def is_over(self) -> bool:
+        """Whether no gait can be better: nothing is spent but the work against the load."""
+        return self._energy and self.value >= -_NONE * self.task.speed_nominal
+
     def _close(self, level: int) -> float:
         record = self.records.get(level, -np.inf)
-        return record - _MARGINS[level] * abs(record) if np.isfinite(record) else -np.inf
+        return record - self.margins[level] * abs(record) if np.isfinite(record) else -np.inf
 
     @property
     def ranking(self) -> list[Trial]:
@@ -258,6 +269,8 @@ def search(task: Task, settings: Search, report: Report, hints: Iterable[Sequenc
     ended, varied = "searched", 0
     try:
         for varied in steps:
+            if race.is_over:
+                break
             if monotonic() > until:
                 ended = "time limit"
                 break
@@ -349,7 +362,7 @@ def _parents(race: _Race, width: int) -> list[Trial]:
     """The best trials, and the best of each length and number of cycles."""
     ranking = race.ranking
     of_each = {(t.cycles, len(t.sequence)): t for t in reversed(ranking)}
-    enough = ranking[0].value - _MARGINS[0] * abs(ranking[0].value) if ranking else 0.0
+    enough = ranking[0].value - race.margins[0] * abs(ranking[0].value) if ranking else 0.0
     close = sorted((t for t in of_each.values() if t.value >= enough), key=lambda t: -t.value)
     return list(dict.fromkeys([*ranking[:width], *close[: 2 * width]]))
 

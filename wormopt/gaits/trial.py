@@ -53,6 +53,11 @@ class Trial:
         return self.program.objective(self.point)
 
     @property
+    def cost(self) -> float:
+        """The objective as the task means it: the speed, or the whole cost."""
+        return abs(self.value) + self.program.same_for_all()
+
+    @property
     def durations(self) -> np.ndarray:
         """Durations of the phases of a cycle."""
         return self.program.durations(self.point)
