@@ -34,6 +34,9 @@ _RESOLVED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 4000, 5
 _CLOSE, _TIE = 2e-3, 1e-8
 # Smooth costs are solved for from so many of the best trials.
 _POLISHED = 2
+# Resolving the energy ends where halving gains less than this share of the whole; limits count as
+# kept that are exceeded by less.
+_GAINED, _KEPT = 3e-7, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,49 +295,75 @@ _DRAGGED = 3  # degree of velocities where drag bends them
 
 
 def _smooth(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
-    """Resolve the best trials of a smooth cost, and solve for it exactly from the best of them."""
-    # loads a solver that few designs need
-    from wormopt.gaits.smooth import refine_cost, solve_cost
+    """Resolve the best trials of a smooth cost, solve for it from the best, and take the best gait.
 
-    solved: list[Solved] = []
+    What is compared in the end are costs of gaits, in closed form.
+    """
+    known = has_cost_columns(task)  # else trials are merely fast
     trials, ended, error = list(survey.trials), survey.ended, np.nan
-    quickly = ended != "searched"
+    solved, error_of_solved = None, np.nan
     try:
-        trials = trials if quickly else _resolved(task, settings, trials, report)
-        for trial in trials[: 1 if quickly else _POLISHED]:
+        if ended == "searched" and is_energy(task):
+            trials, error = _resolved(task, settings, trials, report)
+        if ended == "searched" or not known:
             report("solving for the cost", 0.9)
-            found = solve_cost(task, trial)
-            solved += [] if found is None else [found]
-        if solved and not quickly:
-            report("refining", 0.95)
-            best, error = refine_cost(min(solved, key=lambda s: s.objective))
-            solved.append(best)
+            solved, error_of_solved = _solved(task, trials[:_POLISHED], error, ended)
     except KeyboardInterrupt:
         ended = "interrupted"
-    if solved:
-        return _of_solved(task, min(solved, key=lambda s: s.objective), survey, bound, error, ended)
-    if has_cost_columns(task):
-        return _of_trial(task, trials[0], survey, bound, error, ended, "cut short")
+    found = []
+    if solved is not None:
+        found.append(_of_solved(task, solved, survey, bound, error_of_solved, ended))
+    if known:
+        status = "searched" if ended == "searched" else "cut short"
+        found.append(_of_trial(task, trials[0], survey, bound, error, ended, status))
+    if found:
+        return min(found, key=_cost)
     if ended == "interrupted":
         raise KeyboardInterrupt
     raise SolveError("no motion was found for this cost", "try another search.seed")
 
 
-def _resolved(task: Task, settings: Search, trials: list[Trial], report: Report) -> list[Trial]:
-    """Halve the arcs of the best trials where that is cheap; best first."""
-    if not is_energy(task):
-        return trials
+def _cost(found: Design) -> float:
+    """Smooth cost of a gait; infinite where it keeps its limits worse than solvers do."""
+    if max(found.violations.values()) > _KEPT:
+        return np.inf
+    if found.task.objective.minimise == "acceleration_effort":
+        return found.motion.effort
+    return found.motion.energy / found.motion.advance
+
+
+def _resolved(
+    task: Task, settings: Search, trials: list[Trial], report: Report
+) -> tuple[list[Trial], float]:
+    """Halve the arcs of the best trials while that helps; best first, and its last gain, relative."""
     trier, found = Trier(task), []
     for trial in trials[: 4 * effort_of(settings).width]:
         report("resolving the best orders", 0.85)
+        gained = np.inf
         for _ in range(_MOST_HALVINGS):
-            before = trial.value
-            trial = trier.finer(trial, 1e-6)
-            gained = trial.value - before
-            if gained <= 1e-5 * abs(before) or len(trial.point.x) > _MOST_UNKNOWNS / 4:
+            if len(trial.point.x) > _MOST_UNKNOWNS / 4:
                 break
-        found.append(trial)
-    return sorted(found, key=lambda t: -t.value)
+            finer = trier.finer(trial, 1e-6)
+            trial, gained = finer, (finer.value - trial.value) / abs(finer.cost)
+            if gained <= _GAINED:
+                break
+        found.append((trial, gained))
+    found.sort(key=lambda one: -one[0].value)
+    return [trial for trial, _ in found], found[0][1]
+
+
+def _solved(
+    task: Task, trials: list[Trial], error: float, ended: str
+) -> tuple[Solved | None, float]:
+    """The best solution from some trials, refined where those are not resolved, and its error."""
+    from wormopt.gaits.smooth import refine_cost, solve_cost  # a solver that few designs need
+
+    resolved = is_energy(task)
+    found = [s for trial in trials[: 1 if resolved else None] if (s := solve_cost(task, trial))]
+    best = min(found, key=lambda s: s.objective, default=None)
+    if best is None or resolved or ended != "searched":
+        return best, error
+    return refine_cost(best)
 
 
 def _of_solved(

@@ -158,7 +158,7 @@ def arcs_of(trial: Trial, program: Transcription) -> Arcs:
         return np.concatenate([begins + change * widths[:, None], velocity], axis=1).T
 
     tau = program.mesh.collocation.tau
-    long = widths > 0.0
+    long = widths > 1e-12 * widths.sum()
     slopes = np.diff(v, axis=1)[:, 0] / np.where(long, widths, 1.0)[:, None]
     slopes[~long] = 0.0
     forces, spent = _loads(trial, v, slopes, tau)

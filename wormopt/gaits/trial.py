@@ -125,7 +125,9 @@ class Trier:
         period = float(trial.durations.sum())
         wanted = float(np.clip(period, low, high))
         same = trial.program
-        program = type(same)(self.task, trial.sequence, (low, high), same.arcs, same.degree)
+        program = type(same)(
+            self.task, trial.sequence, (low, high), same.arcs.tolist(), same.degree
+        )
         widths = trial.program.widths(trial.point) * (wanted / period)
         if has_cost_columns(self.task):
             start = self._near(trial, program, widths)
