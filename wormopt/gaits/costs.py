@@ -52,7 +52,6 @@ class CostColumns:
     program: GaitProgram
     columns: list[np.ndarray] = field(default_factory=list)
     rows: list[np.ndarray] = field(default_factory=list)
-    weights: list[float] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         program = self.program
@@ -129,9 +128,9 @@ class CostColumns:
         self.rows.append(rows.add(own, [*twice, *products], 0.0, np.inf))
         return column
 
-    def add_gain(self, weight: float) -> int:
-        """Add the row of the cost with its sign changed; each column stands for so many."""
-        total = [(int(c), -weight) for c in np.concatenate(self.columns)]
+    def add_gain(self) -> int:
+        """Add the row of the cost with its sign changed."""
+        total = [(int(c), -1.0) for c in np.concatenate(self.columns)]
         work: list[tuple] = []
         if self.dragged:
             share = self.program.limits.drag / 3

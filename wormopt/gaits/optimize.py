@@ -335,7 +335,7 @@ def _cost(found: Design) -> float:
 def _resolved(
     task: Task, settings: Search, trials: list[Trial], report: Report
 ) -> tuple[list[Trial], float]:
-    """Halve the arcs of the best trials while that helps; best first, and its last gain, relative."""
+    """Halve arcs of the best trials while that helps; best first, and its last relative gain."""
     trier, found = Trier(task), []
     for trial in trials[: 4 * effort_of(settings).width]:
         report("resolving the best orders", 0.85)

@@ -239,7 +239,7 @@ class GaitProgram:
 
     def _assemble(self) -> BilinearProgram:
         if self._costs is not None:
-            gain = self._costs.add_gain(len(self.sequence) / self._phases)
+            gain = self._costs.add_gain()
             per = self._advance if self._costs.energy else self._period
             excess = self._costs.excess()
             return BilinearProgram(self.rows, np.unique(self.h), gain, per, excess)
@@ -299,7 +299,9 @@ class GaitProgram:
         sums = np.add.reduceat(h, np.flatnonzero(joined))
         arcs = np.add.reduceat(joined.astype(int), self._edges[:-1])
         widths = np.repeat(sums / 2, 2) * self.limits.time
-        finer = type(self)(self.task, self.sequence, self.period, 2 * arcs, degree or self.degree)
+        finer = type(self)(
+            self.task, self.sequence, self.period, (2 * arcs).tolist(), degree or self.degree
+        )
         if self._costs is not None:
             return finer, finer.moving(*self._halved(point, sums / 2))
         return finer, finer.start_arcs(widths)

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from wormopt.gaits.costs import has_cost_columns
 from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.sequences import Sequence_
 
@@ -79,8 +80,10 @@ class WaveProgram(GaitProgram):
 
     @property
     def _phases(self) -> int:
-        # with unequal masses or limits, each phase has rows of its own
-        return 1 if self._uniform else len(self.sequence)
+        # with unequal masses or limits, each phase has rows of its own; so it has with costs, since
+        # what a chain's ends do to its actuators differs from phase to phase
+        alike = self._uniform and not has_cost_columns(self.task)
+        return 1 if alike else len(self.sequence)
 
     def _add_columns(self) -> None:
         """Columns by class: (mass + phase) modulo phases, and arc of the phase."""
