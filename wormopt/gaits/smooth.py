@@ -31,7 +31,7 @@ _RESOLVED = 1e-6
 # A solution counts as feasible if its scaled constraints are violated by no more.
 _FEASIBLE = 1e-10
 _ARCS = 6
-_POLISH = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=200)
+_POLISH = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=120)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +112,8 @@ def solve_cost(task: Task, trial: Trial) -> Solved | None:
             return None
         begin = program.pack(replace(fast, **program.nominal_extras()), bounds)
     start = program.nlp.start(begin, bounds)
+    if has_cost_columns(task):  # what the linear programs leave on very short arcs
+        start = program.nlp.restore(start, bounds)
     found = program.nlp.restore(program.nlp.solve(start.w, bounds, _POLISH), bounds)
     if start.violation <= _FEASIBLE and not _better(found, start):
         found = start

@@ -212,6 +212,8 @@ class BilinearProgram:
         self._highs.silent()
         for option, value in _OPTIONS.items():
             self._highs.setOptionValue(option, value)
+        if excess is not None:  # no vertex, so that `sharpen` cannot remove what is left
+            self._highs.setOptionValue("primal_feasibility_tolerance", 1e-10)
         self._basis: Any = None
         self.programs = 0  # linear programs solved
         self.work = 0  # their pivots, times rows and columns
