@@ -10,16 +10,13 @@ square of the step of a rate over the duration.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from wormopt.core.task import Task
-from wormopt.gaits.scaled_limits import Form
-from wormopt.optimal.bilinear import Excess
-
-if TYPE_CHECKING:
-    from wormopt.gaits.program import GaitProgram
+from wormopt.gaits.scaled_limits import Form, ScaledLimits
+from wormopt.optimal.bilinear import BilinearRows, Excess
 
 __all__ = ["CostColumns", "has_cost_columns", "is_energy"]
 
@@ -29,13 +26,36 @@ _MOST = 1e6
 _TANGENTS = (0.03, 0.07, 0.13, 0.22, 0.35, 0.5, 0.75, 1.0)
 
 
+class _Motion(Protocol):
+    """What costs need to know of a gait program: its columns of durations and velocities."""
+
+    task: Task
+    limits: ScaledLimits
+    degree: int
+    rows: BilinearRows
+    h: np.ndarray
+    v: np.ndarray
+
+
 def has_cost_columns(task: Task) -> bool:
-    """Whether the cost of a task is part of its bilinear program."""
+    """Whether the cost of a task is part of its bilinear program.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    """
     return task.objective.is_smooth and task.limits.acceleration is not None
 
 
 def is_energy(task: Task) -> bool:
-    """Whether this cost is what actuators absorb."""
+    """Whether this cost is what actuators absorb.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    """
     return has_cost_columns(task) and task.objective.minimise == "energy_per_distance"
 
 
@@ -45,13 +65,15 @@ class CostColumns:
 
     Parameters
     ----------
-    program : GaitProgram
-        Whose columns are there already.
+    program : object
+        A gait program, whose columns are there already.
+    columns, rows : list of ndarray
+        Columns of costs, and the rows that bound them from below.
     """
 
-    program: GaitProgram
-    columns: list[np.ndarray] = field(default_factory=list)
-    rows: list[np.ndarray] = field(default_factory=list)
+    program: _Motion
+    columns: list[np.ndarray] = field(default_factory=list, init=False)
+    rows: list[np.ndarray] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         program = self.program
