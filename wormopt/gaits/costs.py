@@ -92,7 +92,15 @@ class CostColumns:
             program.rows.add([(self.ways[there], 1.0)], [product], 0.0, 0.0)
 
     def add_phase(self, resting: tuple[int, ...], at: slice) -> None:
-        """Add what the arcs of a phase cost."""
+        """Add what the arcs of a phase cost.
+
+        Parameters
+        ----------
+        resting : tuple of int
+            Masses at rest.
+        at : slice
+            The arcs.
+        """
         if not self.energy:
             self._add_effort(at)
             return
@@ -151,7 +159,7 @@ class CostColumns:
         return column
 
     def add_gain(self) -> int:
-        """Add the row of the cost with its sign changed."""
+        """Add the row of the cost with its sign changed; give its number."""
         total = [(int(c), -1.0) for c in np.concatenate(self.columns)]
         work: list[tuple] = []
         if self.dragged:
@@ -163,7 +171,13 @@ class CostColumns:
         return int(self.program.rows.add(total, work, -np.inf, np.inf)[0])
 
     def complete(self, x: np.ndarray) -> None:
-        """Set the ways of a point to what its durations and velocities say."""
+        """Set the ways of a point to what its durations and velocities say.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Changed in place.
+        """
         there = self.ways >= 0
         h = np.broadcast_to(self.program.h[:, None, None], self.ways.shape)
         x[self.ways[there]] = x[h[there]] * x[self.program.v[there]]
