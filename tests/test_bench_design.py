@@ -51,7 +51,10 @@ def test_problems_are_scenes(tmp_path: Path):
         file.write_text(scene_text(case, ["seed = 1"]), encoding="utf-8")
         table = load_scene(file).table
         limits = Arrays.of(case)
-        assert (table.gait.resting, table.gait.limits.period_range) == (limits.resting, limits.period)
+        assert (table.gait.resting, table.gait.limits.period_range) == (
+            limits.resting,
+            limits.period,
+        )
         assert np.array_equal(table.gait.limits.length_ranges(limits.links), limits.length)
         assert np.array_equal(
             table.gait.limits.rate_limits(limits.links), [limits.contraction, limits.extension]

@@ -12,7 +12,7 @@ from test_design import G1
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import Interrupted, SceneError
-from wormopt.gaits import certify
+from wormopt.gaits import certify, proof
 from wormopt.gaits.optimize import designed
 from wormopt.progress import silent
 from wormopt.studies import gait_certificate, gait_design
@@ -143,10 +143,10 @@ def test_a_proof_without_time_still_gives_a_result_with_its_picture(
 
 
 def test_a_bound_below_the_gait_is_a_failure(monkeypatch):
-    def wrong(task, value, settings, *_):
+    def wrong(task, value, *_):
         return certify.Certificate(certify.Progress(0.9 * value), -0.1, 4, None, "gap reached")
 
-    monkeypatch.setattr(gait_certificate, "certify", wrong)
+    monkeypatch.setattr(proof, "prove", wrong)
     result = run()
     assert result.status == "failed"
     assert "better than its proven bound" in result.reason

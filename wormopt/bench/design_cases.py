@@ -221,6 +221,11 @@ def _rounded(value: float) -> float:
 def task_of(case: Case) -> Task:
     """The problem as the designer takes it.
 
+    Parameters
+    ----------
+    case : dict
+        The problem.
+
     Examples
     --------
     >>> task_of(G1).worm.links

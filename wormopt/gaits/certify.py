@@ -259,7 +259,17 @@ def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float | Non
 
 
 def gap_of(value: float, bound: float, cost: bool) -> float:
-    """By which share of its own value a gait could still be better."""
+    """By which share of its own value a gait could still be better.
+
+    Parameters
+    ----------
+    value : float
+        Of the gait.
+    bound : float
+        No gait is better.
+    cost : bool
+        Whether small values are good.
+    """
     if not value > 0.0:  # a worm that stands still can be better by any share
         return np.inf
     return (value - bound) / value if cost else (bound - value) / value

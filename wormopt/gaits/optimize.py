@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from wormopt.core.ceiling import ceiling
 from wormopt.core.gait import Gait
 from wormopt.core.task import Cost, Limits, Objective, Search, Task, Worm
 from wormopt.errors import ArgumentError, SolveError
+from wormopt.gaits.costs import has_cost_columns, is_energy
 from wormopt.gaits.orders import first_orders
 from wormopt.gaits.search import Survey, effort_of, search
 from wormopt.gaits.sequences import Sequence_
@@ -22,6 +23,9 @@ from wormopt.gaits.trial import Trial, Trier
 from wormopt.gaits.verify import violations
 from wormopt.progress import Report, silent
 from wormopt.worms.crawl import Crawl, crawl
+
+if TYPE_CHECKING:
+    from wormopt.gaits.smooth import Solved
 
 __all__ = ["Design", "design", "designed", "finished"]
 
@@ -34,6 +38,11 @@ _CLOSE, _TIE = 2e-3, 1e-8
 # Excess over a limit, and how many times more trials are sharpened before one within it is found.
 _ACCEPTED, _MOST_UNSOUND = 1e-9, 4
 _SEARCH = Search()
+# Smooth costs are solved for from so many of the best trials.
+_POLISHED = 2
+# Resolving the energy ends where halving gains less than this share of the whole; limits count as
+# kept that are exceeded by less.
+_GAINED, _KEPT = 3e-7, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,9 +198,24 @@ def designed(
     hints: Iterable[Sequence_] = (),
     better: Callable[[Trial], None] = lambda _: None,
 ) -> Design:
-    """Design the best gait of a task, as `design`; orders in ``hints`` are tried first.
+    """Design the best gait of a task, as `design`.
 
-    Every trial that is better than all before it is given to ``better``.
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    settings : Search
+        How to search.
+    report : callable
+        Told what goes on.
+    hints : iterable of sequences, optional
+        Orders of rest that are tried first.
+    better : callable, optional
+        Given every trial that is better than all before it.
+
+    Returns
+    -------
+    Design
     """
     bound = _ceiling(task)
     required = task.objective.speed
@@ -272,6 +296,7 @@ def _sharpest(task: Task, settings: Search, survey: Survey, bound: float, report
 def _of_trial(
     task: Task, trial: Trial, error: float, bound: float, survey: Survey, ended: str
 ) -> Design:
+    """The gait of a trial as it is."""
     return Design(
         task=task,
         gait=trial.program.gait(trial.point),
@@ -282,19 +307,27 @@ def _of_trial(
         error=error,
         survey=survey,
         solver={
-            "status": "sharpened" if ended == "searched" else "cut short",
+            "status": "solved" if ended == "searched" else "cut short",
             "violation": trial.program.bilinear.violation(trial.point.x),
             "arcs_per_phase": trial.program.arcs.tolist(),
             "degree": trial.program.degree + 1,
         },
         timings_s={},
         ended=ended,
-        trial=trial,
+        trial=None if task.objective.is_smooth else trial,
     )
 
 
 def finished(design: Design, trial: Trial) -> Design:
-    """A trial of the same task made into a design, sharpened."""
+    """Make a design of a trial of the same task, sharpened.
+
+    Parameters
+    ----------
+    design : Design
+        Of the same task.
+    trial : Trial
+        A better gait.
+    """
     sharp, error = _sharpen(Trier(design.task), trial, quickly=False)
     found = _of_trial(design.task, sharp, error, design.ceiling, design.survey, design.ended)
     return replace(found, timings_s=design.timings_s)
@@ -337,30 +370,83 @@ def _sharpen(trier: Trier, trial: Trial, quickly: bool) -> tuple[Trial, float]:
 
 
 def _smooth(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
-    """Solve the smooth cost from the best trials."""
-    # loads a solver that few designs need
-    from wormopt.gaits.smooth import gait_of_arcs, refine_cost, solve_cost
+    """Resolve the best trials of a smooth cost, solve for it from the best, and take the best gait.
 
-    solved, ended = [], survey.ended
+    What is compared in the end are costs of gaits, in closed form.
+    """
+    known = has_cost_columns(task)  # else trials are merely fast
+    trials, ended, error = list(survey.trials), survey.ended, np.nan
+    solved, error_of_solved = None, np.nan
     try:
-        for k, trial in enumerate(survey.trials[: 4 * effort_of(settings).width]):
-            report("solving for the cost", 0.8 + 0.01 * k)
-            found = solve_cost(task, trial)
-            if found is not None:
-                solved.append(found)
-            if ended != "searched" and solved:
-                break
-        if not solved:
-            raise SolveError("no motion was found for this cost", "try another search.seed")
-        best = min(solved, key=lambda s: s.objective)
-        report("refining", 0.9)
-        best, error = refine_cost(best) if ended == "searched" else (best, np.nan)
+        if ended == "searched" and is_energy(task):
+            trials, error = _resolved(task, settings, trials, report)
+        if ended == "searched" or not known:
+            report("solving for the cost", 0.9)
+            solved, error_of_solved = _solved(task, trials[:_POLISHED], error, ended)
     except KeyboardInterrupt:
-        if not solved:
-            raise
-        best, error, ended = min(solved, key=lambda s: s.objective), np.nan, "interrupted"
+        ended = "interrupted"
+    found = []
+    if solved is not None:
+        found.append(_of_solved(task, solved, survey, bound, error_of_solved, ended))
+    if known:
+        found.append(_of_trial(task, trials[0], error, bound, survey, ended))
+    if found:
+        return min(found, key=_cost)
+    if ended == "interrupted":
+        raise KeyboardInterrupt
+    raise SolveError("no motion was found for this cost", "try another search.seed")
+
+
+def _cost(found: Design) -> float:
+    """Smooth cost of a gait; infinite where it keeps its limits worse than solvers do."""
+    if max(found.violations.values()) > _KEPT:
+        return np.inf
+    if found.task.objective.minimise == "acceleration_effort":
+        return found.motion.effort
+    return found.motion.energy / found.motion.advance
+
+
+def _resolved(
+    task: Task, settings: Search, trials: list[Trial], report: Report
+) -> tuple[list[Trial], float]:
+    """Halve arcs of the best trials while that helps; best first, and its last relative gain."""
+    trier, found = Trier(task), []
+    for trial in trials[: 4 * effort_of(settings).width]:
+        report("resolving the best orders", 0.85)
+        gained = np.inf
+        for _ in range(_MOST_HALVINGS):
+            if len(trial.point.x) > _MOST_UNKNOWNS / 4:
+                break
+            finer = trier.finer(trial, 1e-6)
+            trial, gained = finer, (finer.value - trial.value) / abs(finer.cost)
+            if gained <= _GAINED:
+                break
+        found.append((trial, gained))
+    found.sort(key=lambda one: -one[0].value)
+    return [trial for trial, _ in found], found[0][1]
+
+
+def _solved(
+    task: Task, trials: list[Trial], error: float, ended: str
+) -> tuple[Solved | None, float]:
+    """The best solution from some trials, refined where those are not resolved, and its error."""
+    from wormopt.gaits.smooth import refine_cost, solve_cost  # a solver that few designs need
+
+    resolved = is_energy(task)
+    found = [s for trial in trials[: 1 if resolved else None] if (s := solve_cost(task, trial))]
+    best = min(found, key=lambda s: s.objective, default=None)
+    if best is None or resolved or ended != "searched":
+        return best, error
+    return refine_cost(best)
+
+
+def _of_solved(
+    task: Task, best: Solved, survey: Survey, bound: float, error: float, ended: str
+) -> Design:
+    from wormopt.gaits.smooth import gait_of_arcs
+
     mesh = best.program.mesh
-    durations = np.array(np.split(best.arcs.duration, mesh.phases)).sum(axis=1)
+    durations = np.bincount(mesh.phase, weights=best.arcs.duration)
     return Design(
         task=task,
         gait=gait_of_arcs(best.arcs, mesh, task.worm.links),
@@ -373,7 +459,7 @@ def _smooth(task: Task, settings: Search, survey: Survey, bound: float, report: 
         solver={
             "status": best.solution.status,
             "violation": best.solution.violation,
-            "arcs_per_phase": mesh.arcs,
+            "arcs_per_phase": mesh.counts,
             "degree": mesh.collocation.degree,
         },
         timings_s={},

@@ -27,6 +27,18 @@ def first_orders(task: Task) -> list[Sequence_]:
     Head and tail in turn, without and with a block between; the resting sets of the ceiling's
     solutions in every order; travelling waves, of more resting masses too where those share a
     load.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+
+    Examples
+    --------
+    >>> from wormopt.core.task import Limits, Worm
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> first_orders(Task(Worm(links=1), limits))[0]
+    ((0,), (1,))
     """
     n, fewest = task.worm.links, task.limits.resting
     found = [*_ends_in_turn(n, fewest), *_best_sets_in_turn(task)]

@@ -18,6 +18,7 @@ import numpy as np
 
 from wormopt.core.gait import Gait
 from wormopt.core.task import Limits, Objective, Task, Worm
+from wormopt.gaits.costs import CostColumns, has_cost_columns
 from wormopt.gaits.scaled_limits import Form, ScaledLimits
 from wormopt.gaits.sequences import Resting, Sequence_
 from wormopt.gaits.split import Pattern, SplitRows, split_matters
@@ -41,7 +42,8 @@ class GaitProgram:
     Parameters
     ----------
     task : Task
-        Worm, limits and objective; smooth costs are left out and the speed is sought.
+        Worm, limits and objective; where velocities may jump, smooth costs are left out and the
+        speed is sought.
     sequence : tuple of tuple of int
         Resting masses, phase after phase.
     period : tuple of float
@@ -87,25 +89,29 @@ class GaitProgram:
         self.arcs = np.broadcast_to(arcs, len(sequence))
         self._edges = np.concatenate([[0], np.cumsum(self.arcs)])
         self.total = int(self._edges[-1])
-        self._rows = BilinearRows()
+        self.rows = BilinearRows()
         self._peak: int | None = None
         self._add_columns()
+        self._costs = CostColumns(self) if has_cost_columns(task) else None
         self._add_rates()
-        for phase, resting in enumerate(sequence[: self._phases]):
+        for phase, resting in enumerate(sequence):
             at = slice(self._edges[phase], self._edges[phase + 1])
-            for form in self.limits.forms(resting):
+            of_links = 0 if phase < self._phases else self.limits.links
+            for form in self.limits.forms(resting)[of_links:]:
                 self._add_form(form, at)
             if split_matters(task, resting):
                 self._add_splits(resting, at)
             else:
                 self._add_peaks(resting, at)
+            if self._costs is not None:
+                self._costs.add_phase(resting, at)
         self._add_lengths()
         self._add_ends()
         self.bilinear = self._assemble()
 
     @property
     def _phases(self) -> int:
-        """Phases whose rows are stated; those of all others follow from them."""
+        """Phases whose rows of links are stated; those of all others follow from them."""
         return len(self.sequence)
 
     @property
@@ -116,7 +122,7 @@ class GaitProgram:
 
     def _add_columns(self) -> None:
         """Durations h, velocities v per arc, coefficient and mass, lengths l above the shortest."""
-        limits, total, degree, columns = self.limits, self.total, self.degree, self._rows.columns
+        limits, total, degree, columns = self.limits, self.total, self.degree, self.rows.columns
         fastest = np.repeat([limits.fastest(r) for r in self.sequence], self.arcs, axis=0)
         self.h = columns(np.ones(total))
         self.v = np.full((total, degree + 1, limits.links + 1), -1)
@@ -132,7 +138,7 @@ class GaitProgram:
 
     def _add_peak_column(self) -> None:
         if self.task.objective.minimise in ("peak_spike_load", "peak_actuator_force"):
-            self._peak = int(self._rows.columns(np.array([np.inf]))[0])
+            self._peak = int(self.rows.columns(np.array([np.inf]))[0])
 
     @property
     def _continuous(self) -> bool:
@@ -143,7 +149,7 @@ class GaitProgram:
     def _add_rates(self) -> None:
         """Rates of the links at all coefficients; bounds where one of both masses rests."""
         ends = slice(0, self.degree if self._continuous else self.degree + 1)
-        upper = np.array(self._rows.upper)
+        upper = np.array(self.rows.upper)
         for j, (contraction, extension) in enumerate(zip(*self.limits.rates, strict=True)):
             ahead, behind = (self.v[self._stated, ends, i].ravel() for i in (j, j + 1))
             np.minimum.at(upper, ahead[(behind < 0) & (ahead >= 0)], extension)
@@ -151,8 +157,8 @@ class GaitProgram:
             both = (ahead >= 0) & (behind >= 0)
             if both.any():
                 terms = [(ahead[both], 1.0), (behind[both], -1.0)]
-                self._rows.add(terms, [], -contraction, extension)
-        self._rows.upper = upper.tolist()
+                self.rows.add(terms, [], -contraction, extension)
+        self.rows.upper = upper.tolist()
 
     def _force(
         self, form: Form, at: slice | np.ndarray, k: int
@@ -190,9 +196,9 @@ class GaitProgram:
             if not products and all(np.all(np.asarray(column) < 0) for column, _ in linear):
                 continue
             if form.below < np.inf:
-                self._rows.add([*linear, (self.h[at], form.below)], products, 0.0, np.inf)
+                self.rows.add([*linear, (self.h[at], form.below)], products, 0.0, np.inf)
             if form.above < np.inf:
-                self._rows.add([*linear, (self.h[at], -form.above)], products, -np.inf, 0.0)
+                self.rows.add([*linear, (self.h[at], -form.above)], products, -np.inf, 0.0)
 
     def _add_splits(self, resting: Resting, at: slice) -> None:
         """What each spike carries, with one pattern for all loads of a range."""
@@ -202,7 +208,7 @@ class GaitProgram:
             arcs = np.array([k for k in range(self.total)[at] if patterns[k] == pattern])
             for load in sorted(set(self.task.worm.load_range)):
                 SplitRows(
-                    self._rows,
+                    self.rows,
                     self.limits,
                     self._force,
                     self.h[arcs],
@@ -231,7 +237,7 @@ class GaitProgram:
         for k in self._coefficients(form):
             linear, products = self._force(form, at, k)
             products = [*products, (self.h[at], self._peak, -shared)]
-            self._rows.add([*linear, (self.h[at], at_rest)], products, -np.inf, 0.0)
+            self.rows.add([*linear, (self.h[at], at_rest)], products, -np.inf, 0.0)
 
     def _add_lengths(self) -> None:
         """Lengths follow the rates, and stay in their ranges at all coefficients."""
@@ -243,38 +249,43 @@ class GaitProgram:
                 for mass, sign in ((j, share), (j + 1, -share)):
                     change.append((self.h[own], self.v[own, k, mass], sign))
                 if k < self.degree:
-                    self._rows.add([(length, 1.0)], change, 0.0, stroke)
+                    self.rows.add([(length, 1.0)], change, 0.0, stroke)
             back = [(h, v, -weight) for h, v, weight in change]
-            self._rows.add([(after, 1.0), (length, -1.0)], back, 0.0, 0.0)
+            self.rows.add([(after, 1.0), (length, -1.0)], back, 0.0, 0.0)
 
     def _add_ends(self) -> None:
         """Period, advance of the head, speed that is required, jumps of velocities."""
         every = [(int(h), 1.0) for h in self.h]
         shortest, longest = self.limits.shortest_period, self.limits.longest_period
-        self._period = int(self._rows.add(every, [], shortest, longest)[0])
+        self._period = int(self.rows.add(every, [], shortest, longest)[0])
         share = 1.0 / (self.degree + 1)
         ways = [
             (int(self.h[k]), int(v), share) for k, row in enumerate(self.v[:, :, 0]) for v in row
         ]
         none = [(0, 0.0)]
-        self._advance = int(self._rows.add(none, ways, -np.inf, np.inf)[0])
+        self._advance = int(self.rows.add(none, ways, -np.inf, np.inf)[0])
         required = self.task.objective.speed
         if required is not None:
             kept = [(h, -required / self.limits.speed) for h, _ in every]
-            self._rows.add(kept, ways, 0.0, np.inf)
+            self.rows.add(kept, ways, 0.0, np.inf)
         if not self._continuous:
             jump = [
                 (column, sign * mass)
                 for i, mass in enumerate(self.limits.mass)
                 for column, sign in ((self.v[:, 0, i], 1.0), (np.roll(self.v[:, -1, i], 1), -1.0))
             ]
-            self._rows.add(jump, [], 0.0, np.inf)
+            self.rows.add(jump, [], 0.0, np.inf)
 
     def _assemble(self) -> BilinearProgram:
+        if self._costs is not None:
+            gain = self._costs.add_gain()
+            per = self._advance if self._costs.energy else self._period
+            excess = self._costs.excess()
+            return BilinearProgram(self.rows, np.unique(self.h), gain, per, excess)
         if self._peak is None:
-            return BilinearProgram(self._rows, np.unique(self.h), self._advance, self._period)
-        low = int(self._rows.add([(self._peak, -1.0)], [], -np.inf, np.inf)[0])
-        return BilinearProgram(self._rows, np.unique(self.h), low)
+            return BilinearProgram(self.rows, np.unique(self.h), self._advance, self._period)
+        low = int(self.rows.add([(self._peak, -1.0)], [], -np.inf, np.inf)[0])
+        return BilinearProgram(self.rows, np.unique(self.h), low)
 
     # -- points ----------------------------------------------------------------------------------
 
@@ -338,7 +349,23 @@ class GaitProgram:
     def finer(
         self, point: Point, degree: int | None = None, parts: int = 2
     ) -> tuple[GaitProgram, Point | None]:
-        """The same cycle with every arc cut in parts, once those that only repeat are joined."""
+        """The same cycle with every arc cut in parts, once those that only repeat are joined.
+
+        Parameters
+        ----------
+        point : Point
+            Of this program.
+        degree : int, optional
+            Degree of the velocities; the same if left out.
+        parts : int, optional
+            Parts of each arc.
+
+        Returns
+        -------
+        program : GaitProgram
+        point : Point or None
+            Never worse; None where the solver fails.
+        """
         begins = self._joined(point)
         first = np.flatnonzero(begins)
         patterns = self.patterns and tuple(self.patterns[k] for k in np.repeat(first, parts))
@@ -346,7 +373,52 @@ class GaitProgram:
         widths = np.add.reduceat(point.x[self.h], first) * (self.limits.time / parts)
         degree = degree or self.degree
         finer = type(self)(self.task, self.sequence, self.period, arcs, degree, patterns)
+        if self._costs is not None:
+            return finer, finer.moving(*self._cut(point, widths / self.limits.time, parts))
         return finer, finer.start_arcs(np.repeat(widths, parts))
+
+    def moving(self, widths: np.ndarray, v: np.ndarray, first: np.ndarray) -> Point:
+        """A motion that is known to be feasible: durations of arcs, velocities, first lengths.
+
+        Parameters
+        ----------
+        widths : ndarray, shape (arcs,)
+            In scaled units, as are all others.
+        v : ndarray, shape (arcs, 2, masses)
+            Velocities at both ends of each arc.
+        first : ndarray, shape (links,)
+            Lengths at the start, above the shortest.
+        """
+        x = np.zeros(len(self.bilinear.upper))
+        x[self.h] = widths
+        x[self.v[self.v >= 0]] = v[self.v >= 0]
+        steps = -np.diff(v.mean(axis=1), axis=1) * widths[:, None]
+        x[self.length] = first + np.cumsum(steps, axis=0) - steps
+        if self._costs is not None:
+            self._costs.complete(x)
+        return self.bilinear.point(x)
+
+    def motion(self, point: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Durations of arcs, velocities and first lengths of a point, as `moving` takes them.
+
+        Parameters
+        ----------
+        point : Point
+            Of this program.
+        """
+        v = np.where(self.v >= 0, point.x[self.v], 0.0)
+        return point.x[self.h], v, point.x[self.length[0]]
+
+    def _cut(
+        self, point: Point, widths: np.ndarray, parts: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same motion on arcs of these durations, each so many times."""
+        h, v, first = self.motion(point)
+        widths = np.repeat(widths, parts)
+        old, new = (np.concatenate([[0.0], np.cumsum(w)]) for w in (h, widths))
+        nodes = np.concatenate([v[:, 0], v[-1:, -1]])
+        at = np.stack([np.interp(new, old, mass) for mass in nodes.T], axis=1)
+        return widths, np.stack([at[:-1], at[1:]], axis=1), first
 
     def _joined(self, point: Point) -> np.ndarray:
         """True for each arc that must begin where it does.
@@ -409,19 +481,31 @@ class GaitProgram:
     @property
     def unit(self) -> float:
         """Unit of the objective, in the task's units."""
-        return self.limits.speed if self._peak is None else self.limits.force
+        if self._costs is not None and not self._costs.energy:
+            return (self.limits.speed / self.limits.time) ** 2
+        return self.limits.speed if self._is_speed else self.limits.force
+
+    @property
+    def _is_speed(self) -> bool:
+        return self._peak is None and self._costs is None
 
     def objective(self, point: Point) -> float:
-        """What is made large, in the task's units: the speed, or minus a peak load.
+        """What is made large, in the task's units: the speed, or a cost with its sign changed.
+
+        Of the energy per distance the part that gaits differ in: without the work against loads.
 
         Parameters
         ----------
         point : Point
             Of this program.
         """
-        if self._peak is None:
-            return self.speed(point)
-        return -float(point.x[self._peak]) * self.limits.force
+        return self.speed(point) if self._is_speed else point.value * self.unit
+
+    def same_for_all(self) -> float:
+        """What `objective` leaves out of a cost."""
+        if self._costs is None or not self._costs.energy:
+            return 0.0
+        return (self.limits.links + 1) * self.task.worm.load_range[1]
 
     def speed(self, point: Point) -> float:
         """Mean speed, in the task's units.

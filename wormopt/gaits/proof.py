@@ -100,7 +100,19 @@ def certified(
     begun: Progress | None = None,
     save: Callable[[Progress], None] = lambda _: None,
 ) -> Certified:
-    """Prove as `prove`; relaxed gaits are starts from which the design may become better."""
+    """Prove as `prove`; relaxed gaits are starts from which the design may become better.
+
+    Parameters
+    ----------
+    design : Design
+        The design.
+    settings : Search
+        With the proof that is wanted.
+    report : callable
+        Told the gap.
+    begun, save : optional
+        As for `prove`.
+    """
     task, trier = design.task, Trier(design.task)
     cost = task.objective.minimise is not None
     best: list[Trial] = []

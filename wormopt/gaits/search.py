@@ -18,6 +18,7 @@ from time import monotonic
 import numpy as np
 
 from wormopt.core.task import Search, Task
+from wormopt.gaits.costs import is_energy
 from wormopt.gaits.orders import first_orders, letters_of, plain_orders
 from wormopt.gaits.sequences import Sequence_, canonical, is_gait, mirrored, neighbours
 from wormopt.gaits.space import ceiling_of, is_mirror_symmetric
@@ -64,8 +65,13 @@ _EFFORTS = {
     "normal": Effort(enumerated=160, width=3, rounds=8, varied=120, work=1.5e9, starts=3),
     "thorough": Effort(enumerated=1000, width=6, rounds=16, varied=400, work=3e10, starts=8),
 }
-# What is within this share of the best of its level is looked at with more arcs.
-_MARGINS = (0.08, 0.01)
+# What is within this share of the best of its level is looked at with more arcs; of the energy
+# that is absorbed, a small part of what is spent, few arcs tell little.
+_MARGINS, _MARGINS_OF_ENERGY = (0.08, 0.01), (0.5, 0.15)
+# Pivots of its programs take longer: they are denser.
+_WORK_OF_ENERGY = 0.3
+# Energy absorbed per distance, in units of force, that counts as none.
+_NONE = 1e-10
 _BATCH = 8
 
 
@@ -131,6 +137,8 @@ class _Race:
     def __post_init__(self) -> None:
         self._pool = ThreadPoolExecutor(self.workers) if self.workers > 1 else None
         self.mirror = is_mirror_symmetric(self.task)
+        self._energy = is_energy(self.task)
+        self.margins = _MARGINS_OF_ENERGY if self._energy else _MARGINS
 
     def close(self) -> None:
         if self._pool is not None:
@@ -195,9 +203,14 @@ class _Race:
     def value(self) -> float:
         return max(self.records.values(), default=-np.inf)
 
+    @property
+    def is_over(self) -> bool:
+        """Whether no gait can be better: nothing is spent but the work against the load."""
+        return self._energy and self.value >= -_NONE * self.task.speed_nominal
+
     def _close(self, level: int) -> float:
         record = self.records.get(level, -np.inf)
-        return record - _MARGINS[level] * abs(record) if np.isfinite(record) else -np.inf
+        return record - self.margins[level] * abs(record) if np.isfinite(record) else -np.inf
 
     @property
     def ranking(self) -> list[Trial]:
@@ -285,6 +298,8 @@ def search(
             now = monotonic()
             seconds[stage] = seconds.get(stage, 0.0) + now - since
             since = now
+            if race.is_over:
+                break
             if now > until:
                 ended = "time limit"
                 break
@@ -340,7 +355,7 @@ def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterato
 
 def _vary(race: _Race, settings: Search) -> Iterator[None]:
     """Vary the best orders while that helps."""
-    effort = effort_of(settings)
+    effort, task = effort_of(settings), race.task
     for turn in range(effort.rounds):
         record = race.value
         fresh = list(islice(_variations(race, settings, effort.width), effort.varied))
@@ -349,7 +364,7 @@ def _vary(race: _Race, settings: Search) -> Iterator[None]:
             race.enter(batch)
             race.varied += len(batch)
             yield
-            if race.work > effort.work:
+            if race.work > effort.work * (_WORK_OF_ENERGY if is_energy(task) else 1.0):
                 return
         race.promote(0, 2 * effort.width)
         yield
@@ -375,7 +390,7 @@ def _parents(race: _Race, width: int) -> list[Trial]:
     """The best trials, and the best of each length and number of cycles."""
     ranking = race.ranking
     of_each = {(t.cycles, len(t.sequence)): t for t in reversed(ranking)}
-    enough = ranking[0].value - _MARGINS[0] * abs(ranking[0].value) if ranking else 0.0
+    enough = ranking[0].value - race.margins[0] * abs(ranking[0].value) if ranking else 0.0
     close = sorted((t for t in of_each.values() if t.value >= enough), key=lambda t: -t.value)
     return list(dict.fromkeys([*ranking[:width], *close[: 2 * width]]))
 

@@ -15,6 +15,7 @@ import numpy as np
 from wormopt.core.gait import Gait
 from wormopt.core.modes import ModeSequence
 from wormopt.core.task import Objective, Task
+from wormopt.gaits.costs import has_cost_columns
 from wormopt.gaits.problem import gait_problem
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.trial import Trial
@@ -26,10 +27,11 @@ from wormopt.optimal.transcription import Transcription
 __all__ = ["Solved", "gait_of_arcs", "mesh_of", "refine_cost", "resting_state", "solve_cost"]
 
 # Refinement stops when halving every arc changes the cost by less than this, relatively.
-_RESOLVED = 1e-7
+_RESOLVED = 1e-6
 # A solution counts as feasible if its scaled constraints are violated by no more.
 _FEASIBLE = 1e-10
 _ARCS = 6
+_POLISH = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=120)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,23 +116,105 @@ def solve_cost(task: Task, trial: Trial) -> Solved | None:
         A gait that is fast enough.
     """
     cycle = replace(task, limits=replace(task.limits, period=trial.program.period))
-    mesh = mesh_of(trial.sequence, _ARCS)
+    mesh = replace(mesh_of(trial.sequence, _ARCS), arcs=tuple(trial.program.arcs.tolist()))
     program = _program(cycle, mesh)
     bounds = program.bounds(ModeSequence.of_resting(trial.sequence, task.worm.links + 1))
-    fastest = _program(replace(cycle, objective=Objective()), mesh)
-    rest = fastest.rest(np.repeat(trial.durations / _ARCS, _ARCS), resting_state(task))
-    own = fastest.bounds(ModeSequence.of_resting(trial.sequence, task.worm.links + 1))
-    linear = fastest.nlp.linear_step(rest, own, fastest.hold_durations())
-    if linear is None:
-        return None
-    begin = replace(fastest.unpack(linear[0]), **program.nominal_extras())
-    start = program.nlp.start(program.pack(begin, bounds), bounds)
-    found = program.nlp.finish(program.nlp.solve(start.w, bounds, Ipopt()), bounds)
+    if has_cost_columns(task):
+        begin = program.pack(arcs_of(trial, program), bounds)
+    else:
+        fast = _fast(replace(cycle, objective=Objective()), trial, mesh)
+        if fast is None:
+            return None
+        begin = program.pack(replace(fast, **program.nominal_extras()), bounds)
+    start = program.nlp.start(begin, bounds)
+    if has_cost_columns(task):  # what the linear programs leave on very short arcs
+        start = program.nlp.restore(start, bounds)
+    found = program.nlp.restore(program.nlp.solve(start.w, bounds, _POLISH), bounds)
+    if start.violation <= _FEASIBLE and not _better(found, start):
+        found = start
     return Solved(trial, program, bounds, found) if found.violation <= 1e-8 else None
 
 
+def _better(one: Solution, other: Solution) -> bool:
+    return one.violation <= _FEASIBLE and one.objective < other.objective
+
+
+def _fast(task: Task, trial: Trial, mesh: Mesh) -> Arcs | None:
+    """The fastest motion with the durations of a trial, whose velocities may jump."""
+    program = _program(task, mesh)
+    rest = program.rest(trial.program.widths(trial.point), resting_state(task))
+    own = program.bounds(ModeSequence.of_resting(trial.sequence, task.worm.links + 1))
+    step = program.nlp.linear_step(rest, own, program.hold_durations())
+    return None if step is None else program.unpack(step[0])
+
+
+def arcs_of(trial: Trial, program: Transcription) -> Arcs:
+    """The motion of a trial on the mesh of a program with as many arcs.
+
+    Parameters
+    ----------
+    trial : Trial
+        Velocities are linear on its arcs.
+    program : Transcription
+        Of `gait_problem`, with states of degree 2 and inputs of degree 0.
+    """
+    of, worm = trial.program, trial.program.task.worm
+    widths, v, first = of.motion(trial.point)
+    widths, v = widths * of.limits.time, v * of.limits.speed
+    lengths = first * of.limits.speed * of.limits.time
+    lengths = lengths + np.array(of.task.limits.length_ranges(worm.links))[:, 0]
+    rates = -np.diff(v, axis=2)
+    states = np.concatenate([v[:, :, :1], rates], axis=2)  # of the head and of the links
+    ways = np.concatenate([[0.0], lengths])  # of the head, and lengths
+    whole = states.mean(axis=1) * widths[:, None]
+    begins = ways + np.cumsum(whole, axis=0) - whole
+
+    def at(s: float) -> np.ndarray:
+        change = states[:, 0] * s + (states[:, 1] - states[:, 0]) * s**2 / 2
+        velocity = states[:, 0] + (states[:, 1] - states[:, 0]) * s
+        return np.concatenate([begins + change * widths[:, None], velocity], axis=1).T
+
+    tau = program.mesh.collocation.tau
+    long = widths > 1e-12 * widths.sum()
+    slopes = np.diff(v, axis=1)[:, 0] / np.where(long, widths, 1.0)[:, None]
+    slopes[~long] = 0.0
+    forces, spent = _loads(trial, v, slopes, tau)
+    energy = of.task.objective.minimise == "energy_per_distance"
+    count = len(widths)
+    return Arcs(
+        duration=widths,
+        start=at(0.0),
+        points=np.stack([at(s) for s in tau], axis=1),
+        inputs=-np.diff(slopes, axis=1).T[:, None],
+        slacks=spent if energy else np.zeros((0, len(tau), count)),
+        algebraic=np.zeros((0, len(tau), count)),
+        unknowns=forces,
+        jumps=np.zeros((0, count)),
+        design=np.zeros(0),
+    )
+
+
+def _loads(
+    trial: Trial, v: np.ndarray, slopes: np.ndarray, tau: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Loads of the spikes and power that is spent, each (mass or link, place, arc)."""
+    of, worm = trial.program, trial.program.task.worm
+    mass, load = np.array(worm.masses), worm.load_range[1]
+    forces = np.zeros((worm.links + 1, len(tau), len(v)))
+    spent = np.zeros((worm.links, len(tau), len(v)))
+    sets = [resting for resting, n in zip(of.sequence, of.arcs, strict=True) for _ in range(n)]
+    for k, resting in enumerate(sets):
+        for m, s in enumerate(tau):
+            velocity = v[k, 0] + (v[k, 1] - v[k, 0]) * s
+            needed = mass * slopes[k] + worm.drag * velocity + load
+            forces[list(resting), m, k] = needed.sum() / len(resting)
+            pull = np.cumsum(forces[:, m, k] - needed)[:-1]
+            spent[:, m, k] = np.maximum(pull * np.diff(velocity), 0.0)
+    return forces, spent
+
+
 def refine_cost(solved: Solved) -> tuple[Solved, float]:
-    """Raise the degree until halving every arc gains less than 1e-7, or costs no longer fall.
+    """Raise the degree until halving every arc gains less than 1e-6, or costs no longer fall.
 
     Parameters
     ----------
@@ -150,7 +234,7 @@ def refine_cost(solved: Solved) -> tuple[Solved, float]:
         if error <= _RESOLVED:
             break
         program, bounds, start = _carry(solved, mesh)
-        found = program.nlp.finish(program.nlp.solve(start.w, bounds, Ipopt()), bounds)
+        found = program.nlp.restore(program.nlp.solve(start.w, bounds, _POLISH), bounds)
         if found.objective < solved.objective and found.violation <= _FEASIBLE:
             solved = replace(solved, program=program, bounds=bounds, solution=found)
             error = _left_by_halving(solved)
@@ -167,7 +251,8 @@ def _left_by_halving(solved: Solved) -> float:
 
     An interior-point solver's own noise is larger than that.
     """
-    mesh = replace(solved.program.mesh, arcs=2 * solved.program.mesh.arcs)
+    counts = tuple(2 * n for n in solved.program.mesh.counts)
+    mesh = replace(solved.program.mesh, arcs=counts)
     program, bounds, start = _carry(solved, mesh)
     step = program.nlp.linear_step(start.w, bounds, np.full(start.w.shape, 1e-2))
     return np.inf if step is None else abs(step[1] / solved.objective)

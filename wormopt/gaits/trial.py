@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.core.task import Objective, Task
+from wormopt.gaits.costs import has_cost_columns
 from wormopt.gaits.patterns import patterns_of, simple_patterns
 from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.sequences import Sequence_
@@ -54,6 +55,11 @@ class Trial:
         return self.program.objective(self.point)
 
     @property
+    def cost(self) -> float:
+        """The objective as the task means it: the speed, or the whole cost."""
+        return abs(self.value) + self.program.same_for_all()
+
+    @property
     def durations(self) -> np.ndarray:
         """Durations of the phases of a cycle."""
         return self.program.durations(self.point)
@@ -86,7 +92,19 @@ class Trier:
     def program(
         self, sequence: Sequence_, period: tuple[float, float], arcs: Any, degree: int = 1
     ) -> GaitProgram:
-        """The program of an order; that of a travelling wave where it is one and would be large."""
+        """The program of an order; that of a travelling wave where it is one and would be large.
+
+        Parameters
+        ----------
+        sequence : tuple of tuple of int
+            Resting masses of a cycle.
+        period : (float, float)
+            Shortest and longest duration of the cycle.
+        arcs : int or sequence of int
+            Per phase.
+        degree : int, optional
+            Of the velocities.
+        """
         masses = self.task.worm.links + 1
         large = int(np.broadcast_to(arcs, len(sequence)).sum()) * 2 * masses > _LARGE
         kind = WaveProgram if large and is_wave(sequence, masses) else GaitProgram
@@ -101,7 +119,16 @@ class Trier:
     ) -> Trial | None:
         """Climb with a period as short as may be, up to the longest; give up below ``enough``.
 
-        Arcs of a phase are alike to begin with, or drawn at random.
+        Parameters
+        ----------
+        sequence : tuple of tuple of int
+            Resting masses of a cycle.
+        durations : ndarray, optional
+            Of its phases, to begin with.
+        enough : float, optional
+            What is worth going on for.
+        random : Generator, optional
+            Draws the arcs of a phase; they are alike to begin with if left out.
         """
         if durations is None:
             durations = np.full(len(sequence), self.phase_guess())
@@ -133,10 +160,22 @@ class Trier:
         wanted = float(np.clip(period, low, high))
         same = trial.program
         program = type(same)(self.task, trial.sequence, (low, high), same.arcs, same.degree)
-        start = program.start_arcs(trial.program.widths(trial.point) * (wanted / period))
+        widths = trial.program.widths(trial.point) * (wanted / period)
+        if has_cost_columns(self.task):
+            start = self._near(trial, program, widths)
+        else:
+            start = program.start_arcs(widths)
         if start is None:
             return None
         return self.settled(self.climbed(Trial(program, start, cycles, trial.level)))
+
+    def _near(self, trial: Trial, program: GaitProgram, widths: np.ndarray) -> Point | None:
+        """A motion like that of a trial with other durations."""
+        _, v, first = trial.program.motion(trial.point)
+        old, new = trial.program.limits.time, program.limits.time
+        like = program.moving(widths / new, v, first * (old / new))
+        found = (program.bilinear.restore(like.x, factors) for factors in _NEARNESS)
+        return next((point for point in found if point is not None), None)
 
     def _climb(
         self,
@@ -169,7 +208,12 @@ class Trier:
         reached = fast.bilinear.climb(
             start, Climb(1e-4), lambda p: self._stop() or fast.objective(p) >= 1.02 * required
         )
-        begin = program.start_arcs(fast.widths(reached))
+        if has_cost_columns(self.task):
+            # a cost that is no peak asks for the motion itself: it is feasible there too
+            too_slow = fast.objective(reached) < required
+            begin = None if too_slow else program.moving(*fast.motion(reached))
+        else:
+            begin = program.start_arcs(fast.widths(reached))
         return begin and self.climbed(Trial(program, begin), enough=enough)
 
     def climbed(
@@ -250,6 +294,8 @@ class Trier:
 # Programs of travelling waves with more unknowns than this are reduced to one phase.
 _LARGE = 1800
 _UP = 1 + 1e-9
+# Shares of their bounds within which velocities stay where durations are changed.
+_NEARNESS = (0.05, 0.4, np.inf)
 # A free period is no longer than so many times the first guess, and no shorter than this share.
 _LONGEST, _SHORTEST = 20.0, 1e-4
 # Most rounds in which other patterns of unloaded spikes are tried.

@@ -1,7 +1,9 @@
 """Travelling waves: every mass does what the one behind it did a phase before.
 
 The velocity of mass i in phase p depends on (i + p) modulo the number of phases only, so that the
-program of a cycle has the unknowns of one phase and one mass, however many links the worm has.
+program of a cycle has the unknowns of one mass, however many links the worm has. Neighbours are
+alike in all phases, so that links need the rows of one phase; the sums of forces are not, as the
+chain has ends.
 """
 
 from __future__ import annotations
@@ -21,6 +23,11 @@ def wave_orders(links: int, resting: int) -> list[Sequence_]:
 
     One for each number of phases q, with the shortest blocks that leave enough masses at rest.
 
+    Parameters
+    ----------
+    links, resting : int
+        Number of links, and of masses that rest at any time.
+
     Examples
     --------
     >>> wave_orders(2, 1)
@@ -39,7 +46,15 @@ def wave_orders(links: int, resting: int) -> list[Sequence_]:
 
 
 def is_wave(sequence: Sequence_, masses: int) -> bool:
-    """Whether masses rest in turn, each a phase after the one behind it."""
+    """Whether masses rest in turn, each a phase after the one behind it.
+
+    Parameters
+    ----------
+    sequence : tuple of tuple of int
+        Resting masses, phase after phase.
+    masses : int
+        Number of masses.
+    """
     phases = len(sequence)
     classes = {i % phases for i in sequence[0]}
     return phases <= masses and all(
@@ -79,13 +94,16 @@ class WaveProgram(GaitProgram):
 
     @property
     def _phases(self) -> int:
-        # with unequal masses or limits, each phase has rows of its own
-        return 1 if self._uniform else len(self.sequence)
+        if not self._uniform:
+            return len(self.sequence)
+        # every pair of neighbouring classes is a link's in the first phase; where there are as
+        # many phases as masses, that of the last and the first class is so in the second only
+        return 1 if len(self.sequence) <= self.limits.links else 2
 
     def _add_columns(self) -> None:
         """Columns by class: (mass + phase) modulo phases, and arc of the phase."""
         limits, phases, arcs = self.limits, len(self.sequence), int(self.arcs[0])
-        masses, columns = np.arange(limits.links + 1), self._rows.columns
+        masses, columns = np.arange(limits.links + 1), self.rows.columns
         classes = (masses + np.arange(phases)[:, None]) % phases  # (phase, mass)
         most = np.full(phases, np.inf)
         for phase, resting in enumerate(self.sequence):

@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 
 from wormopt.optimal.bilinear_rows import BilinearRows
 
-__all__ = ["BilinearProgram", "Climb", "Point"]
+__all__ = ["BilinearProgram", "Climb", "Excess", "Point"]
 
 _SHRINK, _LARGEST, _SMALLEST = 0.25, 1.0, 1e-7
 # Steps are never held to less than this share of their mean.
@@ -68,6 +68,25 @@ class Climb:
     reach: float = 4.0
 
 
+@dataclass(frozen=True, eq=False)
+class Excess:
+    """Columns that stand for costs: each is at least what its row demands, and 0.
+
+    Parameters
+    ----------
+    columns, rows : ndarray of int
+        Column and row of each cost. The row has side 0 below, and knows products of the column
+        with held ones only.
+    factors : ndarray of int
+        Columns whose products with each other are in the rows. They are kept near where the
+        rows were linearised, and the costs are then set to what the rows say exactly.
+    """
+
+    columns: np.ndarray
+    rows: np.ndarray
+    factors: np.ndarray
+
+
 class BilinearProgram:
     """Maximise the ratio of two rows, or one row, of a bilinear program.
 
@@ -80,7 +99,9 @@ class BilinearProgram:
     gain : int
         Row whose value is maximised,
     per : int, optional
-        divided by that of this one, which has linear terms only and is positive.
+        divided by that of this one, which is positive.
+    excess : Excess, optional
+        Costs that are products of columns not held.
 
     Examples
     --------
@@ -97,16 +118,25 @@ class BilinearProgram:
     """
 
     def __init__(
-        self, rows: BilinearRows, held: np.ndarray, gain: int, per: int | None = None
+        self,
+        rows: BilinearRows,
+        held: np.ndarray,
+        gain: int,
+        per: int | None = None,
+        excess: Excess | None = None,
     ) -> None:
         self.lower, self.upper = np.array(rows.lower), np.array(rows.upper)
         self.row_lower, self.row_upper = rows.sides()
         self.held, self._gain, self._per = held, gain, per
+        self._excess = excess or Excess(*[np.empty(0, int)] * 3)
+        self._guarded = np.concatenate([held, self._excess.factors]).astype(np.int32)
         self._assemble(rows)
         self._highs: Any = highspy.Highs()  # its stubs lack half of its methods
         self._highs.silent()
         for option, value in _OPTIONS.items():
             self._highs.setOptionValue(option, value)
+        if excess is not None:  # no vertex, so that `sharpen` cannot remove what is left
+            self._highs.setOptionValue("primal_feasibility_tolerance", 1e-10)
         self._basis: Any = None
         self.programs = 0  # linear programs solved
         self.work = 0  # their pivots, times rows and columns
@@ -123,6 +153,8 @@ class BilinearProgram:
         self._constant = np.bincount(of_linear, constant, len(places))
         entries = (np.tile(weight, 2), (of_products, np.concatenate([second, first])))
         self._slopes = sparse.csr_array(entries, (len(places), n))
+        excess = self._excess
+        self._excess_entries = np.searchsorted(places, excess.rows * n + excess.columns)
 
     def jacobian(self, x: np.ndarray) -> sparse.csr_array:
         """Derivatives of all rows, shape (rows, columns).
@@ -185,7 +217,7 @@ class BilinearProgram:
         if self._per is None:
             return gain
         time = self._dense(jacobian, self._per)
-        return (gain - self.value(x) * time) / float(time @ x)
+        return (gain - self.value(x) * time) / float(self.values(x)[self._per])
 
     def _dense(self, jacobian: sparse.csr_array, row: int) -> np.ndarray:
         entries = slice(self._starts[row], self._starts[row + 1])
@@ -193,21 +225,45 @@ class BilinearProgram:
         dense[self._indices[entries]] = jacobian.data[entries]
         return dense
 
-    def _step(self, x: np.ndarray, radius: np.ndarray | float) -> Any:
-        """Solve the program linearised at x, held columns near it; None without a solution."""
+    def repaired(self, x: np.ndarray) -> np.ndarray:
+        """The same point with every excess at the least that its row allows.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        """
+        columns, rows = self._excess.columns, self._excess.rows
+        if not len(columns):
+            return x
+        x = x.copy()
+        x[columns] = 0.0
+        slopes = (self._constant + self._slopes @ x)[self._excess_entries]
+        missing = np.maximum(-self.values(x)[rows], 0.0)
+        # arcs without duration have neither a slope nor anything missing but rounding
+        x[columns] = np.where(slopes > _NO_SLOPE, missing / np.maximum(slopes, _NO_SLOPE), 0.0)
+        return x
+
+    def _step(self, x: np.ndarray, radius: np.ndarray | float, factors: float = np.inf) -> Any:
+        """Solve the program linearised at x, held columns near it; None without a solution.
+
+        The factors of an excess stay within a share of their bounds.
+        """
         jacobian = self.jacobian(x)
         self._load(jacobian, self.slope(x, jacobian), jacobian @ x - self.values(x))
-        low, high = self.lower[self.held], self.upper[self.held]
-        near = np.clip(x[self.held], low, high)
+        columns = self._guarded
+        low, high = self.lower[columns], self.upper[columns]
+        near = np.clip(x[columns], low, high)
+        own = factors * self.upper[self._excess.factors]
+        radius = np.concatenate([np.broadcast_to(radius, len(self.held)), own])
         low, high = np.maximum(low, near - radius), np.minimum(high, near + radius)
-        columns = self.held.astype(np.int32)
         self._highs.changeColsBounds(len(columns), columns, low, high)
         if self._basis is not None:
             self._highs.setBasis(self._basis)
         self.programs += 1
         self._highs.run()
         pivots = self._highs.getInfo().simplex_iteration_count
-        self.work += (pivots + _PIVOTS_OF_SETTING_UP) * sum(jacobian.shape)
+        self.work += (pivots + _PIVOTS_OF_SETTING_UP) * (len(self.row_lower) + len(self.upper))
         if self._highs.getModelStatus() != highspy.HighsModelStatus.kOptimal:
             return None
         self._basis = self._highs.getBasis()
@@ -226,18 +282,32 @@ class BilinearProgram:
         model.a_matrix_.value_ = matrix.data
         self._highs.passModel(model)
 
-    def restore(self, x: np.ndarray) -> Point | None:
+    def restore(self, x: np.ndarray, factors: float = np.inf) -> Point | None:
         """Best point with the held columns of x; None where there is none.
+
+        With an excess, the best to first order with its factors within a share of their bounds.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        factors : float, optional
+            That share.
+        """
+        found = self._step(self.repaired(x), 0.0, factors)
+        if found is None:
+            return None
+        return self.point(np.array(found.col_value))
+
+    def point(self, x: np.ndarray) -> Point:
+        """A feasible x with its value.
 
         Parameters
         ----------
         x : ndarray, shape (columns,)
             Values of the unknowns.
         """
-        found = self._step(x, 0.0)
-        if found is None:
-            return None
-        x = np.array(found.col_value)
+        x = self.repaired(x)
         return Point(x, self.value(x))
 
     def climb(
@@ -263,7 +333,7 @@ class BilinearProgram:
         for _ in range(until.steps):
             sizes = best.x[self.held]
             sizes = np.maximum(sizes, _SHORTEST_STEP * sizes.mean())
-            found = self._step(best.x, radius * sizes)
+            found = self._step(best.x, radius * sizes, radius)
             promised, better = 0.0, None
             if found is not None:
                 x = np.array(found.col_value)
@@ -273,7 +343,7 @@ class BilinearProgram:
                     break
                 if best.value + until.reach * promised < until.enough:
                     break
-                better = self.restore(x)
+                better = self.restore(x, radius)
             gained = -np.inf if better is None else better.value - best.value
             if better is not None and gained > 0:
                 best = better
@@ -431,6 +501,7 @@ _NEWTON_STEPS, _ROUNDS = 3, 4
 _SMALL, _LOOSE = 1e-3, 1e-13
 _PIVOTS_OF_SETTING_UP = 20
 _SHARP, _MARGIN = 1e-13, 4e-9
+_NO_SLOPE = 1e-12
 
 _OPTIONS = {
     "threads": 1,

@@ -258,7 +258,7 @@ def _design_trust(found: Design, excess: dict[str, float]) -> dict[str, Any]:
             "linear_programs": survey.programs,
             "stages_s": survey.seconds,
             "best": [
-                {"sequence": t.sequence, "cycles": t.cycles, "objective": abs(t.value)}
+                {"sequence": t.sequence, "cycles": t.cycles, "objective": t.cost}
                 for t in survey.trials[:5]
             ],
         },

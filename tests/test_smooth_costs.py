@@ -1,0 +1,143 @@
+"""Energy and effort as part of the search: by hand, by closed-form crawling, by theory."""
+
+import numpy as np
+import pytest
+
+from wormopt.core.task import Limits, Objective, Search, Task, Worm
+from wormopt.gaits.optimize import design
+from wormopt.gaits.program import GaitProgram
+from wormopt.gaits.trial import Trial, Trier
+from wormopt.gaits.waves import WaveProgram
+from wormopt.optimal.bilinear import BilinearProgram, Climb, Excess
+from wormopt.optimal.bilinear_rows import BilinearRows
+from wormopt.worms.crawl import crawl
+
+LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+ORDERS = [((0,), (2,)), ((0,), (1,), (2,)), ((0,), (0, 1), (1,), (1, 2), (2,), (0, 2))]
+QUICK = Search(effort="quick", workers=1)
+
+
+def energy_of(found) -> float:
+    return found.motion.energy / found.motion.advance
+
+
+def motion_of(trial: Trial):
+    worm, limits = trial.program.task.worm, trial.program.task.limits
+    gait = trial.program.gait(trial.point)
+    return crawl(gait, worm.masses, worm.drag, worm.load_range[1], limits.sharing)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize(
+    ("cost", "drag"),
+    [("energy_per_distance", 0.0), ("energy_per_distance", 0.5), ("acceleration_effort", 0.0)],
+)
+def test_costs_of_a_program_are_those_of_the_crawling_worm(order, cost, drag):
+    """The program sums over arcs and masses, `crawl` integrates the power of the gait."""
+    worm = Worm(2, mass=(1.0, 2.0, 0.7), load=5.0, drag=drag)
+    trial = Trier(Task(worm, LIMITS, Objective(cost, 0.5))).free(order)
+    assert trial is not None
+    motion = motion_of(trial)
+    assert motion.speed >= 0.5 - 1e-9
+    true = motion.effort if cost == "acceleration_effort" else motion.energy / motion.advance
+    if drag:  # forces vary along an arc: where they change sign there is a little to spare
+        assert true - 1e-9 <= trial.cost <= true + 0.05
+    else:
+        assert trial.cost == pytest.approx(true, rel=1e-7)
+
+
+def test_a_motion_with_given_arcs_is_charged_what_it_costs():
+    """Half an arc in the wrong direction: the bound counts |force| times rate at both ends."""
+    program = GaitProgram(
+        Task(Worm(1, load=5.0), LIMITS, Objective("energy_per_distance", 0.1)),
+        ((0,), (1,)),
+        (1.0, 1.0),
+        arcs=2,
+    )
+    v = np.zeros((4, 2, 2))
+    v[0, 1, 1] = v[1, 0, 1] = v[2, 1, 0] = v[3, 0, 0] = 1.0  # tail, then head: up and down
+    point = program.moving(np.full(4, 0.25), v, np.array([0.3]))
+    # With the head at rest the link pulls the tail, 5 + v' >= 0, against its shortening: it gives
+    # work where 5 + v' > 0; slowed by 4 it still does. Nothing is absorbed.
+    assert program.bilinear.violation(point.x) < 1e-12
+    assert point.value == 0.0
+    faster = program.moving(np.array([0.4, 0.1, 0.4, 0.1]), v, np.array([0.3]))
+    # Slowed by 10, the link pushes back with 5 over half of 0.1: 0.25 each, on a way of 0.25.
+    assert faster.value == pytest.approx(-0.5 / 0.25, rel=1e-12)
+
+
+def test_waves_cost_what_all_their_phases_do():
+    task = Task(Worm(2, load=5.0), LIMITS, Objective("energy_per_distance", 0.5))
+    order = ((2,), (1,), (0,))
+    whole = GaitProgram(task, order, (1.0, 1.0), 3)
+    wave = WaveProgram(task, order, (1.0, 1.0), 3)
+    fast = WaveProgram(Task(task.worm, LIMITS), order, (1.0, 1.0), 3)
+    start = fast.start(np.full(3, 1 / 3))
+    assert start is not None
+    found = wave.moving(*fast.motion(start))
+    assert found.value < 0.0
+    assert whole.moving(*wave.motion(found)).value == pytest.approx(found.value, rel=1e-9)
+
+
+def test_excess_is_least_where_its_row_says():
+    """Least x y on x + y >= 1 with x, y <= 0.8: at (0.8, 0.2)."""
+    rows = BilinearRows()
+    x = rows.columns(np.array([0.8, 0.8, 10.0]))
+    rows.add([(x[0], 1.0), (x[1], 1.0)], [], 1.0, np.inf)
+    row = rows.add([(x[2], 1.0)], [(x[0], x[1], -1.0)], 0.0, np.inf)
+    gain = rows.add([(x[2], -1.0)], [], -np.inf, np.inf)
+    program = BilinearProgram(rows, x[:1], int(gain[0]), excess=Excess(x[2:], row, x[:2]))
+    best = program.climb(program.point(np.array([0.55, 0.5, 0.0])), Climb(1e-9))
+    assert best.value == pytest.approx(-0.16, abs=1e-9)
+    assert best.x[:2] == pytest.approx([0.8, 0.2], abs=1e-9)
+
+
+def test_slow_gaits_spend_nothing_but_the_work_against_the_load():
+    """Net work per distance is 15 for every gait, and a bound on what is spent."""
+    found = design(Worm(2, load=5.0), LIMITS, "energy_per_distance", speed=0.4, search=QUICK)
+    assert energy_of(found) == pytest.approx(15.0, abs=1e-9)
+    assert found.speed >= 0.4
+    assert max(found.violations.values()) <= 1e-9
+
+
+def test_a_search_stopped_while_it_polishes_keeps_what_it_has():
+    def stop(text: str, fraction: float) -> None:
+        if text == "solving for the cost":
+            raise KeyboardInterrupt
+
+    found = design(Worm(2, load=5.0), LIMITS, "energy_per_distance", 0.6, QUICK, stop)
+    assert found.ended == "interrupted"
+    assert found.solver["status"] == "cut short"
+    assert found.speed >= 0.6 - 1e-9
+    assert max(found.violations.values()) <= 1e-9
+
+
+def test_what_a_time_limit_leaves_is_a_gait():
+    search = Search(time_limit=1e-3, workers=1)
+    found = design(Worm(2, load=5.0), LIMITS, "energy_per_distance", 0.6, search)
+    assert found.ended == "time limit"
+    assert found.speed >= 0.6 - 1e-9
+    assert max(found.violations.values()) <= 1e-9
+
+
+@pytest.mark.slow
+def test_energy_grows_with_the_speed_that_is_required():
+    spent = [
+        energy_of(design(Worm(2, load=5.0), LIMITS, "energy_per_distance", speed, QUICK))
+        for speed in (0.6, 0.7, 0.75, 0.8)
+    ]
+    assert np.all(np.diff(spent) > -1e-9)
+    assert spent[0] >= 15.0 - 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cost", "known"), [("energy_per_distance", 15.1965), ("acceleration_effort", 51.66479)]
+)
+def test_g1_costs_no_more_than_an_independent_search_found(cost, known):
+    search = Search(workers=1)
+    found = design(Worm(2, load=5.0), LIMITS, cost, speed=0.7, search=search)
+    value = energy_of(found) if cost == "energy_per_distance" else found.motion.effort
+    assert value <= known
+    assert max(found.violations.values()) <= 1e-9
+    assert found.speed >= 0.7 - 1e-9
