@@ -49,15 +49,12 @@ def test_problems_are_scenes(tmp_path: Path):
     cases = draw(0, 60)
     for case in cases:
         file.write_text(scene_text(case, ["seed = 1"]), encoding="utf-8")
-        table = load_scene(file).table
+        given = load_scene(file).table.gait.limits
         limits = Arrays.of(case)
-        assert (table.gait.resting, table.gait.limits.period_range) == (
-            limits.resting,
-            limits.period,
-        )
-        assert np.array_equal(table.gait.limits.length_ranges(limits.links), limits.length)
+        assert (given.resting, given.period_range) == (limits.resting, limits.period)
+        assert np.array_equal(given.length_ranges(limits.links), limits.length)
         assert np.array_equal(
-            table.gait.limits.rate_limits(limits.links), [limits.contraction, limits.extension]
+            given.rate_limits(limits.links), [limits.contraction, limits.extension]
         )
         assert limits.spike_load > limits.static_load
         numbers = np.hstack([np.ravel(v) for v in (limits.length, limits.mass, limits.period)])

@@ -118,6 +118,7 @@ def test_a_design_of_one_sequence_loads_no_relaxation(tmp_path: Path):
     own = ["--set", "search.sequence=[[0],[1],[2]]", "--set", 'search.effort="quick"']
     loaded = loaded_by_a_run(["run", "design_fast_gait", "--json", "--no-plots", *own], tmp_path)
     assert "wormopt.gaits.search" in loaded
+    assert not loaded & {"casadi", "wormopt.optimal.nlp"}  # programs are linear, one by one
     assert not loaded & {"wormopt.optimal.linear", "wormopt.gaits.tree"}
     assert not loaded & {"wormopt.gaits.relaxation", "wormopt.studies.gait_certificate"}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Integral, Real
 from typing import Any, Literal
 
 from wormopt.errors import ArgumentError, Fault
@@ -106,7 +107,7 @@ class Worm(_Frozen):
 
     def faults(self) -> Iterator[Fault]:
         """Yield field and message of whatever is wrong."""
-        if not (isinstance(self.links, int) and 1 <= self.links <= MOST_LINKS):
+        if not (isinstance(self.links, Integral) and 1 <= self.links <= MOST_LINKS):
             yield "links", f"not {self.links}; write a whole number from 1 to {MOST_LINKS}"
             return
         yield from _faults_of_numbers("mass", self.mass, self.links + 1, "masses")
@@ -537,7 +538,7 @@ def _faults_of_numbers(
             f"or a list of {count}",
         )
     for item in per(value, 1):
-        known = isinstance(item, (int, float)) and math.isfinite(item)
+        known = isinstance(item, Real) and math.isfinite(item)
         if not known or not (item > 0 if least is None else item >= least):
             wanted = "above 0" if least is None else f"{least:g} or above"
             yield key, f"not {item!r}; write a finite number {wanted}"
