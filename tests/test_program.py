@@ -15,7 +15,8 @@ from wormopt.bench import design_cases, design_multistart
 from wormopt.bench.design_motion import Motion
 from wormopt.core.task import Limits, Rates, Search, Task, Worm
 from wormopt.errors import SolveError
-from wormopt.gaits.optimize import Design, design
+from wormopt.gaits.design import Design
+from wormopt.gaits.optimize import design
 from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.trial import Trial, Trier
 from wormopt.optimal.bilinear import Climb, Point

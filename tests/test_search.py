@@ -17,7 +17,8 @@ from wormopt.cli import main
 from wormopt.core.task import Limits, Rates, Search, Task, Worm
 from wormopt.errors import SolveError
 from wormopt.gaits import search as search_module
-from wormopt.gaits.optimize import Design, design, designed
+from wormopt.gaits.design import Design
+from wormopt.gaits.optimize import design, designed
 from wormopt.optimal.bilinear import BilinearProgram
 from wormopt.simulation.bimodal import integrate
 

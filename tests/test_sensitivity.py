@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 import wormopt as wo
 from wormopt.core.task import Limits, Objective, Rates, Search, Task, Worm
 from wormopt.errors import SceneError
-from wormopt.gaits.optimize import Design, design, designed
+from wormopt.gaits.design import Design
+from wormopt.gaits.optimize import design, designed
 from wormopt.gaits.sensitivity import Limit, Sensitivity, limits_of, scaling_error, sensitivities
 from wormopt.optimal.bilinear import Climb
 from wormopt.plot import draw

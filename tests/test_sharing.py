@@ -11,7 +11,8 @@ from scipy.optimize import lsq_linear
 
 from wormopt.core.task import Cost, Limits, Worm
 from wormopt.gaits.construct import block_wave
-from wormopt.gaits.optimize import Design, design
+from wormopt.gaits.design import Design
+from wormopt.gaits.optimize import design
 from wormopt.worms.crawl import crawl
 from wormopt.worms.sharing import share_load
 

@@ -32,8 +32,11 @@ if TYPE_CHECKING:
         WormoptError,
     )
     from wormopt.gaits.construct import fast_gait, travelling_sine
+    from wormopt.gaits.design import Design
     from wormopt.gaits.files import load_gait
-    from wormopt.gaits.optimize import Design, design
+    from wormopt.gaits.optimize import design
+    from wormopt.gaits.proof import Certified, certify
+    from wormopt.gaits.sensitivity import Sensitivity, sensitivities
     from wormopt.gaits.verify import violations
     from wormopt.linear.bode import bode
     from wormopt.linear.lie import relative_degree
@@ -93,6 +96,7 @@ _HOMES = {
     "ArgumentError": "wormopt.errors",
     "Bound": "wormopt.optimal.problem",
     "Branch": "wormopt.averaging.continuation",
+    "Certified": "wormopt.gaits.proof",
     "Certify": "wormopt.core.task",
     "ChannelWorm": "wormopt.worms.channel",
     "Coil": "wormopt.magnetics.winding",
@@ -103,7 +107,7 @@ _HOMES = {
     "CosineWave": "wormopt.worms.film",
     "Coulomb": "wormopt.core.friction",
     "Decay": "wormopt.tracking.lambda_tracker",
-    "Design": "wormopt.gaits.optimize",
+    "Design": "wormopt.gaits.design",
     "Ends": "wormopt.optimal.problem",
     "Ensemble": "wormopt.simulation.ensemble",
     "Event": "wormopt.simulation.trajectory",
@@ -146,6 +150,7 @@ _HOMES = {
     "SceneError": "wormopt.errors",
     "Schedule": "wormopt.core.model",
     "Search": "wormopt.core.task",
+    "Sensitivity": "wormopt.gaits.sensitivity",
     "Signal": "wormopt.core.model",
     "Smooth": "wormopt.simulation.options",
     "Smoothed": "wormopt.optimal.contact",
@@ -167,6 +172,7 @@ _HOMES = {
     "averaged_pair": "wormopt.worms.averaged_pair",
     "best_of": "wormopt.optimal.optimise",
     "bode": "wormopt.linear.bode",
+    "certify": "wormopt.gaits.proof",
     "chain": "wormopt.worms.chain",
     "channel_rod": "wormopt.worms.channel_rod",
     "copies": "wormopt.worms.copies",
@@ -193,6 +199,7 @@ _HOMES = {
     "refine": "wormopt.optimal.optimise",
     "relative_degree": "wormopt.linear.lie",
     "run": "wormopt.runner",
+    "sensitivities": "wormopt.gaits.sensitivity",
     "simulate": "wormopt.simulation.simulate",
     "simulate_ensemble": "wormopt.simulation.ensemble",
     "slow_pair": "wormopt.worms.slow_pair",
@@ -212,6 +219,7 @@ __all__ = [
     "ArgumentError",
     "Bound",
     "Branch",
+    "Certified",
     "Certify",
     "ChannelWorm",
     "Coil",
@@ -265,6 +273,7 @@ __all__ = [
     "SceneError",
     "Schedule",
     "Search",
+    "Sensitivity",
     "Signal",
     "Smooth",
     "Smoothed",
@@ -287,6 +296,7 @@ __all__ = [
     "averaged_pair",
     "best_of",
     "bode",
+    "certify",
     "chain",
     "channel_rod",
     "copies",
@@ -313,6 +323,7 @@ __all__ = [
     "refine",
     "relative_degree",
     "run",
+    "sensitivities",
     "simulate",
     "simulate_ensemble",
     "slow_pair",

@@ -10,8 +10,9 @@ import numpy as np
 from wormopt.core.task import Certify, Search
 from wormopt.errors import ArgumentError
 from wormopt.gaits.certify import Certificate, Progress, gap_of, prove
-from wormopt.gaits.optimize import Design, finished
+from wormopt.gaits.design import Design
 from wormopt.gaits.sequences import Sequence_
+from wormopt.gaits.sharpen import finished
 from wormopt.gaits.trial import Trial, Trier
 from wormopt.progress import Report, silent
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.core.task import Objective, Rates, Task
-from wormopt.gaits.optimize import Design
+from wormopt.gaits.design import Design
 from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.trial import Trial
 from wormopt.optimal.bilinear import Climb

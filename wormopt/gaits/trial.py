@@ -281,7 +281,21 @@ class Trier:
         parts: int = 2,
         steps: int = 40,
     ) -> Trial:
-        """Cut the arcs in parts, or raise the degree, and climb on; never worse."""
+        """Cut the arcs in parts, or raise the degree, and climb on; never worse.
+
+        Parameters
+        ----------
+        trial : Trial
+            Where to begin.
+        tolerance : float, optional
+            Of the climb.
+        degree : int, optional
+            Of the velocities; the same if left out.
+        parts : int, optional
+            Parts of each arc.
+        steps : int, optional
+            Most steps of the climb.
+        """
         program, start = trial.program.finer(trial.point, degree, parts)
         level = trial.level + 1
         if start is None:

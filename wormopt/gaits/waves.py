@@ -66,8 +66,13 @@ def is_wave(sequence: Sequence_, masses: int) -> bool:
 class WaveProgram(GaitProgram):
     """The program of a cycle whose phases are alike: a travelling wave.
 
-    Parameters are those of `GaitProgram`; the sequence must be a wave, see `is_wave`, and all
-    phases have as many arcs. The limits of every link and mass hold, unequal ones too.
+    The limits of every link and mass hold, unequal ones too.
+
+    Parameters
+    ----------
+    task, sequence, period, arcs, degree, patterns, like : optional
+        As for `GaitProgram`; the sequence must be a wave, see `is_wave`, and all phases have as
+        many arcs.
 
     Examples
     --------

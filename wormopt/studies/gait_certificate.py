@@ -14,7 +14,7 @@ import numpy as np
 
 from wormopt.core.task import Search, Task
 from wormopt.gaits.certify import Certificate, Progress
-from wormopt.gaits.optimize import Design
+from wormopt.gaits.design import Design
 from wormopt.gaits.proof import certified
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.space import is_mirror_symmetric

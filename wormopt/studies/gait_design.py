@@ -10,7 +10,8 @@ import numpy as np
 
 from wormopt.core.task import Cost
 from wormopt.errors import Interrupted, SolveError
-from wormopt.gaits.optimize import Design, designed
+from wormopt.gaits.design import Design
+from wormopt.gaits.optimize import designed
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, unit_of
 from wormopt.scenes.gait_design import DesignTable, GaitDesignScene

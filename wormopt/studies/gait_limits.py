@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.gaits.optimize import Design
+from wormopt.gaits.design import Design
 from wormopt.gaits.sensitivity import Sensitivity, scaling_error, sensitivities
 from wormopt.result import Result, Scalar, Variable, unit_of, unit_ratio
 from wormopt.scenes.gait_design import GaitDesignScene

@@ -1,0 +1,123 @@
+"""The last digits of a searched gait: arcs halved until that gains nothing, then active limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from wormopt.core.task import Search, Task
+from wormopt.gaits.design import Design, of_trial
+from wormopt.gaits.search import Survey, effort_of
+from wormopt.gaits.split import split_matters
+from wormopt.gaits.trial import Trial, Trier
+from wormopt.gaits.verify import violations
+from wormopt.progress import Report
+from wormopt.worms.crawl import crawl
+
+__all__ = ["finished", "sharpest"]
+
+# Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
+_RESOLVED, _RESOLVED_DRAGGED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 1e-7, 1000, 5
+# Degree of velocities where drag bends them, and most steps of a climb between two halvings.
+_DRAGGED, _STEPS = 3, 15
+# Trials within this share of the best are sharpened too: one of them may end higher.
+_CLOSE, _TIE = 2e-3, 1e-8
+# Excess over a limit, and how many times more trials are sharpened before one within it is found.
+_ACCEPTED, _MOST_UNSOUND = 1e-9, 4
+
+
+def sharpest(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
+    """Halve the arcs of the best trials until that gains nothing, and take the best vertex.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    settings : Search
+        The effort.
+    survey : Survey
+        From the search, with trials.
+    bound : float
+        The ceiling.
+    report : callable
+        Told what goes on.
+
+    Returns
+    -------
+    Design
+    """
+    best = survey.trials[0]
+    ended, solved = survey.ended, []
+    trier, most, sound = Trier(task), max(1, effort_of(settings).width - 1), False
+    for k, trial in enumerate(survey.trials[: _MOST_UNSOUND * most]):
+        if sound and (k >= most or trial.value < best.value - _CLOSE * abs(best.value)):
+            break
+        try:
+            report("sharpening", 0.9)
+            solved.append(_sharpen(trier, trial, quickly=ended != "searched"))
+        except KeyboardInterrupt:
+            ended = "interrupted"
+            solved.append((trial, np.nan))
+        if ended != "searched":
+            break
+        sound = sound or _keeps_split(task, solved[-1][0])
+    if sound:
+        solved = [s for s in solved if _keeps_split(task, s[0])]
+    value = max(trial.value for trial, _ in solved)
+    trial, error = min(
+        (s for s in solved if s[0].value >= value - _TIE * abs(value)),
+        key=lambda s: len(s[0].sequence),
+    )
+    return of_trial(task, trial, error, bound, survey, ended)
+
+
+def finished(design: Design, trial: Trial) -> Design:
+    """Make a design of a trial of the same task, sharpened.
+
+    Parameters
+    ----------
+    design : Design
+        Of the same task.
+    trial : Trial
+        A better gait.
+    """
+    sharp, error = _sharpen(Trier(design.task), trial, quickly=False)
+    found = of_trial(design.task, sharp, error, design.ceiling, design.survey, design.ended)
+    return replace(found, timings_s=design.timings_s)
+
+
+def _keeps_split(task: Task, trial: Trial) -> bool:
+    """Whether limits hold with the split of all masses that rest in fact, where that matters.
+
+    The program knows of those that are to rest; more may, and take their share.
+    """
+    if not any(split_matters(task, resting) for resting in trial.sequence):
+        return True
+    worm, limits, gait = task.worm, task.limits, trial.program.gait(trial.point)
+    motions = [
+        crawl(gait, worm.masses, worm.drag, load, limits.sharing, limits.spike_load)
+        for load in sorted({*worm.load_range, float(np.mean(worm.load_range))})
+    ]
+    return all(max(violations(m, limits, trial.cycles).values()) < _ACCEPTED for m in motions)
+
+
+def _sharpen(trier: Trier, trial: Trial, quickly: bool) -> tuple[Trial, float]:
+    """Halve arcs until that gains nothing, then solve for what is active exactly.
+
+    With drag the optimum bends velocities: their degree is raised first.
+    """
+    error = np.inf
+    if trier.task.worm.drag and trial.program.degree < _DRAGGED:
+        trial = trier.finer(trial, 1e-7, _DRAGGED, parts=1, steps=_STEPS)
+    for _ in range(1 if quickly else _MOST_HALVINGS):
+        if len(trial.point.x) > _MOST_UNKNOWNS:
+            break
+        finer = trier.finer(trial, 1e-8, steps=_STEPS)
+        error = (finer.value - trial.value) / abs(trial.value or 1.0)
+        trial = finer
+        if error <= (_RESOLVED_DRAGGED if trier.task.worm.drag else _RESOLVED):
+            break
+    trial = trier.climbed(trial, tolerance=1e-10, steps=_STEPS)
+    point, _ = trial.program.bilinear.sharpen(trial.point)
+    return replace(trial, point=point), error
