@@ -26,7 +26,7 @@ import numpy as np
 from wormopt.core.task import Task
 from wormopt.gaits.cuts import Cut, Cuts
 from wormopt.gaits.planes import Sides, of_drags, of_meetings, of_shares
-from wormopt.gaits.scaled_limits import ScaledLimits
+from wormopt.gaits.scaled_limits import Form, ScaledLimits
 from wormopt.gaits.sequences import Sequence_
 from wormopt.optimal.linear import LinearProgram, Maximum, Rows, Term
 
@@ -105,6 +105,7 @@ class Relaxation:
         self._sequence, self._cells = sequence, cells
         self._more = more or (0,) * len(sequence)
         self._borne: list[tuple[int, np.ndarray, float]] = []
+        self._balance: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._rows = Rows()
         self._upper: list[float] = []
         self._sums: list[Cut] = []
@@ -115,6 +116,9 @@ class Relaxation:
         self._add_course()
         self._add_products()
         self._cuts = Cuts(self._sums)
+        none, wide = np.empty(0), np.empty((0, 2 * self._limits.links + 3))
+        # sums, shares, weights of coefficients, which there are, and where: of cuts made so far
+        self._drawn = [none.astype(int), none, none, wide, wide > 0.0, none.astype(int)]
         self._program = self._assemble()
 
     @property
@@ -183,10 +187,11 @@ class Relaxation:
                 self._borne.append((phase, above, form.shared))
             least, largest = limits.span(form.alpha, resting)
             fall, rise = limits.slopes(form, resting)
-            self._sums += [
-                Cut(phase, form.alpha, rise, fall, largest),
-                Cut(phase, -form.alpha, fall, rise, -least),
-            ]
+            for down, up in limits.courses(form, resting):
+                self._sums += [
+                    Cut(phase, form.alpha, up, down, largest),
+                    Cut(phase, -form.alpha, down, up, -least),
+                ]
             if self._continuous:
                 gain = [
                     *_sum(form.alpha, self._c[phase][None]),
@@ -194,6 +199,19 @@ class Relaxation:
                 ]
                 self._rows.add([*gain, (h, -rise)], -np.inf, 0.0)
                 self._rows.add([*gain, (h, fall)], 0.0, np.inf)
+                self._add_balance(phase, form, gain)
+
+    def _add_balance(self, phase: int, form: Form, gain: list[Term]) -> None:
+        """Momentum over the whole phase: drag takes k times the way, which is T times that of y."""
+        drags = self._limits.drag / self._cells * form.beta
+        q = np.where(drags != 0.0, self._q[phase], -1)
+        for sign, most in ((1.0, form.above), (-1.0, form.below)):
+            if most < np.inf and np.any(q >= 0):
+                terms = [*gain, *((int(column), 1.0) for column in q[q >= 0])]
+                terms = _times(terms, sign)
+                row = self._rows.add([*terms, (int(self._h[phase]), -most)], -np.inf, 0.0)
+                weights = sign * np.broadcast_to(drags, q.shape)[q >= 0]
+                self._balance.append((np.full(weights.shape, row[0]), q[q >= 0], weights))
 
     def _add_cuts(
         self, which: np.ndarray, cells: np.ndarray, before: np.ndarray, after: np.ndarray
@@ -203,9 +221,10 @@ class Relaxation:
         reach = cuts.reach(which, before, after) * width / 2
         level = (np.maximum(1.0 - before - after, 0.0) + _ROUNDING) * cuts.most[which]
         terms: list[Term] = [(self._g[p], -reach), (self._e[p], -level)]
+        held = cuts.holds(which, before, after)
         for i, weight in enumerate(cuts.weights[which].T):
             ends = (self._q[p, cells, i], self._y[p, cells, i], self._y[p, cells + 1, i])
-            for column, share in zip(ends, (1.0, -before, -after), strict=True):
+            for column, share in zip(ends, (1.0, -held[0], -held[1]), strict=True):
                 terms.append((np.where(weight * share != 0.0, column, -1), weight * share))
         rows.add(terms, -np.inf, 0.0)
         return rows
@@ -265,6 +284,9 @@ class Relaxation:
         self._places = np.concatenate(
             [program.places(rows, column) for plane, rows in pairs for column in plane.columns]
         )
+        if self._balance:
+            rows, columns, self._drags_per_way = map(np.concatenate, zip(*self._balance, strict=True))
+            self._ways = program.places(rows, columns)
         return program
 
     def solve(self, box: Box, cutoff: float | None = None) -> Relaxed:
@@ -345,6 +367,10 @@ class Relaxation:
         most = np.concatenate(upper)
         rows = np.concatenate(self._plane_rows)
         program.set_sides(rows, np.full(len(most), -np.inf), most)
+        if self._balance:  # the period that is on the safe side
+            drags = self._drags_per_way
+            program.change(self._ways, drags * np.where(drags > 0.0, a, b))
+        self._redraw(sides)
 
     def _cut_off(self, x: np.ndarray, missed: float) -> bool:
         """Add the cuts that a point does not meet; whether there are any."""
@@ -358,11 +384,48 @@ class Relaxation:
         before, after = cuts.shares(start, end, level[:, None], g * width)
         every = np.broadcast_to(np.arange(len(level))[:, None], q.shape)
         reach = cuts.reach(every, before, after) * g * width / 2
-        most = before * start + after * end + reach + (1 - before - after) * level[:, None]
+        held = cuts.holds(every, before, after)
+        most = held[0] * start + held[1] * end + reach + (1 - before - after) * level[:, None]
         found = which, cells = np.nonzero(q > most + missed * x[self._way])
         if which.size:
-            self._program.extend(self._add_cuts(which, cells, before[found], after[found]))
+            before, after = before[found], after[found]
+            rows = self._program.extend(self._add_cuts(which, cells, before, after))
+            self._keep(rows, which, cells, before, after)
         return which.size > 0
+
+    def _keep(
+        self,
+        rows: np.ndarray,
+        which: np.ndarray,
+        cells: np.ndarray,
+        before: np.ndarray,
+        after: np.ndarray,
+    ) -> None:
+        """Remember the numbers of cuts that change with the box, and where they are."""
+        own = np.flatnonzero(self._cuts.decaying[which])
+        if not own.size:
+            return
+        rows, which, cells, shares = rows[own], which[own], cells[own], (before[own], after[own])
+        p, weights = self._cuts.phase[which], -self._cuts.weights[which]
+        reach = np.full((len(own), 1), -0.5 / self._cells)
+        ends = [weights * (share > 0.0)[:, None] for share in shares]
+        columns = [self._g[p, None], self._y[p, cells], self._y[p, cells + 1]]
+        weights, columns = np.hstack([reach, *ends]), np.hstack(columns)
+        there = (columns >= 0) & (weights != 0.0)
+        at = self._program.places(np.repeat(rows, there.sum(axis=1)), columns[there])
+        parts = (which, *shares, weights, there, at)
+        self._drawn = [np.concatenate(pair) for pair in zip(self._drawn, parts, strict=True)]
+
+    def _redraw(self, sides: Sides) -> None:
+        """Change the numbers of cuts that depend on the box."""
+        width = 1.0 / self._cells
+        self._cuts.set_durations(sides.low * sides.a * width, sides.high * sides.b * width)
+        which, before, after, weights, there, at = self._drawn
+        if which.size:
+            held = self._cuts.holds(which, before, after)
+            values = np.array([self._cuts.reach(which, before, after), *held]).T
+            kinds = np.repeat([0, 1, 2], [1, *[self._limits.links + 1] * 2])
+            self._program.change(at, (values[:, kinds] * weights)[there])
 
     def _loads(self, found: Maximum) -> float:
         gains = [

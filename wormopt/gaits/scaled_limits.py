@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
 from wormopt.core.task import Task
+from wormopt.gaits.cuts import Slope
 from wormopt.gaits.sequences import Resting
 
 __all__ = ["Form", "ScaledLimits"]
@@ -241,6 +243,39 @@ class ScaledLimits:
             fall, rise = min(fall, implied), min(rise, implied)
         # A form that must fall, or rise, all the time does not rise, or fall, at all.
         return max(fall, 0.0), max(rise, 0.0)
+
+    def courses(self, form: Form, resting: Resting) -> list[tuple[Slope, Slope]]:
+        """List pairs of laws for the fall and rise of alpha v: constant, or decaying with drag.
+
+        Parameters
+        ----------
+        form : Form
+            One of `forms`.
+        resting : tuple of int
+            Masses at rest.
+
+        Returns
+        -------
+        list of (Slope, Slope)
+            Laws that another one always beats are left out.
+        """
+        fall, rise = ([Slope(rate)] for rate in self.slopes(form, resting))
+        v_max = self.fastest(resting)
+        alpha, beta = (np.where(v_max > 0.0, w, 0.0) for w in (form.alpha, form.beta))
+        positive, some = bool(np.all(alpha >= 0.0)), alpha != 0.0
+        one_sign = positive or bool(np.all(alpha <= 0.0))
+        if not (self.drag and one_sign and some.any() and np.all(beta[some] / alpha[some] > 0.0)):
+            return [(fall[0], rise[0])]
+        if beta[~some].any():
+            return [(fall[0], rise[0])]
+        # k beta v lies between the least and the largest ratio times alpha v
+        ratio, top = self.drag * beta[some] / alpha[some], np.max(np.abs(self.span(alpha, resting)))
+        slow, fast = (float(ratio.min()), False), (float(ratio.max()), True)
+        for laws, rate, helped in ((fall, form.below, not positive), (rise, form.above, positive)):
+            decay, longest = slow if helped else fast
+            if rate - helped * decay * top < laws[0].rate:
+                laws.append(Slope(max(rate, 0.0), decay, longest))
+        return list(product(fall, rise))
 
     def span(self, alpha: np.ndarray, resting: Resting) -> tuple[float, float]:
         """Least and largest weighted sum of velocities, by the rates of the links.
