@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
+from scipy.integrate import simpson
 from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import root_scalar
 
 from wormopt.core.gait import Gait
 from wormopt.core.task import Certify, Limits, Objective, Rates, Search, Task, Worm
 from wormopt.errors import SolveError
-from wormopt.gaits import planes
+from wormopt.gaits import planes, relaxation
 from wormopt.gaits.certify import prove
-from wormopt.gaits.cuts import Cuts
+from wormopt.gaits.cuts import Cut, Cuts, Slope
 from wormopt.gaits.families import families, parts
 from wormopt.gaits.optimize import designed as designed_by
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
@@ -732,6 +733,7 @@ def test_no_designed_gait_passes_its_bound_for_many_limits(given_):
 def breaks(monkeypatch, name: str) -> None:
     """One wrong sign or factor in the relaxation."""
     slopes, forms, span = ScaledLimits.slopes, ScaledLimits.forms, ScaledLimits.span
+    monkeypatch.setattr(relaxation, "scaled", ScaledLimits)  # what is known is not used again
 
     def middle(s):
         return (1.0, -0.5 * s.b * (s.low + s.high), 0.0 * s.low), -s.b * s.low * s.high
@@ -804,6 +806,55 @@ def test_bounds_of_g1_converge_with_order_between_one_and_two_in_the_box():
     assert np.all(excesses <= 0.11 * (widths / 0.1))
     order = np.polyfit(np.log(widths), np.log(excesses), 1)[0]
     assert 1.2 <= order <= 2.0
+
+
+def test_cells_of_one_link_with_drag_are_exact():
+    """Cuts decay as velocities do: one cell is enough."""
+    k, load = 2.0, 4.0
+    stop = np.log(1 + k / (2 * load)) / k
+    best = (0.5 - stop - 1 / 20) + 1 / 40 + (1.0 - 2 * load * stop) / k
+    task = replace(g1(links=1), worm=Worm(links=1, mass=1.0, drag=k, load=load))
+    for cells in (1, 2, 5):
+        bound = Relaxation(task, ((0,), (1,)), cells).solve(point((0.5, 0.5))).bound
+        check_bound(bound, best)
+        assert bound <= best + 1e-9
+
+
+@pytest.mark.parametrize("decay", [0.0, 1e-3, 0.7, 5.0])
+def test_cuts_run_along_the_motion_of_the_safest_duration(decay):
+    """Its area is met, that of other durations is less."""
+    cuts = Cuts([Cut(0, np.ones(1), Slope(3.0, decay), Slope(2.0, decay, True), 9.0)])
+    cuts.set_durations(np.array([0.4]), np.array([0.6]))
+    which, none, s = np.zeros(1, int), np.zeros(1), np.linspace(0.0, 0.8, 2001)
+    share = np.array([0.8])
+
+    def area(value: float, slope: float, x: float) -> float:
+        """Of f' = slope - x f."""
+        run = value * np.exp(-x * s) + slope * (-np.expm1(-x * s) / x if x else s)
+        return float(simpson(run, x=s))
+
+    for slope, sign, shares, end in ((3.0, 1, (share, none), 0), (2.0, -1, (none, share), 1)):
+        bound = float(0.5 * cuts.holds(which, *shares)[end][0] + cuts.reach(which, *shares)[0] / 2)
+        assert bound == pytest.approx(area(0.5, slope, sign * decay * (0.4, 0.6)[end]), rel=1e-10)
+        for h in (0.4, 0.45, 0.6):
+            assert area(0.5, slope, sign * decay * h) <= bound * (1 + 1e-10)
+
+
+@pytest.mark.parametrize("decay", [0.0, 0.7, 5.0])
+@pytest.mark.parametrize("level", [1.0, 9.0])
+def test_shares_of_cuts_are_the_best(decay, level):
+    cuts = Cuts([Cut(0, np.ones(1), Slope(3.0, decay), Slope(2.0, decay, True), level)])
+    cuts.set_durations(np.array([0.4]), np.array([0.6]))
+    which, value = np.zeros(1, int), np.array([[0.3]])
+
+    def bound(before: float, after: float) -> float:
+        shares = np.array([before]), np.array([after])
+        run = 0.3 * sum(cuts.holds(which, *shares)) + cuts.reach(which, *shares) / 2
+        return float(run[0]) + (1.0 - before - after) * level
+
+    before, after = (float(v[0, 0]) for v in cuts.shares(value, value, np.array([[level]]), 1.0))
+    tries = [(a, b) for a in np.linspace(0, 1, 41) for b in np.linspace(0, 1 - a, 41)]
+    assert bound(before, after) <= min(bound(*pair) for pair in tries) + 1e-6
 
 
 # -- the tree ----------------------------------------------------------------------------------

@@ -17,14 +17,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Cut", "Cuts", "Slope"]
+from wormopt.optimal.linear import LinearProgram
+
+__all__ = ["Cut", "Cuts", "Drawn", "Slope"]
 
 # Decays and areas are taken so much to the safe side.
-_ROUNDING = 1e-13
+_ROUNDING = 1e-12
 # Steps of Newton's method; where it ends is no matter of truth.
 _STEPS = 4
 # Below this exponent a series is better than the quotient.
-_SMALL = 0.5
+_SMALL = 5e-3
 
 
 class Slope(NamedTuple):
@@ -88,6 +90,7 @@ class Cuts:
         self._decay = np.array([[s.decay for s in pair] for pair in slopes]).T
         self._longest = np.array([[s.longest for s in pair] for pair in slopes]).T
         self.decaying = self._decay.any(axis=0)
+        self._decays = bool(self.decaying.any())
         self._finite = np.isfinite(self.rise), np.isfinite(self.fall)
         self.exponents = 0.0 * self._decay
 
@@ -115,6 +118,8 @@ class Cuts:
         before, after : ndarray
             Shares of the cell, from its start and to its end.
         """
+        if not self._decays:
+            return before, after
         x, z = self.exponents[:, which]
         return before * _mean(x * before), after * _mean(z * after)
 
@@ -128,9 +133,11 @@ class Cuts:
         before, after : ndarray
             Shares of the cell, from its start and to its end.
         """
+        up, down = _square(before, self.rise[which]), _square(after, self.fall[which])
+        if not self._decays:
+            return up + down
         x, z = self.exponents[:, which]
-        up = _square(before, self.rise[which]) * _ramp(x * before)
-        return (up + _square(after, self.fall[which]) * _ramp(z * after)) * (1 + _ROUNDING)
+        return (up * _ramp(x * before) + down * _ramp(z * after)) * (1 + _ROUNDING)
 
     def shares(
         self, start: np.ndarray, end: np.ndarray, level: np.ndarray, reach: np.ndarray
@@ -157,7 +164,7 @@ class Cuts:
             down = self.fall[:, None] * reach - z * end
             before, after = _time(level - start, up, x), _time(level - end, down, z)
             meet = _share((end - start + down) / (up + down))
-            for _ in range(_STEPS if self.decaying.any() else 0):
+            for _ in range(_STEPS if self._decays else 0):
                 rest = 1.0 - meet
                 apart = start - end + up * meet * _mean(x * meet) - down * rest * _mean(z * rest)
                 slope = up * np.exp(-x * meet) + down * np.exp(-z * rest)
@@ -167,6 +174,73 @@ class Cuts:
         after = np.where(self._finite[1][:, None], _share(after), 0.0)
         apart = before + after <= 1.0
         return np.where(apart, before, meet), np.where(apart, after, 1.0 - meet)
+
+
+class Drawn:
+    """Cuts made so far whose numbers change with the box.
+
+    Parameters
+    ----------
+    cuts : Cuts
+        The sums.
+    width : float
+        Width of a cell.
+    """
+
+    def __init__(self, cuts: Cuts, width: float) -> None:
+        self._cuts, self._width = cuts, width
+        masses = cuts.weights.shape[1]
+        self._kinds = np.repeat([0, 1, 2], [1, masses, masses])
+        none, wide = np.empty(0), np.empty((0, 2 * masses + 1))
+        # sums, shares, weights of coefficients, which there are, and where
+        self._all = [none.astype(int), none, none, wide, wide > 0.0, none.astype(int)]
+
+    def add(
+        self,
+        program: LinearProgram,
+        rows: np.ndarray,
+        columns: np.ndarray,
+        which: np.ndarray,
+        shares: tuple[np.ndarray, np.ndarray],
+    ) -> None:
+        """Remember cuts.
+
+        Parameters
+        ----------
+        program : LinearProgram
+            Holds them.
+        rows, which : ndarray of int, shape (m,)
+            Their rows, and the numbers of their sums.
+        columns : ndarray of int, shape (m, 2 n + 3)
+            Columns of g and of velocities at both ends of a cell; -1 for none.
+        shares : tuple of ndarray, shape (m,)
+            Shares of the cell, from its start and to its end.
+        """
+        own = np.flatnonzero(self._cuts.decaying[which])
+        if not own.size:
+            return
+        which, shares = which[own], (shares[0][own], shares[1][own])
+        weights = -self._cuts.weights[which]
+        ends = [weights * (share > 0.0)[:, None] for share in shares]
+        weights = np.hstack([np.full((len(own), 1), -0.5 * self._width), *ends])
+        there = (columns[own] >= 0) & (weights != 0.0)
+        at = program.places(np.repeat(rows[own], there.sum(axis=1)), columns[own][there])
+        parts = (which, *shares, weights, there, at)
+        self._all = [np.concatenate(pair) for pair in zip(self._all, parts, strict=True)]
+
+    def change(self, program: LinearProgram) -> None:
+        """Change numbers to those of the box that was told last.
+
+        Parameters
+        ----------
+        program : LinearProgram
+            Holds the cuts.
+        """
+        which, before, after, weights, there, at = self._all
+        if which.size:
+            held = self._cuts.holds(which, before, after)
+            values = np.array([self._cuts.reach(which, before, after), *held]).T
+            program.change(at, (values[:, self._kinds] * weights)[there])
 
 
 def _share(value: np.ndarray) -> np.ndarray:
@@ -195,7 +269,5 @@ def _mean(x: np.ndarray) -> np.ndarray:
 def _ramp(x: np.ndarray) -> np.ndarray:
     """Twice the mean of (1 - exp(-x s)) / x over s from 0 to 1."""
     large = np.where(np.abs(x) > _SMALL, x, 1.0)
-    series = 1.0 + 0.0 * x
-    for k in range(14, 2, -1):
-        series = 1.0 - x / k * series
+    series = 1.0 - x / 3 * (1.0 - x / 4 * (1.0 - x / 5 * (1.0 - x / 6)))
     return np.where(np.abs(x) > _SMALL, 2.0 * (1.0 - _mean(large)) / large, series)

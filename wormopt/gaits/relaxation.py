@@ -24,9 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.core.task import Task
-from wormopt.gaits.cuts import Cut, Cuts
+from wormopt.gaits.cuts import Cut, Cuts, Drawn
 from wormopt.gaits.planes import Sides, of_drags, of_meetings, of_shares
-from wormopt.gaits.scaled_limits import Form, ScaledLimits
+from wormopt.gaits.scaled_limits import Form, scaled
 from wormopt.gaits.sequences import Sequence_
 from wormopt.optimal.linear import LinearProgram, Maximum, Rows, Term
 
@@ -101,7 +101,7 @@ class Relaxation:
     def __init__(
         self, task: Task, sequence: Sequence_, cells: int, more: tuple[int, ...] = ()
     ) -> None:
-        self._limits = ScaledLimits(task)
+        self._limits = scaled(task)
         self._sequence, self._cells = sequence, cells
         self._more = more or (0,) * len(sequence)
         self._borne: list[tuple[int, np.ndarray, float]] = []
@@ -116,9 +116,7 @@ class Relaxation:
         self._add_course()
         self._add_products()
         self._cuts = Cuts(self._sums)
-        none, wide = np.empty(0), np.empty((0, 2 * self._limits.links + 3))
-        # sums, shares, weights of coefficients, which there are, and where: of cuts made so far
-        self._drawn = [none.astype(int), none, none, wide, wide > 0.0, none.astype(int)]
+        self._drawn = Drawn(self._cuts, 1.0 / cells)
         self._program = self._assemble()
 
     @property
@@ -163,11 +161,11 @@ class Relaxation:
     def _add_rates(self, phase: int) -> None:
         """Rates of the links at the cells' ends and on average."""
         e = int(self._e[phase])
+        way = np.concatenate([self._y[phase], self._q[phase]])
         for j, (most_in, most_out) in enumerate(zip(*self._limits.rates, strict=True)):
-            for way in (self._y[phase], self._q[phase]):
-                change = [(way[:, j], 1.0), (way[:, j + 1], -1.0)]
-                self._rows.add([*change, (e, -most_out)], -np.inf, 0.0)
-                self._rows.add([*change, (e, most_in)], 0.0, np.inf)
+            change = [(way[:, j], 1.0), (way[:, j + 1], -1.0)]
+            self._rows.add([*change, (e, -most_out)], -np.inf, 0.0)
+            self._rows.add([*change, (e, most_in)], 0.0, np.inf)
 
     def _add_forces(self, phase: int) -> None:
         """Limits on accelerations and forces, and what they say of averages and whole phases."""
@@ -175,7 +173,9 @@ class Relaxation:
         y, z = self._y[phase], self._z[phase]
         h, g = int(self._h[phase]), int(self._g[phase])
         above = np.empty(0, int)
-        for form in limits.forms(resting, self._more[phase]):
+        c, before = self._c[phase], self._c[phase - 1]
+        for bounds in limits.bounds(resting, self._more[phase]):
+            form = bounds.form
             start, end = (_sum(form.alpha, way) for way in (y[:-1], y[1:]))
             change = [*end, *_times(start, -1.0)]
             force = [*_times(change, 1.0 / width), *_sum(limits.drag * form.beta, z)]
@@ -185,21 +185,17 @@ class Relaxation:
                 above = self._rows.add([*force, (g, -form.above)], -np.inf, 0.0)
             if form.shared > 0.0:
                 self._borne.append((phase, above, form.shared))
-            least, largest = limits.span(form.alpha, resting)
-            fall, rise = limits.slopes(form, resting)
-            for down, up in limits.courses(form, resting):
+            for down, up in bounds.courses:
                 self._sums += [
-                    Cut(phase, form.alpha, up, down, largest),
-                    Cut(phase, -form.alpha, down, up, -least),
+                    Cut(phase, form.alpha, up, down, bounds.largest),
+                    Cut(phase, -form.alpha, down, up, -bounds.least),
                 ]
             if self._continuous:
-                gain = [
-                    *_sum(form.alpha, self._c[phase][None]),
-                    *_sum(-form.alpha, self._c[phase - 1][None]),
-                ]
-                self._rows.add([*gain, (h, -rise)], -np.inf, 0.0)
-                self._rows.add([*gain, (h, fall)], 0.0, np.inf)
-                self._add_balance(phase, form, gain)
+                gain = [*_sum(form.alpha, c[None]), *_sum(-form.alpha, before[None])]
+                self._rows.add([*gain, (h, -bounds.rise)], -np.inf, 0.0)
+                self._rows.add([*gain, (h, bounds.fall)], 0.0, np.inf)
+                if np.any(limits.drag * form.beta):
+                    self._add_balance(phase, form, gain)
 
     def _add_balance(self, phase: int, form: Form, gain: list[Term]) -> None:
         """Momentum over the whole phase: drag takes k times the way, which is T times that of y."""
@@ -285,7 +281,8 @@ class Relaxation:
             [program.places(rows, column) for plane, rows in pairs for column in plane.columns]
         )
         if self._balance:
-            rows, columns, self._drags_per_way = map(np.concatenate, zip(*self._balance, strict=True))
+            parts = (np.concatenate(part) for part in zip(*self._balance, strict=True))
+            rows, columns, self._drags_per_way = parts
             self._ways = program.places(rows, columns)
         return program
 
@@ -370,7 +367,9 @@ class Relaxation:
         if self._balance:  # the period that is on the safe side
             drags = self._drags_per_way
             program.change(self._ways, drags * np.where(drags > 0.0, a, b))
-        self._redraw(sides)
+        width = 1.0 / self._cells
+        self._cuts.set_durations(low * a * width, high * b * width)
+        self._drawn.change(program)
 
     def _cut_off(self, x: np.ndarray, missed: float) -> bool:
         """Add the cuts that a point does not meet; whether there are any."""
@@ -390,42 +389,10 @@ class Relaxation:
         if which.size:
             before, after = before[found], after[found]
             rows = self._program.extend(self._add_cuts(which, cells, before, after))
-            self._keep(rows, which, cells, before, after)
+            p = self._cuts.phase[which]
+            columns = self._g[p, None], self._y[p, cells], self._y[p, cells + 1]
+            self._drawn.add(self._program, rows, np.hstack(columns), which, (before, after))
         return which.size > 0
-
-    def _keep(
-        self,
-        rows: np.ndarray,
-        which: np.ndarray,
-        cells: np.ndarray,
-        before: np.ndarray,
-        after: np.ndarray,
-    ) -> None:
-        """Remember the numbers of cuts that change with the box, and where they are."""
-        own = np.flatnonzero(self._cuts.decaying[which])
-        if not own.size:
-            return
-        rows, which, cells, shares = rows[own], which[own], cells[own], (before[own], after[own])
-        p, weights = self._cuts.phase[which], -self._cuts.weights[which]
-        reach = np.full((len(own), 1), -0.5 / self._cells)
-        ends = [weights * (share > 0.0)[:, None] for share in shares]
-        columns = [self._g[p, None], self._y[p, cells], self._y[p, cells + 1]]
-        weights, columns = np.hstack([reach, *ends]), np.hstack(columns)
-        there = (columns >= 0) & (weights != 0.0)
-        at = self._program.places(np.repeat(rows, there.sum(axis=1)), columns[there])
-        parts = (which, *shares, weights, there, at)
-        self._drawn = [np.concatenate(pair) for pair in zip(self._drawn, parts, strict=True)]
-
-    def _redraw(self, sides: Sides) -> None:
-        """Change the numbers of cuts that depend on the box."""
-        width = 1.0 / self._cells
-        self._cuts.set_durations(sides.low * sides.a * width, sides.high * sides.b * width)
-        which, before, after, weights, there, at = self._drawn
-        if which.size:
-            held = self._cuts.holds(which, before, after)
-            values = np.array([self._cuts.reach(which, before, after), *held]).T
-            kinds = np.repeat([0, 1, 2], [1, *[self._limits.links + 1] * 2])
-            self._program.change(at, (values[:, kinds] * weights)[there])
 
     def _loads(self, found: Maximum) -> float:
         gains = [

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from wormopt.core.task import Task
 from wormopt.gaits.cuts import Slope
 from wormopt.gaits.sequences import Resting
 
-__all__ = ["Form", "ScaledLimits"]
+__all__ = ["Bounds", "Form", "ScaledLimits", "scaled"]
 
 
 # Limits are widened by this share of the numbers that they are the difference of.
@@ -39,6 +40,29 @@ class Form:
     below: float
     above: float
     shared: float = 0.0
+
+
+class Bounds(NamedTuple):
+    """What limits say of a form's weighted sum of velocities, alpha v.
+
+    Parameters
+    ----------
+    form : Form
+        The limits.
+    least, largest : float
+        Of the sum.
+    fall, rise : float
+        Its largest slopes.
+    courses : list of (Slope, Slope)
+        Pairs of laws for its fall and rise.
+    """
+
+    form: Form
+    least: float
+    largest: float
+    fall: float
+    rise: float
+    courses: list[tuple[Slope, Slope]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,6 +241,32 @@ class ScaledLimits:
         size = abs(high) + abs(low)
         return (high - low + _ROUNDING * size) / self.force if size < np.inf else np.inf
 
+    def bounds(self, resting: Resting, more: int = 0) -> list[Bounds]:
+        """List `forms` with what they say of velocities; known from the second time on.
+
+        Parameters
+        ----------
+        resting : tuple of int
+            Masses at rest.
+        more : int, optional
+            So many others may rest as well.
+        """
+        if (resting, more) not in self._known:
+            self._known[resting, more] = [
+                Bounds(
+                    form,
+                    *self.span(form.alpha, resting),
+                    *self.slopes(form, resting),
+                    self.courses(form, resting),
+                )
+                for form in self.forms(resting, more)
+            ]
+        return self._known[resting, more]
+
+    @cached_property
+    def _known(self) -> dict[tuple[Resting, int], list[Bounds]]:
+        return {}
+
     def slopes(self, form: Form, resting: Resting) -> tuple[float, float]:
         """Largest fall and rise per time of alpha v, a form's weighted sum of velocities.
 
@@ -300,6 +350,12 @@ class ScaledLimits:
             largest.append(into @ extension + out @ contraction)
             least.append(-(into @ contraction + out @ extension))
         return float(max(least)), float(min(largest))
+
+
+@lru_cache(maxsize=8)
+def scaled(task: Task) -> ScaledLimits:
+    """Give the limits of a task in units of size 1; those of the last few tasks are kept."""
+    return ScaledLimits(task)
 
 
 def _spread(limit: float | tuple[float, ...] | None, count: int) -> np.ndarray:

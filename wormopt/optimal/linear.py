@@ -69,14 +69,15 @@ class Rows:
         ndarray of int
             Numbers of the rows.
         """
-        size = max((np.size(p) for term in terms for p in term if np.ndim(p)), default=1)
+        size = max([p.size for term in terms for p in term if isinstance(p, np.ndarray)], default=1)
         rows = np.arange(self.count, self.count + size)
-        column, value = np.empty((len(terms), size), int), np.empty((len(terms), size))
+        row, column = np.empty((2, len(terms), size), int)
+        row[:], value = rows, np.empty((len(terms), size))
         for k, (columns, coefficients) in enumerate(terms):
             column[k], value[k] = columns, coefficients
         sides = np.empty((2, size))
         sides[0], sides[1] = lower, upper
-        self._entries.append((np.tile(rows, len(terms)), column.ravel(), value.ravel()))
+        self._entries.append((row.ravel(), column.ravel(), value.ravel()))
         self._sides.append(sides)
         self.count += size
         return rows
@@ -276,7 +277,9 @@ class LinearProgram:
 
     def _crude(self) -> float:
         """Bound without multipliers."""
-        return self.bound(np.zeros(len(self._row_lower)))
+        ends = np.maximum(self._cost * self._lower, self._cost * self._upper)
+        size = np.abs(self._cost) @ np.maximum(np.abs(self._lower), np.abs(self._upper))
+        return float(ends.sum() + 2 * (len(ends) + _COEFFICIENT_ULPS) * _ULP * size)
 
     def bound(self, duals: np.ndarray) -> float:
         """Bound the maximum from above by any multipliers, rounding included.
