@@ -497,14 +497,19 @@ def test_one_link_is_certified_at_its_closed_form(given_):
     assert found.gap <= 1e-2
 
 
-def test_one_link_with_drag_coasts_to_rest():
-    """Slowing down against drag and load alone: m v' = -k v - 2 Gamma has a closed form."""
+def coasting() -> tuple[Task, float]:
+    """One link slows down against drag and load alone: m v' = -k v - 2 Gamma; and its speed."""
     k, load = 2.0, 4.0
     stop = np.log(1 + k / (2 * load)) / k
     coasting = (1.0 - 2 * load * stop) / k
     best = (0.5 - stop - 1 / 20) + 1 / 40 + coasting
     task = g1(links=1)
     task = replace(task, worm=Worm(links=1, mass=1.0, drag=k, load=load))
+    return task, best
+
+
+def test_one_link_with_drag_coasts_to_rest():
+    task, best = coasting()
     found = proof(task, best, phases=2)
     assert found.ending == "gap reached"
     check_bound(found.progress.bound, best)
@@ -766,6 +771,49 @@ def test_a_broken_relaxation_is_caught(monkeypatch, name):
         check_certificate(g1(), G1_ORDER, G1)
 
 
+def test_a_decay_that_is_too_slow_is_caught(monkeypatch):
+    task, best = coasting()
+    courses = ScaledLimits.courses
+
+    def halved(*given_):
+        return [tuple(s._replace(decay=s.decay / 2) for s in pair) for pair in courses(*given_)]
+
+    monkeypatch.setattr(relaxation, "scaled", ScaledLimits)
+    monkeypatch.setattr(ScaledLimits, "courses", halved)
+    with pytest.raises(AssertionError, match="speed"):
+        check_bound(Relaxation(task, ((0,), (1,)), 2).solve(point((0.5, 0.5))).bound, best)
+
+
+@pytest.mark.parametrize("wide", [0.0, 0.1])
+def test_momentum_over_a_phase_is_that_of_the_motion(wide):
+    """Rows hold the integral of the forces, with the period of the box that is on the safe side."""
+    motion = motion_of(Making(shape=(2, 4), degree=2, knots=3, seed=8))
+    worm = Worm(links=2, mass=(1.0, 2.0, 3.0), drag=1.0)
+    task, _ = extremes_as_limits(motion, worm, 1.0, "equal", jumps=False)
+    program = Relaxation(task, motion.sequence, 3)
+    limits, x = program._limits, own_values(motion, program)
+    period = motion.period / limits.time
+    box = (*box_around(motion, task, np.zeros(5))[:-1], (period - wide, period + wide))
+    assert excess(program, x, box) <= 1e-12
+    lp, ends = program._program, motion.edges
+    terms = np.bincount(lp._row, lp._value * x[lp._column], len(lp._row_lower))
+    forces = worm.drag * motion.velocity.c
+    forces[1:] += np.array(worm.masses) * motion.velocity.derivative().c
+    momentum = np.diff(PPoly(forces, motion.velocity.x).antiderivative()(ends), axis=0)
+    momentum /= limits.force * limits.time
+    rows = [row[0] for row, *_ in program._balance]
+    for p, (start, stop) in enumerate(pairwise(ends)):
+        h, own = (stop - start) / limits.time, rows[p * len(rows) // 4 : (p + 1) * len(rows) // 4]
+        found = []
+        for form in limits.forms(motion.sequence[p]):
+            if np.any(form.beta):
+                total = float((form.beta * momentum[p]).sum())
+                found += [total - form.above * h, -total - form.below * h]
+        excesses = np.array(found) - terms[own]
+        assert np.all(excesses >= -1e-12)
+        assert np.all(excesses <= 1e-12 if wide == 0.0 else excesses.max() > 1e-3)
+
+
 # -- convergence -------------------------------------------------------------------------------
 
 
@@ -810,10 +858,7 @@ def test_bounds_of_g1_converge_with_order_between_one_and_two_in_the_box():
 
 def test_cells_of_one_link_with_drag_are_exact():
     """Cuts decay as velocities do: one cell is enough."""
-    k, load = 2.0, 4.0
-    stop = np.log(1 + k / (2 * load)) / k
-    best = (0.5 - stop - 1 / 20) + 1 / 40 + (1.0 - 2 * load * stop) / k
-    task = replace(g1(links=1), worm=Worm(links=1, mass=1.0, drag=k, load=load))
+    task, best = coasting()
     for cells in (1, 2, 5):
         bound = Relaxation(task, ((0,), (1,)), cells).solve(point((0.5, 0.5))).bound
         check_bound(bound, best)
