@@ -319,6 +319,7 @@ class LinearProgram:
 _OPTIONS = {
     "threads": 1,
     "solver": "simplex",
+    "simplex_dual_edge_weight_strategy": 1,  # Devex: programs are small, weights costly
     "presolve": "off",  # it would lose the proof where there is no feasible point
     "primal_feasibility_tolerance": 1e-9,
     "dual_feasibility_tolerance": 1e-9,
