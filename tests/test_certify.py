@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
+from scipy.integrate import simpson
 from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import root_scalar
 
 from wormopt.core.gait import Gait
 from wormopt.core.task import Certify, Limits, Objective, Rates, Search, Task, Worm
 from wormopt.errors import SolveError
-from wormopt.gaits import planes
+from wormopt.gaits import planes, relaxation
 from wormopt.gaits.certify import prove
-from wormopt.gaits.cuts import Cuts
+from wormopt.gaits.cuts import Cut, Cuts, Slope
 from wormopt.gaits.families import families, parts
-from wormopt.gaits.optimize import design as best_gait
+from wormopt.gaits.optimize import designed as designed_by
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
 from wormopt.gaits.scaled_limits import ScaledLimits
 from wormopt.gaits.sequences import Sequence_, canonical, is_gait
@@ -174,7 +175,7 @@ def extremes_as_limits(
     forces[1:] += worm.masses * motion.velocity.derivative().c
     own = least_of(PPoly(forces.mean(axis=2), motion.velocity.x))
     worm = replace(worm, load=(max(0.0, -own) + margin) * WIDER)
-    crawled = crawl(gait, worm.masses, worm.drag, worm.load_range[0], sharing)  # type: ignore[arg-type]
+    crawled = crawl(gait, worm.masses, worm.drag, worm.load, sharing)  # type: ignore[arg-type]
     low, high = (v * WIDER for v in crawled.extremes("rate"))
     shortest, longest = crawled.extremes("length")
     given: dict = {
@@ -398,7 +399,7 @@ def test_bounds_do_not_depend_on_units(making, units):
             links=2,
             mass=tuple(m * mass for m in worm.masses),
             drag=worm.drag * mass / time,
-            load=task.worm.load_range[0] * force,
+            load=task.worm.load * force,
         ),
         Limits(
             period=scaled("period", time),
@@ -433,7 +434,7 @@ def one_link_speed(worm: Worm, limits: Limits) -> float:
     (contraction,), (extension,) = limits.rate_limits(1) or ((np.inf,), (np.inf,))
     link = np.inf if limits.acceleration is None else float(np.max(limits.acceleration))
     spike = np.inf if limits.spike_load is None else float(np.max(limits.spike_load))
-    load, period = worm.load_range[0], limits.period_range[0]
+    load, period = worm.load, limits.period_range[0]
 
     def stroke(h: float, mass: float, rate: float) -> float:
         up = min(link, (spike - 2 * load) / mass)
@@ -488,20 +489,27 @@ def test_one_link_is_certified_at_its_closed_form(given_):
         sigma_margin=load * given_["margin"],
     )
     task = Task(Worm(links=1, mass=given_["masses"], load=load), limits, SPEED)
-    best = one_link_speed(task.worm, task.limits)
+    # a cycle may be any whole part of the period
+    cycles = (replace(limits, period=limits.period / count) for count in range(1, 65))
+    best = max(one_link_speed(task.worm, cycle) for cycle in cycles)
     found = proof(task, best, 1e-2, sequence=((0,), (1,)), time_limit=5.0)
     check_bound(found.progress.bound, best)
     assert found.gap <= 1e-2
 
 
-def test_one_link_with_drag_coasts_to_rest():
-    """Slowing down against drag and load alone: m v' = -k v - 2 Gamma has a closed form."""
+def coasting() -> tuple[Task, float]:
+    """One link slows down against drag and load alone: m v' = -k v - 2 Gamma; and its speed."""
     k, load = 2.0, 4.0
     stop = np.log(1 + k / (2 * load)) / k
     coasting = (1.0 - 2 * load * stop) / k
     best = (0.5 - stop - 1 / 20) + 1 / 40 + coasting
     task = g1(links=1)
     task = replace(task, worm=Worm(links=1, mass=1.0, drag=k, load=load))
+    return task, best
+
+
+def test_one_link_with_drag_coasts_to_rest():
+    task, best = coasting()
     found = proof(task, best, phases=2)
     assert found.ending == "gap reached"
     check_bound(found.progress.bound, best)
@@ -599,12 +607,21 @@ def test_gaits_made_on_the_way_are_certified_in_place_of_a_worse_one():
         assert 1 / sum(durations) == pytest.approx(round(1 / sum(durations)), rel=1e-6)
 
 
+@dataclass(frozen=True)
+class Ranged(Worm):
+    """Any load from 4 to 6."""
+
+    @property
+    def load_range(self) -> tuple[float, float]:
+        return 4.0, 6.0
+
+
 def test_limits_hold_under_every_load_of_a_range():
     task = g1(spike_load=27.0, actuator_force=12.0)
     ranged, low, high = (
         ScaledLimits(replace(task, worm=worm))
         for worm in (
-            Worm(links=2, mass=1.0, load=(4.0, 6.0)),
+            Ranged(links=2, mass=1.0),
             Worm(links=2, mass=1.0, load=4.0),
             Worm(links=2, mass=1.0, load=6.0),
         )
@@ -673,10 +690,7 @@ designed_limits = {
 
 
 def designed(given_: dict) -> tuple[Task, float]:
-    """A task with random limits and the speed of a gait that meets them.
-
-    Where several cycles fill a period, the task of one of them.
-    """
+    """A task with random limits and the speed of a gait that meets them."""
     limits = Limits(
         period=given_["period"],
         length=(given_["shortest"], given_["shortest"] + given_["room"]),
@@ -685,17 +699,15 @@ def designed(given_: dict) -> tuple[Task, float]:
         spike_load=None if given_["spike"] is None else given_["spike"] * given_["load"],
     )
     worm = Worm(links=2, mass=1.0, load=given_["load"], drag=given_["drag"])
+    task = Task(worm, limits, SPEED)
     own = Search(sequence=given_["sequence"], effort="quick", workers=1)
     try:
-        found = best_gait(worm, limits, search=own)
+        gait = designed_by(task, own, silent).gait
     except SolveError:  # no gait of this order meets these limits
         reject()
-    motion = crawl(found.gait, worm.masses, worm.drag, given_["load"])
-    limits = replace(limits, period=given_["period"] / found.cycles)
+    motion = crawl(gait, worm.masses, worm.drag, worm.load)
     assert max(violations(motion, limits).values()) <= 1e-9
-    return Task(worm, limits, SPEED), motion.speed * (
-        1 - 1e-8
-    )  # what its own violations may have gained
+    return task, motion.speed * (1 - 1e-8)  # what its own violations may have gained
 
 
 @settings(
@@ -726,6 +738,7 @@ def test_no_designed_gait_passes_its_bound_for_many_limits(given_):
 def breaks(monkeypatch, name: str) -> None:
     """One wrong sign or factor in the relaxation."""
     slopes, forms, span = ScaledLimits.slopes, ScaledLimits.forms, ScaledLimits.span
+    monkeypatch.setattr(relaxation, "scaled", ScaledLimits)  # what is known is not used again
 
     def middle(s):
         return (1.0, -0.5 * s.b * (s.low + s.high), 0.0 * s.low), -s.b * s.low * s.high
@@ -756,6 +769,49 @@ def test_a_broken_relaxation_is_caught(monkeypatch, name):
     breaks(monkeypatch, name)
     with pytest.raises(AssertionError, match="speed"):
         check_certificate(g1(), G1_ORDER, G1)
+
+
+def test_a_decay_that_is_too_slow_is_caught(monkeypatch):
+    task, best = coasting()
+    courses = ScaledLimits.courses
+
+    def halved(*given_):
+        return [tuple(s._replace(decay=s.decay / 2) for s in pair) for pair in courses(*given_)]
+
+    monkeypatch.setattr(relaxation, "scaled", ScaledLimits)
+    monkeypatch.setattr(ScaledLimits, "courses", halved)
+    with pytest.raises(AssertionError, match="speed"):
+        check_bound(Relaxation(task, ((0,), (1,)), 2).solve(point((0.5, 0.5))).bound, best)
+
+
+@pytest.mark.parametrize("wide", [0.0, 0.1])
+def test_momentum_over_a_phase_is_that_of_the_motion(wide):
+    """Rows hold the integral of the forces, with the period of the box that is on the safe side."""
+    motion = motion_of(Making(shape=(2, 4), degree=2, knots=3, seed=8))
+    worm = Worm(links=2, mass=(1.0, 2.0, 3.0), drag=1.0)
+    task, _ = extremes_as_limits(motion, worm, 1.0, "equal", jumps=False)
+    program = Relaxation(task, motion.sequence, 3)
+    limits, x = program._limits, own_values(motion, program)
+    period = motion.period / limits.time
+    box = (*box_around(motion, task, np.zeros(5))[:-1], (period - wide, period + wide))
+    assert excess(program, x, box) <= 1e-12
+    lp, ends = program._program, motion.edges
+    terms = np.bincount(lp._row, lp._value * x[lp._column], len(lp._row_lower))
+    forces = worm.drag * motion.velocity.c
+    forces[1:] += np.array(worm.masses) * motion.velocity.derivative().c
+    momentum = np.diff(PPoly(forces, motion.velocity.x).antiderivative()(ends), axis=0)
+    momentum /= limits.force * limits.time
+    rows = [row[0] for row, *_ in program._balance]
+    for p, (start, stop) in enumerate(pairwise(ends)):
+        h, own = (stop - start) / limits.time, rows[p * len(rows) // 4 : (p + 1) * len(rows) // 4]
+        found = []
+        for form in limits.forms(motion.sequence[p]):
+            if np.any(form.beta):
+                total = float((form.beta * momentum[p]).sum())
+                found += [total - form.above * h, -total - form.below * h]
+        excesses = np.array(found) - terms[own]
+        assert np.all(excesses >= -1e-12)
+        assert np.all(excesses <= 1e-12 if wide == 0.0 else excesses.max() > 1e-3)
 
 
 # -- convergence -------------------------------------------------------------------------------
@@ -798,6 +854,52 @@ def test_bounds_of_g1_converge_with_order_between_one_and_two_in_the_box():
     assert np.all(excesses <= 0.11 * (widths / 0.1))
     order = np.polyfit(np.log(widths), np.log(excesses), 1)[0]
     assert 1.2 <= order <= 2.0
+
+
+def test_cells_of_one_link_with_drag_are_exact():
+    """Cuts decay as velocities do: one cell is enough."""
+    task, best = coasting()
+    for cells in (1, 2, 5):
+        bound = Relaxation(task, ((0,), (1,)), cells).solve(point((0.5, 0.5))).bound
+        check_bound(bound, best)
+        assert bound <= best + 1e-9
+
+
+@pytest.mark.parametrize("decay", [0.0, 1e-3, 0.7, 5.0])
+def test_cuts_run_along_the_motion_of_the_safest_duration(decay):
+    """Its area is met, that of other durations is less."""
+    cuts = Cuts([Cut(0, np.ones(1), Slope(3.0, decay), Slope(2.0, decay, True), 9.0)])
+    cuts.set_durations(np.array([0.4]), np.array([0.6]))
+    which, none, s = np.zeros(1, int), np.zeros(1), np.linspace(0.0, 0.8, 2001)
+    share = np.array([0.8])
+
+    def area(value: float, slope: float, x: float) -> float:
+        """Of f' = slope - x f."""
+        run = value * np.exp(-x * s) + slope * (-np.expm1(-x * s) / x if x else s)
+        return float(simpson(run, x=s))
+
+    for slope, sign, shares, end in ((3.0, 1, (share, none), 0), (2.0, -1, (none, share), 1)):
+        bound = float(0.5 * cuts.holds(which, *shares)[end][0] + cuts.reach(which, *shares)[0] / 2)
+        assert bound == pytest.approx(area(0.5, slope, sign * decay * (0.4, 0.6)[end]), rel=1e-10)
+        for h in (0.4, 0.45, 0.6):
+            assert area(0.5, slope, sign * decay * h) <= bound * (1 + 1e-10)
+
+
+@pytest.mark.parametrize("decay", [0.0, 0.7, 5.0])
+@pytest.mark.parametrize("level", [1.0, 9.0])
+def test_shares_of_cuts_are_the_best(decay, level):
+    cuts = Cuts([Cut(0, np.ones(1), Slope(3.0, decay), Slope(2.0, decay, True), level)])
+    cuts.set_durations(np.array([0.4]), np.array([0.6]))
+    which, value = np.zeros(1, int), np.array([[0.3]])
+
+    def bound(before: float, after: float) -> float:
+        shares = np.array([before]), np.array([after])
+        run = 0.3 * sum(cuts.holds(which, *shares)) + cuts.reach(which, *shares) / 2
+        return float(run[0]) + (1.0 - before - after) * level
+
+    before, after = (float(v[0, 0]) for v in cuts.shares(value, value, np.array([[level]]), 1.0))
+    tries = [(a, b) for a in np.linspace(0, 1, 41) for b in np.linspace(0, 1 - a, 41)]
+    assert bound(before, after) <= min(bound(*pair) for pair in tries) + 1e-6
 
 
 # -- the tree ----------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import sparse
 from scipy.optimize import linprog
 
 from wormopt.optimal.linear import LinearProgram, Rows
@@ -332,7 +333,8 @@ def test_blocks_of_rows_are_put_together():
     first = rows.add([(np.array([0, 1, -1]), 2.0), (2, np.array([1.0, 2.0, 3.0]))], 0.0, 1.0)
     second = rows.add([(1, 1.0), (1, 0.5)], -np.inf, np.array([4.0]))
     assert (first.tolist(), second.tolist()) == ([0, 1, 2], [3])
-    matrix, lower, upper = rows.assemble(3)
+    starts, column, value, lower, upper = rows.assemble(3)
+    matrix = sparse.csr_array((value, column, starts), (4, 3))
     # column -1 is left out, terms of one place are added up
     expected = [[2.0, 0.0, 1.0], [0.0, 2.0, 2.0], [0.0, 0.0, 3.0], [0.0, 1.5, 0.0]]
     assert matrix.toarray().tolist() == expected

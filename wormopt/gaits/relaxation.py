@@ -24,9 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.core.task import Task
-from wormopt.gaits.cuts import Cut, Cuts
+from wormopt.gaits.cuts import Cut, Cuts, Drawn
 from wormopt.gaits.planes import Sides, of_drags, of_meetings, of_shares
-from wormopt.gaits.scaled_limits import ScaledLimits
+from wormopt.gaits.scaled_limits import Form, scaled
 from wormopt.gaits.sequences import Sequence_
 from wormopt.optimal.linear import LinearProgram, Maximum, Rows, Term
 
@@ -101,10 +101,11 @@ class Relaxation:
     def __init__(
         self, task: Task, sequence: Sequence_, cells: int, more: tuple[int, ...] = ()
     ) -> None:
-        self._limits = ScaledLimits(task)
+        self._limits = scaled(task)
         self._sequence, self._cells = sequence, cells
         self._more = more or (0,) * len(sequence)
         self._borne: list[tuple[int, np.ndarray, float]] = []
+        self._balance: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._rows = Rows()
         self._upper: list[float] = []
         self._sums: list[Cut] = []
@@ -115,6 +116,7 @@ class Relaxation:
         self._add_course()
         self._add_products()
         self._cuts = Cuts(self._sums)
+        self._drawn = Drawn(self._cuts, 1.0 / cells)
         self._program = self._assemble()
 
     @property
@@ -159,11 +161,11 @@ class Relaxation:
     def _add_rates(self, phase: int) -> None:
         """Rates of the links at the cells' ends and on average."""
         e = int(self._e[phase])
+        way = np.concatenate([self._y[phase], self._q[phase]])
         for j, (most_in, most_out) in enumerate(zip(*self._limits.rates, strict=True)):
-            for way in (self._y[phase], self._q[phase]):
-                change = [(way[:, j], 1.0), (way[:, j + 1], -1.0)]
-                self._rows.add([*change, (e, -most_out)], -np.inf, 0.0)
-                self._rows.add([*change, (e, most_in)], 0.0, np.inf)
+            change = [(way[:, j], 1.0), (way[:, j + 1], -1.0)]
+            self._rows.add([*change, (e, -most_out)], -np.inf, 0.0)
+            self._rows.add([*change, (e, most_in)], 0.0, np.inf)
 
     def _add_forces(self, phase: int) -> None:
         """Limits on accelerations and forces, and what they say of averages and whole phases."""
@@ -171,7 +173,9 @@ class Relaxation:
         y, z = self._y[phase], self._z[phase]
         h, g = int(self._h[phase]), int(self._g[phase])
         above = np.empty(0, int)
-        for form in limits.forms(resting, self._more[phase]):
+        c, before = self._c[phase], self._c[phase - 1]
+        for bounds in limits.bounds(resting, self._more[phase]):
+            form = bounds.form
             start, end = (_sum(form.alpha, way) for way in (y[:-1], y[1:]))
             change = [*end, *_times(start, -1.0)]
             force = [*_times(change, 1.0 / width), *_sum(limits.drag * form.beta, z)]
@@ -181,19 +185,29 @@ class Relaxation:
                 above = self._rows.add([*force, (g, -form.above)], -np.inf, 0.0)
             if form.shared > 0.0:
                 self._borne.append((phase, above, form.shared))
-            least, largest = limits.span(form.alpha, resting)
-            fall, rise = limits.slopes(form, resting)
-            self._sums += [
-                Cut(phase, form.alpha, rise, fall, largest),
-                Cut(phase, -form.alpha, fall, rise, -least),
-            ]
-            if self._continuous:
-                gain = [
-                    *_sum(form.alpha, self._c[phase][None]),
-                    *_sum(-form.alpha, self._c[phase - 1][None]),
+            for down, up in bounds.courses:
+                self._sums += [
+                    Cut(phase, form.alpha, up, down, bounds.largest),
+                    Cut(phase, -form.alpha, down, up, -bounds.least),
                 ]
-                self._rows.add([*gain, (h, -rise)], -np.inf, 0.0)
-                self._rows.add([*gain, (h, fall)], 0.0, np.inf)
+            if self._continuous:
+                gain = [*_sum(form.alpha, c[None]), *_sum(-form.alpha, before[None])]
+                self._rows.add([*gain, (h, -bounds.rise)], -np.inf, 0.0)
+                self._rows.add([*gain, (h, bounds.fall)], 0.0, np.inf)
+                if np.any(limits.drag * form.beta):
+                    self._add_balance(phase, form, gain)
+
+    def _add_balance(self, phase: int, form: Form, gain: list[Term]) -> None:
+        """Momentum over the whole phase: drag takes k times the way, which is T times that of y."""
+        drags = self._limits.drag / self._cells * form.beta
+        q = np.where(drags != 0.0, self._q[phase], -1)
+        for sign, most in ((1.0, form.above), (-1.0, form.below)):
+            if most < np.inf and np.any(q >= 0):
+                terms = [*gain, *((int(column), 1.0) for column in q[q >= 0])]
+                terms = _times(terms, sign)
+                row = self._rows.add([*terms, (int(self._h[phase]), -most)], -np.inf, 0.0)
+                weights = sign * np.broadcast_to(drags, q.shape)[q >= 0]
+                self._balance.append((np.full(weights.shape, row[0]), q[q >= 0], weights))
 
     def _add_cuts(
         self, which: np.ndarray, cells: np.ndarray, before: np.ndarray, after: np.ndarray
@@ -203,9 +217,10 @@ class Relaxation:
         reach = cuts.reach(which, before, after) * width / 2
         level = (np.maximum(1.0 - before - after, 0.0) + _ROUNDING) * cuts.most[which]
         terms: list[Term] = [(self._g[p], -reach), (self._e[p], -level)]
+        held = cuts.holds(which, before, after)
         for i, weight in enumerate(cuts.weights[which].T):
             ends = (self._q[p, cells, i], self._y[p, cells, i], self._y[p, cells + 1, i])
-            for column, share in zip(ends, (1.0, -before, -after), strict=True):
+            for column, share in zip(ends, (1.0, -held[0], -held[1]), strict=True):
                 terms.append((np.where(weight * share != 0.0, column, -1), weight * share))
         rows.add(terms, -np.inf, 0.0)
         return rows
@@ -265,6 +280,10 @@ class Relaxation:
         self._places = np.concatenate(
             [program.places(rows, column) for plane, rows in pairs for column in plane.columns]
         )
+        if self._balance:
+            parts = (np.concatenate(part) for part in zip(*self._balance, strict=True))
+            rows, columns, self._drags_per_way = parts
+            self._ways = program.places(rows, columns)
         return program
 
     def solve(self, box: Box, cutoff: float | None = None) -> Relaxed:
@@ -345,6 +364,12 @@ class Relaxation:
         most = np.concatenate(upper)
         rows = np.concatenate(self._plane_rows)
         program.set_sides(rows, np.full(len(most), -np.inf), most)
+        if self._balance:  # the period that is on the safe side
+            drags = self._drags_per_way
+            program.change(self._ways, drags * np.where(drags > 0.0, a, b))
+        width = 1.0 / self._cells
+        self._cuts.set_durations(low * a * width, high * b * width)
+        self._drawn.change(program)
 
     def _cut_off(self, x: np.ndarray, missed: float) -> bool:
         """Add the cuts that a point does not meet; whether there are any."""
@@ -358,10 +383,15 @@ class Relaxation:
         before, after = cuts.shares(start, end, level[:, None], g * width)
         every = np.broadcast_to(np.arange(len(level))[:, None], q.shape)
         reach = cuts.reach(every, before, after) * g * width / 2
-        most = before * start + after * end + reach + (1 - before - after) * level[:, None]
+        held = cuts.holds(every, before, after)
+        most = held[0] * start + held[1] * end + reach + (1 - before - after) * level[:, None]
         found = which, cells = np.nonzero(q > most + missed * x[self._way])
         if which.size:
-            self._program.extend(self._add_cuts(which, cells, before[found], after[found]))
+            before, after = before[found], after[found]
+            rows = self._program.extend(self._add_cuts(which, cells, before, after))
+            p = self._cuts.phase[which]
+            columns = self._g[p, None], self._y[p, cells], self._y[p, cells + 1]
+            self._drawn.add(self._program, rows, np.hstack(columns), which, (before, after))
         return which.size > 0
 
     def _loads(self, found: Maximum) -> float:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
 from wormopt.core.task import Task
+from wormopt.gaits.cuts import Slope
 from wormopt.gaits.sequences import Resting
 
-__all__ = ["Form", "ScaledLimits"]
+__all__ = ["Bounds", "Form", "ScaledLimits", "scaled"]
 
 
 # Limits are widened by this share of the numbers that they are the difference of.
@@ -37,6 +40,29 @@ class Form:
     below: float
     above: float
     shared: float = 0.0
+
+
+class Bounds(NamedTuple):
+    """What limits say of a form's weighted sum of velocities, alpha v.
+
+    Parameters
+    ----------
+    form : Form
+        The limits.
+    least, largest : float
+        Of the sum.
+    fall, rise : float
+        Its largest slopes.
+    courses : list of (Slope, Slope)
+        Pairs of laws for its fall and rise.
+    """
+
+    form: Form
+    least: float
+    largest: float
+    fall: float
+    rise: float
+    courses: list[tuple[Slope, Slope]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,6 +264,32 @@ class ScaledLimits:
         size = abs(high) + abs(low)
         return (high - low + _ROUNDING * size) / self.force if size < np.inf else np.inf
 
+    def bounds(self, resting: Resting, more: int = 0) -> list[Bounds]:
+        """List `forms` with what they say of velocities; known from the second time on.
+
+        Parameters
+        ----------
+        resting : tuple of int
+            Masses at rest.
+        more : int, optional
+            So many others may rest as well.
+        """
+        if (resting, more) not in self._known:
+            self._known[resting, more] = [
+                Bounds(
+                    form,
+                    *self.span(form.alpha, resting),
+                    *self.slopes(form, resting),
+                    self.courses(form, resting),
+                )
+                for form in self.forms(resting, more)
+            ]
+        return self._known[resting, more]
+
+    @cached_property
+    def _known(self) -> dict[tuple[Resting, int], list[Bounds]]:
+        return {}
+
     def slopes(self, form: Form, resting: Resting) -> tuple[float, float]:
         """Largest fall and rise per time of alpha v, a form's weighted sum of velocities.
 
@@ -265,6 +317,39 @@ class ScaledLimits:
         # A form that must fall, or rise, all the time does not rise, or fall, at all.
         return max(fall, 0.0), max(rise, 0.0)
 
+    def courses(self, form: Form, resting: Resting) -> list[tuple[Slope, Slope]]:
+        """List pairs of laws for the fall and rise of alpha v: constant, or decaying with drag.
+
+        Parameters
+        ----------
+        form : Form
+            One of `forms`.
+        resting : tuple of int
+            Masses at rest.
+
+        Returns
+        -------
+        list of (Slope, Slope)
+            Laws that another one always beats are left out.
+        """
+        fall, rise = ([Slope(rate)] for rate in self.slopes(form, resting))
+        v_max = self.fastest(resting)
+        alpha, beta = (np.where(v_max > 0.0, w, 0.0) for w in (form.alpha, form.beta))
+        positive, some = bool(np.all(alpha >= 0.0)), alpha != 0.0
+        one_sign = positive or bool(np.all(alpha <= 0.0))
+        if not (self.drag and one_sign and some.any() and np.all(beta[some] / alpha[some] > 0.0)):
+            return [(fall[0], rise[0])]
+        if beta[~some].any():
+            return [(fall[0], rise[0])]
+        # k beta v lies between the least and the largest ratio times alpha v
+        ratio, top = self.drag * beta[some] / alpha[some], np.max(np.abs(self.span(alpha, resting)))
+        slow, fast = (float(ratio.min()), False), (float(ratio.max()), True)
+        for laws, rate, helped in ((fall, form.below, not positive), (rise, form.above, positive)):
+            decay, longest = slow if helped else fast
+            if rate - helped * decay * top < laws[0].rate:
+                laws.append(Slope(max(rate, 0.0), decay, longest))
+        return list(product(fall, rise))
+
     def span(self, alpha: np.ndarray, resting: Resting) -> tuple[float, float]:
         """Least and largest weighted sum of velocities, by the rates of the links.
 
@@ -288,6 +373,12 @@ class ScaledLimits:
             largest.append(into @ extension + out @ contraction)
             least.append(-(into @ contraction + out @ extension))
         return float(max(least)), float(min(largest))
+
+
+@lru_cache(maxsize=8)
+def scaled(task: Task) -> ScaledLimits:
+    """Give the limits of a task in units of size 1; those of the last few tasks are kept."""
+    return ScaledLimits(task)
 
 
 def _spread(limit: float | Sequence[float] | None, count: int) -> np.ndarray:

@@ -197,7 +197,8 @@ class Solver:
         -------
         list of Relaxed
         """
-        return list(self._threads.map(self._solve, branches, repeat(cutoff)))
+        over = map if self.workers == 1 else self._threads.map
+        return list(over(self._solve, branches, repeat(cutoff)))
 
     def _solve(self, branch: Branch, cutoff: float) -> Relaxed:
         # HiGHS lets go of the interpreter's lock, so threads do run side by side.

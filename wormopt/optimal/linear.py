@@ -14,7 +14,6 @@ from typing import Any
 
 import highspy
 import numpy as np
-from scipy import sparse
 
 __all__ = ["LinearProgram", "Maximum", "Rows", "Term"]
 
@@ -70,20 +69,21 @@ class Rows:
         ndarray of int
             Numbers of the rows.
         """
-        size = max((np.size(p) for term in terms for p in term if np.ndim(p)), default=1)
+        size = max([p.size for term in terms for p in term if isinstance(p, np.ndarray)], default=1)
         rows = np.arange(self.count, self.count + size)
-        column, value = np.empty((len(terms), size), int), np.empty((len(terms), size))
+        row, column = np.empty((2, len(terms), size), int)
+        row[:], value = rows, np.empty((len(terms), size))
         for k, (columns, coefficients) in enumerate(terms):
             column[k], value[k] = columns, coefficients
         sides = np.empty((2, size))
         sides[0], sides[1] = lower, upper
-        self._entries.append((np.tile(rows, len(terms)), column.ravel(), value.ravel()))
+        self._entries.append((row.ravel(), column.ravel(), value.ravel()))
         self._sides.append(sides)
         self.count += size
         return rows
 
-    def assemble(self, columns: int) -> tuple[sparse.csr_array, np.ndarray, np.ndarray]:
-        """Put the blocks together.
+    def assemble(self, columns: int) -> tuple[np.ndarray, ...]:
+        """Put the blocks together, row by row.
 
         Parameters
         ----------
@@ -92,15 +92,22 @@ class Rows:
 
         Returns
         -------
-        matrix : csr_array, shape (rows, columns)
-            Terms of one place are added up.
+        starts : ndarray of int, shape (rows + 1,)
+        column, value : ndarray
+            Entries of the rows in the order of columns; terms of one place are added up.
         lower, upper : ndarray, shape (rows,)
         """
         row, column, value = (np.concatenate(part) for part in zip(*self._entries, strict=True))
         kept = column >= 0
-        entries = (value[kept], (row[kept], column[kept]))
-        matrix = sparse.coo_array(entries, (self.count, columns)).tocsr()
-        return matrix, *np.concatenate(self._sides, axis=1)
+        place = row[kept] * columns + column[kept]
+        order = np.argsort(place, kind="stable")
+        place, value = place[order], value[kept][order]
+        first = np.flatnonzero(np.diff(place, prepend=-1))
+        row, column = np.divmod(place[first], columns)
+        starts = np.searchsorted(row, np.arange(self.count + 1)).astype(np.int32)
+        sides = np.concatenate(self._sides, axis=1)
+        value = np.add.reduceat(value, first) if first.size else value
+        return starts, column.astype(np.int32), value, *sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,16 +172,19 @@ class LinearProgram:
         self._highs.passModel(model)
         self.extend(rows)
 
-    def extend(self, rows: Rows) -> None:
+    def extend(self, rows: Rows) -> np.ndarray:
         """Add rows at the end.
 
         Parameters
         ----------
         rows : Rows
-            Their numbers follow those of the rows that there are.
+
+        Returns
+        -------
+        ndarray of int
+            Their numbers.
         """
-        matrix, lower, upper = rows.assemble(len(self._cost))
-        starts, column, value = matrix.indptr, matrix.indices, matrix.data
+        starts, column, value, lower, upper = rows.assemble(len(self._cost))
         self._highs.addRows(rows.count, lower, upper, len(value), starts[:-1], column, value)
         row = np.repeat(np.arange(rows.count), np.diff(starts)) + len(self._row_lower)
         self._starts = np.concatenate([self._starts, starts[1:] + self._starts[-1]])
@@ -183,6 +193,7 @@ class LinearProgram:
         self._row_lower = np.append(self._row_lower, lower)
         self._row_upper = np.append(self._row_upper, upper)
         self._most_terms = int(np.bincount(self._column).max(initial=0))
+        return np.arange(len(self._row_lower) - rows.count, len(self._row_lower))
 
     def places(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Find where coefficients are stored, to change them by.
@@ -190,18 +201,14 @@ class LinearProgram:
         Parameters
         ----------
         rows, columns : ndarray of int, shape (m,)
-            The coefficients; they must be in the program from the start.
+            The coefficients; they must be in the program.
 
         Returns
         -------
         ndarray of int, shape (m,)
         """
-        starts, indices = self._starts, self._column
-        found = [
-            start + np.searchsorted(indices[start:end], column)
-            for start, end, column in zip(starts[rows], starts[rows + 1], columns, strict=True)
-        ]
-        return np.array(found, int)
+        every = self._row.astype(int) * len(self._cost) + self._column
+        return np.searchsorted(every, rows * len(self._cost) + columns)
 
     def change(self, places: np.ndarray, values: np.ndarray) -> None:
         """Change coefficients.
@@ -270,7 +277,9 @@ class LinearProgram:
 
     def _crude(self) -> float:
         """Bound without multipliers."""
-        return self.bound(np.zeros(len(self._row_lower)))
+        ends = np.maximum(self._cost * self._lower, self._cost * self._upper)
+        size = np.abs(self._cost) @ np.maximum(np.abs(self._lower), np.abs(self._upper))
+        return float(ends.sum() + 2 * (len(ends) + _COEFFICIENT_ULPS) * _ULP * size)
 
     def bound(self, duals: np.ndarray) -> float:
         """Bound the maximum from above by any multipliers, rounding included.
@@ -310,6 +319,7 @@ class LinearProgram:
 _OPTIONS = {
     "threads": 1,
     "solver": "simplex",
+    "simplex_dual_edge_weight_strategy": 1,  # Devex: programs are small, weights costly
     "presolve": "off",  # it would lose the proof where there is no feasible point
     "primal_feasibility_tolerance": 1e-9,
     "dual_feasibility_tolerance": 1e-9,
