@@ -23,7 +23,7 @@ from wormopt.optimal.bilinear import Point
 __all__ = ["GaitProgram"]
 
 # Arcs of a smaller share of the cycle count as having no duration.
-_SHORT = 1e-9
+_SHORT = 1e-6
 
 
 class GaitProgram(GaitRows):
@@ -202,10 +202,10 @@ class GaitProgram(GaitRows):
         """
         begins = np.zeros(self.total, bool)
         begins[self._edges[:-1]] = True
-        if self.degree > 1 or not self._continuous:
-            return np.ones(self.total, bool)
         h, last = point.x[self.h], -1
         long = h > _SHORT * h.sum()
+        if self.degree > 1 or not self._continuous:
+            return begins | long
         v = np.where(self.v >= 0, point.x[self.v], 0.0)
         slopes = (v[:, 1] - v[:, 0]) / np.where(long, h, 1.0)[:, None]
         rates = np.diff(v, axis=2)

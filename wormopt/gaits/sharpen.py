@@ -119,5 +119,11 @@ def _sharpen(trier: Trier, trial: Trial, quickly: bool) -> tuple[Trial, float]:
         if error <= (_RESOLVED_DRAGGED if trier.task.worm.drag else _RESOLVED):
             break
     trial = trier.climbed(trial, tolerance=1e-10, steps=_STEPS)
+    # limits are kept times the duration of an arc: on one of next to none they would not be
+    program, point = trial.program.finer(trial.point, parts=1)
+    if point is not None:
+        joined = trier.climbed(replace(trial, program=program, point=point), 1e-10, _STEPS)
+        if joined.value >= trial.value - _TIE * abs(trial.value):
+            trial = joined
     point, _ = trial.program.bilinear.sharpen(trial.point)
     return replace(trial, point=point), error

@@ -154,7 +154,7 @@ class BilinearProgram(Linearised):
             if x is None:
                 continue
             sharp = Point(x, self.value(x))
-            worse = sharp.value < point.value - 1e-7 * abs(point.value)
+            worse = sharp.value < point.value - _LOST * abs(point.value)
             if not worse and self.violation(x) <= 10 * _SHARP:
                 return sharp, np.array(found.row_dual)
         return point, np.array(found.row_dual)
@@ -273,3 +273,5 @@ _NEWTON_STEPS, _ROUNDS = 3, 4
 # Unknowns below this size may move as far as one of it; rows that others imply may be off by this.
 _SMALL, _LOOSE = 1e-3, 1e-13
 _SHARP, _MARGIN = 1e-13, 4e-9
+# Share of the value that exact limits may cost.
+_LOST = 1e-6
