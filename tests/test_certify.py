@@ -16,7 +16,7 @@ from wormopt.core.gait import Gait
 from wormopt.core.task import Certify, Limits, Objective, Rates, Search, Task, Worm
 from wormopt.errors import SolveError
 from wormopt.gaits import planes, relaxation
-from wormopt.gaits.certify import prove
+from wormopt.gaits.certify import _Best, prove
 from wormopt.gaits.cuts import Cut, Cuts, Slope
 from wormopt.gaits.families import families, parts
 from wormopt.gaits.optimize import designed as designed_by
@@ -605,6 +605,20 @@ def test_gaits_made_on_the_way_are_certified_in_place_of_a_worse_one():
     for sequence, durations in told:
         assert len(durations) == len(sequence)
         assert 1 / sum(durations) == pytest.approx(round(1 / sum(durations)), rel=1e-6)
+
+
+def test_a_relaxed_period_may_pass_the_longest_by_a_rounding():
+    told = []
+
+    def improve(sequence: Sequence_, durations: tuple[float, ...]) -> float:
+        told.append(durations)
+        return -np.inf
+
+    branch = Branch(1.0, G1_ORDER, root(3), family=(G1_ORDER,))
+    point_beyond = np.array([*G1_DURATIONS, 1 + 1e-9])
+    relaxed = Relaxed(1.0, point_beyond, np.zeros(4), np.zeros(4))
+    _Best(g1(), 0.7, improve).look(branch, relaxed)
+    assert sum(told[0]) == pytest.approx(1.0, rel=1e-9)
 
 
 @dataclass(frozen=True)
