@@ -716,11 +716,11 @@ def designed(given_: dict) -> tuple[Task, float]:
     task = Task(worm, limits, SPEED)
     own = Search(sequence=given_["sequence"], effort="quick", workers=1)
     try:
-        gait = designed_by(task, own, silent).gait
+        found = designed_by(task, own, silent)
     except SolveError:  # no gait of this order meets these limits
         reject()
-    motion = crawl(gait, worm.masses, worm.drag, worm.load)
-    assert max(violations(motion, limits).values()) <= 1e-9
+    motion = crawl(found.gait, worm.masses, worm.drag, worm.load)
+    assert max(violations(motion, limits, found.cycles).values()) <= 1e-9
     return task, motion.speed * (1 - 1e-8)  # what its own violations may have gained
 
 
