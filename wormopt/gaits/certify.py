@@ -31,6 +31,8 @@ Ending = Literal["gap reached", "time limit", "finest cells", "interrupted"]
 # A limit is lowered in such shares, so that a run that is stopped has proven something.
 _SHARES = (0.1, 0.01, 1e-3, 1e-4)
 _LIMIT_OF = {"peak_spike_load": "spike_load", "peak_actuator_force": "actuator_force"}
+# A try takes as long as some ten programs; it may take a tenth of the time.
+_FIRST_TRIES, _BRANCHES_PER_TRY = 2, 40
 _SAVED_EVERY = 10.0  # seconds
 
 
@@ -178,15 +180,19 @@ class _Best:
         self.speed = speed
         shortest, self._unit = task.limits.period_range
         self._shortest, self._improve = shortest / self._unit, improve
-        self._looks: Counter[Sequence_] = Counter()
+        self._seen: Counter[Sequence_] = Counter()
+        self._tries: Counter[Sequence_] = Counter()
 
     def look(self, branch: Branch, relaxed: Relaxed) -> None:
-        """Try a relaxed gait; of each sequence fewer and fewer, as boxes become alike."""
+        """Try a relaxed gait now and then; of one sequence ever fewer, as boxes become alike."""
         if self._improve is None or not relaxed.point.size or len(branch.family) > 1:
             return
-        self._looks[branch.sequence] += 1
-        if self._looks[branch.sequence].bit_count() == 1:  # the 1st, 2nd, 4th, ...
-            period = periods(self._shortest, float(relaxed.point[-1]), 1.0)[0]
+        own, seen = branch.sequence, self._seen
+        seen[own] += 1
+        may = _FIRST_TRIES + seen.total() // _BRANCHES_PER_TRY
+        if self._tries.total() < may and seen[own] >= 2 ** self._tries[own]:
+            self._tries[own] += 1
+            period = periods(self._shortest, min(float(relaxed.point[-1]), 1.0), 1.0)[0]
             durations = relaxed.point[:-1] * period * self._unit
             found = self._improve(branch.sequence, tuple(durations.tolist()))
             self.speed = max(self.speed, found)
