@@ -351,6 +351,12 @@ def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterato
     stage = race.tell("finer arcs", 0.8)
     race.promote(1, effort.width)
     yield stage
+    for start in range(effort.starts if task.objective.minimise is None else 0):
+        stage = race.tell("other starts", 0.9)
+        race.restart(2, (settings.seed, 1 + start))
+        yield stage
+        if race.work > effort.work:
+            return
 
 
 def _vary(race: _Race, settings: Search) -> Iterator[None]:

@@ -9,7 +9,6 @@ import numpy as np
 from wormopt.core.task import Search, Task
 from wormopt.gaits.design import Design, of_trial
 from wormopt.gaits.search import Survey, effort_of
-from wormopt.gaits.split import split_matters
 from wormopt.gaits.trial import Trial, Trier
 from wormopt.gaits.verify import violations
 from wormopt.progress import Report
@@ -25,6 +24,8 @@ _DRAGGED, _STEPS = 3, 15
 _CLOSE, _TIE = 2e-3, 1e-8
 # Excess over a limit, and how many times more trials are sharpened before one within it is found.
 _ACCEPTED, _MOST_UNSOUND = 1e-9, 4
+# Distances from all limits that are tried where an exact end breaks one.
+_MARGINS = (4e-9, 4e-8, 4e-7, 4e-6)
 
 
 def sharpest(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
@@ -61,9 +62,9 @@ def sharpest(task: Task, settings: Search, survey: Survey, bound: float, report:
             solved.append((trial, np.nan))
         if ended != "searched":
             break
-        sound = sound or _keeps_split(task, solved[-1][0])
+        sound = sound or _keeps(task, solved[-1][0])
     if sound:
-        solved = [s for s in solved if _keeps_split(task, s[0])]
+        solved = [s for s in solved if _keeps(task, s[0])]
     value = max(trial.value for trial, _ in solved)
     trial, error = min(
         (s for s in solved if s[0].value >= value - _TIE * abs(value)),
@@ -87,13 +88,12 @@ def finished(design: Design, trial: Trial) -> Design:
     return replace(found, timings_s=design.timings_s)
 
 
-def _keeps_split(task: Task, trial: Trial) -> bool:
-    """Whether limits hold with the split of all masses that rest in fact, where that matters.
+def _keeps(task: Task, trial: Trial) -> bool:
+    """Whether the gait keeps all limits, with the split of all masses that rest in fact.
 
-    The program knows of those that are to rest; more may, and take their share.
+    The program knows of those that are to rest; more may, and take their share. And it keeps
+    forces times durations, which on short arcs are small.
     """
-    if not any(split_matters(task, resting) for resting in trial.sequence):
-        return True
     worm, limits, gait = task.worm, task.limits, trial.program.gait(trial.point)
     motions = [
         crawl(gait, worm.masses, worm.drag, load, limits.sharing, limits.spike_load)
@@ -109,7 +109,10 @@ def _sharpen(trier: Trier, trial: Trial, quickly: bool) -> tuple[Trial, float]:
     """
     error = np.inf
     if trier.task.worm.drag and trial.program.degree < _DRAGGED:
-        trial = trier.finer(trial, 1e-7, _DRAGGED, parts=1, steps=_STEPS)
+        degree = _DRAGGED if len(trial.point.x) < _MOST_UNKNOWNS // 2 else 2
+        bent = trier.finer(trial, 1e-7, degree, parts=1, steps=_STEPS)
+        error = (bent.value - trial.value) / abs(trial.value or 1.0)
+        trial = bent
     for _ in range(1 if quickly else _MOST_HALVINGS):
         if len(trial.point.x) > _MOST_UNKNOWNS:
             break
@@ -126,4 +129,10 @@ def _sharpen(trier: Trier, trial: Trial, quickly: bool) -> tuple[Trial, float]:
         if joined.value >= trial.value - _TIE * abs(trial.value):
             trial = joined
     point, _ = trial.program.bilinear.sharpen(trial.point)
-    return replace(trial, point=point), error
+    sharp = replace(trial, point=point)
+    for margin in _MARGINS:
+        if _keeps(trier.task, sharp):
+            break
+        inner = trial.program.bilinear.inside(trial.point, margin)
+        sharp = sharp if inner is None else replace(trial, point=inner)
+    return sharp, error

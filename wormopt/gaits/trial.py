@@ -130,6 +130,8 @@ class Trier:
         random : Generator, optional
             Draws the arcs of a phase; they are alike to begin with if left out.
         """
+        if self._stop():
+            return None
         if durations is None:
             durations = np.full(len(sequence), self.phase_guess())
         longest = min(self.longest, _LONGEST * float(durations.sum()))

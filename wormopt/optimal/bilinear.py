@@ -150,14 +150,13 @@ class BilinearProgram(Linearised):
         found = self._step(point.x, radius * np.maximum(point.x[self.held], 1e-12))
         if found is None:
             return point, np.zeros(len(self.row_lower))
-        for x in (self._on_active(np.array(found.col_value)), self._inside(point.x)):
-            if x is None:
-                continue
+        multipliers = np.array(found.row_dual)
+        x = self._on_active(np.array(found.col_value))
+        if x is not None and self.violation(x) <= 10 * _SHARP:
             sharp = Point(x, self.value(x))
-            worse = sharp.value < point.value - _LOST * abs(point.value)
-            if not worse and self.violation(x) <= 10 * _SHARP:
-                return sharp, np.array(found.row_dual)
-        return point, np.array(found.row_dual)
+            if sharp.value >= point.value - _LOST * abs(point.value):
+                return sharp, multipliers
+        return self.inside(point, _MARGIN) or point, multipliers
 
     def _on_active(self, x: np.ndarray) -> np.ndarray | None:
         """Where all is at its side that is so in the last basis, and what this would break too."""
@@ -179,24 +178,40 @@ class BilinearProgram(Linearised):
             free = free & ~outside
         return None
 
-    def _inside(self, x: np.ndarray) -> np.ndarray | None:
-        """A little within all sides, by more than the solver may be off; only equations exact."""
+    def inside(self, point: Point, margin: float) -> Point | None:
+        """The best point with the same held columns a little within all sides; equations exact.
+
+        Parameters
+        ----------
+        point : Point
+            Near which it is sought.
+        margin : float
+            Distance from the sides, more than the solver may be off.
+
+        Returns
+        -------
+        Point or None
+            None where there is none.
+        """
         open_rows = self.row_lower < self.row_upper
         sides = self.row_lower, self.row_upper
-        self.row_lower = sides[0] + np.where(open_rows, _MARGIN, 0.0)
-        self.row_upper = sides[1] - np.where(open_rows, _MARGIN, 0.0)
+        self.row_lower = sides[0] + np.where(open_rows, margin, 0.0)
+        self.row_upper = sides[1] - np.where(open_rows, margin, 0.0)
         try:
-            found = self.restore(x)
+            found = self.restore(point.x)
         finally:
             self.row_lower, self.row_upper = sides
         if found is None:
             return None
-        free = (found.x > self.lower + _MARGIN) & (found.x < self.upper - _MARGIN)
+        free = (found.x > self.lower + margin) & (found.x < self.upper - margin)
         free[self.held] = False
         exact = self._projected(
             np.clip(found.x, self.lower, self.upper), sides[0], ~open_rows, free
         )
-        return None if exact is None else np.clip(exact, self.lower, self.upper)
+        if exact is None:
+            return None
+        x = np.clip(exact, self.lower, self.upper)
+        return Point(x, self.value(x)) if self.violation(x) <= 10 * _SHARP else None
 
     def _projected(
         self, x: np.ndarray, sides: np.ndarray, active: np.ndarray, free: np.ndarray
