@@ -166,6 +166,8 @@ class _Race:
         enough = self._close(0)
 
         def first(job: tuple[Sequence_, np.ndarray | None]) -> tuple[Trial | None, Trial | None]:
+            if self.records and self.trier.stopped():
+                return None, None
             free = self.trier.free(*job, enough)
             # a free period does no worse than any number of cycles
             if free is None or free.value < enough:

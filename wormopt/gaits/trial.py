@@ -79,7 +79,7 @@ class Trier:
     """
 
     def __init__(self, task: Task, arcs: int = 4, stop: Stop = lambda: False) -> None:
-        self.task, self._arcs, self._stop = task, arcs, stop
+        self.task, self._arcs, self.stopped = task, arcs, stop
         self.shortest, self.longest = task.limits.period_range
 
     def phase_guess(self) -> float:
@@ -130,8 +130,6 @@ class Trier:
         random : Generator, optional
             Draws the arcs of a phase; they are alike to begin with if left out.
         """
-        if self._stop():
-            return None
         if durations is None:
             durations = np.full(len(sequence), self.phase_guess())
         longest = min(self.longest, _LONGEST * float(durations.sum()))
@@ -208,7 +206,7 @@ class Trier:
         if start is None:
             return None
         reached = fast.bilinear.climb(
-            start, Climb(1e-4), lambda p: self._stop() or fast.objective(p) >= 1.02 * required
+            start, Climb(1e-4), lambda p: self.stopped() or fast.objective(p) >= 1.02 * required
         )
         if has_cost_columns(self.task):
             # a cost that is no peak asks for the motion itself: it is feasible there too
@@ -236,7 +234,7 @@ class Trier:
             Never worse.
         """
         until = Climb(tolerance, steps, enough=enough / trial.program.unit)
-        point = trial.program.bilinear.climb(trial.point, until, lambda _: self._stop())
+        point = trial.program.bilinear.climb(trial.point, until, lambda _: self.stopped())
         return replace(trial, point=point)
 
     def settled(self, trial: Trial) -> Trial | None:

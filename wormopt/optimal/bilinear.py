@@ -152,10 +152,11 @@ class BilinearProgram(Linearised):
             return point, np.zeros(len(self.row_lower))
         multipliers = np.array(found.row_dual)
         x = self._on_active(np.array(found.col_value))
-        if x is not None and self.violation(x) <= 10 * _SHARP:
-            sharp = Point(x, self.value(x))
-            if sharp.value >= point.value - _LOST * abs(point.value):
-                return sharp, multipliers
+        sharp = point if x is None else Point(x, self.value(x))
+        if sharp.value < point.value - _LOST * abs(point.value):
+            sharp = point  # the step was held by its trust region
+        if self.violation(sharp.x) <= 10 * _SHARP:
+            return sharp, multipliers
         return self.inside(point, _MARGIN) or point, multipliers
 
     def _on_active(self, x: np.ndarray) -> np.ndarray | None:
@@ -289,4 +290,4 @@ _NEWTON_STEPS, _ROUNDS = 3, 4
 _SMALL, _LOOSE = 1e-3, 1e-13
 _SHARP, _MARGIN = 1e-13, 4e-9
 # Share of the value that exact limits may cost.
-_LOST = 1e-6
+_LOST = 1e-8
