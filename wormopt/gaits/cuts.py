@@ -89,7 +89,7 @@ class Cuts:
         slopes = [(cut.rise, cut.fall) for cut in cuts]
         self._decay = np.array([[s.decay for s in pair] for pair in slopes]).T
         self._longest = np.array([[s.longest for s in pair] for pair in slopes]).T
-        self.decaying = self._decay.any(axis=0)
+        self.decaying = np.asarray(self._decay.any(axis=0))
         self._decays = bool(self.decaying.any())
         self._finite = np.isfinite(self.rise), np.isfinite(self.fall)
         self.exponents = 0.0 * self._decay
