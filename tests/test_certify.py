@@ -17,11 +17,11 @@ from wormopt.core.task import Certify, Limits, Objective, Rates, Search, Task, W
 from wormopt.errors import SolveError
 from wormopt.gaits import planes, relaxation
 from wormopt.gaits.certify import _Best, prove
-from wormopt.gaits.cuts import Cut, Cuts, Slope
+from wormopt.gaits.cuts import Cut, Cuts
 from wormopt.gaits.families import families, parts
 from wormopt.gaits.optimize import designed as designed_by
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
-from wormopt.gaits.scaled_limits import ScaledLimits
+from wormopt.gaits.scaled_limits import ScaledLimits, Slope
 from wormopt.gaits.sequences import Sequence_, canonical, is_gait
 from wormopt.gaits.space import all_sequences
 from wormopt.gaits.tree import Branch, Solver, Tree, grow, plant
@@ -434,7 +434,7 @@ def one_link_speed(worm: Worm, limits: Limits) -> float:
     (contraction,), (extension,) = limits.rate_limits(1) or ((np.inf,), (np.inf,))
     link = np.inf if limits.acceleration is None else float(np.max(limits.acceleration))
     spike = np.inf if limits.spike_load is None else float(np.max(limits.spike_load))
-    load, period = worm.load, limits.period_range[0]
+    load, period = worm.load_range[0], limits.period_range[0]
 
     def stroke(h: float, mass: float, rate: float) -> float:
         up = min(link, (spike - 2 * load) / mass)
@@ -490,7 +490,7 @@ def test_one_link_is_certified_at_its_closed_form(given_):
     )
     task = Task(Worm(links=1, mass=given_["masses"], load=load), limits, SPEED)
     # a cycle may be any whole part of the period
-    cycles = (replace(limits, period=limits.period / count) for count in range(1, 65))
+    cycles = (replace(limits, period=given_["period"] / count) for count in range(1, 65))
     best = max(one_link_speed(task.worm, cycle) for cycle in cycles)
     found = proof(task, best, 1e-2, sequence=((0,), (1,)), time_limit=5.0)
     check_bound(found.progress.bound, best)
@@ -719,7 +719,7 @@ def designed(given_: dict) -> tuple[Task, float]:
         found = designed_by(task, own, silent)
     except SolveError:  # no gait of this order meets these limits
         reject()
-    motion = crawl(found.gait, worm.masses, worm.drag, worm.load)
+    motion = crawl(found.gait, worm.masses, worm.drag, given_["load"])
     assert max(violations(motion, limits, found.cycles).values()) <= 1e-9
     return task, motion.speed * (1 - 1e-8)  # what its own violations may have gained
 
@@ -911,7 +911,9 @@ def test_shares_of_cuts_are_the_best(decay, level):
         run = 0.3 * sum(cuts.holds(which, *shares)) + cuts.reach(which, *shares) / 2
         return float(run[0]) + (1.0 - before - after) * level
 
-    before, after = (float(v[0, 0]) for v in cuts.shares(value, value, np.array([[level]]), 1.0))
+    before, after = (
+        float(v[0, 0]) for v in cuts.shares(value, value, np.array([[level]]), np.ones((1, 1)))
+    )
     tries = [(a, b) for a in np.linspace(0, 1, 41) for b in np.linspace(0, 1 - a, 41)]
     assert bound(before, after) <= min(bound(*pair) for pair in tries) + 1e-6
 

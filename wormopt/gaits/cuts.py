@@ -13,13 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
+from wormopt.gaits.scaled_limits import Slope
 from wormopt.optimal.linear import LinearProgram
 
-__all__ = ["Cut", "Cuts", "Drawn", "Slope"]
+__all__ = ["Cut", "Cuts", "Drawn"]
 
 # Decays and areas are taken so much to the safe side.
 _ROUNDING = 1e-12
@@ -27,24 +27,6 @@ _ROUNDING = 1e-12
 _STEPS = 4
 # Below this exponent a series is better than the quotient.
 _SMALL = 5e-3
-
-
-class Slope(NamedTuple):
-    """How fast a sum changes at most: at a rate, less a decay in proportion to the sum.
-
-    Parameters
-    ----------
-    rate : float
-        Infinite where nothing limits it.
-    decay : float
-        Per duration of the phase.
-    longest : bool
-        Whether the largest duration in a box is the safe one, not the smallest.
-    """
-
-    rate: float
-    decay: float = 0.0
-    longest: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +71,7 @@ class Cuts:
         slopes = [(cut.rise, cut.fall) for cut in cuts]
         self._decay = np.array([[s.decay for s in pair] for pair in slopes]).T
         self._longest = np.array([[s.longest for s in pair] for pair in slopes]).T
-        self.decaying = self._decay.any(axis=0)
+        self.decaying = np.asarray(self._decay.any(axis=0))
         self._decays = bool(self.decaying.any())
         self._finite = np.isfinite(self.rise), np.isfinite(self.fall)
         self.exponents = 0.0 * self._decay

@@ -11,14 +11,31 @@ from typing import NamedTuple
 import numpy as np
 
 from wormopt.core.task import Task
-from wormopt.gaits.cuts import Slope
 from wormopt.gaits.sequences import Resting
 
-__all__ = ["Bounds", "Form", "ScaledLimits", "scaled"]
+__all__ = ["Bounds", "Form", "ScaledLimits", "Slope", "scaled"]
 
 
 # Limits are widened by this share of the numbers that they are the difference of.
 _ROUNDING = 1e-14
+
+
+class Slope(NamedTuple):
+    """How fast a sum changes at most: at a rate, less a decay in proportion to the sum.
+
+    Parameters
+    ----------
+    rate : float
+        Infinite where nothing limits it.
+    decay : float
+        Per duration of the phase.
+    longest : bool
+        Whether the largest duration in a box is the safe one, not the smallest.
+    """
+
+    rate: float
+    decay: float = 0.0
+    longest: bool = False
 
 
 @dataclass(frozen=True, eq=False)
