@@ -101,7 +101,7 @@ def test_slow_gaits_spend_nothing_but_the_work_against_the_load():
 
 
 def test_a_search_stopped_while_it_polishes_keeps_what_it_has():
-    def stop(text: str, fraction: float) -> None:
+    def stop(text: str, fraction: float | None) -> None:
         if text == "solving for the cost":
             raise KeyboardInterrupt
 
