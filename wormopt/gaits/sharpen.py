@@ -122,17 +122,23 @@ def _sharpen(trier: Trier, trial: Trial, quickly: bool) -> tuple[Trial, float]:
         if error <= (_RESOLVED_DRAGGED if trier.task.worm.drag else _RESOLVED):
             break
     trial = trier.climbed(trial, tolerance=1e-10, steps=_STEPS)
-    # limits are kept times the duration of an arc: on one of next to none they would not be
+    sharp = _exact(trial)
+    if _keeps(trier.task, sharp):
+        return sharp, error
+    # limits are kept times the duration of an arc: on one of next to none they need not be
     program, point = trial.program.finer(trial.point, parts=1)
     if point is not None:
         joined = trier.climbed(replace(trial, program=program, point=point), 1e-10, _STEPS)
         if joined.value >= trial.value - _TIE * abs(trial.value):
-            trial = joined
-    point, _ = trial.program.bilinear.sharpen(trial.point)
-    sharp = replace(trial, point=point)
+            trial, sharp = joined, _exact(joined)
     for margin in _MARGINS:
         if _keeps(trier.task, sharp):
             break
         inner = trial.program.bilinear.inside(trial.point, margin)
         sharp = sharp if inner is None else replace(trial, point=inner)
     return sharp, error
+
+
+def _exact(trial: Trial) -> Trial:
+    point, _ = trial.program.bilinear.sharpen(trial.point)
+    return replace(trial, point=point)
