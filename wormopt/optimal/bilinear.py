@@ -147,16 +147,18 @@ class BilinearProgram(Linearised):
         multipliers : ndarray, shape (rows,)
             Gain in the objective per unit by which the side of each row is moved.
         """
-        found = self._step(point.x, radius * np.maximum(point.x[self.held], 1e-12))
-        if found is None:
-            return point, np.zeros(len(self.row_lower))
-        multipliers = np.array(found.row_dual)
-        x = self._on_active(np.array(found.col_value))
-        sharp = point if x is None else Point(x, self.value(x))
-        if sharp.value < point.value - _LOST * abs(point.value):
-            sharp = point  # the step was held by its trust region
-        if self.violation(sharp.x) <= 10 * _SHARP:
-            return sharp, multipliers
+        multipliers = np.zeros(len(self.row_lower))
+        for near in (radius, 1e-3 * radius):
+            found = self._step(point.x, near * np.maximum(point.x[self.held], 1e-12))
+            if found is None:
+                break
+            multipliers = np.array(found.row_dual)
+            x = self._on_active(np.array(found.col_value))
+            sharp = point if x is None else Point(x, self.value(x))
+            if sharp.value < point.value - _LOST * abs(point.value):
+                sharp = point  # the step was held by its trust region
+            if self.violation(sharp.x) <= 10 * _SHARP:
+                return sharp, multipliers
         return self.inside(point, _MARGIN) or point, multipliers
 
     def _on_active(self, x: np.ndarray) -> np.ndarray | None:
