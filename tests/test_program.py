@@ -93,10 +93,9 @@ def test_one_link_is_designed_to_its_closed_form(given_: dict[str, Any]):
     best = max(
         one_link_speed(worm, replace(limits, period=given_["period"] / k)) for k in range(1, 30)
     )
-    # where no vertex is found, the gait ends a few 1e-9 within its limits
-    assert found.speed == pytest.approx(best, rel=1e-8)
+    assert found.speed == pytest.approx(best, rel=1e-9)
     assert found.speed == pytest.approx(
-        one_link_speed(worm, replace(limits, period=given_["period"] / found.cycles)), rel=1e-8
+        one_link_speed(worm, replace(limits, period=given_["period"] / found.cycles)), rel=1e-9
     )
     excess = dict(found.violations)
     excess.pop("gait.sigma_margin", None)  # by the margin's own size, which may be next to nothing
