@@ -13,7 +13,8 @@ from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import root_scalar
 
 from wormopt.core.gait import Gait
-from wormopt.core.task import Certify, Limits, Objective, Rates, Search, Task, Worm
+from wormopt.core.limits import Limits, Rates
+from wormopt.core.task import Certify, Objective, Search, Task, Worm
 from wormopt.errors import SolveError
 from wormopt.gaits import planes, relaxation
 from wormopt.gaits.certify import _Best, prove

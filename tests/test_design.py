@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.core.ceiling import ceiling
-from wormopt.core.task import Limits, Objective, Rates, Search, Task, Worm
+from wormopt.core.limits import Limits, Rates
+from wormopt.core.task import Objective, Search, Task, Worm
 from wormopt.errors import Interrupted, SolveError
 from wormopt.gaits.construct import block_wave
 from wormopt.gaits.files import gait_of_result

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 
 from wormopt.cli import main
-from wormopt.core.task import Limits, Rates
+from wormopt.core.limits import Limits, Rates
 from wormopt.errors import SceneError
 from wormopt.scenes import Scene, load_scene, packaged_scenes
 from wormopt.scenes.gait import BlockWave, FastGait

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from test_program import G1, G1_LIMITS, G1_ORDER, G1_WORM, check
 
 from wormopt.cli import main
-from wormopt.core.task import Limits, Rates, Search, Task, Worm
+from wormopt.core.limits import Limits, Rates
+from wormopt.core.task import Search, Task, Worm
 from wormopt.errors import SolveError
 from wormopt.gaits import search as search_module
 from wormopt.gaits.design import Design
@@ -255,8 +256,8 @@ def test_a_design_stopped_before_any_gait_is_no_design(monkeypatch):
     ("changed", "said"),
     [
         # 7 of the 15 that two spikes at rest share: 1/2 is missing on either
-        ({"spike_load": 7.0}, "gait.spike_load by 0.5"),
-        ({"sigma_margin": 6.0}, "gait.sigma_margin by 1"),
+        ({"spike_load": 7.0}, "limits.spike_load by 0.5"),
+        ({"sigma_margin": 6.0}, "limits.sigma_margin by 1"),
     ],
 )
 def test_limits_in_conflict_are_named(changed, said: str):

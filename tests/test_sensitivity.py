@@ -9,7 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import wormopt as wo
-from wormopt.core.task import Limits, Objective, Rates, Search, Task, Worm
+from wormopt.core.limits import Limits, Rates
+from wormopt.core.task import Objective, Search, Task, Worm
 from wormopt.errors import SceneError
 from wormopt.gaits.design import Design
 from wormopt.gaits.optimize import design, designed
@@ -86,12 +87,12 @@ def test_two_masses_have_a_formula(rate, acceleration, load, mass, period):
     assert found.speed == pytest.approx(speed, rel=1e-9)
     known = by_name(sensitivities(found))
     expected = {
-        "gait.rate": 0.5 - rate / period * ramps,
-        "gait.period": rate**2 / (2 * period**2) * ramps,
-        "gait.acceleration": rate**2 / (2 * period) / acceleration**2,
+        "limits.rate": 0.5 - rate / period * ramps,
+        "limits.period": rate**2 / (2 * period**2) * ramps,
+        "limits.acceleration": rate**2 / (2 * period) / acceleration**2,
         "worm.load": rate**2 / (2 * period) / (fall * load),
         "worm.mass": -(rate**2) / (2 * period) / (fall * mass),
-        "gait.length.longest": 0.0,
+        "limits.length.longest": 0.0,
     }
     for name, derivative in expected.items():
         assert known[name].derivative == pytest.approx(derivative, rel=1e-3, abs=1e-7), name
@@ -103,13 +104,13 @@ def test_where_more_limits_meet_than_need_to_no_single_one_helps():
     found = design(Worm(1, load=5.0), limits, search=Search(sequence=((0,), (1,))))
     assert found.speed == pytest.approx(0.425, abs=1e-9)
     known = by_name(sensitivities(found))
-    assert all(known[name].one_sided for name in ("gait.rate", "gait.length.longest"))
+    assert all(known[name].one_sided for name in ("limits.rate", "limits.length.longest"))
     for name, raised, lowered in (
-        ("gait.rate", 0.0, 0.35),
-        ("gait.length.longest", 0.0, 1.0),
-        ("gait.length.shortest", -1.0, 0.0),
-        ("gait.period", -0.425, 0.075),
-        ("gait.acceleration", 0.0, 1 / 800),
+        ("limits.rate", 0.0, 0.35),
+        ("limits.length.longest", 0.0, 1.0),
+        ("limits.length.shortest", -1.0, 0.0),
+        ("limits.period", -0.425, 0.075),
+        ("limits.acceleration", 0.0, 1 / 800),
     ):
         s = known[name]
         assert (s.raised, s.lowered) == pytest.approx((raised, lowered), rel=1e-3, abs=1e-6), name
@@ -119,10 +120,10 @@ def test_where_more_limits_meet_than_need_to_no_single_one_helps():
 def test_g1_solved_again():
     found = design(G1, LIMITS)
     assert_confirmed(found)
-    rate = next(limit for limit in limits_of(found.task) if limit.name == "gait.rate")
+    rate = next(limit for limit in limits_of(found.task) if limit.name == "limits.rate")
     again = designed_again(found, rate, 1e-3) - designed_again(found, rate, -1e-3)
     known = by_name(sensitivities(found))
-    assert known["gait.rate"].derivative == pytest.approx(again / 2e-3, rel=0.01)
+    assert known["limits.rate"].derivative == pytest.approx(again / 2e-3, rel=0.01)
 
 
 def test_spike_limit_solved_again():
@@ -137,7 +138,7 @@ def test_cost_solved_again():
     assert -found.trial.value == pytest.approx(25.434782608695, abs=1e-7)
     assert_confirmed(found)
     known = by_name(sensitivities(found))
-    assert known["gait.rate"].derivative < 0 < known["objective.speed"].derivative
+    assert known["limits.rate"].derivative < 0 < known["objective.speed"].derivative
 
 
 def test_lists_add_up_to_the_one_number():
@@ -146,10 +147,10 @@ def test_lists_add_up_to_the_one_number():
     each = replace(LIMITS, rate=Rates(1.0, (1.0, 1.0)), acceleration=(20.0, 20.0))
     many = by_name(sensitivities(design(replace(G1, mass=(1.0, 1.0, 1.0)), each)))
     for name, parts in (
-        ("gait.acceleration", ["gait.acceleration[0]", "gait.acceleration[1]"]),
+        ("limits.acceleration", ["limits.acceleration[0]", "limits.acceleration[1]"]),
         (
-            "gait.rate",
-            ["gait.rate.contraction", "gait.rate.extension[0]", "gait.rate.extension[1]"],
+            "limits.rate",
+            ["limits.rate.contraction", "limits.rate.extension[0]", "limits.rate.extension[1]"],
         ),
         ("worm.mass", ["worm.mass[0]", "worm.mass[1]", "worm.mass[2]"]),
     ):
@@ -183,13 +184,13 @@ def test_names_are_those_of_the_scene_and_each_moves_its_own_number():
     task = Task(replace(G1, load=(4.0, 4.0)), limits)
     moved = {limit.name: limit.moved(1.1 * limit.value) for limit in limits_of(task)}
     assert list(moved) == [
-        "gait.period.shortest", "gait.period.longest", "gait.length.shortest",
-        "gait.length.longest", "gait.rate.contraction", "gait.rate.extension[0]",
-        "gait.rate.extension[1]", "gait.acceleration", "gait.spike_load", "gait.sigma_margin",
-        "worm.mass", "worm.load",
+        "limits.period.shortest", "limits.period.longest", "limits.length.shortest",
+        "limits.length.longest", "limits.rate.contraction", "limits.rate.extension[0]",
+        "limits.rate.extension[1]", "limits.acceleration", "limits.spike_load",
+        "limits.sigma_margin", "worm.mass", "worm.load",
     ]  # fmt: skip
-    assert moved["gait.rate.extension[1]"].limits.rate == Rates(1.0, (1.0, 2.2))
-    assert moved["gait.length.longest"].limits.length == pytest.approx((0.7, 1.43))
+    assert moved["limits.rate.extension[1]"].limits.rate == Rates(1.0, (1.0, 2.2))
+    assert moved["limits.length.longest"].limits.length == pytest.approx((0.7, 1.43))
     assert moved["worm.load"].worm.load_range == pytest.approx((4.4, 4.4))
 
 

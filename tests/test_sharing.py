@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from wormopt.core.task import Cost, Limits, Worm
+from wormopt.core.limits import Limits
+from wormopt.core.task import Cost, Worm
 from wormopt.gaits.construct import block_wave
 from wormopt.gaits.design import Design
 from wormopt.gaits.optimize import design

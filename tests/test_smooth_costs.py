@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from wormopt.core.task import Limits, Objective, Search, Task, Worm
+from wormopt.core.limits import Limits
+from wormopt.core.task import Objective, Search, Task, Worm
 from wormopt.gaits.optimize import design
 from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.trial import Trial, Trier

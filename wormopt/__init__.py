@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from wormopt.averaging.steady import SteadyState, steady_states
     from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
     from wormopt.core.gait import Gait
+    from wormopt.core.limits import Limits, Rates
     from wormopt.core.model import Contact, Model, Output, Schedule, Signal, Switch
     from wormopt.core.modes import ModeSequence
-    from wormopt.core.task import Certify, Limits, Objective, Rates, Search, Task, Worm
+    from wormopt.core.task import Certify, Objective, Search, Task, Worm
     from wormopt.errors import (
         ArgumentError,
         Interrupted,

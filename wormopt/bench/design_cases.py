@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.core.task import Limits, Rates, Task, Worm
+from wormopt.core.limits import Limits, Rates
+from wormopt.core.task import Task, Worm
 
 __all__ = ["G1", "Arrays", "Case", "draw", "scene_text", "task_of"]
 

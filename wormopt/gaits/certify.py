@@ -16,7 +16,8 @@ from typing import Literal
 
 import numpy as np
 
-from wormopt.core.task import Certify, Objective, Search, Task, per
+from wormopt.core.given import per
+from wormopt.core.task import Certify, Objective, Search, Task
 from wormopt.gaits.relaxation import Relaxed
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.space import all_sequences
@@ -134,7 +135,8 @@ def prove(
     Two masses that rest in turn.
 
     >>> from wormopt.progress import silent
-    >>> from wormopt.core.task import Limits, Worm
+    >>> from wormopt.core.limits import Limits
+    >>> from wormopt.core.task import Worm
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> task = Task(Worm(links=1, mass=1.0, load=5.0), limits, Objective())
     >>> proof = prove(task, 0.45, Search(certify=Certify(phases=2, gap=0.01)), silent)

@@ -50,7 +50,8 @@ class Design:
 
     Examples
     --------
-    >>> from wormopt.core.task import Limits, Worm
+    >>> from wormopt.core.limits import Limits
+    >>> from wormopt.core.task import Worm
     >>> from wormopt.gaits.optimize import design
     >>> worm = Worm(links=1, load=5.0)
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)

@@ -8,7 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from wormopt.core.task import Limits, Objective, Task, Worm
+from wormopt.core.limits import Limits
+from wormopt.core.task import Objective, Task, Worm
 from wormopt.gaits.costs import CostColumns, has_cost_columns
 from wormopt.gaits.scaled_limits import Form, ScaledLimits
 from wormopt.gaits.sequences import Resting, Sequence_

@@ -8,7 +8,8 @@ from time import perf_counter
 from typing import Literal
 
 from wormopt.core.ceiling import ceiling
-from wormopt.core.task import Cost, Limits, Objective, Search, Task, Worm
+from wormopt.core.limits import Limits
+from wormopt.core.task import Cost, Objective, Search, Task, Worm
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.gaits.design import Design
 from wormopt.gaits.orders import first_orders
@@ -110,9 +111,9 @@ def designed(
     required = task.objective.speed
     if required is not None and required > bound:
         raise SolveError(
-            f"objective.speed = {required:g} is above the ceiling {bound:.9g} that gait.rate, "
-            "gait.acceleration and gait.resting put on any gait",
-            f"require less than {bound:.6g}, or raise gait.rate",
+            f"objective.speed = {required:g} is above the ceiling {bound:.9g} that limits.rate, "
+            "limits.acceleration and limits.resting put on any gait",
+            f"require less than {bound:.6g}, or raise limits.rate",
         )
     if task.objective.is_smooth:
         _refuse_load_range(task)

@@ -35,7 +35,8 @@ def first_orders(task: Task) -> list[Sequence_]:
 
     Examples
     --------
-    >>> from wormopt.core.task import Limits, Worm
+    >>> from wormopt.core.limits import Limits
+    >>> from wormopt.core.task import Worm
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> first_orders(Task(Worm(links=1), limits))[0]
     ((0,), (1,))

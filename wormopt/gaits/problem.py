@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from wormopt.core.limits import Limits
 from wormopt.core.model import Model, Signal
-from wormopt.core.task import Limits, Objective, Task, Worm
+from wormopt.core.task import Objective, Task, Worm
 from wormopt.optimal.problem import Bound, Ends, Problem
 from wormopt.worms.spiked import spiked_worm
 
@@ -69,7 +70,7 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> problem = gait_problem(worm, limits, Objective())
     >>> [bound.name for bound in problem.along]
-    ['gait.length', 'gait.rate', 'gait.acceleration']
+    ['limits.length', 'limits.rate', 'limits.acceleration']
     """
     n, shortest_longest = worm.links, limits.period_range
     ranges = np.array(limits.length_ranges(n))
@@ -113,28 +114,32 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
 def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) -> list[Bound]:
     x = {s.name: s for s in model.x}
     bounds = [
-        Bound("gait.length", x["length"].symbol, ranges[:, 0], ranges[:, 1], x["length"].nominal)
+        Bound("limits.length", x["length"].symbol, ranges[:, 0], ranges[:, 1], x["length"].nominal)
     ]
     rates = limits.rate_limits(links)
     if rates is not None:
         size = float(np.max(rates))
         bounds.append(
-            Bound("gait.rate", x["rate"].symbol, -np.array(rates[0]), np.array(rates[1]), size)
+            Bound("limits.rate", x["rate"].symbol, -np.array(rates[0]), np.array(rates[1]), size)
         )
     if limits.acceleration is not None:
         most = np.broadcast_to(limits.acceleration, links)
-        bounds.append(Bound("gait.acceleration", model.u[0].symbol, -most, most, float(most.max())))
+        bounds.append(
+            Bound("limits.acceleration", model.u[0].symbol, -most, most, float(most.max()))
+        )
     if limits.spike_load is not None:
         most = np.broadcast_to(limits.spike_load, links + 1)
-        bounds.append(Bound("gait.spike_load", model.forces, upper=most, nominal=float(most.max())))
+        bounds.append(
+            Bound("limits.spike_load", model.forces, upper=most, nominal=float(most.max()))
+        )
     if limits.actuator_force is not None:
         most = np.broadcast_to(limits.actuator_force, links)
         force = model.output("actuator_force")
-        bounds.append(Bound("gait.actuator_force", force, -most, most, float(most.max())))
+        bounds.append(Bound("limits.actuator_force", force, -most, most, float(most.max())))
     if limits.sigma_margin > 0:
         sigma = model.output("reaction_mean")
         bounds.append(
-            Bound("gait.sigma_margin", sigma, limits.sigma_margin, nominal=limits.sigma_margin)
+            Bound("limits.sigma_margin", sigma, limits.sigma_margin, nominal=limits.sigma_margin)
         )
     return bounds
 

@@ -53,7 +53,8 @@ class GaitProgram(GaitRows):
     Two masses that rest in turn: without the time for ramps the speed would be half the rate.
 
     >>> from wormopt.optimal.bilinear import Climb
-    >>> from wormopt.core.task import Limits, Task, Worm
+    >>> from wormopt.core.limits import Limits
+    >>> from wormopt.core.task import Task, Worm
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> program = GaitProgram(Task(Worm(1, load=5.0), limits), ((0,), (1,)), (1.0, 1.0))
     >>> point = program.bilinear.climb(program.start([0.5, 0.5]), Climb(1e-9))

@@ -13,6 +13,7 @@ from wormopt.gaits.certify import Certificate, Progress, gap_of, prove
 from wormopt.gaits.design import Design
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.sharpen import finished
+from wormopt.gaits.space import letters_of
 from wormopt.gaits.trial import Trial, Trier
 from wormopt.progress import Report, silent
 
@@ -75,11 +76,12 @@ def certify(
     Raises
     ------
     ArgumentError
-        If the design's cost has no proof.
+        If the design's cost has no proof, or an argument is wrong.
 
     Examples
     --------
-    >>> from wormopt.core.task import Limits, Worm
+    >>> from wormopt.core.limits import Limits
+    >>> from wormopt.core.task import Worm
     >>> from wormopt.gaits.optimize import design
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> proof = certify(design(Worm(links=1, load=5.0), limits))
@@ -91,7 +93,10 @@ def certify(
             f"there is no proof for {design.task.objective.minimise}; seek speed, "
             "peak_spike_load or peak_actuator_force"
         )
-    return certified(design, Search(certify=Certify(phases, gap, time_limit)), report)
+    proof = Certify(phases, gap, time_limit)
+    for key, message in proof.faults(sets=len(letters_of(design.task))):
+        raise ArgumentError(f"{key}: {message}" if key else message)
+    return certified(design, Search(certify=proof), report)
 
 
 def certified(

@@ -89,7 +89,8 @@ class Relaxation:
     Two masses that rest in turn: the best speed is 0.425, half the rate less the time that ramps
     take. The narrower the box, the closer the bound.
 
-    >>> from wormopt.core.task import Limits, Objective, Worm
+    >>> from wormopt.core.limits import Limits
+    >>> from wormopt.core.task import Objective, Worm
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> worm = Worm(links=1, mass=1.0, load=5.0)
     >>> relaxation = Relaxation(Task(worm, limits, Objective()), ((0,), (1,)), 10)

@@ -281,7 +281,8 @@ def search(
     One link and two masses that rest in turn. Without the time that acceleration takes the speed
     would be half the rate.
 
-    >>> from wormopt.core.task import Limits, Worm
+    >>> from wormopt.core.limits import Limits
+    >>> from wormopt.core.task import Worm
     >>> from wormopt.progress import silent
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> survey = search(Task(Worm(1, load=5.0), limits), Search(), silent)

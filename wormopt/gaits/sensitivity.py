@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.core.task import Objective, Rates, Task
+from wormopt.core.limits import Rates
+from wormopt.core.task import Objective, Task
 from wormopt.gaits.design import Design
 from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.trial import Trial
@@ -43,7 +44,7 @@ class Limit:
     Parameters
     ----------
     name : str
-        As in a scene: "gait.acceleration[1]", "gait.length.longest".
+        Where it stands in the task: "limits.acceleration[1]", "limits.length.longest".
     value : float
         What it is.
     quantity : str
@@ -65,7 +66,7 @@ class Sensitivity:
     Parameters
     ----------
     name : str
-        As in a scene: "gait.acceleration[1]", "gait.length.longest".
+        Where it stands in the task: "limits.acceleration[1]", "limits.length.longest".
     value : float
         The limit.
     quantity : str
@@ -111,12 +112,13 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
     Two masses m that rest in turn, at rate r, period T, acceleration a and load G, reach the speed
     r/2 - r r/(2 T) (1/a + m/(2 G)).
 
-    >>> from wormopt.core.task import Limits, Worm
+    >>> from wormopt.core.limits import Limits
+    >>> from wormopt.core.task import Worm
     >>> from wormopt.gaits.optimize import design
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> found = sensitivities(design(Worm(1, load=5.0), limits))
     >>> {s.name: round(s.derivative, 4) for s in found if abs(s.elasticity) > 1e-9}
-    {'gait.period': 0.075, 'gait.rate': 0.35, 'gait.acceleration': 0.0012, 'worm.mass': -0.05, ...
+    {'limits.period': 0.075, 'limits.rate': 0.35, 'limits.acceleration': 0.0012, ...
     """
     trial = design.trial
     if trial is None:
@@ -217,10 +219,11 @@ def limits_of(task: Task) -> Iterator[Limit]:
 
     Examples
     --------
-    >>> from wormopt.core.task import Limits, Worm
+    >>> from wormopt.core.limits import Limits
+    >>> from wormopt.core.task import Worm
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=(1.0, 2.0), impulses=True)
     >>> [limit.name for limit in limits_of(Task(Worm(2), limits))][:4]
-    ['gait.period', 'gait.length.shortest', 'gait.length.longest', 'gait.rate[0]']
+    ['limits.period', 'limits.length.shortest', 'limits.length.longest', 'limits.rate[0]']
     """
     for part, key, quantity, ends in _KEYS:
         value = getattr(getattr(task, part), key)
@@ -229,9 +232,7 @@ def limits_of(task: Task) -> Iterator[Limit]:
         if key in ("period", "load"):
             value = _single(value)
         for suffix, number, rebuilt in _numbers(value, ends):
-            yield Limit(
-                f"{_TABLES[part]}.{key}{suffix}", number, quantity, _Move(task, part, key, rebuilt)
-            )
+            yield Limit(f"{part}.{key}{suffix}", number, quantity, _Move(task, part, key, rebuilt))
 
 
 @dataclass(frozen=True)
@@ -310,4 +311,3 @@ _POWERS = {
     "force": (1, 1, -2),
     "drag": (1, 0, -1),
 }
-_TABLES = {"limits": "gait", "objective": "objective", "worm": "worm"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wormopt.core.task import Limits
+from wormopt.core.limits import Limits
 from wormopt.worms.crawl import Crawl
 
 __all__ = ["violations"]
@@ -27,9 +27,9 @@ def violations(motion: Crawl, limits: Limits, cycles: int = 1) -> dict[str, floa
     Returns
     -------
     dict of str to float
-        By the scene's keys, and ``closed`` for the gait's return to its start; ``sigma`` is
+        By the limits' names, and ``closed`` for the gait's return to its start; ``sigma`` is
         the requirement that no mass glides, relative to the size of the forces. Infinite for
-        ``gait.spike_load`` where the gait has impulses.
+        ``limits.spike_load`` where the gait has impulses.
 
     Examples
     --------
@@ -39,33 +39,34 @@ def violations(motion: Crawl, limits: Limits, cycles: int = 1) -> dict[str, floa
     >>> motion = crawl(wave, [1.0] * 3, 0.0, 50.0)
     >>> found = violations(motion, Limits(period=1.0, length=(0.7, 1.2), rate=1.0))
     >>> {key: round(value, 3) for key, value in found.items() if value > 1e-9}
-    {'gait.rate': 0.6}
+    {'limits.rate': 0.6}
     """
     n = motion.gait.links
     ranges = np.array(limits.length_ranges(n))
-    found = {"gait.length": _excess(motion, "length", ranges[:, 0], ranges[:, 1])}
+    found = {"limits.length": _excess(motion, "length", ranges[:, 0], ranges[:, 1])}
     rates = limits.rate_limits(n)
     if rates is not None:
-        found["gait.rate"] = _excess(motion, "rate", -np.array(rates[0]), np.array(rates[1]))
+        found["limits.rate"] = _excess(motion, "rate", -np.array(rates[0]), np.array(rates[1]))
     if limits.acceleration is not None:
         most = np.broadcast_to(limits.acceleration, n)
-        found["gait.acceleration"] = _excess(motion, "acceleration", -most, most)
+        found["limits.acceleration"] = _excess(motion, "acceleration", -most, most)
     if limits.spike_load is not None:
         most = np.broadcast_to(limits.spike_load, n + 1)
-        found["gait.spike_load"] = _excess(motion, "reaction", -most, most)
+        found["limits.spike_load"] = _excess(motion, "reaction", -most, most)
         if motion.impulses:
-            found["gait.spike_load"] = np.inf
+            found["limits.spike_load"] = np.inf
     if limits.actuator_force is not None:
         most = np.broadcast_to(limits.actuator_force, n)
-        found["gait.actuator_force"] = _excess(motion, "actuator_force", -most, most)
+        found["limits.actuator_force"] = _excess(motion, "actuator_force", -most, most)
     low = float(motion.extremes("sigma")[0][0])
     if limits.sigma_margin > 0:
-        found["gait.sigma_margin"] = (limits.sigma_margin - low) / limits.sigma_margin
+        size = max(limits.sigma_margin, motion.force_scale)
+        found["limits.sigma_margin"] = (limits.sigma_margin - low) / size
     found["sigma"] = -low / motion.force_scale
-    found["gait.resting"] = float(limits.resting - motion.resting_min)
+    found["limits.resting"] = float(limits.resting - motion.resting_min)
     shortest, longest = limits.period_range
     period = motion.gait.period * cycles
-    found["gait.period"] = max(shortest - period, period - longest) / longest
+    found["limits.period"] = max(shortest - period, period - longest) / longest
     found["closed"] = _gap(motion, limits)
     return found
 

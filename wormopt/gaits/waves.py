@@ -76,7 +76,8 @@ class WaveProgram(GaitProgram):
 
     Examples
     --------
-    >>> from wormopt.core.task import Limits, Task, Worm
+    >>> from wormopt.core.limits import Limits
+    >>> from wormopt.core.task import Task, Worm
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> order = wave_orders(31, 4)[6]
     >>> program = WaveProgram(Task(Worm(31, load=5.0), limits), order, (0.1, 1.0))

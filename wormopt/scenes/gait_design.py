@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
-from wormopt.core.task import MOST_LINKS, Cost, Limits, Objective, Rates, Task
+from wormopt.core.limits import Limits, Rates
+from wormopt.core.task import MOST_LINKS, Certify, Cost, Objective, Task
 from wormopt.errors import Fault
 from wormopt.scenes.gait_search import SearchTable
 from wormopt.scenes.motor import MotorTable
@@ -124,8 +125,6 @@ class ObjectiveTable(Table, frozen=True, kw_only=True):
             yield "objective.speed", 'contradicts maximise = "speed"; leave one out'
 
 
-# Words of resting sets, before rotations and mirror images are counted as one.
-_MOST_ORDERS = 1_000_000
 _UNPROVEN = ("energy_per_distance", "acceleration_effort")
 _SPEED = "the speed to keep, a finite number above 0"
 
@@ -278,19 +277,12 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
                 "peak_spike_load or peak_actuator_force",
             )
         if self.search.certify is not None and self.search.sequence is None:
-            yield from self._faults_of_many_orders(self.search.certify.phases)
+            yield from self._faults_of_many_orders(self.search.certify.certify)
 
-    def _faults_of_many_orders(self, phases: int) -> Iterator[Fault]:
+    def _faults_of_many_orders(self, certify: Certify) -> Iterator[Fault]:
         masses, fewest = self.worm.links + 1, self.gait.resting
         sharing = self.gait.spike_load is not None or self.gait.actuator_force is not None
         most = masses if sharing or self.objective.minimise else fewest
         sets = sum(comb(masses, size) for size in range(fewest, most + 1))
-        possible = max((p for p in range(2, 9) if sets**p <= _MOST_ORDERS), default=0)
-        if phases > possible:
-            yield (
-                "search.certify.phases",
-                f"{phases} phases of {sets} sets of resting masses have too many orders to look "
-                f"at; write {possible} at most"
-                if possible
-                else f"{sets} sets of resting masses are too many to look at; give search.sequence",
-            )
+        for key, message in certify.faults(sets):
+            yield f"search.certify.{key}".removesuffix("."), message

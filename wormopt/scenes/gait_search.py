@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from msgspec import Meta, structs
 
-from wormopt.core.task import MOST_LINKS, Certify, Search
+from wormopt.core.task import MOST_LINKS, Certify, Effort, Search
 from wormopt.errors import Fault
 from wormopt.scenes.types import Positive, Seed, Table
 
@@ -28,6 +28,11 @@ class CertifyTable(Table, frozen=True, kw_only=True):
     phases: Annotated[int, Meta(ge=2, le=8, description="a whole number from 2 to 8")] = 4
     gap: Annotated[float, Meta(ge=1e-5, le=0.5, description="a number from 1e-5 to 0.5")] = 1e-3
     time_limit: Positive = 300.0
+
+    @property
+    def certify(self) -> Certify:
+        """The settings themselves."""
+        return Certify(**structs.asdict(self))
 
 
 class SearchTable(Table, frozen=True, kw_only=True):
@@ -52,7 +57,7 @@ class SearchTable(Table, frozen=True, kw_only=True):
     """
 
     seed: Seed = 0
-    effort: Literal["quick", "normal", "thorough"] = "normal"
+    effort: Effort = "normal"
     phases: Annotated[int, Meta(ge=2, le=64, description="a whole number from 2 to 64")] | None = (
         None
     )
@@ -74,7 +79,7 @@ class SearchTable(Table, frozen=True, kw_only=True):
         """The settings themselves."""
         given: dict[str, Any] = structs.asdict(self)
         if self.certify is not None:
-            given["certify"] = Certify(**structs.asdict(self.certify))
+            given["certify"] = self.certify.certify
         return Search(**given)
 
     def faults(self, links: int, resting: int) -> Iterator[Fault]:
@@ -88,4 +93,20 @@ class SearchTable(Table, frozen=True, kw_only=True):
             At least so many masses rest at any time.
         """
         for key, message in self.search.faults(links, resting):
-            yield f"search.{key}", message
+            yield f"search.{key}", in_scene(message)
+
+
+def in_scene(told: str) -> str:
+    """What an engine says of a task in the words of its scene, where limits stand in [gait].
+
+    Parameters
+    ----------
+    told : str
+        A name, "limits.rate" say, or a sentence with such names.
+
+    Examples
+    --------
+    >>> in_scene("limits.rate")
+    'gait.rate'
+    """
+    return told.replace("limits.", "gait.")

@@ -13,8 +13,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
-from wormopt.core.task import Sharing as Sharing
-from wormopt.core.task import per as per
+from wormopt.core.given import per as per
+from wormopt.core.limits import Sharing as Sharing
 from wormopt.errors import Fault
 
 _LARGEST = sys.float_info.max

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from wormopt.core.gait import Gait
-from wormopt.core.task import Limits, Search, Worm
+from wormopt.core.limits import Limits
+from wormopt.core.task import Search, Worm
 from wormopt.errors import SolveError
 from wormopt.gaits.optimize import design
 from wormopt.progress import Report, silent

@@ -15,6 +15,7 @@ from wormopt.gaits.optimize import designed
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, unit_of
 from wormopt.scenes.gait_design import DesignTable, GaitDesignScene
+from wormopt.scenes.gait_search import in_scene
 from wormopt.scenes.scene import Scene
 from wormopt.studies.gait_limits import add_limits
 from wormopt.studies.motion import (
@@ -108,7 +109,8 @@ def design_result(scene: Scene[Any], found: Design, cost: Cost | None = None) ->
     table: DesignTable = scene.table
     clock = time.perf_counter()
     motion, objective = found.motion, found.task.objective
-    again, excess = recheck(motion), dict(found.violations)
+    again = recheck(motion)
+    excess = {in_scene(name): value for name, value in found.violations.items()}
     if objective.speed is not None:
         excess["objective.speed"] = 1.0 - motion.speed / objective.speed
     scalars = motion_scalars(motion, table.units) | _design_scalars(table, found, motion)

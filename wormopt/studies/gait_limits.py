@@ -13,6 +13,7 @@ from wormopt.gaits.design import Design
 from wormopt.gaits.sensitivity import Sensitivity, scaling_error, sensitivities
 from wormopt.result import Result, Scalar, Variable, unit_of, unit_ratio
 from wormopt.scenes.gait_design import GaitDesignScene
+from wormopt.scenes.gait_search import in_scene
 
 __all__ = ["add_limits"]
 
@@ -92,7 +93,7 @@ def _scalars(known: tuple[Sensitivity, ...], found: Design, units: str) -> dict[
 def _names(known: tuple[Sensitivity, ...], found: Design, units: str) -> dict[str, Any]:
     return {
         "objective": found.task.objective.minimise or "speed",
-        "name": [s.name for s in known],
+        "name": [in_scene(s.name) for s in known],
         "value": [s.value for s in known],
         "unit": [unit_of(s.quantity, units) for s in known],
         "one_sided": [s.one_sided for s in known],
@@ -102,7 +103,7 @@ def _names(known: tuple[Sensitivity, ...], found: Design, units: str) -> dict[st
 def _trust(known: tuple[Sensitivity, ...], found: Design) -> dict[str, Any]:
     return {
         "method": "multipliers of the program with each limit moved; the order of rest is kept",
-        "one_sided": [s.name for s in known if s.one_sided],
+        "one_sided": [in_scene(s.name) for s in known if s.one_sided],
         "scaling_error": scaling_error(known, found.task.objective),
     }
 

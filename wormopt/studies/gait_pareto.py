@@ -18,6 +18,7 @@ from wormopt.gaits.sequences import Sequence_
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.gait_pareto import GaitParetoScene
+from wormopt.scenes.gait_search import in_scene
 from wormopt.scenes.scene import Scene
 from wormopt.studies.gait_design import cost_scalar, design_result
 from wormopt.version import VERSION
@@ -64,7 +65,7 @@ def run(scene: Scene[GaitParetoScene], report: Report) -> Result:
             try:
                 points.append(_point(scene, saved, k, speed, [points[-1].sequence], report))
             except SolveError as error:
-                lost.append(f"no gait at speed {speed:.6g}: {error}")
+                lost.append(f"no gait at speed {speed:.6g}: {in_scene(str(error))}")
     except KeyboardInterrupt:
         if not points:
             raise Interrupted from None

@@ -12,6 +12,7 @@ from wormopt.core.gait import Gait
 from wormopt.errors import SolveError
 from wormopt.result import Scalar
 from wormopt.scenes.gait_design import DesignTable
+from wormopt.scenes.gait_search import in_scene
 from wormopt.scenes.motor import MotorTable
 from wormopt.scenes.types import per
 from wormopt.worms.stepper import Stepper, demand
@@ -108,14 +109,13 @@ def say_whose(error: SolveError, table: DesignTable) -> SolveError:
     SolveError
         The same without a motor.
     """
-    if table.motor is None:
-        return error
+    reason, suggestion = in_scene(error.reason), in_scene(error.suggestion)
     notes = [
         f"gait.{name} is here the motor's, motor.lead * motor.{name}_max"
-        for name, whose in _whose(table, table.motor).items()
-        if "motor" in whose and f"gait.{name}" in str(error)
+        for name, whose in (_whose(table, table.motor) if table.motor else {}).items()
+        if "motor" in whose and f"gait.{name}" in f"{reason} {suggestion}"
     ]
-    return SolveError(error.reason, "; ".join([error.suggestion, *notes]), code=error.code)
+    return SolveError(reason, "; ".join([suggestion, *notes]), code=error.code)
 
 
 def _whose(table: DesignTable, motor: MotorTable) -> dict[str, list[str]]:
