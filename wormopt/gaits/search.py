@@ -68,6 +68,10 @@ _EFFORTS = {
 # What is within this share of the best of its level is looked at with more arcs; of the energy
 # that is absorbed, a small part of what is spent, few arcs tell little.
 _MARGINS, _MARGINS_OF_ENERGY = (0.08, 0.01), (0.5, 0.15)
+# Shares of the work that one climb may take, and that the last restarts may where nothing is left.
+_OF_ONE_CLIMB, _OF_RESTARTS = 0.1, 0.2
+# Shares of the value within which local optima of an order are the same, or another is kept.
+_SAME, _OTHER = 1e-6, 1e-3
 # Pivots of its programs take longer: they are denser.
 _WORK_OF_ENERGY = 0.3
 # Energy absorbed per distance, in units of force, that counts as none.
@@ -98,7 +102,7 @@ class Survey:
     Parameters
     ----------
     trials : tuple of Trial
-        Best of each order, best first.
+        Best of each order, and what other optima of an order are close; best first.
     tried : int
         Orders tried.
     varied : int
@@ -121,7 +125,7 @@ class Survey:
 
 @dataclass(eq=False)
 class _Race:
-    """Best trial of every order so far, and the best value of every level."""
+    """Best trial of every order so far, others that may end higher, and each level's best value."""
 
     task: Task
     trier: Trier
@@ -129,6 +133,7 @@ class _Race:
     report: Report
     better: Better
     trials: dict[Sequence_, Trial | None] = field(default_factory=dict)
+    others: list[Trial] = field(default_factory=list)
     records: dict[int, float] = field(default_factory=dict)
     programs: int = 0
     work: int = 0
@@ -220,18 +225,28 @@ class _Race:
         found = [t for t in self.trials.values() if t is not None]
         return sorted(found, key=lambda t: (-t.value, len(t.sequence), t.sequence))
 
-    def restart(self, width: int, random: Sequence[int]) -> None:
-        """Try the best orders once more, with arcs drawn at random."""
-        best = self.ranking[:width]
+    def restart(self, width: int, random: Sequence[int], share: float = 1e9) -> None:
+        """Try the best orders with arcs drawn at random, as fine as they are.
+
+        They are within a share of the best.
+        """
+        enough = self.value - share * abs(self.value)
+        best = [t for t in self.ranking[:width] if t.value >= enough]
 
         def again(trial: Trial) -> Trial | None:
             free = self.trier.free(trial.sequence, None, random=np.random.default_rng(random))
-            fitted = free and self.trier.fit(free)
-            return fitted and self.trier.finer(fitted)
+            other = free and self.trier.fit(free)
+            while other and other.level < max(1, trial.level):
+                other = self.trier.finer(other)
+            return other
 
         for trial, other in zip(best, self.each(again, best), strict=True):
             if other is not None:
                 self.keep(self.canonical(trial.sequence), other)
+                lower, higher = sorted((trial, other), key=lambda t: t.value)
+                apart = abs(higher.value - lower.value) / (abs(higher.value) or 1.0)
+                if _SAME < apart < _OTHER:  # which one ends higher, more arcs will tell
+                    self.others.append(lower)
 
     def promote(self, level: int, most: int) -> None:
         """Look at what is close to the best of its level with more arcs."""
@@ -291,7 +306,8 @@ def search(
     """
     until = np.inf if settings.time_limit is None else monotonic() + settings.time_limit
     over = threading.Event()
-    trier = Trier(task, stop=lambda: over.is_set() or monotonic() > until)
+    work = effort_of(settings).work * _OF_ONE_CLIMB
+    trier = Trier(task, stop=lambda: over.is_set() or monotonic() > until, work=work)
     links = task.worm.links
     workers = settings.workers or (1 if links <= 2 else os.cpu_count() or 1)
     race = _Race(task, trier, workers, report, better)
@@ -311,8 +327,8 @@ def search(
     finally:
         over.set()
         race.close()
-    ranking = tuple(race.ranking)
-    return Survey(ranking, len(race.trials), race.varied, race.programs, ended, seconds)
+    ranking = sorted([*race.ranking, *race.others], key=lambda t: -t.value)
+    return Survey(tuple(ranking), len(race.trials), race.varied, race.programs, ended, seconds)
 
 
 def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator[str]:
@@ -354,11 +370,12 @@ def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterato
     stage = race.tell("finer arcs", 0.8)
     race.promote(1, effort.width)
     yield stage
-    for start in range(effort.starts if task.objective.minimise is None else 0):
+    most = max(effort.work, race.work + _OF_RESTARTS * effort.work)
+    for start in range(2 * effort.starts):
         stage = race.tell("other starts", 0.9)
-        race.restart(2, (settings.seed, 1 + start))
+        race.restart(2, (settings.seed, 1 + start), race.margins[1])
         yield stage
-        if race.work > effort.work:
+        if race.work > most:
             return
 
 

@@ -22,6 +22,8 @@ _RESOLVED, _RESOLVED_DRAGGED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 1e-7, 1000,
 _DRAGGED, _STEPS = 3, 15
 # Trials within this share of the best are sharpened too: one of them may end higher.
 _CLOSE, _TIE = 2e-3, 1e-8
+# or within so many times what sharpening gave the best.
+_GAINS = 8.0
 # Excess over a limit, and how many times more trials are sharpened before one within it is found.
 _ACCEPTED, _MOST_UNSOUND = 1e-9, 4
 # Distances from all limits that are tried where an exact end breaks one.
@@ -48,11 +50,10 @@ def sharpest(task: Task, settings: Search, survey: Survey, bound: float, report:
     -------
     Design
     """
-    best = survey.trials[0]
-    ended, solved = survey.ended, []
-    trier, most, sound = Trier(task), max(1, effort_of(settings).width - 1), False
+    ended, solved = survey.ended, list[tuple[Trial, float]]()
+    trier, most, sound = Trier(task), effort_of(settings).width, False
     for k, trial in enumerate(survey.trials[: _MOST_UNSOUND * most]):
-        if sound and (k >= most or trial.value < best.value - _CLOSE * abs(best.value)):
+        if sound and (k >= most or trial.value < _hopeful(survey.trials[0], solved[0][0])):
             break
         try:
             report("sharpening", 0.9)
@@ -71,6 +72,11 @@ def sharpest(task: Task, settings: Search, survey: Survey, bound: float, report:
         key=lambda s: len(s[0].sequence),
     )
     return of_trial(task, trial, error, bound, survey, ended)
+
+
+def _hopeful(best: Trial, sharp: Trial) -> float:
+    """What is lower than this is unlikely to end above the best, by what sharpening gave that."""
+    return best.value - min(_CLOSE * abs(best.value), _GAINS * (sharp.value - best.value))
 
 
 def finished(design: Design, trial: Trial) -> Design:

@@ -15,7 +15,7 @@ from wormopt.gaits.patterns import patterns_of, simple_patterns
 from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.split import split_matters
-from wormopt.gaits.waves import WaveProgram, is_wave
+from wormopt.gaits.waves import WaveProgram, wave_direction
 from wormopt.optimal.bilinear import Climb, Point
 
 __all__ = ["Trial", "Trier"]
@@ -76,10 +76,14 @@ class Trier:
         Arcs per phase at level 0.
     stop : callable, optional
         Whether to give up; asked after every step of a climb.
+    work : float, optional
+        Pivots times rows and columns after which a climb ends where it is.
     """
 
-    def __init__(self, task: Task, arcs: int = 4, stop: Stop = lambda: False) -> None:
-        self.task, self._arcs, self.stopped = task, arcs, stop
+    def __init__(
+        self, task: Task, arcs: int = 4, stop: Stop = lambda: False, work: float = np.inf
+    ) -> None:
+        self.task, self._arcs, self.stopped, self._work = task, arcs, stop, work
         self.shortest, self.longest = task.limits.period_range
 
     def phase_guess(self) -> float:
@@ -107,7 +111,7 @@ class Trier:
         """
         masses = self.task.worm.links + 1
         large = int(np.broadcast_to(arcs, len(sequence)).sum()) * 2 * masses > _LARGE
-        kind = WaveProgram if large and is_wave(sequence, masses) else GaitProgram
+        kind = WaveProgram if large and wave_direction(sequence, masses) else GaitProgram
         return kind(self.task, sequence, period, arcs, degree)
 
     def free(
@@ -233,8 +237,10 @@ class Trier:
         Trial
             Never worse.
         """
+        bilinear = trial.program.bilinear
         until = Climb(tolerance, steps, enough=enough / trial.program.unit)
-        point = trial.program.bilinear.climb(trial.point, until, lambda _: self.stopped())
+        most = bilinear.work + self._work
+        point = bilinear.climb(trial.point, until, lambda _: self.stopped() or bilinear.work > most)
         return replace(trial, point=point)
 
     def settled(self, trial: Trial) -> Trial | None:

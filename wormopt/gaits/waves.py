@@ -1,9 +1,9 @@
-"""Travelling waves: every mass does what the one behind it did a phase before.
+"""Travelling waves: every mass does what the one behind, or ahead of, it did a phase before.
 
-The velocity of mass i in phase p depends on (i + p) modulo the number of phases only, so that the
-program of a cycle has the unknowns of one mass, however many links the worm has. Neighbours are
-alike in all phases, so that links need the rows of one phase; the sums of forces are not, as the
-chain has ends.
+The velocity of mass i in phase p depends on (p + i), or (p - i), modulo the number of phases only,
+so that the program of a cycle has the unknowns of one mass, however many links the worm has.
+Neighbours are alike in all phases, so that links need the rows of one phase; the sums of forces
+are not, as the chain has ends.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.sequences import Sequence_
 
-__all__ = ["WaveProgram", "is_wave", "wave_orders"]
+__all__ = ["WaveProgram", "wave_direction", "wave_orders"]
 
 
 def wave_orders(links: int, resting: int) -> list[Sequence_]:
@@ -45,8 +45,8 @@ def wave_orders(links: int, resting: int) -> list[Sequence_]:
     return found
 
 
-def is_wave(sequence: Sequence_, masses: int) -> bool:
-    """Whether masses rest in turn, each a phase after the one behind it.
+def wave_direction(sequence: Sequence_, masses: int) -> int:
+    """Which way masses rest in turn: each a phase after the one behind it, or ahead of it.
 
     Parameters
     ----------
@@ -54,13 +54,26 @@ def is_wave(sequence: Sequence_, masses: int) -> bool:
         Resting masses, phase after phase.
     masses : int
         Number of masses.
+
+    Returns
+    -------
+    int
+        1 from tail to head, -1 from head to tail, 0 where it is no wave.
+
+    Examples
+    --------
+    >>> wave_direction(((0,), (2,), (1,)), 3), wave_direction(((0,), (1,), (2,)), 3)
+    (1, -1)
     """
     phases = len(sequence)
-    classes = {i % phases for i in sequence[0]}
-    return phases <= masses and all(
-        set(resting) == {i for i in range(masses) if (i + p) % phases in classes}
-        for p, resting in enumerate(sequence)
-    )
+    for direction in (1, -1):
+        classes = {direction * i % phases for i in sequence[0]}
+        if phases <= masses and all(
+            set(resting) == {i for i in range(masses) if (direction * i + p) % phases in classes}
+            for p, resting in enumerate(sequence)
+        ):
+            return direction
+    return 0
 
 
 class WaveProgram(GaitProgram):
@@ -71,8 +84,8 @@ class WaveProgram(GaitProgram):
     Parameters
     ----------
     task, sequence, period, arcs, degree, patterns, like : optional
-        As for `GaitProgram`; the sequence must be a wave, see `is_wave`, and all phases have as
-        many arcs.
+        As for `GaitProgram`; the sequence must be a wave, see `wave_direction`, and all phases
+        have as many arcs.
 
     Examples
     --------
@@ -107,10 +120,11 @@ class WaveProgram(GaitProgram):
         return 1 if len(self.sequence) <= self.limits.links else 2
 
     def _add_columns(self) -> None:
-        """Columns by class: (mass + phase) modulo phases, and arc of the phase."""
+        """Columns by class: (phase + or - mass) modulo phases, and arc of the phase."""
         limits, phases, arcs = self.limits, len(self.sequence), int(self.arcs[0])
         masses, columns = np.arange(limits.links + 1), self.rows.columns
-        classes = (masses + np.arange(phases)[:, None]) % phases  # (phase, mass)
+        direction = wave_direction(self.sequence, len(masses))
+        classes = (direction * masses + np.arange(phases)[:, None]) % phases  # (phase, mass)
         most = np.full(phases, np.inf)
         for phase, resting in enumerate(self.sequence):
             np.minimum.at(most, classes[phase], limits.fastest(resting))
@@ -123,6 +137,6 @@ class WaveProgram(GaitProgram):
         by_class = np.stack([starts, *inner, ends], axis=2)  # (class, arc, coefficient)
         self.v = by_class[classes].transpose(0, 2, 3, 1).reshape(phases * arcs, -1, len(masses))
         strokes = np.full((phases, arcs), limits.strokes.min())
-        of_links = columns(strokes)[(masses[1:] + np.arange(phases)[:, None]) % phases]
+        of_links = columns(strokes)[classes[:, 1:]]
         self.length = of_links.transpose(0, 2, 1).reshape(phases * arcs, -1)
         self._add_peak_column()

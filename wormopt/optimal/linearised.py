@@ -76,6 +76,8 @@ class Linearised:
         self._highs.silent()
         for option, value in _OPTIONS.items():
             self._highs.setOptionValue(option, value)
+        size = len(self.row_lower) + len(self.upper)
+        self._highs.setOptionValue("simplex_iteration_limit", int(_MOST_WORK / size))
         if excess is not None:  # no vertex, so that `sharpen` cannot remove what is left
             self._highs.setOptionValue("primal_feasibility_tolerance", 1e-10)
         self._basis: Any = None
@@ -253,6 +255,8 @@ class Linearised:
 
 
 _PIVOTS_OF_SETTING_UP = 20
+# Work after which a linear program is given up: seconds, where usual ones take thousandths.
+_MOST_WORK = 5e8
 _NO_SLOPE = 1e-12
 
 _OPTIONS = {
