@@ -9,8 +9,9 @@ import pytest
 
 from wormopt.bench import run
 from wormopt.bench.design import (
-    Posed,
+    Bound,
     bounds,
+    certified_bound,
     described,
     measure_design,
     ours,
@@ -228,23 +229,31 @@ def test_times_are_summed_up(tmp_path: Path):
         "above": lambda case, seconds: [(0.5, 1.1)],
         "broken": fails,
     }
-    problems = [Posed(G1, 1.0), Posed({**G1, "name": "unknown"})]
-    *_, known = measure_design(problems, 1.0, silent, solvers)
-    assert bounds(known) == {"g1": 1.0, "unknown": 1.1}
+    problems = [G1, {**G1, "name": "long"}]
+    proven = {"g1": Bound(1.2, 0.01, 1.2), "long": Bound(1.0, 0.001, 1.05)}
+    *_, known = measure_design(problems, 1.0, silent, solvers, lambda c, s: proven[c["name"]])
+    assert bounds(known) == {"g1": 1.2, "long": 1.1}
     rows = {(r.solver, r.accuracy): r for r in reached(known)}
-    assert rows["slow", 0.03].share == 0.5
-    assert rows["slow", 0.003].seconds == math.inf
-    assert [a.solver for a in known if a.wrong] == ["above"]
+    assert (rows["above", 0.1].share, rows["above", 0.1].problems) == (1.0, 2)
+    assert rows["slow", 0.1].seconds == math.inf
+    assert (rows["above", 0.003].share, rows["above", 0.003].problems) == (1.0, 1)
+    assert [(a.solver, a.problem) for a in known if a.wrong] == [("above", "long")]
     found = described(known)
     text = run.table(found)
     assert "broken on g1: RuntimeError: out of order" in text
-    assert "above on g1: speed 1.1 above the bound 1" in text
-    assert "1 of the bounds are the best gait of this run" in text
+    assert "above on long: speed 1.1 above the ceiling 1.05" in text
     draw_gaps(known, tmp_path / "design.png")
     assert (tmp_path / "design.png").stat().st_size > 10_000
 
 
 def test_the_benchmark_problem_is_among_those_posed():
     few, many = posed(quick=True), posed(quick=False)
-    assert few[0].bound == pytest.approx(G1_OPTIMUM)
-    assert [p.case for p in few] == [p.case for p in many][: len(few)]
+    assert few[0] == G1
+    assert few == many[: len(few)]
+
+
+def test_bounds_are_certified():
+    bound = certified_bound(G1, 60.0)
+    assert G1_OPTIMUM <= bound.speed <= 1.002 * G1_OPTIMUM
+    assert bound.gap <= 1e-3
+    assert bound.ceiling == pytest.approx(1.0)
