@@ -300,18 +300,7 @@ FREE = Limits(period=1.0, length=(0.2, 2.0), rate=20.0, acceleration=1000.0)
 ONE = (Worm(links=1, load=500.0), Search(sequence=((0,), (1,)), workers=1))
 
 
-@pytest.mark.parametrize(
-    "period",
-    [
-        1.0,
-        pytest.param(
-            4.0,
-            marks=pytest.mark.xfail(
-                reason="climbs of smooth costs stay near the fast gait's period"
-            ),
-        ),
-    ],
-)
+X
 def test_the_least_effort_of_one_link_by_hand(period: float):
     """A way d in half a period T, from rest to rest: 12 d^2 / (T/2)^3 twice, over T; d = v T."""
     worm, own = ONE

@@ -156,7 +156,20 @@ class Trier:
         period = float(trial.durations.sum())
         counts = {floor(self.longest / period * _UP), ceil(self.shortest / period / _UP)}
         fitted = [self._fitted(trial, max(1, count)) for count in sorted(counts)]
-        return max((t for t in fitted if t is not None), key=lambda t: t.value, default=None)
+        best = max((t for t in fitted if t is not None), key=lambda t: t.value, default=None)
+        if best is None or self.task.objective.speed is None:
+            return best
+        return self._fewer_cycles(best)
+
+    def _fewer_cycles(self, best: Trial) -> Trial:
+        """As many cycles fewer as lower the cost: climbs of costs stay near where they begin."""
+        while best.cycles > 1:
+            fewer = [self._fitted(best, n) for n in sorted({best.cycles // 2, best.cycles - 1})]
+            better = [t for t in fewer if t is not None and t.value > best.value]
+            if not better:
+                break
+            best = max(better, key=lambda t: t.value)
+        return best
 
     def _fitted(self, trial: Trial, cycles: int) -> Trial | None:
         low, high = self.shortest / cycles, self.longest / cycles
