@@ -63,7 +63,7 @@ class Effort:
 _EFFORTS = {
     "quick": Effort(enumerated=16, width=1, rounds=1, varied=8, work=3e8, starts=1),
     "normal": Effort(enumerated=160, width=3, rounds=8, varied=120, work=1.5e9, starts=3),
-    "thorough": Effort(enumerated=1000, width=6, rounds=16, varied=400, work=3e10, starts=8),
+    "thorough": Effort(enumerated=1000, width=6, rounds=16, varied=400, work=6e9, starts=8),
 }
 # What is within this share of the best of its level is looked at with more arcs; of the energy
 # that is absorbed, a small part of what is spent, few arcs tell little.
