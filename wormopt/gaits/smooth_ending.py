@@ -35,16 +35,8 @@ def smoothest(task: Task, settings: Search, survey: Survey, bound: float, report
 
     Parameters
     ----------
-    task : Task
-        Worm, limits, objective.
-    settings : Search
-        The effort.
-    survey : Survey
-        From the search, with trials.
-    bound : float
-        The ceiling.
-    report : callable
-        Told what goes on.
+    task, settings, survey, bound, report : various
+        As for `sharpest`.
 
     Returns
     -------
