@@ -75,7 +75,6 @@ def check(found: Design, tolerance: float = 1e-8) -> None:
 # -- closed forms ------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(one_links)
 def test_one_link_is_designed_to_its_closed_form(given_: dict[str, Any]):

@@ -359,8 +359,9 @@ def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterato
             break
     race.promote(0, 3 * effort.width)
     yield "plain orders"
-    # the speed climbs to one top from almost anywhere, costs do not
-    starts, width = (1, 1) if task.objective.minimise is None else (effort.starts, 4)
+    # the speed climbs to the same top from almost anywhere at first, costs do not
+    speed = task.objective.minimise is None
+    starts, width = (1, 1) if speed else (effort.starts, 4)
     for start in range(starts):
         stage = race.tell("other starts", 0.5)
         race.restart(width * effort.width, (settings.seed, start))
@@ -371,7 +372,7 @@ def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterato
     race.promote(1, effort.width)
     yield stage
     most = max(effort.work, race.work + _OF_RESTARTS * effort.work)
-    for start in range(2 * effort.starts):
+    for start in range(2 * effort.starts if speed else effort.starts):
         stage = race.tell("other starts", 0.9)
         race.restart(2, (settings.seed, 1 + start), race.margins[1])
         yield stage
