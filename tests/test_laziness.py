@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+import wormopt as wo
+
 HEAVY = {"casadi", "numpy", "scipy", "matplotlib", "rich", "xarray", "control"}
 
 
@@ -49,6 +51,11 @@ def modules_after(code: str, folder: Path) -> set[str]:
 )
 def test_reading_and_checking_load_no_numerics(code: str, tmp_path: Path):
     assert modules_after(code, tmp_path) & HEAVY == set()
+
+
+@pytest.mark.parametrize("name", wo.__all__)
+def test_every_public_name_is_where_it_is_looked_for(name: str):
+    assert getattr(wo, name) is not None
 
 
 def test_the_check_would_see_a_heavy_module(tmp_path: Path):

@@ -243,6 +243,14 @@ def test_an_interrupted_sharpening_leaves_what_was_searched(monkeypatch):
     assert found.speed >= whole.speed * (1 - 1e-2)
 
 
+def test_an_interrupted_check_of_limits_leaves_what_was_searched(monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sharpen, "_keeps", interrupted)
+    check_cut_short(design(G1_WORM, G1_LIMITS, search=OWN), "interrupted")
+
+
 def test_a_design_stopped_before_any_gait_is_no_design(monkeypatch):
     interrupt_after(monkeypatch, 1)
     with pytest.raises(KeyboardInterrupt):
@@ -300,7 +308,7 @@ FREE = Limits(period=1.0, length=(0.2, 2.0), rate=20.0, acceleration=1000.0)
 ONE = (Worm(links=1, load=500.0), Search(sequence=((0,), (1,)), workers=1))
 
 
-X
+@pytest.mark.parametrize("period", [1.0, 4.0])
 def test_the_least_effort_of_one_link_by_hand(period: float):
     """A way d in half a period T, from rest to rest: 12 d^2 / (T/2)^3 twice, over T; d = v T."""
     worm, own = ONE

@@ -47,6 +47,22 @@ def test_costs_of_a_program_are_those_of_the_crawling_worm(order, cost, drag):
         assert trial.cost == pytest.approx(true, rel=1e-7)
 
 
+@pytest.mark.parametrize("cost", ["energy_per_distance", "acceleration_effort"])
+def test_costs_do_not_depend_on_units(cost):
+    """Milligrams, millimetres and tens of seconds: the same gait, by another route to the cost."""
+    own, found = Search(sequence=((0,), (2,), (1,)), workers=1), []
+    for mass, length, time in [(1.0, 1.0, 1.0), (1e-6, 1e-3, 10.0), (50.0, 3.0, 0.02)]:
+        rate, force = length / time, mass * length / time**2
+        limits = Limits(
+            time, (0.7 * length, 1.3 * length), rate=rate, acceleration=20 * rate / time
+        )
+        worm = Worm(2, mass=mass, load=5.0 * force)
+        design_ = design(worm, limits, cost, 0.3 * rate, search=own)
+        unit = force if cost == "energy_per_distance" else (rate / time) ** 2
+        found.append(design_.value / unit)
+    assert found == pytest.approx(found[:1] * 3, rel=1e-6)
+
+
 def test_a_motion_with_given_arcs_is_charged_what_it_costs():
     """Half an arc in the wrong direction: the bound counts |force| times rate at both ends."""
     program = GaitProgram(

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 from wormopt.core.gait import Gait
-from wormopt.core.task import Task
+from wormopt.core.task import Cost, Task
 from wormopt.gaits.search import Survey
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.trial import Trial
 from wormopt.gaits.verify import violations
 from wormopt.worms.crawl import Crawl, crawl
 
-__all__ = ["Design", "of_trial"]
+__all__ = ["Design", "objective_of", "of_trial"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +62,14 @@ class Design:
     """
 
     task: Task
-    gait: Gait
+    gait: Gait = field(repr=False)
     cycles: int
     sequence: Sequence_
     durations: tuple[float, ...]
     ceiling: float
     error: float
-    survey: Survey
-    solver: dict[str, Any]
+    survey: Survey = field(repr=False)
+    solver: dict[str, Any] = field(repr=False)
     timings_s: dict[str, float]
     ended: str = "searched"
     trial: Trial | None = field(default=None, repr=False)
@@ -96,8 +97,10 @@ class Design:
 
     @property
     def value(self) -> float:
-        """The objective as it was optimised: the speed, or a peak load."""
-        return self.speed if self.trial is None else abs(self.trial.value)
+        """The objective as it was optimised: the speed, or a cost."""
+        if self.trial is None:
+            return objective_of(self.motion, self.task.objective.minimise)
+        return abs(self.trial.value)
 
     @cached_property
     def violations(self) -> dict[str, float]:
@@ -108,6 +111,29 @@ class Design:
             violations(self.motion_under(load), self.task.limits, self.cycles) for load in loads
         ]
         return {key: max(excess[key] for excess in found) for key in found[0]}
+
+
+def objective_of(motion: Crawl, minimise: Cost | None) -> float:
+    """Speed of a motion, or what it costs.
+
+    Parameters
+    ----------
+    motion : Crawl
+        The motion.
+    minimise : str, optional
+        The cost; None for the speed.
+    """
+    match minimise:
+        case None:
+            return motion.speed
+        case "peak_spike_load":
+            return float(motion.extremes("reaction")[1].max())
+        case "peak_actuator_force":
+            return max(float(abs(v).max()) for v in motion.extremes("actuator_force"))
+        case "energy_per_distance":
+            return motion.energy / motion.advance if motion.advance else math.inf
+        case "acceleration_effort":
+            return motion.effort
 
 
 def of_trial(

@@ -4,28 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
-from wormopt.core.limits import Limits
-from wormopt.core.task import Objective, Task, Worm
+from wormopt.core.task import Task
 from wormopt.gaits.costs import CostColumns, has_cost_columns
-from wormopt.gaits.scaled_limits import Form, ScaledLimits
+from wormopt.gaits.scaled_limits import Form, ScaledLimits, scaled
 from wormopt.gaits.sequences import Resting, Sequence_
 from wormopt.gaits.split import Pattern, SplitRows, split_matters
 from wormopt.optimal.bilinear import BilinearProgram
 from wormopt.optimal.bilinear_rows import BilinearRows, Product, Term
 
 __all__ = ["GaitRows"]
-
-# Arcs of a smaller share of the cycle count as having no duration.
-_SHORT = 1e-9
-
-
-@lru_cache(maxsize=64)
-def _scaled(worm: Worm, limits: Limits, objective: Objective) -> ScaledLimits:
-    return ScaledLimits(Task(worm, limits, objective))
 
 
 class GaitRows:
@@ -49,8 +39,7 @@ class GaitRows:
     ) -> None:
         self.task, self.sequence, self.period, self.degree = task, sequence, period, degree
         self.patterns = patterns
-        limits = replace(task.limits, period=period)
-        self.limits = _scaled(task.worm, limits, task.objective)
+        self.limits = scaled(replace(task, limits=replace(task.limits, period=period)))
         if like is not None:
             self.limits = replace(self.limits, like=like)
         self.arcs = np.broadcast_to(arcs, len(sequence))

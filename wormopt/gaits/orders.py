@@ -13,7 +13,7 @@ from wormopt.gaits.sequences import Resting, Sequence_, is_gait, mirrored, seque
 from wormopt.gaits.space import ceiling_of, is_mirror_symmetric, sizes_of
 from wormopt.gaits.waves import wave_orders
 
-__all__ = ["first_orders", "letters_of", "plain_orders"]
+__all__ = ["first_orders", "plain_orders", "search_letters"]
 
 # Sets are all listed up to so many, words of them up to so many.
 _MOST_SETS, _MOST_WORDS = 64, 4000
@@ -69,7 +69,7 @@ def _best_sets_in_turn(task: Task) -> Iterator[Sequence_]:
             yield from ((first, *order) for order in permutations(others))
 
 
-def letters_of(task: Task) -> list[Resting]:
+def search_letters(task: Task) -> list[Resting]:
     """Sets of resting masses that orders are made of.
 
     All sets, where they are few; else blocks of neighbours round the ends.
@@ -101,7 +101,7 @@ def plain_orders(task: Task, phases: int | None = None) -> list[Sequence_]:
         Most phases of a cycle.
     """
     masses, mirror = task.worm.links + 1, is_mirror_symmetric(task)
-    letters = letters_of(task)
+    letters = search_letters(task)
     exact = [s for s in letters if len(s) == task.limits.resting]
     found: set[Sequence_] = set()
     for sets, most in ((exact, phases or 4), (letters, min(phases or 3, 3))):

@@ -25,6 +25,7 @@ class _Terms:
     ends: Ends
     way: ca.SX
     speed_nominal: float
+    time_nominal: float
 
     @property
     def force_nominal(self) -> float:
@@ -72,19 +73,19 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
     >>> [bound.name for bound in problem.along]
     ['limits.length', 'limits.rate', 'limits.acceleration']
     """
-    n, shortest_longest = worm.links, limits.period_range
+    n, period_range = worm.links, limits.period_range
     ranges = np.array(limits.length_ranges(n))
     model = spiked_worm(
         worm.masses,
         worm.drag,
         worm.load_range[-1 if limits.spike_load is not None else 0],
         length_nominal=float(ranges.max()),
-        time_nominal=shortest_longest[1],
+        time_nominal=period_range[1],
     )
     ends = Ends.of(model, 1)
     advance = ends.end[0] - ends.start[0]
     speed_nominal = float(np.max(limits.rate_bounds(n)))
-    at_ends = [Bound("start", ends.start[0], 0.0, 0.0)]
+    at_ends = [Bound("start", ends.start[0], 0.0, 0.0, nominal=float(ranges.max()))]
     way = advance
     if objective.speed is not None:
         at_ends.append(
@@ -94,12 +95,14 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
         )
         # Costs per distance stay finite at rest, where every start begins.
         way = ca.fmax(advance, objective.speed * ends.duration / 2)
-    cost = _COSTS[objective.minimise or "speed"](_Terms(model, ends, way, speed_nominal))
+    cost = _COSTS[objective.minimise or "speed"](
+        _Terms(model, ends, way, speed_nominal, period_range[1])
+    )
     return Problem(
         model=model,
         ends=ends,
         minimise=cost.minimise,
-        duration=shortest_longest,
+        duration=period_range,
         periodic=["length", "velocity", "rate"],
         integrands=cost.integrand if cost.integrand is not None else ca.SX(0),
         along=[*_limits_along(model, limits, n, ranges), *cost.along],
@@ -190,21 +193,21 @@ def _energy(terms: _Terms) -> _Cost:
     nominal = terms.force_nominal * terms.speed_nominal
     spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", nominal, 0)
     return _Cost(
-        terms.ends.integrals[0] / terms.way / terms.force_nominal,
+        terms.ends.integrals[0] * terms.time_nominal * terms.speed_nominal / terms.way,
         along=(
             Bound("power", spent.symbol - power, 0.0, nominal=nominal),
             Bound("power", spent.symbol, 0.0, nominal=nominal),
         ),
         slacks=(spent,),
-        integrand=ca.sum1(spent.symbol),
+        integrand=ca.sum1(spent.symbol) / nominal / terms.time_nominal,
     )
 
 
 def _effort(terms: _Terms) -> _Cost:
     u = terms.model.u[0]
     return _Cost(
-        terms.ends.integrals[0] / terms.ends.duration / u.nominal**2,
-        integrand=ca.sumsqr(u.symbol),
+        terms.ends.integrals[0] * terms.time_nominal / terms.ends.duration,
+        integrand=ca.sumsqr(u.symbol / u.nominal) / terms.time_nominal,
     )
 
 

@@ -392,7 +392,7 @@ class ScaledLimits:
         return float(max(least)), float(min(largest))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def scaled(task: Task) -> ScaledLimits:
     """Give the limits of a task in units of size 1; those of the last few tasks are kept."""
     return ScaledLimits(task)

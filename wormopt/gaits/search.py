@@ -19,7 +19,8 @@ import numpy as np
 
 from wormopt.core.task import Search, Task
 from wormopt.gaits.costs import is_energy
-from wormopt.gaits.orders import first_orders, letters_of, plain_orders
+from wormopt.gaits.orders import first_orders, plain_orders, search_letters
+from wormopt.gaits.scaled_limits import scaled
 from wormopt.gaits.sequences import Sequence_, canonical, is_gait, mirrored, neighbours
 from wormopt.gaits.space import ceiling_of, is_mirror_symmetric
 from wormopt.gaits.trial import Trial, Trier
@@ -142,7 +143,7 @@ class _Race:
     def __post_init__(self) -> None:
         self._pool = ThreadPoolExecutor(self.workers) if self.workers > 1 else None
         self.mirror = is_mirror_symmetric(self.task)
-        self._energy = is_energy(self.task)
+        self._energy, self._force = is_energy(self.task), scaled(self.task).force
         self.margins = _MARGINS_OF_ENERGY if self._energy else _MARGINS
 
     def close(self) -> None:
@@ -213,7 +214,7 @@ class _Race:
     @property
     def is_over(self) -> bool:
         """Whether no gait can be better: nothing is spent but the work against the load."""
-        return self._energy and self.value >= -_NONE * self.task.speed_nominal
+        return self._energy and self.value >= -_NONE * self._force
 
     def _close(self, level: int) -> float:
         record = self.records.get(level, -np.inf)
@@ -427,7 +428,7 @@ def _edited(race: _Race, parents: list[Trial]) -> Iterator[tuple[Sequence_, np.n
     for trial in parents:
         durations = trial.durations
         fresh = float(durations.mean()) / 2
-        for word, kept in neighbours(trial.sequence, letters_of(race.task)):
+        for word, kept in neighbours(trial.sequence, search_letters(race.task)):
             yield word, np.array([fresh if k is None else durations[k] for k in kept])
 
 

@@ -50,25 +50,25 @@ def sharpest(task: Task, settings: Search, survey: Survey, bound: float, report:
     -------
     Design
     """
-    ended, solved = survey.ended, list[tuple[Trial, float]]()
-    trier, most, sound = Trier(task), effort_of(settings).width, False
+    ended, solved = survey.ended, list[tuple[Trial, float, bool]]()
+    trier, most = Trier(task), effort_of(settings).width
     for k, trial in enumerate(survey.trials[: _MOST_UNSOUND * most]):
+        sound = any(keeps for *_, keeps in solved)
         if sound and (k >= most or trial.value < _hopeful(survey.trials[0], solved[0][0])):
             break
         try:
             report("sharpening", 0.9)
-            solved.append(_sharpen(trier, trial, quickly=ended != "searched"))
+            sharp, error = _sharpen(trier, trial, quickly=ended != "searched")
+            solved.append((sharp, error, _keeps(task, sharp)))
         except KeyboardInterrupt:
             ended = "interrupted"
-            solved.append((trial, np.nan))
+            solved.append((trial, np.nan, False))
         if ended != "searched":
             break
-        sound = sound or _keeps(task, solved[-1][0])
-    if sound:
-        solved = [s for s in solved if _keeps(task, s[0])]
-    value = max(trial.value for trial, _ in solved)
-    trial, error = min(
-        (s for s in solved if s[0].value >= value - _TIE * abs(value)),
+    sound = [s for s in solved if s[2]] or solved
+    value = max(trial.value for trial, *_ in sound)
+    trial, error, _ = min(
+        (s for s in sound if s[0].value >= value - _TIE * abs(value)),
         key=lambda s: len(s[0].sequence),
     )
     return of_trial(task, trial, error, bound, survey, ended)

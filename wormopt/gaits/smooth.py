@@ -1,7 +1,7 @@
 """Costs that are neither linear nor a peak: energy and effort, by IPOPT from a searched gait.
 
-With the durations of a gait that is fast enough the motion is a linear program; from there the
-collocated problem of optimal control is solved with the cost itself.
+The collocated problem of optimal control is solved with the cost itself: from the motion of a
+trial, or where velocities may jump from the fastest motion with its durations.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ __all__ = ["Solved", "gait_of_arcs", "mesh_of", "refine_cost", "resting_state", 
 
 # Refinement stops when halving every arc changes the cost by less than this, relatively.
 _RESOLVED = 1e-6
-# A solution counts as feasible if its scaled constraints are violated by no more.
-_FEASIBLE = 1e-10
+# A solution is as feasible as its start if its scaled constraints are violated by no more, and is
+# accepted up to the second.
+_FEASIBLE, _ACCEPTED = 1e-10, 1e-8
 _ARCS = 6
 _POLISH = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=120)
 
@@ -41,7 +42,7 @@ class Solved:
     Parameters
     ----------
     trial : Trial
-        Where it was started from: a fast gait of the same order and number of cycles.
+        Where it was started from: a gait of the same order and number of cycles.
     program : Transcription
         The program solved.
     bounds : Bounds
@@ -66,10 +67,8 @@ class Solved:
         return self.program.unpack(self.solution.w)
 
 
-def mesh_of(sequence: Sequence_, arcs: int, degree: int = 2) -> Mesh:
-    """Mesh with as many phases as the sequence.
-
-    Accelerations have the degree of the states less 2, so that lengths are exact.
+def mesh_of(sequence: Sequence_, arcs: int) -> Mesh:
+    """Mesh with as many phases as the sequence, on which rates are linear along an arc.
 
     Parameters
     ----------
@@ -77,15 +76,13 @@ def mesh_of(sequence: Sequence_, arcs: int, degree: int = 2) -> Mesh:
         Resting masses, phase after phase.
     arcs : int
         Arcs per phase.
-    degree : int, optional
-        Degree of the states.
 
     Examples
     --------
     >>> mesh_of(((0,), (2,), (1,)), arcs=6).total
     18
     """
-    return Mesh(len(sequence), arcs, Collocation(degree), degree - 2)
+    return Mesh(len(sequence), arcs, Collocation(2), 0)
 
 
 def resting_state(task: Task) -> np.ndarray:
@@ -132,7 +129,7 @@ def solve_cost(task: Task, trial: Trial) -> Solved | None:
     found = program.nlp.restore(program.nlp.solve(start.w, bounds, _POLISH), bounds)
     if start.violation <= _FEASIBLE and not _better(found, start):
         found = start
-    return Solved(trial, program, bounds, found) if found.violation <= 1e-8 else None
+    return Solved(trial, program, bounds, found) if found.violation <= _ACCEPTED else None
 
 
 def _better(one: Solution, other: Solution) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from wormopt.core.task import Search, Task
 from wormopt.errors import SolveError
 from wormopt.gaits.costs import has_cost_columns, is_energy
-from wormopt.gaits.design import Design, of_trial
+from wormopt.gaits.design import Design, objective_of, of_trial
 from wormopt.gaits.search import Survey, effort_of
 from wormopt.gaits.trial import Trial, Trier
 from wormopt.progress import Report
@@ -74,9 +74,7 @@ def _cost(found: Design) -> float:
     """Smooth cost of a gait; infinite where it keeps its limits worse than solvers do."""
     if max(found.violations.values()) > _KEPT:
         return np.inf
-    if found.task.objective.minimise == "acceleration_effort":
-        return found.motion.effort
-    return found.motion.energy / found.motion.advance
+    return objective_of(found.motion, found.task.objective.minimise)
 
 
 def _resolved(

@@ -9,7 +9,7 @@ import numpy as np
 
 from wormopt.core.ceiling import ceiling
 from wormopt.core.task import Task
-from wormopt.gaits.scaled_limits import ScaledLimits
+from wormopt.gaits.scaled_limits import scaled
 from wormopt.gaits.sequences import Resting, Sequence_, sequences
 
 __all__ = [
@@ -17,27 +17,8 @@ __all__ = [
     "ceiling_of",
     "is_mirror_symmetric",
     "letters_of",
-    "sequences_of",
     "sizes_of",
 ]
-
-
-def sequences_of(task: Task, phases: int) -> list[Sequence_]:
-    """List the sequences of 2 to so many phases among which the best gait is sought.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    phases : int
-        Most phases.
-
-    Returns
-    -------
-    list of sequences
-        Short ones first; of mirror images one only where limits are symmetric.
-    """
-    return _words(task, letters_of(task), phases)
 
 
 def all_sequences(task: Task, phases: int) -> list[Sequence_]:
@@ -56,15 +37,11 @@ def all_sequences(task: Task, phases: int) -> list[Sequence_]:
     Returns
     -------
     list of sequences
-        As `sequences_of`, with the pause where it matters.
+        Short ones first; of mirror images one only where limits are symmetric.
     """
-    letters, limits = letters_of(task), ScaledLimits(task)
+    letters, limits = letters_of(task), scaled(task)
     if task.loads_matter and not any(map(limits.admits_rest, letters)):
         letters.append(tuple(range(task.worm.links + 1)))
-    return _words(task, letters, phases)
-
-
-def _words(task: Task, letters: list[Resting], phases: int) -> list[Sequence_]:
     masses, mirror = task.worm.links + 1, is_mirror_symmetric(task)
     return [s for p in range(2, phases + 1) for s in sequences(masses, letters, p, mirror=mirror)]
 

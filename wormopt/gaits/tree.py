@@ -25,7 +25,7 @@ from wormopt.gaits.families import Family, families, parts
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
 from wormopt.gaits.sequences import Sequence_
 
-__all__ = ["Branch", "Solver", "Tree", "grow", "periods", "plant", "take"]
+__all__ = ["Branch", "Solver", "Tree", "grow", "periods", "plant"]
 
 CELLS = 2  # per phase, to begin with
 _MOST_CELLS = 128
@@ -145,25 +145,6 @@ def plant(
         for period in halves
     ]
     return Tree(tuple(roots), watched=tuple(watched), shortest=shortest)
-
-
-def take(tree: Tree) -> tuple[Branch, Tree]:
-    """Take the most promising branch off a tree, which then knows nothing of it.
-
-    Parameters
-    ----------
-    tree : Tree
-        With open branches.
-
-    Returns
-    -------
-    branch : Branch
-    tree : Tree
-        The others.
-    """
-    heap = [(-branch.bound, branch) for branch in tree.open]
-    branch = heapq.heappop(heap)[1]
-    return branch, replace(tree, open=tuple(other for _, other in heap))
 
 
 class Solver:

@@ -329,10 +329,10 @@ class Arc:
         stick, direction, follow = (self.closure.level[k * n : (k + 1) * n] for k in range(3))
         acceleration = model.contact_accelerations
         slide = ca.vertcat(ca.SX(0, 1), *(self._slide_force(i, direction) for i in range(n)))
-        sharing = problem.sharing(stick) if problem.sharing is not None else acceleration
         scaled = acceleration / self.v_nominal * self.time_nominal
+        sharing = scaled if problem.sharing is None else problem.sharing(stick) / self.f_nominal
         closure = (1 - stick) * (model.forces - slide) / self.f_nominal + stick * (
-            (1 - follow) * scaled + follow * sharing / self.f_nominal
+            (1 - follow) * scaled + follow * sharing
         )
         return closure, scaled
 

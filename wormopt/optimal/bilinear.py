@@ -22,7 +22,9 @@ from wormopt.optimal.linearised import Excess, Linearised, Point
 
 __all__ = ["BilinearProgram", "Climb", "Excess", "Point"]
 
-_SHRINK, _LARGEST, _SMALLEST = 0.25, 1.0, 1e-7
+# Trust regions, as shares of each held factor.
+_FIRST, _SHRINK, _LARGEST, _SMALLEST = 0.5, 0.25, 1.0, 1e-7
+_REACH = 4.0
 # Steps are never held to less than this share of their mean.
 _SHORTEST_STEP = 0.02
 
@@ -37,19 +39,13 @@ class Climb:
         A linearised step that promises less than this share of the value ends it.
     steps : int
         Most steps.
-    radius : float
-        First trust region, as a share of each held factor.
     enough : float
-        Give up where this value seems out of reach: at ``reach`` times what a step promises.
-    reach : float
-        See ``enough``.
+        Give up where this value seems out of reach: at four times what a step promises.
     """
 
     tolerance: float = 1e-4
     steps: int = 60
-    radius: float = 0.5
     enough: float = -np.inf
-    reach: float = 4.0
 
 
 class BilinearProgram(Linearised):
@@ -102,7 +98,7 @@ class BilinearProgram(Linearised):
         Point
             Feasible to the solver's tolerance, never worse than the start.
         """
-        best, radius = start, until.radius
+        best, radius = start, _FIRST
         for _ in range(until.steps):
             sizes = best.x[self.held]
             sizes = np.maximum(sizes, _SHORTEST_STEP * sizes.mean())
@@ -114,7 +110,7 @@ class BilinearProgram(Linearised):
                 promised = float(slope @ (x - best.x))
                 if promised <= until.tolerance * abs(best.value):
                     break
-                if best.value + until.reach * promised < until.enough:
+                if best.value + _REACH * promised < until.enough:
                     break
                 better = self.restore(x, radius)
             gained = -np.inf if better is None else better.value - best.value

@@ -10,7 +10,7 @@ import numpy as np
 
 from wormopt.core.task import Cost
 from wormopt.errors import Interrupted, SolveError
-from wormopt.gaits.design import Design
+from wormopt.gaits.design import Design, objective_of
 from wormopt.gaits.optimize import designed
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, unit_of
@@ -194,20 +194,14 @@ def objective_value(motion: Crawl, minimise: Cost | None) -> tuple[float, str]:
     quantity : str
         As `unit_of` takes it.
     """
-    match minimise:
-        case None:
-            return motion.speed, "speed"
-        case "peak_spike_load":
-            return float(motion.extremes("reaction")[1].max()), "force"
-        case "peak_actuator_force":
-            return max(float(abs(v).max()) for v in motion.extremes("actuator_force")), "force"
-        case "energy_per_distance":
-            return (
-                motion.energy / motion.advance if motion.advance else np.inf,
-                "energy_per_distance",
-            )
-        case "acceleration_effort":
-            return motion.effort, "acceleration_squared"
+    quantities = {
+        None: "speed",
+        "peak_spike_load": "force",
+        "peak_actuator_force": "force",
+        "energy_per_distance": "energy_per_distance",
+        "acceleration_effort": "acceleration_squared",
+    }
+    return objective_of(motion, minimise), quantities[minimise]
 
 
 def _design_scalars(table: DesignTable, found: Design, motion: Crawl) -> dict[str, Scalar]:
