@@ -18,6 +18,7 @@ from wormopt.core.limits import Limits, Rates
 from wormopt.core.task import Search, Task, Worm
 from wormopt.errors import SolveError
 from wormopt.gaits import search as search_module
+from wormopt.gaits import sharpen
 from wormopt.gaits.design import Design
 from wormopt.gaits.optimize import design, designed
 from wormopt.optimal.bilinear import BilinearProgram

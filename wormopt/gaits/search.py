@@ -136,8 +136,6 @@ class _Race:
     trials: dict[Sequence_, Trial | None] = field(default_factory=dict)
     others: list[Trial] = field(default_factory=list)
     records: dict[int, float] = field(default_factory=dict)
-    programs: int = 0
-    work: int = 0
     varied: int = 0
 
     def __post_init__(self) -> None:
@@ -171,20 +169,16 @@ class _Race:
         orders = [(s, d) for s, d in orders if self.can_win(s)]
         enough = self._close(0)
 
-        def first(job: tuple[Sequence_, np.ndarray | None]) -> tuple[Trial | None, Trial | None]:
+        def first(job: tuple[Sequence_, np.ndarray | None]) -> Trial | None:
             if self.records and self.trier.stopped():
-                return None, None
+                return None
             free = self.trier.free(*job, enough)
             # a free period does no worse than any number of cycles
-            if free is None or free.value < enough:
-                return free, None
-            return free, self.trier.fit(free)
+            return None if free is None or free.value < enough else self.trier.fit(free)
 
-        for (sequence, _), (free, fitted) in zip(orders, self.each(first, orders), strict=True):
+        for (sequence, _), fitted in zip(orders, self.each(first, orders), strict=True):
             key = self.canonical(sequence)
             self.trials.setdefault(key, None)
-            if free is not None:
-                self._count(free)
             if fitted is not None:
                 self.keep(key, fitted)
 
@@ -194,7 +188,6 @@ class _Race:
         return self.task.worm.links > _CHEAP_CEILINGS or ceiling_of(self.task, sequence) > bound
 
     def keep(self, key: Sequence_, trial: Trial) -> None:
-        self._count(trial)
         if trial.value > self.value:
             self.better(trial)
         record = self.records.get(trial.level, -np.inf)
@@ -202,10 +195,6 @@ class _Race:
         old = self.trials.get(key)
         if old is None or trial.value >= old.value:
             self.trials[key] = trial
-
-    def _count(self, trial: Trial) -> None:
-        self.programs += trial.program.bilinear.programs
-        self.work += trial.program.bilinear.work
 
     @property
     def value(self) -> float:
@@ -329,7 +318,7 @@ def search(
         over.set()
         race.close()
     ranking = sorted([*race.ranking, *race.others], key=lambda t: -t.value)
-    return Survey(tuple(ranking), len(race.trials), race.varied, race.programs, ended, seconds)
+    return Survey(tuple(ranking), len(race.trials), race.varied, trier.programs, ended, seconds)
 
 
 def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator[str]:
@@ -356,7 +345,7 @@ def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterato
         stage = race.tell("plain orders", 0.5 * k * _BATCH / effort.enumerated)
         race.enter([(s, None) for s in batch])
         yield stage
-        if race.work > effort.work / 2:
+        if race.trier.work > effort.work / 2:
             break
     race.promote(0, 3 * effort.width)
     yield "plain orders"
@@ -372,12 +361,12 @@ def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterato
     stage = race.tell("finer arcs", 0.8)
     race.promote(1, effort.width)
     yield stage
-    most = max(effort.work, race.work + _OF_RESTARTS * effort.work)
+    most = max(effort.work, race.trier.work + _OF_RESTARTS * effort.work)
     for start in range(2 * effort.starts if speed else effort.starts):
         stage = race.tell("other starts", 0.9)
         race.restart(2, (settings.seed, 1 + start), race.margins[1])
         yield stage
-        if race.work > most:
+        if race.trier.work > most:
             return
 
 
@@ -392,7 +381,7 @@ def _vary(race: _Race, settings: Search) -> Iterator[None]:
             race.enter(batch)
             race.varied += len(batch)
             yield
-            if race.work > effort.work * (_WORK_OF_ENERGY if is_energy(task) else 1.0):
+            if race.trier.work > effort.work * (_WORK_OF_ENERGY if is_energy(task) else 1.0):
                 return
         race.promote(0, 2 * effort.width)
         yield

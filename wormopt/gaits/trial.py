@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil, floor
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.split import split_matters
 from wormopt.gaits.waves import WaveProgram, wave_direction
-from wormopt.optimal.bilinear import Climb, Point
+from wormopt.optimal.bilinear import BilinearProgram, Climb, Point
 
 __all__ = ["Trial", "Trier"]
 
@@ -83,7 +84,9 @@ class Trier:
     def __init__(
         self, task: Task, arcs: int = 4, stop: Stop = lambda: False, work: float = np.inf
     ) -> None:
-        self.task, self._arcs, self.stopped, self._work = task, arcs, stop, work
+        self.task, self._arcs, self.stopped, self._most = task, arcs, stop, work
+        self.programs = self.work = 0  # linear programs of all climbs; pivots, rows and columns
+        self._lock = Lock()
         self.shortest, self.longest = task.limits.period_range
 
     def phase_guess(self) -> float:
@@ -225,6 +228,7 @@ class Trier:
         reached = fast.bilinear.climb(
             start, Climb(1e-4), lambda p: self.stopped() or fast.objective(p) >= 1.02 * required
         )
+        self._count(fast.bilinear)
         if has_cost_columns(self.task):
             # a cost that is no peak asks for the motion itself: it is feasible there too
             too_slow = fast.objective(reached) < required
@@ -252,9 +256,16 @@ class Trier:
         """
         bilinear = trial.program.bilinear
         until = Climb(tolerance, steps, enough=enough / trial.program.unit)
-        most = bilinear.work + self._work
+        before = bilinear.programs, bilinear.work
+        most = bilinear.work + self._most
         point = bilinear.climb(trial.point, until, lambda _: self.stopped() or bilinear.work > most)
+        self._count(bilinear, *before)
         return replace(trial, point=point)
+
+    def _count(self, bilinear: BilinearProgram, programs: int = 0, work: int = 0) -> None:
+        with self._lock:  # climbs run side by side
+            self.programs += bilinear.programs - programs
+            self.work += bilinear.work - work
 
     def settled(self, trial: Trial) -> Trial | None:
         """With the split of least actuation instead of any split; None where none is found.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from typing import Any
 
@@ -72,14 +73,8 @@ class Linearised:
         self._excess = excess or Excess(*[np.empty(0, int)] * 3)
         self._guarded = np.concatenate([held, self._excess.factors]).astype(np.int32)
         self._assemble(rows)
-        self._highs: Any = highspy.Highs()  # its stubs lack half of its methods
-        self._highs.silent()
-        for option, value in _OPTIONS.items():
-            self._highs.setOptionValue(option, value)
-        size = len(self.row_lower) + len(self.upper)
-        self._highs.setOptionValue("simplex_iteration_limit", int(_MOST_WORK / size))
-        if excess is not None:  # no vertex, so that `sharpen` cannot remove what is left
-            self._highs.setOptionValue("primal_feasibility_tolerance", 1e-10)
+        # with an excess it is no vertex, so that `sharpen` cannot remove what is left
+        self._tolerance = 1e-9 if excess is None else 1e-10
         self._basis: Any = None
         self.programs = 0  # linear programs solved
         self.work = 0  # their pivots, times rows and columns
@@ -192,27 +187,30 @@ class Linearised:
 
         The factors of an excess stay within a share of their bounds.
         """
-        jacobian = self.jacobian(x)
-        self._load(jacobian, self.slope(x, jacobian), jacobian @ x - self.values(x))
+        jacobian, highs = self.jacobian(x), _solver()
+        model = self._model(jacobian, self.slope(x, jacobian), jacobian @ x - self.values(x))
+        highs.passModel(model)
+        size = model.num_row_ + model.num_col_
+        highs.setOptionValue("simplex_iteration_limit", int(_MOST_WORK / size))
+        highs.setOptionValue("primal_feasibility_tolerance", self._tolerance)
         columns = self._guarded
         low, high = self.lower[columns], self.upper[columns]
         near = np.clip(x[columns], low, high)
         own = factors * self.upper[self._excess.factors]
         radius = np.concatenate([np.broadcast_to(radius, len(self.held)), own])
         low, high = np.maximum(low, near - radius), np.minimum(high, near + radius)
-        self._highs.changeColsBounds(len(columns), columns, low, high)
+        highs.changeColsBounds(len(columns), columns, low, high)
         if self._basis is not None:
-            self._highs.setBasis(self._basis)
+            highs.setBasis(self._basis)
         self.programs += 1
-        self._highs.run()
-        pivots = self._highs.getInfo().simplex_iteration_count
-        self.work += (pivots + _PIVOTS_OF_SETTING_UP) * (len(self.row_lower) + len(self.upper))
-        if self._highs.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+        highs.run()
+        self.work += (highs.getInfo().simplex_iteration_count + _PIVOTS_OF_SETTING_UP) * size
+        if highs.getModelStatus() != highspy.HighsModelStatus.kOptimal:
             return None
-        self._basis = self._highs.getBasis()
-        return self._highs.getSolution()
+        self._basis = highs.getBasis()
+        return highs.getSolution()
 
-    def _load(self, matrix: sparse.csr_array, cost: np.ndarray, shift: np.ndarray) -> None:
+    def _model(self, matrix: sparse.csr_array, cost: np.ndarray, shift: np.ndarray) -> Any:
         model: Any = highspy.HighsLp()
         model.num_row_, model.num_col_ = len(self.row_lower), len(self.upper)
         model.sense_ = highspy.ObjSense.kMaximize
@@ -223,7 +221,7 @@ class Linearised:
         model.a_matrix_.start_ = self._starts
         model.a_matrix_.index_ = self._indices
         model.a_matrix_.value_ = matrix.data
-        self._highs.passModel(model)
+        return model
 
     def restore(self, x: np.ndarray, factors: float = np.inf) -> Point | None:
         """Best point with the held columns of x; None where there is none.
@@ -263,6 +261,16 @@ _OPTIONS = {
     "threads": 1,
     "solver": "simplex",
     "presolve": "off",
-    "primal_feasibility_tolerance": 1e-9,
     "dual_feasibility_tolerance": 1e-9,
 }
+_OF_THREAD = threading.local()
+
+
+def _solver() -> Any:
+    """The solver of this thread: programs are many, and each solver takes a megabyte."""
+    if not hasattr(_OF_THREAD, "highs"):
+        _OF_THREAD.highs = highspy.Highs()  # its stubs lack half of its methods
+        _OF_THREAD.highs.silent()
+        for option, value in _OPTIONS.items():
+            _OF_THREAD.highs.setOptionValue(option, value)
+    return _OF_THREAD.highs
