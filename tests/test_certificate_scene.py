@@ -1,23 +1,26 @@
 """Certificates in scenes: what a result says, what is refused, what is kept between runs."""
 
 import json
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from test_design import G1
+from test_design import G1, G1_LIMITS
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.errors import Interrupted, SceneError
+from wormopt.core.task import Certify, Search, Task, Worm
+from wormopt.errors import ArgumentError, Interrupted, SceneError
 from wormopt.gaits import certify, proof
 from wormopt.gaits.optimize import designed
+from wormopt.gaits.space import letters_of
 from wormopt.progress import silent
 from wormopt.studies import gait_certificate, gait_design
 
 OWN = ["search.sequence=[[0],[1],[2]]", 'search.effort="quick"', "search.workers=1"]
+QUICK = Search(sequence=((0,), (1,), (2,)), effort="quick", workers=1)
 
 
 def run(*changes: str):
@@ -34,7 +37,7 @@ def one_design(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is designed does not depend on the certificate: once is enough."""
 
     def again(task, settings, report):
-        return designed_once(task, replace(settings, certify=None))
+        return designed_once(task, settings)
 
     monkeypatch.setattr(gait_design, "designed", again)
 
@@ -174,6 +177,57 @@ def test_proofs_that_cannot_be_had_are_refused(changes: list[str], said: str):
     with pytest.raises(SceneError) as refused:
         wo.load_scene("certified_gait", changes)
     assert said in str(refused.value)
+
+
+def test_a_scene_counts_the_sets_that_python_counts():
+    """Of 4 masses 2 or 3 may rest: ten sets, whose words of six phases are just not too many."""
+    own = ["worm.links=3", "gait.resting=2", "gait.spike_load=60.0"]
+    scene = wo.load_scene("certified_gait", [*own, "search.certify.phases=6"])
+    task = scene.table.task(scene.table.objective.objective)
+    assert task.count_of_sets == len(letters_of(task)) == 10
+    assert not list(Certify(phases=6).faults_of_orders(task))
+    ((key, said),) = Certify(phases=7).faults_of_orders(task)
+    with pytest.raises(SceneError) as refused:
+        wo.load_scene("certified_gait", [*own, "search.certify.phases=7"])
+    assert refused.value.faults == ((f"search.certify.{key}", said),)
+
+
+def test_python_proves_what_a_scene_proves():
+    scene = wo.load_scene("certified_gait", [*OWN, "search.certify.gap=1e-2"])
+    task = scene.table.task(scene.table.objective.objective)
+    found = designed_once(task, scene.table.search.search)
+    told = wo.certify(found, gap=1e-2, sequence=[[0], [1], [2]], workers=1)
+    result = wo.run(scene)
+    assert told.bound == value(result, "bound")
+    assert told.certificate.phases == value(result, "certified_phases") == 3
+    history = told.certificate.progress.history
+    assert history[0] == (0.0, pytest.approx(found.ceiling))
+    assert len(history) + 1 == len(result["proof_bound"].values)
+
+
+def test_a_proof_without_time_says_the_ceiling():
+    found = designed_once(Task(Worm(2, load=5.0), G1_LIMITS), QUICK)
+    assert wo.certify(found, time_limit=1e-9).bound <= found.ceiling * (1 + 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"phases": "a"}, "phases: not 'a'; write a whole number from 2 to 8"),
+        ({"phases": 1}, "phases: not 1; write a whole number from 2 to 8"),
+        ({"gap": "a"}, "gap: not 'a'; write a number from 1e-5 to 0.5"),
+        ({"gap": 0.6}, "gap: not 0.6; write a number"),
+        ({"time_limit": 0}, "time_limit: not 0; write a finite number above 0"),
+        ({"sequence": [0, 1]}, "sequence: not (0, 1); write a list of lists"),
+        ({"sequence": [[0], [3]]}, "sequence[1]: names a mass there is not; write indices 0 to 2"),
+        ({"workers": 0}, "workers: not 0; write a whole number from 1 to 1024"),
+    ],
+)
+def test_a_proof_refuses_what_it_cannot_use(given: dict[str, Any], said: str):
+    found = designed_once(Task(Worm(2, load=5.0), G1_LIMITS), QUICK)
+    with pytest.raises(ArgumentError) as refused:
+        wo.certify(found, **given)
+    assert str(refused.value).startswith(said)
 
 
 def test_pictures_and_fronts_need_what_they_draw():

@@ -46,9 +46,8 @@ def g1(links: int = 2, objective: Objective = SPEED, **changed) -> Task:
 
 def proof(task: Task, value: float, gap: float = 1e-3, report=silent, **changed):
     options = {"phases": 4, "time_limit": 120.0, "sequence": None, "workers": 1} | changed
-    wanted = Certify(phases=options["phases"], gap=gap, time_limit=options["time_limit"])
-    own = Search(certify=wanted, sequence=options["sequence"], workers=options["workers"])
-    return prove(task, value, own, report, options.get("begun"), improve=options.get("improve"))
+    begun, improve = (options.pop(name, None) for name in ("begun", "improve"))
+    return prove(task, value, Certify(gap=gap, **options), report, begun, improve=improve)
 
 
 def check_bound(bound: float, speed: float) -> None:

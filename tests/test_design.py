@@ -18,6 +18,7 @@ from wormopt.core.limits import Limits, Rates
 from wormopt.core.task import Objective, Search, Task, Worm
 from wormopt.errors import Interrupted, SolveError
 from wormopt.gaits.construct import block_wave
+from wormopt.gaits.design import objective_of
 from wormopt.gaits.files import gait_of_result
 from wormopt.gaits.optimize import design, designed
 from wormopt.gaits.sequences import sequences
@@ -163,8 +164,6 @@ def test_designed_gaits_beat_the_constructed_ones(links, resting):
     ],
 )
 def test_a_cost_is_no_higher_than_that_of_the_fastest_gait(cost, fast_gait):
-    from wormopt.studies.gait_design import objective_value
-
     result = run(
         f'objective={{minimise="{cost}",speed=0.7}}',
         "search.sequence=[[0],[2],[1]]",
@@ -173,7 +172,7 @@ def test_a_cost_is_no_higher_than_that_of_the_fastest_gait(cost, fast_gait):
     fastest = crawl(gait_of_result(fast_gait), [1.0] * 3, 0.0, 5.0)
     assert result.status == "ok", result.reason
     assert value(result, "speed") >= 0.7 - 1e-9
-    assert value(result, "objective") < objective_value(fastest, cost)[0]
+    assert value(result, "objective") < objective_of(fastest, cost)
 
 
 limits_ = st.builds(
@@ -341,6 +340,34 @@ def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
     assert np.all(np.diff(result["front_value"].values[order]) > -1e-9)
     assert result["front_value"].values.min() >= 15.0 - 1e-9  # mean lambda = Gamma, one spike
     assert not list(tmp_path.rglob("point_*"))
+
+
+@pytest.mark.parametrize("fails_at", [1, 2])
+def test_a_front_says_in_words_of_the_scene_why_there_is_no_gait(
+    fails_at: int, monkeypatch, tmp_path: Path, capsys
+):
+    from wormopt.studies import gait_pareto
+
+    monkeypatch.setattr(gait_pareto, "user_cache_path", lambda _: tmp_path / "kept")
+    original, calls = gait_pareto.designed, []
+
+    def refusing(*args):
+        calls.append(args)
+        if len(calls) == fails_at:
+            raise SolveError("limits.rate is too small for the limits.", "raise limits.rate")
+        return original(*args)
+
+    monkeypatch.setattr(gait_pareto, "designed", refusing)
+    motor = "motor={lead=0.5, rate_max=2.0, acceleration_max=40.0}"
+    changes = ["pareto.points=3", 'search.effort="quick"', "search.sequence=[[0],[2],[1]]", motor]
+    sets = [part for change in changes for part in ("--set", change)]
+    folder = tmp_path / "o"
+    code = main(["run", "pareto_speed_load", "--json", "--no-plots", "-o", str(folder), *sets])
+    told = json.loads(capsys.readouterr().out)
+    said = told["reason"] if fails_at == 1 else " ".join(told["trust"]["warnings"])
+    assert code == (3 if fails_at == 1 else 0)
+    assert "gait.rate is too small for the limits.; raise gait.rate; gait.rate is here the " in said
+    assert (folder / "summary.json").is_file()
 
 
 def test_impulses_reach_what_accelerations_cannot():

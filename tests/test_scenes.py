@@ -381,6 +381,16 @@ def test_a_front_over_a_cost_needs_finite_forces(tmp_path: Path):
         load(tmp_path, PARETO.replace("acceleration = 20.0", "impulses = true"))
 
 
+@pytest.mark.parametrize("cost", ["energy_per_distance", "acceleration_effort"])
+def test_a_smooth_cost_needs_one_load(tmp_path: Path, cost: str):
+    said = f"{cost} depends on the load, and worm.load is a range"
+    own = f'objective={{minimise="{cost}", speed=0.1}}'
+    with pytest.raises(SceneError, match=f"objective.minimise: {said}"):
+        load(tmp_path, DESIGN, own, "worm.load=[1, 2]")
+    with pytest.raises(SceneError, match=f"pareto.against: {said}"):
+        load(tmp_path, PARETO, f'pareto.against="{cost}"', "worm.load=[1, 2]")
+
+
 def test_a_mass_that_never_moves_is_refused(tmp_path: Path):
     with pytest.raises(SceneError, match="mass 0 rests in every phase"):
         load(tmp_path, DESIGN, "search.sequence=[[0,1],[0,2]]")

@@ -5,7 +5,7 @@ from dataclasses import replace
 from itertools import count, pairwise
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -15,8 +15,8 @@ from test_program import G1, G1_LIMITS, G1_ORDER, G1_WORM, check
 
 from wormopt.cli import main
 from wormopt.core.limits import Limits, Rates
-from wormopt.core.task import Search, Task, Worm
-from wormopt.errors import SolveError
+from wormopt.core.task import Cost, Objective, Search, Task, Worm
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.gaits import search as search_module
 from wormopt.gaits import sharpen
 from wormopt.gaits.design import Design
@@ -182,9 +182,10 @@ def test_both_ends_of_a_range_of_loads_count():
         assert 3 * again.lambda_max <= 22.0 * (1 + 1e-9)
 
 
-def test_a_smooth_cost_needs_one_load():
-    with pytest.raises(SolveError, match=r"worm\.load is a range"):
-        design(replace(G1_WORM, load=(2.0, 5.0)), G1_LIMITS, "energy_per_distance", 0.5)
+@pytest.mark.parametrize("cost", ["energy_per_distance", "acceleration_effort"])
+def test_a_smooth_cost_needs_one_load(cost):
+    with pytest.raises(ArgumentError, match=rf"objective\.minimise: {cost} .*\.load is a range"):
+        design(replace(G1_WORM, load=(2.0, 5.0)), G1_LIMITS, cost, 0.5)
 
 
 # -- ends before the end -------------------------------------------------------------------------
@@ -387,3 +388,82 @@ def test_numbers_of_numpy_are_numbers():
     given: dict[str, Any] = {"length": np.array([1, 2]), "acceleration": np.float32(20)}
     task = Task(Worm(links, mass, load=5.0), Limits(period=1.0, rate=1, **given))
     assert (task.worm.masses, task.limits.length_ranges(2)) == ((1, 1, 1), ((1, 2), (1, 2)))
+
+
+def test_numbers_without_a_list_are_kept_as_numbers():
+    zero_d: Any = np.array(2.0)
+    worm = Worm(2, mass=zero_d, drag=zero_d, load=zero_d)
+    task = Task(worm, replace(G1_LIMITS, rate=zero_d), Objective("peak_spike_load", zero_d))
+    assert worm == Worm(2, 2.0, 2.0, 2.0)
+    assert hash(task) == hash(replace(task))
+
+
+X = "{x} {0}"
+JUMPS = {"acceleration": None, "impulses": True}
+
+
+@pytest.mark.parametrize(
+    ("part", "given", "said"),
+    [
+        ("worm", {"links": 2.0}, "worm.links: not 2.0; write a whole number from 1 to 32"),
+        ("worm", {"links": True}, "worm.links: not True; write a whole number"),
+        ("worm", {"mass": None}, "worm.mass: not None; write a finite number above 0"),
+        ("worm", {"mass": 10**400}, "worm.mass: not 1000"),
+        ("worm", {"mass": "2"}, "worm.mass: not '2'; write a finite number above 0"),
+        ("worm", {"mass": [1, 1]}, "worm.mass: 2 entries for 3 masses; write one number"),
+        ("worm", {"drag": [0.1]}, "worm.drag: not (0.1,); write a finite number 0 or above"),
+        ("worm", {"drag": X}, "worm.drag: not '{x} {0}'; write a finite number"),
+        ("worm", {"load": None}, "worm.load: not None; write a finite number 0 or above"),
+        ("limits", {"resting": 1.5}, "limits.resting: not 1.5; write a whole number from 1 to 2"),
+        ("limits", {"resting": "1"}, "limits.resting: not '1'; write a whole number"),
+        ("limits", {"resting": 0}, "limits.resting: not 0; write a whole number from 1 to 2"),
+        ("limits", {"resting": 3}, "limits.resting: 3 resting masses leave a worm of 2 links"),
+        ("limits", {"length": 0.7}, "limits.length: neither one range nor one per link; write"),
+        ("limits", {"length": None}, "limits.length: neither one range nor one per link; write"),
+        ("limits", {"length": (0.7, X)}, "limits.length: not '{x} {0}'; write a finite number"),
+        ("limits", {"period": None}, "limits.period: not None; write a finite number above 0"),
+        ("limits", {"period": float("nan")}, "limits.period: not nan; write a finite number"),
+        ("limits", {"rate": X}, "limits.rate: not '{x} {0}'; write a finite number above 0"),
+        ("limits", {"rate": Rates(1.0, X)}, "limits.rate.extension: not '{x} {0}'; write"),  # type: ignore[arg-type]
+        ("limits", {"sigma_margin": [1.0]}, "limits.sigma_margin: not (1.0,); write a finite"),
+        ("limits", {"sharing": X}, "limits.sharing: not '{x} {0}'; write equal or least_actu"),
+        ("limits", {"acceleration": None}, "limits.acceleration: velocities may jump: give limits"
+         ".acceleration or set limits.impulses = true"),
+        ("limits", JUMPS | {"spike_load": 20.0}, "limits.impulses: an impulse exceeds any limits"
+         ".spike_load; leave limits.impulses out and give limits.acceleration"),
+        ("search", {"seed": -1}, "search.seed: not -1; write a whole number from 0 to 4294967295"),
+        ("search", {"seed": 0.5}, "search.seed: not 0.5; write a whole number"),
+        ("search", {"effort": X}, "search.effort: not '{x} {0}'; write one of quick"),
+        ("search", {"phases": "3"}, "search.phases: not '3'; write a whole number from 2 to 64"),
+        ("search", {"workers": "2"}, "search.workers: not '2'; write a whole number from 1"),
+        ("search", {"time_limit": [1]}, "search.time_limit: not (1,); write a finite number"),
+        ("search", {"sequence": [0, 1]}, "search.sequence: not (0, 1); write a list of lists"),
+        ("search", {"sequence": 3}, "search.sequence: not 3; write a list of lists of masses"),
+        ("search", {"sequence": []}, "search.sequence: fewer than two phases; write at least"),
+        ("search", {"sequence": [[0.5], [1]]}, "search.sequence[0]: names a mass there is not; wr"),
+        ("search", {"sequence": [["0"], [1]]}, "search.sequence[0]: names a mass there is not; wr"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_refused_with_what_to_write(part: str, given: Any, said: str):
+    right: dict[str, Any] = {"worm": G1_WORM, "limits": G1_LIMITS, "search": OWN}
+    with pytest.raises(ArgumentError) as refused:
+        design(**right | {part: replace(right[part], **given)})
+    assert str(refused.value).startswith(said)
+
+
+@pytest.mark.parametrize("cost", get_args(Cost))
+def test_costs_that_impulses_make_infinite_are_refused(cost: Cost):
+    limits = replace(G1_LIMITS, acceleration=None, impulses=True)
+    with pytest.raises(
+        ArgumentError, match=r"objective\.minimise: .* no finite value with limits\."
+    ):
+        design(G1_WORM, limits, cost, 0.5)
+
+
+def test_an_objective_may_be_given_as_one():
+    found = design(G1_WORM, G1_LIMITS, Objective("peak_spike_load", 0.75), search=OWN)
+    assert found.task.objective == Objective("peak_spike_load", 0.75)
+    assert found.value == pytest.approx(585 / 23, abs=1e-9)
+    assert Objective.of(Objective()) == Objective.of("speed")
+    with pytest.raises(ArgumentError, match="leave one out"):
+        design(G1_WORM, G1_LIMITS, Objective("peak_spike_load", 0.75), 0.5)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import wormopt as wo
 from wormopt.core.limits import Limits, Rates
 from wormopt.core.task import Objective, Search, Task, Worm
-from wormopt.errors import SceneError
+from wormopt.errors import ArgumentError, SceneError
 from wormopt.gaits.design import Design
 from wormopt.gaits.optimize import design, designed
 from wormopt.gaits.sensitivity import Limit, Sensitivity, limits_of, scaling_error, sensitivities
@@ -213,6 +213,11 @@ def test_smooth_costs_have_none():
     cost = 'objective={minimise="acceleration_effort", speed=0.3}'
     with pytest.raises(SceneError, match="limits"):
         wo.load_scene("design_fast_gait", [cost, 'want=["limits"]'])
+    search = Search(sequence=((0,), (1,)), effort="quick", workers=1)
+    found = design(Worm(1, load=5.0), LIMITS, "acceleration_effort", 0.3, search)
+    for verb in (sensitivities, wo.certify):
+        with pytest.raises(ArgumentError, match="acceleration_effort; seek speed, peak_spike_load"):
+            verb(found)
 
 
 @pytest.mark.slow

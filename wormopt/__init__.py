@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from wormopt.core.limits import Limits, Rates
     from wormopt.core.model import Contact, Model, Output, Schedule, Signal, Switch
     from wormopt.core.modes import ModeSequence
-    from wormopt.core.task import Certify, Objective, Search, Task, Worm
+    from wormopt.core.task import Objective, Search, Task, Worm
     from wormopt.errors import (
         ArgumentError,
         Interrupted,
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         UnknownNameError,
         WormoptError,
     )
+    from wormopt.gaits.certify import Certificate
     from wormopt.gaits.construct import fast_gait, travelling_sine
     from wormopt.gaits.design import Design
     from wormopt.gaits.files import load_gait
@@ -97,8 +98,8 @@ _HOMES = {
     "ArgumentError": "wormopt.errors",
     "Bound": "wormopt.optimal.problem",
     "Branch": "wormopt.averaging.continuation",
+    "Certificate": "wormopt.gaits.certify",
     "Certified": "wormopt.gaits.proof",
-    "Certify": "wormopt.core.task",
     "ChannelWorm": "wormopt.worms.channel",
     "Coil": "wormopt.magnetics.winding",
     "CoilRow": "wormopt.magnetics.coils",
@@ -220,8 +221,8 @@ __all__ = [
     "ArgumentError",
     "Bound",
     "Branch",
+    "Certificate",
     "Certified",
-    "Certify",
     "ChannelWorm",
     "Coil",
     "CoilRow",

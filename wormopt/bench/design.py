@@ -178,7 +178,7 @@ def certified_bound(case: Case, seconds: float) -> Bound:
     from wormopt.gaits.proof import certified
 
     found = designed(task_of(case), Search(time_limit=seconds), silent)
-    proof = certified(found, Search(certify=Certify(_PHASES, _GAP, seconds)), silent)
+    proof = certified(found, Certify(_PHASES, _GAP, seconds), silent)
     return Bound(proof.bound, max(proof.gap, 0.0), found.ceiling)
 
 

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Iterable, Iterator, Sequence
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 from wormopt.errors import Fault
 
-__all__ = ["Frozen", "Numbers", "faults_of_numbers", "per", "wrong_order"]
+__all__ = [
+    "Frozen",
+    "Numbers",
+    "faults_of_number",
+    "faults_of_numbers",
+    "faults_of_whole",
+    "is_number",
+    "is_whole",
+    "per",
+    "wrong_order",
+]
 
 Numbers = float | Sequence[float]
 
@@ -33,7 +43,9 @@ def per(value: Numbers, count: int) -> tuple[float, ...]:
 
 
 def _frozen(value: Any) -> Any:
-    """Lists as tuples, at any depth, so that tasks can be compared and hashed."""
+    """Lists as tuples, at any depth, and scalars of numpy as numbers: tasks can be hashed."""
+    if getattr(value, "ndim", None) == 0:
+        return value.item()
     if isinstance(value, Iterable) and not isinstance(value, str):
         return tuple(_frozen(item) for item in value)
     return value
@@ -47,6 +59,67 @@ class Frozen:
             object.__setattr__(self, name, _frozen(getattr(self, name)))
 
 
+def is_number(value: Any, least: float, most: float = sys.float_info.max) -> bool:
+    """Whether it is a number from `least` to `most`; neither NaN nor a truth value is one.
+
+    Parameters
+    ----------
+    value : object
+        What was given.
+    least, most : float
+        Smallest and largest allowed.
+    """
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    return bool(least <= value <= most)  # pyright: ignore[reportOperatorIssue]
+
+
+def is_whole(value: Any, least: int, most: int) -> bool:
+    """Whether it is a whole number from `least` to `most`.
+
+    Parameters
+    ----------
+    value : object
+        What was given.
+    least, most : int
+        Smallest and largest allowed.
+    """
+    return isinstance(value, Integral) and is_number(value, least, most)
+
+
+def faults_of_whole(key: str, value: Any, least: int, most: int) -> Iterator[Fault]:
+    """Yield a fault for what is no whole number from `least` to `most`.
+
+    Parameters
+    ----------
+    key : str
+        Where it stands.
+    value : object
+        What was given.
+    least, most : int
+        Smallest and largest allowed.
+    """
+    if not is_whole(value, least, most):
+        yield key, f"not {value!r}; write a whole number from {least} to {most}"
+
+
+def faults_of_number(key: str, value: Any, least: float | None = None) -> Iterator[Fault]:
+    """Yield a fault for what is no finite number above 0 or from least on.
+
+    Parameters
+    ----------
+    key : str
+        Where it stands.
+    value : object
+        What was given.
+    least : float, optional
+        Smallest allowed; anything above 0 if left out.
+    """
+    if not is_number(value, least or 0.0) or (least is None and value == 0):
+        wanted = "above 0" if least is None else f"{least:g} or above"
+        yield key, f"not {value!r}; write a finite number {wanted}"
+
+
 def faults_of_numbers(
     key: str, value: Any, count: int, things: str, least: float | None = None
 ) -> Iterator[Fault]:
@@ -56,8 +129,8 @@ def faults_of_numbers(
     ----------
     key : str
         Where it stands.
-    value : float, tuple of float or None
-        What was given; None is nothing wrong.
+    value : float or tuple of float
+        What was given.
     count : int
         How many numbers a list must have.
     things : str
@@ -65,20 +138,16 @@ def faults_of_numbers(
     least : float, optional
         Smallest allowed; anything above 0 if left out.
     """
-    if value is None:
-        return
-    if isinstance(value, tuple) and len(value) != count:
-        entries = "1 entry" if len(value) == 1 else f"{len(value)} entries"
+    items = value if isinstance(value, tuple) else (value,)
+    if items is value and len(items) != count:
+        entries = "1 entry" if len(items) == 1 else f"{len(items)} entries"
         yield (
             key,
             f"{entries} for {count} {things}; write one number for all {things}, "
             f"or a list of {count}",
         )
-    for item in per(value, 1):
-        known = isinstance(item, Real) and math.isfinite(item)
-        if not known or not (item > 0 if least is None else item >= least):
-            wanted = "above 0" if least is None else f"{least:g} or above"
-            yield key, f"not {item!r}; write a finite number {wanted}"
+    for item in items:
+        yield from faults_of_number(key, item, least)
 
 
 def wrong_order(key: str, pair: tuple[float, ...], *, may_be_equal: bool = True) -> Iterator[Fault]:

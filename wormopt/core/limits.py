@@ -7,7 +7,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
-from wormopt.core.given import Frozen, Numbers, faults_of_numbers, per, wrong_order
+from wormopt.core.given import (
+    Frozen,
+    Numbers,
+    faults_of_number,
+    faults_of_numbers,
+    faults_of_whole,
+    is_number,
+    per,
+    wrong_order,
+)
 from wormopt.errors import Fault
 
 __all__ = ["Limits", "Rates", "Sharing"]
@@ -163,34 +172,37 @@ class Limits(Frozen):
             acceleration=tuple(min(acceleration, limit) for limit in weaker),
         )
 
-    def faults(self, links: int) -> Iterator[Fault]:
+    def faults(self, links: int, prefix: str = "") -> Iterator[Fault]:
         """Yield field and message of whatever is wrong, or does not fit so many links.
 
         Parameters
         ----------
         links : int
             Number of links.
+        prefix : str, optional
+            What the names of limits begin with in messages, "gait." say.
         """
         yield from faults_of_numbers("period", self.period, 2, "ends of a range")
         if len(per(self.period, 2)) == 2:
             yield from wrong_order("period", self.period_range)
-        if not 1 <= self.resting <= links:
+        if is_number(self.resting, links + 1):
             yield (
                 "resting",
                 f"{self.resting} resting masses leave a worm of {links} links none to move; "
-                f"write at most {links}"
-                if self.resting > links
-                else f"not {self.resting}; at least 1 mass must rest",
+                f"write at most {links}",
             )
+        else:
+            yield from faults_of_whole("resting", self.resting, 1, links)
         if self.sharing not in get_args(Sharing):
             yield "sharing", f"not {self.sharing!r}; write equal or least_actuation"
         yield from self._faults_of_length(links)
         yield from self._faults_of_lists(links)
-        yield from self._faults_of_jumps()
+        yield from self._faults_of_jumps(prefix)
 
     def _faults_of_length(self, links: int) -> Iterator[Fault]:
-        pairs = [item for item in self.length if isinstance(item, tuple)]
-        numbers = [item for item in self.length if not isinstance(item, tuple)]
+        given: Any = self.length if isinstance(self.length, tuple) else (self.length,)
+        pairs = [item for item in given if isinstance(item, tuple)]
+        numbers = [item for item in given if not isinstance(item, tuple)]
         if not pairs and len(numbers) == 2:
             pairs, names = [tuple(numbers)], ["length"]
         elif numbers or len(pairs) != links or any(len(pair) != 2 for pair in pairs):
@@ -207,36 +219,35 @@ class Limits(Frozen):
             yield from wrong_order(name, pair, may_be_equal=False)
 
     def _faults_of_lists(self, links: int) -> Iterator[Fault]:
+        names = ("rate", "acceleration", "spike_load", "actuator_force")
+        given = {name: v for name in names if (v := getattr(self, name)) is not None}
         if isinstance(self.rate, Rates):
-            for name in ("contraction", "extension"):
-                values = getattr(self.rate, name)
-                yield from faults_of_numbers(f"rate.{name}", values, links, "links")
-        else:
-            yield from faults_of_numbers("rate", self.rate, links, "links")
-        yield from faults_of_numbers("acceleration", self.acceleration, links, "links")
-        yield from faults_of_numbers("spike_load", self.spike_load, links + 1, "masses")
-        yield from faults_of_numbers("actuator_force", self.actuator_force, links, "links")
-        yield from faults_of_numbers("sigma_margin", self.sigma_margin, 1, "worms", least=0.0)
+            del given["rate"]
+            given |= {f"rate.{way}": value for way, value in vars(self.rate).items()}
+        for name, value in given.items():
+            count, things = (links + 1, "masses") if name == "spike_load" else (links, "links")
+            yield from faults_of_numbers(name, value, count, things)
+        yield from faults_of_number("sigma_margin", self.sigma_margin, least=0.0)
 
-    def _faults_of_jumps(self) -> Iterator[Fault]:
+    def _faults_of_jumps(self, prefix: str) -> Iterator[Fault]:
         if self.rate is None and self.acceleration is None:
-            yield "", "links of unlimited rate and acceleration; give {}rate or both"
+            yield "", f"links of unlimited rate and acceleration; give {prefix}rate or both"
         if self.acceleration is None and not self.impulses:
             yield (
                 "acceleration",
-                "velocities may jump: give {}acceleration or set {}impulses = true",
+                f"velocities may jump: give {prefix}acceleration or set {prefix}impulses = true",
             )
         if not self.impulses:
             return
         if self.acceleration is not None:
             yield (
                 "impulses",
-                "{}acceleration forbids the jumps that impulses allow; leave one out",
+                f"{prefix}acceleration forbids the jumps that impulses allow; leave one out",
             )
         for key in ("actuator_force", "spike_load"):
             if getattr(self, key) is not None:
                 yield (
                     "impulses",
-                    f"an impulse exceeds any {{}}{key}; leave {{}}impulses out and give "
-                    "{}acceleration",
+                    f"an impulse exceeds any {prefix}{key}; leave {prefix}impulses out and give "
+                    f"{prefix}acceleration",
                 )

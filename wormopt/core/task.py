@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from numbers import Integral
-from typing import Literal, get_args
+from math import comb
+from typing import Any, Literal, get_args
 
-from wormopt.core.given import Frozen, Numbers, faults_of_numbers, per, wrong_order
+from wormopt.core.given import (
+    Frozen,
+    Numbers,
+    faults_of_number,
+    faults_of_numbers,
+    faults_of_whole,
+    is_number,
+    is_whole,
+    per,
+    wrong_order,
+)
 from wormopt.core.limits import Limits
 from wormopt.errors import ArgumentError, Fault
 
@@ -64,18 +74,18 @@ class Worm(Frozen):
 
     def faults(self) -> Iterator[Fault]:
         """Yield field and message of whatever is wrong."""
-        if not (isinstance(self.links, Integral) and 1 <= self.links <= MOST_LINKS):
-            yield "links", f"not {self.links}; write a whole number from 1 to {MOST_LINKS}"
+        if not is_whole(self.links, 1, MOST_LINKS):
+            yield from faults_of_whole("links", self.links, 1, MOST_LINKS)
             return
         yield from faults_of_numbers("mass", self.mass, self.links + 1, "masses")
-        yield from faults_of_numbers("drag", self.drag, 1, "worms", least=0.0)
+        yield from faults_of_number("drag", self.drag, least=0.0)
         yield from faults_of_numbers("load", self.load, 2, "ends of a range", least=0.0)
         if len(per(self.load, 2)) == 2:
             yield from wrong_order("load", self.load_range)
 
 
 @dataclass(frozen=True)
-class Objective:
+class Objective(Frozen):
     """What makes a gait the best: the largest mean speed, or the least cost at a required speed.
 
     Parameters
@@ -95,22 +105,39 @@ class Objective:
     speed: float | None = None
 
     @classmethod
-    def of(cls, name: Literal["speed"] | Cost, speed: float | None = None) -> Objective:
+    def of(cls, what: Literal["speed"] | Cost | Objective, speed: float | None = None) -> Objective:
         """Make an objective of its name.
 
         Parameters
         ----------
-        name : str
-            "speed", or the cost to be made small.
+        what : str or Objective
+            "speed", or the cost to be made small; an objective as it is.
         speed : float, optional
             Mean speed required where a cost is made small.
         """
-        return cls(None if name == "speed" else name, speed)
+        if not isinstance(what, Objective):
+            return cls(None if what == "speed" else what, speed)
+        if speed is not None:
+            raise ArgumentError("speed: the objective has its own; leave one out")
+        return what
 
     @property
     def is_smooth(self) -> bool:
-        """Whether it is neither linear nor a peak."""
+        """Whether it is neither linear nor a peak; only the others have proofs and multipliers."""
         return self.minimise in ("energy_per_distance", "acceleration_effort")
+
+    @property
+    def quantity(self) -> str:
+        """What it measures, as `unit_of` takes it."""
+        match self.minimise:
+            case None:
+                return "speed"
+            case "energy_per_distance":
+                return "energy_per_distance"
+            case "acceleration_effort":
+                return "acceleration_squared"
+            case _:
+                return "force"
 
     def faults(self) -> Iterator[Fault]:
         """Yield field and message of whatever is wrong."""
@@ -122,11 +149,33 @@ class Objective:
         elif self.minimise is not None and self.speed is None:
             yield "speed", "missing; minimise needs the speed to keep, a finite number above 0"
         elif self.speed is not None:
-            yield from faults_of_numbers("speed", self.speed, 1, "gaits")
+            yield from faults_of_number("speed", self.speed)
+
+    def faults_within(self, worm: Worm, limits: Limits) -> Iterator[str]:
+        """Yield why it cannot be sought of a worm within limits, each of them right by itself.
+
+        Parameters
+        ----------
+        worm : Worm
+            Masses, drag, load.
+        limits : Limits
+            What the gait must keep to.
+        """
+        if self.minimise is not None and limits.impulses:
+            yield (
+                f"{self.minimise} has no finite value with limits.impulses; leave that out and "
+                "give limits.acceleration"
+            )
+        low, high = worm.load_range
+        if self.is_smooth and low < high:
+            yield (
+                f"{self.minimise} depends on the load, and worm.load is a range; give one load, "
+                "or seek speed or a peak"
+            )
 
 
 @dataclass(frozen=True)
-class Certify:
+class Certify(Frozen):
     """Proof of how much better any gait could be.
 
     Parameters
@@ -137,20 +186,46 @@ class Certify:
         How much better a gait might still be when it is enough, as a share.
     time_limit : float, optional
         Seconds after which it stops with the gap it has.
+    sequence : sequence of sequences of int, optional
+        The resting masses of each phase of a cycle in turn; it speaks of this order alone then.
+    workers : int, optional
+        Number of threads; one per processor if left out.
     """
 
     phases: int = 4
     gap: float = 1e-3
     time_limit: float = 300.0
+    sequence: tuple[tuple[int, ...], ...] | None = None
+    workers: int | None = None
 
-    def faults(self, sets: int = 0) -> Iterator[Fault]:
-        """Yield field and message of whatever is wrong.
+    def faults(self, links: int, resting: int) -> Iterator[Fault]:
+        """Yield field and message of what is wrong.
 
         Parameters
         ----------
-        sets : int, optional
-            How many sets of masses may rest; of too many the orders cannot all be looked at.
+        links : int
+            Number of links.
+        resting : int
+            At least so many masses rest at any time.
         """
+        yield from faults_of_whole("phases", self.phases, 2, 8)
+        if not is_number(self.gap, 1e-5, 0.5):
+            yield "gap", f"not {self.gap!r}; write a number from 1e-5 to 0.5"
+        yield from faults_of_number("time_limit", self.time_limit)
+        yield from _faults_of_workers(self.workers)
+        yield from _faults_of_sequence(self.sequence, links, resting)
+
+    def faults_of_orders(self, task: Task) -> Iterator[Fault]:
+        """Yield a fault if a task has more orders of rest than can be looked at.
+
+        Parameters
+        ----------
+        task : Task
+            What was designed.
+        """
+        if self.sequence is not None:
+            return
+        sets = task.count_of_sets
         possible = max((p for p in range(2, 9) if sets**p <= _MOST_ORDERS), default=0)
         if not possible:
             yield "", f"{sets} sets of resting masses are too many to look at"
@@ -160,11 +235,6 @@ class Certify:
                 f"{self.phases} phases of {sets} sets of resting masses have too many orders to "
                 f"look at; write {possible} at most",
             )
-        if not _is_whole(self.phases, 2, 8):
-            yield "phases", f"not {self.phases!r}; write a whole number from 2 to 8"
-        if not 1e-5 <= self.gap <= 0.5:
-            yield "gap", f"not {self.gap!r}; write a number from 1e-5 to 0.5"
-        yield from faults_of_numbers("time_limit", self.time_limit, 1, "proofs")
 
 
 @dataclass(frozen=True)
@@ -185,8 +255,6 @@ class Search(Frozen):
         Seconds after which the best gait found so far is taken; no limit if left out.
     workers : int, optional
         Number of threads.
-    certify : Certify, optional
-        The proof of how much better any gait could be; none if left out.
     """
 
     seed: int = 0
@@ -195,7 +263,6 @@ class Search(Frozen):
     sequence: tuple[tuple[int, ...], ...] | None = None
     time_limit: float | None = None
     workers: int | None = None
-    certify: Certify | None = None
 
     def faults(self, links: int, resting: int) -> Iterator[Fault]:
         """Yield field and message of what is wrong.
@@ -209,40 +276,43 @@ class Search(Frozen):
         """
         if self.effort not in get_args(Effort):
             yield "effort", f"not {self.effort!r}; write one of {', '.join(get_args(Effort))}"
-        if self.phases is not None and not _is_whole(self.phases, 2, 64):
-            yield "phases", f"not {self.phases!r}; write a whole number from 2 to 64"
-        if self.workers is not None and not _is_whole(self.workers, 1, 1024):
-            yield "workers", f"not {self.workers!r}; write a whole number from 1 to 1024"
-        yield from faults_of_numbers("time_limit", self.time_limit, 1, "searches")
-        if self.certify is not None:
-            yield from ((f"certify.{key}", said) for key, said in self.certify.faults())
-        if self.sequence is not None:
-            yield from self._faults_of_sequence(self.sequence, links, resting)
-
-    def _faults_of_sequence(
-        self, sequence: tuple[tuple[int, ...], ...], links: int, resting: int
-    ) -> Iterator[Fault]:
-        count = len(sequence)
-        if count < 2:
-            yield "sequence", "fewer than two phases; write at least two"
-        if self.phases is not None and count > self.phases:
+        yield from faults_of_whole("seed", self.seed, 0, 2**32 - 1)
+        if self.phases is not None:
+            yield from faults_of_whole("phases", self.phases, 2, 64)
+        if self.time_limit is not None:
+            yield from faults_of_number("time_limit", self.time_limit)
+        yield from _faults_of_workers(self.workers)
+        yield from _faults_of_sequence(self.sequence, links, resting)
+        if self.phases is not None and (count := len(self.sequence or ())) > self.phases:
             yield "sequence", f"{count} phases, but search.phases allows {self.phases}"
-        for index, masses in enumerate(sequence):
-            key = f"sequence[{index}]"
-            if len(set(masses)) != len(masses):
-                yield key, "names a mass twice; name it once"
-            if any(not 0 <= mass <= links for mass in masses):
-                yield key, f"names a mass there is not; write indices 0 to {links}"
-            if len(set(masses)) < resting:
-                yield key, f"fewer resting masses than limits.resting = {resting}; name more"
-            if count > 1 and set(masses) == set(sequence[index - 1]):
-                yield key, "the same masses rest as in the phase before (round the period)"
-        for mass in sorted(set.intersection(*map(set, sequence)) if sequence else ()):
-            yield "sequence", f"mass {mass} rests in every phase; let it move in one"
 
 
-def _is_whole(value: object, least: int, most: int) -> bool:
-    return isinstance(value, Integral) and least <= int(value) <= most
+def _faults_of_workers(workers: int | None) -> Iterator[Fault]:
+    if workers is not None:
+        yield from faults_of_whole("workers", workers, 1, 1024)
+
+
+def _faults_of_sequence(sequence: Any, links: int, resting: int) -> Iterator[Fault]:
+    if sequence is None:
+        return
+    if not isinstance(sequence, tuple) or not all(isinstance(item, tuple) for item in sequence):
+        yield "sequence", f"not {sequence!r}; write a list of lists of masses, [[0], [2], [1]] say"
+        return
+    if len(sequence) < 2:
+        yield "sequence", "fewer than two phases; write at least two"
+        return
+    for index, masses in enumerate(sequence):
+        key = f"sequence[{index}]"
+        if len(set(masses)) != len(masses):
+            yield key, "names a mass twice; name it once"
+        if not all(is_whole(mass, 0, links) for mass in masses):
+            yield key, f"names a mass there is not; write indices 0 to {links}"
+        if len(set(masses)) < resting:
+            yield key, f"fewer resting masses than limits.resting = {resting}; name more"
+        if set(masses) == set(sequence[index - 1]):
+            yield key, "the same masses rest as in the phase before (round the period)"
+    for mass in sorted(set(sequence[0]).intersection(*sequence)):
+        yield "sequence", f"mass {mass} rests in every phase; let it move in one"
 
 
 @dataclass(frozen=True)
@@ -285,6 +355,17 @@ class Task:
         return limited or self.objective.minimise not in (None, "acceleration_effort")
 
     @property
+    def resting_sizes(self) -> range:
+        """Numbers of masses at rest worth trying: more than asked for help to share a load."""
+        fewest = self.limits.resting
+        return range(fewest, self.worm.links + 1 if self.loads_matter else fewest + 1)
+
+    @property
+    def count_of_sets(self) -> int:
+        """How many sets of masses may rest."""
+        return sum(comb(self.worm.links + 1, size) for size in self.resting_sizes)
+
+    @property
     def speed_nominal(self) -> float:
         """Usual size of the speed: the largest rate of a link."""
         return max(map(max, self.limits.rate_bounds(self.worm.links)))
@@ -292,8 +373,10 @@ class Task:
     def _faults(self) -> Iterator[Fault]:
         for prefix, found in (
             ("worm.", self.worm.faults()),
-            ("limits.", self.limits.faults(self.worm.links)),
+            ("limits.", self.limits.faults(self.worm.links, "limits.")),
             ("objective.", self.objective.faults()),
         ):
             for key, message in found:
-                yield f"{prefix}{key}".removesuffix("."), message.format(*[prefix] * 3)
+                yield f"{prefix}{key}".removesuffix("."), message
+        for message in self.objective.faults_within(self.worm, self.limits):
+            yield "objective.minimise", message

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from wormopt.core.given import per
-from wormopt.core.task import Certify, Objective, Search, Task
+from wormopt.core.task import Certify, Objective, Task
 from wormopt.gaits.relaxation import Relaxed
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.space import all_sequences
@@ -96,7 +96,7 @@ class Certificate:
 def prove(
     task: Task,
     value: float,
-    settings: Search,
+    wanted: Certify,
     report: Report,
     begun: Progress | None = None,
     save: Callable[[Progress], None] = lambda _: None,
@@ -110,9 +110,8 @@ def prove(
         Worm, limits and objective: the speed, the peak spike load or the peak actuator force.
     value : float
         The gait's objective.
-    settings : Search
-        Its ``certify`` tells phases, gap and time; where it names a sequence, the certificate
-        speaks of that sequence only.
+    wanted : Certify
+        The proof that is wanted.
     report : callable
         Told the gap.
     begun : Progress, optional
@@ -139,17 +138,16 @@ def prove(
     >>> from wormopt.core.task import Worm
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> task = Task(Worm(links=1, mass=1.0, load=5.0), limits, Objective())
-    >>> proof = prove(task, 0.45, Search(certify=Certify(phases=2, gap=0.01)), silent)
+    >>> proof = prove(task, 0.45, Certify(phases=2, gap=0.01), silent)
     >>> proof.gap <= 0.01, proof.ending
     (True, 'gap reached')
     """
-    wanted = settings.certify or Certify()
     cost = task.objective.minimise is not None
     progress = begun = begun or Progress(0.0 if cost else np.inf)
     widest, saved, stopped = 0.0, time.monotonic(), "finest cells"
     until = saved + wanted.time_limit
     try:
-        with closing(_prove(task, value, settings, begun, improve)) as steps:
+        with closing(_prove(task, value, wanted, begun, improve)) as steps:
             for progress in steps:
                 gap = gap_of(max(value, progress.found), progress.bound, cost)
                 widest = max(widest, gap if gap < np.inf else 0.0)
@@ -165,7 +163,7 @@ def prove(
     gap = gap_of(max(value, progress.found), progress.bound, cost)
     if gap > wanted.gap and stopped != "finest cells":  # else another run has nothing to add
         save(progress)
-    own = settings.sequence
+    own = wanted.sequence
     return Certificate(
         progress=progress,
         gap=gap,
@@ -201,23 +199,22 @@ class _Best:
 
 
 def _prove(
-    task: Task, value: float, settings: Search, begun: Progress, improve: Improve | None
+    task: Task, value: float, wanted: Certify, begun: Progress, improve: Improve | None
 ) -> Generator[Progress]:
     """Improve a bound step by step; stopping between two steps loses nothing.
 
     A speed takes one tree. For a cost each tree has its limit lowered further below ``value``,
     and is done when no gait within that limit can have the required speed.
     """
-    wanted, clock = settings.certify or Certify(), time.perf_counter() - begun.seconds
-    progress = begun
+    clock, progress = time.perf_counter() - begun.seconds, begun
     for number, (reduced, required, lowered) in enumerate(_steps(task, value, wanted.gap)):
         if number < begun.step:
             continue
         tree = begun.tree if number == begun.step else None
-        tree = tree or _planted(reduced, settings, wanted.phases)
+        tree = tree or _planted(reduced, wanted)
         earlier = progress.boxes - (tree.boxes if number == begun.step else 0)
         best = _Best(task, max(value, begun.found), improve if lowered is None else None)
-        with Solver(reduced, settings.workers) as solver:
+        with Solver(reduced, wanted.workers) as solver:
             while tree.bound > (cutoff := required or best.speed * (1 + wanted.gap)):
                 if not tree.open or tree.open[0].bound <= cutoff:
                     return  # the finest cells do not tell
@@ -236,8 +233,8 @@ def _prove(
                 yield progress
 
 
-def _planted(task: Task, settings: Search, phases: int) -> Tree:
-    own = settings.sequence
+def _planted(task: Task, wanted: Certify) -> Tree:
+    own, phases = wanted.sequence, wanted.phases
     sequences = [tuple(tuple(sorted(s)) for s in own)] if own else all_sequences(task, phases)
     shortest, longest = task.limits.period_range
     return plant(sequences, [s for s in sequences if len(s) == 3], shortest / longest)

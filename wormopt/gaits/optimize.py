@@ -28,7 +28,7 @@ _SEARCH = Search()
 def design(
     worm: Worm,
     limits: Limits,
-    objective: Literal["speed"] | Cost = "speed",
+    objective: Literal["speed"] | Cost | Objective = "speed",
     speed: float | None = None,
     search: Search = _SEARCH,
     report: Report = silent,
@@ -41,7 +41,7 @@ def design(
         Links, masses, drag, load.
     limits : Limits
         What the gait must keep to.
-    objective : str, optional
+    objective : str or Objective, optional
         "speed", made large, or a cost, made small.
     speed : float, optional
         Mean speed required where a cost is made small.
@@ -115,8 +115,6 @@ def designed(
             "limits.acceleration and limits.resting put on any gait",
             f"require less than {bound:.6g}, or raise limits.rate",
         )
-    if task.objective.is_smooth:
-        _refuse_load_range(task)
     begin = perf_counter()
     survey = search(task, settings, report, hints, better)
     if not survey.trials:
@@ -133,15 +131,6 @@ def designed(
 def _ceiling(task: Task) -> float:
     contraction, extension = task.limits.rate_bounds(task.worm.links)
     return ceiling(contraction, extension, task.limits.resting)
-
-
-def _refuse_load_range(task: Task) -> None:
-    low, high = task.worm.load_range
-    if low < high:
-        raise SolveError(
-            f"{task.objective.minimise} depends on the load, and worm.load is a range",
-            "give one load, or seek speed or a peak",
-        )
 
 
 def _nothing(task: Task, settings: Search, survey: Survey, report: Report) -> BaseException:

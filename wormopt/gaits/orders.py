@@ -10,7 +10,7 @@ from wormopt.core.ceiling import best_modes
 from wormopt.core.task import Task
 from wormopt.gaits.construct import block_wave_sequence
 from wormopt.gaits.sequences import Resting, Sequence_, is_gait, mirrored, sequences
-from wormopt.gaits.space import ceiling_of, is_mirror_symmetric, sizes_of
+from wormopt.gaits.space import ceiling_of, is_mirror_symmetric
 from wormopt.gaits.waves import wave_orders
 
 __all__ = ["first_orders", "plain_orders", "search_letters"]
@@ -43,7 +43,7 @@ def first_orders(task: Task) -> list[Sequence_]:
     """
     n, fewest = task.worm.links, task.limits.resting
     found = [*_ends_in_turn(n, fewest), *_best_sets_in_turn(task)]
-    found += [tuple(block_wave_sequence(n, a)) for a in sizes_of(task)]
+    found += [tuple(block_wave_sequence(n, a)) for a in task.resting_sizes]
     waves = wave_orders(n, fewest)
     if not is_mirror_symmetric(task):
         waves += [mirrored(wave, n + 1) for wave in waves]
@@ -79,8 +79,8 @@ def search_letters(task: Task) -> list[Resting]:
     task : Task
         Worm, limits, objective.
     """
-    masses, sizes = task.worm.links + 1, sizes_of(task)
-    if sum(comb(masses, size) for size in sizes) <= _MOST_SETS:
+    masses, sizes = task.worm.links + 1, task.resting_sizes
+    if task.count_of_sets <= _MOST_SETS:
         return [s for size in sizes for s in combinations(range(masses), size)]
     least = [size for size in sizes if comb(masses, size) <= _MOST_SETS]
     found = {s for size in least for s in combinations(range(masses), size)}

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
-from wormopt.core.task import Certify, Search
+from wormopt.core.task import Certify
 from wormopt.errors import ArgumentError
 from wormopt.gaits.certify import Certificate, Progress, gap_of, prove
 from wormopt.gaits.design import Design
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.sharpen import finished
-from wormopt.gaits.space import letters_of
 from wormopt.gaits.trial import Trial, Trier
 from wormopt.progress import Report, silent
 
@@ -48,9 +48,11 @@ class Certified:
 
 def certify(
     design: Design,
-    phases: int = 4,
-    gap: float = 1e-2,
-    time_limit: float = 300.0,
+    phases: int = Certify.phases,
+    gap: float = Certify.gap,
+    time_limit: float = Certify.time_limit,
+    sequence: Sequence[Sequence[int]] | None = None,
+    workers: int | None = None,
     report: Report = silent,
 ) -> Certified:
     """Prove how much better than a design any gait could be.
@@ -65,6 +67,10 @@ def certify(
         How much better a gait might still be when it is enough, as a share.
     time_limit : float, optional
         Seconds after which it ends with the gap it has.
+    sequence : sequence of sequences of int, optional
+        Resting masses of each phase of a cycle in turn; the proof speaks of this order alone then.
+    workers : int, optional
+        Number of threads; one per processor if left out.
     report : callable, optional
         Told the gap.
 
@@ -85,7 +91,7 @@ def certify(
     >>> from wormopt.gaits.optimize import design
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> proof = certify(design(Worm(links=1, load=5.0), limits))
-    >>> proof.gap <= 0.01, proof.bound >= proof.design.speed
+    >>> proof.gap <= 1e-3, proof.bound >= proof.design.speed
     (True, True)
     """
     if design.task.objective.is_smooth:
@@ -93,15 +99,20 @@ def certify(
             f"there is no proof for {design.task.objective.minimise}; seek speed, "
             "peak_spike_load or peak_actuator_force"
         )
-    proof = Certify(phases, gap, time_limit)
-    for key, message in proof.faults(sets=len(letters_of(design.task))):
+    task = design.task
+    # lists and arrays are made tuples
+    wanted = Certify(phases, gap, time_limit, sequence, workers)  # pyright: ignore[reportArgumentType]
+    faults = chain(
+        wanted.faults(task.worm.links, task.limits.resting), wanted.faults_of_orders(task)
+    )
+    for key, message in faults:
         raise ArgumentError(f"{key}: {message}" if key else message)
-    return certified(design, Search(certify=proof), report)
+    return certified(design, wanted, report)
 
 
 def certified(
     design: Design,
-    settings: Search,
+    wanted: Certify,
     report: Report,
     begun: Progress | None = None,
     save: Callable[[Progress], None] = lambda _: None,
@@ -112,8 +123,8 @@ def certified(
     ----------
     design : Design
         The design.
-    settings : Search
-        With the proof that is wanted.
+    wanted : Certify
+        The proof that is wanted.
     report : callable
         Told the gap.
     begun, save : optional
@@ -134,12 +145,20 @@ def certified(
             best.append(finer)
         return finer.value
 
-    proof = prove(task, design.value, settings, report, begun, save, improve)
+    begun = begun or _begun(design)
+    proof = prove(task, design.value, wanted, report, begun, save, improve)
     if best:
         better = finished(design, best[-1])
         design = better if better.value > design.value else design
     gap = gap_of(design.value, proof.progress.bound, cost)
     return Certified(design, replace(proof, gap=gap))
+
+
+def _begun(design: Design) -> Progress:
+    """What is known before the proof: the ceiling of a speed, that a cost is not negative."""
+    # the ceiling is exact to the tolerance 1e-10 of its solver
+    bound = design.ceiling * (1 + 1e-6) if design.task.objective.minimise is None else 0.0
+    return Progress(bound, history=((0.0, bound),))
 
 
 # Relaxed gaits that end below this share of the best speed are not looked at any closer.

@@ -18,6 +18,7 @@ import numpy as np
 
 from wormopt.core.limits import Rates
 from wormopt.core.task import Objective, Task
+from wormopt.errors import ArgumentError
 from wormopt.gaits.design import Design
 from wormopt.gaits.program import GaitProgram
 from wormopt.gaits.trial import Trial
@@ -100,12 +101,17 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
     Parameters
     ----------
     design : Design
-        A design; of a smooth cost, which has no program of this kind, nothing is known.
+        Of the speed or of a peak load.
 
     Returns
     -------
     tuple of Sensitivity
         In the order of the scene's keys; those of limits that do not bind are 0.
+
+    Raises
+    ------
+    ArgumentError
+        If the design's cost is smooth: it has no program of this kind.
 
     Examples
     --------
@@ -122,7 +128,10 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
     """
     trial = design.trial
     if trial is None:
-        return ()
+        raise ArgumentError(
+            f"there are no sensitivities of {design.task.objective.minimise}; seek speed, "
+            "peak_spike_load or peak_actuator_force"
+        )
     return tuple(_sensitivity(design.task, trial, limit) for limit in limits_of(design.task))
 
 
@@ -144,9 +153,8 @@ def scaling_error(known: Iterable[Sensitivity], objective: Objective) -> float:
     float
         Largest error; near 0 unless the limits count differently to both sides.
     """
-    of = "speed" if objective.minimise is None else "force"
     sums = sum((s.elasticity * np.array(_POWERS[s.quantity]) for s in known), np.zeros(3))
-    return float(np.abs(sums - _POWERS[of]).max())
+    return float(np.abs(sums - _POWERS[objective.quantity]).max())
 
 
 def _sensitivity(task: Task, trial: Trial, limit: Limit) -> Sensitivity:

@@ -17,7 +17,6 @@ __all__ = [
     "ceiling_of",
     "is_mirror_symmetric",
     "letters_of",
-    "sizes_of",
 ]
 
 
@@ -88,18 +87,6 @@ def _ceiling_of_sets(task: Task, sets: frozenset[Resting]) -> float:
     return ceiling(contraction, extension, task.limits.resting, sets)
 
 
-def sizes_of(task: Task) -> range:
-    """Numbers of resting masses worth trying: more than asked for help where they share a load.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    """
-    fewest = task.limits.resting
-    return range(fewest, task.worm.links + 1 if task.loads_matter else fewest + 1)
-
-
 def letters_of(task: Task) -> list[Resting]:
     """Sets of resting masses that may occur.
 
@@ -109,4 +96,4 @@ def letters_of(task: Task) -> list[Resting]:
         Worm, limits, objective.
     """
     masses = range(task.worm.links + 1)
-    return [s for size in sizes_of(task) for s in combinations(masses, size)]
+    return [s for size in task.resting_sizes for s in combinations(masses, size)]

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
-from math import comb
 from pathlib import Path
 from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
 from wormopt.core.limits import Limits, Rates
-from wormopt.core.task import MOST_LINKS, Certify, Cost, Objective, Task
-from wormopt.errors import Fault
-from wormopt.scenes.gait_search import SearchTable
+from wormopt.core.task import MOST_LINKS, Cost, Objective, Task
+from wormopt.errors import ArgumentError, Fault
+from wormopt.scenes.gait_search import SearchTable, in_scene
 from wormopt.scenes.motor import MotorTable
 from wormopt.scenes.types import (
     NonNegative,
@@ -125,7 +125,6 @@ class ObjectiveTable(Table, frozen=True, kw_only=True):
             yield "objective.speed", 'contradicts maximise = "speed"; leave one out'
 
 
-_UNPROVEN = ("energy_per_distance", "acceleration_effort")
 _SPEED = "the speed to keep, a finite number above 0"
 
 
@@ -200,11 +199,11 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
                 return
             given = {name: getattr(limits, name) or 1.0 for name in ("rate", "acceleration")}
             limits = replace(limits, **given)  # what is left out is the motor's
-        for key, message in limits.faults(self.worm.links):
-            yield f"gait.{key}".removesuffix("."), message.format(*["gait."] * 3)
+        for key, message in limits.faults(self.worm.links, "gait."):
+            yield f"gait.{key}".removesuffix("."), message
 
     def faults_of_cost(self, key: str, cost: Cost | None) -> Iterator[Fault]:
-        """Yield a fault if a cost has no finite value in this scene.
+        """Yield a fault if a cost cannot be sought in this scene.
 
         Parameters
         ----------
@@ -213,12 +212,8 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
         cost : str, optional
             The cost.
         """
-        if self.gait.impulses and cost is not None:
-            yield (
-                key,
-                f"{cost} has no finite value with gait.impulses; leave that out and give "
-                "gait.acceleration",
-            )
+        for message in Objective(cost).faults_within(self.worm.worm, self.gait.limits):
+            yield key, in_scene(message)
 
 
 class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
@@ -263,26 +258,22 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from self.objective.faults()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
-        if "limits" in self.want and self.objective.minimise in _UNPROVEN:
+        if "limits" in self.want and self.objective.objective.is_smooth:
             yield "want", f'"limits" is not known for {self.objective.minimise}; leave it out'
         yield from self._faults_of_proof()
 
     def _faults_of_proof(self) -> Iterator[Fault]:
-        if self.search.certify is None and "certificate" in self.want:
-            yield "want", '"certificate" draws a proof; add a table [search.certify]'
-        if self.search.certify is not None and self.objective.minimise in _UNPROVEN:
+        wanted, objective = self.search.proof, self.objective.objective
+        if wanted is None:
+            if "certificate" in self.want:
+                yield "want", '"certificate" draws a proof; add a table [search.certify]'
+            return
+        if objective.is_smooth:
             yield (
                 "search.certify",
-                f"there is no proof for {self.objective.minimise}; leave it out, or seek speed, "
+                f"there is no proof for {objective.minimise}; leave it out, or seek speed, "
                 "peak_spike_load or peak_actuator_force",
             )
-        if self.search.certify is not None and self.search.sequence is None:
-            yield from self._faults_of_many_orders(self.search.certify.certify)
-
-    def _faults_of_many_orders(self, certify: Certify) -> Iterator[Fault]:
-        masses, fewest = self.worm.links + 1, self.gait.resting
-        sharing = self.gait.spike_load is not None or self.gait.actuator_force is not None
-        most = masses if sharing or self.objective.minimise else fewest
-        sets = sum(comb(masses, size) for size in range(fewest, most + 1))
-        for key, message in certify.faults(sets):
-            yield f"search.certify.{key}".removesuffix("."), message
+        with suppress(ArgumentError):  # what is wrong with the task is told already
+            for key, message in wanted.faults_of_orders(self.task(objective)):
+                yield f"search.certify.{key}".removesuffix("."), message

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Annotated, Any
 
@@ -25,14 +26,13 @@ class CertifyTable(Table, frozen=True, kw_only=True):
         Seconds after which it stops with the gap it has.
     """
 
-    phases: Annotated[int, Meta(ge=2, le=8, description="a whole number from 2 to 8")] = 4
-    gap: Annotated[float, Meta(ge=1e-5, le=0.5, description="a number from 1e-5 to 0.5")] = 1e-3
-    time_limit: Positive = 300.0
-
-    @property
-    def certify(self) -> Certify:
-        """The settings themselves."""
-        return Certify(**structs.asdict(self))
+    phases: Annotated[int, Meta(ge=2, le=8, description="a whole number from 2 to 8")] = (
+        Certify.phases
+    )
+    gap: Annotated[float, Meta(ge=1e-5, le=0.5, description="a number from 1e-5 to 0.5")] = (
+        Certify.gap
+    )
+    time_limit: Positive = Certify.time_limit
 
 
 class SearchTable(Table, frozen=True, kw_only=True):
@@ -78,9 +78,16 @@ class SearchTable(Table, frozen=True, kw_only=True):
     def search(self) -> Search:
         """The settings themselves."""
         given: dict[str, Any] = structs.asdict(self)
-        if self.certify is not None:
-            given["certify"] = self.certify.certify
+        del given["certify"]
         return Search(**given)
+
+    @property
+    def proof(self) -> Certify | None:
+        """The proof that is wanted, of the designer's own sequence if there is one."""
+        if self.certify is None:
+            return None
+        given = structs.asdict(self.certify)
+        return Certify(**given, sequence=self.sequence, workers=self.workers)
 
     def faults(self, links: int, resting: int) -> Iterator[Fault]:
         """Yield what is wrong with the designer's own sequence.
@@ -108,5 +115,7 @@ def in_scene(told: str) -> str:
     --------
     >>> in_scene("limits.rate")
     'gait.rate'
+    >>> in_scene("beyond its limits.")
+    'beyond its limits.'
     """
-    return told.replace("limits.", "gait.")
+    return re.sub(r"\blimits\.(?=[a-z])", "gait.", told)

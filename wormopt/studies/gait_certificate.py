@@ -12,11 +12,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from wormopt.core.task import Search, Task
+from wormopt.core.task import Certify, Task
 from wormopt.gaits.certify import Certificate, Progress
 from wormopt.gaits.design import Design
 from wormopt.gaits.proof import certified
-from wormopt.gaits.sequences import Sequence_
+from wormopt.gaits.sequences import Sequence_, mirrored
 from wormopt.gaits.space import is_mirror_symmetric
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
@@ -31,7 +31,7 @@ _ROUNDING = 1e-12
 def add_certificate(
     result: Result,
     found: Design,
-    settings: Search,
+    wanted: Certify,
     units: str,
     report: Report,
     restate: Callable[[Design], Result],
@@ -47,8 +47,8 @@ def add_certificate(
         Of the design.
     found : Design
         The design.
-    settings : Search
-        With the proof that is wanted.
+    wanted : Certify
+        The proof that is wanted.
     units : {"dimensionless", "SI"}
         The units of the scene.
     report : callable
@@ -65,70 +65,56 @@ def add_certificate(
         Whether the user stopped it.
     """
     task = found.task
-    file = _file(task, found.value, settings)
+    file = _file(task, found.value, wanted)
 
     def save(progress: Progress) -> None:
         with suppress(OSError):  # a full disk must not cost the design: another run begins anew
             keep(file, msgspec.msgpack.encode(progress))
 
-    begun = _begun(task, result)
+    begun = None
     with suppress(OSError, msgspec.MsgspecError):  # not there, or damaged: begin again
         begun = msgspec.msgpack.decode(file.read_bytes(), type=Progress)
-    outcome = certified(found, settings, report, begun, save)
-    proof = outcome.certificate
+    outcome = certified(found, wanted, report, begun, save)
+    proof, better = outcome.certificate, outcome.design
     if proof.ending in ("gap reached", "finest cells"):
         forget(file)
-    if outcome.design is not found:
-        result = restate(outcome.design)
+    if better is not found:
+        result = restate(better)
     faults = [result.reason] if result.reason else []
-    longer = len(outcome.design.sequence) > proof.phases
+    longer = len(better.sequence) > proof.phases
     if proof.gap < -_ROUNDING and not longer:
         faults.append("the gait is better than its proven bound; please report this scene")
-    unit = unit_of(_quantity(task), units)
-    scalars, variables = _leaves(proof, task, result.trust["solver"], units)
+    unit = unit_of(task.objective.quantity, units)
+    scalars, variables = _leaves(proof, better, units)
     return (
         replace(
             result,
             status="failed" if faults else result.status,
             reason="; ".join(faults),
-            scalars=dict(result.scalars) | _scalars(proof, task, units, longer) | scalars,
-            variables=(*result.variables, *_course(proof, outcome.design.value, unit), *variables),
-            trust=_trust(result, proof, settings, longer, task.limits.resting),
+            scalars=dict(result.scalars) | _scalars(proof, unit, longer) | scalars,
+            variables=(*result.variables, *_course(proof, better.value, unit), *variables),
+            trust=_trust(result, proof, wanted.gap, longer, task.limits.resting),
             timings_s=dict(result.timings_s) | {"certify": proof.progress.seconds},
         ),
         proof.ending == "interrupted",
     )
 
 
-def _begun(task: Task, result: Result) -> Progress:
-    """What is known before the proof: the ceiling of a speed, that a cost is not negative."""
-    # the ceiling is exact to the tolerance 1e-10 of its solver
-    ceiling = float(result.scalars["ceiling"].value) * (1 + 1e-6)
-    bound = ceiling if task.objective.minimise is None else 0.0
-    return Progress(bound, history=((0.0, bound),))
-
-
-def _file(task: Task, value: float, settings: Search) -> Path:
-    proof = settings.certify
-    assert proof is not None
-    key = repr((task, f"{value:.12e}", settings.sequence, proof.phases, proof.gap))
+def _file(task: Task, value: float, wanted: Certify) -> Path:
+    key = repr((task, f"{value:.12e}", wanted.sequence, wanted.phases, wanted.gap))
     name = hashlib.sha256(key.encode()).hexdigest()[:32]
     return checkpoints("certificates") / f"{name}.msgpack"
 
 
-def _scalars(proof: Certificate, task: Task, units: str, longer: bool) -> dict[str, Scalar]:
+def _scalars(proof: Certificate, unit: str, longer: bool) -> dict[str, Scalar]:
     progress = proof.progress
     return {
-        "bound": Scalar(progress.bound, unit_of(_quantity(task), units)),
+        "bound": Scalar(progress.bound, unit),
         "gap_certified": Scalar(None if longer else max(0.0, proof.gap)),
         "certified_phases": Scalar(proof.phases),
         "boxes_explored": Scalar(progress.boxes),
         "certified_seconds": Scalar(progress.seconds, "s"),
     }
-
-
-def _quantity(task: Task) -> str:
-    return "speed" if task.objective.minimise is None else "force"
 
 
 def _course(proof: Certificate, value: float, unit: str) -> list[Variable]:
@@ -143,10 +129,10 @@ def _course(proof: Certificate, value: float, unit: str) -> list[Variable]:
 
 
 def _leaves(
-    proof: Certificate, task: Task, solver: dict[str, Any], units: str
+    proof: Certificate, design: Design, units: str
 ) -> tuple[dict[str, Scalar], list[Variable]]:
     """Boxes of durations of one sequence of three phases: the gait's, or the most divided one."""
-    tree = proof.progress.tree
+    tree, limits = proof.progress.tree, design.task.limits
     leaves = {sequence: [] for sequence in tree.watched} if tree else {}
     for branch in (*tree.leaves, *tree.open) if tree else ():
         one_cycle = tree is not None and branch.box[-1][1] >= tree.shortest
@@ -155,15 +141,15 @@ def _leaves(
     leaves = {sequence: found for sequence, found in leaves.items() if found}
     if not leaves:
         return {}, []
-    images = _images(task, solver)
+    images = _images(design)
     own = [sequence for sequence in leaves if sequence in images]
     chosen = own[0] if own else max(leaves, key=lambda sequence: len(leaves[sequence]))
-    boxes = np.array([branch.durations for branch in leaves[chosen]]) * task.limits.period_range[1]
+    boxes = np.array([branch.durations for branch in leaves[chosen]]) * limits.period_range[1]
     bounds = np.array([branch.bound for branch in leaves[chosen]])
     time, dims = unit_of("time", units), ("leaf", "leaf_phase")
     scalars = {
         "leaf_sequence": Scalar(chosen),
-        "leaf_period": Scalar(task.limits.period_range, time),
+        "leaf_period": Scalar(limits.period_range, time),
     }
     if own:
         scalars["leaf_durations"] = Scalar(images[chosen], time)
@@ -174,13 +160,12 @@ def _leaves(
     ]
 
 
-def _images(task: Task, solver: dict[str, Any]) -> dict[Sequence_, list[float]]:
+def _images(design: Design) -> dict[Sequence_, list[float]]:
     """The gait's sequence and durations as they look from other phases, and in the mirror."""
-    masses, durations = range(task.worm.links + 1), list(solver["durations"])
-    own = [tuple(resting) for resting in solver["sequence"]]
+    own, durations = design.sequence, list(design.durations)
     views = [own]
-    if is_mirror_symmetric(task):
-        views.append([tuple(sorted(masses[-1] - i for i in resting)) for resting in own])
+    if is_mirror_symmetric(design.task):
+        views.append(mirrored(own, design.task.worm.links + 1))
     return {
         (*view[k:], *view[:k]): durations[k:] + durations[:k]
         for view in views
@@ -189,21 +174,19 @@ def _images(task: Task, solver: dict[str, Any]) -> dict[Sequence_, list[float]]:
 
 
 def _trust(
-    result: Result, proof: Certificate, settings: Search, longer: bool, resting: int
+    result: Result, proof: Certificate, gap: float, longer: bool, resting: int
 ) -> dict[str, Any]:
-    wanted = settings.certify
-    assert wanted is not None
     warnings = list(result.trust["warnings"])
     if proof.ending == "interrupted":
-        warnings.append(f"the gap {wanted.gap:g} was not reached: run again to go on from here")
+        warnings.append(f"the gap {gap:g} was not reached: run again to go on from here")
     elif proof.ending == "time limit":
         warnings.append(
-            f"the gap {wanted.gap:g} was not reached (time limit): run again to go on from here, "
+            f"the gap {gap:g} was not reached (time limit): run again to go on from here, "
             "or give search.certify.time_limit more seconds"
         )
     elif proof.ending == "finest cells":
         warnings.append(
-            f"the gap {wanted.gap:g} was not reached with the finest cells: either the gait can "
+            f"the gap {gap:g} was not reached with the finest cells: either the gait can "
             'still be better (try search.effort = "thorough") or the gap is too small'
         )
     if longer:
@@ -218,6 +201,6 @@ def _trust(
             "holds_for": f"every gait {whose}, of at most {proof.phases} phases a cycle, in which "
             f"gait.resting = {resting} and all other limits hold at any time",
             "ended": proof.ending,
-            "wanted_gap": wanted.gap,
+            "wanted_gap": gap,
         },
     }

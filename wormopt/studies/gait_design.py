@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.core.task import Cost
+from wormopt.core.task import Cost, Objective
 from wormopt.errors import Interrupted, SolveError
 from wormopt.gaits.design import Design, objective_of
 from wormopt.gaits.optimize import designed
@@ -28,7 +28,7 @@ from wormopt.studies.motion import (
 from wormopt.studies.motor_limits import motor_faults, motor_scalars, motor_trust, say_whose
 from wormopt.worms.crawl import Crawl
 
-__all__ = ["cost_scalar", "design_result", "objective_value", "run"]
+__all__ = ["cost_scalar", "design_result", "refused", "run"]
 
 # A gait is accepted if no limit is exceeded by more, and the second route agrees to this.
 _ACCEPTED = 1e-9
@@ -61,19 +61,19 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
     try:
         found = designed(task, settings, report)
     except SolveError as error:
-        told = say_whose(error, table)
-        raise SolveError(told.reason, told.suggestion, _nothing(scene, str(told))) from None
+        raise refused(error, scene) from None
     result = design_result(scene, found)
     if found.ended == "interrupted":
         reason = "interrupted: the best gait so far, its search cut short"
         raise Interrupted(replace(result, status="failed", reason=reason))
     result = add_limits(result, found, table)
-    if settings.certify is None or result.status != "ok":
+    proof = table.search.proof
+    if proof is None or result.status != "ok":
         return result
     from wormopt.studies.gait_certificate import add_certificate
 
     result, interrupted = add_certificate(
-        result, found, settings, table.units, report, lambda better: design_result(scene, better)
+        result, found, proof, table.units, report, lambda better: design_result(scene, better)
     )
     if interrupted:
         reason = "interrupted: the gait is done, its certificate is not; run again to go on"
@@ -81,10 +81,25 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
     return result
 
 
-def _nothing(scene: Scene[Any], reason: str) -> Result:
-    return Result(
-        scene.name, scene.table.kind, scene.title, "failed", reason=reason, scene_text=scene.text
+def refused(error: SolveError, scene: Scene[Any]) -> SolveError:
+    """What a design refuses in the words of its scene, with a partial result that says so.
+
+    Parameters
+    ----------
+    error : SolveError
+        From the design.
+    scene : Scene
+        Whose table is a DesignTable.
+
+    Returns
+    -------
+    SolveError
+    """
+    told, kind = say_whose(error, scene.table), scene.table.kind
+    nothing = Result(
+        scene.name, kind, scene.title, "failed", reason=str(told), scene_text=scene.text
     )
+    return SolveError(told.reason, told.suggestion, nothing, told.code)
 
 
 def design_result(scene: Scene[Any], found: Design, cost: Cost | None = None) -> Result:
@@ -116,8 +131,8 @@ def design_result(scene: Scene[Any], found: Design, cost: Cost | None = None) ->
     scalars = motion_scalars(motion, table.units) | _design_scalars(table, found, motion)
     scalars |= motor_scalars(table, found.gait)
     if cost is not None:
-        value, quantity = objective_value(motion, cost)
-        scalars[cost_scalar(cost)] = Scalar(value, unit_of(quantity, table.units))
+        unit = unit_of(Objective(cost).quantity, table.units)
+        scalars[cost_scalar(cost)] = Scalar(objective_of(motion, cost), unit)
     error = abs(again.speed - motion.speed)
     scalars["worst_violation"] = Scalar(max(0.0, *excess.values()))
     scalars["recheck_speed_error"] = Scalar(error, unit_of("speed", table.units))
@@ -177,37 +192,11 @@ def cost_scalar(cost: Cost) -> str:
     }[cost]
 
 
-def objective_value(motion: Crawl, minimise: Cost | None) -> tuple[float, str]:
-    """Value of an objective and the quantity it is measured in.
-
-    Parameters
-    ----------
-    motion : Crawl
-        The motion.
-    minimise : str, optional
-        The cost; None for the speed.
-
-    Returns
-    -------
-    value : float
-        In the scene's units.
-    quantity : str
-        As `unit_of` takes it.
-    """
-    quantities = {
-        None: "speed",
-        "peak_spike_load": "force",
-        "peak_actuator_force": "force",
-        "energy_per_distance": "energy_per_distance",
-        "acceleration_effort": "acceleration_squared",
-    }
-    return objective_of(motion, minimise), quantities[minimise]
-
-
 def _design_scalars(table: DesignTable, found: Design, motion: Crawl) -> dict[str, Scalar]:
     units, limits, links = table.units, table.limits, table.worm.links
-    value, quantity = objective_value(motion, found.task.objective.minimise)
-    unit, time_unit = unit_of(quantity, units), unit_of("time", units)
+    objective = found.task.objective
+    value = objective_of(motion, objective.minimise)
+    unit, time_unit = unit_of(objective.quantity, units), unit_of("time", units)
     scalars = {
         "objective": Scalar(value, unit),
         "cycles": Scalar(found.cycles),

@@ -77,7 +77,7 @@ def _reason_against(found: Design, wanted: bool) -> str:
 
 def _scalars(known: tuple[Sensitivity, ...], found: Design, units: str) -> dict[str, Scalar]:
     """One for each key; a list where the key has one number per link or mass."""
-    of = _quantity(found)
+    of = found.task.objective.quantity
     values: dict[str, Any] = {}
     named: dict[str, str] = {}
     for s in known:
@@ -106,7 +106,3 @@ def _trust(known: tuple[Sensitivity, ...], found: Design) -> dict[str, Any]:
         "one_sided": [in_scene(s.name) for s in known if s.one_sided],
         "scaling_error": scaling_error(known, found.task.objective),
     }
-
-
-def _quantity(found: Design) -> str:
-    return "speed" if found.task.objective.minimise is None else "force"

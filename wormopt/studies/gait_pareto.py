@@ -18,9 +18,8 @@ from wormopt.gaits.sequences import Sequence_
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scenes.gait_pareto import GaitParetoScene
-from wormopt.scenes.gait_search import in_scene
 from wormopt.scenes.scene import Scene
-from wormopt.studies.gait_design import cost_scalar, design_result
+from wormopt.studies.gait_design import cost_scalar, design_result, refused
 from wormopt.version import VERSION
 
 __all__ = ["run"]
@@ -49,7 +48,7 @@ def run(scene: Scene[GaitParetoScene], report: Report) -> Result:
     Raises
     ------
     SolveError
-        If not even a fastest gait is found.
+        If not even a fastest gait is found; its partial result says so.
     Interrupted
         If the user stops it; the points so far are its partial result.
     """
@@ -65,7 +64,7 @@ def run(scene: Scene[GaitParetoScene], report: Report) -> Result:
             try:
                 points.append(_point(scene, saved, k, speed, [points[-1].sequence], report))
             except SolveError as error:
-                lost.append(f"no gait at speed {speed:.6g}: {in_scene(str(error))}")
+                lost.append(f"no gait at speed {speed:.6g}: {error}")
     except KeyboardInterrupt:
         if not points:
             raise Interrupted from None
@@ -117,7 +116,10 @@ def _point(
         report(f"point {total - index + 1} of {total}: {text}", done + (fraction or 0.0) / total)
 
     goal = Objective() if speed is None else Objective(against, speed)
-    found = designed(table.task(goal), table.search.search, on, hints)
+    try:
+        found = designed(table.task(goal), table.search.search, on, hints)
+    except SolveError as error:
+        raise refused(error, scene) from None
     if found.ended == "interrupted":
         raise KeyboardInterrupt
     result = design_result(scene, found, against)
