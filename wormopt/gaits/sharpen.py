@@ -24,6 +24,8 @@ _DRAGGED, _STEPS = 3, 15
 _CLOSE, _TIE = 2e-3, 1e-8
 # or within so many times what sharpening gave the best.
 _GAINS = 8.0
+# A climb between two halvings need be as close as this share of what the last one gained.
+_OF_GAIN = 0.01
 # Excess over a limit, and how many times more trials are sharpened before one within it is found.
 _ACCEPTED, _MOST_UNSOUND = 1e-9, 4
 # Distances from all limits that are tried where an exact end breaks one.
@@ -57,8 +59,9 @@ def sharpest(task: Task, settings: Search, survey: Survey, bound: float, report:
         if sound and (k >= most or trial.value < _hopeful(survey.trials[0], solved[0][0])):
             break
         try:
-            report("sharpening", 0.9)
-            sharp, error = _sharpen(trier, trial, quickly=ended != "searched")
+            report(f"sharpening gait {k + 1}", 0.9)
+            record = max((s[0].value for s in solved if s[2]), default=-np.inf)
+            sharp, error = _sharpen(trier, trial, ended != "searched", record)
             solved.append((sharp, error, _keeps(task, sharp)))
         except KeyboardInterrupt:
             ended = "interrupted"
@@ -108,25 +111,16 @@ def _keeps(task: Task, trial: Trial) -> bool:
     return all(max(violations(m, limits, trial.cycles).values()) < _ACCEPTED for m in motions)
 
 
-def _sharpen(trier: Trier, trial: Trial, quickly: bool) -> tuple[Trial, float]:
+def _sharpen(
+    trier: Trier, trial: Trial, quickly: bool, best: float = -np.inf
+) -> tuple[Trial, float]:
     """Halve arcs until that gains nothing, then solve for what is active exactly.
 
-    With drag the optimum bends velocities: their degree is raised first.
+    Less is done where the best will not be reached.
     """
-    error = np.inf
-    if trier.task.worm.drag and trial.program.degree < _DRAGGED:
-        degree = _DRAGGED if len(trial.point.x) < _MOST_UNKNOWNS // 2 else 2
-        bent = trier.finer(trial, 1e-7, degree, parts=1, steps=_STEPS)
-        error = (bent.value - trial.value) / abs(trial.value or 1.0)
-        trial = bent
-    for _ in range(1 if quickly else _MOST_HALVINGS):
-        if len(trial.point.x) > _MOST_UNKNOWNS:
-            break
-        finer = trier.finer(trial, 1e-8, steps=_STEPS)
-        error = (finer.value - trial.value) / abs(trial.value or 1.0)
-        trial = finer
-        if error <= (_RESOLVED_DRAGGED if trier.task.worm.drag else _RESOLVED):
-            break
+    trial, error = _halved(trier, trial, 0 if quickly else _MOST_HALVINGS, best)
+    if trial.value + 2 * error * abs(trial.value) < best:
+        return trial, error
     trial = trier.climbed(trial, tolerance=1e-10, steps=_STEPS)
     sharp = _exact(trial)
     if _keeps(trier.task, sharp):
@@ -143,6 +137,27 @@ def _sharpen(trier: Trier, trial: Trial, quickly: bool) -> tuple[Trial, float]:
         inner = trial.program.bilinear.inside(trial.point, margin)
         sharp = sharp if inner is None else replace(trial, point=inner)
     return sharp, error
+
+
+def _halved(trier: Trier, trial: Trial, halvings: int, best: float) -> tuple[Trial, float]:
+    """Halve arcs while that gains something; with drag optimal velocities bend: degrees first."""
+    error, dragged = np.inf, bool(trier.task.worm.drag)
+    if dragged and trial.program.degree < _DRAGGED:
+        degree = _DRAGGED if len(trial.point.x) < _MOST_UNKNOWNS // 2 else 2
+        bent = trier.finer(trial, 1e-6, degree, parts=1, steps=_STEPS)
+        error = (bent.value - trial.value) / abs(trial.value or 1.0)
+        trial = bent
+    for _ in range(halvings):
+        hopeless = trial.value + 2 * error * abs(trial.value) < best
+        if hopeless or len(trial.point.x) > _MOST_UNKNOWNS:
+            break
+        close = float(np.clip(_OF_GAIN * error, 1e-8, 1e-5)) if dragged else 1e-8
+        finer = trier.finer(trial, close, steps=_STEPS)
+        error = (finer.value - trial.value) / abs(trial.value or 1.0)
+        trial = finer
+        if error <= (_RESOLVED_DRAGGED if dragged else _RESOLVED):
+            break
+    return trial, error
 
 
 def _exact(trial: Trial) -> Trial:
