@@ -287,10 +287,14 @@ def _draw(result: Result, pictures: dict[str, str], folder: Path) -> None:
     for name, file in pictures.items():
         try:
             draw(result, name, folder / file)
-        except KeyError as error:
-            if result.status == "ok":
-                raise
-            _say(f"{file} left out: the unfinished result has no {error}")
+        except Exception as error:  # a picture must not cost the result
+            unfinished = result.status != "ok" and isinstance(error, KeyError)
+            why = (
+                "the unfinished result does not hold what it shows"
+                if unfinished
+                else f"it could not be drawn ({type(error).__name__}: {error}); please report this"
+            )
+            _say(f"{file} left out: {why}")
 
 
 def _print_result(result: Result, folder: Path) -> None:

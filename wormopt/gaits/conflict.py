@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from time import monotonic
 
 import numpy as np
 
@@ -15,11 +16,17 @@ from wormopt.gaits.smooth import mesh_of, resting_state
 from wormopt.optimal.elastic import elastic
 from wormopt.optimal.nlp import Ipopt
 from wormopt.optimal.transcription import Transcription
+from wormopt.progress import Report, silent
 
 __all__ = ["conflict"]
 
+# Orders that are tried: what stands against each other is mostly the same in all.
+_MOST = 8
 
-def conflict(task: Task, sequences: Sequence[Sequence_]) -> SolveError:
+
+def conflict(
+    task: Task, sequences: Sequence[Sequence_], report: Report = silent, seconds: float = np.inf
+) -> SolveError:
     """Say which limits stand against each other, by the least slack that lets a gait exist.
 
     Parameters
@@ -27,7 +34,11 @@ def conflict(task: Task, sequences: Sequence[Sequence_]) -> SolveError:
     task : Task
         What no gait was found for.
     sequences : sequence of sequences
-        Resting masses, phase after phase; each is tried.
+        Resting masses, phase after phase; typical ones are tried.
+    report : callable, optional
+        Told what goes on.
+    seconds : float, optional
+        When these are over, no further sequence is tried.
 
     Returns
     -------
@@ -37,7 +48,11 @@ def conflict(task: Task, sequences: Sequence[Sequence_]) -> SolveError:
     rigid = gait_problem(task.worm, task.limits, task.objective)
     problem = elastic(rigid)
     least, slack = np.inf, np.zeros(len(problem.design))
-    for sequence in sequences:
+    until, tried = monotonic() + seconds, _typical(sequences)
+    for k, sequence in enumerate(tried):
+        if k and monotonic() > until:
+            break
+        report(f"looking for the limits in conflict, order {k + 1} of {len(tried)}", 0.8)
         program = Transcription(problem, mesh_of(sequence, 4))
         bounds = program.bounds(ModeSequence.of_resting(sequence, task.worm.links + 1))
         total = program.mesh.total
@@ -63,3 +78,13 @@ def conflict(task: Task, sequences: Sequence[Sequence_]) -> SolveError:
         + " and ".join(given),
         "relax that, or what stands against it",
     )
+
+
+def _typical(sequences: Sequence[Sequence_]) -> list[Sequence_]:
+    """Short orders of few and of many resting masses: loads want many, rates and ways few."""
+    by_size: dict[int, list[Sequence_]] = {}
+    for sequence in sorted(sequences, key=len):
+        by_size.setdefault(min(map(len, sequence)), []).append(sequence)
+    sizes = sorted(by_size)
+    outer = sizes if len(sizes) <= _MOST // 2 else [*sizes[:2], *sizes[-2:]]
+    return [sequence for size in outer for sequence in by_size[size][: _MOST // len(outer)]]

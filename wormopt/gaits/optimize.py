@@ -7,6 +7,8 @@ from dataclasses import replace
 from time import perf_counter
 from typing import Literal
 
+import numpy as np
+
 from wormopt.core.ceiling import ceiling
 from wormopt.core.limits import Limits
 from wormopt.core.task import Cost, Objective, Search, Task, Worm
@@ -138,8 +140,8 @@ def _nothing(task: Task, settings: Search, survey: Survey, report: Report) -> Ba
         return KeyboardInterrupt()
     if survey.ended == "time limit":
         return SolveError("no gait was found before search.time_limit", "give it more seconds")
-    report("looking for the limits in conflict", 0.8)
     from wormopt.gaits.conflict import conflict  # loads a solver that few designs need
 
     own = settings.sequence and tuple(tuple(sorted(s)) for s in settings.sequence)
-    return conflict(task, [own] if own else first_orders(task))
+    seconds = (settings.time_limit or np.inf) - sum(survey.seconds.values())
+    return conflict(task, [own] if own else first_orders(task), report, seconds)

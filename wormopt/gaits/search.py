@@ -150,7 +150,7 @@ class _Race:
 
     def tell(self, stage: str, fraction: float) -> str:
         """Say what is done next, and the best so far; give the stage back."""
-        best = f", best so far {abs(self.value):.6g}" if self.records else ""
+        best = f", best so far {self.ranking[0].cost:.6g}" if self.records else ""
         self.report(stage + best, fraction)
         return stage
 

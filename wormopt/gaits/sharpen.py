@@ -121,7 +121,8 @@ def _sharpen(
     trial, error = _halved(trier, trial, 0 if quickly else _MOST_HALVINGS, best)
     if trial.value + 2 * error * abs(trial.value) < best:
         return trial, error
-    trial = trier.climbed(trial, tolerance=1e-10, steps=_STEPS)
+    close = _close(error) if trier.task.worm.drag else 1e-10
+    trial = trier.climbed(trial, close, steps=_STEPS)
     sharp = _exact(trial)
     if _keeps(trier.task, sharp):
         return sharp, error
@@ -147,17 +148,22 @@ def _halved(trier: Trier, trial: Trial, halvings: int, best: float) -> tuple[Tri
         bent = trier.finer(trial, 1e-6, degree, parts=1, steps=_STEPS)
         error = (bent.value - trial.value) / abs(trial.value or 1.0)
         trial = bent
-    for _ in range(halvings):
+    for halved in range(halvings):
         hopeless = trial.value + 2 * error * abs(trial.value) < best
-        if hopeless or len(trial.point.x) > _MOST_UNKNOWNS:
+        most = _MOST_UNKNOWNS / 2 if dragged and halved else _MOST_UNKNOWNS
+        if hopeless or len(trial.point.x) > most:
             break
-        close = float(np.clip(_OF_GAIN * error, 1e-8, 1e-5)) if dragged else 1e-8
-        finer = trier.finer(trial, close, steps=_STEPS)
+        finer = trier.finer(trial, _close(error) if dragged else 1e-8, steps=_STEPS)
         error = (finer.value - trial.value) / abs(trial.value or 1.0)
         trial = finer
         if error <= (_RESOLVED_DRAGGED if dragged else _RESOLVED):
             break
     return trial, error
+
+
+def _close(error: float) -> float:
+    """How close a climb need be where the last halving gained so much."""
+    return float(np.clip(_OF_GAIN * error, 1e-8, 1e-5))
 
 
 def _exact(trial: Trial) -> Trial:

@@ -9,7 +9,7 @@ import numpy as np
 from wormopt.core.task import Search, Task
 from wormopt.errors import SolveError
 from wormopt.gaits.costs import has_cost_columns, is_energy
-from wormopt.gaits.design import Design, objective_of, of_trial
+from wormopt.gaits.design import Design, lasting, objective_of, of_trial
 from wormopt.gaits.search import Survey, effort_of
 from wormopt.gaits.trial import Trial, Trier
 from wormopt.progress import Report
@@ -118,12 +118,13 @@ def _of_solved(
 
     mesh = best.program.mesh
     durations = np.bincount(mesh.phase, weights=best.arcs.duration)
+    sequence, lasting_durations = lasting(best.trial.sequence, durations.tolist())
     return Design(
         task=task,
         gait=gait_of_arcs(best.arcs, mesh, task.worm.links),
         cycles=best.trial.cycles,
-        sequence=best.trial.sequence,
-        durations=tuple(durations.tolist()),
+        sequence=sequence,
+        durations=lasting_durations,
         ceiling=bound,
         error=error,
         survey=survey,

@@ -26,11 +26,13 @@ from wormopt.plot.parts import (
     label,
     legend,
     link_handles,
+    link_lines,
     mass_handles,
     raised,
     ranges,
     rate_ranges,
     scalar,
+    shades,
     sheet,
     stretches,
     symmetric,
@@ -70,15 +72,27 @@ def gait(result: Result) -> Figure:
     lengths, rates, band = drawn.subplots(3, sharex=True, height_ratios=heights)
     links = len(result["length"].values)
     _draw_links(lengths, result, "length", "link length $l_j$")
-    draw_limits(lengths, ranges(scalar(result, "length_limits"), links))
+    own = shades(LINKS, links)
+    draw_limits(lengths, ranges(scalar(result, "length_limits"), links), own)
     legend(lengths, link_handles(links))
     _draw_links(rates, result, "rate", r"rate $\dot l_j$")
-    draw_limits(rates, rate_ranges(scalar(result, "rate_limit"), links))
+    draw_limits(rates, rate_ranges(scalar(result, "rate_limit"), links), own)
     _draw_band(band, result)
     band.set_xlabel(label("time $t$", result["time"].unit))
-    lengths.set_title(facts(result, "speed", "advance", "period", "ceiling"), loc="left")
+    lengths.set_title(_facts(result, "speed", "advance", "period", "ceiling"), loc="left")
     drawn.align_ylabels()
     return drawn
+
+
+def _facts(result: Result, *names: str) -> str:
+    """Facts of a gait; of several cycles a period what one of them, as drawn, takes and gives."""
+    cycles = result.scalars.get("cycles")
+    if cycles is None or cycles.value == 1:
+        return facts(result, *names)
+    whole = {name: result.scalars[name] for name in ("period", "advance")}
+    period, advance = (f"{w.value / cycles.value:.6g} {raised(w.unit)}" for w in whole.values())
+    told = facts(result, *(name for name in names if name not in whole))
+    return f"{told}    {cycles.value} cycles a period, each {period.strip()} and {advance.strip()}"
 
 
 def motion(result: Result) -> Figure:
@@ -104,17 +118,17 @@ def motion(result: Result) -> Figure:
         t, x = time + turn * period, position + turn * advance
         for start, end in glides:
             axes.axhspan(start + turn * period, end + turn * period, color=GLIDE, linewidth=0)
-        for i, colour in enumerate(MASSES[: len(x)]):
+        for i, colour in enumerate(shades(MASSES, len(x))):
             axes.plot(x[i], t, color=colour, linewidth=1.3)
             axes.add_collection(_heavy(x[i], t, resting[i], colour))
-    for i, colour in enumerate(MASSES[: len(position)]):
+    for i, colour in enumerate(shades(MASSES, len(position))):
         for x, t in ((position[i, 0], 0.0), (position[i, -1] + advance, _PERIODS * period)):
             disc = {"boxstyle": "circle,pad=0.25", "fc": colour, "ec": "white"}
             axes.text(x, t, str(i), bbox=disc, color="white", zorder=5, **_CENTRED)
     axes.margins(0.04, 0.05)
     axes.set_xlabel(label("position $x_i$", result["position"].unit))
     axes.set_ylabel(label("time $t$", result["time"].unit))
-    axes.set_title(facts(result, "advance", "speed"), loc="left")
+    axes.set_title(_facts(result, "advance", "speed"), loc="left")
     handles = [Line2D([], [], color=GREY, linewidth=5, label="rests on its spikes"),
                Line2D([], [], color=GREY, linewidth=1.3, label="moves")]  # fmt: skip
     if glides:
@@ -147,10 +161,11 @@ def spikes(result: Result) -> Figure:
     time = result["time"].values
     drawn = sheet(8, 8.5)
     loads, mean, forces = drawn.subplots(3, sharex=True, height_ratios=(3, 2, 2.5))
-    for i, (load, colour) in enumerate(zip(result["reaction"].values, MASSES, strict=False)):
+    own = shades(MASSES, masses)
+    for i, (load, colour) in enumerate(zip(result["reaction"].values, own, strict=True)):
         loads.plot(time, load, color=colour, linewidth=1.8, zorder=3 + (masses - i) / masses)
         loads.fill_between(time, load, color=colour, alpha=0.12, linewidth=0)
-    draw_limits(loads, ceilings(scalar(result, "spike_load_limit"), masses), MASSES)
+    draw_limits(loads, ceilings(scalar(result, "spike_load_limit"), masses), own)
     legend(loads, mass_handles(masses))
     loads.set_ylabel(label("load on the\nspikes $\\lambda_i$", result["reaction"].unit))
     loads.set_title(facts(result, "spike_load_max", "actuator_force_max"), loc="left")
@@ -162,7 +177,9 @@ def spikes(result: Result) -> Figure:
     legend(mean, [Line2D([], [], **needed), Line2D([], [], **carried)])
     mean.set_ylabel(label("mean over\nthe masses", result["sigma"].unit))
     _draw_links(forces, result, "actuator_force", "actuator\nforce $\\mu_j$")
-    draw_limits(forces, symmetric(scalar(result, "actuator_force_limit"), links))
+    draw_limits(
+        forces, symmetric(scalar(result, "actuator_force_limit"), links), shades(LINKS, links)
+    )
     legend(forces, link_handles(links))
     forces.set_xlabel(label("time $t$", result["time"].unit))
     drawn.align_ylabels()
@@ -333,9 +350,9 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
     x = np.array([np.interp(t, time, row) for row in position])
     x += turn * (position[0, -1] - position[0, 0])
     rests = result["resting"].values[:, np.searchsorted(time, t, side="right") - 1].astype(bool)
-    for j, colour in enumerate(LINKS[: len(x) - 1]):
+    for j, colour in enumerate(shades(LINKS, len(x) - 1)):
         axes.plot(x[j : j + 2], [0, 0], color=colour, linewidth=4, alpha=0.8, zorder=2)
-    for i, colour in enumerate(MASSES[: len(x)]):
+    for i, colour in enumerate(shades(MASSES, len(x))):
         if rests[i]:
             axes.plot(x[i], -0.37, marker="v", markersize=11, color=colour, zorder=3)
         axes.plot(x[i], 0, "o", markersize=19, markeredgecolor=colour, markeredgewidth=2.5,
@@ -347,7 +364,7 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
 
 def _draw_links(axes: Axes, result: Result, name: str, text: str) -> None:
     time, rows = result["time"].values, result[name].values
-    for row, line in zip(rows, link_handles(len(rows)), strict=True):
+    for row, line in zip(rows, link_lines(len(rows)), strict=True):
         axes.plot(time, row, color=line.get_color(), ls=line.get_linestyle(), linewidth=1.8)
     axes.set_xlim(time[0], time[-1])
     axes.set_ylabel(label(text, result[name].unit))
@@ -358,7 +375,7 @@ def _draw_band(axes: Axes, result: Result) -> None:
     time, resting = result["time"].values, result["resting"].values.astype(bool)
     for start, end in stretches(time, ~np.any(resting, axis=0)):
         axes.axvspan(start, end, color=GLIDE, linewidth=0)
-    for i, (rests, colour) in enumerate(zip(resting, MASSES, strict=False)):
+    for i, (rests, colour) in enumerate(zip(resting, shades(MASSES, len(resting)), strict=True)):
         bars = [(start, end - start) for start, end in stretches(time, rests)]
         axes.broken_barh(bars, (i - 0.38, 0.76), color=colour, linewidth=0)
     axes.set_yticks(range(len(resting)), [str(i) for i in range(len(resting))])

@@ -13,7 +13,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
@@ -176,23 +178,59 @@ def stretches(time: np.ndarray, holds: np.ndarray) -> list[tuple[float, float]]:
     return [(float(time[a]), float(time[b])) for a, b in edges.reshape(-1, 2) if time[b] > time[a]]
 
 
-def link_handles(count: int) -> list[Line2D]:
-    """Lines for a legend of links.
+def shades(palette: Sequence[str], count: int) -> Sequence[str]:
+    """Colours of a palette, or a ramp where there are not enough.
+
+    Parameters
+    ----------
+    palette : sequence of str
+        Colours that can be told apart.
+    count : int
+        How many are wanted.
+
+    Examples
+    --------
+    >>> shades(["red", "blue"], 1), len(shades(["red", "blue"], 5))
+    (['red'], 5)
+    """
+    if count <= len(palette):
+        return palette[:count]
+    return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.9, count))]
+
+
+def link_lines(count: int) -> list[Line2D]:
+    """How each link is drawn, dashed from the fifth on; a ramp of colours where there are many.
 
     Parameters
     ----------
     count : int
-        Number of links, at most 8.
+        Number of links.
 
     Returns
     -------
     list of Line2D
     """
+    solid = 4 if count <= len(LINKS) else count
     return [
-        Line2D([], [], color=LINKS[j], linestyle="-" if j < 4 else (0, (2, 1)), linewidth=1.8,
+        Line2D([], [], color=colour, linestyle="-" if j < solid else (0, (2, 1)), linewidth=1.8,
                label=f"link {j + 1}")
-        for j in range(count)
+        for j, colour in enumerate(shades(LINKS, count))
     ]  # fmt: skip
+
+
+def link_handles(count: int) -> list[Line2D]:
+    """Lines for a legend of links; of many the ends and the middle only.
+
+    Parameters
+    ----------
+    count : int
+        Number of links.
+
+    Returns
+    -------
+    list of Line2D
+    """
+    return _few(link_lines(count), len(LINKS))
 
 
 def mass_handles(count: int) -> list[Line2D]:
@@ -201,17 +239,23 @@ def mass_handles(count: int) -> list[Line2D]:
     Parameters
     ----------
     count : int
-        Number of masses, at most 9; 0 is the head.
+        Number of masses; 0 is the head.
 
     Returns
     -------
     list of Line2D
+        Of many the ends and the middle only.
     """
     ends = {0: " (head)", count - 1: " (tail)"}
-    return [
-        Line2D([], [], color=MASSES[i], linewidth=1.8, label=f"mass {i}{ends.get(i, '')}")
-        for i in range(count)
+    lines = [
+        Line2D([], [], color=colour, linewidth=1.8, label=f"mass {i}{ends.get(i, '')}")
+        for i, colour in enumerate(shades(MASSES, count))
     ]
+    return _few(lines, len(MASSES))
+
+
+def _few(lines: list[Line2D], most: int) -> list[Line2D]:
+    return lines if len(lines) <= most else [lines[0], lines[len(lines) // 2], lines[-1]]
 
 
 def legend(axes: Axes, handles: list[Line2D]) -> None:

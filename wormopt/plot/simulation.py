@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
@@ -23,6 +21,7 @@ from wormopt.plot.parts import (
     legend,
     link_handles,
     mass_handles,
+    shades,
     sheet,
 )
 from wormopt.result import Result
@@ -120,24 +119,15 @@ def _entries(palette: Sequence[str], count: int, what: str = "") -> list[Line2D]
         return mass_handles(count) if what == "mass" else link_handles(count)
     first = 1 if what == "link" else 0
     shown = range(count) if count <= len(palette) else (0, count - 1)
-    colours, what = _colours(palette, count), what.removesuffix("_entry")
-    return [
-        Line2D([], [], color=colours[j], linewidth=1.8, label=f"{what} {first + j}") for j in shown
-    ]
-
-
-def _colours(palette: Sequence[str], count: int) -> Sequence[str]:
-    """Colours of a palette, or a ramp where there are not enough."""
-    if count <= len(palette):
-        return palette[:count]
-    return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.9, count))]
+    own, what = shades(palette, count), what.removesuffix("_entry")
+    return [Line2D([], [], color=own[j], linewidth=1.8, label=f"{what} {first + j}") for j in shown]
 
 
 def _draw_rows(
     axes: Axes, result: Result, name: str, column: int, palette: Sequence[str], width: float = 1.5
 ) -> None:
     time, rows = result["time"].values, result[name].values[column]
-    for row, colour in zip(rows, _colours(palette, len(rows)), strict=True):
+    for row, colour in zip(rows, shades(palette, len(rows)), strict=True):
         axes.plot(time, row, color=colour, linewidth=width)
 
 
@@ -145,7 +135,7 @@ def _draw_strips(axes: Axes, result: Result, column: int) -> None:
     """References and the strips that the tube makes around each of them."""
     time, tube = result["time"].values, result["tube"].values[column]
     references = result["reference"].values
-    for reference, colour in zip(references, _colours(LINKS, len(references)), strict=True):
+    for reference, colour in zip(references, shades(LINKS, len(references)), strict=True):
         axes.fill_between(
             time, reference - tube, reference + tube, color=colour, alpha=_STRIP, linewidth=0
         )
@@ -175,7 +165,7 @@ def _draw_rests(axes: Axes, result: Result, column: int, *, upward: bool) -> Non
         return
     time, position = result["time"].values, result["position"].values
     position = position[column] if position.ndim == 3 else position
-    colours = _colours(MASSES, len(position))
+    colours = shades(MASSES, len(position))
     points = (390 if upward else 250) / (time[-1] - time[0])
     shown = [r for r in _rests(result, column) if points * (r[2] - r[1]) >= _SHORTEST_REST]
     bars = []
@@ -219,7 +209,7 @@ def motion(result: Result) -> Figure:
     for column, (axes, name) in enumerate(zip(row, names, strict=True)):
         values = result["position"].values
         position = values[column] if several else values
-        for path, colour in zip(position, _colours(MASSES, len(position)), strict=True):
+        for path, colour in zip(position, shades(MASSES, len(position)), strict=True):
             axes.plot(path, time, color=colour, linewidth=1.3)
         _draw_rests(axes, result, column, upward=True)
         axes.set_xlabel(label("position $x_i$", result["position"].unit))
@@ -280,7 +270,7 @@ def bands(result: Result) -> Figure:
 def _draw_band(axes: Axes, result: Result, name: str, column: int, palette: Sequence[str]) -> None:
     time, values = result["time"].values, result[name].values[column]
     values = values if values.ndim == 3 else values[:, None, :]
-    colours = ["black"] if values.shape[1] == 1 else _colours(palette, values.shape[1])
+    colours = ["black"] if values.shape[1] == 1 else shades(palette, values.shape[1])
     for j, colour in enumerate(colours):
         low, lower, middle, upper, high = values[:, j]
         axes.fill_between(time, low, high, color=colour, alpha=0.2, linewidth=0)
@@ -325,7 +315,7 @@ def _draw_signal(axes: Axes, result: Result, name: str) -> None:
     time, values = result["time"].values, np.atleast_2d(result[name].values)
     entries = result[name].dims[0]
     palette = MASSES if entries == "mass" else LINKS
-    colours = ["black"] if len(values) == 1 else _colours(palette, len(values))
+    colours = ["black"] if len(values) == 1 else shades(palette, len(values))
     handles = _entries(palette, len(values), entries) if len(values) > 1 else []
     for row, colour in zip(values, colours, strict=True):
         axes.plot(time, row, color=colour, linewidth=1.5)
@@ -343,7 +333,7 @@ def _draw_signal(axes: Axes, result: Result, name: str) -> None:
 
 def _draw_band_of_rests(axes: Axes, result: Result, contacts: Sequence[str]) -> None:
     """One row per contact, filled while it rests."""
-    for i, colour in enumerate(_colours(MASSES, len(contacts))):
+    for i, colour in enumerate(shades(MASSES, len(contacts))):
         bars = [(start, end - start) for mass, start, end in _rests(result, 0) if mass == i]
         axes.broken_barh(bars, (i - 0.38, 0.76), color=colour, linewidth=0)
     few = len(contacts) <= len(MASSES)
