@@ -7,11 +7,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from numbers import Integral, Real
 from typing import Any
 
-from wormopt.errors import Fault
+from wormopt.errors import ArgumentError, Fault
 
 __all__ = [
     "Frozen",
     "Numbers",
+    "check_kind",
     "faults_of_number",
     "faults_of_numbers",
     "faults_of_whole",
@@ -118,6 +119,33 @@ def faults_of_number(key: str, value: Any, least: float | None = None) -> Iterat
     if not is_number(value, least or 0.0) or (least is None and value == 0):
         wanted = "above 0" if least is None else f"{least:g} or above"
         yield key, f"not {value!r}; write a finite number {wanted}"
+
+
+def check_kind(name: str, value: object, kind: type) -> None:
+    """Refuse an argument of another kind.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument.
+    value : object
+        What was given.
+    kind : type
+        What it must be.
+
+    Raises
+    ------
+    ArgumentError
+        If it is not.
+
+    Examples
+    --------
+    >>> check_kind("worm", 3, str)
+    Traceback (most recent call last):
+    wormopt.errors.ArgumentError: worm: not 3; give a str
+    """
+    if not isinstance(value, kind):
+        raise ArgumentError(f"{name}: not {value!r:.60}; give a {kind.__name__}")
 
 
 def faults_of_numbers(

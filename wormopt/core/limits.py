@@ -226,7 +226,9 @@ class Limits(Frozen):
             given |= {f"rate.{way}": value for way, value in vars(self.rate).items()}
         for name, value in given.items():
             count, things = (links + 1, "masses") if name == "spike_load" else (links, "links")
-            yield from faults_of_numbers(name, value, count, things)
+            for key, message in faults_of_numbers(name, value, count, things):
+                other = ", or Rates(contraction, extension)" if name == "rate" else ""
+                yield key, message + other
         yield from faults_of_number("sigma_margin", self.sigma_margin, least=0.0)
 
     def _faults_of_jumps(self, prefix: str) -> Iterator[Fault]:

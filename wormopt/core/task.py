@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 from wormopt.core.given import (
     Frozen,
     Numbers,
+    check_kind,
     faults_of_number,
     faults_of_numbers,
     faults_of_whole,
@@ -345,6 +346,8 @@ class Task:
     objective: Objective = Objective()
 
     def __post_init__(self) -> None:
+        for name, kind in (("worm", Worm), ("limits", Limits), ("objective", Objective)):
+            check_kind(name, getattr(self, name), kind)
         for key, message in self._faults():
             raise ArgumentError(f"{key}: {message}")
 

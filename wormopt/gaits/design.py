@@ -100,6 +100,11 @@ class Design:
         return self.motion.speed
 
     @property
+    def period(self) -> float:
+        """Period of all cycles together; ``gait`` is one of them."""
+        return self.cycles * self.gait.period
+
+    @property
     def value(self) -> float:
         """The objective as it was optimised: the speed, or a cost."""
         if self.trial is None:
@@ -108,7 +113,10 @@ class Design:
 
     @cached_property
     def violations(self) -> dict[str, float]:
-        """Excess over each limit by its size; the worst of a load range's ends and middle."""
+        """Excess over each limit by its size, negative where there is room to spare.
+
+        The worst of a load range's ends and middle.
+        """
         low, high = self.task.worm.load_range
         loads = [low] if low == high else [low, (low + high) / 2, high]
         found = [

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from wormopt.core.ceiling import ceiling
+from wormopt.core.given import check_kind
 from wormopt.core.limits import Limits
 from wormopt.core.task import Cost, Objective, Search, Task, Worm
 from wormopt.errors import ArgumentError, SolveError
@@ -78,6 +79,7 @@ def design(
     wormopt.errors.SolveError: objective.speed = 2 is above the ceiling 1 that ...
     """
     task = Task(worm, limits, Objective.of(objective, speed))
+    check_kind("search", search, Search)
     for key, message in search.faults(worm.links, limits.resting):
         raise ArgumentError(f"search.{key}: {message}")
     return designed(task, search, report)

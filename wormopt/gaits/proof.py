@@ -8,6 +8,7 @@ from itertools import chain
 
 import numpy as np
 
+from wormopt.core.given import check_kind
 from wormopt.core.task import Certify
 from wormopt.errors import ArgumentError
 from wormopt.gaits.certify import Certificate, Progress, gap_of, prove
@@ -94,6 +95,7 @@ def certify(
     >>> proof.gap <= 1e-3, proof.bound >= proof.design.speed
     (True, True)
     """
+    check_kind("design", design, Design)
     if design.task.objective.is_smooth:
         raise ArgumentError(
             f"there is no proof for {design.task.objective.minimise}; seek speed, "
