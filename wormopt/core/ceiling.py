@@ -10,12 +10,13 @@ the worm, and choosing where masses rest is then a longest path along the chain.
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+
+from wormopt.core.fastest import Chain, longest_paths, offer_of
 
 __all__ = ["ModeMix", "best_modes", "ceiling"]
 
@@ -177,8 +178,8 @@ def _perhaps_used(
 ) -> list[tuple[int, ...]]:
     """Draw resting sets that a best mix can have: those whose weighted sum is the ceiling."""
     rates, unit, resting = np.array([contraction, extension]), whole.ceiling, len(whole.sets[0])
-    gains = _Chain(rates / unit).gains(np.array(whole.weights))
-    behind = _longest_paths(gains[::-1, ::-1].T, resting)[0][:, ::-1]
+    gains = Chain(rates / unit).gains(np.array(whole.weights))
+    behind = longest_paths(gains[::-1, ::-1].T, resting)[0][:, ::-1]
     sets = set(whole.sets)
     for _ in range(_DRAWS * len(gains)):
         path, value = [0], 0.0
@@ -225,10 +226,10 @@ def _generate(
     rates = np.maximum(rates, _SLOWEST * rates.max())  # which can only raise the ceiling
     # Tolerances of the solver are absolute, so the speed of the first mix becomes the unit.
     unit = float(rates.max())
-    speed = _Mixer(_Chain(rates / unit), first).mix()[0]
+    speed = _Mixer(Chain(rates / unit), first).mix()[0]
     unit *= speed if speed > _TINY else 1.0
-    chain = _Chain(rates / unit)
-    mixer, offer = _Mixer(chain, first), _offer_of(chain, resting, sets)
+    chain = Chain(rates / unit)
+    mixer, offer = _Mixer(chain, first), offer_of(chain, resting, sets)
     bound, best = np.inf, np.zeros(masses)
     speed = 0.0
     for _ in range(_ROUNDS):
@@ -257,163 +258,18 @@ def _block(start: int, size: int, masses: int) -> tuple[int, ...]:
     return tuple(sorted((start + i) % masses for i in range(size)))
 
 
-class _Chain:
-    """Velocities that link rates allow.
-
-    Nodes are the masses, numbered from 1, and an imagined one at rest at either end whose link is
-    too fast to matter; so everything lies between two nodes at rest.
-
-    Parameters
-    ----------
-    rates : ndarray, shape (2, n)
-        Contraction and extension.
-    """
-
-    def __init__(self, rates: np.ndarray) -> None:
-        self.masses = rates.shape[1] + 1
-        self._rates, self.slowest = rates, rates.min()
-        self._fast = rates.sum()  # no mass is faster while one rests
-        ends = np.full((2, 1), self._fast)
-        self._contraction, self._extension = np.hstack([ends, rates, ends])
-        behind = np.concatenate([[0.0], np.cumsum(rates[0])])
-        ahead = np.concatenate([[0.0], np.cumsum(rates[1])])
-        # A mass behind a resting one is no faster than the links between contract, one ahead no
-        # faster than they extend.
-        self._reach = np.maximum(behind - behind[:, None], ahead[:, None] - ahead)
-
-    def fastest_of_all(self, resting: tuple[int, ...]) -> np.ndarray:
-        """Give the largest velocity of every mass; all are possible at the same time."""
-        return self._reach[list(resting)].min(axis=0)
-
-    def fastest(self, weights: np.ndarray, resting: tuple[int, ...]) -> np.ndarray:
-        """Give velocities with the largest weighted sum.
-
-        Dynamic programming from the head: the largest sum over a mass and those ahead is a
-        concave function of its velocity, from 0 on, kept as segments in order of slope. A link
-        adds a level segment as long as its two rates together and takes its extension off the
-        steep end; a mass adds its weight to all slopes, which the levels stand still under.
-        """
-        ahead = np.concatenate([[0.0], np.cumsum(weights)]).tolist()
-        levels: list[float] = []  # slope = sum of weights so far - level
-        lengths: list[float] = []
-        best, most = np.zeros(self.masses), np.zeros(self.masses)
-        links = zip(self._contraction, self._extension, strict=True)
-        for i, (c, e) in zip(range(self.masses), links, strict=False):  # links ahead of masses
-            place = bisect_right(levels, ahead[i])
-            levels.insert(place, ahead[i])
-            lengths.insert(place, float(c + e))
-            _shorten(levels, lengths, float(e))
-            if i in resting:
-                levels.clear()
-                lengths.clear()
-            best[i] = sum(lengths[: bisect_right(levels, ahead[i + 1])])
-            most[i] = sum(lengths)
-        velocities = best.copy()
-        for i in range(self.masses - 2, -1, -1):  # as near to the best as the mass behind lets it
-            least = max(0.0, velocities[i + 1] - self._rates[0, i])
-            largest = min(most[i], velocities[i + 1] + self._rates[1, i])
-            velocities[i] = min(max(best[i], least), largest)
-        return velocities
-
-    def gains(self, weights: np.ndarray) -> np.ndarray:
-        """Give the largest weighted sum of velocities between any two nodes at rest.
-
-        The dual problem has a flow g_j through every link, with cost c_j [g]+ + e_j [-g]+ of
-        contraction and extension, that falls by at least the weight at every mass. In terms of
-        u_j = g_j + (sum of weights ahead of link j) it is an isotonic regression, u must not
-        rise, and some solution takes no values but those sums. So it is solved for all pairs at
-        once, link by link, with the lowest cost for every value of the last u.
-
-        Returns
-        -------
-        ndarray, shape (n + 3, n + 3)
-            By the node ahead and the node behind; minus infinity where there are none.
-        """
-        ahead = np.concatenate([[0.0], np.cumsum(weights)])
-        levels = np.sort(ahead)
-        flow = levels - ahead[:, None]
-        cost = np.maximum(self._contraction[:, None] * flow, -self._extension[:, None] * flow)
-        nodes = self.masses + 2
-        lowest, gains = np.zeros((nodes, nodes - 1)), np.full((nodes, nodes), -np.inf)
-        for j in range(nodes - 1):
-            open_ = lowest[: j + 1]  # one row for every node ahead
-            open_[:] = np.minimum.accumulate(open_[:, ::-1], axis=1)[:, ::-1] + cost[j]
-            gains[: j + 1, j + 1] = open_.min(axis=1)
-        return gains
-
-
-def _shorten(levels: list[float], lengths: list[float], by: float) -> None:
-    """Take a length off the front of segments."""
-    while lengths and lengths[0] <= by:
-        by -= lengths.pop(0)
-        levels.pop(0)
-    if lengths:
-        lengths[0] -= by
-
-
-def _offer_of(chain: _Chain, resting: int, sets: list[tuple[int, ...]] | None) -> Any:
-    """Give what finds resting sets with the largest weighted sums from gains between them."""
-    if sets is None:
-        return lambda gains: _best_sets(gains, resting)
-    last = chain.masses + 1
-    nodes = np.full((len(sets), max(map(len, sets)) + 2), last)
-    nodes[:, 0] = 0
-    for row, z in zip(nodes, sets, strict=True):
-        row[1 : len(z) + 1] = np.array(z) + 1
-
-    def offer(gains: np.ndarray) -> tuple[np.ndarray, list[tuple[int, ...]]]:
-        gains[last, last] = 0.0
-        return gains[nodes[:, :-1], nodes[:, 1:]].sum(axis=1), sets
-
-    return offer
-
-
-def _best_sets(gains: np.ndarray, resting: int) -> tuple[np.ndarray, list[tuple[int, ...]]]:
-    """Find, for every mass, the best set of so many resting masses that contains it.
-
-    More resting masses are never better. Longest paths from either end: by the number of resting
-    masses up to a node, that node included, the largest gain and the node before it.
-    """
-    nodes = len(gains)
-    ahead, before = _longest_paths(gains, resting)
-    behind, after = _longest_paths(gains[::-1, ::-1].T, resting)
-    behind, after = behind[:, ::-1], nodes - 1 - after[:, ::-1]
-    total = (ahead[1:] + behind[:0:-1])[:, 1:-1]  # place of a mass in its set, mass
-    places = total.argmax(axis=0)
-    sets = []
-    for mass, place in enumerate(places):
-        path = [mass + 1]
-        for k in range(place + 1, 1, -1):
-            path.insert(0, int(before[k, path[0]]))
-        for k in range(resting - place, 1, -1):
-            path.append(int(after[k, path[-1]]))
-        sets.append(tuple(node - 1 for node in path))
-    return total.max(axis=0), sets
-
-
-def _longest_paths(gains: np.ndarray, resting: int) -> tuple[np.ndarray, np.ndarray]:
-    value = np.full((resting + 1, len(gains)), -np.inf)
-    value[0, 0] = 0.0
-    before = np.zeros(value.shape, int)
-    for k in range(1, resting + 1):
-        through = value[k - 1][:, None] + gains
-        before[k], value[k] = through.argmax(axis=0), through.max(axis=0)
-        value[k, [0, -1]] = -np.inf  # the imagined nodes do not count
-    return value, before
-
-
 class _Mixer:
     """Mixes of velocity patterns in which all masses advance alike, as fast as possible.
 
     Parameters
     ----------
-    chain : _Chain
+    chain : Chain
         The worm.
     sets : list of tuple of int
         Resting sets whose fastest motion is there from the start.
     """
 
-    def __init__(self, chain: _Chain, sets: list[tuple[int, ...]]) -> None:
+    def __init__(self, chain: Chain, sets: list[tuple[int, ...]]) -> None:
         self._solver, self._rows = _simplex(), np.arange(chain.masses + 1, dtype=np.int32)
         self._sets: list[tuple[int, ...]] = []
         self._patterns: list[np.ndarray] = []

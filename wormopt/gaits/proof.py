@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -149,8 +150,8 @@ def certified(
 
     begun = begun or _begun(design)
     proof = prove(task, design.value, wanted, report, begun, save, improve)
-    if best:
-        better = finished(design, best[-1])
+    with suppress(KeyboardInterrupt):  # the design as it was
+        better = finished(design, best[-1]) if best else design
         design = better if better.value > design.value else design
     gap = gap_of(design.value, proof.progress.bound, cost)
     return Certified(design, replace(proof, gap=gap))
@@ -158,8 +159,7 @@ def certified(
 
 def _begun(design: Design) -> Progress:
     """What is known before the proof: the ceiling of a speed, that a cost is not negative."""
-    # the ceiling is exact to the tolerance 1e-10 of its solver
-    bound = design.ceiling * (1 + 1e-6) if design.task.objective.minimise is None else 0.0
+    bound = design.ceiling if design.task.objective.minimise is None else 0.0
     return Progress(bound, history=((0.0, bound),))
 
 
