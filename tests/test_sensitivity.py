@@ -9,9 +9,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import wormopt as wo
+from wormopt.cli import main
 from wormopt.core.limits import Limits, Rates
 from wormopt.core.task import Objective, Search, Task, Worm
-from wormopt.errors import ArgumentError, SceneError
+from wormopt.errors import ArgumentError
 from wormopt.gaits.design import Design
 from wormopt.gaits.optimize import design, designed
 from wormopt.gaits.sensitivity import Limit, Sensitivity, limits_of, scaling_error, sensitivities
@@ -209,10 +210,14 @@ def test_scene_tells_what_binds(tmp_path: Path):
     draw(result, "limits", tmp_path / "limits.png")
 
 
+def test_a_picture_of_what_smooth_costs_do_not_have_is_left_out(tmp_path, capsys):
+    cost = 'objective={minimise="energy_per_distance", speed=0.3}'
+    own = ["--set", cost, "--set", "search.sequence=[[0],[2]]", "--set", 'want=["limits"]']
+    assert main(["run", "design_fast_gait", "-o", str(tmp_path / "o"), *own]) == 0
+    assert "limits.png left out: the result does not hold" in capsys.readouterr().err
+
+
 def test_smooth_costs_have_none():
-    cost = 'objective={minimise="acceleration_effort", speed=0.3}'
-    with pytest.raises(SceneError, match="limits"):
-        wo.load_scene("design_fast_gait", [cost, 'want=["limits"]'])
     search = Search(sequence=((0,), (1,)), effort="quick", workers=1)
     found = design(Worm(1, load=5.0), LIMITS, "acceleration_effort", 0.3, search)
     for verb in (sensitivities, wo.certify):

@@ -288,10 +288,9 @@ def _draw(result: Result, pictures: dict[str, str], folder: Path) -> None:
         try:
             draw(result, name, folder / file)
         except Exception as error:  # a picture must not cost the result
-            unfinished = result.status != "ok" and isinstance(error, KeyError)
             why = (
-                "the unfinished result does not hold what it shows"
-                if unfinished
+                f"the result does not hold {error}, see its trust report"
+                if isinstance(error, KeyError)
                 else f"it could not be drawn ({type(error).__name__}: {error}); please report this"
             )
             _say(f"{file} left out: {why}")

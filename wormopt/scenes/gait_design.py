@@ -258,8 +258,6 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from self.objective.faults()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
-        if "limits" in self.want and self.objective.objective.is_smooth:
-            yield "want", f'"limits" is not known for {self.objective.minimise}; leave it out'
         yield from self._faults_of_proof()
 
     def _faults_of_proof(self) -> Iterator[Fault]:
