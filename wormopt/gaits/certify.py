@@ -35,6 +35,8 @@ _LIMIT_OF = {"peak_spike_load": "spike_load", "peak_actuator_force": "actuator_f
 # A try takes as long as some ten programs; it may take a tenth of the time.
 _FIRST_TRIES, _BRANCHES_PER_TRY = 2, 40
 _SAVED_EVERY = 10.0  # seconds
+# Shares of the longest period that are too short to make a gait of.
+_SHORTEST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -193,6 +195,8 @@ class _Best:
         if self._tries.total() < may and seen[own] >= 2 ** self._tries[own]:
             self._tries[own] += 1
             period = periods(self._shortest, min(float(relaxed.point[-1]), 1.0), 1.0)[0]
+            if period < _SHORTEST:  # jumps cost no time, so that cycles may be as short as any
+                return
             durations = relaxed.point[:-1] * period * self._unit
             found = self._improve(branch.sequence, tuple(durations.tolist()))
             self.speed = max(self.speed, found)

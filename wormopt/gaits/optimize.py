@@ -26,6 +26,10 @@ from wormopt.progress import Report, silent
 __all__ = ["design", "designed"]
 
 _SEARCH = Search()
+# Limits of a design are exceeded by no more than this share of their size.
+_ACCEPTED = 1e-9
+# Slower gaits, as a share of the rates, stand still.
+_STANDS = 1e-9
 
 
 def design(
@@ -82,7 +86,15 @@ def design(
     check_kind("search", search, Search)
     for key, message in search.faults(worm.links, limits.resting):
         raise ArgumentError(f"search.{key}: {message}")
-    return designed(task, search, report)
+    found = designed(task, search, report)
+    name, excess = max(found.violations.items(), key=lambda item: item[1])
+    if excess > _ACCEPTED:
+        raise SolveError(
+            f"the best gait found exceeds {name} by {excess:.2g} of its size",
+            "relax limits of very different sizes, or try another search.seed",
+            found,
+        )
+    return found
 
 
 def designed(
@@ -121,7 +133,12 @@ def designed(
         )
     begin = perf_counter()
     survey = search(task, settings, report, hints, better)
-    if not survey.trials:
+    stands = (
+        task.objective.minimise is None
+        and survey.trials
+        and (survey.trials[0].value < _STANDS * task.speed_nominal)
+    )
+    if stands or not survey.trials:
         raise _nothing(task, settings, survey, report)
     searched = perf_counter()
     if task.objective.is_smooth:

@@ -139,6 +139,7 @@ class _Race:
     varied: int = 0
 
     def __post_init__(self) -> None:
+        self._best: Trial | None = None
         self._pool = ThreadPoolExecutor(self.workers) if self.workers > 1 else None
         self.mirror = is_mirror_symmetric(self.task)
         self._energy, self._force = is_energy(self.task), scaled(self.task).force
@@ -172,15 +173,27 @@ class _Race:
         def first(job: tuple[Sequence_, np.ndarray | None]) -> Trial | None:
             if self.records and self.trier.stopped():
                 return None
-            free = self.trier.free(*job, enough)
-            # a free period does no worse than any number of cycles
-            return None if free is None or free.value < enough else self.trier.fit(free)
+            for durations in self._starts(*job):
+                free = self.trier.free(job[0], durations, enough)
+                # a free period does no worse than any number of cycles
+                if free is not None and free.value >= enough:
+                    return self.trier.fit(free)
+            return None
 
         for (sequence, _), fitted in zip(orders, self.each(first, orders), strict=True):
             key = self.canonical(sequence)
             self.trials.setdefault(key, None)
             if fitted is not None:
                 self.keep(key, fitted)
+
+    def _starts(
+        self, sequence: Sequence_, durations: np.ndarray | None
+    ) -> Iterator[np.ndarray | None]:
+        """Durations to begin with: as given or short, then those of the best gait so far."""
+        yield durations
+        best = self._best
+        if durations is None and best is not None:
+            yield np.full(len(sequence), best.durations.sum() / len(sequence))
 
     def can_win(self, sequence: Sequence_) -> bool:
         required = self.task.objective.speed
@@ -189,6 +202,7 @@ class _Race:
 
     def keep(self, key: Sequence_, trial: Trial) -> None:
         if trial.value > self.value:
+            self._best = trial
             self.better(trial)
         record = self.records.get(trial.level, -np.inf)
         self.records[trial.level] = max(record, trial.value)

@@ -207,35 +207,40 @@ class Trier:
     ) -> Trial | None:
         program = self.program(sequence, period, self._arcs)
         if self.task.objective.speed is None:
-            start = program.start(durations, random)
-            return start and self.climbed(Trial(program, start), enough=enough)
-        return self._climb_cost(program, durations, enough, random)
+            begin = program.start(durations, random)
+        else:
+            fast = self._fast_enough(program, durations, random)
+            if fast is None:
+                return None
+            program = type(program)(self.task, sequence, period, fast.program.arcs)
+            if not has_cost_columns(self.task):
+                begin = program.start_arcs(fast.program.widths(fast.point))
+            elif fast.value < self.task.objective.speed:
+                return None
+            else:  # a cost that is no peak asks for the motion itself: it is feasible there too
+                begin = program.moving(*fast.program.motion(fast.point))
+        return begin and self.climbed(Trial(program, begin), enough=enough)
 
-    def _climb_cost(
-        self,
-        program: GaitProgram,
-        durations: np.ndarray,
-        enough: float,
-        random: np.random.Generator | None,
+    def _fast_enough(
+        self, like: GaitProgram, durations: np.ndarray, random: np.random.Generator | None
     ) -> Trial | None:
-        """Climb to the required speed first, then down the cost."""
+        """Climb to the required speed; with few arcs it may be just out of reach, with more not."""
         required = self.task.objective.speed or 0.0
         fastest = Task(self.task.worm, self.task.limits, Objective())
-        fast = type(program)(fastest, program.sequence, program.period, self._arcs)
-        start = fast.start(durations, random)
+        program = type(like)(fastest, like.sequence, like.period, self._arcs)
+        start = program.start(durations, random)
         if start is None:
             return None
-        reached = fast.bilinear.climb(
-            start, Climb(1e-4), lambda p: self.stopped() or fast.objective(p) >= 1.02 * required
+        reached = program.bilinear.climb(
+            start, Climb(1e-4), lambda p: self.stopped() or program.objective(p) >= 1.02 * required
         )
-        self._count(fast.bilinear)
-        if has_cost_columns(self.task):
-            # a cost that is no peak asks for the motion itself: it is feasible there too
-            too_slow = fast.objective(reached) < required
-            begin = None if too_slow else program.moving(*fast.motion(reached))
-        else:
-            begin = program.start_arcs(fast.widths(reached))
-        return begin and self.climbed(Trial(program, begin), enough=enough)
+        self._count(program.bilinear)
+        fast = Trial(program, reached)
+        for _ in range(_MOST_FINER):
+            if not _NEARLY * required <= fast.value < required:
+                break
+            fast = Trier(fastest, stop=self.stopped).finer(fast, 1e-6)
+        return fast
 
     def climbed(
         self, trial: Trial, tolerance: float = 1e-3, steps: int = 25, enough: float = -np.inf
@@ -342,5 +347,7 @@ _UP = 1 + 1e-9
 _NEARNESS = (0.05, 0.4, np.inf)
 # A free period is no longer than so many times the first guess, and no shorter than this share.
 _LONGEST, _SHORTEST = 20.0, 1e-4
+# A required speed may be out of reach by this share before arcs are halved, up to so many times.
+_NEARLY, _MOST_FINER = 0.95, 3
 # Most rounds in which other patterns of unloaded spikes are tried.
 _FLIPS = 4
