@@ -63,7 +63,7 @@ class Effort:
 
 _EFFORTS = {
     "quick": Effort(enumerated=16, width=1, rounds=1, varied=8, work=3e8, starts=1),
-    "normal": Effort(enumerated=160, width=3, rounds=8, varied=120, work=1.5e9, starts=3),
+    "normal": Effort(enumerated=160, width=3, rounds=8, varied=120, work=1e9, starts=3),
     "thorough": Effort(enumerated=1000, width=6, rounds=16, varied=400, work=6e9, starts=8),
 }
 # What is within this share of the best of its level is looked at with more arcs; of the energy
@@ -376,7 +376,7 @@ def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterato
     race.promote(1, effort.width)
     yield stage
     most = max(effort.work, race.trier.work + _OF_RESTARTS * effort.work)
-    for start in range(2 * effort.starts if speed else effort.starts):
+    for start in range(effort.starts):
         stage = race.tell("other starts", 0.9)
         race.restart(2, (settings.seed, 1 + start), race.margins[1])
         yield stage
