@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -11,15 +10,12 @@ from typing import Any
 from wormopt.core.gait import Gait
 from wormopt.core.task import Cost, Task
 from wormopt.gaits.search import Survey
-from wormopt.gaits.sequences import Resting, Sequence_
+from wormopt.gaits.sequences import Sequence_, lasting
 from wormopt.gaits.trial import Trial
 from wormopt.gaits.verify import violations
 from wormopt.worms.crawl import Crawl, crawl
 
-__all__ = ["Design", "lasting", "objective_of", "of_trial"]
-
-# Phases of a smaller share of the cycle last no time.
-_NONE = 1e-9
+__all__ = ["Design", "objective_of", "of_trial"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,35 +142,6 @@ def objective_of(motion: Crawl, minimise: Cost | None) -> float:
             return motion.energy / motion.advance if motion.advance else math.inf
         case "acceleration_effort":
             return motion.effort
-
-
-def lasting(sequence: Sequence_, durations: Sequence[float]) -> tuple[Sequence_, tuple[float, ...]]:
-    """Phases that last; what rests in the one before and the one after a gap is one phase.
-
-    Parameters
-    ----------
-    sequence : tuple of tuple of int
-        Resting masses of a cycle, phase after phase.
-    durations : sequence of float
-        How long each phase is, perhaps not at all.
-
-    Examples
-    --------
-    >>> lasting(((0,), (2,), (1,), (2,)), [0.5, 0.2, 0.0, 0.3])
-    (((0,), (2,)), (0.5, 0.5))
-    """
-    found: list[tuple[Resting, float]] = []
-    for resting, duration in zip(sequence, durations, strict=True):
-        if duration <= _NONE * sum(durations):
-            continue
-        if found and found[-1][0] == resting:
-            found[-1] = resting, found[-1][1] + duration
-        else:
-            found.append((resting, duration))
-    if len(found) > 2 and found[0][0] == found[-1][0]:  # round the period
-        found[0] = found[0][0], found[0][1] + found.pop()[1]
-    sets, times = zip(*found, strict=True)
-    return sets, times
 
 
 def of_trial(

@@ -17,6 +17,7 @@ import numpy as np
 from wormopt.core.gait import Gait
 from wormopt.core.task import Task
 from wormopt.gaits.gait_rows import GaitRows
+from wormopt.gaits.sequences import Sequence_, is_gait
 from wormopt.gaits.split import Pattern
 from wormopt.optimal.bilinear import Point
 
@@ -126,6 +127,8 @@ class GaitProgram(GaitRows):
     ) -> tuple[GaitProgram, Point | None]:
         """The same cycle with every arc cut in parts, once those that only repeat are joined.
 
+        Phases that last no time are left out.
+
         Parameters
         ----------
         point : Point
@@ -141,13 +144,14 @@ class GaitProgram(GaitRows):
         point : Point or None
             Never worse; None where the solver fails.
         """
-        begins = self._joined(point)
+        sequence, lasts = self._lasting(point)
+        begins = self._joined(point) & np.repeat(lasts, self.arcs)
         first = np.flatnonzero(begins)
         patterns = self.patterns and tuple(self.patterns[k] for k in np.repeat(first, parts))
-        arcs = parts * np.add.reduceat(begins.astype(int), self._edges[:-1])
+        arcs = parts * np.add.reduceat(begins.astype(int), self._edges[:-1])[lasts]
         widths = np.add.reduceat(point.x[self.h], first) * (self.limits.time / parts)
         degree = degree or self.degree
-        finer = type(self)(self.task, self.sequence, self.period, arcs, degree, patterns)
+        finer = type(self)(self.task, sequence, self.period, arcs, degree, patterns)
         if self._costs is not None:
             return finer, finer.moving(*self._cut(point, widths / self.limits.time, parts))
         return finer, finer.start_arcs(np.repeat(widths, parts))
@@ -194,6 +198,15 @@ class GaitProgram(GaitRows):
         nodes = np.concatenate([v[:, 0], v[-1:, -1]])
         at = np.stack([np.interp(new, old, mass) for mass in nodes.T], axis=1)
         return widths, np.stack([at[:-1], at[1:]], axis=1), first
+
+    def _lasting(self, point: Point) -> tuple[Sequence_, np.ndarray]:
+        """The phases that last, and true for each of them; all where the rest part equal ones."""
+        durations = np.add.reduceat(point.x[self.h], self._edges[:-1])
+        lasts = durations > _SHORT * durations.sum()
+        sequence = tuple(s for s, long in zip(self.sequence, lasts, strict=True) if long)
+        if is_gait(sequence):
+            return sequence, lasts
+        return self.sequence, np.ones(len(lasts), bool)
 
     def _joined(self, point: Point) -> np.ndarray:
         """True for each arc that must begin where it does.

@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import islice, product
 from time import monotonic
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from wormopt.core.task import Search, Task
 from wormopt.gaits.costs import is_energy
 from wormopt.gaits.orders import first_orders, plain_orders, search_letters
 from wormopt.gaits.scaled_limits import scaled
-from wormopt.gaits.sequences import Sequence_, canonical, is_gait, mirrored, neighbours
+from wormopt.gaits.sequences import Sequence_, canonical, is_gait, lasting, mirrored, neighbours
 from wormopt.gaits.space import ceiling_of, is_mirror_symmetric
 from wormopt.gaits.trial import Trial, Trier
 from wormopt.progress import Report
@@ -71,12 +72,15 @@ _EFFORTS = {
 _MARGINS, _MARGINS_OF_ENERGY = (0.08, 0.01), (0.5, 0.15)
 # Shares of the work that one climb may take, and that the last restarts may where nothing is left.
 _OF_ONE_CLIMB, _OF_RESTARTS = 0.1, 0.2
-# Shares of the value within which local optima of an order are the same, or another is kept.
-_SAME, _OTHER = 1e-6, 1e-3
+# Share of the value within which another local optimum of an order is kept; and of the cycle,
+# within which the phases of two gaits last as long.
+_CLOSE, _ALIKE = 1e-3, 1e-2
 # Pivots of its programs take longer: they are denser.
 _WORK_OF_ENERGY = 0.3
 # Energy absorbed per distance, in units of force, that counts as none.
 _NONE = 1e-10
+# Gain, as a share, by which variations begin anew.
+_BETTER = 1e-3
 _BATCH = 8
 
 
@@ -124,6 +128,14 @@ class Survey:
     seconds: dict[str, float] = field(default_factory=dict)
 
 
+class _Start(NamedTuple):
+    """An order with durations to begin with, and cycles where they nearly fit into a period."""
+
+    sequence: Sequence_
+    durations: np.ndarray | None = None
+    cycles: int = 0
+
+
 @dataclass(eq=False)
 class _Race:
     """Best trial of every order so far, others that may end higher, and each level's best value."""
@@ -162,38 +174,31 @@ class _Race:
         """Do the same with every job, side by side where there are threads."""
         return self._pool.map(work, jobs) if self._pool is not None else map(work, jobs)
 
-    def enter(
-        self,
-        orders: Sequence[tuple[Sequence_, np.ndarray | None]],
-    ) -> None:
+    def enter(self, starts: Iterable[_Start]) -> None:
         """Try orders for the first time."""
-        orders = [(s, d) for s, d in orders if self.can_win(s)]
-        enough = self._close(0)
-
-        def first(job: tuple[Sequence_, np.ndarray | None]) -> Trial | None:
-            if self.records and self.trier.stopped():
-                return None
-            for durations in self._starts(*job):
-                free = self.trier.free(job[0], durations, enough)
-                # a free period does no worse than any number of cycles
-                if free is not None and free.value >= enough:
-                    return self.trier.fit(free)
-            return None
-
-        for (sequence, _), fitted in zip(orders, self.each(first, orders), strict=True):
-            key = self.canonical(sequence)
+        starts = [start for start in starts if self.can_win(start.sequence)]
+        for start, fitted in zip(starts, self.each(self._first, starts), strict=True):
+            key = self.canonical(start.sequence)
             self.trials.setdefault(key, None)
             if fitted is not None:
                 self.keep(key, fitted)
 
-    def _starts(
-        self, sequence: Sequence_, durations: np.ndarray | None
-    ) -> Iterator[np.ndarray | None]:
-        """Durations to begin with: as given or short, then those of the best gait so far."""
-        yield durations
-        best = self._best
+    def _first(self, start: _Start) -> Trial | None:
+        enough = self._close(0)
+        if self.records and self.trier.stopped():
+            return None
+        sequence, durations, cycles = start
+        if durations is not None and cycles:
+            return self.trier.near(sequence, durations, cycles, enough)
+        best, others = self._best, [durations]
         if durations is None and best is not None:
-            yield np.full(len(sequence), best.durations.sum() / len(sequence))
+            others.append(np.full(len(sequence), best.durations.sum() / len(sequence)))
+        for durations in others:
+            free = self.trier.free(sequence, durations, enough)
+            # a free period does no worse than any number of cycles
+            if free is not None and free.value >= enough:
+                return self.trier.fit(free)
+        return None
 
     def can_win(self, sequence: Sequence_) -> bool:
         required = self.task.objective.speed
@@ -246,10 +251,10 @@ class _Race:
 
         for trial, other in zip(best, self.each(again, best), strict=True):
             if other is not None:
-                self.keep(self.canonical(trial.sequence), other)
+                self.keep(self.canonical(other.sequence), other)
                 lower, higher = sorted((trial, other), key=lambda t: t.value)
-                apart = abs(higher.value - lower.value) / (abs(higher.value) or 1.0)
-                if _SAME < apart < _OTHER:  # which one ends higher, more arcs will tell
+                close = abs(higher.value - lower.value) < _CLOSE * abs(higher.value)
+                if close and not _alike(lower, higher):  # more arcs will tell which ends higher
                     self.others.append(lower)
 
     def promote(self, level: int, most: int) -> None:
@@ -260,8 +265,17 @@ class _Race:
             if not close:
                 return
             for trial, finer in zip(close, self.each(self.trier.finer, close), strict=True):
-                self.keep(self.canonical(trial.sequence), finer)
+                self.trials[self.canonical(trial.sequence)] = None  # some phases may last no time
+                self.keep(self.canonical(finer.sequence), finer)
             most -= len(close)
+
+
+def _alike(one: Trial, other: Trial) -> bool:
+    """Whether two trials are the same gait, as far as their phases tell."""
+    if one.sequence != other.sequence or one.cycles != other.cycles:
+        return False
+    apart = np.abs(one.durations - other.durations).max()
+    return bool(apart < _ALIKE * one.durations.sum())
 
 
 def search(
@@ -340,7 +354,7 @@ def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterato
     effort, task = effort_of(settings), race.task
     if settings.sequence is not None:
         stage = race.tell("your sequence", 0.0)
-        race.enter([(tuple(tuple(sorted(s)) for s in settings.sequence), None)])
+        race.enter([_Start(tuple(tuple(sorted(s)) for s in settings.sequence))])
         yield stage
         race.promote(0, 1)
         race.promote(1, 1)
@@ -350,14 +364,14 @@ def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterato
     first = [s for s in dict.fromkeys(first) if len(s) <= (settings.phases or len(s))]
     for batch in _batches(first):
         stage = race.tell("constructed orders", 0.0)
-        race.enter([(s, None) for s in batch])
+        race.enter(map(_Start, batch))
         yield stage
     race.promote(0, 1)
     yield "constructed orders"
     orders = [s for s in plain_orders(task, settings.phases) if s not in race.trials]
     for k, batch in enumerate(_batches(islice(orders, effort.enumerated))):
         stage = race.tell("plain orders", 0.5 * k * _BATCH / effort.enumerated)
-        race.enter([(s, None) for s in batch])
+        race.enter(map(_Start, batch))
         yield stage
         if race.trier.work > effort.work / 2:
             break
@@ -385,72 +399,74 @@ def _steps(race: _Race, settings: Search, hints: Iterable[Sequence_]) -> Iterato
 
 
 def _vary(race: _Race, settings: Search) -> Iterator[None]:
-    """Vary the best orders while that helps."""
+    """Vary the best orders as long as that helps; begin anew with every order that is better."""
     effort, task = effort_of(settings), race.task
-    for turn in range(effort.rounds):
-        record = race.value
-        fresh = list(islice(_variations(race, settings, effort.width), effort.varied))
-        for batch in _batches(fresh):
-            race.tell("variations", 0.5 + 0.3 * turn / effort.rounds)
+    most = effort.work * (_WORK_OF_ENERGY if is_energy(task) else 1.0)
+    helped = True
+    while helped:
+        record, helped = race.value, False
+        for batch in _batches(islice(_variations(race, settings, effort.width), effort.varied)):
+            race.tell("variations", 0.5 + 0.3 * min(1.0, race.trier.work / most))
             race.enter(batch)
             race.varied += len(batch)
             yield
-            if race.trier.work > effort.work * (_WORK_OF_ENERGY if is_energy(task) else 1.0):
+            if race.trier.work > most:
                 return
+            helped = race.value > record + _BETTER * abs(record)
+            if helped:
+                break
         race.promote(0, 2 * effort.width)
         yield
-        if race.value <= record + 1e-5 * abs(record):
-            return
 
 
-def _variations(
-    race: _Race, settings: Search, width: int
-) -> Iterator[tuple[Sequence_, np.ndarray]]:
-    """Neighbours and joined cycles of the best orders with durations to start from, each once."""
+def _variations(race: _Race, settings: Search, width: int) -> Iterator[_Start]:
+    """Neighbours and joined cycles of the best orders, each once."""
     seen, most = set(race.trials), settings.phases or _MOST_PHASES
     parents = _parents(race, width)
-    joined = islice(_joined(race, parents), _JOINED)
-    for sequence, durations in (*joined, *_edited(race, parents)):
-        key = race.canonical(sequence)
-        if len(sequence) <= most and is_gait(sequence) and key not in seen:
+    for start in (*islice(_joined(race, parents), _JOINED), *_edited(race, parents)):
+        key = race.canonical(start.sequence)
+        if 2 <= len(start.sequence) <= most and is_gait(start.sequence) and key not in seen:
             seen.add(key)
-            yield sequence, durations
+            yield start
 
 
-def _parents(race: _Race, width: int) -> list[Trial]:
-    """The best trials, and the best of each length and number of cycles."""
+_Parent = tuple[Sequence_, np.ndarray, int]  # phases that last, their durations, and cycles
+
+
+def _parents(race: _Race, width: int) -> list[_Parent]:
+    """The best orders, and the best of each length and number of cycles."""
     ranking = race.ranking
     of_each = {(t.cycles, len(t.sequence)): t for t in reversed(ranking)}
     enough = ranking[0].value - race.margins[0] * abs(ranking[0].value) if ranking else 0.0
     close = sorted((t for t in of_each.values() if t.value >= enough), key=lambda t: -t.value)
-    return list(dict.fromkeys([*ranking[:width], *close[: 2 * width]]))
+    found = dict[Sequence_, _Parent]()
+    for trial in dict.fromkeys([*ranking[:width], *close[: 2 * width]]):
+        sequence, durations = lasting(trial.sequence, trial.durations.tolist())
+        parent = sequence, np.array(durations), trial.cycles
+        found.setdefault(race.canonical(sequence), parent)
+    return list(found.values())
 
 
-def _edited(race: _Race, parents: list[Trial]) -> Iterator[tuple[Sequence_, np.ndarray]]:
-    """One resting set inserted, exchanged or dropped."""
-    for trial in parents:
-        durations = trial.durations
+def _edited(race: _Race, parents: list[_Parent]) -> Iterator[_Start]:
+    """One resting set inserted, exchanged, dropped or moved; what changes least first."""
+    letters = search_letters(race.task)
+    edits = [(*edit, p) for p in parents for edit in neighbours(p[0], letters)]
+    for _, word, kept, (old, durations, cycles) in sorted(edits, key=lambda edit: edit[0]):
         fresh = float(durations.mean()) / 2
-        for word, kept in neighbours(trial.sequence, search_letters(race.task)):
-            yield word, np.array([fresh if k is None else durations[k] for k in kept])
+        times = np.array([fresh if k is None else durations[k] for k in kept])
+        yield _Start(word, times, cycles if len(word) >= len(old) else 0)
 
 
-def _joined(race: _Race, parents: list[Trial]) -> Iterator[tuple[Sequence_, np.ndarray]]:
+def _joined(race: _Race, parents: list[_Parent]) -> Iterator[_Start]:
     """Two cycles in one, where a period has room: the same, its mirror image, or another."""
     masses, longest = race.task.worm.links + 1, race.task.limits.period_range[1]
-    for one, two in product(parents, repeat=2):
-        first, second = one.durations, two.durations
+    for (one, first, _), (two, second, _) in product(parents, repeat=2):
         if longest < 0.7 * (first.sum() + second.sum()):
             continue
-        views = [(two.sequence, second)]
-        if race.mirror:
-            views.append((mirrored(two.sequence, masses), second))
-        for word, durations in views:
+        for word in (two, mirrored(two, masses)) if race.mirror else (two,):
             for k in range(len(word)):
-                yield (
-                    (*one.sequence, *word[k:], *word[:k]),
-                    np.concatenate([first, np.roll(durations, -k)]),
-                )
+                times = np.concatenate([first, np.roll(second, -k)])
+                yield _Start((*one, *word[k:], *word[:k]), times)
 
 
 def _batches(items: Iterable) -> Iterator[list]:

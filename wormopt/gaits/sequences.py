@@ -9,7 +9,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import product
 
-__all__ = ["Resting", "Sequence_", "canonical", "is_gait", "mirrored", "neighbours", "sequences"]
+__all__ = [
+    "Resting",
+    "Sequence_",
+    "canonical",
+    "is_gait",
+    "lasting",
+    "mirrored",
+    "neighbours",
+    "sequences",
+]
+
+# Phases of a smaller share of the cycle last no time.
+_NOTHING = 1e-9
 
 Resting = tuple[int, ...]
 Sequence_ = tuple[Resting, ...]
@@ -103,8 +115,8 @@ def mirrored(word: Sequence_, masses: int) -> Sequence_:
 
 def neighbours(
     word: Sequence_, letters: Sequence[Resting]
-) -> Iterator[tuple[Sequence_, list[int | None]]]:
-    """Drop, exchange or insert one resting set.
+) -> Iterator[tuple[int, Sequence_, list[int | None]]]:
+    """Drop, exchange or insert one resting set, or exchange two that follow each other.
 
     Parameters
     ----------
@@ -115,6 +127,8 @@ def neighbours(
 
     Yields
     ------
+    change : int
+        By how many masses what comes in differs from the likest of its place.
     word : tuple of tuple of int
     origin : list of (int or None)
         Which phase of the given word each of its phases is; None for what came in.
@@ -122,17 +136,45 @@ def neighbours(
     Examples
     --------
     >>> next(neighbours(((0,), (2,)), [(1,)]))
-    (((1,), (0,), (2,)), [None, 0, 1])
+    (2, ((1,), (0,), (2,)), [None, 0, 1])
     """
     every: list[int | None] = list(range(len(word)))
-    for k in range(len(word)):
-        edits = [
-            edit
-            for letter in letters
-            for edit in (
-                ((*word[:k], letter, *word[k:]), [*every[:k], None, *every[k:]]),
-                ((*word[:k], letter, *word[k + 1 :]), every),
-            )
-        ]
-        edits.append((word[:k] + word[k + 1 :], every[:k] + every[k + 1 :]))
-        yield from (e for e in edits if len(e[0]) >= 2 and is_gait(e[0]))
+    for k, here in enumerate(word):
+        for letter in letters:
+            from_here, from_last = (len({*letter} ^ {*s}) for s in (here, word[k - 1]))
+            least = min(from_here, from_last)
+            yield least, (*word[:k], letter, *word[k:]), [*every[:k], None, *every[k:]]
+            yield from_here, (*word[:k], letter, *word[k + 1 :]), every
+        yield 1, word[:k] + word[k + 1 :], every[:k] + every[k + 1 :]
+        turn = [*range(len(word))]
+        turn[k - 1], turn[k] = k, (k - 1) % len(word)
+        yield 1, tuple(word[i] for i in turn), list(turn)
+
+
+def lasting(sequence: Sequence_, durations: Sequence[float]) -> tuple[Sequence_, tuple[float, ...]]:
+    """Phases that last; what rests in the one before and the one after a gap is one phase.
+
+    Parameters
+    ----------
+    sequence : tuple of tuple of int
+        Resting masses of a cycle, phase after phase.
+    durations : sequence of float
+        How long each phase is, perhaps not at all.
+
+    Examples
+    --------
+    >>> lasting(((0,), (2,), (1,), (2,)), [0.5, 0.2, 0.0, 0.3])
+    (((0,), (2,)), (0.5, 0.5))
+    """
+    found: list[tuple[Resting, float]] = []
+    for resting, duration in zip(sequence, durations, strict=True):
+        if duration <= _NOTHING * sum(durations):
+            continue
+        if found and found[-1][0] == resting:
+            found[-1] = resting, found[-1][1] + duration
+        else:
+            found.append((resting, duration))
+    if len(found) > 2 and found[0][0] == found[-1][0]:  # round the period
+        found[0] = found[0][0], found[0][1] + found.pop()[1]
+    sets, times = zip(*found, strict=True)
+    return sets, times

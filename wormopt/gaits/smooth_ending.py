@@ -9,8 +9,9 @@ import numpy as np
 from wormopt.core.task import Search, Task
 from wormopt.errors import SolveError
 from wormopt.gaits.costs import has_cost_columns, is_energy
-from wormopt.gaits.design import Design, lasting, objective_of, of_trial
+from wormopt.gaits.design import Design, objective_of, of_trial
 from wormopt.gaits.search import Survey, effort_of
+from wormopt.gaits.sequences import lasting
 from wormopt.gaits.trial import Trial, Trier
 from wormopt.progress import Report
 

@@ -143,6 +143,28 @@ class Trier:
         durations = durations * min(1.0, longest / durations.sum())
         return self._climb(sequence, (_SHORTEST * longest, longest), durations, enough, random)
 
+    def near(
+        self, sequence: Sequence_, durations: np.ndarray, cycles: int, enough: float = -np.inf
+    ) -> Trial | None:
+        """Climb from durations near those of a gait of which so many cycles fill a period.
+
+        Parameters
+        ----------
+        sequence : tuple of tuple of int
+            Resting masses of a cycle.
+        durations : ndarray
+            Of its phases, to begin with.
+        cycles : int
+            In a period.
+        enough : float, optional
+            What is worth going on for.
+        """
+        period = self.shortest / cycles, self.longest / cycles
+        total = float(durations.sum())
+        durations = durations * (np.clip(total, *period) / total)
+        trial = self._climb(sequence, period, durations, enough, None)
+        return trial and self.settled(replace(trial, cycles=cycles))
+
     def fit(self, trial: Trial) -> Trial | None:
         """The best whole number of cycles in a period.
 
