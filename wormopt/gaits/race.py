@@ -1,0 +1,282 @@
+"""The race of orders of rest: the best trial of each, what is close to the best, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from wormopt.core.task import Task
+from wormopt.gaits.costs import is_energy
+from wormopt.gaits.scaled_limits import scaled
+from wormopt.gaits.sequences import Sequence_, canonical
+from wormopt.gaits.space import ceiling_of, is_mirror_symmetric
+from wormopt.gaits.trial import Trial, Trier
+from wormopt.progress import Report
+
+__all__ = ["Better", "Race", "Start"]
+
+Better = Callable[[Trial], None]
+
+# What is within this share of the best of its level is looked at with more arcs; of the energy
+# that is absorbed, a small part of what is spent, few arcs tell little.
+_MARGINS, _MARGINS_OF_ENERGY = (0.08, 0.01), (0.5, 0.15)
+# Share of the value within which another local optimum of an order is kept; and of the cycle,
+# within which the phases of two gaits last as long.
+_CLOSE, _ALIKE = 1e-3, 1e-2
+# Energy absorbed per distance, in units of force, that counts as none.
+_NONE = 1e-10
+# Links up to which ceilings cost less than a first look at an order.
+_CHEAP_CEILINGS = 8
+
+
+class Start(NamedTuple):
+    """An order of rest with what to begin with.
+
+    Parameters
+    ----------
+    sequence : tuple of tuple of int
+        Resting masses of a cycle.
+    durations : ndarray, optional
+        Of its phases; short ones if left out.
+    cycles : int, optional
+        How many such cycles nearly fill a period; 0 where that is not known.
+    """
+
+    sequence: Sequence_
+    durations: np.ndarray | None = None
+    cycles: int = 0
+
+
+@dataclass(eq=False)
+class Race:
+    """Best trial of every order so far, others that may end higher, and each level's best value.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    trier : Trier
+        Tries orders.
+    workers : int
+        Threads.
+    report : callable
+        Told what goes on.
+    better : callable
+        Given every trial that is better than all before it.
+    trials : dict, optional
+        Best trial of each canonical order, None where it has none.
+    others : list of Trial, optional
+        Local optima next to the best of their order.
+    varied : int, optional
+        How many of the orders are variations of others.
+    """
+
+    task: Task
+    trier: Trier
+    workers: int
+    report: Report
+    better: Better
+    trials: dict[Sequence_, Trial | None] = field(default_factory=dict)
+    others: list[Trial] = field(default_factory=list)
+    varied: int = 0
+
+    def __post_init__(self) -> None:
+        self._best: Trial | None = None
+        self._records: dict[int, float] = {}
+        self._pool = ThreadPoolExecutor(self.workers) if self.workers > 1 else None
+        self.mirror = is_mirror_symmetric(self.task)
+        self._energy, self._force = is_energy(self.task), scaled(self.task).force
+        self.margins = _MARGINS_OF_ENERGY if self._energy else _MARGINS
+
+    def close(self) -> None:
+        """Let the threads go."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def tell(self, stage: str, fraction: float) -> str:
+        """Say what is done next, and the best so far; give the stage back.
+
+        Parameters
+        ----------
+        stage : str
+            What is done.
+        fraction : float
+            How much of the search is done.
+        """
+        best = f", best so far {self.ranking[0].cost:.6g}" if self._records else ""
+        self.report(stage + best, fraction)
+        return stage
+
+    def canonical(self, sequence: Sequence_) -> Sequence_:
+        """The order that stands for all that are the same.
+
+        Parameters
+        ----------
+        sequence : tuple of tuple of int
+            Resting masses of a cycle.
+        """
+        return canonical(sequence, self.task.worm.links + 1, mirror=self.mirror)
+
+    def each(self, work: Callable, jobs: Sequence) -> Iterator:
+        """Do the same with every job, side by side where there are threads.
+
+        Parameters
+        ----------
+        work : callable
+            What is done.
+        jobs : sequence
+            With what.
+        """
+        return self._pool.map(work, jobs) if self._pool is not None else map(work, jobs)
+
+    def enter(self, starts: Iterable[Start]) -> None:
+        """Try orders for the first time.
+
+        Parameters
+        ----------
+        starts : iterable of Start
+            The orders.
+        """
+        starts = [start for start in starts if self.can_win(start.sequence)]
+        for start, fitted in zip(starts, self.each(self._first, starts), strict=True):
+            self.trials.setdefault(self.canonical(start.sequence), None)
+            if fitted is not None:
+                self.keep(fitted)
+
+    def _first(self, start: Start) -> Trial | None:
+        enough = self._close(0)
+        if self._records and self.trier.stopped():
+            return None
+        sequence, durations, cycles = start
+        if durations is not None and cycles:
+            return self.trier.near(sequence, durations, cycles, enough)
+        best, others = self._best, [durations]
+        if durations is None and best is not None:
+            others.append(np.full(len(sequence), best.durations.sum() / len(sequence)))
+        for durations in others:
+            free = self.trier.free(sequence, durations, enough)
+            # a free period does no worse than any number of cycles
+            if free is not None and free.value >= enough:
+                return self.trier.fit(free)
+        return None
+
+    def can_win(self, sequence: Sequence_) -> bool:
+        """Whether the ceiling of an order is above the best.
+
+        Parameters
+        ----------
+        sequence : tuple of tuple of int
+            Resting masses of a cycle.
+        """
+        required = self.task.objective.speed
+        bound = self.value if required is None else required
+        return self.task.worm.links > _CHEAP_CEILINGS or ceiling_of(self.task, sequence) > bound
+
+    def keep(self, trial: Trial) -> None:
+        """Enter a trial if it is the best of its order.
+
+        Parameters
+        ----------
+        trial : Trial
+            Fitted to a period.
+        """
+        if trial.value > self.value:
+            self._best = trial
+            self.better(trial)
+        self._records[trial.level] = max(self.record(trial.level), trial.value)
+        key = self.canonical(trial.sequence)
+        old = self.trials.get(key)
+        if old is None or trial.value >= old.value:
+            self.trials[key] = trial
+
+    @property
+    def value(self) -> float:
+        """Best value."""
+        return max(self._records.values(), default=-np.inf)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether no gait can be better: nothing is spent but the work against the load."""
+        return self._energy and self.value >= -_NONE * self._force
+
+    def record(self, level: int) -> float:
+        """Best value at a level, minus infinity before there is one.
+
+        Parameters
+        ----------
+        level : int
+            How often arcs have been halved.
+        """
+        return self._records.get(level, -np.inf)
+
+    def _close(self, level: int) -> float:
+        record = self.record(level)
+        return record - self.margins[level] * abs(record) if np.isfinite(record) else -np.inf
+
+    @property
+    def ranking(self) -> list[Trial]:
+        """Best trials first; of those that tie, short cycles."""
+        found = [t for t in self.trials.values() if t is not None]
+        return sorted(found, key=lambda t: (-t.value, len(t.sequence), t.sequence))
+
+    def restart(self, width: int, random: Sequence[int], share: float = 1e9) -> None:
+        """Try the best orders with arcs drawn at random, as fine as they are.
+
+        Parameters
+        ----------
+        width : int
+            How many orders.
+        random : sequence of int
+            Seed.
+        share : float, optional
+            They are within this share of the best.
+        """
+        enough = self.value - share * abs(self.value)
+        best = [t for t in self.ranking[:width] if t.value >= enough]
+
+        def again(trial: Trial) -> Trial | None:
+            free = self.trier.free(trial.sequence, None, random=np.random.default_rng(random))
+            other = free and self.trier.fit(free)
+            while other and other.level < max(1, trial.level):
+                other = self.trier.finer(other)
+            return other
+
+        for trial, other in zip(best, self.each(again, best), strict=True):
+            if other is not None:
+                self.keep(other)
+                lower, higher = sorted((trial, other), key=lambda t: t.value)
+                close = abs(higher.value - lower.value) < _CLOSE * abs(higher.value)
+                if close and not _alike(lower, higher):  # more arcs will tell which ends higher
+                    self.others.append(lower)
+
+    def promote(self, level: int, most: int) -> None:
+        """Look at what is close to the best of its level with more arcs.
+
+        Parameters
+        ----------
+        level : int
+            How often arcs have been halved.
+        most : int
+            How many orders.
+        """
+        while most > 0:
+            close = [t for t in self.ranking if t.level == level]
+            close = [t for t in close if t.value >= self._close(level)][: min(4, most)]
+            if not close:
+                return
+            for trial, finer in zip(close, self.each(self.trier.finer, close), strict=True):
+                self.trials[self.canonical(trial.sequence)] = None  # some phases may last no time
+                self.keep(finer)
+            most -= len(close)
+
+
+def _alike(one: Trial, other: Trial) -> bool:
+    """Whether two trials are the same gait, as far as their phases tell."""
+    if one.sequence != other.sequence or one.cycles != other.cycles:
+        return False
+    apart = np.abs(one.durations - other.durations).max()
+    return bool(apart < _ALIKE * one.durations.sum())
