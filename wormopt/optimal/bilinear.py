@@ -178,7 +178,9 @@ class BilinearProgram(Linearised):
         return None
 
     def inside(self, point: Point, margin: float) -> Point | None:
-        """The best point with the same held columns a little within all sides; equations exact.
+        """The best point nearby a little within all sides; equations exact.
+
+        Held columns stay as they are, or move a little where no such point is left.
 
         Parameters
         ----------
@@ -192,21 +194,31 @@ class BilinearProgram(Linearised):
         Point or None
             None where there is none.
         """
+        # by products of steps so small rows change less than the margin
+        for radius in (0.0, _INWARD * np.sqrt(margin)):
+            found = self._within(point.x, margin, radius)
+            if found is not None:
+                return found
+        return None
+
+    def _within(self, x: np.ndarray, margin: float, radius: float) -> Point | None:
+        """Move to the best point within all sides; held columns move by this share."""
+        moving = np.ones(len(self.lower), bool)
+        moving[self.held] = radius > 0
         open_rows = self.row_lower < self.row_upper
+        room = margin * (open_rows & (abs(self.jacobian(x)[:, moving]).sum(axis=1) > 0))
         sides = self.row_lower, self.row_upper
-        self.row_lower = sides[0] + np.where(open_rows, margin, 0.0)
-        self.row_upper = sides[1] - np.where(open_rows, margin, 0.0)
+        self.row_lower, self.row_upper = sides[0] + room, sides[1] - room
         try:
-            found = self.restore(point.x)
+            near = radius * np.maximum(x[self.held], x[self.held].mean())
+            found = self._step(self.repaired(x), near)
         finally:
             self.row_lower, self.row_upper = sides
         if found is None:
             return None
-        free = (found.x > self.lower + margin) & (found.x < self.upper - margin)
-        free[self.held] = False
-        exact = self._projected(
-            np.clip(found.x, self.lower, self.upper), sides[0], ~open_rows, free
-        )
+        x = np.clip(self.repaired(np.array(found.col_value)), self.lower, self.upper)
+        free = (x > self.lower + margin) & (x < self.upper - margin) & moving
+        exact = self._projected(x, sides[0], ~open_rows, free)
         if exact is None:
             return None
         x = np.clip(exact, self.lower, self.upper)
@@ -286,6 +298,6 @@ _UPPER = highspy.HighsBasisStatus.kUpper
 _NEWTON_STEPS, _ROUNDS = 3, 4
 # Unknowns below this size may move as far as one of it; rows that others imply may be off by this.
 _SMALL, _LOOSE = 1e-3, 1e-13
-_SHARP, _MARGIN = 1e-13, 4e-9
+_SHARP, _MARGIN, _INWARD = 1e-13, 4e-9, 0.1
 # Share of the value that exact limits may cost.
 _LOST = 1e-8
