@@ -59,8 +59,8 @@ class Effort:
 
 _EFFORTS = {
     "quick": Effort(enumerated=16, width=1, varied=8, patience=1, work=3e8, starts=1),
-    "normal": Effort(enumerated=160, width=3, varied=120, patience=1, work=1e9, starts=3),
-    "thorough": Effort(enumerated=1000, width=6, varied=400, patience=3, work=6e9, starts=8),
+    "normal": Effort(enumerated=160, width=4, varied=240, patience=1, work=1e9, starts=3),
+    "thorough": Effort(enumerated=1000, width=8, varied=800, patience=2, work=6e9, starts=8),
 }
 # Shares of the work that one climb may take, and that the last restarts may where nothing is left.
 _OF_ONE_CLIMB, _OF_RESTARTS = 0.1, 0.2

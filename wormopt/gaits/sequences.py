@@ -116,7 +116,7 @@ def mirrored(word: Sequence_, masses: int) -> Sequence_:
 def neighbours(
     word: Sequence_, letters: Sequence[Resting]
 ) -> Iterator[tuple[int, Sequence_, list[int | None]]]:
-    """Drop, exchange or insert one resting set, or exchange two that follow each other.
+    """Drop, exchange or insert one resting set, also amid a phase, or exchange two neighbours.
 
     Parameters
     ----------
@@ -145,6 +145,8 @@ def neighbours(
             least = min(from_here, from_last)
             yield least, (*word[:k], letter, *word[k:]), [*every[:k], None, *every[k:]]
             yield from_here, (*word[:k], letter, *word[k + 1 :]), every
+            amid = [*every[: k + 1], None, *every[k:]]
+            yield from_here, (*word[: k + 1], letter, *word[k:]), amid
         yield 1, word[:k] + word[k + 1 :], every[:k] + every[k + 1 :]
         turn = [*range(len(word))]
         turn[k - 1], turn[k] = k, (k - 1) % len(word)

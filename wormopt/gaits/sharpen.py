@@ -129,9 +129,13 @@ def _sharpen(
     # limits are kept times the duration of an arc: on one of next to none they need not be
     program, point = trial.program.finer(trial.point, parts=1)
     if point is not None:
-        joined = trier.climbed(replace(trial, program=program, point=point), 1e-10, _STEPS)
-        if joined.value >= trial.value - _TIE * abs(trial.value):
-            trial, sharp = joined, _exact(joined)
+        joined = replace(trial, program=program, point=point)
+        for steps in (0, _STEPS):  # a climb may make short arcs anew
+            joined = trier.climbed(joined, 1e-10, steps) if steps else joined
+            if joined.value >= trial.value - _TIE * abs(trial.value):
+                trial, sharp = joined, _exact(joined)
+            if _keeps(trier.task, sharp):
+                return sharp, error
     for margin in _MARGINS:
         if _keeps(trier.task, sharp):
             break

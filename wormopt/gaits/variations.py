@@ -15,7 +15,7 @@ from wormopt.gaits.sequences import Sequence_, is_gait, lasting, mirrored, neigh
 __all__ = ["variations"]
 
 # Most joined cycles in a round.
-_JOINED = 40
+_JOINED = 100
 # Phases of a cycle up to which orders are varied.
 _MOST_PHASES = 12
 
@@ -64,14 +64,15 @@ def _edited(race: Race, parents: list[_Parent]) -> Iterator[Start]:
     edits = [(*edit, p) for p in parents for edit in neighbours(p[0], letters)]
     for _, word, kept, (old, durations, cycles) in sorted(edits, key=lambda edit: edit[0]):
         fresh = float(durations.mean()) / 2
-        times = np.array([fresh if k is None else durations[k] for k in kept])
-        yield Start(word, times, cycles if len(word) >= len(old) else 0)
+        times = [fresh if k is None else durations[k] / kept.count(k) for k in kept]
+        yield Start(word, np.array(times), cycles if len(word) >= len(old) else 0)
 
 
 def _joined(race: Race, parents: list[_Parent]) -> Iterator[Start]:
     """Two cycles in one, where a period has room: the same, its mirror image, or another."""
     masses, longest = race.task.worm.links + 1, race.task.limits.period_range[1]
-    for (one, first, _), (two, second, _) in product(parents, repeat=2):
+    pairs = sorted(product(range(len(parents)), repeat=2), key=lambda pair: (sum(pair), pair))
+    for (one, first, _), (two, second, _) in ((parents[i], parents[j]) for i, j in pairs):
         if longest < 0.7 * (first.sum() + second.sum()):
             continue
         for word in (two, mirrored(two, masses)) if race.mirror else (two,):
