@@ -21,6 +21,7 @@ from wormopt.gaits import search as search_module
 from wormopt.gaits import sharpen
 from wormopt.gaits.design import Design
 from wormopt.gaits.optimize import design, designed
+from wormopt.gaits.sequences import neighbours
 from wormopt.optimal.bilinear import BilinearProgram
 from wormopt.simulation.bimodal import integrate
 
@@ -96,6 +97,30 @@ def test_the_mirror_image_is_as_fast(mass, rooms, contraction, extension, load, 
     assert speed(-1) == pytest.approx(speed(1), rel=5e-3)
 
 
+words = st.lists(
+    st.lists(st.integers(0, 3), min_size=1, max_size=3, unique=True).map(lambda s: (*sorted(s),)),
+    min_size=2,
+    max_size=6,
+).map(tuple)
+
+
+@given(words, st.lists(st.sampled_from([(0,), (1, 2), (0, 3), (1, 2, 3)]), unique=True))
+def test_variations_change_one_phase_and_say_by_how_much(word, letters):
+    found = list(neighbours(word, letters))
+    for change, varied, origin in found:
+        assert len(varied) == len(origin)
+        fresh = [k for k, kept in enumerate(origin) if kept is None or varied[k] != word[kept]]
+        assert len(fresh) <= 1
+        for k in fresh:
+            around = {varied[k - 1], varied[(k + 1) % len(varied)], *word}
+            assert change in {len({*varied[k]} ^ {*other}) for other in around}
+    inserted = {(*word[:k], s, *word[k:]) for k in range(len(word)) for s in letters}
+    exchanged = {(*word[:k], s, *word[k + 1 :]) for k in range(len(word)) for s in letters}
+    dropped = {word[:k] + word[k + 1 :] for k in range(len(word))}
+    swapped = {(*word[:k], word[k + 1], word[k], *word[k + 2 :]) for k in range(len(word) - 1)}
+    assert inserted | exchanged | dropped | swapped <= {varied for _, varied, _ in found}
+
+
 def test_an_order_and_its_rotations_are_one():
     speeds = [
         design(G1_WORM, G1_LIMITS, search=replace(OWN, sequence=G1_ORDER[k:] + G1_ORDER[:k])).speed
@@ -151,6 +176,34 @@ def test_relaxing_a_limit_never_slows_down(
 
 
 # -- loads ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("worm", "limits", "order"),
+    [
+        (  # the period ends at its longest
+            Worm(2, drag=0.465, load=3.35),
+            Limits(
+                period=(0.642, 1.01),
+                length=((0.77, 1.09), (0.77, 1.12)),
+                rate=0.826,
+                acceleration=15.4,
+                spike_load=13.4,
+            ),
+            ((0,), (2,)),
+        ),
+        (  # phases as short as it takes to reach the largest rate, and arcs of no duration
+            Worm(3, mass=(1.83, 0.906, 0.819, 1.93), drag=0.454, load=9.22),
+            Limits(period=1.71, length=(0.839, 1.15), rate=1.07, acceleration=45.1),
+            ((1,), (0,), (1,), (2,), (3,), (2,)),
+        ),
+    ],
+)
+def test_the_last_digits_of_a_gait_are_within_its_limits(worm, limits, order):
+    found = design(worm, limits, search=Search(sequence=order, workers=1))
+    check(found)
+    assert found.survey is not None
+    assert found.speed >= found.survey.trials[0].value * (1 - 1e-6)
 
 
 def test_a_gait_for_a_range_of_loads_holds_under_all_of_them():
