@@ -16,6 +16,8 @@ __all__ = ["variations"]
 
 # Most joined cycles in a round.
 _JOINED = 100
+# Masses of change that outweigh being the next better parent.
+_RANK = 0.5
 # Phases of a cycle up to which orders are varied.
 _MOST_PHASES = 12
 
@@ -61,7 +63,11 @@ def _parents(race: Race, width: int) -> list[_Parent]:
 def _edited(race: Race, parents: list[_Parent]) -> Iterator[Start]:
     """One resting set inserted, exchanged, dropped or moved; what changes least first."""
     letters = search_letters(race.task)
-    edits = [(*edit, p) for p in parents for edit in neighbours(p[0], letters)]
+    edits = [
+        (change + _RANK * rank, word, kept, parent)
+        for rank, parent in enumerate(parents)
+        for change, word, kept in neighbours(parent[0], letters)
+    ]
     for _, word, kept, (old, durations, cycles) in sorted(edits, key=lambda edit: edit[0]):
         fresh = float(durations.mean()) / 2
         times = [fresh if k is None else durations[k] / kept.count(k) for k in kept]
