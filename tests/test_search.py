@@ -13,6 +13,7 @@ from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from test_program import G1, G1_LIMITS, G1_ORDER, G1_WORM, check
 
+from wormopt.bench.design_cases import draw, task_of
 from wormopt.cli import main
 from wormopt.core.limits import Limits, Rates
 from wormopt.core.task import Cost, Objective, Search, Task, Worm
@@ -23,6 +24,7 @@ from wormopt.gaits.design import Design
 from wormopt.gaits.optimize import design, designed
 from wormopt.gaits.sequences import neighbours
 from wormopt.optimal.bilinear import BilinearProgram
+from wormopt.progress import silent
 from wormopt.simulation.bimodal import integrate
 
 OWN = Search(sequence=G1_ORDER, effort="quick", workers=1)
@@ -204,6 +206,23 @@ def test_the_last_digits_of_a_gait_are_within_its_limits(worm, limits, order):
     check(found)
     assert found.survey is not None
     assert found.speed >= found.survey.trials[0].value * (1 - 1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("index", "order"),
+    [
+        (1, ((1,), (0, 1), (0,), (3,), (2, 3), (3,))),
+        (20, ((1,), (0,), (1,), (2,), (3,), (2,))),
+        (31, ((0,), (0, 1), (0,), (2,), (3,), (4,))),
+    ],
+)
+def test_orders_that_hand_the_load_over_are_found(index: int, order: Any):
+    """Orders of many phases that plain searches missed by 1 to 9 %, given and left to find."""
+    task = task_of(draw(2026, index + 1)[index])
+    given_order = designed(task, Search(sequence=order), silent)
+    found = designed(task, Search(), silent)
+    assert found.speed >= given_order.speed * (1 - 2e-3)
 
 
 def test_a_gait_for_a_range_of_loads_holds_under_all_of_them():

@@ -84,4 +84,5 @@ def _joined(race: Race, parents: list[_Parent]) -> Iterator[Start]:
         for word in (two, mirrored(two, masses)) if race.mirror else (two,):
             for k in range(len(word)):
                 times = np.concatenate([first, np.roll(second, -k)])
-                yield Start((*one, *word[k:], *word[:k]), times)
+                cycles = max(1, round(longest / times.sum()))
+                yield Start((*one, *word[k:], *word[:k]), times, cycles)
