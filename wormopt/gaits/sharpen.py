@@ -131,7 +131,7 @@ def _sharpen(
     if point is not None:
         joined = replace(trial, program=program, point=point)
         for steps in (0, _STEPS):  # a climb may make short arcs anew
-            joined = trier.climbed(joined, 1e-10, steps) if steps else joined
+            joined = trier.climbed(joined, 1e-10, steps)
             if joined.value >= trial.value - _TIE * abs(trial.value):
                 trial, sharp = joined, _exact(joined)
             if _keeps(trier.task, sharp):

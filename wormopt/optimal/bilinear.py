@@ -194,7 +194,6 @@ class BilinearProgram(Linearised):
         Point or None
             None where there is none.
         """
-        # by products of steps so small rows change less than the margin
         for radius in (0.0, _INWARD * np.sqrt(margin)):
             found = self._within(point.x, margin, radius)
             if found is not None:
@@ -298,6 +297,8 @@ _UPPER = highspy.HighsBasisStatus.kUpper
 _NEWTON_STEPS, _ROUNDS = 3, 4
 # Unknowns below this size may move as far as one of it; rows that others imply may be off by this.
 _SMALL, _LOOSE = 1e-3, 1e-13
-_SHARP, _MARGIN, _INWARD = 1e-13, 4e-9, 0.1
+_SHARP, _MARGIN = 1e-13, 4e-9
+# Share of the root of a margin by which held columns move: its square is a hundredth of the margin.
+_INWARD = 0.1
 # Share of the value that exact limits may cost.
 _LOST = 1e-8
