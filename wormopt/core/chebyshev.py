@@ -93,22 +93,22 @@ class Series:
         real = self._polish(np.clip(real, -1, 1), c)
         return np.sort(self.a + (real + 1) / 2 * (self.b - self.a))
 
-    def extremes(self, row: int) -> tuple[float, float]:
-        """Smallest and largest value of one row on [a, b].
-
-        Parameters
-        ----------
-        row : int
-            Which function.
+    def extremes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Smallest and largest value of every row on [a, b].
 
         Returns
         -------
-        low, high : float
+        low, high : ndarray, shape (rows,)
         """
+        ends = self(np.array([self.a, self.b]))
+        low, high = ends.min(axis=1), ends.max(axis=1)
         slope = self.derivative()
-        points = np.concatenate([[self.a, self.b], slope.roots(row, zero=0.0)])
-        values = Series(self.a, self.b, self.coefficients[row : row + 1])(points)[0]
-        return float(values.min()), float(values.max())
+        size = np.abs(slope.coefficients)
+        for row in np.flatnonzero(size[:, 0] <= size[:, 1:].sum(axis=1)):  # see roots
+            inside = Series(self.a, self.b, self.coefficients[row : row + 1])(slope.roots(row))
+            low[row] = inside.min(initial=low[row])
+            high[row] = inside.max(initial=high[row])
+        return low, high
 
     def _local(self, s: np.ndarray) -> np.ndarray:
         return 2 * (s - self.a) / (self.b - self.a) - 1

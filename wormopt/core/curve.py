@@ -34,7 +34,9 @@ class Curve:
     def steepest(self) -> float:
         """Largest angle of the tangent."""
         pieces = pairwise(self.breaks)
-        return max(resolve(lambda s: self.points(s)[2:], a, b).extremes(0)[1] for a, b in pieces)
+        return max(
+            float(resolve(lambda s: self.points(s)[2:], a, b).extremes()[1][0]) for a, b in pieces
+        )
 
 
 def graph_curve(height: Callable[[np.ndarray], np.ndarray], span: float) -> Curve:
@@ -101,6 +103,6 @@ def distances(one: Curve, other: Curve) -> tuple[float, float]:
 
     breaks = sorted({*one.breaks, *other.breaks})
     pieces: list[Series] = [resolve(squares, a, b) for a, b in pairwise(breaks)]
-    largest = max(series.extremes(0)[1] for series in pieces)
+    largest = max(float(series.extremes()[1][0]) for series in pieces)
     mean = sum(float(series.integral()[0]) for series in pieces)
     return float(np.sqrt(max(largest, 0.0))), float(np.sqrt(max(mean, 0.0)))

@@ -13,7 +13,6 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import root_scalar
 
 from wormopt.core.gait import Gait
 
@@ -310,4 +309,6 @@ def _sign_changes(sigma: Vectorised, a: float, b: float, worm: DrivenWorm) -> li
 
 
 def _root(function: Callable[[float], float], a: float, b: float) -> float:
+    from scipy.optimize import root_scalar
+
     return float(root_scalar(function, bracket=(a, b), method="brentq", xtol=1e-16).root)

@@ -12,8 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import solve_ivp
-from scipy.optimize import fminbound
 
 from wormopt.core.gait import Gait
 from wormopt.errors import ArgumentError, SolveError
@@ -173,6 +171,8 @@ class _Track:
 
     def _glide(self, arc: Arc) -> float:
         """Glide along an arc; returns when the glide ends, at the latest the arc's end."""
+        from scipy.integrate import solve_ivp  # loads for long, and designed gaits never glide
+
         worm = self.worm
         mass = worm.mass.mean()
 
@@ -274,6 +274,8 @@ def _extremes(function: Vectorised, ends: tuple[float, float], flat: float) -> l
         at = int(np.argmin(sign * values))
         best = float(values[at])
         if 0 < at < len(s) - 1 and np.ptp(values) > flat:
+            from scipy.optimize import fminbound
+
             lowest = fminbound(
                 lambda t, sign=sign: sign * function(np.array([t]))[0],
                 s[at - 1],

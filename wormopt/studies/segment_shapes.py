@@ -166,7 +166,7 @@ def _bending(curve: Curve) -> tuple[float, float]:
     angle = resolve(lambda s: curve.points(s)[2:], 0.0, 1.0).derivative()
     squares = resolve(lambda s: angle(s) ** 2, 0.0, 1.0)
     energy = float(squares.integral()[0]) / (2 * curve.length)
-    return energy, max(map(abs, angle.extremes(0))) / curve.length
+    return energy, float(np.max(np.abs(angle.extremes()))) / curve.length
 
 
 def _elasticas(

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import root_scalar
 
 from wormopt.core.chebyshev import Series, resolve
 from wormopt.core.gait import Gait
@@ -152,9 +151,10 @@ class Crawl:
         -------
         low, high : ndarray, shape (rows,)
         """
-        rows = range(*self._rows()[signal].indices(10**6))
-        values = np.array([[s.extremes(r) for r in rows] for _, s in self.parts])
-        return values[:, :, 0].min(axis=0), values[:, :, 1].max(axis=0)
+        rows = self._rows()[signal]
+        found = [Series(s.a, s.b, s.coefficients[rows]).extremes() for _, s in self.parts]
+        low, high = zip(*found, strict=True)
+        return np.min(low, axis=0), np.max(high, axis=0)
 
     def integral(self, signal: str) -> np.ndarray:
         """Integral of every row of a signal over the period.
@@ -277,6 +277,8 @@ class Crawl:
         """Smallest period for which kinematics alone rules this shape of gait; inf if none does."""
         if self.drops:
             return float("inf")
+        if self.drive.drag == 0 < self.drive.load:  # inertia goes with the square of the pace
+            return self.gait.period * float(np.sqrt(self.smallest_load / self.drive.load))
 
         def least(quickness: float) -> float:
             return min(self._inertia_and_drag(quickness)) + self.drive.load
@@ -308,7 +310,7 @@ class Crawl:
 
             degree = self.gait.degree
             series = resolve(value, stretch.start, stretch.stop, degree and max(degree, 1))
-            yield series.extremes(0)[0]
+            yield float(series.extremes()[0][0])
 
     def sample(self, points: int = 600) -> dict[str, np.ndarray]:
         """Signals on a time grid in which both sides of every jump appear.
@@ -348,6 +350,8 @@ class Crawl:
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    from scipy.optimize import root_scalar  # loads for long; most gaits keep their leader
+
     return float(root_scalar(function, bracket=(low, high), xtol=1e-15, rtol=1e-14).root)
 
 
