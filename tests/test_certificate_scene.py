@@ -16,6 +16,7 @@ from wormopt.errors import ArgumentError, Interrupted, SceneError
 from wormopt.gaits import certify, proof
 from wormopt.gaits.optimize import designed
 from wormopt.gaits.space import letters_of
+from wormopt.gaits.tree import Solver
 from wormopt.progress import silent
 from wormopt.studies import gait_certificate, gait_design
 
@@ -103,7 +104,7 @@ def test_what_is_proven_is_kept_and_another_run_goes_on(kept: Path):
 
 
 def test_an_interrupted_proof_leaves_the_gait_and_its_bound(monkeypatch, kept: Path):
-    grow, calls = certify.grow, []
+    grow, calls = Solver.grow, []
 
     def stopped(*given):
         calls.append(given)
@@ -111,7 +112,7 @@ def test_an_interrupted_proof_leaves_the_gait_and_its_bound(monkeypatch, kept: P
             raise KeyboardInterrupt
         return grow(*given)
 
-    monkeypatch.setattr(certify, "grow", stopped)
+    monkeypatch.setattr(Solver, "grow", stopped)
     with pytest.raises(Interrupted) as told:
         run("search.certify.gap=1e-3")
     partial = told.value.partial

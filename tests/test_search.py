@@ -1,9 +1,12 @@
 """Searches for the best gait: cycles a period, symmetry, monotony, loads, ends before their end."""
 
 import json
+import os
+import signal
 from dataclasses import replace
 from itertools import count, pairwise
 from pathlib import Path
+from threading import Timer
 from time import monotonic
 from typing import Any, get_args
 
@@ -19,9 +22,10 @@ from wormopt.core.limits import Limits, Rates
 from wormopt.core.task import Cost, Objective, Search, Task, Worm
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.gaits import search as search_module
-from wormopt.gaits import sharpen
+from wormopt.gaits import sharpen, trial
 from wormopt.gaits.design import Design
 from wormopt.gaits.optimize import design, designed
+from wormopt.gaits.race import Race
 from wormopt.gaits.sequences import neighbours
 from wormopt.optimal.bilinear import BilinearProgram
 from wormopt.progress import silent
@@ -276,7 +280,8 @@ def check_cut_short(found: Design, why: str) -> None:
 def test_a_search_ends_when_its_time_is_over(monkeypatch: pytest.MonkeyPatch, checks: int):
     """By a clock that jumps when it was asked so often, in the middle of whatever is going on."""
     asked = count()
-    monkeypatch.setattr(search_module, "monotonic", lambda: 0.0 if next(asked) < checks else 1e9)
+    for module in (search_module, trial):
+        monkeypatch.setattr(module, "monotonic", lambda: 0.0 if next(asked) < checks else 1e9)
     found = design(*LONG, search=Search(time_limit=5.0, workers=1))
     check_cut_short(found, "time limit")
     assert found.survey.tried < 100
@@ -301,11 +306,26 @@ def interrupt_after(monkeypatch: pytest.MonkeyPatch, climbs: int) -> None:
     monkeypatch.setattr(BilinearProgram, "climb", interrupted_once)
 
 
-@pytest.mark.parametrize(("climbs", "workers"), [(5, 1), (9, 1), (30, 1), (30, 2)])
-def test_an_interrupted_design_is_the_best_so_far(monkeypatch, climbs: int, workers: int):
+@pytest.mark.parametrize("climbs", [5, 9, 30])
+def test_an_interrupted_design_is_the_best_so_far(monkeypatch, climbs: int):
     interrupt_after(monkeypatch, climbs)
-    found = design(*LONG, search=Search(effort="quick", workers=workers))
+    found = design(*LONG, search=Search(effort="quick", workers=1))
     check_cut_short(found, "interrupted")
+
+
+def test_a_design_is_interrupted_while_processes_work(monkeypatch):
+    """By the signal that Ctrl-C sends, a moment after the tenth gait was found."""
+    keep, kept = Race.keep, count(1)
+
+    def keep_and_stop(*args):
+        keep(*args)
+        if next(kept) == 10:
+            Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+    monkeypatch.setattr(Race, "keep", keep_and_stop)
+    found = design(*LONG, search=Search(effort="thorough", workers=2))
+    check_cut_short(found, "interrupted")
+    assert found.survey.tried < 300
 
 
 def test_an_interrupted_sharpening_leaves_what_was_searched(monkeypatch):

@@ -208,7 +208,7 @@ def ours(case: Case, seconds: float, design: Callable[[Case, float, Better], Non
 
 
 def _by_design(case: Case, seconds: float, better: Better) -> None:
-    """The designer of the package, on one thread as its rivals; its coarse gaits count too."""
+    """The designer of the package, in one process as its rivals; its coarse gaits count too."""
     from wormopt.gaits.optimize import designed
 
     settings = Search(time_limit=seconds, workers=1)

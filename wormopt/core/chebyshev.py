@@ -104,7 +104,7 @@ class Series:
         low, high = ends.min(axis=1), ends.max(axis=1)
         slope = self.derivative()
         size = np.abs(slope.coefficients)
-        for row in np.flatnonzero(size[:, 0] <= size[:, 1:].sum(axis=1)):  # see roots
+        for row in np.flatnonzero(size[:, 0] <= size[:, 1:].sum(axis=1)).tolist():  # see roots
             inside = Series(self.a, self.b, self.coefficients[row : row + 1])(slope.roots(row))
             low[row] = inside.min(initial=low[row])
             high[row] = inside.max(initial=high[row])

@@ -190,7 +190,7 @@ class Certify(Frozen):
     sequence : sequence of sequences of int, optional
         The resting masses of each phase of a cycle in turn; it speaks of this order alone then.
     workers : int, optional
-        Number of threads; one per processor if left out.
+        Number of processes; one per processor if left out.
     """
 
     phases: int = 4
@@ -255,7 +255,7 @@ class Search(Frozen):
     time_limit : float, optional
         Seconds after which the best gait found so far is taken; no limit if left out.
     workers : int, optional
-        Number of threads.
+        Number of processes.
     """
 
     seed: int = 0

@@ -21,7 +21,7 @@ from wormopt.core.task import Certify, Objective, Task
 from wormopt.gaits.relaxation import Relaxed
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.space import all_sequences
-from wormopt.gaits.tree import Branch, Solver, Tree, grow, periods, plant
+from wormopt.gaits.tree import Branch, Solver, Tree, periods, plant
 from wormopt.progress import Report
 
 __all__ = ["Certificate", "Progress", "gap_of", "prove"]
@@ -222,7 +222,7 @@ def _prove(
             while tree.bound > (cutoff := required or best.speed * (1 + wanted.gap)):
                 if not tree.open or tree.open[0].bound <= cutoff:
                     return  # the finest cells do not tell
-                tree = grow(tree, cutoff, solver, None if required else best.speed, best.look)
+                tree = solver.grow(tree, cutoff, None if required else best.speed, best.look)
                 seconds, bound = time.perf_counter() - clock, progress.bound
                 if lowered is None:
                     bound = min(bound, tree.bound)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -38,7 +39,7 @@ class GaitRows:
         like: ScaledLimits | None = None,
     ) -> None:
         self.task, self.sequence, self.period, self.degree = task, sequence, period, degree
-        self.patterns = patterns
+        self.patterns, self._like = patterns, like
         self.limits = scaled(replace(task, limits=replace(task.limits, period=period)))
         if like is not None:
             self.limits = replace(self.limits, like=like)
@@ -63,7 +64,15 @@ class GaitRows:
                 self._costs.add_phase(resting, at)
         self._add_lengths()
         self._add_ends()
-        self.bilinear = self._assemble()
+
+    def __reduce__(self) -> tuple:
+        """Made anew where it is unpickled: less is sent, and nothing of the solver."""
+        given = (self.task, self.sequence, self.period, self.arcs, self.degree)
+        return type(self), (*given, self.patterns, self._like)
+
+    def forget(self) -> None:
+        """Let the solver go: what it starts from next is the same wherever it is."""
+        vars(self).pop("bilinear", None)
 
     @property
     def _phases(self) -> int:
@@ -232,7 +241,9 @@ class GaitRows:
             ]
             self.rows.add(jump, [], 0.0, np.inf)
 
-    def _assemble(self) -> BilinearProgram:
+    @cached_property
+    def bilinear(self) -> BilinearProgram:
+        """The program."""
         if self._costs is not None:
             gain = self._costs.add_gain()
             per = self._advance if self._costs.energy else self._period

@@ -72,7 +72,7 @@ def certify(
     sequence : sequence of sequences of int, optional
         Resting masses of each phase of a cycle in turn; the proof speaks of this order alone then.
     workers : int, optional
-        Number of threads; one per processor if left out.
+        Number of processes; one per processor if left out.
     report : callable, optional
         Told the gap.
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from wormopt.core.task import Task
+from wormopt.core.workers import Workers
 from wormopt.gaits.costs import is_energy
 from wormopt.gaits.scaled_limits import scaled
 from wormopt.gaits.sequences import Sequence_, canonical
@@ -62,7 +64,7 @@ class Race:
     trier : Trier
         Tries orders.
     workers : int
-        Threads.
+        Processes.
     report : callable
         Told what goes on.
     better : callable
@@ -87,15 +89,14 @@ class Race:
     def __post_init__(self) -> None:
         self._best: Trial | None = None
         self._records: dict[int, float] = {}
-        self._pool = ThreadPoolExecutor(self.workers) if self.workers > 1 else None
+        self._workers = Workers(self.workers)
         self.mirror = is_mirror_symmetric(self.task)
         self._energy, self._force = is_energy(self.task), scaled(self.task).force
         self.margins = _MARGINS_OF_ENERGY if self._energy else _MARGINS
 
     def close(self) -> None:
-        """Let the threads go."""
-        if self._pool is not None:
-            self._pool.shutdown(cancel_futures=True)
+        """Let the processes go."""
+        self._workers.close()
 
     def tell(self, stage: str, fraction: float) -> str:
         """Say what is done next, and the best so far; give the stage back.
@@ -121,17 +122,12 @@ class Race:
         """
         return canonical(sequence, self.task.worm.links + 1, mirror=self.mirror)
 
-    def each(self, work: Callable, jobs: Sequence) -> Iterator:
-        """Do the same with every job, side by side where there are threads.
-
-        Parameters
-        ----------
-        work : callable
-            What is done.
-        jobs : sequence
-            With what.
-        """
-        return self._pool.map(work, jobs) if self._pool is not None else map(work, jobs)
+    def _each(self, work: Callable[[Trier, Any], Trial | None], jobs: Sequence) -> Iterator:
+        """Try the same with every job, side by side, and count what it took."""
+        for found, programs, pivots in self._workers.map(partial(_tried, self.trier, work), jobs):
+            self.trier.programs += programs
+            self.trier.work += pivots
+            yield found
 
     def enter(self, starts: Iterable[Start]) -> None:
         """Try orders for the first time.
@@ -142,27 +138,12 @@ class Race:
             The orders.
         """
         starts = [start for start in starts if self.can_win(start.sequence)]
-        for start, fitted in zip(starts, self.each(self._first, starts), strict=True):
+        usual = None if self._best is None else self._best.durations
+        first = partial(_first, enough=self._close(0), usual=usual)
+        for start, fitted in zip(starts, self._each(first, starts), strict=True):
             self.trials.setdefault(self.canonical(start.sequence), None)
             if fitted is not None:
                 self.keep(fitted)
-
-    def _first(self, start: Start) -> Trial | None:
-        enough = self._close(0)
-        if self._records and self.trier.stopped():
-            return None
-        sequence, durations, cycles = start
-        if durations is not None and cycles:
-            return self.trier.near(sequence, durations, cycles, enough)
-        best, others = self._best, [durations]
-        if durations is None and best is not None:
-            others.append(np.full(len(sequence), best.durations.sum() / len(sequence)))
-        for durations in others:
-            free = self.trier.free(sequence, durations, enough)
-            # a free period does no worse than any number of cycles
-            if free is not None and free.value >= enough:
-                return self.trier.fit(free)
-        return None
 
     def can_win(self, sequence: Sequence_) -> bool:
         """Whether the ceiling of an order is above the best.
@@ -237,15 +218,7 @@ class Race:
         """
         enough = self.value - share * abs(self.value)
         best = [t for t in self.ranking[:width] if t.value >= enough]
-
-        def again(trial: Trial) -> Trial | None:
-            free = self.trier.free(trial.sequence, None, random=np.random.default_rng(random))
-            other = free and self.trier.fit(free)
-            while other and other.level < max(1, trial.level):
-                other = self.trier.finer(other)
-            return other
-
-        for trial, other in zip(best, self.each(again, best), strict=True):
+        for trial, other in zip(best, self._each(partial(_again, seed=random), best), strict=True):
             if other is not None:
                 self.keep(other)
                 lower, higher = sorted((trial, other), key=lambda t: t.value)
@@ -268,10 +241,50 @@ class Race:
             close = [t for t in close if t.value >= self._close(level)][: min(4, most)]
             if not close:
                 return
-            for trial, finer in zip(close, self.each(self.trier.finer, close), strict=True):
+            for trial, finer in zip(close, self._each(Trier.finer, close), strict=True):
                 self.trials[self.canonical(trial.sequence)] = None  # some phases may last no time
                 self.keep(finer)
             most -= len(close)
+
+
+def _tried(
+    trier: Trier, work: Callable[[Trier, Any], Trial | None], job: Any
+) -> tuple[Trial | None, int, int]:
+    """What a job comes to, and how many programs and how much work that was."""
+    trier = copy(trier)
+    trier.programs = trier.work = 0
+    found = work(trier, job)
+    if found is not None:
+        _ = found.value  # goes with it, so that its program is made anew only if it is needed
+        found.program.forget()
+    return found, trier.programs, trier.work
+
+
+def _first(trier: Trier, start: Start, enough: float, usual: np.ndarray | None) -> Trial | None:
+    """Try an order for the first time, also with a period like that of the best so far."""
+    if usual is not None and trier.stopped():
+        return None
+    sequence, durations, cycles = start
+    if durations is not None and cycles:
+        return trier.near(sequence, durations, cycles, enough)
+    others = [durations]
+    if durations is None and usual is not None:
+        others.append(np.full(len(sequence), usual.sum() / len(sequence)))
+    for durations in others:
+        free = trier.free(sequence, durations, enough)
+        # a free period does no worse than any number of cycles
+        if free is not None and free.value >= enough:
+            return trier.fit(free)
+    return None
+
+
+def _again(trier: Trier, trial: Trial, seed: Sequence[int]) -> Trial | None:
+    """Try an order with arcs drawn at random, as fine as they are."""
+    free = trier.free(trial.sequence, None, random=np.random.default_rng(seed))
+    other = free and trier.fit(free)
+    while other and other.level < max(1, trial.level):
+        other = trier.finer(other)
+    return other
 
 
 def _alike(one: Trial, other: Trial) -> bool:

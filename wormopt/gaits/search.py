@@ -8,7 +8,6 @@ filled by as many cycles as suit the order, and several different cycles may be 
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
@@ -133,7 +132,7 @@ def search(
     task : Task
         Worm, limits, objective.
     settings : Search
-        Effort, phases, the user's own sequence, time limit, threads.
+        Effort, phases, the user's own sequence, time limit, processes.
     report : callable
         Told what goes on: text and the fraction done.
     hints : iterable of sequences, optional
@@ -144,7 +143,7 @@ def search(
     Returns
     -------
     Survey
-        The same for any number of threads, but for time limits.
+        The same for any number of processes, but for time limits.
 
     Examples
     --------
@@ -160,9 +159,8 @@ def search(
     (0.425, ((0,), (1,)))
     """
     until = np.inf if settings.time_limit is None else monotonic() + settings.time_limit
-    over = threading.Event()
     work = effort_of(settings).work * _OF_ONE_CLIMB
-    trier = Trier(task, stop=lambda: over.is_set() or monotonic() > until, work=work)
+    trier = Trier(task, until=until, work=work)
     links = task.worm.links
     workers = settings.workers or (1 if links <= 2 else os.cpu_count() or 1)
     race = Race(task, trier, workers, report, better)
@@ -180,7 +178,6 @@ def search(
     except KeyboardInterrupt:
         ended = "interrupted"
     finally:
-        over.set()
         race.close()
     ranking = sorted([*race.ranking, *race.others], key=lambda t: -t.value)
     return Survey(tuple(ranking), len(race.trials), race.varied, trier.programs, ended, seconds)

@@ -10,17 +10,17 @@ from __future__ import annotations
 
 import heapq
 import math
-import os
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import repeat
-from threading import Lock
+from functools import lru_cache, partial
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
 from wormopt.core.task import Task
+from wormopt.core.workers import Workers
 from wormopt.gaits.families import Family, families, parts
 from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
 from wormopt.gaits.sequences import Sequence_
@@ -43,8 +43,11 @@ _LEAST_SHARE = 0.35
 _ROUNDING = 1e-15
 # Families of so many sequences are divided first, larger ones where loads are to blame.
 _FEW = 16
-# Idle programs that are kept, some megabytes each.
+# Programs that each process keeps, some megabytes each.
 _KEPT = 200
+# Branches of a job, boxes after which it ends, and jobs between two looks at the whole tree, for
+# each process.
+_SENT, _BOXES, _JOBS = 4, 16, 2
 
 
 class Branch(NamedTuple):
@@ -148,54 +151,66 @@ def plant(
 
 
 class Solver:
-    """Solves the relaxations of branches in several threads, and keeps the programs.
+    """Grows a tree in several processes, each of which keeps the programs that it needs.
 
     Parameters
     ----------
     task : Task
         Worm and limits.
     workers : int, optional
-        Number of threads; as many as there are processors if left out.
+        Number of processes; as many as there are processors if left out.
     """
 
     def __init__(self, task: Task, workers: int | None = None) -> None:
-        self.workers = workers or os.cpu_count() or 1
-        self._task = task
-        self._idle: list[tuple[tuple[Sequence_, int, tuple[int, ...]], Relaxation]] = []
-        self._lock = Lock()
-        self._threads = ThreadPoolExecutor(self.workers)
+        self._workers = Workers(workers)
+        self._task, self._programs = task, Programs(task)
 
-    def solve(self, branches: Sequence[Branch], cutoff: float) -> list[Relaxed]:
-        """Solve the relaxation of every branch.
+    def grow(
+        self,
+        tree: Tree,
+        cutoff: float,
+        found: float | None = None,
+        look: Look = lambda *_: None,
+    ) -> Tree:
+        """Look at the most promising branches.
 
         Parameters
         ----------
-        branches : sequence of Branch
+        tree : Tree
+            With open branches above the cutoff.
         cutoff : float
-            Lower bounds are not wanted.
+            Branches proven to hold nothing faster are done with.
+        found : float, optional
+            Speed of a gait that is the best or nearly so, if one is known.
+        look : callable, optional
+            Told branches that are not done with, and their relaxations: all of them, or of each
+            process the most promising of some.
 
         Returns
         -------
-        list of Relaxed
+        Tree
+            A new one; the old one stays as it was, so that nothing is lost if this is interrupted.
         """
-        over = map if self.workers == 1 else self._threads.map
-        return list(over(self._solve, branches, repeat(cutoff)))
-
-    def _solve(self, branch: Branch, cutoff: float) -> Relaxed:
-        # HiGHS lets go of the interpreter's lock, so threads do run side by side.
-        key = (branch.sequence, branch.cells, branch.more)
-        with self._lock:
-            at = next((k for k, (kept, _) in enumerate(self._idle) if kept == key), None)
-            found = None if at is None else self._idle.pop(at)[1]
-        relaxation = found or Relaxation(self._task, *key)
-        relaxed = relaxation.solve(branch.box, cutoff)
-        with self._lock:  # the one used last comes first, the others fall off at the end
-            self._idle = [(key, relaxation), *self._idle[: _KEPT - 1]]
-        return relaxed
+        if self._workers.count == 1:
+            return grow(tree, cutoff, self._programs, found, look)
+        first = heapq.nsmallest(_SENT * _JOBS * self._workers.count, tree.open, key=_promise)
+        first = [branch for branch in first if branch.bound > cutoff]
+        sent = {id(branch) for branch in first}
+        first.sort(key=lambda branch: branch.sequence)  # those of a sequence share its program
+        jobs = [
+            Tree(tuple(first[k : k + _SENT]), watched=tree.watched, shortest=tree.shortest)
+            for k in range(0, len(first), _SENT)
+        ]
+        work = partial(_grown, self._task, cutoff, found)
+        parts, seen = zip(*self._workers.map(work, jobs), strict=True)
+        for pair in filter(None, seen):
+            look(*pair)
+        rest = [branch for branch in tree.open if id(branch) not in sent]
+        return _joined(tree, rest, parts)
 
     def close(self) -> None:
-        """End the threads."""
-        self._threads.shutdown(cancel_futures=True)
+        """Let the processes go."""
+        self._workers.close()
 
     def __enter__(self) -> Solver:
         return self
@@ -204,39 +219,105 @@ class Solver:
         self.close()
 
 
-def grow(
-    tree: Tree,
-    cutoff: float,
-    solver: Solver,
-    found: float | None = None,
-    look: Callable[[Branch, Relaxed], None] = lambda *_: None,
-) -> Tree:
-    """Look at the most promising branches.
+Look = Callable[[Branch, Relaxed], None]
+
+
+class Programs:
+    """Relaxations of a task; those used last are kept, with their bases and cuts.
 
     Parameters
     ----------
-    tree : Tree
-        With open branches above the cutoff.
-    cutoff : float
-        Branches proven to hold nothing faster are done with.
-    solver : Solver
+    task : Task
+        Worm and limits.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._kept = OrderedDict[tuple, Relaxation]()
+
+    def solve(self, branch: Branch, cutoff: float) -> Relaxed:
+        """Solve the relaxation of a branch.
+
+        Parameters
+        ----------
+        branch : Branch
+        cutoff : float
+            Lower bounds are not wanted.
+
+        Returns
+        -------
+        Relaxed
+        """
+        key = (branch.sequence, branch.cells, branch.more)
+        relaxation = self._kept.pop(key, None) or Relaxation(self._task, *key)
+        self._kept[key] = relaxation
+        if len(self._kept) > _KEPT:
+            self._kept.popitem(last=False)
+        return relaxation.solve(branch.box, cutoff)
+
+
+@lru_cache(maxsize=1)
+def _programs(task: Task) -> Programs:
+    return Programs(task)
+
+
+def _grown(
+    task: Task, cutoff: float, found: float | None, tree: Tree
+) -> tuple[Tree, tuple[Branch, Relaxed] | None]:
+    """Grow a tree for a while; with its most promising branch of those seen, relaxed."""
+    seen: list[tuple[Branch, Relaxed]] = []
+
+    def look(branch: Branch, relaxed: Relaxed) -> None:
+        seen.append((branch, relaxed))
+
+    while tree.boxes < _BOXES and tree.open and tree.bound > cutoff:
+        tree = grow(tree, cutoff, _programs(task), found, look)
+    return tree, max(seen, key=lambda pair: pair[0].bound, default=None)
+
+
+def _joined(tree: Tree, rest: list[Branch], parts: Sequence[Tree]) -> Tree:
+    """The tree with these branches as they were, and the others as they have grown."""
+    opened = [*rest, *chain(*(part.open for part in parts))]
+    return replace(
+        tree,
+        open=tuple(sorted(opened, key=_promise)),
+        done=max(tree.done, *(part.done for part in parts)),
+        leaves=(*tree.leaves, *chain(*(part.leaves for part in parts))),
+        boxes=tree.boxes + sum(part.boxes for part in parts),
+    )
+
+
+def _promise(branch: Branch) -> tuple[float, Branch]:
+    return -branch.bound, branch
+
+
+def grow(
+    tree: Tree,
+    cutoff: float,
+    programs: Programs,
+    found: float | None = None,
+    look: Look = lambda *_: None,
+) -> Tree:
+    """Look at the two most promising branches; see `Solver.grow`.
+
+    Parameters
+    ----------
+    tree, cutoff, found, look : optional
+        As there.
+    programs : Programs
         Solves the relaxations.
-    found : float, optional
-        Speed of a gait that is the best or nearly so, if one is known.
-    look : callable, optional
-        Told every branch that is not done with, and its relaxation.
 
     Returns
     -------
     Tree
-        A new one; the old one stays as it was, so that nothing is lost if this is interrupted.
     """
     heap = [(-branch.bound, branch) for branch in tree.open]
     batch: list[Branch] = []
-    while heap and len(batch) < 2 * solver.workers and -heap[0][0] > cutoff:
+    while heap and len(batch) < 2 and -heap[0][0] > cutoff:
         batch.append(heapq.heappop(heap)[1])
     done, leaves, aim = tree.done, list(tree.leaves), cutoff if found is None else found
-    for branch, relaxed in zip(batch, solver.solve(batch, cutoff), strict=True):
+    for branch in batch:
+        relaxed = programs.solve(branch, cutoff)
         known = branch._replace(bound=min(branch.bound, relaxed.bound))
         twigs = []
         if known.bound > cutoff:
@@ -308,10 +389,19 @@ def _cut(branch: Branch, side: int, at: float, shortest: float) -> list[Branch]:
     parts = [(low, at), (at, high)]
     if side == len(branch.sequence):
         parts = [p for p in (periods(shortest, *part) for part in parts) if p[0] <= p[1]]
-    return [
-        branch._replace(box=(*branch.box[:side], part, *branch.box[side + 1 :]), refined=False)
-        for part in parts
-    ]
+    boxes = ((*branch.box[:side], part, *branch.box[side + 1 :]) for part in parts)
+    twigs = [_ordered(branch._replace(box=box, refined=False)) for box in boxes]
+    return [twig for twig in twigs if all(low <= high for low, high in twig.box)]
+
+
+def _ordered(branch: Branch) -> Branch:
+    """Of a word that repeats itself the gaits that begin with the shortest of the like phases."""
+    word, box = branch.sequence, list(branch.box)
+    for k in range(1, len(word)):
+        if word[k:] + word[:k] == word and not any(branch.more):
+            (least, low), (high, most) = box[0], box[k]
+            box[0], box[k] = (least, min(low, most)), (max(least, high), most)
+    return branch._replace(box=tuple(box))
 
 
 def periods(shortest: float, low: float, high: float) -> tuple[float, float]:

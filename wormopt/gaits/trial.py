@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import ceil, floor
-from threading import Lock
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -20,8 +20,6 @@ from wormopt.gaits.waves import WaveProgram, wave_direction
 from wormopt.optimal.bilinear import BilinearProgram, Climb, Point
 
 __all__ = ["Trial", "Trier"]
-
-Stop = Callable[[], bool]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +48,7 @@ class Trial:
         """Resting masses of a cycle, phase after phase."""
         return self.program.sequence
 
-    @property
+    @cached_property
     def value(self) -> float:
         """What is made large: the speed, or a cost with its sign changed."""
         return self.program.objective(self.point)
@@ -75,19 +73,22 @@ class Trier:
         Worm, limits, objective.
     arcs : int, optional
         Arcs per phase at level 0.
-    stop : callable, optional
-        Whether to give up; asked after every step of a climb.
+    until : float, optional
+        When climbs end where they are, by the monotonic clock.
     work : float, optional
         Pivots times rows and columns after which a climb ends where it is.
     """
 
     def __init__(
-        self, task: Task, arcs: int = 4, stop: Stop = lambda: False, work: float = np.inf
+        self, task: Task, arcs: int = 4, until: float = np.inf, work: float = np.inf
     ) -> None:
-        self.task, self._arcs, self.stopped, self._most = task, arcs, stop, work
+        self.task, self._arcs, self._until, self._most = task, arcs, until, work
         self.programs = self.work = 0  # linear programs of all climbs; pivots, rows and columns
-        self._lock = Lock()
         self.shortest, self.longest = task.limits.period_range
+
+    def stopped(self) -> bool:
+        """Whether climbs are to end where they are."""
+        return monotonic() > self._until
 
     def phase_guess(self) -> float:
         """Duration of a phase to begin with: half a stroke at the slower rate."""
@@ -261,7 +262,7 @@ class Trier:
         for _ in range(_MOST_FINER):
             if not _NEARLY * required <= fast.value < required:
                 break
-            fast = Trier(fastest, stop=self.stopped).finer(fast, 1e-6)
+            fast = Trier(fastest, until=self._until).finer(fast, 1e-6)
         return fast
 
     def climbed(
@@ -290,9 +291,8 @@ class Trier:
         return replace(trial, point=point)
 
     def _count(self, bilinear: BilinearProgram, programs: int = 0, work: int = 0) -> None:
-        with self._lock:  # climbs run side by side
-            self.programs += bilinear.programs - programs
-            self.work += bilinear.work - work
+        self.programs += bilinear.programs - programs
+        self.work += bilinear.work - work
 
     def settled(self, trial: Trial) -> Trial | None:
         """With the split of least actuation instead of any split; None where none is found.

@@ -105,13 +105,10 @@ class BilinearRows:
 
 def _stacked(terms: list[tuple[Any, ...]], width: int) -> list[np.ndarray]:
     """Columns of a list of terms, numbers broadcast to the rows, without those that are zero."""
-    sizes = [len(term[0]) for term in terms]
-    parts = []
-    for k in range(width):
-        given = [term[k] for term in terms]
-        arrays = [
-            v if np.ndim(v) else np.full(size, v) for v, size in zip(given, sizes, strict=True)
-        ]
-        parts.append(np.concatenate(arrays) if arrays else np.empty(0, int))
+    edges = np.cumsum([0, *(len(term[0]) for term in terms)]).tolist()
+    parts = [np.empty(edges[-1], int) for _ in range(width - 1)] + [np.empty(edges[-1])]
+    for term, *ends in zip(terms, edges, edges[1:], strict=False):
+        for part, value in zip(parts, term, strict=True):
+            part[slice(*ends)] = value
     there = np.all([part >= 0 for part in parts[1:-1]], axis=0)
     return [part[there] for part in parts]

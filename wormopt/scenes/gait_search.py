@@ -51,7 +51,7 @@ class SearchTable(Table, frozen=True, kw_only=True):
     time_limit : float, optional
         Seconds after which the best gait found so far is taken.
     workers : int, optional
-        Number of threads.
+        Number of processes.
     certify : CertifyTable, optional
         The proof of how much better any gait could be; none if left out.
     """
