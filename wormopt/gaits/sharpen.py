@@ -61,8 +61,7 @@ def sharpest(task: Task, settings: Search, survey: Survey, bound: float, report:
         try:
             report(f"sharpening gait {k + 1}", 0.9)
             record = max((s[0].value for s in solved if s[2]), default=-np.inf)
-            sharp, error = _sharpen(trier, trial, ended != "searched", record)
-            solved.append((sharp, error, _keeps(task, sharp)))
+            solved.append(_sharpen(trier, trial, ended != "searched", record))
         except KeyboardInterrupt:
             ended = "interrupted"
             solved.append((trial, np.nan, False))
@@ -92,7 +91,7 @@ def finished(design: Design, trial: Trial) -> Design:
     trial : Trial
         A better gait.
     """
-    sharp, error = _sharpen(Trier(design.task), trial, quickly=False)
+    sharp, error, _ = _sharpen(Trier(design.task), trial, quickly=False)
     found = of_trial(design.task, sharp, error, design.ceiling, design.survey, design.ended)
     return replace(found, timings_s=design.timings_s)
 
@@ -113,19 +112,20 @@ def _keeps(task: Task, trial: Trial) -> bool:
 
 def _sharpen(
     trier: Trier, trial: Trial, quickly: bool, best: float = -np.inf
-) -> tuple[Trial, float]:
+) -> tuple[Trial, float, bool]:
     """Halve arcs until that gains nothing, then solve for what is active exactly.
 
-    Less is done where the best will not be reached.
+    Less is done where the best will not be reached. With the error left, and whether all limits
+    are kept.
     """
     trial, error = _halved(trier, trial, 0 if quickly else _MOST_HALVINGS, best)
     if trial.value + 2 * error * abs(trial.value) < best:
-        return trial, error
+        return trial, error, _keeps(trier.task, trial)
     close = _close(error) if trier.task.worm.drag else 1e-10
     trial = trier.climbed(trial, close, steps=_STEPS)
     sharp = _exact(trial)
     if _keeps(trier.task, sharp):
-        return sharp, error
+        return sharp, error, True
     # limits are kept times the duration of an arc: on one of next to none they need not be
     program, point = trial.program.finer(trial.point, parts=1)
     if point is not None:
@@ -135,13 +135,14 @@ def _sharpen(
             if joined.value >= trial.value - _TIE * abs(trial.value):
                 trial, sharp = joined, _exact(joined)
             if _keeps(trier.task, sharp):
-                return sharp, error
+                return sharp, error, True
     for margin in _MARGINS:
-        if _keeps(trier.task, sharp):
-            break
         inner = trial.program.bilinear.inside(trial.point, margin)
-        sharp = sharp if inner is None else replace(trial, point=inner)
-    return sharp, error
+        if inner is not None:
+            sharp = replace(trial, point=inner)
+            if _keeps(trier.task, sharp):
+                return sharp, error, True
+    return sharp, error, False
 
 
 def _halved(trier: Trier, trial: Trial, halvings: int, best: float) -> tuple[Trial, float]:
