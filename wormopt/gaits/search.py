@@ -36,7 +36,8 @@ class Effort:
     enumerated : int
         Most orders tried in the systematic part, best ceilings first.
     width : int
-        Orders that are varied at a time, and share of what is promoted.
+        Orders that are varied at a time, twice as many after a round in vain; share of what is
+        promoted.
     varied : int
         Most variations tried in a round.
     patience : int
@@ -58,7 +59,7 @@ class Effort:
 
 _EFFORTS = {
     "quick": Effort(enumerated=16, width=1, varied=8, patience=1, work=3e8, starts=1),
-    "normal": Effort(enumerated=160, width=4, varied=240, patience=1, work=1e9, starts=3),
+    "normal": Effort(enumerated=160, width=4, varied=240, patience=2, work=7e8, starts=3),
     "thorough": Effort(enumerated=1000, width=8, varied=800, patience=2, work=6e9, starts=8),
 }
 # Shares of the work that one climb may take, and that the last restarts may where nothing is left.
@@ -239,7 +240,8 @@ def _vary(race: Race, settings: Search) -> Iterator[None]:
     in_vain = 0
     while in_vain < effort.patience:
         enough = race.record(0) + _BETTER * abs(race.record(0))
-        for batch in _batches(islice(variations(race, settings, effort.width), effort.varied)):
+        width = effort.width << in_vain  # where the best lead nowhere, others may
+        for batch in _batches(islice(variations(race, settings, width), effort.varied)):
             race.tell("variations", 0.5 + 0.3 * min(1.0, race.trier.work / most))
             race.enter(batch)
             race.varied += len(batch)

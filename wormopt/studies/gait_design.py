@@ -226,7 +226,9 @@ def _design_trust(found: Design, excess: dict[str, float]) -> dict[str, Any]:
     best_of_each = {t.sequence: t for t in reversed(survey.trials)}  # the last, the best, stays
     best_of_each = dict(sorted(best_of_each.items(), key=lambda item: -item[1].value))
     if not found.error <= 1e-6:
-        size = "by an unknown share" if not np.isfinite(found.error) else f"by {found.error:.1g} of it"
+        size = (
+            "by an unknown share" if not np.isfinite(found.error) else f"by {found.error:.1g} of it"
+        )
         warnings.append(f"halving the arcs still changed the objective {size}")
     if found.ended != "searched":
         warnings.append(
