@@ -11,6 +11,9 @@ import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import current_process
 from typing import Any, TypeVar
 
 __all__ = ["Workers"]
@@ -19,14 +22,16 @@ Job = TypeVar("Job")
 Answer = TypeVar("Answer")
 
 # Seconds after which processes that have nothing to do end.
-_IDLE = 60
+_IDLE = 30
 _is_worker = False
+_executors: dict[tuple[int, int], Any] = {}  # by the process that owns them, and their size
 
 
 class Workers:
     """Processes that take jobs; they are started when first needed, and shared by all in turn.
 
-    Until they are ready the work goes on here. A process that is a worker has none of its own.
+    Until they are ready the work goes on here, and again if one of them is killed. A process that
+    is a worker, of this or another pool, has none of its own.
 
     Parameters
     ----------
@@ -41,8 +46,9 @@ class Workers:
     """
 
     def __init__(self, count: int | None = None) -> None:
-        self.count = 1 if _is_worker else count or os.cpu_count() or 1
-        self._executor: Any = None
+        alone = _is_worker or current_process().daemon
+        self.count = 1 if alone else count or os.cpu_count() or 1
+        self._begun: list[Future] = []
         self._asked = deque[Future]()
 
     def map(self, work: Callable[[Job], Answer], jobs: Sequence[Job]) -> Iterator[Answer]:
@@ -64,23 +70,32 @@ class Workers:
             yield from map(work, jobs)
             return
         todo = deque(jobs)
-        while todo and not self._ready(work):
-            yield work(todo.popleft())
-        asked = self._asked = deque(self._executor.submit(work, job) for job in todo)
-        while asked:
-            yield asked.popleft().result()
+        try:
+            while todo and not self._ready(work):
+                yield work(todo.popleft())
+            with _interrupts_held():
+                asked = self._asked = deque(self._executor.submit(work, job) for job in todo)
+            while asked:
+                answer = asked[0].result()
+                asked.popleft()
+                todo.popleft()
+                yield answer
+        except BrokenProcessPool:
+            _executors.pop((os.getpid(), self.count), None)
+            self.count = 1
+            yield from map(work, todo)
 
     def _ready(self, work: Callable) -> bool:
-        if self._executor is None:
-            from loky import get_reusable_executor
-
-            self._executor = get_reusable_executor(self.count, timeout=_IDLE, initializer=_begin)
-            self._begun = [self._executor.submit(_load, work) for _ in range(self.count)]
+        if not self._begun:
+            self._executor = _executor(self.count)
+            with _interrupts_held():
+                self._begun = [self._executor.submit(_load, work) for _ in range(self.count)]
         return all(future.done() for future in self._begun)
 
     def close(self) -> None:
         """Drop what is not done; processes that are at work on it end."""
         if any(not future.done() for future in self._asked):
+            _executors.pop((os.getpid(), self.count), None)
             self._executor.shutdown(wait=False, kill_workers=True)
         self._asked.clear()
 
@@ -89,6 +104,35 @@ class Workers:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _executor(count: int) -> Any:
+    """Our own processes, not those that users of loky share."""
+    from loky import ProcessPoolExecutor
+
+    key = os.getpid(), count
+    if key not in _executors:
+        _executors[key] = ProcessPoolExecutor(count, timeout=_IDLE, initializer=_begin)
+    return _executors[key]
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Processes started meanwhile are never interrupted; this one is afterwards, if it was."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    from loky.backend import resource_tracker as of_loky
+
+    for tracker in (resource_tracker, of_loky):  # to start one lets signals in
+        tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _load(work: Callable) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import chain
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -198,7 +198,7 @@ class Solver:
         sent = {id(branch) for branch in first}
         first.sort(key=lambda branch: branch.sequence)  # those of a sequence share its program
         jobs = [
-            Tree(tuple(first[k : k + _SENT]), watched=tree.watched, shortest=tree.shortest)
+            replace(tree, open=tuple(sorted(first[k : k + _SENT], key=_promise)), **_NOTHING_DONE)
             for k in range(0, len(first), _SENT)
         ]
         work = partial(_grown, self._task, cutoff, found)
@@ -220,6 +220,7 @@ class Solver:
 
 
 Look = Callable[[Branch, Relaxed], None]
+_NOTHING_DONE: dict[str, Any] = {"done": -np.inf, "leaves": (), "boxes": 0}
 
 
 class Programs:
@@ -266,11 +267,12 @@ def _grown(
 ) -> tuple[Tree, tuple[Branch, Relaxed] | None]:
     """Grow a tree for a while; with its most promising branch of those seen, relaxed."""
     seen: list[tuple[Branch, Relaxed]] = []
+    most = _BOXES if tree.bound < np.inf else len(tree.open)  # first there must be any bound
 
     def look(branch: Branch, relaxed: Relaxed) -> None:
         seen.append((branch, relaxed))
 
-    while tree.boxes < _BOXES and tree.open and tree.bound > cutoff:
+    while tree.boxes < most and tree.open and tree.bound > cutoff:
         tree = grow(tree, cutoff, _programs(task), found, look)
     return tree, max(seen, key=lambda pair: pair[0].bound, default=None)
 

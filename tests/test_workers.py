@@ -1,0 +1,109 @@
+"""Jobs in several processes: their order, interruptions, processes that die, pools in pools."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from wormopt.core.workers import Workers
+
+
+def square(x: int) -> int:
+    return x * x
+
+
+def own_process(_: int) -> int:
+    time.sleep(0.02)
+    return os.getpid()
+
+
+def die_elsewhere(parent: int) -> bool:
+    """Ends the process as the system does when memory is short, but not the one that asked."""
+    if os.getpid() != parent:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return True
+
+
+def fail(x: int) -> int:
+    raise ValueError(f"no {x}")
+
+
+def nested(count: int) -> tuple[int, list[int]]:
+    with Workers(2) as workers:
+        return workers.count, list(workers.map(square, range(count)))
+
+
+def ready(workers: Workers) -> None:
+    """Wait until jobs go elsewhere."""
+    begin = time.monotonic()
+    while os.getpid() in workers.map(own_process, range(4)):
+        assert time.monotonic() - begin < 60
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_answers_come_in_the_order_of_the_jobs(count):
+    with Workers(count) as workers:
+        for _ in range(20):
+            assert list(workers.map(square, range(50))) == [x * x for x in range(50)]
+
+
+def test_work_is_done_elsewhere_once_processes_are_ready():
+    with Workers(2) as workers:
+        ready(workers)
+        assert len(set(workers.map(own_process, range(40)))) == 2
+
+
+def test_a_process_that_dies_costs_no_answer():
+    with Workers(2) as workers:
+        ready(workers)
+        assert list(workers.map(die_elsewhere, [os.getpid()] * 5)) == [True] * 5
+        assert list(workers.map(square, range(5))) == [0, 1, 4, 9, 16]
+    with Workers(2) as workers:  # and others are started
+        ready(workers)
+
+
+def test_an_error_of_the_work_is_told():
+    with Workers(2) as workers:
+        ready(workers)
+        with pytest.raises(ValueError, match="no 3"):
+            list(workers.map(fail, [3, 4]))
+
+
+def test_workers_have_no_workers():
+    with Workers(2) as workers:
+        ready(workers)
+        assert list(workers.map(nested, [3, 4])) == [(1, [0, 1, 4]), (1, [0, 1, 4, 9])]
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        assert pool.map(nested, [3]) == [(1, [0, 1, 4])]
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, mp_context=context) as others:
+        assert list(others.map(nested, [3])) == [(2, [0, 1, 4])]
+
+
+def test_executors_of_others_are_left_alone():
+    from loky import get_reusable_executor
+
+    own = get_reusable_executor(1, timeout=20)
+    assert list(own.map(square, [2])) == [4]
+    with Workers(2) as workers:
+        ready(workers)
+    assert list(own.map(square, [3])) == [9]
+
+
+@pytest.mark.parametrize("delay", [1.2, 1.6, 2.0, 2.6])
+def test_an_interrupt_at_any_time_leaves_no_traceback_of_processes(tmp_path: Path, delay: float):
+    """As Ctrl-C sends it, to all processes of the terminal; also while they are starting."""
+    command = [sys.executable, "-m", "wormopt", "run", "design_five_links", "--no-plots", "--quiet"]
+    kwargs = {"start_new_session": True, "stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
+    with subprocess.Popen([*command, "-o", str(tmp_path / "r")], text=True, **kwargs) as run:
+        time.sleep(delay)
+        os.killpg(run.pid, signal.SIGINT)
+        _, told = run.communicate(timeout=60)
+    assert "Traceback" not in told
+    assert run.returncode == 130
