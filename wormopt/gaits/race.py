@@ -19,7 +19,7 @@ from wormopt.gaits.space import ceiling_of, is_mirror_symmetric
 from wormopt.gaits.trial import Trial, Trier
 from wormopt.progress import Report
 
-__all__ = ["Better", "Race", "Start"]
+__all__ = ["Better", "Race", "Start", "rank"]
 
 Better = Callable[[Trial], None]
 
@@ -201,8 +201,7 @@ class Race:
     @property
     def ranking(self) -> list[Trial]:
         """Best trials first; of those that tie, short cycles."""
-        found = [t for t in self.trials.values() if t is not None]
-        return sorted(found, key=lambda t: (-t.value, len(t.sequence), t.sequence))
+        return sorted((t for t in self.trials.values() if t is not None), key=rank)
 
     def restart(self, width: int, random: Sequence[int], share: float = 1e9) -> None:
         """Try the best orders with arcs drawn at random, as fine as they are.
@@ -285,6 +284,17 @@ def _again(trier: Trier, trial: Trial, seed: Sequence[int]) -> Trial | None:
     while other and other.level < max(1, trial.level):
         other = trier.finer(other)
     return other
+
+
+def rank(trial: Trial) -> tuple[float, int, Sequence_]:
+    """Sorts the best first, and of those that tie but for rounding short cycles.
+
+    Parameters
+    ----------
+    trial : Trial
+        To be sorted.
+    """
+    return -float(f"{trial.value:.11g}"), len(trial.sequence), trial.sequence
 
 
 def _alike(one: Trial, other: Trial) -> bool:

@@ -18,7 +18,7 @@ import numpy as np
 from wormopt.core.task import Search, Task
 from wormopt.gaits.costs import is_energy
 from wormopt.gaits.orders import first_orders, plain_orders
-from wormopt.gaits.race import Better, Race, Start
+from wormopt.gaits.race import Better, Race, Start, rank
 from wormopt.gaits.sequences import Sequence_
 from wormopt.gaits.trial import Trial, Trier
 from wormopt.gaits.variations import variations
@@ -180,7 +180,7 @@ def search(
         ended = "interrupted"
     finally:
         race.close()
-    ranking = sorted([*race.ranking, *race.others], key=lambda t: -t.value)
+    ranking = sorted([*race.ranking, *race.others], key=rank)
     return Survey(tuple(ranking), len(race.trials), race.varied, trier.programs, ended, seconds)
 
 
