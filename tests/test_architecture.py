@@ -15,24 +15,35 @@ PACKAGE = Path(wormopt.__file__).parent
 # as long as no circle arises.
 GROUPS = {
     "ground": {"version", "errors", "files", "kinds", "progress"},
-    "base": {"core", "result"},
-    "scenes": {"scenes"},
-    "builders": {"worms", "magnetics", "tracking"},
-    "solvers": {"optimal", "simulation", "linear", "averaging", "statics"},
-    "gaits": {"gaits"},
-    "studies": {"studies", "bench"},
-    "face": {"plot", "output", "runner", "cli", "__main__", "__init__"},
+    "base": {"model", "numerics", "result"},
+    "engine": {"simulation", "control", "ocp", "analysis", "magnetics"},
+    "scene": {"scene"},
+    "plotting": {"plotting"},
+    "systems": {"systems"},
+    "bench": {"bench"},
+    "face": {"runner", "cli", "__main__", "__init__"},
 }
-# What works is called from Python alike: only studies and what lies above them know of scenes.
-BELOW = {
+BELOW: dict[str, set[str]] = {
     "ground": set(),
     "base": {"ground"},
-    "scenes": {"ground", "base"},
-    "builders": {"ground", "base"},
-    "solvers": {"ground", "base"},
-    "gaits": {"ground", "base", "builders", "solvers"},
-    "studies": {"ground", "base", "scenes", "builders", "solvers", "gaits"},
-    "face": {"ground", "base", "scenes", "builders", "solvers", "gaits", "studies"},
+    "engine": {"ground", "base"},
+    "scene": {"ground", "base"},
+    "plotting": {"ground", "base"},
+    "systems": {"ground", "base", "engine", "scene", "plotting"},
+    "bench": {"ground", "base", "engine", "scene", "systems"},
+    "face": {"ground", "base", "engine", "scene", "systems", "plotting", "bench"},
+}
+# Which systems a system may use; all may use what they share.
+USES: dict[str, set[str]] = {
+    "shared": set(),
+    "spiked": set(),
+    "chain": {"spiked"},
+    "block": {"chain"},
+    "swinging": {"chain"},
+    "pair": {"chain"},
+    "film": {"chain", "spiked", "pair"},
+    "coils": {"film"},
+    "channel": {"coils"},
 }
 
 
@@ -88,6 +99,23 @@ def circles(graph: dict[str, set[str]]) -> list[str]:
     return []
 
 
+def system(module: str) -> str:
+    parts = module.split(".")
+    return parts[2] if parts[1:2] == ["systems"] and len(parts) > 2 else ""
+
+
+def sideways(graph: dict[str, set[str]]) -> list[str]:
+    """Imports of a system from another that it may not use."""
+    return [
+        f"{importer} imports {imported}"
+        for importer, targets in graph.items()
+        for imported in targets
+        if system(importer)
+        and system(imported)
+        and system(imported) not in {system(importer), "shared"} | USES[system(importer)]
+    ]
+
+
 def rooms(graph: dict[str, set[str]]) -> dict[str, set[str]]:
     merged: dict[str, set[str]] = {}
     for importer, targets in graph.items():
@@ -97,6 +125,18 @@ def rooms(graph: dict[str, set[str]]) -> dict[str, set[str]]:
 
 def test_no_import_points_upward():
     assert upward(import_graph(PACKAGE)) == []
+
+
+def test_systems_use_no_others_than_they_say():
+    graph = import_graph(PACKAGE)
+    assert sideways(graph) == []
+    assert set(USES) == {system(module) for module in graph} - {""}
+    TopologicalSorter(USES).prepare()
+    used = {name: set[str]() for name in USES}
+    for importer, targets in graph.items():
+        if system(importer):
+            used[system(importer)] |= {*map(system, targets)} - {"", "shared", system(importer)}
+    assert used == USES
 
 
 def test_no_import_is_circular():
@@ -109,43 +149,58 @@ def test_the_groups_name_every_room():
     assert {group(module) for module in import_graph(PACKAGE)} <= set(GROUPS)
 
 
+FILES = """__init__ cli errors model/__init__ model/model ocp/__init__ ocp/nlp control/__init__
+    control/lqr scene/__init__ scene/types systems/__init__ systems/film/__init__ systems/film/run
+    systems/chain/__init__ systems/chain/model plotting/__init__"""
+
+
 @pytest.mark.parametrize(
     ("importer", "statement"),
     [
-        ("core/model.py", "import wormopt.cli"),
-        ("core/model.py", "from wormopt import cli"),
-        ("core/model.py", "import wormopt"),
-        ("errors.py", "def f():\n    from wormopt.core import model"),
-        ("worms/chain.py", "from wormopt.optimal.nlp import solve"),
-        ("optimal/nlp.py", "from wormopt.worms import chain"),
-        ("core/model.py", "from wormopt.scenes.worm import WormTable"),
-        ("worms/chain.py", "from wormopt.scenes.worm import WormTable"),
-        ("optimal/nlp.py", "from wormopt.scenes.worm import WormTable"),
-        ("gaits/search.py", "from wormopt.scenes.worm import WormTable"),
-        ("scenes/worm.py", "from wormopt.gaits import search"),
+        ("model/model.py", "import wormopt.cli"),
+        ("model/model.py", "from wormopt import cli"),
+        ("model/model.py", "import wormopt"),
+        ("errors.py", "def f():\n    from wormopt.model import model"),
+        ("model/model.py", "from wormopt.ocp.nlp import solve"),
+        ("model/model.py", "from wormopt.scene.types import Table"),
+        ("ocp/nlp.py", "from wormopt.scene.types import Table"),
+        ("control/lqr.py", "from wormopt.systems.chain import model"),
+        ("scene/types.py", "from wormopt.systems.chain import model"),
+        ("scene/types.py", "from wormopt.ocp import nlp"),
         (
-            "core/model.py",
-            "import typing\nif typing.TYPE_CHECKING:\n    from wormopt.studies import x",
+            "model/model.py",
+            "import typing\nif typing.TYPE_CHECKING:\n    from wormopt.systems.film import run",
         ),
     ],
 )
 def test_a_forbidden_import_is_found(tmp_path: Path, importer: str, statement: str):
-    root = tmp_path / "wormopt"
-    for name in ("__init__", "cli", "errors", "core/__init__", "core/model", "worms/__init__",
-                 "worms/chain", "optimal/__init__", "optimal/nlp", "studies/__init__",
-                 "scenes/__init__", "scenes/worm", "gaits/__init__", "gaits/search"):  # fmt: skip
-        path = root / f"{name}.py"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("")
+    root = made(tmp_path)
     assert upward(import_graph(root)) == []
     (root / importer).write_text(statement)
     assert len(upward(import_graph(root))) == 1
 
 
+def test_a_system_that_uses_another_without_saying_so_is_found(tmp_path: Path):
+    root = made(tmp_path)
+    (root / "systems/film/run.py").write_text("from wormopt.systems.chain.model import f")
+    assert sideways(import_graph(root)) == []
+    (root / "systems/chain/model.py").write_text("from wormopt.systems.film.run import f")
+    assert len(sideways(import_graph(root))) == 1
+
+
+def made(folder: Path) -> Path:
+    root = folder / "wormopt"
+    for name in FILES.split():
+        path = root / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("")
+    return root
+
+
 def test_a_circle_is_found(tmp_path: Path):
     root = tmp_path / "wormopt"
-    (root / "core").mkdir(parents=True)
-    (root / "core" / "a.py").write_text("def f():\n    import wormopt.core.b")
-    (root / "core" / "b.py").write_text("from wormopt.core import a")
-    (root / "core" / "__init__.py").write_text("")
+    (root / "model").mkdir(parents=True)
+    (root / "model" / "a.py").write_text("def f():\n    import wormopt.model.b")
+    (root / "model" / "b.py").write_text("from wormopt.model import a")
+    (root / "model" / "__init__.py").write_text("")
     assert circles(import_graph(root))

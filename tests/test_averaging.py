@@ -14,18 +14,18 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import root_scalar
 
-from wormopt.averaging.average import average
-from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
-from wormopt.core.gait import Gait
-from wormopt.core.model import Contact, Model, Output, Schedule, Signal, Switch, pack
-from wormopt.core.values import signal_values
+from wormopt.analysis.average import average
+from wormopt.control.drive import drive
 from wormopt.errors import ArgumentError
+from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
+from wormopt.model.gait import Gait
+from wormopt.model.model import Contact, Model, Output, Schedule, Signal, Switch, pack
+from wormopt.model.values import signal_values
 from wormopt.simulation.simulate import simulate
-from wormopt.tracking.drive import drive
-from wormopt.worms.averaged_pair import averaged_pair
-from wormopt.worms.harmonic_masses import harmonic_masses
-from wormopt.worms.magnetic_pair import magnetic_pair
-from wormopt.worms.slow_pair import from_slow, slow_pair, to_slow
+from wormopt.systems.pair.averaged_pair import averaged_pair
+from wormopt.systems.pair.magnetic_pair import magnetic_pair
+from wormopt.systems.pair.slow_pair import from_slow, slow_pair, to_slow
+from wormopt.systems.swinging.harmonic_masses import harmonic_masses
 
 EPS, OMEGA = 0.01, math.sqrt(2)
 NU = OMEGA + 0.5 * EPS

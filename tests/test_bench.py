@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from wormopt.simulation.native.build import compiler
 
 from wormopt import cli
 from wormopt.bench import CASES, run
@@ -23,8 +24,7 @@ from wormopt.bench.peers import SOLVERS, hand_written
 from wormopt.bench.plants import mag2_plant, thirds, track_loops, track_rates, track_traced
 from wormopt.bench.smoothed import Smoothed
 from wormopt.bench.work_precision import Effort, Point, Record, measure, time_at
-from wormopt.core.gait import Gait
-from wormopt.simulation.native.build import compiler
+from wormopt.model.gait import Gait
 from wormopt.simulation.simulate import simulate
 
 compiled = pytest.mark.skipif(compiler() is None, reason="there is no C compiler")

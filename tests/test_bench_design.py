@@ -23,10 +23,10 @@ from wormopt.bench.design_milp import Grid, by_milp, solve_grid
 from wormopt.bench.design_motion import Motion
 from wormopt.bench.design_multistart import Found, best_by_multistart, by_multistart
 from wormopt.bench.pictures import draw_gaps
-from wormopt.core.gait import Gait
+from wormopt.model.gait import Gait
 from wormopt.progress import silent
-from wormopt.scenes import load_scene
-from wormopt.worms.crawl import crawl
+from wormopt.scene import load_scene
+from wormopt.systems.spiked.crawl import crawl
 
 G1_OPTIMUM = 14 * math.sqrt(1394) / 125 - 839 / 250
 ONE_LINK: Case = {

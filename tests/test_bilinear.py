@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from wormopt.optimal.bilinear import BilinearProgram, Climb, Point
-from wormopt.optimal.bilinear_rows import BilinearRows
+from wormopt.numerics.bilinear import BilinearProgram, Climb, Point
+from wormopt.numerics.bilinear_rows import BilinearRows
 
 EXACT = Climb(tolerance=1e-12, steps=200)
 

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import root_scalar
 
-from wormopt.core.gait import Gait
 from wormopt.errors import SolveError
-from wormopt.simulation.bimodal import BimodalMotion, integrate
+from wormopt.model.gait import Gait
+from wormopt.systems.spiked.bimodal import BimodalMotion, integrate
 
 # Gait (15) with l0 = 2, e = 0.15, T = 1: W0 = AMPLITUDE |sin(3 pi t)|
 AMPLITUDE = 0.6 * math.pi

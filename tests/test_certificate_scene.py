@@ -11,14 +11,15 @@ from test_design import G1, G1_LIMITS
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.core.task import Certify, Search, Task, Worm
 from wormopt.errors import ArgumentError, Interrupted, SceneError
-from wormopt.gaits import certify, proof
-from wormopt.gaits.optimize import designed
-from wormopt.gaits.space import letters_of
-from wormopt.gaits.tree import Solver
 from wormopt.progress import silent
-from wormopt.studies import gait_certificate, gait_design
+from wormopt.systems.spiked.certify import proof
+from wormopt.systems.spiked.certify import prove as certify
+from wormopt.systems.spiked.certify.tree import Solver
+from wormopt.systems.spiked.design.optimize import designed
+from wormopt.systems.spiked.runs import gait_certificate, gait_design
+from wormopt.systems.spiked.search.space import letters_of
+from wormopt.systems.spiked.task import Certify, Search, Task, Worm
 
 OWN = ["search.sequence=[[0],[1],[2]]", 'search.effort="quick"', "search.workers=1"]
 QUICK = Search(sequence=((0,), (1,), (2,)), effort="quick", workers=1)

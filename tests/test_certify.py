@@ -12,23 +12,23 @@ from scipy.integrate import simpson
 from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import root_scalar
 
-from wormopt.core.gait import Gait
-from wormopt.core.limits import Limits, Rates
-from wormopt.core.task import Certify, Objective, Search, Task, Worm
 from wormopt.errors import SolveError
-from wormopt.gaits import planes, relaxation
-from wormopt.gaits.certify import _Best, prove
-from wormopt.gaits.cuts import Cut, Cuts
-from wormopt.gaits.families import families, parts
-from wormopt.gaits.optimize import designed as designed_by
-from wormopt.gaits.relaxation import Box, Relaxation, Relaxed
-from wormopt.gaits.scaled_limits import ScaledLimits, Slope
-from wormopt.gaits.sequences import Sequence_, canonical, is_gait
-from wormopt.gaits.space import all_sequences
-from wormopt.gaits.tree import Branch, Programs, Solver, Tree, grow, plant
-from wormopt.gaits.verify import violations
+from wormopt.model.gait import Gait
 from wormopt.progress import silent
-from wormopt.worms.crawl import Crawl, crawl
+from wormopt.systems.spiked.certify import planes, relaxation
+from wormopt.systems.spiked.certify.cuts import Cut, Cuts
+from wormopt.systems.spiked.certify.families import families, parts
+from wormopt.systems.spiked.certify.prove import _Best, prove
+from wormopt.systems.spiked.certify.relaxation import Box, Relaxation, Relaxed
+from wormopt.systems.spiked.certify.tree import Branch, Programs, Solver, Tree, grow, plant
+from wormopt.systems.spiked.crawl import Crawl, crawl
+from wormopt.systems.spiked.design.optimize import designed as designed_by
+from wormopt.systems.spiked.limits import Limits, Rates
+from wormopt.systems.spiked.programs.scaled_limits import ScaledLimits, Slope
+from wormopt.systems.spiked.search.sequences import Sequence_, canonical, is_gait
+from wormopt.systems.spiked.search.space import all_sequences
+from wormopt.systems.spiked.task import Certify, Objective, Search, Task, Worm
+from wormopt.systems.spiked.verify import violations
 
 G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1
 G1_ORDER = ((0,), (2,), (1,))

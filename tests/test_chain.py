@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wormopt.core.friction import Coulomb, Law, Spike, Stribeck
-from wormopt.core.model import Model, pack
-from wormopt.core.path import ParameterPath
 from wormopt.errors import ArgumentError
-from wormopt.worms.chain import chain
+from wormopt.model.friction import Coulomb, Law, Spike, Stribeck
+from wormopt.model.model import Model, pack
+from wormopt.model.path import ParameterPath
+from wormopt.systems.chain.build import chain
 
 seeds = st.integers(0, 10**6)
 NUMBERS: dict[str, Any] = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}

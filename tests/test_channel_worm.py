@@ -17,15 +17,11 @@ from scipy.special import ellipe
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.core.curve import distances, graph_curve
-from wormopt.core.samples import SAMPLES
 from wormopt.errors import ArgumentError, SceneError, SolveError, UnknownNameError
-from wormopt.plot import figure
+from wormopt.plotting import figure
 from wormopt.result import Result
-from wormopt.scenes import load_scene
-from wormopt.scenes.channel import ChannelWormScene, RestTable, SegmentShapesScene
-from wormopt.studies import channel_worm, segment_shapes
-from wormopt.worms.channel import (
+from wormopt.scene import load_scene
+from wormopt.systems.channel.closed_forms import (
     CAPSULE,
     SAMPLE_1,
     SAMPLE_2,
@@ -36,7 +32,11 @@ from wormopt.worms.channel import (
     center_line,
     segment_count,
 )
-from wormopt.worms.elastica_exact import SLEEVE_RISE, exact_elastica
+from wormopt.systems.channel.curve import distances, graph_curve
+from wormopt.systems.channel.elastica_exact import SLEEVE_RISE, exact_elastica
+from wormopt.systems.channel.runs import channel_worm, segment_shapes
+from wormopt.systems.channel.samples import SAMPLES
+from wormopt.systems.channel.scenes.channel import ChannelWormScene, RestTable, SegmentShapesScene
 
 # mm, by sympy to 20 digits in test_errata_channel.py and of the same integrals; counts by the
 # nearest integer; velocities in mm per switch.

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.polynomial import Polynomial
 
-from wormopt.core.chebyshev import Series, resolve
+from wormopt.numerics.chebyshev import Series, resolve
 
 
 def series(function: Callable[[np.ndarray], np.ndarray], a: float, b: float) -> Series:

@@ -18,7 +18,7 @@ from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.kinds import KINDS
 from wormopt.progress import Report
 from wormopt.result import Result, Scalar, Variable
-from wormopt.scenes import Scene
+from wormopt.scene import Scene
 
 Study = Callable[[Scene[Any], Report], Result]
 Install = Callable[[Study], None]
@@ -59,7 +59,7 @@ def never(scene: Scene[Any], report: Report) -> Result:
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
     """Stand-ins for the study of kind "gait" and for the drawing, in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    module, plot = ModuleType("stand_in_study"), ModuleType("wormopt.plot")
+    module, plot = ModuleType("stand_in_study"), ModuleType("wormopt.plotting")
     plot.__dict__["draw"] = lambda result, name, path: path.write_text(name)
     monkeypatch.setitem(sys.modules, module.__name__, module)
     monkeypatch.setitem(sys.modules, plot.__name__, plot)
@@ -312,7 +312,7 @@ def test_a_picture_without_data_is_left_out_of_a_failed_result(
     def draw(result: Result, name: str, path: Path) -> None:
         result["spike_load"]
 
-    monkeypatch.setattr(sys.modules["wormopt.plot"], "draw", draw)
+    monkeypatch.setattr(sys.modules["wormopt.plotting"], "draw", draw)
     study(lambda scene, report: found(scene, status="failed", reason="no"))
     assert main(["run", "fast_gait"]) == 3
     assert "gait.png left out" in capsys.readouterr().err
@@ -325,7 +325,7 @@ def test_a_drawing_that_breaks_costs_no_numbers(
     def draw(result: Result, name: str, path: Path) -> None:
         raise ZeroDivisionError("no width")
 
-    monkeypatch.setattr(sys.modules["wormopt.plot"], "draw", draw)
+    monkeypatch.setattr(sys.modules["wormopt.plotting"], "draw", draw)
     assert main(["run", "fast_gait"]) == 0
     assert "could not be drawn (ZeroDivisionError: no width)" in capsys.readouterr().err
     assert speed_in(tmp_path / "results" / "fast_gait") == 2.0
@@ -367,7 +367,7 @@ def test_a_disk_that_fills_up_is_reported(
 
 
 def test_a_scene_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    from wormopt.scenes import packaged_scenes
+    from wormopt.scene import packaged_scenes
 
     path = tmp_path / "mein λ.toml"
     shutil.copy(packaged_scenes()["fast_gait"], path)

@@ -12,17 +12,17 @@ import pytest
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
-from wormopt.gaits import row_currents
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.magnetics.material import MU0
 from wormopt.magnetics.travelling import MovingProfile
-from wormopt.optimal.nlp import Ipopt
-from wormopt.plot import figure
+from wormopt.ocp.nlp import Ipopt
+from wormopt.plotting import figure
 from wormopt.result import Result
-from wormopt.scenes import load_scene
-from wormopt.studies import coil_inverse, coil_parts, coil_row
-from wormopt.studies.coil_film import carried_film
-from wormopt.worms.film import CosineWave
+from wormopt.scene import load_scene
+from wormopt.systems.coils import row_currents
+from wormopt.systems.coils.runs import coil_inverse, coil_parts, coil_row
+from wormopt.systems.film.cosine import CosineWave
+from wormopt.systems.film.runs.coil_film import carried_film
 
 ROW, INVERSE = "fig24_travelling_wave", "coil_row_inverse"
 SMALL = ("coils.count=12", "line.margin=2", "search.nodes=16", "search.places=2")

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.gaits.row_currents import RowFit, TravellingTarget, fit_currents
 from wormopt.magnetics.coils import Axis, Coil, CoilRow
 from wormopt.magnetics.sheets import loop_field, sheet_field
 from wormopt.magnetics.travelling import (
@@ -20,7 +19,8 @@ from wormopt.magnetics.travelling import (
     shifted_course,
     switched_course,
 )
-from wormopt.studies.coil_parts import field_by_quadrature
+from wormopt.systems.coils.row_currents import RowFit, TravellingTarget, fit_currents
+from wormopt.systems.coils.runs.coil_parts import field_by_quadrature
 
 MU0 = magpylib.mu_0
 COIL = Coil(2e-3, 4.5e-3, 20e-3, 3000.0)

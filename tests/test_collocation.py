@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.special import roots_jacobi, roots_legendre
 
-from wormopt.optimal.collocation import Collocation, Scheme, bernstein_matrix
+from wormopt.numerics.collocation import Collocation, Scheme, bernstein_matrix
 
 SCHEMES: tuple[Scheme, ...] = ("legendre", "radau")
 S6 = math.sqrt(6)

@@ -9,11 +9,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls, root_scalar
 
-from wormopt.core.gait import Gait
-from wormopt.gaits.construct import Profile, accordion, block_wave, fast_gait
-from wormopt.simulation.bimodal import integrate
-from wormopt.worms.crawl import Crawl, crawl
-from wormopt.worms.sharing import Sharing, share_load
+from wormopt.model.gait import Gait
+from wormopt.systems.spiked.bimodal import integrate
+from wormopt.systems.spiked.construct import Profile, accordion, block_wave, fast_gait
+from wormopt.systems.spiked.crawl import Crawl, crawl
+from wormopt.systems.spiked.sharing import Sharing, share_load
 
 PROFILES: tuple[Profile, ...] = ("cosine", "quintic", "trapezoid")
 RULES: tuple[Sharing, ...] = ("equal", "least_actuation")

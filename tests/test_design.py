@@ -13,20 +13,20 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.core.ceiling import ceiling
-from wormopt.core.limits import Limits, Rates
-from wormopt.core.task import Objective, Search, Task, Worm
 from wormopt.errors import Interrupted, SolveError
-from wormopt.gaits.construct import block_wave
-from wormopt.gaits.design import objective_of
-from wormopt.gaits.files import gait_of_result
-from wormopt.gaits.optimize import design, designed
-from wormopt.gaits.sequences import sequences
-from wormopt.gaits.trial import Trier
-from wormopt.gaits.verify import violations
-from wormopt.optimal.bilinear import BilinearProgram
-from wormopt.simulation.bimodal import integrate
-from wormopt.worms.crawl import crawl
+from wormopt.numerics.bilinear import BilinearProgram
+from wormopt.systems.spiked.bimodal import integrate
+from wormopt.systems.spiked.ceiling import ceiling
+from wormopt.systems.spiked.construct import block_wave
+from wormopt.systems.spiked.crawl import crawl
+from wormopt.systems.spiked.design.design import objective_of
+from wormopt.systems.spiked.design.optimize import design, designed
+from wormopt.systems.spiked.files import gait_of_result
+from wormopt.systems.spiked.limits import Limits, Rates
+from wormopt.systems.spiked.search.sequences import sequences
+from wormopt.systems.spiked.search.trial import Trier
+from wormopt.systems.spiked.task import Objective, Search, Task, Worm
+from wormopt.systems.spiked.verify import violations
 
 G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1
 G1_WORM = Worm(links=2, load=5.0)
@@ -315,7 +315,7 @@ def test_an_interrupted_search_leaves_the_best_gait_so_far(monkeypatch):
 
 
 def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
-    from wormopt.studies import gait_pareto
+    from wormopt.systems.spiked.runs import gait_pareto
 
     monkeypatch.setattr(gait_pareto, "user_cache_path", lambda _: tmp_path)
     scene = wo.load_scene(
@@ -346,7 +346,7 @@ def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
 def test_a_front_says_in_words_of_the_scene_why_there_is_no_gait(
     fails_at: int, monkeypatch, tmp_path: Path, capsys
 ):
-    from wormopt.studies import gait_pareto
+    from wormopt.systems.spiked.runs import gait_pareto
 
     monkeypatch.setattr(gait_pareto, "user_cache_path", lambda _: tmp_path / "kept")
     original, calls = gait_pareto.designed, []

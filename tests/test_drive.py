@@ -7,17 +7,17 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-
-from wormopt.core.friction import Coulomb
-from wormopt.core.gait import Gait
-from wormopt.core.model import Model, Output, Signal, Switch
-from wormopt.gaits.construct import travelling_sine
 from wormopt.simulation.options import Smooth
+
+from wormopt.control.drive import drive
+from wormopt.control.reference import follow
+from wormopt.model.friction import Coulomb
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model, Output, Signal, Switch
 from wormopt.simulation.simulate import simulate
-from wormopt.tracking.drive import drive
-from wormopt.tracking.reference import follow
-from wormopt.worms.chain import chain
-from wormopt.worms.spiked import spiked_worm
+from wormopt.systems.chain.build import chain
+from wormopt.systems.spiked.construct import travelling_sine
+from wormopt.systems.spiked.dynamics import spiked_worm
 
 MASS, DRAG, LOAD = np.array([1.0, 2.0, 0.5]), np.array([0.1, 0.0, 0.3]), np.array([0.0, 0.2, 0.1])
 STIFFNESS, DAMPING, REST = np.array([10.0, 8.0]), np.array([2.0, 3.0]), np.array([2.0, 1.5])

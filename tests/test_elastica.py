@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from scipy.integrate import quad, solve_ivp
 from scipy.special import gamma
 
-from wormopt.core.boundary import BoundaryProblem
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.statics.boundary import BoundarySolution, solve_boundary
-from wormopt.worms.channel import ChannelWorm
-from wormopt.worms.elastica import Closing, elastica, slender_guess
-from wormopt.worms.elastica_exact import SLEEVE_RISE, ExactElastica, exact_elastica
+from wormopt.model.boundary import BoundaryProblem
+from wormopt.numerics.boundary_values import BoundarySolution, solve_boundary
+from wormopt.systems.channel.closed_forms import ChannelWorm
+from wormopt.systems.channel.elastica import Closing, elastica, slender_guess
+from wormopt.systems.channel.elastica_exact import SLEEVE_RISE, ExactElastica, exact_elastica
 
 BOTH: tuple[Any, ...] = ("point_contact", "sleeve")
 # Rises of sample 2, the capsule and sample 1 over the coil distance, and others.

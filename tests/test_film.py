@@ -20,8 +20,8 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.pressure import OERSTED, field_of, gaussian_pressure, magnetic_pressure
-from wormopt.scenes import load_scene
-from wormopt.worms.film import (
+from wormopt.scene import load_scene
+from wormopt.systems.film.cosine import (
     CosineWave,
     field_slope,
     flow,
@@ -31,14 +31,14 @@ from wormopt.worms.film import (
     surface_velocity,
     velocities,
 )
-from wormopt.worms.film_shapes import (
+from wormopt.systems.film.shapes import (
     FourierWave,
     field_function,
     flow_constant,
     grid,
     harmonics_of,
 )
-from wormopt.worms.film_units import Fluid
+from wormopt.systems.film.units import Fluid
 
 AMPLITUDES = [0.01, 0.1, 0.5, 0.9, 0.99]
 

@@ -13,9 +13,9 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
 from wormopt.result import Result, Variable
-from wormopt.scenes import load_scene
-from wormopt.worms.film import CosineWave
-from wormopt.worms.film_shapes import grid
+from wormopt.scene import load_scene
+from wormopt.systems.film.cosine import CosineWave
+from wormopt.systems.film.shapes import grid
 
 SCENE = """schema = 1
 kind = "film-forward"

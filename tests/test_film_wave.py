@@ -12,17 +12,17 @@ import pytest
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.gaits.film_search import DesignedWave, best_wave
-from wormopt.gaits.film_wave import WaveAim, WaveLimits, wave_problem
-from wormopt.optimal.nlp import Bounds, Ipopt, NonlinearProgram
+from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
 from wormopt.result import Result
-from wormopt.scenes import load_scene
-from wormopt.studies import film_wave
-from wormopt.studies.film_wave_check import check_wave, cosine_beside, faults_of_checks
-from wormopt.worms.drift import CAPTURE_DELTA, float_drift
-from wormopt.worms.film import CosineWave, square_wave_flow
-from wormopt.worms.film_limits import field_needs, fitting_cosine, largest_flow, sampled
-from wormopt.worms.film_shapes import (
+from wormopt.scene import load_scene
+from wormopt.systems.film.cosine import CosineWave, square_wave_flow
+from wormopt.systems.film.design.search import DesignedWave, best_wave
+from wormopt.systems.film.design.wave import WaveAim, WaveLimits, wave_problem
+from wormopt.systems.film.drift import CAPTURE_DELTA, float_drift
+from wormopt.systems.film.limits import field_needs, fitting_cosine, largest_flow, sampled
+from wormopt.systems.film.runs import film_wave
+from wormopt.systems.film.runs.film_wave_check import check_wave, cosine_beside, faults_of_checks
+from wormopt.systems.film.shapes import (
     FourierWave,
     field_function,
     flow_constant,

@@ -12,15 +12,15 @@ import pytest
 import sympy as sp
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from wormopt.simulation.trajectory import Trajectory
 
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
-from wormopt.scenes import load_scene
+from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
-from wormopt.simulation.trajectory import Trajectory
-from wormopt.studies import float as float_study
-from wormopt.worms.drift import (
+from wormopt.systems.film.cosine import CosineWave, velocities
+from wormopt.systems.film.drift import (
     CAPTURE_DELTA,
     body_velocity,
     capture_delta,
@@ -28,9 +28,9 @@ from wormopt.worms.drift import (
     float_drift,
     tracer_drift,
 )
-from wormopt.worms.film import CosineWave, velocities
-from wormopt.worms.film_shapes import FourierWave
-from wormopt.worms.float import floating, tracers
+from wormopt.systems.film.float import floating, tracers
+from wormopt.systems.film.runs import float as float_study
+from wormopt.systems.film.shapes import FourierWave
 
 TWO_PI = 2 * math.pi
 LENGTHS = [0.0, 0.5, 2.0, 5.0]

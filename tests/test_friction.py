@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
-from wormopt.core.lift import lift
-from wormopt.core.model import pack
 from wormopt.errors import ArgumentError
+from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
+from wormopt.model.lift import lift
+from wormopt.model.model import pack
 
 DRY = [
     Coulomb(1.0, 10.0),

@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wormopt.core.gait import Gait
-from wormopt.gaits.construct import (
+from wormopt.model.gait import Gait
+from wormopt.result import Result
+from wormopt.systems.spiked.construct import (
     Profile,
     accordion,
     block_wave,
     block_wave_sequence,
     fast_gait,
 )
-from wormopt.gaits.files import gait_of_result, gait_variables, load_gait
-from wormopt.result import Result
+from wormopt.systems.spiked.files import gait_of_result, gait_variables, load_gait
 
 # How many derivatives of the lengths are continuous.
 SMOOTHNESS: dict[Profile, int] = {"cosine": 1, "quintic": 2, "trapezoid": 1}

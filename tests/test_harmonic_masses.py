@@ -13,22 +13,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import root_scalar
+from wormopt.simulation.options import Tolerance
 
 import wormopt as wo
-from wormopt.averaging.average import average
+from wormopt.analysis.average import average
 from wormopt.cli import main
-from wormopt.core.friction import Coulomb, Law, Stribeck, Viscous
 from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.model.friction import Coulomb, Law, Stribeck, Viscous
 from wormopt.result import Result
-from wormopt.scenes import load_scene
-from wormopt.simulation.options import Tolerance
+from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
-from wormopt.studies import exact_orbit
-from wormopt.studies import harmonic_masses as study
-from wormopt.studies.exact_orbit import Runner, measured
-from wormopt.studies.proof import Recheck
-from wormopt.studies.slow_velocity import SlowVelocity, Steady, sign_changes
-from wormopt.worms.harmonic_masses import harmonic_masses, imbalance, steady_masses
+from wormopt.systems.shared.proof import Recheck
+from wormopt.systems.swinging.harmonic_masses import harmonic_masses, imbalance, steady_masses
+from wormopt.systems.swinging.runs import exact_orbit
+from wormopt.systems.swinging.runs import harmonic_masses as study
+from wormopt.systems.swinging.runs.exact_orbit import Runner, measured
+from wormopt.systems.swinging.runs.slow_velocity import SlowVelocity, Steady, sign_changes
 
 SCENE = "three_masses_harmonic"
 THIRDS = 2 * np.pi * np.arange(3) / 3

@@ -32,15 +32,15 @@ from wormopt.magnetics.langevin import langevin_ratio, log_sinh_ratio
 from wormopt.magnetics.material import MU0
 from wormopt.magnetics.placed import Placed
 from wormopt.magnetics.winding import Coil
-from wormopt.plot import figure
+from wormopt.plotting import figure
 from wormopt.result import Result
-from wormopt.scenes import load_scene, packaged_scenes
-from wormopt.scenes.coil_pressure import CoilPressureScene
-from wormopt.statics.profile import Collocation, Profile, nodes_of
-from wormopt.statics.settle import Settled, Stop, settle
-from wormopt.studies import coil_forces, coil_pressure
-from wormopt.studies.coil_forces import Rested, checks_of
-from wormopt.studies.coil_pressure import setup_of
+from wormopt.scene import load_scene, packaged_scenes
+from wormopt.systems.coils.profile import Collocation, Profile, nodes_of
+from wormopt.systems.coils.runs import coil_forces, coil_pressure
+from wormopt.systems.coils.runs.coil_forces import Rested, checks_of
+from wormopt.systems.coils.runs.coil_pressure import setup_of
+from wormopt.systems.coils.scenes.coil_pressure import CoilPressureScene
+from wormopt.systems.coils.settle import Settled, Stop, settle
 
 SCENE = "fig25_coil_pressure"
 # A thin winding needs few nodes: the tests are quick.

@@ -84,7 +84,7 @@ def test_a_kinematic_scene_loads_no_nonlinear_programming(tmp_path: Path):
     loaded = loaded_by_a_run(["run", "fast_gait", "--json", "--no-plots"], tmp_path)
     assert {name for name in loaded if name.startswith("wormopt.optimal")} == set()
     assert "casadi" not in loaded
-    assert "wormopt.gaits.search" not in loaded
+    assert "wormopt.systems.spiked.search.search" not in loaded
 
 
 @pytest.mark.parametrize("name", ["fig12_stress_strain", "fig15_film_flow"])
@@ -124,10 +124,13 @@ def test_a_compiled_simulation_loads_no_integrator_of_scipy(tmp_path: Path, name
 def test_a_design_of_one_sequence_loads_no_relaxation(tmp_path: Path):
     own = ["--set", "search.sequence=[[0],[1],[2]]", "--set", 'search.effort="quick"']
     loaded = loaded_by_a_run(["run", "design_fast_gait", "--json", "--no-plots", *own], tmp_path)
-    assert "wormopt.gaits.search" in loaded
-    assert not loaded & {"casadi", "wormopt.optimal.nlp"}  # programs are linear, one by one
-    assert not loaded & {"wormopt.optimal.linear", "wormopt.gaits.tree"}
-    assert not loaded & {"wormopt.gaits.relaxation", "wormopt.studies.gait_certificate"}
+    assert "wormopt.systems.spiked.search.search" in loaded
+    assert not loaded & {"casadi", "wormopt.ocp.nlp"}  # programs are linear, one by one
+    assert not loaded & {"wormopt.numerics.linear_program", "wormopt.systems.spiked.certify.tree"}
+    assert not loaded & {
+        "wormopt.systems.spiked.certify.relaxation",
+        "wormopt.systems.spiked.runs.gait_certificate",
+    }
 
 
 def test_step_commands_load_no_casadi(tmp_path: Path):

@@ -15,21 +15,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
-
-from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
-from wormopt.core.model import Model, Output, Signal
-from wormopt.core.path import ParameterPath, piecewise_constant
-from wormopt.gaits.construct import fast_gait
-from wormopt.linear.bode import bode, frequencies
-from wormopt.linear.identically import identically_zero
-from wormopt.linear.lie import relative_degree
-from wormopt.linear.linearise import Linear, linearise
-from wormopt.linear.pencil import balanced, invariant_zeros
 from wormopt.simulation.options import Smooth
+
+from wormopt.analysis.bode import bode, frequencies
+from wormopt.analysis.identically import identically_zero
+from wormopt.analysis.lie import relative_degree
+from wormopt.analysis.linearise import Linear, linearise
+from wormopt.analysis.pencil import balanced, invariant_zeros
+from wormopt.control.lambda_tracker import Decay, lambda_tracker
+from wormopt.control.reference import follow
+from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
+from wormopt.model.model import Model, Output, Signal
+from wormopt.model.path import ParameterPath, piecewise_constant
 from wormopt.simulation.simulate import simulate
-from wormopt.tracking.lambda_tracker import Decay, lambda_tracker
-from wormopt.tracking.reference import follow
-from wormopt.worms.chain import chain
+from wormopt.systems.chain.build import chain
+from wormopt.systems.spiked.construct import fast_gait
 
 seeds = st.integers(0, 10**6)
 patient = settings(deadline=None, max_examples=40)
@@ -678,15 +678,15 @@ def test_without_control_the_message_names_the_extra(
 def test_what_needs_no_control_loads_none(tmp_path: Path):
     code = (
         "import sys\n"
-        "from wormopt.linear.lie import relative_degree\n"
-        "from wormopt.linear.linearise import linearise\n"
-        "from wormopt.worms.chain import chain\n"
+        "from wormopt.analysis.lie import relative_degree\n"
+        "from wormopt.analysis.linearise import linearise\n"
+        "from wormopt.systems.chain.build import chain\n"
         "worm = chain(2, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0, drag=0.1)\n"
         "linear = linearise(worm, output='length')\n"
         "linear.zeros, linear.poles, linear.phase_kind, linear.high_frequency_gain\n"
         "linear.frequency_response([1.0]), relative_degree(worm, output='length')\n"
         "assert not {'control', 'matplotlib'} & set(sys.modules)\n"
-        "from wormopt.linear.bode import bode\n"
+        "from wormopt.analysis.bode import bode\n"
         "bode(linear, 'bode.png')\n"
         "assert not {'control', 'matplotlib.pyplot'} & set(sys.modules)\n"
     )

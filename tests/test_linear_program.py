@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import sparse
 from scipy.optimize import linprog
 
-from wormopt.optimal.linear import LinearProgram, Rows
+from wormopt.numerics.linear_program import LinearProgram, Rows
 
 ULP = float(np.finfo(float).eps)
 

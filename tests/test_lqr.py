@@ -11,16 +11,16 @@ from hypothesis import strategies as st
 from scipy.integrate import simpson
 from scipy.linalg import expm, solve_continuous_lyapunov
 
-from wormopt.core.friction import Coulomb
-from wormopt.core.gait import Gait
-from wormopt.core.model import Model, Output, Signal, pack
-from wormopt.core.path import ParameterPath
-from wormopt.core.values import signal_values
-from wormopt.gaits.construct import fast_gait, travelling_sine
+from wormopt.control.lqr import lqr
+from wormopt.control.reference import follow
+from wormopt.model.friction import Coulomb
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model, Output, Signal, pack
+from wormopt.model.path import ParameterPath
+from wormopt.model.values import signal_values
 from wormopt.simulation.simulate import simulate
-from wormopt.tracking.lqr import lqr
-from wormopt.tracking.reference import follow
-from wormopt.worms.chain import chain
+from wormopt.systems.chain.build import chain
+from wormopt.systems.spiked.construct import fast_gait, travelling_sine
 
 seeds = st.integers(0, 10**6)
 few = settings(deadline=None, max_examples=25)

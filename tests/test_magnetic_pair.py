@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 import wormopt as wo
-from wormopt.averaging.average import average
-from wormopt.averaging.steady import Rates, steady_states
+from wormopt.analysis.average import average
+from wormopt.analysis.steady import Rates, steady_states
 from wormopt.cli import main
-from wormopt.core.friction import Coulomb
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.scenes import load_scene
+from wormopt.model.friction import Coulomb
+from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
-from wormopt.worms.averaged_pair import averaged_pair, steady_pair
-from wormopt.worms.magnetic_pair import magnetic_pair
-from wormopt.worms.slow_pair import from_slow, slow_pair
+from wormopt.systems.pair.averaged_pair import averaged_pair, steady_pair
+from wormopt.systems.pair.magnetic_pair import magnetic_pair
+from wormopt.systems.pair.slow_pair import from_slow, slow_pair
 
 NATURAL = math.sqrt(2)
 # docs/verification.md: steady motion (19) at the chapter's data, and exact mean velocities.

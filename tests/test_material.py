@@ -29,11 +29,11 @@ from wormopt.magnetics.material import (
     field_strain,
     softening,
 )
-from wormopt.plot import figure
+from wormopt.plotting import figure
 from wormopt.result import Result
-from wormopt.scenes import load_scene
-from wormopt.scenes.material import MaterialScene
-from wormopt.studies import material as study
+from wormopt.scene import load_scene, packaged_scenes
+from wormopt.systems.coils.runs import material as study
+from wormopt.systems.coils.scenes.material import MaterialScene
 
 SCENE = "fig12_stress_strain"
 GIVEN = "material={field=1.5e5, mu_r=1.5, lame_eta=1.5e4}"
@@ -490,7 +490,7 @@ def test_a_polish_that_stops_short_is_refused(
 def test_wrong_scenes_are_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str, key: str, message: str
 ):
-    text = wo.scenes.packaged_scenes()[SCENE].read_text(encoding="utf-8")  # pyright: ignore
+    text = packaged_scenes()[SCENE].read_text(encoding="utf-8")
     path = tmp_path / "scene.toml"
     if "=" not in change:
         text = "\n".join(line for line in text.splitlines() if not line.startswith(change))

@@ -16,11 +16,11 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.magnetics.membrane import Membrane
-from wormopt.plot import figure
+from wormopt.plotting import figure
 from wormopt.result import Result
-from wormopt.scenes import load_scene
-from wormopt.scenes.membrane import MembraneScene
-from wormopt.studies.membrane import Choice
+from wormopt.scene import load_scene
+from wormopt.systems.coils.runs.membrane import Choice
+from wormopt.systems.coils.scenes.membrane import MembraneScene
 
 SCENE = "membrane"
 NUMBERS = (4e-3, 5e5, 2200.0, 1e-11, 0.15, 1200.0)

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wormopt.core.friction import Spike, Viscous
-from wormopt.core.gait import Gait
-from wormopt.core.model import TINY, Contact, Model, Output, Signal, pack
 from wormopt.errors import ArgumentError
-from wormopt.gaits.construct import block_wave, fast_gait
-from wormopt.worms.crawl import crawl
-from wormopt.worms.spiked import spiked_worm
+from wormopt.model.friction import Spike, Viscous
+from wormopt.model.gait import Gait
+from wormopt.model.model import TINY, Contact, Model, Output, Signal, pack
+from wormopt.systems.spiked.construct import block_wave, fast_gait
+from wormopt.systems.spiked.crawl import crawl
+from wormopt.systems.spiked.dynamics import spiked_worm
 
 masses = st.lists(st.floats(0.1, 5), min_size=2, max_size=9)
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from scipy import sparse
 from scipy.optimize import linprog
 
-from wormopt.core.ceiling import best_modes, ceiling
-from wormopt.core.modes import ModeSequence
-from wormopt.gaits.construct import block_wave
-from wormopt.worms.crawl import crawl
+from wormopt.model.modes import ModeSequence
+from wormopt.systems.spiked.ceiling import best_modes, ceiling
+from wormopt.systems.spiked.construct import block_wave
+from wormopt.systems.spiked.crawl import crawl
 
 # Ceiling over r by links and resting masses (theory of the corrected chapter, section 1).
 TABLE = {

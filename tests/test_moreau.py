@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from wormopt.core.friction import Coulomb, Spike
-from wormopt.core.model import Contact, Model, Output, Signal, pack
-from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.simulation.moreau import Marcher, Steps
-from wormopt.worms.channel_rod import channel_rod, straight
-from wormopt.worms.rod import Rod
+
+from wormopt.errors import ArgumentError, Interrupted, SolveError
+from wormopt.model.friction import Coulomb, Spike
+from wormopt.model.model import Contact, Model, Output, Signal, pack
+from wormopt.systems.channel.channel_rod import channel_rod, straight
+from wormopt.systems.channel.rod import Rod
 
 G, MU = 9.81, 0.4
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import casadi as ca
 import pytest
-
-from wormopt.core.model import Model, Signal
-from wormopt.simulation.native import build, kernel
 from wormopt.simulation.native.build import CompilerError, cache_folder, compiler, library
+
+from wormopt.model.model import Model, Signal
+from wormopt.simulation.native import build, kernel
 from wormopt.simulation.simulate import simulate
 
 COMMAND = compiler()
@@ -26,7 +26,7 @@ ASK = (
 )
 SIMULATE = """
 import casadi as ca
-from wormopt.core.model import Model, Signal
+from wormopt.model.model import Model, Signal
 from wormopt.simulation.simulate import simulate
 x, rate = ca.SX.sym("x"), ca.SX.sym("rate")
 states, rates = [Signal("x", x, value=1.0)], [Signal("rate", rate, value=1.0)]

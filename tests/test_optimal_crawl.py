@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 import wormopt as wo
-from wormopt.core.friction import Coulomb
 from wormopt.errors import ArgumentError, SceneError
-from wormopt.gaits.dynamic import Aim, CrawlLimits, crawl_problem
-from wormopt.optimal.collocation import Collocation
-from wormopt.optimal.contact import Smoothed
-from wormopt.optimal.mesh import Mesh
-from wormopt.optimal.motion import Guess
-from wormopt.optimal.optimise import optimise
+from wormopt.model.friction import Coulomb
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.contact import Smoothed
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Guess
+from wormopt.ocp.optimise import optimise
 from wormopt.result import Result
-from wormopt.scenes import load_scene
+from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
-from wormopt.worms.chain import chain
-from wormopt.worms.copies import copies
+from wormopt.systems.chain.build import chain
+from wormopt.systems.chain.copies import copies
+from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem
 
 SCENE = Path(__file__).parents[1] / "problems" / "optimal_crawl.toml"
 

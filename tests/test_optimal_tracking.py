@@ -10,23 +10,28 @@ from by_text import value
 from scipy.integrate import solve_ivp
 
 import wormopt as wo
-from wormopt.core.friction import Coulomb
+from wormopt.control.loop import with_reference
+from wormopt.control.lqr import lqr
+from wormopt.control.reference import follow
 from wormopt.errors import SceneError, SolveError
-from wormopt.gaits.construct import fast_gait
-from wormopt.optimal.collocation import Collocation
-from wormopt.optimal.mesh import Mesh
-from wormopt.plot import draw
+from wormopt.model.friction import Coulomb
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.mesh import Mesh
+from wormopt.plotting import draw
 from wormopt.result import Result
-from wormopt.scenes import load_scene
-from wormopt.scenes.track_optimal import GridTable, LeastError, RelaxationTable, TubeTable
+from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
-from wormopt.studies.judged import judged, judged_numbers
-from wormopt.studies.optimal_tracking import optimal_input
-from wormopt.studies.rivals import draw_plants
-from wormopt.tracking.loop import with_reference
-from wormopt.tracking.lqr import lqr
-from wormopt.tracking.reference import follow
-from wormopt.worms.chain import chain
+from wormopt.systems.chain.build import chain
+from wormopt.systems.chain.runs.judged import judged, judged_numbers
+from wormopt.systems.chain.runs.optimal_tracking import optimal_input
+from wormopt.systems.chain.runs.rivals import draw_plants
+from wormopt.systems.chain.scenes.track_optimal import (
+    GridTable,
+    LeastError,
+    RelaxationTable,
+    TubeTable,
+)
+from wormopt.systems.spiked.construct import fast_gait
 
 # -- meshes over breaks ----------------------------------------------------------------------------
 

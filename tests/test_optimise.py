@@ -8,22 +8,22 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.optimize import root_scalar
-
-from wormopt.core.friction import Coulomb, Viscous
-from wormopt.core.model import Contact, Model, Schedule, Signal
-from wormopt.core.modes import ModeSequence
-from wormopt.errors import ArgumentError, SolveError
-from wormopt.optimal.collocation import Collocation
-from wormopt.optimal.contact import Complementary, Prescribed, Smoothed
-from wormopt.optimal.mesh import Mesh
-from wormopt.optimal.motion import Guess
-from wormopt.optimal.nlp import Ipopt, Plugin
-from wormopt.optimal.optimise import Optimum, best_of, optimise, refine
-from wormopt.optimal.polish import polish
-from wormopt.optimal.problem import Bound, Ends, Problem
 from wormopt.simulation.options import Smooth
-from wormopt.studies.optimum import modes_of, recheck, replay
-from wormopt.worms.block import block
+
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.model.friction import Coulomb, Viscous
+from wormopt.model.model import Contact, Model, Schedule, Signal
+from wormopt.model.modes import ModeSequence
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.contact import Complementary, Prescribed, Smoothed
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Guess
+from wormopt.ocp.nlp import Ipopt, Plugin
+from wormopt.ocp.optimise import Optimum, best_of, optimise, refine
+from wormopt.ocp.polish import polish
+from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.systems.block.block import block
+from wormopt.systems.shared.optimum import modes_of, recheck, replay
 
 SLIDE = math.sqrt(1.5)
 BACK = 0.25 + math.sqrt(0.3)

@@ -11,25 +11,25 @@ import pytest
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.core.friction import Coulomb
-from wormopt.core.gait import Gait
-from wormopt.core.model import Model, Signal
+from wormopt.control.drive import drive
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.gaits.waveform import (
+from wormopt.model.friction import Coulomb
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model, Signal
+from wormopt.result import Result
+from wormopt.scene import load_scene
+from wormopt.simulation.simulate import simulate
+from wormopt.systems.pair.averaged_pair import steady_pair
+from wormopt.systems.pair.magnetic_pair import magnetic_pair
+from wormopt.systems.pair.runs import pair_waveform
+from wormopt.systems.pair.runs.driven_pair import FADED, best_harmonic, push_left, settle
+from wormopt.systems.pair.waveform import (
     FieldAim,
     FieldLimits,
     first_harmonic,
     ramped,
     waveform_problem,
 )
-from wormopt.result import Result
-from wormopt.scenes import load_scene
-from wormopt.simulation.simulate import simulate
-from wormopt.studies import pair_waveform
-from wormopt.studies.driven_pair import FADED, best_harmonic, push_left, settle
-from wormopt.tracking.drive import drive
-from wormopt.worms.averaged_pair import steady_pair
-from wormopt.worms.magnetic_pair import magnetic_pair
 
 NAME, EPS = "pair_waveform_design", 0.0355
 NU = math.sqrt(2) + 0.5 * EPS

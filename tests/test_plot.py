@@ -14,9 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from wormopt.plot import PICTURES, draw, figure, rod
-from wormopt.plot.parts import LINKS, stretches
+from wormopt.plotting import PICTURES, draw, figure
+from wormopt.plotting.parts import LINKS, stretches
 from wormopt.result import Result, Scalar, Variable
+from wormopt.systems.channel.plots import rod
 
 UNITS = {
     "time": "s",
@@ -825,7 +826,7 @@ def test_letters_without_a_glyph_do_no_harm(tmp_path: Path):
 
 
 def test_no_pyplot_state():
-    code = "import sys, wormopt.plot; sys.exit('matplotlib.pyplot' in sys.modules)"
+    code = "import sys, wormopt.plotting; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -13,16 +13,16 @@ from test_certify import one_link_speed, one_links
 
 from wormopt.bench import design_cases, design_multistart
 from wormopt.bench.design_motion import Motion
-from wormopt.core.limits import Limits, Rates
-from wormopt.core.task import Search, Task, Worm
 from wormopt.errors import SolveError
-from wormopt.gaits.design import Design
-from wormopt.gaits.optimize import design
-from wormopt.gaits.program import GaitProgram
-from wormopt.gaits.sequences import lasting
-from wormopt.gaits.trial import Trial, Trier
-from wormopt.optimal.bilinear import Climb, Point
-from wormopt.simulation.bimodal import integrate
+from wormopt.numerics.bilinear import Climb, Point
+from wormopt.systems.spiked.bimodal import integrate
+from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.design.optimize import design
+from wormopt.systems.spiked.limits import Limits, Rates
+from wormopt.systems.spiked.programs.program import GaitProgram
+from wormopt.systems.spiked.search.sequences import lasting
+from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.task import Search, Task, Worm
 
 G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1
 G1_WORM = Worm(links=2, load=5.0)

@@ -12,18 +12,18 @@ import pytest
 from hypothesis import given, settings
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
+from wormopt.simulation.moreau import Marcher
 
-from wormopt.core.curve import Curve, distances
-from wormopt.core.model import Schedule
+from wormopt.analysis.resting import Loaded, Rest
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
-from wormopt.simulation.moreau import Marcher
-from wormopt.statics.resting import Loaded, Rest
-from wormopt.worms.channel_rod import channel_rod
-from wormopt.worms.magnetic_rod import block_energy, block_load, magnetic_strength
-from wormopt.worms.rod import Rod
-from wormopt.worms.rod_line import RodLine
+from wormopt.model.model import Schedule
+from wormopt.systems.channel.channel_rod import channel_rod
+from wormopt.systems.channel.curve import Curve, distances
+from wormopt.systems.channel.magnetic_rod import block_energy, block_load, magnetic_strength
+from wormopt.systems.channel.rod import Rod
+from wormopt.systems.channel.rod_line import RodLine
 
 CHANNEL, ROOM = 11e-3, 3.5e-3
 

@@ -13,10 +13,10 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
-from wormopt.core.model import pack
 from wormopt.errors import ArgumentError
-from wormopt.worms.channel_rod import channel_rod, straight
-from wormopt.worms.rod import Rod, Stiffness
+from wormopt.model.model import pack
+from wormopt.systems.channel.channel_rod import channel_rod, straight
+from wormopt.systems.channel.rod import Rod, Stiffness
 
 DEGREES = (1, 2, 3)
 

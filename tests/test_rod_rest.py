@@ -11,15 +11,15 @@ import pytest
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.core.curve import Curve
 from wormopt.errors import SceneError, SolveError
-from wormopt.plot import figure
+from wormopt.plotting import figure
 from wormopt.progress import silent
 from wormopt.result import Result
-from wormopt.scenes import load_scene
-from wormopt.scenes.channel import RestTable
-from wormopt.studies import rod_rest
-from wormopt.worms.channel import ChannelWorm
+from wormopt.scene import load_scene
+from wormopt.systems.channel.closed_forms import ChannelWorm
+from wormopt.systems.channel.curve import Curve
+from wormopt.systems.channel.runs import rod_rest
+from wormopt.systems.channel.scenes.channel import RestTable
 
 
 def value(result: Result, name: str) -> Any:

@@ -10,15 +10,28 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from wormopt.simulation.moreau import Marcher
 
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, Interrupted, SceneError
-from wormopt.gaits.compass import Look, compass
 from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
+from wormopt.numerics.compass import Look, compass
 from wormopt.progress import silent
-from wormopt.scenes.rod import (
+from wormopt.systems.channel.magnetic_rod import (
+    block_load,
+    block_schedule,
+    magnetic_strength,
+    switched_blocks,
+)
+from wormopt.systems.channel.rod import Rod
+from wormopt.systems.channel.runs import rod_frequency, rod_runs
+from wormopt.systems.channel.runs.rod_case import RodCase
+from wormopt.systems.channel.runs.rod_course import RodPoint, finer, follow
+from wormopt.systems.channel.runs.rod_means import mean_velocity
+from wormopt.systems.channel.runs.rod_runs import rod_points
+from wormopt.systems.channel.scenes.rod import (
     ChannelTable,
     CourseTable,
     MeshTable,
@@ -26,19 +39,6 @@ from wormopt.scenes.rod import (
     WormTable,
     ZigzagTable,
 )
-from wormopt.simulation.moreau import Marcher
-from wormopt.studies import rod_frequency, rod_runs
-from wormopt.studies.rod_case import RodCase
-from wormopt.studies.rod_course import RodPoint, finer, follow
-from wormopt.studies.rod_means import mean_velocity
-from wormopt.studies.rod_runs import rod_points
-from wormopt.worms.magnetic_rod import (
-    block_load,
-    block_schedule,
-    magnetic_strength,
-    switched_blocks,
-)
-from wormopt.worms.rod import Rod
 
 MU0 = 4e-7 * np.pi
 COIL = Coil(2e-3, 9e-3, 20e-3)

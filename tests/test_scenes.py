@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 
 from wormopt.cli import main
-from wormopt.core.limits import Limits, Rates
 from wormopt.errors import SceneError
-from wormopt.scenes import Scene, load_scene, packaged_scenes
-from wormopt.scenes.gait import BlockWave, FastGait
+from wormopt.scene import Scene, load_scene, packaged_scenes
+from wormopt.systems.spiked.limits import Limits, Rates
+from wormopt.systems.spiked.scenes.gait import BlockWave, FastGait
 
 DESIGN = """
 schema = 1

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError
-from wormopt.scenes import load_scene
+from wormopt.scene import load_scene
 
 # Base scene, change as for --set, key path and part of the message.
 HOSTILE = [

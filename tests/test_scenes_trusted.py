@@ -12,25 +12,25 @@ import msgspec
 import numpy as np
 import pytest
 from by_text import CHANCE, SIMULATE, TRACK, value, write
+from wormopt.simulation.options import Smooth
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.core.friction import Coulomb
 from wormopt.errors import Interrupted, SceneError, SolveError
+from wormopt.model.friction import Coulomb
 from wormopt.progress import Report
 from wormopt.result import Result
-from wormopt.scenes import load_scene, packaged_scenes
-from wormopt.scenes.coil_inverse import CoilInverseScene
-from wormopt.scenes.coil_row import CoilRowScene
-from wormopt.scenes.film_wave import FilmWaveScene
-from wormopt.scenes.pair_waveform import PairWaveformScene
-from wormopt.scenes.simulate import SimulateScene
-from wormopt.scenes.stepper import StepperScene
-from wormopt.scenes.track import TrackScene
-from wormopt.simulation.options import Smooth
+from wormopt.scene import load_scene, packaged_scenes
 from wormopt.simulation.simulate import simulate
-from wormopt.studies import proof, signals
-from wormopt.studies.proof import warnings_of_contact
+from wormopt.systems.chain.scenes.simulate import SimulateScene
+from wormopt.systems.chain.scenes.track import TrackScene
+from wormopt.systems.coils.scenes.coil_inverse import CoilInverseScene
+from wormopt.systems.coils.scenes.coil_row import CoilRowScene
+from wormopt.systems.film.scenes.film_wave import FilmWaveScene
+from wormopt.systems.pair.scenes.pair_waveform import PairWaveformScene
+from wormopt.systems.shared import proof, signals
+from wormopt.systems.shared.proof import warnings_of_contact
+from wormopt.systems.spiked.scenes.stepper import StepperScene
 
 # -- what is not trusted -------------------------------------------------------------------------
 

@@ -18,18 +18,19 @@ from test_program import G1, G1_LIMITS, G1_ORDER, G1_WORM, check
 
 from wormopt.bench.design_cases import draw, task_of
 from wormopt.cli import main
-from wormopt.core.limits import Limits, Rates
-from wormopt.core.task import Cost, Objective, Search, Task, Worm
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.gaits import search as search_module
-from wormopt.gaits import sharpen, trial
-from wormopt.gaits.design import Design
-from wormopt.gaits.optimize import design, designed
-from wormopt.gaits.race import Race
-from wormopt.gaits.sequences import neighbours
-from wormopt.optimal.bilinear import BilinearProgram
+from wormopt.numerics.bilinear import BilinearProgram
 from wormopt.progress import silent
-from wormopt.simulation.bimodal import integrate
+from wormopt.systems.spiked.bimodal import integrate
+from wormopt.systems.spiked.design import sharpen
+from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.design.optimize import design, designed
+from wormopt.systems.spiked.limits import Limits, Rates
+from wormopt.systems.spiked.search import search as search_module
+from wormopt.systems.spiked.search import trial
+from wormopt.systems.spiked.search.race import Race
+from wormopt.systems.spiked.search.sequences import neighbours
+from wormopt.systems.spiked.task import Cost, Objective, Search, Task, Worm
 
 OWN = Search(sequence=G1_ORDER, effort="quick", workers=1)
 
@@ -454,7 +455,7 @@ def test_a_run_with_a_time_limit_says_that_it_was_cut_short(tmp_path: Path, caps
 
 def test_a_gait_of_several_cycles_is_not_above_its_bound(tmp_path: Path, monkeypatch):
     import wormopt as wo
-    from wormopt.studies import gait_certificate
+    from wormopt.systems.spiked.runs import gait_certificate
 
     monkeypatch.setattr(gait_certificate, "checkpoints", lambda what: tmp_path / what)
     changes = ["gait.period=4.0", "search.sequence=[[0],[1],[2]]", "search.certify.time_limit=1.0"]

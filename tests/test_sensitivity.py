@@ -10,15 +10,21 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.core.limits import Limits, Rates
-from wormopt.core.task import Objective, Search, Task, Worm
 from wormopt.errors import ArgumentError
-from wormopt.gaits.design import Design
-from wormopt.gaits.optimize import design, designed
-from wormopt.gaits.sensitivity import Limit, Sensitivity, limits_of, scaling_error, sensitivities
-from wormopt.optimal.bilinear import Climb
-from wormopt.plot import draw
+from wormopt.numerics.bilinear import Climb
+from wormopt.plotting import draw
 from wormopt.progress import silent
+from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.design.optimize import design, designed
+from wormopt.systems.spiked.design.sensitivity import (
+    Limit,
+    Sensitivity,
+    limits_of,
+    scaling_error,
+    sensitivities,
+)
+from wormopt.systems.spiked.limits import Limits, Rates
+from wormopt.systems.spiked.task import Objective, Search, Task, Worm
 
 LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
 G1 = Worm(2, load=5.0)

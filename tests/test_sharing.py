@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from wormopt.core.limits import Limits
-from wormopt.core.task import Cost, Worm
-from wormopt.gaits.construct import block_wave
-from wormopt.gaits.design import Design
-from wormopt.gaits.optimize import design
-from wormopt.worms.crawl import crawl
-from wormopt.worms.sharing import share_load
+from wormopt.systems.spiked.construct import block_wave
+from wormopt.systems.spiked.crawl import crawl
+from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.design.optimize import design
+from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.sharing import share_load
+from wormopt.systems.spiked.task import Cost, Worm
 
 Split = tuple[np.ndarray, float, list[int], np.ndarray, np.ndarray]
 

@@ -10,19 +10,19 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 from scipy.linalg import expm
 from scipy.optimize import brentq
-
-from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
-from wormopt.core.lift import lift
-from wormopt.core.model import Contact, Model, Schedule, Signal, Switch
-from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
-from wormopt.gaits.construct import fast_gait
 from wormopt.simulation.ensemble import Member, simulate_ensemble
 from wormopt.simulation.options import Exact, Smooth, Tolerance
-from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.tracking.lambda_tracker import Exponent, lambda_tracker
-from wormopt.tracking.reference import follow
-from wormopt.worms.chain import chain
+
+from wormopt.control.lambda_tracker import Exponent, lambda_tracker
+from wormopt.control.reference import follow
+from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
+from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
+from wormopt.model.lift import lift
+from wormopt.model.model import Contact, Model, Schedule, Signal, Switch
+from wormopt.simulation.simulate import simulate
+from wormopt.systems.chain.build import chain
+from wormopt.systems.spiked.construct import fast_gait
 
 SHARP = Tolerance(1e-12, 1e-13)
 

@@ -12,10 +12,11 @@ import pytest
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
-from wormopt.optimal.motion import Guess
+from wormopt.ocp.motion import Guess
 from wormopt.result import Result
-from wormopt.scenes import load_scene
-from wormopt.studies import optimum, slide
+from wormopt.scene import load_scene
+from wormopt.systems.block import run as slide
+from wormopt.systems.shared import optimum
 
 SMOOTH = 'contact={treatment="smooth", v_reg=0.025}'
 

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from wormopt.core.limits import Limits
-from wormopt.core.task import Objective, Search, Task, Worm
-from wormopt.gaits.optimize import design
-from wormopt.gaits.program import GaitProgram
-from wormopt.gaits.trial import Trial, Trier
-from wormopt.gaits.waves import WaveProgram
-from wormopt.optimal.bilinear import BilinearProgram, Climb, Excess
-from wormopt.optimal.bilinear_rows import BilinearRows
-from wormopt.worms.crawl import crawl
+from wormopt.numerics.bilinear import BilinearProgram, Climb, Excess
+from wormopt.numerics.bilinear_rows import BilinearRows
+from wormopt.systems.spiked.crawl import crawl
+from wormopt.systems.spiked.design.optimize import design
+from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.programs.program import GaitProgram
+from wormopt.systems.spiked.programs.waves import WaveProgram
+from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.task import Objective, Search, Task, Worm
 
 LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
 ORDERS = [((0,), (2,)), ((0,), (1,), (2,)), ((0,), (0, 1), (1,), (1, 2), (2,), (0, 2))]

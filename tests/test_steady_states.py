@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from wormopt.averaging.average import average
-from wormopt.averaging.continuation import follow_branch
-from wormopt.averaging.steady import Rates, steady_states
-from wormopt.core.friction import Coulomb, Law, Stribeck, Viscous
-from wormopt.core.model import Contact, Model, Output, Signal
+from wormopt.analysis.average import average
+from wormopt.analysis.continuation import follow_branch
+from wormopt.analysis.steady import Rates, steady_states
 from wormopt.errors import ArgumentError, UnknownNameError
-from wormopt.worms.averaged_pair import averaged_pair, steady_pair
-from wormopt.worms.slow_pair import slow_pair
+from wormopt.model.friction import Coulomb, Law, Stribeck, Viscous
+from wormopt.model.model import Contact, Model, Output, Signal
+from wormopt.systems.pair.averaged_pair import averaged_pair, steady_pair
+from wormopt.systems.pair.slow_pair import slow_pair
 
 NATURAL = math.sqrt(2)
 

@@ -16,17 +16,18 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.core.gait import Gait
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.gaits.construct import accordion, block_wave, fast_gait
-from wormopt.plot import figure
+from wormopt.model.gait import Gait
+from wormopt.plotting import figure
 from wormopt.result import Result
-from wormopt.scenes import load_scene
-from wormopt.worms.bristles import ratchet
-from wormopt.worms.crawl import crawl
-from wormopt.worms.step_tables import c_text, csv_text, in_ticks, read_csv
-from wormopt.worms.stepper import Stepper, demand
-from wormopt.worms.steps import Steps, quantisation_error, step_times
+from wormopt.scene import load_scene, packaged_scenes
+from wormopt.systems.spiked.construct import accordion, block_wave, fast_gait
+from wormopt.systems.spiked.crawl import crawl
+from wormopt.systems.spiked.files import gait_of_result
+from wormopt.systems.spiked.stepper.bristles import ratchet
+from wormopt.systems.spiked.stepper.step_tables import c_text, csv_text, in_ticks, read_csv
+from wormopt.systems.spiked.stepper.stepper import Stepper, demand
+from wormopt.systems.spiked.stepper.steps import Steps, quantisation_error, step_times
 
 SCENE = "prototype_steps"
 
@@ -564,14 +565,14 @@ def test_a_table_of_somebody_else_is_not_replaced(tmp_path: Path):
     assert main(["run", "fast_gait", "-o", str(out), "--quiet", "--no-plots"]) == 0
     (out / "steps.csv").write_text("mine")
     scene = tmp_path / "fast_gait.toml"
-    shutil.copy(wo.scenes.packaged_scenes()[SCENE], scene)  # pyright: ignore
+    shutil.copy(packaged_scenes()[SCENE], scene)
     assert main(["run", str(scene), "-o", str(out), "--quiet", "--no-plots"]) == 2
     assert (out / "steps.csv").read_text() == "mine"
 
 
 def test_a_gait_from_a_file_is_commanded(tmp_path: Path):
     wo.run("fast_gait").save(tmp_path)
-    text = wo.scenes.packaged_scenes()[SCENE].read_text(encoding="utf-8")  # pyright: ignore
+    text = packaged_scenes()[SCENE].read_text(encoding="utf-8")
     head, _, tail = text.partition("[gait]")
     table = '[gait]\nshape = "file"\nfile = "result.nc"\nperiod = 300.0\n\n'
     scene = tmp_path / "filed.toml"
@@ -582,7 +583,7 @@ def test_a_gait_from_a_file_is_commanded(tmp_path: Path):
 
 
 def test_a_result_that_leaves_the_gait_fails(monkeypatch: pytest.MonkeyPatch):
-    from wormopt.studies import stepper
+    from wormopt.systems.spiked.runs import stepper
 
     def late(gait: Gait, motor_: Stepper) -> Steps:
         steps = step_times(gait, motor_)
@@ -707,13 +708,13 @@ def test_a_design_within_motors_is_one_within_their_limits():
     assert not bare.scalars.keys() & {"rate_limit_from", "motor_rate_share"}
     assert "assumptions" not in bare.trust
     # and the motors do follow what was designed for them
-    gait = wo.gaits.files.gait_of_result(driven)  # pyright: ignore
+    gait = gait_of_result(driven)
     stepper = Stepper(0.1, 200, 1, 8.0, 100.0)
     assert step_times(gait, stepper).counts.sum() > 0
 
 
 def test_motors_alone_limit_a_design_and_are_named_in_a_conflict(tmp_path: Path):
-    text = wo.scenes.packaged_scenes()["design_fast_gait"].read_text(encoding="utf-8")  # pyright: ignore
+    text = packaged_scenes()["design_fast_gait"].read_text(encoding="utf-8")
     text = re.sub(r"(?m)^(rate|acceleration) = .*$", "", text)
     scene = tmp_path / "driven.toml"
     scene.write_text(text)

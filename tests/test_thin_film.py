@@ -7,17 +7,17 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-
-from wormopt.averaging.continuation import follow_branch
-from wormopt.averaging.steady import Rates
-from wormopt.core.model import Signal
-from wormopt.errors import ArgumentError
 from wormopt.simulation.options import Tolerance
+
+from wormopt.analysis.continuation import follow_branch
+from wormopt.analysis.steady import Rates
+from wormopt.errors import ArgumentError
+from wormopt.model.model import Signal
 from wormopt.simulation.simulate import simulate
-from wormopt.worms.film import CosineWave
-from wormopt.worms.film_shapes import FourierWave, grid
-from wormopt.worms.lubrication import field_slope
-from wormopt.worms.thin_film import film_thickness, film_volume, slope_on, thin_film
+from wormopt.systems.film.cosine import CosineWave
+from wormopt.systems.film.lubrication import field_slope
+from wormopt.systems.film.shapes import FourierWave, grid
+from wormopt.systems.film.thin_film import film_thickness, film_volume, slope_on, thin_film
 
 
 def slope_of(wave: Any, tension: Any, points: int) -> Any:

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from by_hand import Chain, commanded, thirds, tracked
 from by_text import CHANCE, MODEL, OWN, SIMULATE, TRACK, value, write
+from wormopt.simulation.options import Smooth
 
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
-from wormopt.gaits.construct import fast_gait
 from wormopt.result import Result
-from wormopt.scenes import load_scene
-from wormopt.simulation.options import Smooth
+from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
-from wormopt.studies.chains import draw_links
-from wormopt.studies.loops import build_loop
+from wormopt.systems.chain.runs.chains import draw_links
+from wormopt.systems.chain.runs.loops import build_loop
+from wormopt.systems.spiked.construct import fast_gait
 
 # -- the chapter's benchmark ---------------------------------------------------------------------
 
@@ -385,7 +385,7 @@ def test_the_magnetic_pair_as_a_model_of_ones_own(tmp_path: Path):
 import casadi as ca
 import numpy as np
 from wormopt import Contact, Model, Signal
-from wormopt.core.friction import Coulomb
+from wormopt.model.friction import Coulomb
 
 def build(eps=0.036, delta=0.5):
     t, x, v, f = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 2)

@@ -11,13 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from wormopt.core.friction import Coulomb
-from wormopt.core.gait import Gait
-from wormopt.core.model import Model, Output, Schedule, Signal, pack
-from wormopt.core.path import ornstein_uhlenbeck, piecewise_constant
-from wormopt.gaits.construct import accordion, block_wave, fast_gait, travelling_sine
-from wormopt.tracking.funnel import Funnel, funnel_tracker
-from wormopt.tracking.lambda_tracker import (
+from wormopt.control.funnel import Funnel, funnel_tracker
+from wormopt.control.lambda_tracker import (
     Adaptation,
     Decay,
     Exponent,
@@ -25,9 +20,14 @@ from wormopt.tracking.lambda_tracker import (
     Quadratic,
     lambda_tracker,
 )
-from wormopt.tracking.loop import FeedForward
-from wormopt.tracking.reference import Reference, follow
-from wormopt.worms.chain import chain
+from wormopt.control.loop import FeedForward
+from wormopt.control.reference import Reference, follow
+from wormopt.model.friction import Coulomb
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model, Output, Schedule, Signal, pack
+from wormopt.model.path import ornstein_uhlenbeck, piecewise_constant
+from wormopt.systems.chain.build import chain
+from wormopt.systems.spiked.construct import accordion, block_wave, fast_gait, travelling_sine
 
 # -- a small simulator: scipy's DOP853, stretch by stretch between breaks and events -------------
 

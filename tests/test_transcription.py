@@ -4,15 +4,15 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from wormopt.core.friction import Coulomb
-from wormopt.core.model import Contact, Model, Signal
-from wormopt.core.modes import ModeSequence
-from wormopt.optimal.collocation import Collocation
-from wormopt.optimal.elastic import elastic
-from wormopt.optimal.mesh import Mesh, on_finer_mesh
-from wormopt.optimal.nlp import Ipopt
-from wormopt.optimal.problem import Bound, Ends, Problem
-from wormopt.optimal.transcription import Transcription
+from wormopt.model.friction import Coulomb
+from wormopt.model.model import Contact, Model, Signal
+from wormopt.model.modes import ModeSequence
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.elastic import elastic
+from wormopt.ocp.mesh import Mesh, on_finer_mesh
+from wormopt.ocp.nlp import Ipopt
+from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.ocp.transcription import Transcription
 
 ROOT_ONE_AND_A_HALF = 1.224744871391589
 

@@ -11,11 +11,11 @@ import scipy.linalg
 import skfem
 from scipy.optimize import brentq
 
-from wormopt.core.model import Model, Output, Signal
+from wormopt.analysis.vibration import Modes, vibration_modes
 from wormopt.errors import ArgumentError, UnknownNameError
-from wormopt.linear.modes import Modes, vibration_modes
-from wormopt.worms.channel_rod import channel_rod
-from wormopt.worms.rod import Rod
+from wormopt.model.model import Model, Output, Signal
+from wormopt.systems.channel.channel_rod import channel_rod
+from wormopt.systems.channel.rod import Rod
 
 PINNED = {"across": [0, -1]}
 

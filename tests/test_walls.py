@@ -7,26 +7,26 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from wormopt.simulation.moreau import Marcher, Steps
+from wormopt.simulation.options import Exact, Smooth, Tolerance
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.simulation.walls import smooth_walls
 
-from wormopt.core.friction import Coulomb
-from wormopt.core.model import Contact, Model, Schedule, Signal
+from wormopt.control.loop import feed
 from wormopt.errors import ArgumentError
 from wormopt.magnetics.blocks import block_field
 from wormopt.magnetics.coils import Coil, CoilRow
-from wormopt.simulation.moreau import Marcher, Steps
-from wormopt.simulation.options import Exact, Smooth, Tolerance
+from wormopt.model.friction import Coulomb
+from wormopt.model.model import Contact, Model, Schedule, Signal
 from wormopt.simulation.simulate import simulate
-from wormopt.simulation.trajectory import Trajectory
-from wormopt.simulation.walls import smooth_walls
-from wormopt.tracking.loop import feed
-from wormopt.worms.channel_rod import channel_rod, straight
-from wormopt.worms.magnetic_rod import (
+from wormopt.systems.channel.channel_rod import channel_rod, straight
+from wormopt.systems.channel.magnetic_rod import (
     block_load,
     block_schedule,
     magnetic_strength,
     switched_blocks,
 )
-from wormopt.worms.rod import Rod
+from wormopt.systems.channel.rod import Rod
 
 G, MU = 9.81, 0.4
 LOOSE = Tolerance(1e-5, 1e-5)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from wormopt.core.workers import Workers
+from wormopt.numerics.workers import Workers
 
 
 def square(x: int) -> int:

@@ -15,15 +15,19 @@ from typing import TYPE_CHECKING, Any
 from wormopt.version import VERSION
 
 if TYPE_CHECKING:
-    from wormopt.averaging.average import average
-    from wormopt.averaging.continuation import Branch, follow_branch
-    from wormopt.averaging.steady import SteadyState, steady_states
-    from wormopt.core.friction import Coulomb, Law, Spike, Stribeck, Viscous
-    from wormopt.core.gait import Gait
-    from wormopt.core.limits import Limits, Rates
-    from wormopt.core.model import Contact, Model, Output, Schedule, Signal, Switch
-    from wormopt.core.modes import ModeSequence
-    from wormopt.core.task import Objective, Search, Task, Worm
+    from wormopt.analysis.average import average
+    from wormopt.analysis.bode import bode
+    from wormopt.analysis.continuation import Branch, follow_branch
+    from wormopt.analysis.lie import relative_degree
+    from wormopt.analysis.linearise import Linear, linearise
+    from wormopt.analysis.steady import SteadyState, steady_states
+    from wormopt.analysis.vibration import Modes, vibration_modes
+    from wormopt.control.drive import drive
+    from wormopt.control.funnel import Funnel, funnel_tracker
+    from wormopt.control.lambda_tracker import Decay, Exponent, Quadratic, lambda_tracker
+    from wormopt.control.loop import FeedForward
+    from wormopt.control.lqr import lqr
+    from wormopt.control.reference import Reference, follow
     from wormopt.errors import (
         ArgumentError,
         Interrupted,
@@ -32,189 +36,185 @@ if TYPE_CHECKING:
         UnknownNameError,
         WormoptError,
     )
-    from wormopt.gaits.certify import Certificate
-    from wormopt.gaits.construct import fast_gait, travelling_sine
-    from wormopt.gaits.design import Design
-    from wormopt.gaits.files import load_gait
-    from wormopt.gaits.optimize import design
-    from wormopt.gaits.proof import Certified, certify
-    from wormopt.gaits.sensitivity import Sensitivity, sensitivities
-    from wormopt.gaits.verify import violations
-    from wormopt.linear.bode import bode
-    from wormopt.linear.lie import relative_degree
-    from wormopt.linear.linearise import Linear, linearise
-    from wormopt.linear.modes import Modes, vibration_modes
     from wormopt.magnetics.coils import CoilRow
     from wormopt.magnetics.identify import Identification, identify_material
     from wormopt.magnetics.material import MagnetoElastic
     from wormopt.magnetics.travelling import MovingProfile, moving_profile, switched_course
     from wormopt.magnetics.winding import Coil
-    from wormopt.optimal.collocation import Collocation
-    from wormopt.optimal.contact import Complementary, Prescribed, Smoothed
-    from wormopt.optimal.mesh import Mesh
-    from wormopt.optimal.motion import Guess, Motion
-    from wormopt.optimal.nlp import Ipopt, Plugin
-    from wormopt.optimal.optimise import Optimum, best_of, optimise, refine
-    from wormopt.optimal.polish import polish
-    from wormopt.optimal.problem import Bound, Ends, Problem
+    from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
+    from wormopt.model.gait import Gait
+    from wormopt.model.model import Contact, Model, Output, Schedule, Signal, Switch
+    from wormopt.model.modes import ModeSequence
+    from wormopt.numerics.collocation import Collocation
+    from wormopt.ocp.contact import Complementary, Prescribed, Smoothed
+    from wormopt.ocp.mesh import Mesh
+    from wormopt.ocp.motion import Guess, Motion
+    from wormopt.ocp.nlp import Ipopt, Plugin
+    from wormopt.ocp.optimise import Optimum, best_of, optimise, refine
+    from wormopt.ocp.polish import polish
+    from wormopt.ocp.problem import Bound, Ends, Problem
     from wormopt.result import Result, Scalar, Variable
     from wormopt.runner import run
-    from wormopt.scenes import Scene, load_scene
+    from wormopt.scene import Scene, load_scene
     from wormopt.simulation.ensemble import Ensemble, Member, simulate_ensemble
     from wormopt.simulation.moreau import Marcher
     from wormopt.simulation.options import Exact, Smooth, Tolerance
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Event, Trajectory
     from wormopt.simulation.walls import smooth_walls
-    from wormopt.tracking.drive import drive
-    from wormopt.tracking.funnel import Funnel, funnel_tracker
-    from wormopt.tracking.lambda_tracker import Decay, Exponent, Quadratic, lambda_tracker
-    from wormopt.tracking.loop import FeedForward
-    from wormopt.tracking.lqr import lqr
-    from wormopt.tracking.reference import Reference, follow
-    from wormopt.worms.averaged_pair import averaged_pair, steady_pair
-    from wormopt.worms.bristles import ratchet
-    from wormopt.worms.chain import chain
-    from wormopt.worms.channel import ChannelWorm
-    from wormopt.worms.channel_rod import channel_rod
-    from wormopt.worms.copies import copies
-    from wormopt.worms.crawl import crawl
-    from wormopt.worms.drift import float_drift
-    from wormopt.worms.film import CosineWave
-    from wormopt.worms.film_shapes import FourierWave
-    from wormopt.worms.film_units import Fluid
-    from wormopt.worms.float import floating, tracers
-    from wormopt.worms.magnetic_pair import magnetic_pair
-    from wormopt.worms.rod import Rod
-    from wormopt.worms.slow_pair import slow_pair
-    from wormopt.worms.stepper import Stepper
-    from wormopt.worms.steps import step_times
-    from wormopt.worms.thin_film import thin_film
+    from wormopt.systems.chain.build import chain
+    from wormopt.systems.chain.copies import copies
+    from wormopt.systems.channel.channel_rod import channel_rod
+    from wormopt.systems.channel.closed_forms import ChannelWorm
+    from wormopt.systems.channel.rod import Rod
+    from wormopt.systems.film.cosine import CosineWave
+    from wormopt.systems.film.drift import float_drift
+    from wormopt.systems.film.float import floating, tracers
+    from wormopt.systems.film.shapes import FourierWave
+    from wormopt.systems.film.thin_film import thin_film
+    from wormopt.systems.film.units import Fluid
+    from wormopt.systems.pair.averaged_pair import averaged_pair, steady_pair
+    from wormopt.systems.pair.magnetic_pair import magnetic_pair
+    from wormopt.systems.pair.slow_pair import slow_pair
+    from wormopt.systems.spiked.certify.proof import Certified, certify
+    from wormopt.systems.spiked.certify.prove import Certificate
+    from wormopt.systems.spiked.construct import fast_gait, travelling_sine
+    from wormopt.systems.spiked.crawl import crawl
+    from wormopt.systems.spiked.design.design import Design
+    from wormopt.systems.spiked.design.optimize import design
+    from wormopt.systems.spiked.design.sensitivity import Sensitivity, sensitivities
+    from wormopt.systems.spiked.files import load_gait
+    from wormopt.systems.spiked.limits import Limits, Rates
+    from wormopt.systems.spiked.stepper.bristles import ratchet
+    from wormopt.systems.spiked.stepper.stepper import Stepper
+    from wormopt.systems.spiked.stepper.steps import step_times
+    from wormopt.systems.spiked.task import Objective, Search, Task, Worm
+    from wormopt.systems.spiked.verify import violations
 
 __version__ = VERSION
 
 # Public name -> module it lives in. The imports above repeat it for type checkers.
 _HOMES = {
     "ArgumentError": "wormopt.errors",
-    "Bound": "wormopt.optimal.problem",
-    "Branch": "wormopt.averaging.continuation",
-    "Certificate": "wormopt.gaits.certify",
-    "Certified": "wormopt.gaits.proof",
-    "ChannelWorm": "wormopt.worms.channel",
+    "Bound": "wormopt.ocp.problem",
+    "Branch": "wormopt.analysis.continuation",
+    "Certificate": "wormopt.systems.spiked.certify.prove",
+    "Certified": "wormopt.systems.spiked.certify.proof",
+    "ChannelWorm": "wormopt.systems.channel.closed_forms",
     "Coil": "wormopt.magnetics.winding",
     "CoilRow": "wormopt.magnetics.coils",
-    "Collocation": "wormopt.optimal.collocation",
-    "Complementary": "wormopt.optimal.contact",
-    "Contact": "wormopt.core.model",
-    "CosineWave": "wormopt.worms.film",
-    "Coulomb": "wormopt.core.friction",
-    "Decay": "wormopt.tracking.lambda_tracker",
-    "Design": "wormopt.gaits.design",
-    "Ends": "wormopt.optimal.problem",
+    "Collocation": "wormopt.numerics.collocation",
+    "Complementary": "wormopt.ocp.contact",
+    "Contact": "wormopt.model.model",
+    "CosineWave": "wormopt.systems.film.cosine",
+    "Coulomb": "wormopt.model.friction",
+    "Decay": "wormopt.control.lambda_tracker",
+    "Design": "wormopt.systems.spiked.design.design",
+    "Ends": "wormopt.ocp.problem",
     "Ensemble": "wormopt.simulation.ensemble",
     "Event": "wormopt.simulation.trajectory",
     "Exact": "wormopt.simulation.options",
-    "Exponent": "wormopt.tracking.lambda_tracker",
-    "FeedForward": "wormopt.tracking.loop",
-    "Fluid": "wormopt.worms.film_units",
-    "FourierWave": "wormopt.worms.film_shapes",
-    "Funnel": "wormopt.tracking.funnel",
-    "Gait": "wormopt.core.gait",
-    "Guess": "wormopt.optimal.motion",
+    "Exponent": "wormopt.control.lambda_tracker",
+    "FeedForward": "wormopt.control.loop",
+    "Fluid": "wormopt.systems.film.units",
+    "FourierWave": "wormopt.systems.film.shapes",
+    "Funnel": "wormopt.control.funnel",
+    "Gait": "wormopt.model.gait",
+    "Guess": "wormopt.ocp.motion",
     "Identification": "wormopt.magnetics.identify",
     "Interrupted": "wormopt.errors",
-    "Ipopt": "wormopt.optimal.nlp",
-    "Law": "wormopt.core.friction",
-    "Limits": "wormopt.core.limits",
-    "Linear": "wormopt.linear.linearise",
+    "Ipopt": "wormopt.ocp.nlp",
+    "Law": "wormopt.model.friction",
+    "Limits": "wormopt.systems.spiked.limits",
+    "Linear": "wormopt.analysis.linearise",
     "MagnetoElastic": "wormopt.magnetics.material",
     "Marcher": "wormopt.simulation.moreau",
     "Member": "wormopt.simulation.ensemble",
-    "Mesh": "wormopt.optimal.mesh",
-    "ModeSequence": "wormopt.core.modes",
-    "Model": "wormopt.core.model",
-    "Modes": "wormopt.linear.modes",
-    "Motion": "wormopt.optimal.motion",
+    "Mesh": "wormopt.ocp.mesh",
+    "ModeSequence": "wormopt.model.modes",
+    "Model": "wormopt.model.model",
+    "Modes": "wormopt.analysis.vibration",
+    "Motion": "wormopt.ocp.motion",
     "MovingProfile": "wormopt.magnetics.travelling",
-    "Objective": "wormopt.core.task",
-    "Optimum": "wormopt.optimal.optimise",
-    "Output": "wormopt.core.model",
-    "Plugin": "wormopt.optimal.nlp",
-    "Prescribed": "wormopt.optimal.contact",
-    "Problem": "wormopt.optimal.problem",
-    "Quadratic": "wormopt.tracking.lambda_tracker",
-    "Rates": "wormopt.core.limits",
-    "Reference": "wormopt.tracking.reference",
+    "Objective": "wormopt.systems.spiked.task",
+    "Optimum": "wormopt.ocp.optimise",
+    "Output": "wormopt.model.model",
+    "Plugin": "wormopt.ocp.nlp",
+    "Prescribed": "wormopt.ocp.contact",
+    "Problem": "wormopt.ocp.problem",
+    "Quadratic": "wormopt.control.lambda_tracker",
+    "Rates": "wormopt.systems.spiked.limits",
+    "Reference": "wormopt.control.reference",
     "Result": "wormopt.result",
-    "Rod": "wormopt.worms.rod",
+    "Rod": "wormopt.systems.channel.rod",
     "Scalar": "wormopt.result",
-    "Scene": "wormopt.scenes",
+    "Scene": "wormopt.scene",
     "SceneError": "wormopt.errors",
-    "Schedule": "wormopt.core.model",
-    "Search": "wormopt.core.task",
-    "Sensitivity": "wormopt.gaits.sensitivity",
-    "Signal": "wormopt.core.model",
+    "Schedule": "wormopt.model.model",
+    "Search": "wormopt.systems.spiked.task",
+    "Sensitivity": "wormopt.systems.spiked.design.sensitivity",
+    "Signal": "wormopt.model.model",
     "Smooth": "wormopt.simulation.options",
-    "Smoothed": "wormopt.optimal.contact",
+    "Smoothed": "wormopt.ocp.contact",
     "SolveError": "wormopt.errors",
-    "Spike": "wormopt.core.friction",
-    "SteadyState": "wormopt.averaging.steady",
-    "Stepper": "wormopt.worms.stepper",
-    "Stribeck": "wormopt.core.friction",
-    "Switch": "wormopt.core.model",
-    "Task": "wormopt.core.task",
+    "Spike": "wormopt.model.friction",
+    "SteadyState": "wormopt.analysis.steady",
+    "Stepper": "wormopt.systems.spiked.stepper.stepper",
+    "Stribeck": "wormopt.model.friction",
+    "Switch": "wormopt.model.model",
+    "Task": "wormopt.systems.spiked.task",
     "Tolerance": "wormopt.simulation.options",
     "Trajectory": "wormopt.simulation.trajectory",
     "UnknownNameError": "wormopt.errors",
     "Variable": "wormopt.result",
-    "Viscous": "wormopt.core.friction",
-    "Worm": "wormopt.core.task",
+    "Viscous": "wormopt.model.friction",
+    "Worm": "wormopt.systems.spiked.task",
     "WormoptError": "wormopt.errors",
-    "average": "wormopt.averaging.average",
-    "averaged_pair": "wormopt.worms.averaged_pair",
-    "best_of": "wormopt.optimal.optimise",
-    "bode": "wormopt.linear.bode",
-    "certify": "wormopt.gaits.proof",
-    "chain": "wormopt.worms.chain",
-    "channel_rod": "wormopt.worms.channel_rod",
-    "copies": "wormopt.worms.copies",
-    "crawl": "wormopt.worms.crawl",
-    "design": "wormopt.gaits.optimize",
-    "drive": "wormopt.tracking.drive",
-    "fast_gait": "wormopt.gaits.construct",
-    "float_drift": "wormopt.worms.drift",
-    "floating": "wormopt.worms.float",
-    "follow": "wormopt.tracking.reference",
-    "follow_branch": "wormopt.averaging.continuation",
-    "funnel_tracker": "wormopt.tracking.funnel",
+    "average": "wormopt.analysis.average",
+    "averaged_pair": "wormopt.systems.pair.averaged_pair",
+    "best_of": "wormopt.ocp.optimise",
+    "bode": "wormopt.analysis.bode",
+    "certify": "wormopt.systems.spiked.certify.proof",
+    "chain": "wormopt.systems.chain.build",
+    "channel_rod": "wormopt.systems.channel.channel_rod",
+    "copies": "wormopt.systems.chain.copies",
+    "crawl": "wormopt.systems.spiked.crawl",
+    "design": "wormopt.systems.spiked.design.optimize",
+    "drive": "wormopt.control.drive",
+    "fast_gait": "wormopt.systems.spiked.construct",
+    "float_drift": "wormopt.systems.film.drift",
+    "floating": "wormopt.systems.film.float",
+    "follow": "wormopt.control.reference",
+    "follow_branch": "wormopt.analysis.continuation",
+    "funnel_tracker": "wormopt.control.funnel",
     "identify_material": "wormopt.magnetics.identify",
-    "lambda_tracker": "wormopt.tracking.lambda_tracker",
-    "linearise": "wormopt.linear.linearise",
-    "load_gait": "wormopt.gaits.files",
-    "load_scene": "wormopt.scenes",
-    "lqr": "wormopt.tracking.lqr",
-    "magnetic_pair": "wormopt.worms.magnetic_pair",
+    "lambda_tracker": "wormopt.control.lambda_tracker",
+    "linearise": "wormopt.analysis.linearise",
+    "load_gait": "wormopt.systems.spiked.files",
+    "load_scene": "wormopt.scene",
+    "lqr": "wormopt.control.lqr",
+    "magnetic_pair": "wormopt.systems.pair.magnetic_pair",
     "moving_profile": "wormopt.magnetics.travelling",
-    "optimise": "wormopt.optimal.optimise",
-    "polish": "wormopt.optimal.polish",
-    "ratchet": "wormopt.worms.bristles",
-    "refine": "wormopt.optimal.optimise",
-    "relative_degree": "wormopt.linear.lie",
+    "optimise": "wormopt.ocp.optimise",
+    "polish": "wormopt.ocp.polish",
+    "ratchet": "wormopt.systems.spiked.stepper.bristles",
+    "refine": "wormopt.ocp.optimise",
+    "relative_degree": "wormopt.analysis.lie",
     "run": "wormopt.runner",
-    "sensitivities": "wormopt.gaits.sensitivity",
+    "sensitivities": "wormopt.systems.spiked.design.sensitivity",
     "simulate": "wormopt.simulation.simulate",
     "simulate_ensemble": "wormopt.simulation.ensemble",
-    "slow_pair": "wormopt.worms.slow_pair",
+    "slow_pair": "wormopt.systems.pair.slow_pair",
     "smooth_walls": "wormopt.simulation.walls",
-    "steady_pair": "wormopt.worms.averaged_pair",
-    "steady_states": "wormopt.averaging.steady",
-    "step_times": "wormopt.worms.steps",
+    "steady_pair": "wormopt.systems.pair.averaged_pair",
+    "steady_states": "wormopt.analysis.steady",
+    "step_times": "wormopt.systems.spiked.stepper.steps",
     "switched_course": "wormopt.magnetics.travelling",
-    "thin_film": "wormopt.worms.thin_film",
-    "tracers": "wormopt.worms.float",
-    "travelling_sine": "wormopt.gaits.construct",
-    "vibration_modes": "wormopt.linear.modes",
-    "violations": "wormopt.gaits.verify",
+    "thin_film": "wormopt.systems.film.thin_film",
+    "tracers": "wormopt.systems.film.float",
+    "travelling_sine": "wormopt.systems.spiked.construct",
+    "vibration_modes": "wormopt.analysis.vibration",
+    "violations": "wormopt.systems.spiked.verify",
 }
 
 __all__ = [

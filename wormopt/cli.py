@@ -22,10 +22,10 @@ from wormopt.bench import CASES
 from wormopt.errors import Interrupted, OutputError, SceneError, SolveError
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, picture_file
 from wormopt.kinds import KINDS
-from wormopt.output import check_output, output_folder
 from wormopt.progress import Report, shown_on_stderr
 from wormopt.runner import run
-from wormopt.scenes import Scene, load_scene, packaged_scenes
+from wormopt.scene import Scene, load_scene, packaged_scenes
+from wormopt.scene.output import check_output, output_folder
 from wormopt.version import VERSION
 
 if TYPE_CHECKING:
@@ -282,7 +282,7 @@ def _pictures(scene: Scene[Any]) -> dict[str, str]:
 def _draw(result: Result, pictures: dict[str, str], folder: Path) -> None:
     if not pictures or not result.variables:
         return
-    from wormopt.plot import draw
+    from wormopt.plotting import draw
 
     for name, file in pictures.items():
         try:

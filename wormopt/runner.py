@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from wormopt.errors import interruptible
 from wormopt.kinds import KINDS
 from wormopt.progress import Report, silent
-from wormopt.scenes import Scene, load_scene
+from wormopt.scene import Scene, load_scene
 
 if TYPE_CHECKING:
     from wormopt.result import Result

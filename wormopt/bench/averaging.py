@@ -16,16 +16,16 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.integrate import IntegrationWarning, quad
 
-from wormopt.averaging.average import average
-from wormopt.averaging.continuation import follow_branch
-from wormopt.averaging.steady import steady_states
-from wormopt.core.friction import Coulomb
-from wormopt.core.model import Model, pack
-from wormopt.core.values import signal_values
+from wormopt.analysis.average import average
+from wormopt.analysis.continuation import follow_branch
+from wormopt.analysis.steady import steady_states
+from wormopt.model.friction import Coulomb
+from wormopt.model.model import Model, pack
+from wormopt.model.values import signal_values
 from wormopt.progress import Report
-from wormopt.studies.signals import symbol
-from wormopt.worms.averaged_pair import averaged_pair, steady_pair
-from wormopt.worms.slow_pair import slow_pair
+from wormopt.systems.pair.averaged_pair import averaged_pair, steady_pair
+from wormopt.systems.pair.slow_pair import slow_pair
+from wormopt.systems.shared.signals import symbol
 
 __all__ = ["Curve", "Timed", "draw_averages", "measure_averages", "measure_curve"]
 

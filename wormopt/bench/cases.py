@@ -12,13 +12,13 @@ import numpy as np
 from wormopt.bench.driven_chain import DrivenChain, Grip
 from wormopt.bench.event_loop import Plant, plant_of_chain
 from wormopt.bench.plants import mag2_plant
-from wormopt.core.friction import Coulomb
-from wormopt.core.model import Contact, Model, Signal
-from wormopt.gaits.construct import fast_gait, travelling_sine
+from wormopt.control.lambda_tracker import Feedback, lambda_tracker
+from wormopt.control.reference import follow
+from wormopt.model.friction import Coulomb
+from wormopt.model.model import Contact, Model, Signal
 from wormopt.simulation.options import Exact, Smooth, Treatment
-from wormopt.tracking.lambda_tracker import Feedback, lambda_tracker
-from wormopt.tracking.reference import follow
-from wormopt.worms.chain import chain
+from wormopt.systems.chain.build import chain
+from wormopt.systems.spiked.construct import fast_gait, travelling_sine
 
 __all__ = ["GOAL", "WORK_PRECISION", "Case", "Target", "long_chain", "mag2", "track"]
 

@@ -10,13 +10,13 @@ from itertools import product
 import numpy as np
 
 from wormopt.bench.driven_chain import DrivenChain, Grip
-from wormopt.core.gait import Gait
-from wormopt.core.model import Model
-from wormopt.gaits.construct import accordion, block_wave, fast_gait, travelling_sine
+from wormopt.control.lambda_tracker import Feedback, lambda_tracker
+from wormopt.control.reference import follow
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model
 from wormopt.simulation.options import Exact, Smooth, Treatment
-from wormopt.tracking.lambda_tracker import Feedback, lambda_tracker
-from wormopt.tracking.reference import follow
-from wormopt.worms.chain import chain
+from wormopt.systems.chain.build import chain
+from wormopt.systems.spiked.construct import accordion, block_wave, fast_gait, travelling_sine
 
 __all__ = ["Cell", "Tracker", "cells", "jumping_gait"]
 

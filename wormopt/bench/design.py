@@ -13,8 +13,8 @@ from wormopt.bench.design_cases import G1, Case, draw, task_of
 from wormopt.bench.design_milp import by_milp
 from wormopt.bench.design_motion import Course
 from wormopt.bench.design_multistart import by_multistart
-from wormopt.core.task import Certify, Search
 from wormopt.progress import Report, silent
+from wormopt.systems.spiked.task import Certify, Search
 
 __all__ = [
     "ACCURACIES",
@@ -174,8 +174,8 @@ def certified_bound(case: Case, seconds: float) -> Bound:
     seconds : float
         For the design, and for the proof.
     """
-    from wormopt.gaits.optimize import designed
-    from wormopt.gaits.proof import certified
+    from wormopt.systems.spiked.certify.proof import certified
+    from wormopt.systems.spiked.design.optimize import designed
 
     found = designed(task_of(case), Search(time_limit=seconds), silent)
     proof = certified(found, Certify(_PHASES, _GAP, seconds), silent)
@@ -209,7 +209,7 @@ def ours(case: Case, seconds: float, design: Callable[[Case, float, Better], Non
 
 def _by_design(case: Case, seconds: float, better: Better) -> None:
     """The designer of the package, in one process as its rivals; its coarse gaits count too."""
-    from wormopt.gaits.optimize import designed
+    from wormopt.systems.spiked.design.optimize import designed
 
     settings = Search(time_limit=seconds, workers=1)
     found = designed(task_of(case), settings, silent, better=lambda trial: better(trial.value))

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.core.limits import Limits, Rates
-from wormopt.core.task import Task, Worm
+from wormopt.systems.spiked.limits import Limits, Rates
+from wormopt.systems.spiked.task import Task, Worm
 
 __all__ = ["G1", "Arrays", "Case", "draw", "scene_text", "task_of"]
 

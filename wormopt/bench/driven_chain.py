@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wormopt.core.friction import Coulomb, Law, Spike
-from wormopt.core.gait import Gait
-from wormopt.core.model import Model
+from wormopt.model.friction import Coulomb, Law, Spike
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model
 
 __all__ = ["DrivenChain", "Grip"]
 
@@ -112,9 +112,9 @@ class DrivenChain:
 
     def model(self) -> Model:
         """Build the Model, by the package's builders."""
-        from wormopt.tracking.loop import FeedForward, TrackingError, close
-        from wormopt.tracking.reference import follow
-        from wormopt.worms.chain import chain
+        from wormopt.control.loop import FeedForward, TrackingError, close
+        from wormopt.control.reference import follow
+        from wormopt.systems.chain.build import chain
 
         n = self.links
         worm = chain(

@@ -15,16 +15,16 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from wormopt.core.friction import Coulomb
-from wormopt.optimal.collocation import Collocation
-from wormopt.optimal.contact import Smoothed
-from wormopt.optimal.mesh import Mesh
-from wormopt.optimal.motion import Guess, sample
-from wormopt.optimal.nlp import Ipopt
-from wormopt.optimal.optimise import optimise, refine
-from wormopt.optimal.problem import Bound, Ends, Problem
-from wormopt.optimal.transcription import Transcription
-from wormopt.worms.block import block
+from wormopt.model.friction import Coulomb
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.contact import Smoothed
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Guess, sample
+from wormopt.ocp.nlp import Ipopt
+from wormopt.ocp.optimise import optimise, refine
+from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.ocp.transcription import Transcription
+from wormopt.systems.block.block import block
 
 __all__ = ["EXACT", "PEERS", "Answer", "Grid", "Solve", "even", "graded"]
 

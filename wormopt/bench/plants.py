@@ -10,7 +10,7 @@ import numpy as np
 
 from wormopt.bench.driven_chain import Grip
 from wormopt.bench.event_loop import Plant
-from wormopt.tracking.lambda_tracker import Feedback
+from wormopt.control.lambda_tracker import Feedback
 
 __all__ = ["mag2_plant", "track_loops", "track_rates", "track_start", "track_traced"]
 

@@ -16,7 +16,7 @@ from wormopt.bench.cases import GOAL, WORK_PRECISION, Case
 from wormopt.bench.chain_length import LENGTHS, LONG, Length, measure_lengths, slope
 from wormopt.bench.smoothing import WIDTHS, Smoothing, measure_smoothing, order
 from wormopt.bench.work_precision import Effort, Record, measure, ratio
-from wormopt.core.model import Model, Signal
+from wormopt.model.model import Model, Signal
 from wormopt.progress import Report
 from wormopt.simulation.simulate import simulate
 

@@ -17,7 +17,7 @@ from wormopt.bench.cells import Cell
 from wormopt.bench.event_loop import Plant, event_loop
 from wormopt.bench.linear_flow import linear_flow
 from wormopt.bench.smoothed import Smoothed, called
-from wormopt.core.model import Model
+from wormopt.model.model import Model
 
 __all__ = ["NAMES", "second_route"]
 

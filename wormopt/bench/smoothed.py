@@ -14,7 +14,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from wormopt.core.model import Model, Schedule, Signal, pack
+from wormopt.model.model import Model, Schedule, Signal, pack
 
 __all__ = ["Piece", "Smoothed", "called"]
 
@@ -52,8 +52,8 @@ class Smoothed:
 
     Examples
     --------
-    >>> from wormopt.core.friction import Coulomb
-    >>> from wormopt.core.model import Contact
+    >>> from wormopt.model.friction import Coulomb
+    >>> from wormopt.model.model import Contact
     >>> v, f = ca.SX.sym("v"), ca.SX.sym("f")
     >>> ground = Contact("block", v, f, Coulomb(1.0, 1.0))
     >>> block = Model("block", x=[Signal("velocity", v, value=2.0)], ode=f, contacts=[ground])

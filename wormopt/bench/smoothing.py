@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.bench.driven_chain import DrivenChain, Grip
-from wormopt.gaits.construct import travelling_sine
 from wormopt.progress import Report
 from wormopt.simulation.options import Exact, Smooth
 from wormopt.simulation.simulate import simulate
+from wormopt.systems.spiked.construct import travelling_sine
 
 __all__ = ["WIDTHS", "Smoothing", "measure_smoothing", "order"]
 

@@ -26,8 +26,8 @@ import numpy as np
 
 from wormopt.bench.cells import Cell, cells
 from wormopt.bench.second_route import second_route
-from wormopt.core.model import Model
 from wormopt.errors import SolveError
+from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate

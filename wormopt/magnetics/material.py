@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.core.values import numbers
 from wormopt.errors import ArgumentError
+from wormopt.model.values import numbers
 
 if TYPE_CHECKING:
     import casadi as ca

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.core.gait import Gait
 from wormopt.errors import ArgumentError
 from wormopt.magnetics.coils import CoilRow
+from wormopt.model.gait import Gait
 
 __all__ = [
     "MovingProfile",

@@ -1,0 +1,1 @@
+"""Averages, steady states, linear theory, vibrations, states of rest."""

@@ -1,0 +1,412 @@
+"""Branches of steady states along a parameter, followed around their folds by arc length.
+
+H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, 1977: the
+parameter is one unknown more, and the equation that is missing asks for a step of given length
+along the tangent. Where the parameter turns back there is a fold.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wormopt.analysis.steady import ZERO, SteadyState, eigenvalues, rates_of
+from wormopt.errors import ArgumentError
+from wormopt.model.model import Model
+from wormopt.model.values import by_name, check_names
+
+__all__ = ["Branch", "Fold", "Walk", "follow_branch"]
+
+End = Literal["range", "runaway", "lost", "steps", "closed", "stopped"]
+
+_STEPS = 12  # of Newton's method on the way back to the branch
+_CONVERGED = 1e-11
+_TURN = 0.15  # largest angle between the tangents of neighbours
+_SHORTEST = 1e-9
+_HALVINGS = 55
+# Where a branch is sampled, a state is found within so many of its steps from where it is sought.
+_FAR = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """Where a branch turns back.
+
+    Parameters
+    ----------
+    parameter : float
+        Value of the parameter there: beyond it these states do not exist.
+    x : ndarray, shape (n_x,)
+        State.
+    """
+
+    parameter: float
+    x: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """Steady states along a parameter.
+
+    Parameters
+    ----------
+    model : Model
+        Whose they are.
+    name : str
+        Name of the parameter.
+    parameter : ndarray, shape (m,)
+        Its values, in the order of the branch.
+    x : ndarray, shape (m, n_x)
+        States.
+    eigenvalues : ndarray of complex, shape (m, n_x)
+        Of the Jacobian at each, that with the largest real part first.
+    folds : tuple of Fold
+        Where it turns back.
+    ends : (str, str)
+        Why it ends at its beginning and at its end: at the "range" of the parameter, in a
+        "runaway" of a state, "lost" where no state follows, after the allowed "steps", or
+        "closed" in itself.
+    p : ndarray
+        Parameters and inputs, of which ``name`` is passed over.
+    """
+
+    model: Model
+    name: str
+    parameter: np.ndarray
+    x: np.ndarray
+    eigenvalues: NDArray[np.complex128]
+    folds: tuple[Fold, ...]
+    ends: tuple[End, End]
+    p: np.ndarray
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether each state is stable, shape (m,)."""
+        return self.eigenvalues[:, 0].real < -ZERO * np.abs(self.eigenvalues).max(axis=1)
+
+    def states(self, name: str) -> np.ndarray:
+        """Samples of a state.
+
+        Parameters
+        ----------
+        name : str
+            Name of a state.
+
+        Returns
+        -------
+        ndarray, shape (size, m)
+        """
+        check_names({name: 0}, [s.name for s in self.model.x], "state")
+        return by_name(self.model.x, self.x.T)[name]
+
+    def at(self, values: ArrayLike) -> Branch:
+        """Find the branch's states at given values of its parameter.
+
+        Parameters
+        ----------
+        values : array_like, shape (k,)
+            Values. Where the branch folds back it has several states at one value; values that it
+            does not reach are left out, and those nearer to a fold than Newton's method can tell.
+
+        Returns
+        -------
+        Branch
+            With states there and nowhere else, in the order of the branch.
+        """
+        rates, values = rates_of(self.model), np.atleast_1d(np.asarray(values, float))
+        starts, wanted, steps = [], [], []
+        for k, (low, high) in enumerate(pairwise(self.parameter)):
+            if low == high:
+                continue
+            share = (values - low) / (high - low)
+            # a value that ends a stretch belongs to the next one, if there is one
+            last = k == len(self.parameter) - 2
+            inside = np.flatnonzero((share >= 0) & ((share < 1) | (last & (share == 1))))
+            inside = inside[np.argsort(share[inside])]
+            starts += [self.x[k] + share[i] * (self.x[k + 1] - self.x[k]) for i in inside]
+            wanted += [values[i] for i in inside]
+            steps += [np.abs((self.x[k + 1] - self.x[k]) / rates.nominal).max()] * len(inside)
+        x, parameter = np.array(starts).reshape(-1, self.x.shape[1]), np.array(wanted)
+        p = np.tile(self.p, (len(x), 1))
+        p[:, rates.place(self.name)] = parameter
+        sought = x
+        x, found = rates.newton(sought, p)
+        # elsewhere it is another branch
+        away = np.abs((x - sought) / rates.nominal).max(axis=1, initial=0.0)
+        found &= away <= _FAR * np.array(steps)
+        slopes = rates.slopes(x[found], p[found])
+        spectra = np.array([eigenvalues(matrix) for matrix in slopes]).reshape(-1, x.shape[1])
+        return replace(self, parameter=parameter[found], x=x[found], eigenvalues=spectra)
+
+
+def follow_branch(
+    start: SteadyState,
+    parameter: str,
+    span: tuple[float, float],
+    *,
+    largest: float = 1e3,
+    max_points: int = 2000,
+) -> Branch:
+    """Follow a steady state along a parameter, both ways, around folds.
+
+    Parameters
+    ----------
+    start : SteadyState
+        On the branch.
+    parameter : str
+        A scalar parameter of its model.
+    span : (float, float)
+        Least and largest value of it.
+    largest : float, optional
+        Usual sizes at which a state counts as running away.
+    max_points : int, optional
+        Most points either way.
+
+    Returns
+    -------
+    Branch
+
+    Raises
+    ------
+    ArgumentError
+        If the span does not hold the start, or the parameter is no scalar.
+    UnknownNameError
+        If there is no such parameter.
+
+    Examples
+    --------
+    x' = r + x - x^3 has folds where 3 x^2 = 1:
+
+    >>> import casadi as ca
+    >>> from wormopt.analysis.steady import steady_states
+    >>> from wormopt.model.model import Signal
+    >>> x, r = ca.SX.sym("x"), ca.SX.sym("r")
+    >>> cusp = Model("cusp", x=[Signal("x", x)], ode=r + x - x**3, p=[Signal("r", r, value=-2.0)])
+    >>> (low,) = steady_states(cusp, {"x": (-3, 3)})
+    >>> branch = follow_branch(low, "r", (-2.0, 2.0))
+    >>> [round(fold.parameter * 27**0.5, 9) for fold in branch.folds], branch.ends
+    ([2.0, -2.0], ('range', 'range'))
+    """
+    rates = rates_of(start.model)
+    place = rates.place(parameter)
+    low, high = span
+    if not low <= start.p[place] <= high or not low < high:
+        raise ArgumentError(
+            f"{parameter} = {start.p[place]:g} of the start is not within [{low:g}, {high:g}]"
+        )
+    walk = Walk(rates, parameter, (low, high), start.p, largest)
+    begin = np.append(start.x, start.p[place])
+    tangent = walk.tangent(begin, None)
+    if tangent[-1] < 0:
+        tangent = -tangent
+    points, folds, end = walk.go(begin, tangent, max_points)
+    other = end
+    if end != "closed":
+        down, folds_down, other = walk.go(begin, -tangent, max_points)
+        points, folds = [*down[:0:-1], *points], [*folds_down[::-1], *folds]
+    y = np.array(points)
+    y = y[np.append(True, np.any(np.diff(y, axis=0) != 0, axis=1))]
+    p = np.tile(start.p, (len(y), 1))
+    p[:, place] = y[:, -1]
+    spectra = np.array([eigenvalues(matrix) for matrix in rates.slopes(y[:, :-1], p)])
+    return Branch(
+        start.model, parameter, y[:, -1], y[:, :-1], spectra, tuple(folds), (other, end), start.p
+    )
+
+
+class _Equations(Protocol):
+    """As many equations as unknowns, with parameters, for m sets of unknowns at a time."""
+
+    nominal: np.ndarray
+
+    def place(self, name: str) -> int:
+        """Row of a parameter."""
+        ...
+
+    def slope_by(self, name: str) -> Callable[[np.ndarray, np.ndarray], Any]:
+        """Derivative by a parameter, as a column; a function of unknowns and parameters."""
+        ...
+
+    def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """What is left of the equations, shape (m, n)."""
+        ...
+
+    def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Jacobians, shape (m, n, n)."""
+        ...
+
+
+class Walk:
+    """Steps along a branch of solutions in y = (x, parameter), measured in usual sizes.
+
+    Parameters
+    ----------
+    rates : Rates, or Collocation
+        What is 0 on the branch.
+    parameter : str
+        Name of the parameter.
+    span : (float, float)
+        Its least and largest value.
+    p : ndarray, shape (n_p,)
+        All parameters; the one of the branch is passed over.
+    largest : float
+        Usual sizes at which an unknown counts as running away.
+    """
+
+    def __init__(
+        self,
+        rates: _Equations,
+        parameter: str,
+        span: tuple[float, float],
+        p: np.ndarray,
+        largest: float,
+    ) -> None:
+        self.rates, self.span, self.p = rates, span, p
+        self.place, self.slope = rates.place(parameter), rates.slope_by(parameter)
+        self.size = np.append(rates.nominal, span[1] - span[0])
+        self.largest = largest
+
+    def _linear(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rates and their derivatives by y / size."""
+        p, x = self.p.copy(), y[None, :-1]
+        p[self.place] = y[-1]
+        last = np.array(self.slope(x[0], p))
+        return self.rates(x, p)[0], np.hstack([self.rates.slopes(x, p)[0], last]) * self.size
+
+    def tangent(self, y: np.ndarray, along: np.ndarray | None) -> np.ndarray:
+        """Unit tangent in y / size.
+
+        Parameters
+        ----------
+        y : ndarray, shape (n + 1,)
+            Point of the branch.
+        along : ndarray or None
+            On whose side the tangent shall be.
+        """
+        _, by_y = self._linear(y)
+        if along is None:
+            return np.linalg.svd(by_y)[2][-1]
+        # regular at folds, and less work than all singular vectors
+        matrix, last = np.vstack([by_y, along]), np.eye(len(along))[-1]
+        try:
+            found = np.linalg.solve(matrix, last)
+        except np.linalg.LinAlgError:  # where branches cross
+            found = np.linalg.svd(by_y)[2][-1]
+            found = found if found @ along > 0 else -found
+        return found / np.linalg.norm(found)
+
+    def step(self, y: np.ndarray, tangent: np.ndarray, length: float) -> np.ndarray | None:
+        """Point of the branch so far along the tangent, None if there is none near.
+
+        Parameters
+        ----------
+        y, tangent : ndarray, shape (n + 1,)
+            Where from, and which way.
+        length : float
+            How far, in usual sizes.
+        """
+        guess = y + length * tangent * self.size
+        found = guess.copy()
+        for _ in range(_STEPS):
+            rates, by_y = self._linear(found)
+            missing = np.append(rates, tangent @ ((found - guess) / self.size))
+            matrix = np.vstack([by_y, tangent])
+            if not (np.isfinite(matrix).all() and np.isfinite(missing).all()):
+                return None
+            try:
+                change = np.linalg.solve(matrix, -missing)
+            except np.linalg.LinAlgError:
+                return None
+            found = found + change * self.size
+            if np.abs(change).max() < _CONVERGED * (1 + np.abs(found / self.size).max()):
+                return found
+        return None
+
+    def go(
+        self,
+        y: np.ndarray,
+        tangent: np.ndarray,
+        max_points: int,
+        until: Callable[[np.ndarray, list[Fold]], bool] | None = None,
+    ) -> tuple[list[np.ndarray], list[Fold], End]:
+        """Walk until the branch ends, and tell its points, its folds, and why it ended.
+
+        Parameters
+        ----------
+        y, tangent : ndarray, shape (n + 1,)
+            Where from, and which way.
+        max_points : int
+            Most points.
+        until : callable, optional
+            Told every new point and the folds before it; the walk is "stopped" if it gives True.
+        """
+        first, first_tangent = y, tangent
+        points, folds, length = [y], [], 1e-2
+        while len(points) < max_points:
+            ahead = self.step(y, tangent, length)
+            turned = None if ahead is None else self.tangent(ahead, tangent)
+            if ahead is None or turned is None or turned @ tangent < math.cos(_TURN):
+                length /= 2
+                if length < _SHORTEST:
+                    return points, folds, "lost"
+                continue
+            if not self.span[0] <= ahead[-1] <= self.span[1]:
+                edge = self._edge(y, tangent, length)
+                return [*points, *([] if edge is None else [edge])], folds, "range"
+            if turned[-1] * tangent[-1] < 0:
+                folds.append(self._fold(y, tangent, length))
+                points.append(np.append(folds[-1].x, folds[-1].parameter))
+            if self._passes(first, first_tangent, y, ahead) and len(points) > 2:
+                return [*points, first], folds, "closed"
+            y, tangent = ahead, turned
+            points.append(y)
+            if until is not None and until(y, folds):
+                return points, folds, "stopped"
+            if np.abs(y[:-1] / self.size[:-1]).max() > self.largest:
+                return points, folds, "runaway"
+            length = min(1.5 * length, 0.05 * (1 + np.abs(y / self.size).max()))
+        return points, folds, "steps"
+
+    def _edge(self, y: np.ndarray, tangent: np.ndarray, length: float) -> np.ndarray | None:
+        """Where the branch leaves the span: steps to it, each of the length that is missing."""
+        for _ in range(_STEPS):
+            bound = self.span[0] if tangent[-1] < 0 else self.span[1]
+            missing = (bound - y[-1]) / (tangent[-1] * self.size[-1])
+            ahead = self.step(y, tangent, min(missing, length))
+            if ahead is None:
+                return None
+            y, tangent = ahead, self.tangent(ahead, tangent)
+            if abs(y[-1] - bound) < 1e-13 * self.size[-1]:
+                return np.append(y[:-1], bound)
+        return None
+
+    def _fold(self, y: np.ndarray, tangent: np.ndarray, length: float) -> Fold:
+        """Where the tangent has no part along the parameter."""
+        # Halving, not a faster method: where another branch crosses, steps get lost near the
+        # fold, and the last one found is then told.
+        before, after, at = 0.0, length, y
+        for _ in range(_HALVINGS):
+            ahead = self.step(y, tangent, (before + after) / 2)
+            if ahead is None:
+                break
+            at = ahead
+            if self.tangent(ahead, tangent)[-1] * tangent[-1] > 0:
+                before = (before + after) / 2
+            else:
+                after = (before + after) / 2
+        return Fold(float(at[-1]), at[:-1])
+
+    def _passes(
+        self, first: np.ndarray, tangent: np.ndarray, y: np.ndarray, ahead: np.ndarray
+    ) -> bool:
+        """Whether the step goes through the first point in its direction."""
+        before, after = ((point - first) / self.size for point in (y, ahead))
+        length = np.linalg.norm(after - before)
+        crosses = before @ tangent < 0 <= after @ tangent
+        return bool(crosses and max(np.linalg.norm(before), np.linalg.norm(after)) < 1.5 * length)

@@ -1,0 +1,377 @@
+"""Where a Model with walls rests: the least total energy among places that the walls allow.
+
+What rests without friction minimises, at least among places nearby, its elastic energy and the
+potential of its loads. An interior point finds the minimum and which walls are touched; Newton's
+method on the conditions of Kuhn and Tucker with these walls takes it to rounding. The multipliers
+of the gaps are the forces of the walls. The forces of the Model itself, which come from its
+equations of motion and not from the energy, must then balance.
+
+Source: J. Nocedal, S. J. Wright, Numerical Optimization (2006), 12.5 for second-order conditions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import null_space
+
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.model.model import Model, pack
+from wormopt.model.values import signal_values
+from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
+
+__all__ = ["Loaded", "Rest"]
+
+# Rounds in which walls are touched or left, and steps of Newton's method in each.
+_ROUNDS, _STEPS = 40, 30
+# Scaled residual at which Newton's method may end, by which walls are told apart, and below which
+# the least stiffness, over the largest, is nothing but rounding.
+_SMALL, _APART, _NEUTRAL = 1e-9, 1e-12, 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """Where a Model rests. It is a local minimum of the energy; there may be others.
+
+    Parameters
+    ----------
+    places : ndarray, shape (n_q,)
+        Places, the first half of the Model's states.
+    pressed : ndarray, shape (contacts,)
+        Force of each wall: energy over distance.
+    gaps : ndarray, shape (contacts,)
+        Distance from each wall.
+    energy : float
+        Total energy.
+    residual : float
+        Largest part of the energy's gradient that walls do not balance, over the largest part
+        that they do or, where none is touched, over the largest stiffness; places in units of
+        their nominal sizes.
+    imbalance : float
+        Largest acceleration by the Model's own equations of motion, over the largest that its
+        own forces, its loads or its walls would give alone.
+    violation : float
+        Deepest way into a wall.
+    complementarity : float
+        Largest product of gap and force, over the largest gap and the largest force.
+    softest, stiffest : float
+        Least and largest stiffness against moves along the touched walls, in units of energy per
+        squared nominal size.
+    iterations : int
+        Of the interior point.
+    """
+
+    places: np.ndarray
+    pressed: np.ndarray
+    gaps: np.ndarray
+    energy: float
+    residual: float
+    imbalance: float
+    violation: float
+    complementarity: float
+    softest: float
+    stiffest: float
+    iterations: int
+
+    @property
+    def stable(self) -> bool:
+        """Whether every small move that walls allow takes energy."""
+        return self.softest > _NEUTRAL * self.stiffest
+
+
+@dataclass(frozen=True, eq=False)
+class Loaded:
+    """A Model under loads that have a potential; friction is left out.
+
+    Parameters
+    ----------
+    model : Model
+        Its states are places and then their rates, and so many of each. All contacts have gaps
+        that depend on places, and normal forces.
+    potential, inputs : casadi.Function, optional
+        From the places and a column of numbers to the potential of the loads, and to the model's
+        inputs; both or none. `inputs` is that of a Marcher, and is used to check only.
+    stored : str, optional
+        Output that is the elastic energy.
+    p : mapping of str to array_like, optional
+        Parameters by name, where they are not the model's own.
+    size : float, optional
+        Usual energy, by which it is scaled.
+
+    Raises
+    ------
+    ArgumentError
+        If the model or the functions are not of this form.
+
+    Examples
+    --------
+    A weight on a spring over a floor, which it presses with what the spring does not carry:
+
+    >>> from wormopt.model.friction import Coulomb
+    >>> from wormopt.model.model import Contact, Output, Signal
+    >>> y, v, rubbed, pressed = (ca.SX.sym(name) for name in ("y", "v", "rubbed", "pressed"))
+    >>> floor = Contact("floor", ca.SX(0), rubbed, Coulomb(pressed, pressed), gap=y,
+    ...                 normal_force=pressed)
+    >>> weight = Model("weight", [Signal("height", y, value=1.0), Signal("rate", v, value=0.0)],
+    ...                ca.vertcat(v, 2 * (1 - y) + pressed - 3), contacts=[floor],
+    ...                outputs=[Output("energy", (1 - y) ** 2 + 3 * y)])
+    >>> rest = Loaded(weight, stored="energy").rest([1.0])
+    >>> rest.places.round(12), rest.pressed.round(12), rest.stable
+    (array([0.]), array([1.]), True)
+    """
+
+    model: Model
+    potential: ca.Function | None = None
+    inputs: ca.Function | None = None
+    stored: str = "strain_energy"
+    p: Mapping[str, ArrayLike] | None = None
+    size: float = 1.0
+
+    _numbers: np.ndarray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        model = self.model
+        model.places()  # refuses what has none
+        if any(c.gap is None or c.normal_force is None for c in model.contacts):
+            raise ArgumentError(f"{model.name}: all contacts must have gaps and normal forces")
+        if (self.potential is None) != (self.inputs is None):
+            raise ArgumentError("potential and inputs belong together; give both or none")
+        if not 0 < self.size < np.inf:
+            raise ArgumentError(f"size must be positive, not {self.size!r}")
+        numbers = signal_values(tuple(model.p), self.p, "parameter")
+        object.__setattr__(self, "_numbers", numbers)
+
+    @property
+    def n_q(self) -> int:
+        """Number of places."""
+        return self.model.n_x // 2
+
+    def rest(self, start: ArrayLike, numbers: ArrayLike = ()) -> Rest:
+        """Find where the model rests, from a start.
+
+        Parameters
+        ----------
+        start : array_like, shape (n_q,)
+            Places from which energy is lowered. Which minimum is found depends on it.
+        numbers : array_like, optional
+            What `potential` and `inputs` are told.
+
+        Returns
+        -------
+        Rest
+
+        Raises
+        ------
+        ArgumentError
+            If start or numbers are not of the right size, or not finite.
+        SolveError
+            If the energy has no minimum that is found ("no_rest"), or forces do not balance there
+            ("not_balanced").
+        KeyboardInterrupt
+            If the user stops it.
+        """
+        begin, given = (np.asarray(part, dtype=float).ravel() for part in (start, numbers))
+        if begin.shape != (self.n_q,) or not np.all(np.isfinite(begin)):
+            raise ArgumentError(f"{self.model.name}: a start has {self.n_q} finite places")
+        if given.shape != (self._n_given,) or not np.all(np.isfinite(given)):
+            raise ArgumentError(f"the loads take {self._n_given} finite numbers, not {numbers!r}")
+        n_c = len(self.model.contacts)
+        free = np.full(self.n_q, np.inf)
+        bounds = Bounds(-free, free, np.zeros(n_c), np.full(n_c, np.inf), given)
+        options = Ipopt(tolerance=1e-9, mu_init=1e-2)
+        found = self._program.solve(begin / self._sizes, bounds, options)
+        try:
+            w, force = self._polished(found.w, np.maximum(-found.multipliers, 0.0), given)
+        except SolveError:
+            if found.success:
+                raise
+            # the interior point's own word does not count where Newton's method ends
+            raise SolveError(
+                f"{self.model.name}: no place of rest was found ({found.status})",
+                "start nearer to it, or take smaller loads", code="no_rest",
+            ) from None  # fmt: skip
+        return self._rest(w, force, given, found.iterations)
+
+    def _polished(
+        self, w: np.ndarray, force: np.ndarray, given: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Point and scaled forces to rounding, walls that pull or are entered put right."""
+        gaps = self._gaps(w)
+        touched = force > gaps
+        for _ in range(_ROUNDS):
+            w, force = self._newton(w, np.where(touched, force, 0.0), touched, given)
+            large = max(float(force.max(initial=0.0)), _APART)
+            pulls = touched & (force < -_APART * large)
+            entered = ~touched & (self._gaps(w) < -_APART)
+            if not (pulls.any() or entered.any()):
+                return w, np.maximum(force, 0.0)
+            # one at a time where walls pull: others may no longer do so then
+            if pulls.any():
+                pulls = force == force[pulls].min()
+            touched = (touched & ~pulls) | entered
+        raise SolveError(
+            f"{self.model.name}: which walls are touched is not settled",
+            "take a finer mesh, or another start", code="not_balanced",
+        )  # fmt: skip
+
+    def _newton(
+        self, w: np.ndarray, force: np.ndarray, touched: np.ndarray, given: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Newton's method with the walls that are touched."""
+        n, on, last = len(w), np.flatnonzero(touched), np.inf
+        zero = np.zeros((len(on), len(on)))
+        for _ in range(_STEPS):
+            slope, curve, gaps, jacobian = self._conditions(w, force, given)
+            J = jacobian[on]
+            left = np.concatenate([slope - J.T @ force[on], gaps[on]])
+            if not np.all(np.isfinite(left)):
+                break
+            step = _solved(np.block([[curve, -J.T], [J, zero]]), -left)
+            w, force = w + step[:n], force.copy()
+            force[on] += step[n:]
+            size = float(np.abs(step[:n]).max(initial=0.0))
+            if size < _APART or (size < _SMALL and size > last / 2):  # rounding, no more
+                return w, force
+            last = size
+        raise SolveError(
+            f"{self.model.name}: forces do not balance where the energy is least",
+            "take a finer mesh, or smaller loads", code="not_balanced",
+        )  # fmt: skip
+
+    def _rest(self, w: np.ndarray, force: np.ndarray, given: np.ndarray, iterations: int) -> Rest:
+        slope, curve, gaps, jacobian = self._conditions(w, force, given)
+        on = force > _APART * max(float(force.max(initial=0.0)), _APART)
+        along = _null_space(jacobian[on], len(w))
+        stiffness = np.linalg.eigvalsh(along.T @ curve @ along) if along.size else np.ones(1)
+        walls = jacobian.T @ force
+        scale = np.abs(walls).max(initial=0.0) or float(stiffness[-1])
+        q, pressed = w * self._sizes, force * self.size / self._reaches
+        largest = max(float(force.max(initial=0.0)), _APART) * float(gaps.max(initial=_APART))
+        return Rest(
+            places=q,
+            pressed=pressed,
+            gaps=gaps * self._reaches,
+            energy=float(self._energy(w, given)) * self.size,
+            residual=float(np.abs(slope - walls).max() / scale),
+            imbalance=self._imbalance(q, pressed, given),
+            violation=float(np.maximum(-gaps * self._reaches, 0.0).max(initial=0.0)),
+            complementarity=float(np.abs(gaps * force).max(initial=0.0) / largest),
+            softest=float(stiffness[0]) * self.size,
+            stiffest=float(stiffness[-1]) * self.size,
+            iterations=iterations,
+        )
+
+    def _imbalance(self, q: np.ndarray, pressed: np.ndarray, given: np.ndarray) -> float:
+        """Accelerations by the equations of motion, over those of each kind of force alone."""
+        loads = np.zeros(sum(s.size for s in self.model.u))
+        if self.inputs is not None:
+            loads = np.array(self.inputs(q, given)).ravel()
+        none = np.zeros(len(pressed))
+        whole, own, pulled, walled = (
+            np.array(self._motion(q, u, force)).ravel()
+            for u, force in (
+                (loads, pressed), (0 * loads, none), (loads, none), (0 * loads, pressed)
+            )
+        )  # fmt: skip
+        parts = (own, pulled - own, walled - own)
+        largest = max(float(np.abs(part).max(initial=0.0)) for part in parts)
+        return float(np.abs(whole).max(initial=0.0)) / largest if largest else 0.0
+
+    @property
+    def _n_given(self) -> int:
+        return 0 if self.potential is None else int(self.potential.size1_in(1))
+
+    @cached_property
+    def _sizes(self) -> np.ndarray:
+        """Nominal sizes of the places."""
+        parts = [np.full(signal.size, signal.nominal) for signal in self.model.x]
+        return np.concatenate(parts)[: self.n_q]
+
+    @cached_property
+    def _own(self) -> ca.Function:
+        """Elastic energy and gaps by places."""
+        model = self.model
+        gaps = [c.gap for c in model.contacts if c.gap is not None]
+        found = [model.output(self.stored), ca.vertcat(ca.SX(0, 1), *gaps)]
+        found = ca.substitute(found, [pack(model.p)], [ca.SX(ca.DM(self._numbers))])
+        return ca.Function("own", [pack(model.x)[: self.n_q]], found)
+
+    @cached_property
+    def _reaches(self) -> np.ndarray:
+        """By how much a gap changes over nominal sizes of the places."""
+        slopes = np.array(ca.densify(self._own.jacobian()(np.zeros(self.n_q), 0, 0)[1]))
+        found = np.linalg.norm(slopes * self._sizes, axis=1)
+        return np.where(found > 0, found, 1.0)
+
+    @cached_property
+    def _parts(self) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
+        """Scaled places, numbers, scaled energy, scaled gaps."""
+        w, given = ca.MX.sym("w", self.n_q), ca.MX.sym("given", self._n_given)
+        places = w * ca.DM(self._sizes)
+        energy, gaps = self._own(places)
+        if self.potential is not None:
+            energy += self.potential(places, given)
+        return w, given, energy / self.size, gaps / ca.DM(self._reaches)
+
+    @cached_property
+    def _program(self) -> NonlinearProgram:
+        return NonlinearProgram(*self._parts)
+
+    @cached_property
+    def _energy(self) -> ca.Function:
+        return ca.Function("energy", [*self._parts[:2]], [self._parts[2]])
+
+    @cached_property
+    def _derivatives(self) -> ca.Function:
+        w, given, energy, gaps = self._parts
+        force = ca.MX.sym("force", gaps.numel())
+        slope = ca.gradient(energy, w)
+        curve = ca.hessian(energy - ca.dot(force, gaps), w)[0]
+        return ca.Function(
+            "conditions", [w, force, given], [slope, curve, gaps, ca.jacobian(gaps, w)]
+        ).expand()
+
+    @cached_property
+    def _motion(self) -> ca.Function:
+        """Accelerations at rest without friction, by places, inputs and forces of the walls."""
+        model, half = self.model, self.n_q
+        x, u = pack(model.x), pack(model.u)
+        pressed = [c.normal_force for c in model.contacts if c.normal_force is not None]
+        force = ca.vertcat(ca.SX(0, 1), *pressed)
+        gone = ca.vertcat(x[half:], *(c.force for c in model.contacts))
+        still = ca.substitute(model.ode[half:], gone, ca.DM.zeros(gone.numel()))
+        accelerations = ca.substitute(still, pack(model.p), ca.DM(self._numbers))
+        return ca.Function("motion", [x[:half], u, force], [accelerations])
+
+    def _conditions(self, w: np.ndarray, force: np.ndarray, given: np.ndarray) -> Any:
+        """Slope and second derivatives of the energy, gaps and their slopes, all scaled."""
+        slope, curve, gaps, jacobian = (
+            np.array(ca.densify(part)) for part in self._derivatives(w, force, given)
+        )
+        return slope.ravel(), curve, gaps.ravel(), jacobian
+
+    def _gaps(self, w: np.ndarray) -> np.ndarray:
+        bounds = Bounds(w, w, np.zeros(0), np.zeros(0), np.zeros(self._n_given))
+        return self._program.constraints(w, bounds)
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution, the shortest one where places are neutral."""
+    try:
+        found = np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        found = np.full(len(right), np.nan)
+    if not np.all(np.isfinite(found)):
+        found = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    return found
+
+
+def _null_space(jacobian: np.ndarray, n: int) -> np.ndarray:
+    """Columns: moves of length 1 along the walls."""
+    return null_space(jacobian, rcond=_APART) if len(jacobian) else np.eye(n)

@@ -1,0 +1,420 @@
+"""Steady states of an autonomous Model in a box, and whether they are stable."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from numbers import Integral
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wormopt.errors import ArgumentError
+from wormopt.model.model import Model, pack
+from wormopt.model.values import by_name, check_names, signal_values
+
+__all__ = ["ZERO", "Rates", "SteadyState", "eigenvalues", "rates_of", "steady_states"]
+
+Values = Mapping[str, ArrayLike]
+
+_STEPS, _SHORTEST = 40, 2.0**-10  # of Newton's method, and how far one is shortened
+_CONVERGED = 1e-11  # last step, in usual sizes of the states
+_SCALES = np.array([1.0, 0.25, 0.0625])  # of the boxes from which it starts
+ZERO = 1e-10  # share of the largest eigenvalue that is none
+_APART = 1e-6  # states that differ by less are one
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyState:
+    """A state that does not change, and how what is near it moves.
+
+    Parameters
+    ----------
+    model : Model
+        What rests in it.
+    x : ndarray, shape (n_x,)
+        State.
+    residual : float
+        Largest rate left, over the usual size of its state.
+    eigenvalues : ndarray of complex, shape (n_x,)
+        Of the Jacobian of the rates there, that with the largest real part first.
+    p : ndarray
+        Parameters and inputs it was found for.
+    """
+
+    model: Model
+    x: np.ndarray
+    residual: float
+    eigenvalues: NDArray[np.complex128]
+    p: np.ndarray
+
+    @property
+    def stable(self) -> bool:
+        """Whether everything near it comes to it: all real parts are below 0, not by round-off."""
+        return bool(self.eigenvalues[0].real < -ZERO * np.abs(self.eigenvalues).max())
+
+    @property
+    def states(self) -> dict[str, np.ndarray]:
+        """States by name."""
+        return by_name(self.model.x, self.x)
+
+    def output(self, name: str) -> np.ndarray:
+        """Value of an output of the model.
+
+        Parameters
+        ----------
+        name : str
+            Name of an output.
+
+        Returns
+        -------
+        ndarray, shape (size,)
+
+        Raises
+        ------
+        UnknownNameError
+            If there is none of that name; the message lists those there are.
+        """
+        fixed = ca.vertcat(pack(self.model.p), pack(self.model.u))
+        at = ca.Function(name, [pack(self.model.x), fixed], [self.model.output(name)])
+        return np.array(at(self.x, self.p)).ravel()
+
+
+class Rates:
+    """Rates of an autonomous Model and their derivatives, many states at a time.
+
+    Parameters
+    ----------
+    model : Model
+        Without contacts, schedules, switches and algebraic variables.
+
+    Raises
+    ------
+    ArgumentError
+        If it has one of these, or depends on time.
+    """
+
+    def __init__(self, model: Model) -> None:
+        if model.contacts or model.schedules or model.switches or model.z:
+            raise ArgumentError(
+                f"{model.name} has contacts, schedules, switches or algebraic variables; steady "
+                "states are those of an autonomous model: average it first"
+            )
+        if ca.depends_on(model.ode, model.t):
+            raise ArgumentError(f"{model.name} depends on time; average it first")
+        self.model = model
+        self.nominal = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
+        self._fixed = (*model.p, *model.u)
+        self._symbols = [pack(model.x), pack(self._fixed)]
+        self._rates = ca.Function("rates", self._symbols, [model.ode])
+        slopes = ca.densify(ca.jacobian(model.ode, self._symbols[0]))
+        self._slopes = ca.Function("slopes", self._symbols, [slopes])
+
+    def parameters(self, given: Values | None) -> np.ndarray:
+        """Stack parameters and inputs, those given before the model's own.
+
+        Parameters
+        ----------
+        given : mapping of str to array_like
+            By name.
+
+        Returns
+        -------
+        ndarray
+        """
+        return signal_values(self._fixed, given, "parameter")
+
+    def place(self, name: str) -> int:
+        """Row of a scalar parameter in what `parameters` stacks.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        int
+
+        Raises
+        ------
+        ArgumentError
+            If it is no scalar.
+        UnknownNameError
+            If there is none of that name.
+        """
+        names = [signal.name for signal in self._fixed]
+        check_names({name: 0}, names, "parameter")
+        sizes = [signal.size for signal in self._fixed]
+        which = names.index(name)
+        if sizes[which] != 1:
+            raise ArgumentError(f"{name} has {sizes[which]} entries; take a parameter that has one")
+        return sum(sizes[:which])
+
+    def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Rates at m states.
+
+        Parameters
+        ----------
+        x : ndarray, shape (m, n_x)
+            States.
+        p : ndarray, shape (n_p,) or (m, n_p)
+            Parameters, alike for all or for each.
+
+        Returns
+        -------
+        ndarray, shape (m, n_x)
+        """
+        return np.array(self._rates(x.T, _each(p, x).T)).T
+
+    def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Jacobians at m states.
+
+        Parameters
+        ----------
+        x : ndarray, shape (m, n_x)
+            States.
+        p : ndarray, shape (n_p,) or (m, n_p)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (m, n_x, n_x)
+        """
+        m, n = x.shape
+        if m == 0:
+            return np.zeros((0, n, n))
+        found = np.array(self._slopes(x.T, _each(p, x).T))
+        return found.reshape(n, m, n).transpose(1, 0, 2)
+
+    def slope_by(self, name: str) -> ca.Function:
+        """Derivative of the rates by a scalar parameter.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        casadi.Function
+            (x, p) to a column.
+        """
+        symbol = self._symbols[1][self.place(name)]
+        slope = ca.densify(ca.jacobian(self.model.ode, symbol))
+        return ca.Function("slope", self._symbols, [slope])
+
+    def newton(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Go from states to steady ones, each step shortened until the rates fall.
+
+        Parameters
+        ----------
+        x : ndarray, shape (m, n_x)
+            Where to begin.
+        p : ndarray, shape (n_p,) or (m, n_p)
+            Parameters.
+
+        Returns
+        -------
+        x : ndarray, shape (m, n_x)
+            Where it ended.
+        found : ndarray of bool, shape (m,)
+            Whether the last step was as good as none.
+        """
+        p = _each(p, x)
+        x, found = x.copy(), np.zeros(len(x), bool)
+        open_ = np.arange(len(x))
+        for _ in range(_STEPS):
+            if not open_.size:
+                break
+            rates = self(x[open_], p[open_])
+            step = -_solved(self.slopes(x[open_], p[open_]), rates)
+            length = np.abs(step / self.nominal).max(axis=1)
+            done = length < _CONVERGED * (1 + np.abs(x[open_] / self.nominal).max(axis=1))
+            x[open_[done]] += step[done]
+            found[open_[done]] = True
+            go_on = ~done & np.isfinite(length)
+            open_, step, rates = open_[go_on], step[go_on], rates[go_on]
+            factor = self._factor(x[open_], p[open_], step, rates)
+            x[open_] += factor[:, None] * step
+            open_ = open_[factor > _SHORTEST]
+        return x, found
+
+    def _factor(
+        self, x: np.ndarray, p: np.ndarray, step: np.ndarray, rates: np.ndarray
+    ) -> np.ndarray:
+        """By how much each step is shortened."""
+        factor = np.ones(len(x))
+        size = np.abs(rates / self.nominal).max(axis=1)
+        worse = np.arange(len(x))
+        while worse.size:
+            tried = self(x[worse] + factor[worse, None] * step[worse], p[worse])
+            smaller = np.abs(tried / self.nominal).max(axis=1) < size[worse]
+            worse = worse[~smaller & (factor[worse] > _SHORTEST)]
+            factor[worse] /= 2
+        return factor
+
+    def steady(self, x: np.ndarray, p: np.ndarray) -> SteadyState:
+        """Tell about one steady state.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n_x,)
+            State.
+        p : ndarray, shape (n_p,)
+            Parameters.
+
+        Returns
+        -------
+        SteadyState
+        """
+        residual = float(np.abs(self(x[None], p) / self.nominal).max())
+        return SteadyState(self.model, x, residual, eigenvalues(self.slopes(x[None], p)[0]), p)
+
+
+def _each(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Parameters, once for every state."""
+    return np.broadcast_to(p, (len(x), p.shape[-1]))
+
+
+def _solved(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve each system; NaN where it is singular."""
+    usable = np.array([np.isfinite(matrix).all() for matrix in matrices])
+    sound = np.where(usable[:, None, None], matrices, 0.0)
+    usable &= np.linalg.slogdet(sound)[0] != 0  # the determinant itself may overflow
+    found = np.full_like(right, np.nan)
+    found[usable] = np.linalg.solve(matrices[usable], right[usable, :, None])[:, :, 0]
+    return found
+
+
+def eigenvalues(matrix: np.ndarray) -> NDArray[np.complex128]:
+    """Eigenvalues, that with the largest real part first.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, n)
+        A Jacobian.
+
+    Returns
+    -------
+    ndarray of complex, shape (n,)
+    """
+    found: NDArray[np.complex128] = np.linalg.eigvals(matrix).astype(complex)
+    return found[np.lexsort((-found.imag, -found.real))]
+
+
+@lru_cache(maxsize=32)
+def rates_of(model: Model) -> Rates:
+    """Rates of a model, made once.
+
+    Parameters
+    ----------
+    model : Model
+        Autonomous.
+
+    Returns
+    -------
+    Rates
+    """
+    return Rates(model)
+
+
+def steady_states(
+    model: Model,
+    within: Mapping[str, tuple[ArrayLike, ArrayLike]],
+    *,
+    p: Values | None = None,
+    starts: int = 150,
+) -> tuple[SteadyState, ...]:
+    """Find the steady states of an autonomous model in a box.
+
+    Newton's method from many points that fill the box evenly, and smaller ones around its middle
+    (R_d sequence of M. Roberts, 2018). What it finds are steady states; that there are no others
+    is likely, not proven. `follow_branch` leads to others that hang together with them.
+
+    Parameters
+    ----------
+    model : Model
+        From `average`, say.
+    within : mapping of str to (array_like, array_like)
+        Least and largest value of every state, by name.
+    p : mapping of str to array_like, optional
+        Parameters and inputs, where they are not the model's own.
+    starts : int, optional
+        Number of points.
+
+    Returns
+    -------
+    tuple of SteadyState
+        Each once, ordered by their states.
+
+    Raises
+    ------
+    ArgumentError
+        If the model is not autonomous, a state has no range or one that is upside down, or a state
+        changes no rate, so that no steady state stands alone.
+
+    Examples
+    --------
+    A pitchfork has three, of which the outer ones are stable:
+
+    >>> from wormopt.model.model import Signal
+    >>> x = ca.SX.sym("x")
+    >>> pitchfork = Model("pitchfork", x=[Signal("x", x)], ode=x - x**3)
+    >>> [(s.x.round(9).tolist(), s.stable) for s in steady_states(pitchfork, {"x": (-2, 2)})]
+    [([-1.0], True), ([0.0], False), ([1.0], True)]
+    """
+    rates = rates_of(model)
+    low, high = _box(model, within)
+    fixed = rates.parameters(p)
+    if not isinstance(starts, Integral) or starts < 1:
+        raise ArgumentError(f"starts must be a whole number, 1 or above, not {starts!r}")
+    _check_alone(rates, low + (high - low) * _even(5, len(low)), fixed)
+    shrunk = 0.5 + (_even(starts, len(low)) - 0.5) * _SCALES[np.arange(starts) % 3, None]
+    ended, found = rates.newton(low + (high - low) * shrunk, fixed)
+    inside = found & np.all((low <= ended) & (ended <= high), axis=1)
+    kept: list[np.ndarray] = []
+    for x in ended[inside]:
+        if all(np.abs((x - other) / rates.nominal).max() > _APART for other in kept):
+            kept.append(x)
+    kept.sort(key=lambda x: tuple(np.round(x / rates.nominal, 6)))
+    return tuple(rates.steady(x, fixed) for x in kept)
+
+
+def _box(
+    model: Model, within: Mapping[str, tuple[ArrayLike, ArrayLike]]
+) -> tuple[np.ndarray, np.ndarray]:
+    check_names(within, [s.name for s in model.x], "state")
+    missing = [s.name for s in model.x if s.name not in within]
+    if missing:
+        raise ArgumentError(f"give the range of {', '.join(missing)} as (least, largest)")
+    sides = []
+    for side in (0, 1):
+        given = {name: bounds[side] for name, bounds in within.items()}
+        sides.append(signal_values(model.x, given, "range of"))
+    if not np.all(np.isfinite(sides)) or not np.all(sides[0] < sides[1]):
+        raise ArgumentError("every range must be finite, the least value first")
+    return sides[0], sides[1]
+
+
+def _check_alone(rates: Rates, x: np.ndarray, p: np.ndarray) -> None:
+    """Refuse models in which a state changes no rate: steady states are then lines."""
+    slopes = np.abs(rates.slopes(x, p)).max(axis=(0, 1))
+    names = [s.name for s in rates.model.x for _ in range(s.size)]
+    cyclic = sorted({name for name, slope in zip(names, slopes, strict=True) if slope == 0})
+    if cyclic:
+        raise ArgumentError(
+            f"{', '.join(cyclic)} changes no rate of {rates.model.name}: no steady state stands "
+            "alone; leave it out of the model"
+        )
+
+
+def _even(count: int, dimension: int) -> np.ndarray:
+    """Points that fill the unit cube evenly, shape (count, dimension)."""
+    root = 2.0
+    for _ in range(60):  # of x^(d + 1) = x + 1
+        root = (1 + root) ** (1 / (dimension + 1))
+    steps = root ** -np.arange(1.0, dimension + 1)
+    return (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0

@@ -1,1 +1,0 @@
-"""Averaging over a fast phase, and the steady states of what is left."""

@@ -1,0 +1,185 @@
+"""Funnel control: the error stays within bounds that shrink in time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from wormopt.control.loop import FeedForward, TrackingError, close
+from wormopt.control.reference import Reference
+from wormopt.errors import ArgumentError
+from wormopt.model.lift import lift
+from wormopt.model.model import TINY, Model, Output, Signal
+
+__all__ = ["Funnel", "funnel_tracker"]
+
+Number = float | ca.SX
+
+
+@dataclass(frozen=True, eq=False)
+class Funnel:
+    """Bound end + (start - end) exp(-t/time) on a norm.
+
+    Parameters
+    ----------
+    start, end : float or casadi.SX
+        Width at time 0 and after long time, positive.
+    time : float or casadi.SX
+        Time in which it narrows, positive.
+
+    Raises
+    ------
+    ArgumentError
+        If a number is not positive and finite.
+    """
+
+    start: Number
+    end: Number
+    time: Number
+
+    def __post_init__(self) -> None:
+        for name in ("start", "end", "time"):
+            value = getattr(self, name)
+            if not isinstance(value, ca.SX) and not 0 < value < math.inf:
+                raise ArgumentError(f"{name} of a funnel must be positive and finite")
+
+    def width(self, t: ca.SX) -> ca.SX:
+        """Bound at a time.
+
+        Parameters
+        ----------
+        t : casadi.SX
+            Time.
+
+        Returns
+        -------
+        casadi.SX
+
+        Examples
+        --------
+        >>> import casadi as ca
+        >>> Funnel(start=3.0, end=0.5, time=2.0).width(ca.SX(0))
+        SX(3)
+        """
+        return self.end + (self.start - self.end) * ca.exp(-t / self.time)
+
+
+def funnel_tracker(
+    plant: Model,
+    reference: Reference,
+    *,
+    funnel: Funnel,
+    rate_funnel: Funnel,
+    gain: float = 1.0,
+    feedforward: FeedForward | None = None,
+) -> Model:
+    """Close the loop by the funnel controller for relative degree two.
+
+    With e = y - y_ref, widths psi_0, psi_1 of both funnels and the Euclidean norm,
+    k_0 = 1 / (1 - |e|^2/psi_0^2), e_1 = e' + k_0 e, k_1 = 1 / (1 - |e_1|^2/psi_1^2),
+    u = -gain k_1 e_1: the controller of Berger, Le and Reis (Automatica 87, 345-357, 2018) at
+    r = 2. It needs no model and keeps |e| < psi_0 and |e_1| < psi_1 for ever if they hold at
+    the start. The factor ``gain`` is not in the paper; it scales the high-frequency gain, which
+    may be any positive definite matrix there. The gains have the units of the scene: k_0 is 1
+    per unit of time on the reference.
+
+    The gains change sign outside the funnels, where the loop has no meaning. Solvers do not know
+    this: check the outputs ``error_norm`` and ``rate_error_norm`` against the widths.
+
+    Parameters
+    ----------
+    plant : Model
+        With the input ``input`` and the output ``length``, of relative degree two.
+    reference : Reference
+        What the output shall follow.
+    funnel, rate_funnel : Funnel
+        Bounds psi_0 on |e| and psi_1 on |e_1|.
+    gain : float, optional
+        Force per speed of e_1 in the middle of the funnels, positive.
+    feedforward : FeedForward, optional
+        Force added to the controller's.
+
+    Returns
+    -------
+    Model
+        The plant's states. Parameters: the plant's, ``gain``, ``funnel_start``, ``funnel_end``,
+        ``funnel_time``, the same of ``rate_funnel``, and those of the feed-forward. Outputs: the
+        plant's, ``reference``, ``error``, ``error_norm``, ``input``, ``rate_error_norm`` |e_1|,
+        ``funnel`` and ``rate_funnel`` (the widths), ``funnel_gain`` (k_0 and k_1).
+
+    Raises
+    ------
+    ArgumentError
+        If a number is out of range, sizes of plant and reference differ, forces act on the
+        output's rate at once, or the plant starts outside a funnel.
+
+    Examples
+    --------
+    >>> from wormopt.model.gait import Gait
+    >>> from wormopt.control.reference import follow
+    >>> from wormopt.systems.chain.build import chain
+    >>> worm = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, drag=0.1)
+    >>> still = Gait(np.array([0.0, 1.0]), np.full((1, 2, 1), 2.5))
+    >>> wide, narrow = Funnel(2.0, 0.1, time=1.0), Funnel(4.0, 1.0, time=1.0)
+    >>> loop = funnel_tracker(worm, follow(still, worm.t), funnel=wide, rate_funnel=narrow)
+    >>> [signal.name for signal in loop.x]
+    ['position', 'velocity']
+    """
+    if not 0 < gain < math.inf:
+        raise ArgumentError("gain must be positive and finite")
+    error = TrackingError.of(plant, reference)
+    _check_start(error.at_start(plant, reference), funnel, rate_funnel)
+    strength = ca.SX.sym("gain")
+    (outer,), numbers = lift([funnel], "funnel", _units("length"))
+    (inner,), rate_numbers = lift([rate_funnel], "rate_funnel", _units("speed"))
+
+    width, rate_width = outer.width(plant.t), inner.width(plant.t)
+    k0 = 1 / (1 - error.square / width**2)
+    rate_error = error.rate + k0 * error.value
+    square = ca.dot(rate_error, rate_error)
+    k1 = 1 / (1 - square / rate_width**2)
+    ahead, believed = feedforward.force(reference) if feedforward else (0, ())
+    return close(
+        plant,
+        reference,
+        error,
+        ahead - strength * k1 * rate_error,
+        name="a funnel controller",
+        parameters=[
+            Signal("gain", strength, "drag", lower=TINY, value=gain),
+            *numbers,
+            *rate_numbers,
+            *believed,
+        ],
+        outputs=[
+            Output("rate_error_norm", ca.sqrt(square), "speed"),
+            Output("funnel", width, "length"),
+            Output("rate_funnel", rate_width, "speed"),
+            Output("funnel_gain", ca.vertcat(k0, k1)),
+        ],
+    )
+
+
+def _units(start: str) -> dict[str, str]:
+    return {"start": start, "end": start, "time": "time"}
+
+
+def _check_start(
+    start: tuple[np.ndarray, np.ndarray] | None, funnel: Funnel, rate_funnel: Funnel
+) -> None:
+    if start is None or isinstance(funnel.start, ca.SX) or isinstance(rate_funnel.start, ca.SX):
+        return
+    error, rate = start
+    size = float(np.linalg.norm(error))
+    if not size < funnel.start:
+        raise ArgumentError(
+            f"the error starts at {size:.6g}, outside its funnel of {funnel.start:g}"
+        )
+    rate_size = float(np.linalg.norm(rate + error / (1 - (size / funnel.start) ** 2)))
+    if not rate_size < rate_funnel.start:
+        raise ArgumentError(
+            f"e' + k_0 e starts at {rate_size:.6g}, outside its funnel of {rate_funnel.start:g}"
+        )

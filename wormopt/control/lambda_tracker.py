@@ -1,0 +1,355 @@
+"""Adaptive lambda-tracking, (13) and (14): a gain that grows until the error stays in a tube."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import Literal, Protocol, get_args
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.control.loop import FeedForward, TrackingError, close
+from wormopt.control.reference import Reference
+from wormopt.errors import ArgumentError
+from wormopt.model.lift import lift
+from wormopt.model.model import TINY, Model, Output, Signal, Switch
+
+__all__ = [
+    "Adaptation",
+    "Decay",
+    "Exponent",
+    "Feedback",
+    "Growth",
+    "Quadratic",
+    "lambda_tracker",
+]
+
+Feedback = Literal["derivative", "filter"]
+"""What stands in for e': the rate of the output itself (13) or a filter's state (14)."""
+
+Number = float | ca.SX
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """Time derivative of the gain, and what else an adaptation keeps in mind.
+
+    Parameters
+    ----------
+    rate : casadi.SX
+        Time derivative of the gain.
+    states, rates : sequence, optional
+        States of the adaptation and their time derivatives.
+    switches : sequence of Switch, optional
+        Events at which these states jump; ``reset`` is their column alone.
+    """
+
+    rate: ca.SX
+    states: Sequence[Signal] = ()
+    rates: Sequence[ca.SX] = ()
+    switches: Sequence[Switch] = ()
+
+
+class Adaptation(Protocol):
+    """How the gain grows; a frozen dataclass whose numbers become parameters ``gain_<field>``."""
+
+    def grow(self, gain: ca.SX, square: ca.SX, tube_radius: ca.SX) -> Growth:
+        """Time derivative of the gain.
+
+        Parameters
+        ----------
+        gain : casadi.SX
+            Gain k.
+        square : casadi.SX
+            Square of the error's norm |e|.
+        tube_radius : casadi.SX
+            Radius lambda, positive.
+
+        Returns
+        -------
+        Growth
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Quadratic:
+    """The chapter's law k' = gamma ([|e| - lambda]+)^2.
+
+    Parameters
+    ----------
+    growth : float or casadi.SX, optional
+        Factor gamma, positive.
+
+    Raises
+    ------
+    ArgumentError
+        If ``growth`` is not positive.
+    """
+
+    growth: Number = 1.0
+
+    def __post_init__(self) -> None:
+        _check("growth", self.growth, above=0.0)
+
+    def grow(self, gain: ca.SX, square: ca.SX, tube_radius: ca.SX) -> Growth:
+        """Time derivative of the gain.
+
+        Parameters
+        ----------
+        gain, square, tube_radius : casadi.SX
+            As for `Adaptation`.
+
+        Returns
+        -------
+        Growth
+        """
+        return Growth(self.growth * _excess(square, tube_radius) ** 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Exponent:
+    """The law k' = gamma [|e| - lambda]+ |e|^(r - 1).
+
+    Parameters
+    ----------
+    exponent : float or casadi.SX
+        Exponent r, at least 1.
+    growth : float or casadi.SX, optional
+        Factor gamma, positive.
+
+    Raises
+    ------
+    ArgumentError
+        If a number is out of range.
+    """
+
+    exponent: Number
+    growth: Number = 1.0
+
+    def __post_init__(self) -> None:
+        _check("growth", self.growth, above=0.0)
+        _check("exponent", self.exponent, least=1.0)
+
+    def grow(self, gain: ca.SX, square: ca.SX, tube_radius: ca.SX) -> Growth:
+        """Time derivative of the gain.
+
+        Parameters
+        ----------
+        gain, square, tube_radius : casadi.SX
+            As for `Adaptation`.
+
+        Returns
+        -------
+        Growth
+        """
+        excess = _excess(square, tube_radius)
+        return Growth(self.growth * excess * (tube_radius + excess) ** (self.exponent - 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Decay:
+    """Growth with two exponents, and decay once the error has stayed in the tube for a while.
+
+    k' = gamma (|e| - lambda)^2 for |e| >= lambda + 1, gamma sqrt(|e| - lambda) for
+    lambda <= |e| < lambda + 1, and in the tube 0 until the dwell time has passed, then -sigma k.
+
+    Crossings of the tube and of |e| = lambda + 1, where k' has kinks, are events of the model,
+    and so is the end of the dwell time, counted from the last crossing of the tube; outside the
+    tube this event has no effect.
+
+    Parameters
+    ----------
+    dwell : float or casadi.SX
+        Time in the tube before the gain decays, positive. An error that starts in the tube
+        entered it at the start.
+    decay : float or casadi.SX
+        Rate sigma of decay, not negative.
+    growth : float or casadi.SX, optional
+        Factor gamma, positive.
+
+    Raises
+    ------
+    ArgumentError
+        If a number is out of range.
+    """
+
+    dwell: Number
+    decay: Number
+    growth: Number = 1.0
+
+    def __post_init__(self) -> None:
+        _check("growth", self.growth, above=0.0)
+        _check("dwell", self.dwell, above=0.0)
+        _check("decay", self.decay, least=0.0)
+
+    def grow(self, gain: ca.SX, square: ca.SX, tube_radius: ca.SX) -> Growth:
+        """Time derivative of the gain.
+
+        Parameters
+        ----------
+        gain, square, tube_radius : casadi.SX
+            As for `Adaptation`.
+
+        Returns
+        -------
+        Growth
+            With the states ``gain_decaying`` (1 while the gain decays, else 0) and
+            ``gain_timer``, the time since the error entered or left the tube.
+        """
+        decaying, timer = ca.SX.sym("gain_decaying"), ca.SX.sym("gain_timer")
+        own = ca.vertcat(decaying, timer)
+        excess = _excess(square, tube_radius)
+        # Both exponents in one formula: below 1 only the root differs from 1, above only the
+        # square. The root has no slope at 0; a number far below round-off keeps derivatives finite.
+        both = ca.sqrt(ca.fmin(ca.fmax(excess, 1e-40), 1)) * ca.fmax(excess, 1) ** 2
+        # The timer runs outside the tube too; what it then tells is not heeded.
+        inside = square <= tube_radius**2
+        return Growth(
+            self.growth * both - decaying * self.decay * gain,
+            [
+                Signal("gain_decaying", decaying, value=0.0),
+                Signal("gain_timer", timer, "time", value=0.0),
+            ],
+            [ca.SX(0), ca.SX(1)],
+            [
+                *_crossings(square, tube_radius, ca.SX(2, 1)),
+                *_crossings(square, tube_radius + 1, own, "wide tube"),
+                Switch("dwell time passes", timer - self.dwell, ca.vertcat(inside, timer)),
+            ],
+        )
+
+
+def lambda_tracker(
+    plant: Model,
+    reference: Reference,
+    *,
+    tube_radius: float,
+    feedback: Feedback = "derivative",
+    adaptation: Adaptation | None = None,
+    gain_start: float = 1.0,
+    filter_start: ArrayLike = 1.0,
+    feedforward: FeedForward | None = None,
+    watch: bool = False,
+) -> Model:
+    """Close the loop by a lambda-tracker: the error e = y - y_ref is forced into |e| <= lambda.
+
+    With ``feedback="derivative"``, (13), u = -(k e + (k e)') = -(k e + k' e + k e'). With
+    "filter", (14), u = -(k theta + (k theta)') and theta' = -k^2 theta + k^2 e, which needs no
+    derivative of the output. |.| is the Euclidean norm.
+
+    Parameters
+    ----------
+    plant : Model
+        With the input ``input`` and the output ``length``, of relative degree two.
+    reference : Reference
+        What the output shall follow.
+    tube_radius : float
+        Radius lambda of the tube, positive.
+    feedback : {"derivative", "filter"}, optional
+        Which of both trackers.
+    adaptation : Adaptation, optional
+        How the gain grows; by default `Quadratic`.
+    gain_start : float, optional
+        Gain k at the start.
+    filter_start : array_like, shape (n,), optional
+        The filter's theta at the start.
+    feedforward : FeedForward, optional
+        Force added to the tracker's.
+    watch : bool, optional
+        Whether crossings of the tube are events of the model, so that solvers locate them. A
+        `Decay` has these events anyway.
+
+    Returns
+    -------
+    Model
+        States: the plant's, ``gain``, for (14) ``filter`` (n), and those of the adaptation.
+        Parameters: the plant's, ``tube_radius``, ``gain_growth`` and the adaptation's others, and
+        those of the feed-forward. Outputs: the plant's, ``reference``, ``error``,
+        ``error_norm``, ``input``, ``gain_rate``.
+
+    Raises
+    ------
+    ArgumentError
+        If a number is out of range, sizes of plant and reference differ, or forces act on the
+        output's rate at once.
+
+    Examples
+    --------
+    >>> from wormopt.model.gait import Gait
+    >>> from wormopt.control.reference import follow
+    >>> from wormopt.systems.chain.build import chain
+    >>> worm = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, drag=0.1)
+    >>> still = Gait(np.array([0.0, 1.0]), np.full((1, 2, 1), 2.5))
+    >>> loop = lambda_tracker(worm, follow(still, worm.t), tube_radius=0.2, feedback="filter")
+    >>> [signal.name for signal in loop.x]
+    ['position', 'velocity', 'gain', 'filter']
+    """
+    _check("tube_radius", tube_radius, above=0.0)
+    _check("gain_start", gain_start, above=0.0)
+    if feedback not in get_args(Feedback):
+        raise ArgumentError(f"feedback must be 'derivative' or 'filter', not {feedback!r}")
+    error = TrackingError.of(plant, reference)
+    n = error.value.numel()
+    k, lam = ca.SX.sym("gain"), ca.SX.sym("tube_radius")
+    (law,), numbers = lift([adaptation or Quadratic()], "gain", {"dwell": "time"})
+    growth = law.grow(k, error.square, lam)
+
+    states, rates = [Signal("gain", k, value=gain_start)], [growth.rate]
+    if feedback == "derivative":
+        fed, fed_rate = error.value, error.rate
+    else:
+        fed = ca.SX.sym("filter", n)
+        fed_rate = k**2 * (error.value - fed)
+        start = np.broadcast_to(np.asarray(filter_start, dtype=float), (n,))
+        states.append(Signal("filter", fed, "length", value=tuple(start.tolist())))
+        rates.append(fed_rate)
+    force = -(k * fed + growth.rate * fed + k * fed_rate)
+    ahead, believed = feedforward.force(reference) if feedforward else (0, ())
+
+    kept = ca.vertcat(*(state.symbol for state in states))
+    states += growth.states
+    switches = [Switch(s.name, s.guard, ca.vertcat(kept, s.reset)) for s in growth.switches]
+    if watch and not switches:
+        switches = _crossings(error.square, lam, ca.vertcat(*(state.symbol for state in states)))
+    return close(
+        plant,
+        reference,
+        error,
+        force + ahead,
+        name="a lambda-tracker",
+        states=states,
+        rates=[*rates, *growth.rates],
+        parameters=[
+            Signal("tube_radius", lam, "length", lower=TINY, value=tube_radius),
+            *numbers,
+            *believed,
+        ],
+        outputs=[Output("gain_rate", growth.rate)],
+        switches=switches,
+    )
+
+
+def _excess(square: ca.SX, tube_radius: ca.SX) -> ca.SX:
+    """[|e| - lambda]+, written so that its derivatives are finite at e = 0."""
+    return ca.sqrt(ca.fmax(square, tube_radius**2)) - tube_radius
+
+
+def _crossings(square: ca.SX, radius: ca.SX, reset: ca.SX, name: str = "tube") -> list[Switch]:
+    """Events |e| = radius in both directions; squares keep the guards smooth."""
+    outside = square - radius**2
+    return [
+        Switch(f"leaves the {name}", outside, reset),
+        Switch(f"enters the {name}", -outside, reset),
+    ]
+
+
+def _check(name: str, value: Number, *, above: float = -np.inf, least: float = -np.inf) -> None:
+    if isinstance(value, ca.SX):
+        return
+    if not (isinstance(value, Real) and above < value < np.inf and least <= value):
+        bound = f"above {above:g}" if above > -np.inf else f"at least {least:g}"
+        raise ArgumentError(f"{name} must be finite and {bound}, not {value!r}")

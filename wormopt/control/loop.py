@@ -1,0 +1,374 @@
+"""What closed loops share: the tracking error, and a plant whose inputs are put in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.control.reference import Reference
+from wormopt.errors import ArgumentError
+from wormopt.model.model import Model, Output, Schedule, Signal, Switch, pack
+
+__all__ = [
+    "FeedForward",
+    "TrackingError",
+    "at_zero",
+    "close",
+    "feed",
+    "input_of",
+    "lie",
+    "with_reference",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class FeedForward:
+    """Force that would hold links of these numbers on the reference, c (y_ref - l0) + d y_ref'.
+
+    The numbers are what the controller believes, which need not be the worm's own.
+
+    Parameters
+    ----------
+    stiffness, rest_length : array_like, shape (n,)
+        Spring constants c_j and rest lengths l0_j.
+    damping : array_like, shape (n,), optional
+        Dashpot constants d_j.
+    """
+
+    stiffness: ArrayLike
+    rest_length: ArrayLike
+    damping: ArrayLike = 0.0
+
+    def force(self, reference: Reference) -> tuple[ca.SX, tuple[Signal, ...]]:
+        """Expression of the force, and the parameters in it.
+
+        Parameters
+        ----------
+        reference : Reference
+            What the links shall do.
+
+        Returns
+        -------
+        force : casadi.SX, shape (n, 1)
+        parameters : tuple of Signal
+            ``feedforward_stiffness``, ``feedforward_rest_length`` and ``feedforward_damping``.
+
+        Examples
+        --------
+        >>> import casadi as ca
+        >>> still = Reference(ca.SX([2.0]), ca.SX(1, 1), ca.SX(1, 1))
+        >>> FeedForward(stiffness=10.0, rest_length=1.5).force(still)[1][0].value
+        (10.0,)
+        """
+        size = reference.value.numel()
+        c, rest, d = parameters = [
+            Signal(
+                f"feedforward_{item.name}",
+                ca.SX.sym(f"feedforward_{item.name}", size),
+                {"rest_length": "length", "damping": "drag"}.get(item.name, item.name),
+                value=tuple(np.full(size, getattr(self, item.name), dtype=float).tolist()),
+            )
+            for item in fields(self)
+        ]
+        force = c.symbol * (reference.value - rest.symbol) + d.symbol * reference.rate
+        return force, tuple(parameters)
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingError:
+    """Error e = y - y_ref of a plant's output and its rate.
+
+    Parameters
+    ----------
+    value, rate : casadi.SX, shape (n, 1)
+        The error e and e'.
+    """
+
+    value: ca.SX
+    rate: ca.SX
+
+    @classmethod
+    def of(cls, plant: Model, reference: Reference) -> TrackingError:
+        """Take the error of the plant's output ``length``; e' follows from the plant's ode.
+
+        Parameters
+        ----------
+        plant : Model
+            With the output ``length``.
+        reference : Reference
+            As many scalars as the output.
+
+        Returns
+        -------
+        TrackingError
+
+        Raises
+        ------
+        ArgumentError
+            If the reference is something else, its size is not the output's, it is made with
+            another time than the plant's, or the output's rate depends on inputs or contact
+            forces at once (relative degree below two).
+        """
+        if not isinstance(reference, Reference):
+            what = type(reference).__name__
+            raise ArgumentError(f"reference must be follow(gait, plant.t), not {what}")
+        own = ca.vertcat(plant.t, *(ca.vertcat(s.symbol, s.begin) for s in reference.schedules))
+        known = {symbol.element_hash() for symbol in ca.symvar(own)}
+        used = ca.symvar(ca.vertcat(reference.value, reference.rate))
+        if not all(symbol.element_hash() in known for symbol in used):
+            raise ArgumentError("the reference must be a function of the plant's own time, plant.t")
+        y = plant.output("length")
+        if y.shape != reference.value.shape:
+            raise ArgumentError(
+                f"the reference has {reference.value.numel()} links, the worm {y.numel()}"
+            )
+        rate = lie(plant, y)
+        acting = ca.vertcat(pack(plant.u), plant.forces)
+        if ca.depends_on(rate, acting):
+            raise ArgumentError(f"forces act on the rates of {plant.name} at once, not by inertia")
+        return cls(y - reference.value, rate - reference.rate)
+
+    @property
+    def square(self) -> ca.SX:
+        """Square of the Euclidean norm, which is smooth everywhere."""
+        return ca.dot(self.value, self.value)
+
+    def at_start(self, plant: Model, reference: Reference) -> tuple[np.ndarray, np.ndarray] | None:
+        """Error and its rate at time 0.
+
+        Parameters
+        ----------
+        plant : Model
+            Whose states and parameters have values.
+        reference : Reference
+            What the error is taken from.
+
+        Returns
+        -------
+        tuple of ndarray or None
+            None where the plant does not say where it starts.
+        """
+        known = [*plant.x, *plant.p]
+        if any(signal.value is None for signal in known):
+            return None
+        symbols, numbers = [plant.t], [ca.DM(0)]
+        for signal in known:
+            symbols.append(signal.symbol)
+            numbers.append(ca.DM(np.broadcast_to(np.asarray(signal.value, float), signal.size)))
+        scheduled, values = at_zero((*plant.schedules, *reference.schedules))
+        outputs = [self.value, self.rate]
+        value, rate = ca.Function("start", [*symbols, scheduled], outputs)(*numbers, values)
+        return np.array(value).ravel(), np.array(rate).ravel()
+
+
+def lie(plant: Model, expression: ca.SX) -> ca.SX:
+    """Time derivative of an expression along the plant's ode.
+
+    Parameters
+    ----------
+    plant : Model
+        What moves.
+    expression : casadi.SX
+        Column of its states and time.
+
+    Returns
+    -------
+    casadi.SX
+    """
+    return ca.jtimes(expression, pack(plant.x), plant.ode) + ca.jacobian(expression, plant.t)
+
+
+def at_zero(schedules: Sequence[Schedule]) -> tuple[ca.SX, np.ndarray]:
+    """Symbols of schedules and their values at time 0.
+
+    Parameters
+    ----------
+    schedules : sequence of Schedule
+        Of a plant, a reference.
+
+    Returns
+    -------
+    symbols : casadi.SX, shape (m, 1)
+    values : ndarray, shape (m,)
+    """
+    symbols, values = ca.SX(0, 1), np.zeros(0)
+    for schedule in schedules:
+        begin, piece = schedule.locate(np.zeros(1))
+        symbols = ca.vertcat(symbols, schedule.symbol, schedule.begin)
+        values = np.concatenate([values, schedule.values[piece[0]], begin])
+    return symbols, values
+
+
+def input_of(plant: Model, size: int) -> Signal:
+    """Take the plant's input ``input``, by which loops are closed.
+
+    Parameters
+    ----------
+    plant : Model
+        What is controlled.
+    size : int
+        Number of scalars it must have.
+
+    Returns
+    -------
+    Signal
+
+    Raises
+    ------
+    ArgumentError
+        If there is none of this size.
+    """
+    for signal in plant.u:
+        if signal.name == "input" and signal.size == size:
+            return signal
+    raise ArgumentError(f"{plant.name} has no input 'input' of {size} scalars")
+
+
+def feed(plant: Model, inputs: Sequence[Signal], force: ca.SX) -> Model:
+    """Put an expression for inputs of a plant, wherever they stand.
+
+    Parameters
+    ----------
+    plant : Model
+        With these inputs.
+    inputs : sequence of Signal
+        Which of its inputs.
+    force : casadi.SX, shape (m, 1)
+        Takes their place, in their order.
+
+    Returns
+    -------
+    Model
+        The plant without these inputs. Symbols that are new in the force have still to be
+        declared: as states, parameters or schedules.
+    """
+    expressions = [plant.ode, plant.alg, *(o.expression for o in plant.outputs)]
+    for switch in plant.switches:
+        expressions += [switch.guard, switch.reset]
+    # All at once, so that they go on sharing what they share.
+    ode, alg, *rest = ca.substitute(expressions, [pack(inputs)], [force])
+    shown, left = rest[: len(plant.outputs)], rest[len(plant.outputs) :]
+    return replace(
+        plant,
+        ode=ode,
+        alg=alg,
+        u=[signal for signal in plant.u if signal not in inputs],
+        outputs=[replace(o, expression=e) for o, e in zip(plant.outputs, shown, strict=True)],
+        switches=[
+            Switch(s.name, guard, reset)
+            for s, guard, reset in zip(plant.switches, left[::2], left[1::2], strict=True)
+        ],
+    )
+
+
+def close(
+    plant: Model,
+    reference: Reference,
+    error: TrackingError,
+    force: ca.SX,
+    *,
+    name: str,
+    states: Sequence[Signal] = (),
+    rates: Sequence[ca.SX] = (),
+    parameters: Sequence[Signal] = (),
+    outputs: Sequence[Output] = (),
+    switches: Sequence[Switch] = (),
+    schedules: Sequence[Schedule] = (),
+) -> Model:
+    """Put a force for the plant's input and add the controller's states and parameters.
+
+    Parameters
+    ----------
+    plant : Model
+        With the input ``input``.
+    reference : Reference
+        What the plant's output follows.
+    error : TrackingError
+        Error of the output.
+    force : casadi.SX, shape (n, 1)
+        Takes the place of the input.
+    name : str
+        What the controller is.
+    states, rates : sequence, optional
+        The controller's states and their time derivatives.
+    parameters : sequence of Signal, optional
+        The controller's numbers.
+    outputs : sequence of Output, optional
+        More than plant, reference, error and input have.
+    switches : sequence of Switch, optional
+        Events of the controller; ``reset`` is the column of its own states alone.
+    schedules : sequence of Schedule, optional
+        More than plant and reference have.
+
+    Returns
+    -------
+    Model
+        The plant's states come first; its other inputs, its contacts and schedules stay.
+
+    Raises
+    ------
+    ArgumentError
+        If the plant has no input ``input`` of the force's size.
+    """
+    signal = input_of(plant, force.numel())
+    fed = feed(plant, [signal], force)
+    x, own = pack(plant.x), pack(states)
+    return replace(
+        fed,
+        name=f"{plant.name} under {name}",
+        x=[*plant.x, *states],
+        ode=ca.vertcat(fed.ode, *rates),
+        p=[*plant.p, *parameters],
+        outputs=[
+            *fed.outputs,
+            Output("reference", reference.value, "length"),
+            Output("error", error.value, "length"),
+            Output("error_norm", ca.sqrt(error.square), "length"),
+            Output("input", force, signal.unit),
+            *outputs,
+        ],
+        switches=[
+            *(replace(s, reset=ca.vertcat(s.reset, own)) for s in fed.switches),
+            *(replace(s, reset=ca.vertcat(x, s.reset)) for s in switches),
+        ],
+        schedules=[*plant.schedules, *reference.schedules, *schedules],
+    )
+
+
+def with_reference(plant: Model, reference: Reference) -> Model:
+    """Compare a plant's output with a reference, of which the plant itself need not know.
+
+    Parameters
+    ----------
+    plant : Model
+        With the output ``length``, controlled or not.
+    reference : Reference
+        As many scalars as the output.
+
+    Returns
+    -------
+    Model
+        The plant with the outputs ``reference``, ``error`` and ``error_norm``, in place of its own
+        of these names, and the reference's schedule.
+
+    Raises
+    ------
+    ArgumentError
+        As `TrackingError.of`.
+    """
+    error = TrackingError.of(plant, reference)
+    compared = [
+        Output("reference", reference.value, "length"),
+        Output("error", error.value, "length"),
+        Output("error_norm", ca.sqrt(error.square), "length"),
+    ]
+    names = {output.name for output in compared}
+    return replace(
+        plant,
+        outputs=[*(o for o in plant.outputs if o.name not in names), *compared],
+        schedules=[*plant.schedules, *reference.schedules],
+    )

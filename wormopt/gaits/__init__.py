@@ -1,1 +1,0 @@
-"""Gait design: constructed gaits, the search over mode sequences, and its polish."""

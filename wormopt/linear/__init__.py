@@ -1,1 +1,0 @@
-"""Linear analysis of a Model: zeros, poles, relative degree, frequency response."""

@@ -1,0 +1,1 @@
+"""The nouns: models, contacts, friction laws, modes, gaits, paths."""

@@ -1,0 +1,99 @@
+"""Numbers of a friction law or a control law turned into parameters of a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass, replace
+from numbers import Real
+from typing import Any, TypeVar
+
+import casadi as ca
+
+from wormopt.model.model import TINY, Signal
+
+__all__ = ["lift"]
+
+T = TypeVar("T")
+
+_FRICTION = {
+    "forward": "force",
+    "backward": "force",
+    "stick_forward": "force",
+    "stick_backward": "force",
+    "scale": "force",
+    "v_stribeck": "speed",
+    "drag": "drag",
+}
+# Of friction and control laws alike; what is not in it may be any number.
+_LEAST = {
+    **dict.fromkeys(("forward", "backward", "stick_forward", "stick_backward", "drag"), 0.0),
+    **dict.fromkeys(("scale", "v_stribeck", "growth", "dwell", "start", "end", "time"), TINY),
+    "decay": 0.0,
+    "exponent": 1.0,
+}
+
+
+def lift(
+    laws: Sequence[T], prefix: str = "friction", units: Mapping[str, str] = _FRICTION
+) -> tuple[tuple[T, ...], tuple[Signal, ...]]:
+    """Replace every number in the fields of laws by a symbol, which is a parameter.
+
+    One compiled model then serves all numbers. Fields that are None or symbols stay.
+
+    Parameters
+    ----------
+    laws : sequence of dataclass
+        Laws, of one kind or several; their fields may be symbols.
+    prefix : str, optional
+        What the parameters' names begin with.
+    units : mapping, optional
+        Quantity that a field measures; those not in it are plain numbers.
+
+    Returns
+    -------
+    laws : tuple
+        The same laws with symbols as fields.
+    parameters : tuple of Signal
+        ``<prefix>_<field>`` for each field, one scalar for each law that has a number there, in
+        the order of the laws; ``value`` holds the numbers.
+
+    Examples
+    --------
+    >>> from wormopt.model.friction import Coulomb, Viscous
+    >>> laws, parameters = lift([Coulomb(1.0, 10.0), Viscous(0.5), Coulomb(1.0, 12.0)])
+    >>> laws[2].slip_force(-0.3, -1)
+    SX(friction_backward_1)
+    >>> {p.name: p.value for p in parameters}  # doctest: +NORMALIZE_WHITESPACE
+    {'friction_forward': (1.0, 1.0), 'friction_backward': (10.0, 12.0),
+     'friction_drag': (0.5,)}
+    """
+    numbers: dict[str, list[float]] = {}
+    for law in laws:
+        for name, value in _numbers(law).items():
+            numbers.setdefault(name, []).append(value)
+    symbols = {name: ca.SX.sym(f"{prefix}_{name}", len(v)) for name, v in numbers.items()}
+    left = {name: iter(ca.vertsplit(symbol)) for name, symbol in symbols.items()}
+    lifted = [_replaced(law, {name: next(left[name]) for name in _numbers(law)}) for law in laws]
+    parameters = [
+        Signal(
+            f"{prefix}_{name}",
+            symbol,
+            units.get(name, "1"),
+            lower=_LEAST.get(name, -math.inf),
+            value=tuple(numbers[name]),
+        )
+        for name, symbol in symbols.items()
+    ]
+    return tuple(lifted), tuple(parameters)
+
+
+def _numbers(law: object) -> dict[str, float]:
+    if not is_dataclass(law):
+        return {}
+    values = {item.name: getattr(law, item.name) for item in fields(law)}
+    return {name: float(value) for name, value in values.items() if isinstance(value, Real)}
+
+
+def _replaced(law: Any, symbols: dict[str, ca.SX]) -> Any:
+    return replace(law, **symbols) if symbols else law

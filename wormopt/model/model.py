@@ -1,0 +1,497 @@
+"""Model: what a worm is and where it touches the ground, as CasADi expressions and no more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.model.friction import Law
+
+__all__ = ["TINY", "Contact", "Model", "Output", "Schedule", "Signal", "Switch"]
+
+TINY = math.ulp(0.0)
+"""Smallest number above 0: the lower bound of what must be positive."""
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """A named vector of symbols: a state, an input, an algebraic variable or a parameter.
+
+    Parameters
+    ----------
+    name : str
+        Field's standard name, for instance ``"length"``.
+    symbol : casadi.SX
+        Column of symbols.
+    unit : str, optional
+        Quantity it measures, for instance ``"length"`` or ``"speed"``.
+    nominal : float, optional
+        Usual size, by which solvers scale it.
+    lower, upper : float, optional
+        Bounds that hold by the model's own nature; `TINY` below what must be positive. Values
+        beyond them are refused.
+    value : float or sequence of float, optional
+        What a state starts from and what a parameter or input is, unless a solver is told
+        otherwise.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> Signal("length", ca.SX.sym("l", 2), unit="length").size
+    2
+    """
+
+    name: str
+    symbol: ca.SX
+    unit: str = "1"
+    nominal: float = 1.0
+    lower: float = -math.inf
+    upper: float = math.inf
+    value: float | Sequence[float] | None = None
+
+    @cached_property
+    def size(self) -> int:
+        """Number of scalars."""
+        return self.symbol.numel()
+
+    def check(self, values: np.ndarray) -> None:
+        """Refuse values beyond the bounds.
+
+        Parameters
+        ----------
+        values : ndarray
+            Numbers that shall take the symbols' place.
+
+        Raises
+        ------
+        ArgumentError
+            If one is too small, too large or, where there are bounds, not a number.
+        """
+        if self.lower == -math.inf and self.upper == math.inf:
+            return  # NaN may pass: who simulates it is told when
+        outside = values[~((self.lower <= values) & (values <= self.upper))]
+        if outside.size:
+            raise ArgumentError(f"{self.name} must be {self._range}, not {outside.flat[0]:g}")
+
+    @property
+    def _range(self) -> str:
+        least = {TINY: "positive", 0.0: "0 or above"}.get(self.lower, f"at least {self.lower:g}")
+        bounds = ((self.lower, least), (self.upper, f"at most {self.upper:g}"))
+        return " and ".join(words for bound, words in bounds if math.isfinite(bound))
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """A named expression of the model's symbols.
+
+    Parameters
+    ----------
+    name : str
+        For instance ``"actuator_force"``.
+    expression : casadi.SX
+        Column of the model's symbols.
+    unit : str, optional
+        Quantity it measures, for instance ``"force"``.
+    """
+
+    name: str
+    expression: ca.SX
+    unit: str = "1"
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """One point where the worm touches the ground.
+
+    Parameters
+    ----------
+    name : str
+        Which point, for instance ``"mass 0"``.
+    velocity : casadi.SX
+        Tangential velocity, a scalar expression of the states.
+    force : casadi.SX
+        Scalar symbol of the tangential force; the model's ``ode`` is affine in it.
+    law : Law
+        Friction law.
+    nominal_force, nominal_speed : float, optional
+        Usual sizes, by which solvers scale force and velocity.
+    gap, normal_force : casadi.SX, optional
+        Distance to a wall and the symbol of the normal force, for unilateral walls.
+    """
+
+    name: str
+    velocity: ca.SX
+    force: ca.SX
+    law: Law
+    nominal_force: float = 1.0
+    nominal_speed: float = 1.0
+    gap: ca.SX | None = None
+    normal_force: ca.SX | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Switch:
+    """A discrete event of the model itself: when ``guard`` rises through 0, x becomes ``reset``.
+
+    Parameters
+    ----------
+    name : str
+        What happens.
+    guard : casadi.SX
+        Scalar expression that rises through 0 at the event.
+    reset : casadi.SX
+        Column of the states after it.
+    """
+
+    name: str
+    guard: ca.SX
+    reset: ca.SX
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """Symbols that are constant on pieces of time: coefficients of a reference, a random stiffness.
+
+    On piece k, from ``start + breaks[k]`` until the next break, ``symbol`` is ``values[k]`` and
+    ``begin`` the time at which the piece began. Solvers stop at every break, so that formulas of
+    t - begin and symbol may differ from piece to piece without any branch in them.
+
+    Parameters
+    ----------
+    name : str
+        What is scheduled, for instance ``"reference"``.
+    symbol : casadi.SX
+        Column of m symbols.
+    begin : casadi.SX
+        Scalar symbol.
+    breaks : ndarray, shape (pieces + 1,)
+        Times from 0 on, ascending; the last one is the end of the last piece, which is the
+        period where there is one.
+    values : ndarray, shape (pieces, m)
+        Value of ``symbol`` on each piece.
+    periodic : bool, optional
+        Whether the pieces repeat, before and after. Otherwise the first and the last piece go on
+        for ever.
+    start : float, optional
+        Time of the first break.
+
+    Raises
+    ------
+    ArgumentError
+        If shapes disagree or the breaks do not ascend from 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> c, begin = ca.SX.sym("c"), ca.SX.sym("begin")
+    >>> Schedule("stiffness", c, begin, np.array([0.0, 1.0, 2.0]), np.array([[9.0], [11.0]])).pieces
+    2
+    """
+
+    name: str
+    symbol: ca.SX
+    begin: ca.SX
+    breaks: np.ndarray
+    values: np.ndarray
+    periodic: bool = False
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        ascending = np.all(np.isfinite(self.breaks)) and np.all(np.diff(self.breaks) > 0)
+        if self.breaks.ndim != 1 or self.breaks[0] != 0 or not ascending:
+            raise ArgumentError(f"schedule {self.name}: breaks must ascend from 0")
+        shape = (len(self.breaks) - 1, self.symbol.numel())
+        if self.values.shape != shape:
+            raise ArgumentError(
+                f"schedule {self.name}: values have {self.values.shape}, not {shape}"
+            )
+
+    @property
+    def pieces(self) -> int:
+        """Number of pieces."""
+        return len(self.breaks) - 1
+
+    def locate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which piece holds at given times; a break within round-off counts as passed.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            Times.
+
+        Returns
+        -------
+        begin : ndarray, shape (m,)
+            When the piece began.
+        piece : ndarray of int, shape (m,)
+            Its number.
+        """
+        t = np.asarray(t, dtype=float)
+        since = t - self.start + 4 * np.finfo(float).eps * np.maximum(np.abs(t), self.breaks[-1])
+        turn = np.floor(since / self.breaks[-1]) * self.breaks[-1] if self.periodic else 0.0
+        piece = np.searchsorted(self.breaks, since - turn, side="right") - 1
+        piece = np.clip(piece, 0, self.pieces - 1)
+        return self.start + turn + self.breaks[piece], piece
+
+    def next_break(self, t: float) -> float:
+        """When the piece that holds at time t ends, infinity for the last one of what ends.
+
+        Parameters
+        ----------
+        t : float
+            Time.
+
+        Returns
+        -------
+        float
+        """
+        begin, piece = self.locate(np.array([t]))
+        if not self.periodic and piece[0] + 1 == self.pieces:
+            return math.inf
+        return float(begin[0] - self.breaks[piece[0]] + self.breaks[piece[0] + 1])
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A worm as a differential(-algebraic) system with contacts.
+
+    x' = ode(t, x, z, u, p, contact forces), 0 = alg(t, x, z, u, p). The ode is affine in the
+    contact forces. Which treatment the contacts get is the solver's choice, never the model's.
+
+    Parameters
+    ----------
+    name : str
+        What it is.
+    x : sequence of Signal
+        States.
+    ode : casadi.SX
+        Column of the states' time derivatives, in the order of ``x``.
+    u, z, p : sequence of Signal, optional
+        Inputs, algebraic variables, parameters.
+    alg : casadi.SX, optional
+        Column of algebraic equations for ``z``.
+    t : casadi.SX, optional
+        Symbol of time, where the model depends on it.
+    outputs : sequence of Output, optional
+        What a user wants to see or bound.
+    contacts : sequence of Contact, optional
+        Where it touches the ground.
+    switches : sequence of Switch, optional
+        Discrete events.
+    schedules : sequence of Schedule, optional
+        Symbols that are constant on pieces of time.
+
+    Raises
+    ------
+    ArgumentError
+        If the ode's length is not the number of states, a contact or a switch has not the right
+        size, or two signals share a name.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> v, f = ca.SX.sym("v"), ca.SX.sym("f")
+    >>> block = Model("block", x=[Signal("velocity", v)], ode=f - 1)
+    >>> block.n_x
+    1
+    """
+
+    name: str
+    x: Sequence[Signal]
+    ode: ca.SX
+    u: Sequence[Signal] = ()
+    z: Sequence[Signal] = ()
+    p: Sequence[Signal] = ()
+    alg: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    t: ca.SX = field(default_factory=lambda: ca.SX.sym("t"))  # type: ignore[no-any-return]
+    outputs: Sequence[Output] = ()
+    contacts: Sequence[Contact] = ()
+    switches: Sequence[Switch] = ()
+    schedules: Sequence[Schedule] = ()
+
+    def __post_init__(self) -> None:
+        if self.ode.numel() != self.n_x:
+            raise ArgumentError(
+                f"model {self.name}: {self.ode.numel()} equations, {self.n_x} states"
+            )
+        names = [s.name for s in (*self.x, *self.z, *self.u, *self.p)]
+        if len(set(names)) < len(names):
+            raise ArgumentError(f"model {self.name}: two signals share a name in {names}")
+        if self.alg.numel() != sum(s.size for s in self.z):
+            raise ArgumentError(f"model {self.name}: {self.alg.numel()} algebraic equations for z")
+        for contact in self.contacts:
+            if contact.velocity.numel() != 1 or contact.force.numel() != 1:
+                raise ArgumentError(f"contact {contact.name}: velocity and force must be scalars")
+        for switch in self.switches:
+            if switch.guard.numel() != 1 or switch.reset.numel() != self.n_x:
+                message = f"a scalar guard and a reset of {self.n_x} states"
+                raise ArgumentError(f"switch {switch.name} needs {message}")
+
+    @property
+    def n_x(self) -> int:
+        """Number of scalar states."""
+        return sum(s.size for s in self.x)
+
+    @property
+    def forces(self) -> ca.SX:
+        """Column of the contacts' force symbols."""
+        return ca.vertcat(ca.SX(0, 1), *(c.force for c in self.contacts))
+
+    @property
+    def contact_velocities(self) -> ca.SX:
+        """Column of the contacts' velocities."""
+        return ca.vertcat(ca.SX(0, 1), *(c.velocity for c in self.contacts))
+
+    @property
+    def contact_accelerations(self) -> ca.SX:
+        """Column of the time derivatives of the contact velocities along the ode."""
+        v = self.contact_velocities
+        return ca.jtimes(v, pack(self.x), self.ode) + ca.jacobian(v, self.t)
+
+    @property
+    def delassus(self) -> ca.SX:
+        """Matrix d(contact accelerations) / d(contact forces), by which rest is decided."""
+        return ca.jacobian(self.contact_accelerations, self.forces)
+
+    def places(self) -> tuple[Signal, ...]:
+        """Signals of the places, where the states are places and then their rates.
+
+        Returns
+        -------
+        tuple of Signal
+            The first half of the states, whose time derivatives are the second half.
+
+        Raises
+        ------
+        ArgumentError
+            If the model is not of this form.
+
+        Examples
+        --------
+        >>> import casadi as ca
+        >>> y, v = ca.SX.sym("y", 2), ca.SX.sym("v", 2)
+        >>> pair = Model("pair", [Signal("height", y), Signal("rate", v)], ca.vertcat(v, -y))
+        >>> [place.name for place in pair.places()]
+        ['height']
+        """
+        half, x = self.n_x // 2, pack(self.x)
+        ends = np.cumsum([0, *(s.size for s in self.x)]).tolist()
+        even = half in ends and 2 * half == self.n_x
+        if not even or not ca.is_equal(ca.densify(self.ode[:half]), x[half:]):
+            raise ArgumentError(f"{self.name}: states must be places, then their rates")
+        return tuple(self.x[: ends.index(half)])
+
+    def breaks(self, end: float) -> np.ndarray:
+        """Times at which schedules go on to another piece.
+
+        Parameters
+        ----------
+        end : float
+            Last time.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            From 0 to ``end``, both included; what is equal but for round-off stands once.
+        """
+        found = [0.0, end]
+        for schedule in self.schedules:
+            t = schedule.next_break(0.0)
+            while t < end * (1 - 1e-12):
+                found.append(t)
+                t = schedule.next_break(t)
+        times = np.unique(found)
+        return times[np.diff(times, prepend=-np.inf) > 1e-12 * end]
+
+    def output(self, name: str) -> ca.SX:
+        """Expression of the output called ``name``.
+
+        Parameters
+        ----------
+        name : str
+            Name of an output.
+
+        Returns
+        -------
+        casadi.SX
+
+        Raises
+        ------
+        UnknownNameError
+            If there is none; the message lists those there are.
+        """
+        for output in self.outputs:
+            if output.name == name:
+                return output.expression
+        raise UnknownNameError(self.name, "output", [name], [o.name for o in self.outputs])
+
+    def to_control(
+        self,
+        *,
+        output: str | Sequence[str],
+        v_reg: float = 1 / 40,
+        p: Mapping[str, ArrayLike] | None = None,
+    ) -> Any:
+        """Make a control.NonlinearIOSystem of it, for the tools of python-control.
+
+        Contacts follow the smooth law. Schedules are followed, but python-control's integrators
+        do not know where they break.
+
+        Parameters
+        ----------
+        output : str or sequence of str
+            Names of its outputs.
+        v_reg : float, optional
+            Width of the smooth law, positive.
+        p : mapping of str to array_like, optional
+            Parameters by name, where they are not the model's own.
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+            Signals are called ``position[0]``, ``input[1]`` and so on; ``params`` holds the
+            parameters by name, ``v_reg`` among them.
+
+        Raises
+        ------
+        ImportError
+            If python-control is not installed.
+        ArgumentError
+            If names or sizes do not fit, or the model has switches or algebraic variables.
+        UnknownNameError
+            If there is no such output.
+        """
+        # here, not above: only who asks for it needs it
+        from wormopt.model.explicit import Explicit
+
+        return Explicit(self, output).to_control(v_reg, p or {})
+
+
+def pack(signals: Sequence[Signal]) -> ca.SX:
+    """Stack the signals' symbols into one column.
+
+    Parameters
+    ----------
+    signals : sequence of Signal
+        In the order in which solvers shall see them.
+
+    Returns
+    -------
+    casadi.SX
+        Column, empty for no signals.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> pack([Signal("a", ca.SX.sym("a", 2)), Signal("b", ca.SX.sym("b"))]).shape
+    (3, 1)
+    """
+    return ca.vertcat(ca.SX(0, 1), *(s.symbol for s in signals))

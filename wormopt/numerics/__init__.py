@@ -1,0 +1,1 @@
+"""Chebyshev series, boundary values, linear and bilinear programs, work in several processes."""

@@ -1,0 +1,256 @@
+"""Solve a BoundaryProblem: one polynomial at Legendre points, Newton's method, continuation.
+
+Unknowns are the states at the start, those at the points, and the unknown numbers. States are the
+integrals of their rates, of which the matrix stays well conditioned at any degree. Derivatives by
+states and numbers are those of the equations, by CasADi, times that matrix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.polynomial import legendre
+
+from wormopt.errors import SolveError
+from wormopt.model.boundary import BoundaryProblem
+from wormopt.numerics.collocation import Collocation
+
+__all__ = ["BoundarySolution", "solve_boundary"]
+
+Guess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+_LAST_STEP = 1e-12
+_LEAST_MOVE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class BoundarySolution:
+    """States along [0, 1] and the numbers that were unknown.
+
+    Parameters
+    ----------
+    start : ndarray, shape (n_y,)
+        States at 0.
+    rates : ndarray, shape (degree, n_y)
+        Legendre coefficients of dy/ds, of the variable 2 s - 1.
+    p : ndarray, shape (n_p,)
+        Unknown numbers.
+    residual : float
+        Largest rest of the equations and conditions.
+    tail : float
+        Largest of the last coefficients over the largest of all: how well it is resolved.
+    defect : float
+        Largest rest of the equations between the points, over the largest of all
+        coefficients.
+    degree : int
+        Of the polynomials.
+    """
+
+    start: np.ndarray
+    rates: np.ndarray
+    p: np.ndarray
+    residual: float
+    tail: float
+    defect: float
+    degree: int
+
+    def at(self, s: Any) -> np.ndarray:
+        """States anywhere.
+
+        Parameters
+        ----------
+        s : array_like, shape (m,)
+            Places from 0 to 1.
+
+        Returns
+        -------
+        ndarray, shape (n_y, m)
+        """
+        series = legendre.legint(self.rates, lbnd=-1, axis=0) / 2
+        return self.start[:, None] + legendre.legval(2 * np.asarray(s, dtype=float) - 1, series)
+
+
+class _Equations:
+    """Residual and Jacobian of a problem at the Legendre points of one degree."""
+
+    def __init__(self, problem: BoundaryProblem, degree: int) -> None:
+        self.n_y, self.n_p, self.degree = problem.y.numel(), problem.p.numel(), degree
+        points = Collocation(degree)
+        self.tau, self.A, self.B = points.tau, points.A, points.B
+        inner = [problem.y, problem.p, problem.given]
+        slopes = [ca.jacobian(problem.ode, by) for by in inner[:2]]
+        self.rate = ca.Function("rate", inner, [problem.ode, *map(ca.vec, slopes)])
+        ends = [problem.start, problem.end, problem.p, problem.given]
+        by_ends = [ca.densify(ca.jacobian(problem.conditions, by)) for by in ends[:3]]
+        self.ends = ca.Function("ends", ends, [problem.conditions, *by_ends])
+
+    def pieces(self, z: np.ndarray, given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual and Jacobian at z, the states at the start and the points, and the numbers."""
+        n_y, n_p, m = self.n_y, self.n_p, self.degree
+        y0, y, p = z[:n_y], z[n_y : n_y * (m + 1)].reshape(m, n_y), z[n_y * (m + 1) :]
+        f, by_y, by_p = (self._dense(part) for part in self.rate(y.T, *self._tile(p, given)))
+        slopes = by_y.T.reshape(m, n_y, n_y).swapaxes(1, 2)  # columns first in CasADi
+        numbers = by_p.T.reshape(m, n_p, n_y).swapaxes(1, 2)
+        inside = y - y0 - self.A @ f.T
+        rows = n_y * m
+        matrix = np.zeros((rows + n_y + n_p, len(z)))
+        matrix[:rows, :n_y] = np.tile(-np.eye(n_y), (m, 1))
+        blocks = np.einsum("ij,jkl->ikjl", self.A, slopes).reshape(rows, rows)
+        matrix[:rows, n_y : n_y + rows] = np.eye(rows) - blocks
+        matrix[:rows, n_y + rows :] = -np.einsum("ij,jkl->ikl", self.A, numbers).reshape(rows, -1)
+        found = self.ends(y0, y0 + f @ self.B, p, given)
+        rest, by_start, by_end, by_number = (self._dense(part) for part in found)
+        to_end = np.einsum("j,jkl->kjl", self.B, slopes).reshape(n_y, rows)
+        matrix[rows:, :n_y] = by_start + by_end
+        matrix[rows:, n_y : n_y + rows] = by_end @ to_end
+        matrix[rows:, n_y + rows :] = by_number + by_end @ np.einsum("j,jkl->kl", self.B, numbers)
+        return np.concatenate([inside.ravel(), rest.ravel()]), matrix
+
+    def newton(self, z: np.ndarray, given: np.ndarray, steps: int = 20) -> np.ndarray | None:
+        """Solution near z, or None; steps are shortened until the equations improve."""
+        rest, matrix = self.pieces(z, given)
+        for _ in range(steps):
+            step = _solved(matrix, -rest)
+            if step is None:
+                return None
+            if np.abs(step).max() <= _LAST_STEP * np.abs(z).max():
+                return z + step
+            share = 1.0
+            while share > _LEAST_MOVE:
+                ahead, there = self.pieces(z + share * step, given)
+                if np.linalg.norm(ahead) < (1 - share / 4) * np.linalg.norm(rest):
+                    break
+                share /= 2
+            else:  # rounding is all that is left, or nothing improves
+                return z if np.abs(step).max() <= 1e3 * _LAST_STEP * np.abs(z).max() else None
+            z, rest, matrix = z + share * step, ahead, there
+        return None
+
+    def solution(self, z: np.ndarray, given: np.ndarray) -> BoundarySolution:
+        """States as polynomials, with what is left of the equations."""
+        n_y, m = self.n_y, self.degree
+        y0, y, p = z[:n_y], z[n_y : n_y * (m + 1)].reshape(m, n_y), z[n_y * (m + 1) :]
+        rate = self._dense(self.rate(y.T, *self._tile(p, given))[0]).T
+        series = np.linalg.solve(legendre.legvander(2 * self.tau - 1, m - 1), rate)
+        size = np.abs(series).max() or 1.0
+        found = BoundarySolution(
+            y0, series, p, float(np.abs(self.pieces(z, given)[0]).max()),
+            float(np.abs(series[-max(4, m // 16) :]).max() / size), 0.0, m,
+        )  # fmt: skip
+        between = np.linspace(0.0, 1.0, m)
+        wanted = self._dense(self.rate(found.at(between), *self._tile(p, given))[0])
+        off = np.abs(legendre.legval(2 * between - 1, series) - wanted).max()
+        return replace(found, defect=float(off / size))
+
+    def _tile(self, p: np.ndarray, given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # CasADi maps a function over columns where one argument has more of them
+        return p.reshape(-1, 1), given.reshape(-1, 1)
+
+    @staticmethod
+    def _dense(part: Any) -> np.ndarray:
+        return np.array(ca.densify(part))
+
+
+def solve_boundary(
+    problem: BoundaryProblem,
+    guess: Guess,
+    given: Sequence[Sequence[float]],
+    *,
+    degree: int = 16,
+    most: int = 256,
+    tolerance: float = 1e-13,
+) -> BoundarySolution:
+    """Solve a problem, following its solution from one set of given numbers to another.
+
+    Parameters
+    ----------
+    problem : BoundaryProblem
+        What to solve.
+    guess : callable
+        Of places (m,): states (n_y, m) and unknown numbers (n_p,), near a solution at the first
+        set of given numbers.
+    given : sequence of sequence of float
+        Sets of given numbers; the solution is wanted at the last, and followed on straight lines
+        from one to the next.
+    degree, most : int, optional
+        Of the polynomials: the first tried, and the largest; it is doubled.
+    tolerance : float, optional
+        Largest of the last coefficients over the largest.
+
+    Returns
+    -------
+    BoundarySolution
+        At the last set.
+
+    Raises
+    ------
+    SolveError
+        If Newton's method finds none at the first set ("no_start"), the solution cannot be
+        followed to the last ("lost"), or the largest degree does not resolve it ("unresolved").
+
+    Examples
+    --------
+    The least rate p of y'' = -p² y with y = 0 at both ends is pi:
+
+    >>> y, start, end = (ca.SX.sym(name, 2) for name in ("y", "start", "end"))
+    >>> p, given = ca.SX.sym("p"), ca.SX.sym("given", 0)
+    >>> zeros = ca.vertcat(start[0], end[0], start[1] - 1)
+    >>> ode = ca.vertcat(y[1], -(p**2) * y[0])
+    >>> swing = BoundaryProblem(y, p, given, ode, start, end, zeros, ("y", "slope"))
+    >>> near = lambda s: (np.array([s * (1 - s), 1 - 2 * s]), np.array([3.0]))
+    >>> bool(abs(solve_boundary(swing, near, [[]]).p[0] - np.pi) < 1e-13)
+    True
+    """
+    path = [np.array(numbers, dtype=float) for numbers in given]
+    equations = _Equations(problem, degree)
+    z = equations.newton(_packed(guess, equations), path[0])
+    if z is None:
+        raise SolveError("no solution was found near the first guess", code="no_start")
+    for begin, end in pairwise(path):
+        z = _followed(equations, z, begin, end)
+    while (found := equations.solution(z, path[-1])).tail > tolerance and 2 * degree <= most:
+        degree *= 2
+        equations = _Equations(problem, degree)
+        z = equations.newton(_packed(lambda s, f=found: (f.at(s), f.p), equations), path[-1])
+        if z is None:
+            raise SolveError("the solution is lost on a finer mesh", code="unresolved")
+    if found.tail > tolerance:
+        raise SolveError(
+            f"polynomials of the degree {degree} do not resolve the solution", code="unresolved"
+        )
+    return found
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
+    try:
+        found = np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        return None
+    return found if np.isfinite(found).all() else None
+
+
+def _packed(guess: Guess, equations: _Equations) -> np.ndarray:
+    y, p = guess(np.concatenate([[0.0], equations.tau]))
+    return np.concatenate([y.T.ravel(), p])
+
+
+def _followed(
+    equations: _Equations, z: np.ndarray, begin: np.ndarray, end: np.ndarray
+) -> np.ndarray:
+    """Solution at the end of a straight line; the next guess is on the secant of the last two."""
+    share, step, slope = 0.0, 1.0, np.zeros_like(z)
+    while share < 1:
+        step = min(step, 1 - share)
+        found = equations.newton(z + step * slope, begin + (share + step) * (end - begin))
+        if found is None:
+            step /= 2
+            if step < _LEAST_MOVE:
+                raise SolveError(f"the solution was lost after {share:.3g} of the way", code="lost")
+            continue
+        slope, z, share = (found - z) / step, found, share + step
+        step *= 1.5
+    return z

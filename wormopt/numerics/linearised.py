@@ -1,0 +1,276 @@
+"""A bilinear program and its linearisations, solved one after another from the last basis."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import Any
+
+import highspy
+import numpy as np
+from scipy import sparse
+
+from wormopt.numerics.bilinear_rows import BilinearRows
+
+__all__ = ["Excess", "Linearised", "Point"]
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A feasible point of a bilinear program.
+
+    Parameters
+    ----------
+    x : ndarray, shape (columns,)
+        Values of the unknowns.
+    value : float
+        The objective there.
+    """
+
+    x: np.ndarray
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Excess:
+    """Columns that stand for costs: each is at least what its row demands, and 0.
+
+    Parameters
+    ----------
+    columns, rows : ndarray of int
+        Column and row of each cost. The row has side 0 below, and knows products of the column
+        with held ones only.
+    factors : ndarray of int
+        Columns whose products with each other are in the rows. They are kept near where the
+        rows were linearised, and the costs are then set to what the rows say exactly.
+    """
+
+    columns: np.ndarray
+    rows: np.ndarray
+    factors: np.ndarray
+
+
+class Linearised:
+    """A bilinear program that can be linearised anywhere; see `BilinearProgram` for parameters.
+
+    Parameters
+    ----------
+    rows, held, gain, per, excess : optional
+        As for `BilinearProgram`.
+    """
+
+    def __init__(
+        self,
+        rows: BilinearRows,
+        held: np.ndarray,
+        gain: int,
+        per: int | None = None,
+        excess: Excess | None = None,
+    ) -> None:
+        self.lower, self.upper = np.array(rows.lower), np.array(rows.upper)
+        self.row_lower, self.row_upper = rows.sides()
+        self.held, self._gain, self._per = held, gain, per
+        self._excess = excess or Excess(*[np.empty(0, int)] * 3)
+        self._guarded = np.concatenate([held, self._excess.factors]).astype(np.int32)
+        self._assemble(rows)
+        # with an excess it is no vertex, so that `sharpen` cannot remove what is left
+        self._tolerance = 1e-9 if excess is None else 1e-10
+        self._basis: Any = None
+        self.programs = 0  # linear programs solved
+        self.work = 0  # their pivots, times rows and columns
+
+    def _assemble(self, rows: BilinearRows) -> None:
+        """Lay out the Jacobian: constant entries, and those proportional to an unknown."""
+        n = len(self.upper)
+        (row, column, constant), (at, first, second, weight) = rows.terms()
+        keys = np.concatenate([row, at, at]) * n + np.concatenate([column, first, second])
+        places, place = np.unique(keys, return_inverse=True)
+        self._indices = (places % n).astype(np.int32)
+        self._starts = np.searchsorted(places // n, np.arange(rows.count + 1)).astype(np.int32)
+        of_linear, of_products = place[: len(row)], place[len(row) :]
+        self._constant = np.bincount(of_linear, constant, len(places))
+        entries = (np.tile(weight, 2), (of_products, np.concatenate([second, first])))
+        self._slopes = sparse.csr_array(entries, (len(places), n))
+        excess = self._excess
+        self._excess_entries = np.searchsorted(places, excess.rows * n + excess.columns)
+
+    def jacobian(self, x: np.ndarray) -> sparse.csr_array:
+        """Derivatives of all rows, shape (rows, columns).
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        """
+        return self._matrix(self._constant + self._slopes @ x)
+
+    def _matrix(self, data: np.ndarray) -> sparse.csr_array:
+        shape = (len(self._starts) - 1, len(self.upper))
+        return sparse.csr_array((data, self._indices, self._starts), shape)
+
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """Values of all rows.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        """
+        return self._matrix(self._constant + 0.5 * (self._slopes @ x)) @ x
+
+    def value(self, x: np.ndarray) -> float:
+        """Objective.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        """
+        values = self.values(x)
+        return float(values[self._gain] / (1.0 if self._per is None else values[self._per]))
+
+    def violation(self, x: np.ndarray) -> float:
+        """Largest excess over any side of a row or bound of a column.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        """
+        values = self.values(x)
+        rows = np.maximum(self.row_lower - values, values - self.row_upper)
+        return float(max(rows.max(), np.maximum(self.lower - x, x - self.upper).max(), 0.0))
+
+    def slope(self, x: np.ndarray, jacobian: sparse.csr_array) -> np.ndarray:
+        """Gradient of the objective.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        jacobian : csr_array
+            Derivatives of all rows there.
+        """
+        gain = self._dense(jacobian, self._gain)
+        if self._per is None:
+            return gain
+        time = self._dense(jacobian, self._per)
+        return (gain - self.value(x) * time) / float(self.values(x)[self._per])
+
+    def _dense(self, jacobian: sparse.csr_array, row: int) -> np.ndarray:
+        entries = slice(self._starts[row], self._starts[row + 1])
+        dense = np.zeros(len(self.upper))
+        dense[self._indices[entries]] = jacobian.data[entries]
+        return dense
+
+    def repaired(self, x: np.ndarray) -> np.ndarray:
+        """The same point with every excess at the least that its row allows.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        """
+        columns, rows = self._excess.columns, self._excess.rows
+        if not len(columns):
+            return x
+        x = x.copy()
+        x[columns] = 0.0
+        slopes = (self._constant + self._slopes @ x)[self._excess_entries]
+        missing = np.maximum(-self.values(x)[rows], 0.0)
+        # arcs without duration have neither a slope nor anything missing but rounding
+        x[columns] = np.where(slopes > _NO_SLOPE, missing / np.maximum(slopes, _NO_SLOPE), 0.0)
+        return x
+
+    def _step(self, x: np.ndarray, radius: np.ndarray | float, factors: float = np.inf) -> Any:
+        """Solve the program linearised at x, held columns near it; None without a solution.
+
+        The factors of an excess stay within a share of their bounds.
+        """
+        jacobian, highs = self.jacobian(x), _solver()
+        model = self._model(jacobian, self.slope(x, jacobian), jacobian @ x - self.values(x))
+        highs.passModel(model)
+        size = model.num_row_ + model.num_col_
+        highs.setOptionValue("simplex_iteration_limit", int(_MOST_WORK / size))
+        highs.setOptionValue("primal_feasibility_tolerance", self._tolerance)
+        columns = self._guarded
+        low, high = self.lower[columns], self.upper[columns]
+        near = np.clip(x[columns], low, high)
+        own = factors * self.upper[self._excess.factors]
+        radius = np.concatenate([np.broadcast_to(radius, len(self.held)), own])
+        low, high = np.maximum(low, near - radius), np.minimum(high, near + radius)
+        highs.changeColsBounds(len(columns), columns, low, high)
+        if self._basis is not None:
+            highs.setBasis(self._basis)
+        self.programs += 1
+        highs.run()
+        self.work += (highs.getInfo().simplex_iteration_count + _PIVOTS_OF_SETTING_UP) * size
+        if highs.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+            return None
+        self._basis = highs.getBasis()
+        return highs.getSolution()
+
+    def _model(self, matrix: sparse.csr_array, cost: np.ndarray, shift: np.ndarray) -> Any:
+        model: Any = highspy.HighsLp()
+        model.num_row_, model.num_col_ = len(self.row_lower), len(self.upper)
+        model.sense_ = highspy.ObjSense.kMaximize
+        model.col_cost_ = cost
+        model.col_lower_, model.col_upper_ = self.lower, self.upper
+        model.row_lower_, model.row_upper_ = self.row_lower + shift, self.row_upper + shift
+        model.a_matrix_.format_ = highspy.MatrixFormat.kRowwise
+        model.a_matrix_.start_ = self._starts
+        model.a_matrix_.index_ = self._indices
+        model.a_matrix_.value_ = matrix.data
+        return model
+
+    def restore(self, x: np.ndarray, factors: float = np.inf) -> Point | None:
+        """Best point with the held columns of x; None where there is none.
+
+        With an excess, the best to first order with its factors within a share of their bounds.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        factors : float, optional
+            That share.
+        """
+        found = self._step(self.repaired(x), 0.0, factors)
+        if found is None:
+            return None
+        return self.point(np.array(found.col_value))
+
+    def point(self, x: np.ndarray) -> Point:
+        """A feasible x with its value.
+
+        Parameters
+        ----------
+        x : ndarray, shape (columns,)
+            Values of the unknowns.
+        """
+        x = self.repaired(x)
+        return Point(x, self.value(x))
+
+
+_PIVOTS_OF_SETTING_UP = 20
+# Work after which a linear program is given up: seconds, where usual ones take thousandths.
+_MOST_WORK = 5e8
+_NO_SLOPE = 1e-12
+
+_OPTIONS = {
+    "threads": 1,
+    "solver": "simplex",
+    "presolve": "off",
+    "dual_feasibility_tolerance": 1e-9,
+}
+_OF_THREAD = threading.local()
+
+
+def _solver() -> Any:
+    """The solver of this thread: programs are many, and each solver takes a megabyte."""
+    if not hasattr(_OF_THREAD, "highs"):
+        _OF_THREAD.highs = highspy.Highs()  # its stubs lack half of its methods
+        _OF_THREAD.highs.silent()
+        for option, value in _OPTIONS.items():
+            _OF_THREAD.highs.setOptionValue(option, value)
+    return _OF_THREAD.highs

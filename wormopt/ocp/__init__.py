@@ -1,0 +1,1 @@
+"""Optimal control: problems, transcription, contact treatments, nonlinear programs, phases."""

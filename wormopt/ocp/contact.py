@@ -1,0 +1,291 @@
+"""What a contact's force is in a nonlinear program: prescribed modes, smoothed, complementary."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from wormopt.model.friction import Law
+from wormopt.model.model import Contact, Model
+from wormopt.model.modes import ModeSequence
+
+__all__ = ["Closure", "Complementary", "Prescribed", "Smoothed", "Treatment", "never_rests"]
+
+
+def _column(*entries: ca.SX | float) -> ca.SX:
+    return ca.vertcat(ca.SX(0, 1), *entries)
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """Contact forces of a model at one instant, and the conditions that determine them.
+
+    Parameters
+    ----------
+    forces : casadi.SX, shape (n_c, 1)
+        Contact forces by states, ``unknowns`` and ``level``.
+    unknowns : casadi.SX, optional
+        What is unknown besides states and inputs.
+    nominal : ndarray, shape (n_unknowns,), optional
+        Usual sizes of the unknowns.
+    lower, upper : casadi.SX, shape (n_unknowns, 1), optional
+        Their bounds, by the model's parameters.
+    level : casadi.SX, optional
+        Parameters that may differ from arc to arc: a width, a relaxation, modes.
+    equal : casadi.SX, optional
+        Expressions that vanish, scaled; the model's own force symbols may not be in them.
+    small : casadi.SX, optional
+        Expressions, scaled, of which the size does not exceed ``level[0]``.
+    """
+
+    forces: ca.SX
+    unknowns: ca.SX = field(default_factory=_column)
+    nominal: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    lower: ca.SX = field(default_factory=_column)
+    upper: ca.SX = field(default_factory=_column)
+    level: ca.SX = field(default_factory=_column)
+    equal: ca.SX = field(default_factory=_column)
+    small: ca.SX = field(default_factory=_column)
+
+
+class Treatment(Protocol):
+    """How the contacts of a Model are put into a nonlinear program."""
+
+    def close(self, model: Model) -> Closure:
+        """Say what determines the contact forces.
+
+        Parameters
+        ----------
+        model : Model
+            Any model.
+
+        Returns
+        -------
+        Closure
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Prescribed:
+    """Which contact sticks or slides is told phase by phase; switching times are left free.
+
+    Between switches everything is smooth, so that collocation keeps its full order. A contact may
+    leave rest before its force reaches stiction: a simulation tells whether that was so.
+
+    Parameters
+    ----------
+    modes : ModeSequence, optional
+        The phases; `Transcription.bounds` can be given others.
+    active : tuple of tuple of int, optional
+        Per phase and input: -1 holds it at its lower limit, +1 at its upper one, 0 leaves it free.
+    """
+
+    modes: ModeSequence | None = None
+    active: tuple[tuple[int, ...], ...] | None = None
+
+    def close(self, model: Model) -> Closure:
+        """Forces are unknowns; what they obey hangs on the mode, see `Arc`.
+
+        Parameters
+        ----------
+        model : Model
+            Any model.
+
+        Returns
+        -------
+        Closure
+            Its ``level`` holds, contact by contact: sticks (0 or 1), direction of sliding (+-1),
+            and whether its force is left open by the motion (0 or 1).
+        """
+        n = len(model.contacts)
+        nominal = np.array([c.nominal_force for c in model.contacts])
+        free = ca.SX.inf(n)
+        level = ca.SX.sym("modes", 3 * n)
+        return Closure(model.forces, model.forces, nominal, -free, free, level)
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """The law is smoothed over the width ``v_reg``, narrowed from solve to solve.
+
+    Parameters
+    ----------
+    v_reg : float, optional
+        Last width, in the model's unit of speed.
+    first : float, optional
+        First width.
+    ratio : float, optional
+        Each width over the one before, below 1.
+    active : tuple of tuple of int, optional
+        Per phase and input: -1 holds it at its lower limit, +1 at its upper one, 0 leaves it free.
+
+    Raises
+    ------
+    ValueError
+        If the width is not positive or the ratio not between 0 and 1.
+
+    Examples
+    --------
+    >>> Smoothed(v_reg=0.01, first=0.1, ratio=0.25).levels
+    (0.1, 0.025, 0.01)
+    """
+
+    v_reg: float = 0.01
+    first: float = 0.1
+    ratio: float = 0.4
+    active: tuple[tuple[int, ...], ...] | None = None
+
+    def __post_init__(self) -> None:
+        _check_levels("v_reg", self.v_reg, self.ratio)
+
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """Widths in the order of solving."""
+        return _levels(self.first, self.v_reg, self.ratio)
+
+    def close(self, model: Model) -> Closure:
+        """Forces are the smooth laws; nothing else is unknown.
+
+        Parameters
+        ----------
+        model : Model
+            Any model.
+
+        Returns
+        -------
+        Closure
+        """
+        v_reg = ca.SX.sym("v_reg")
+        forces = _column(*(c.law.smooth(c.velocity, v_reg) for c in model.contacts))
+        return Closure(forces, level=v_reg)
+
+
+@dataclass(frozen=True)
+class Complementary:
+    """The set-valued law itself, by complementarity at every collocation point.
+
+    The velocity of a contact is split into parts w >= 0, one for each direction in which it may
+    slide, and w (force - force of sliding) = 0 with the force inside the interval of rest. The
+    products are relaxed to |w (force - force of sliding)| <= level (Scholtes), and the level is
+    lowered from solve to solve. Where stiction is larger than sliding friction, a contact may leave
+    rest before its force reaches stiction: a simulation tells whether that was so.
+
+    Parameters
+    ----------
+    residual : float, optional
+        Last level, in nominal forces times nominal speeds.
+    first : float, optional
+        First level.
+    ratio : float, optional
+        Each level over the one before, below 1.
+
+    Raises
+    ------
+    ValueError
+        If the level is not positive or the ratio not between 0 and 1.
+
+    References
+    ----------
+    S. Scholtes, SIAM J. Optim. 11 (2001) 918-936.
+
+    Examples
+    --------
+    >>> Complementary(residual=1e-6, first=1e-2, ratio=0.01).levels
+    (0.01, 0.0001, 1e-06)
+    """
+
+    residual: float = 1e-8
+    first: float = 1e-1
+    ratio: float = 0.1
+
+    def __post_init__(self) -> None:
+        _check_levels("residual", self.residual, self.ratio)
+
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """Relaxations in the order of solving."""
+        return _levels(self.first, self.residual, self.ratio)
+
+    def close(self, model: Model) -> Closure:
+        """Unknown are the forces, in their interval of rest, and the parts of the velocities.
+
+        Parameters
+        ----------
+        model : Model
+            Any model.
+
+        Returns
+        -------
+        Closure
+        """
+        parts, equal, small, speeds, rests = [], [], [], [], []
+        for c in model.contacts:
+            if never_rests(c.law):
+                rests.append((-ca.SX.inf(), ca.SX.inf()))
+                equal.append((c.force - c.law.slip_force(c.velocity, 1)) / c.nominal_force)
+                continue
+            w = ca.SX.sym("w", len(c.law.directions))
+            parts.append(w)
+            rests.append(c.law.stick_interval)
+            speeds += [c.nominal_speed] * w.numel()
+            signed = ca.dot(ca.DM(c.law.directions), w)
+            equal.append((c.velocity - signed) / c.nominal_speed)
+            small += _products(c, w)
+        forces = np.array([c.nominal_force for c in model.contacts])
+        return Closure(
+            forces=model.forces,
+            unknowns=_column(model.forces, *parts),
+            nominal=np.concatenate([forces, speeds]),
+            lower=_column(*(low for low, _ in rests), ca.SX.zeros(len(speeds))),
+            upper=_column(*(high for _, high in rests), ca.SX.inf(len(speeds))),
+            level=ca.SX.sym("relaxation"),
+            equal=_column(*equal),
+            small=_column(*small),
+        )
+
+
+def never_rests(law: Law) -> bool:
+    """Whether a law holds nothing at rest: viscous drag, which is smooth.
+
+    Parameters
+    ----------
+    law : Law
+        Friction law.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> from wormopt.model.friction import Coulomb, Viscous
+    >>> never_rests(Viscous(1.0)), never_rests(Coulomb(1.0, 2.0))
+    (True, False)
+    """
+    return all(not isinstance(end, ca.SX) and end == 0.0 for end in law.stick_interval)
+
+
+def _products(contact: Contact, parts: ca.SX) -> list[ca.SX]:
+    """Products that vanish for the set-valued law of one contact, scaled."""
+    law, size = contact.law, contact.nominal_speed * contact.nominal_force
+    return [
+        parts[k] * (contact.force - law.slip_force(contact.velocity, d)) / size
+        for k, d in enumerate(law.directions)
+    ]
+
+
+def _levels(first: float, last: float, ratio: float) -> tuple[float, ...]:
+    if first <= last:
+        return (last,)
+    count = math.ceil(math.log(last / first) / math.log(ratio) - 1e-9)
+    return (*(first * ratio**k for k in range(count)), last)
+
+
+def _check_levels(name: str, last: float, ratio: float) -> None:
+    if not (last > 0 and 0 < ratio < 1):
+        raise ValueError(f"{name} must be positive and ratio between 0 and 1")

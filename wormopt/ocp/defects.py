@@ -1,0 +1,102 @@
+"""How well a motion obeys its equations between collocation points, and where arcs are too long."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Motion
+
+__all__ = ["defects", "finer"]
+
+
+def defects(motion: Motion, places: int = 12) -> np.ndarray:
+    """Local error of every arc: the integral of |x' - f(x, u, ...)| over it, scaled.
+
+    States, inputs and contact unknowns are polynomials on an arc and obey the equations at the
+    collocation points only; what is left between them, integrated, estimates by how much the
+    states at the arc's end are wrong. With prescribed modes a sliding contact has the force of its
+    law; forces of resting ones, and of complementary contact, are interpolated.
+
+    Parameters
+    ----------
+    motion : Motion
+        Found by collocation.
+    places : int, optional
+        Gauss points per arc at which the equations are tested.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        Largest entry over the states, in their nominal sizes.
+
+    References
+    ----------
+    J. T. Betts, Practical Methods for Optimal Control, section 4.7 (SIAM 2010).
+    """
+    arc, mesh = motion.program.arc, motion.mesh
+    nodes, weights = np.polynomial.legendre.leggauss(places)
+    s, weights = (nodes + 1) / 2, weights / 2
+    values = motion.arcs.states
+    slopes = np.einsum("sk,rkn->rsn", _slopes(mesh.collocation.nodes, s), values)
+    t = motion.breaks[:-1] + np.multiply.outer(s, motion.arcs.duration)
+    # just inside the arcs, so that each place belongs to its own
+    rates = motion.observe(arc.lawful_ode, t.ravel(order="F"))
+    rates = rates.reshape(len(values), places, mesh.total, order="F")
+    wrong = np.abs(slopes - rates * motion.arcs.duration)
+    return np.max(np.einsum("s,rsn->rn", weights, wrong) / arc.x_nominal[:, None], axis=0)
+
+
+def _slopes(nodes: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Matrix from values at nodes to slopes of the interpolating polynomial at targets."""
+    degree = len(nodes) - 1
+    basis = np.polynomial.legendre.legvander(2 * nodes - 1, degree)
+    primed = np.polynomial.legendre.legder(np.eye(degree + 1)) * 2
+    slopes = np.polynomial.legendre.legval(2 * targets - 1, primed)
+    return np.linalg.solve(basis.T, slopes).T
+
+
+def finer(mesh: Mesh, defect: np.ndarray, tolerance: float, most: int = 5) -> Mesh:
+    """Split the arcs that err by more than the tolerance.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        With shares.
+    defect : ndarray, shape (N,)
+        From `defects`.
+    tolerance : float
+        Error that an arc may have.
+    most : int, optional
+        Most parts into which an arc is split.
+
+    Returns
+    -------
+    Mesh
+        The same mesh where no arc errs.
+
+    Raises
+    ------
+    ValueError
+        If durations of arcs are free.
+
+    Examples
+    --------
+    >>> from wormopt.numerics.collocation import Collocation
+    >>> finer(Mesh.even(1, 2, Collocation(1)), np.array([1e-3, 1e-9]), 1e-4).shares
+    (0.125, 0.125, 0.125, 0.125, 0.5)
+    """
+    if mesh.shares is None:
+        raise ValueError("arcs of free duration are not split; use Mesh.even")
+    # an arc's own error falls with one power more than the sum over all arcs
+    order = mesh.collocation.degree + 1
+    parts = [
+        min(most, max(1, math.ceil((error / tolerance) ** (1 / order)))) if error > 0 else 1
+        for error in defect
+    ]
+    shares = tuple(share / n for share, n in zip(mesh.shares, parts, strict=True) for _ in range(n))
+    counts = np.bincount(mesh.phase, weights=parts).astype(int).tolist()
+    return replace(mesh, arcs=tuple(counts), shares=shares)

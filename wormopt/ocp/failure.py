@@ -1,0 +1,134 @@
+"""Why a nonlinear program was not solved, and what to change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.model.modes import ModeSequence
+from wormopt.model.values import by_name
+from wormopt.ocp.contact import Complementary, Smoothed, Treatment
+from wormopt.ocp.elastic import elastic, with_input_limits
+from wormopt.ocp.motion import Motion
+from wormopt.ocp.nlp import Bounds, Ipopt, Solution
+from wormopt.ocp.transcription import Transcription
+
+__all__ = ["failure"]
+
+# Scaled variables this large mean that the objective falls for ever.
+_BEYOND = 1e6
+
+# Slack, in nominal sizes, below which a limit is not in conflict, and how exactly it is found.
+_GIVES_WAY, _MET = 1e-5, 1e-5
+
+
+def failure(
+    program: Transcription,
+    solution: Solution,
+    bounds: Bounds,
+    start: np.ndarray,
+    level: ModeSequence | float,
+) -> SolveError:
+    """Explain a solve that failed.
+
+    Parameters
+    ----------
+    program : Transcription
+        What was to be solved.
+    solution : Solution
+        What the solver left.
+    bounds : Bounds
+        With which it was called.
+    start : ndarray, shape (n_w,)
+        Where it started.
+    level : ModeSequence or float
+        Which level of the treatment of contact.
+
+    Returns
+    -------
+    SolveError
+        With the motion reached as ``partial``.
+    """
+    partial = Motion.of(program, solution.w, bounds)
+    if solution.status == "Invalid_Number_Detected" or not np.all(np.isfinite(start)):
+        return SolveError(
+            "the equations have no finite value at the first guess or near it",
+            "give another guess",
+            partial,
+            "bad_guess",
+        )
+    gives = _conflict(program, level, start, partial.p)
+    if gives:
+        listed = " and ".join(f"{name} by {size:.4g}" for name, size in gives.items())
+        return SolveError(
+            f"no motion meets all limits; the least that has to give way is {listed}",
+            "relax that, or what stands against it",
+            partial,
+            "infeasible",
+        )
+    if np.max(np.abs(solution.w)) > _BEYOND or solution.status == "Diverging_Iterates":
+        return SolveError(
+            "the objective falls without bound",
+            "limit the inputs, the states or the duration",
+            partial,
+            "unbounded",
+        )
+    where = "" if isinstance(level, ModeSequence) else f" at level {level:.3g}"
+    return SolveError(
+        f"not solved{where}: {_worst(program, solution, bounds)} "
+        f"({solution.status}, {solution.iterations} iterations)",
+        "try another guess, more or fewer arcs, or a slower homotopy (ratio nearer to 1)",
+        partial,
+        "not_solved",
+    )
+
+
+def _conflict(
+    program: Transcription, level: ModeSequence | float, start: np.ndarray, p: np.ndarray
+) -> dict[str, float]:
+    """Limits that must give way for any motion to exist near the start, in their own units."""
+    problem = with_input_limits(program.problem)
+    loose = elastic(problem)
+    if len(loose.design) == len(problem.design):
+        return {}
+    treatment = program.treatment
+    relaxed = Transcription(loose, program.mesh, treatment)
+    n = len(loose.design) - len(problem.design)
+    w = np.concatenate([np.where(np.isfinite(start), start, 0.0), np.full(n, 1.0)])
+    objective = 0.0
+    for each in _levels_from(treatment, level):  # the sharper the law, the more must give way
+        bounds = relaxed.bounds(each, p=by_name(problem.model.p, p))
+        answer = relaxed.nlp.solve(w, bounds, Ipopt(tolerance=1e-7))
+        if answer.violation > _MET:
+            break
+        w, objective = answer.w, answer.objective
+    if objective < _GIVES_WAY:
+        return {}
+    nominal = {b.name: b.nominal for b in (*problem.along, *problem.at_ends)}
+    names = [s.name.removeprefix("slack ") for s in loose.design[-n:]]
+    return {
+        name: float(size) * nominal[name]
+        for name, size in zip(names, w[-n:], strict=True)
+        if size > _GIVES_WAY
+    }
+
+
+def _levels_from(
+    treatment: Treatment, level: ModeSequence | float
+) -> Sequence[ModeSequence | float]:
+    """Level at which a solve failed, and those that would have followed."""
+    if isinstance(level, ModeSequence) or not isinstance(treatment, Smoothed | Complementary):
+        return (level,)
+    return [each for each in treatment.levels if each <= level]
+
+
+def _worst(program: Transcription, solution: Solution, bounds: Bounds) -> str:
+    """What is violated most, in words."""
+    if solution.violation <= 1e-6:
+        return "all limits hold, but the objective is not at its least"
+    g = program.nlp.constraints(solution.w, bounds)
+    excess = np.maximum(bounds.lbg - g, g - bounds.ubg)
+    row = int(np.argmax(excess))
+    return f"{program.name_of(row)} is off by {excess[row]:.2g} nominal sizes"

@@ -1,0 +1,353 @@
+"""A motion between and beyond collocation points: states, inputs, forces at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.model.gait import Gait
+from wormopt.numerics.collocation import bernstein_matrix
+from wormopt.ocp.mesh import Arcs, Mesh, interpolation
+from wormopt.ocp.nlp import Bounds
+from wormopt.ocp.transcription import Transcription
+
+__all__ = ["Curve", "Guess", "Motion", "sample"]
+
+Curve = Callable[[np.ndarray], np.ndarray]
+"""Times, shape (m,), in; values, shape (rows, m), out."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """From where a solver starts: curves over one motion.
+
+    Parameters
+    ----------
+    duration : float
+        How long it takes.
+    states : callable
+        States at times from 0 to ``duration``.
+    inputs : callable, optional
+        Inputs; zero where there is none.
+    forces : callable, optional
+        Contact forces; zero where there is none.
+    phases : ndarray, shape (phases,), optional
+        Durations of the phases; equal parts where nothing is said.
+    """
+
+    duration: float
+    states: Curve
+    inputs: Curve | None = None
+    forces: Curve | None = None
+    phases: np.ndarray | None = None
+
+    def durations_on(self, mesh: Mesh) -> np.ndarray:
+        """Durations of a mesh's arcs.
+
+        Parameters
+        ----------
+        mesh : Mesh
+            Any mesh; arcs without shares are equally long within their phase.
+
+        Returns
+        -------
+        ndarray, shape (N,)
+        """
+        phases = np.full(mesh.phases, 1.0) if self.phases is None else self.phases
+        shares = mesh.shares or tuple(1 / n for n in mesh.counts for _ in range(n))
+        return self.duration * np.array(shares) * (phases / np.sum(phases))[mesh.phase]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion found on some mesh, as curves and by names.
+
+    Parameters
+    ----------
+    program : Transcription
+        What it solves.
+    arcs : Arcs
+        The motion arc by arc.
+    level : ndarray, shape (N, n_level)
+        What the treatment of contacts took, per arc.
+    schedules : ndarray, shape (N, n_schedules)
+        Values of the model's schedules, per arc.
+    p : ndarray, shape (n_p,)
+        Parameters of the model.
+    """
+
+    program: Transcription
+    arcs: Arcs
+    level: np.ndarray
+    schedules: np.ndarray
+    p: np.ndarray
+
+    @classmethod
+    def of(cls, program: Transcription, w: np.ndarray, bounds: Bounds) -> Motion:
+        """Read a solution of a program.
+
+        Parameters
+        ----------
+        program : Transcription
+            The program.
+        w : ndarray, shape (n_w,)
+            Its variables.
+        bounds : Bounds
+            With which it was solved.
+
+        Returns
+        -------
+        Motion
+        """
+        n, (level, schedules, _, p) = program.mesh.total, program.arc.constants
+        edges = np.cumsum([level.numel() * n, schedules.numel() * n])
+        levels, values, fixed = np.split(bounds.p, edges)
+        assert len(fixed) == p.numel()
+        shapes = (n, level.numel()), (n, schedules.numel())
+        return cls(
+            program, program.unpack(w), levels.reshape(shapes[0]), values.reshape(shapes[1]), fixed
+        )
+
+    @property
+    def mesh(self) -> Mesh:
+        """Mesh on which it was found."""
+        return self.program.mesh
+
+    @cached_property
+    def breaks(self) -> np.ndarray:
+        """Times at which arcs begin, and the end, shape (N + 1,)."""
+        return np.concatenate([[0.0], np.cumsum(self.arcs.duration)])
+
+    @property
+    def duration(self) -> float:
+        """How long it takes."""
+        return float(self.breaks[-1])
+
+    @property
+    def parameters(self) -> dict[str, np.ndarray]:
+        """Parameters of the model by name."""
+        signals = self.program.problem.model.p
+        ends = np.cumsum([s.size for s in signals], dtype=int).tolist()
+        return {s.name: self.p[e - s.size : e] for s, e in zip(signals, ends, strict=True)}
+
+    def phase_breaks(self) -> np.ndarray:
+        """Times at which phases begin, and the end.
+
+        Returns
+        -------
+        ndarray, shape (phases + 1,)
+        """
+        first = np.searchsorted(self.mesh.phase, np.arange(self.mesh.phases))
+        return np.append(self.breaks[first], self.duration)
+
+    # -- curves ----------------------------------------------------------------------------
+
+    def _locate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        t = np.clip(np.asarray(t, dtype=float), 0.0, self.duration)
+        arc = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, self.mesh.total - 1)
+        while np.any(empty := self.arcs.duration[arc] <= 0):
+            arc[empty] -= 1  # an arc without duration says nothing
+        return arc, (t - self.breaks[arc]) / self.arcs.duration[arc]
+
+    def _interpolated(self, t: np.ndarray, nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
+        arc, s = self._locate(t)
+        return np.einsum("mk,rkm->rm", interpolation(nodes, s), values[:, :, arc])
+
+    def states(self, t: np.ndarray) -> np.ndarray:
+        """States at given times.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            Times from 0 to the duration.
+
+        Returns
+        -------
+        ndarray, shape (n_x, m)
+        """
+        return self._interpolated(t, self.mesh.collocation.nodes, self.arcs.states)
+
+    def inputs(self, t: np.ndarray) -> np.ndarray:
+        """Inputs at given times; where they jump, the later value.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            Times from 0 to the duration.
+
+        Returns
+        -------
+        ndarray, shape (n_u, m)
+        """
+        arc, s = self._locate(t)
+        return np.einsum("mk,rkm->rm", self.mesh.inputs_at(s), self.arcs.inputs[:, :, arc])
+
+    def forces(self, t: np.ndarray) -> np.ndarray:
+        """Contact forces at given times.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            Times from 0 to the duration.
+
+        Returns
+        -------
+        ndarray, shape (n_c, m)
+        """
+        return self.observe(self.program.problem.model.forces, t)
+
+    def observe(self, expression: ca.SX, t: np.ndarray) -> np.ndarray:
+        """Values of an expression of the problem's symbols.
+
+        Parameters
+        ----------
+        expression : casadi.SX
+            Column of r entries: an output of the model, a contact force, a bound.
+        t : ndarray, shape (m,)
+            Times from 0 to the duration.
+
+        Returns
+        -------
+        ndarray, shape (r, m)
+        """
+        arc = self.program.arc
+        function = ca.Function("observe", arc.symbols, [ca.densify(arc.at_forces(expression))])
+        which, _ = self._locate(t)
+        tau = self.mesh.collocation.tau
+        at_points = [
+            self._interpolated(t, tau, block)
+            for block in (self.arcs.slacks, self.arcs.algebraic, self.arcs.unknowns)
+        ]
+        columns = [np.asarray(t)[None, :], self.states(t), self.inputs(t), *at_points]
+        columns += [self.level[which].T, self.schedules[which].T]
+        constants = [np.tile(c[:, None], len(which)) for c in (self.arcs.design, self.p)]
+        return np.array(function(*columns, *constants))
+
+    def state(self, name: str, t: np.ndarray) -> np.ndarray:
+        """One of the model's states by its name.
+
+        Parameters
+        ----------
+        name : str
+            Name of a state.
+        t : ndarray, shape (m,)
+            Times from 0 to the duration.
+
+        Returns
+        -------
+        ndarray, shape (entries, m)
+
+        Raises
+        ------
+        ValueError
+            If there is no such state.
+        """
+        return self.states(t)[self.program.rows_of(name)]
+
+    def output(self, name: str, t: np.ndarray) -> np.ndarray:
+        """One of the model's outputs by its name.
+
+        Parameters
+        ----------
+        name : str
+            Name of an output.
+        t : ndarray, shape (m,)
+            Times from 0 to the duration.
+
+        Returns
+        -------
+        ndarray, shape (entries, m)
+
+        Raises
+        ------
+        KeyError
+            If there is no such output.
+        """
+        return self.observe(self.program.problem.model.output(name), t)
+
+    @property
+    def guess(self) -> Guess:
+        """The motion as a start for another solve."""
+        phases = np.diff(self.phase_breaks())
+        return Guess(self.duration, self.states, self.inputs, self.forces, phases)
+
+    def input_course(self) -> Gait:
+        """Inputs as piecewise polynomials of time, as simulation takes them.
+
+        Returns
+        -------
+        Gait
+            One row per input; arcs without duration are left out.
+        """
+        kept = np.flatnonzero(self.arcs.duration > 1e-12 * self.duration)
+        nodes = self.mesh.input_nodes
+        powers = np.arange(self.mesh.input_degree + 1)
+        to_powers = np.linalg.inv(nodes[:, None] ** powers) @ np.linalg.inv(bernstein_matrix(nodes))
+        pieces = np.einsum("kj,rjn->nrk", to_powers, self.arcs.inputs)[kept]
+        pieces /= self.arcs.duration[kept, None, None] ** powers
+        breaks = np.append(self.breaks[kept], self.duration)
+        breaks[0] = 0.0
+        return Gait(breaks, pieces)
+
+
+def sample(program: Transcription, guess: Guess, bounds: Bounds) -> np.ndarray:
+    """Variables of a program that follow a guess.
+
+    Parameters
+    ----------
+    program : Transcription
+        The program to start.
+    guess : Guess
+        Curves, and how long phases take.
+    bounds : Bounds
+        With whose parameters integrals are evaluated.
+
+    Returns
+    -------
+    ndarray, shape (n_w,)
+        What curves do not tell is at its nominal size: slacks, design constants; algebraic
+        variables and impulses are zero.
+
+    Raises
+    ------
+    ArgumentError
+        If a curve does not give as many rows as it must.
+    """
+    mesh, arc = program.mesh, program.arc
+    d, n = mesh.collocation.degree, mesh.total
+    durations = guess.durations_on(mesh)
+    breaks = np.concatenate([[0.0], np.cumsum(durations)])
+
+    def on(curve: Curve | None, places: np.ndarray, rows: int) -> np.ndarray:
+        if curve is None:
+            return np.zeros((rows, len(places), n))
+        t = breaks[:-1] + np.multiply.outer(places, durations)
+        values = np.asarray(curve(t.ravel()))
+        if values.shape != (rows, t.size):
+            raise ArgumentError(
+                f"a curve of the guess gives shape {values.shape} at {t.size} times; it must give "
+                f"({rows}, {t.size})"
+            )
+        return values.reshape(rows, len(places), n)
+
+    n_x, n_u = len(arc.x_nominal), len(arc.u_nominal)
+    inner = (np.arange(mesh.input_degree + 1) + 0.5) / (mesh.input_degree + 1)  # off the breaks
+    to_coefficients = np.linalg.inv(mesh.inputs_at(inner))
+    points = on(guess.states, mesh.collocation.tau, n_x)
+    forces = on(guess.forces, mesh.collocation.tau, len(arc.f_nominal))
+    arcs = Arcs(
+        duration=durations,
+        start=on(guess.states, np.zeros(1), n_x)[:, 0],
+        points=points,
+        inputs=np.einsum("kj,rjn->rkn", to_coefficients, on(guess.inputs, inner, n_u)),
+        algebraic=np.zeros((len(arc.z_nominal), d, n)),
+        unknowns=arc.closure_start(points, forces),
+        jumps=np.zeros((arc.layout.jumps.stop - arc.layout.jumps.start, n)),
+        **program.nominal_extras(),
+    )
+    return program.pack(arcs, bounds)

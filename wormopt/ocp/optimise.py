@@ -1,0 +1,435 @@
+"""The verb `optimise`: Problem, mesh and treatment of contact in, a checked Optimum out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.model.modes import ModeSequence
+from wormopt.ocp.contact import Complementary, Prescribed, Smoothed
+from wormopt.ocp.defects import defects, finer
+from wormopt.ocp.failure import failure
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Guess, Motion, sample
+from wormopt.ocp.nlp import Bounds, Ipopt, Solution, Solver
+from wormopt.ocp.problem import Problem
+from wormopt.ocp.transcription import Transcription
+from wormopt.progress import Report, silent
+
+__all__ = ["FEASIBLE", "Level", "Optimum", "best_of", "optimise", "refine"]
+
+Contacts = Smoothed | Complementary | Prescribed
+
+FEASIBLE = 1e-6
+"""Largest violation, in nominal sizes, of what counts as a solution."""
+
+# Programs of at most so many variables are finished by linear programs: a vertex, as most shortest
+# times are, is then found to the last digits. Larger ones cost more than they gain.
+_FINISHED = 200
+
+# Box, in nominal sizes, in which an optimum is tested to first order.
+_NEAR = 1e-3
+
+# A solve that starts at the solution of a neighbouring level begins with a small barrier.
+_WARM_BARRIER = 1e-3
+
+
+@dataclass(frozen=True)
+class Level:
+    """One solve of a homotopy.
+
+    Parameters
+    ----------
+    level : float
+        Width of the smoothed law or relaxation of complementarity; 0 for prescribed modes.
+    objective, violation : float
+        Of the solution.
+    status : str
+        The solver's.
+    iterations : int
+        The solver's.
+    seconds : float
+        Wall-clock time.
+    functions_s : mapping of str to float
+        Seconds of it in the program's functions.
+    """
+
+    level: float
+    objective: float
+    violation: float
+    status: str
+    iterations: int
+    seconds: float
+    functions_s: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """What `optimise` found, with what is known of its quality.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion.
+    solution : Solution
+        How the last nonlinear program ended.
+    levels : tuple of Level
+        All solves, in order.
+    treatment : Smoothed, Complementary or Prescribed
+        How contacts were treated.
+    build_s : float
+        Seconds to build the program and its derivatives.
+    bounds : Bounds
+        Bounds and parameters of the last solve.
+    """
+
+    motion: Motion
+    solution: Solution
+    levels: tuple[Level, ...]
+    treatment: Contacts
+    build_s: float
+    bounds: Bounds
+
+    @property
+    def objective(self) -> float:
+        """What was minimised."""
+        return self.solution.objective
+
+    @property
+    def solve_s(self) -> float:
+        """Seconds in the solver, over all levels."""
+        return sum(level.seconds for level in self.levels)
+
+    @property
+    def iterations(self) -> int:
+        """Iterations over all levels."""
+        return sum(level.iterations for level in self.levels)
+
+    @property
+    def functions_s(self) -> dict[str, float]:
+        """Seconds in the program's functions by their names, over all levels."""
+        return _sum_by_name(*(level.functions_s for level in self.levels))
+
+    @cached_property
+    def gain(self) -> float:
+        """By how much the objective might still fall, to first order, near by.
+
+        What the program linearised at the solution promises in a box of a thousandth of the
+        nominal sizes; 0 at a point that obeys the conditions of Karush, Kuhn and Tucker, NaN
+        where the linear program is not solved.
+        """
+        radius = np.full(self.solution.w.shape, _NEAR)
+        step = self.motion.program.nlp.linear_step(self.solution.w, self.bounds, radius)
+        return np.nan if step is None else max(0.0, -step[1])
+
+    @cached_property
+    def defects(self) -> np.ndarray:
+        """Local error of each arc, see `defects`."""
+        return defects(self.motion)
+
+    @cached_property
+    def complementarity(self) -> float:
+        """Largest product |w (force - force of sliding)| at the collocation points, scaled.
+
+        Zero for an exact set-valued law; for other treatments than complementarity it is found
+        from velocities and forces.
+        """
+        motion = self.motion
+        model, tau = motion.program.problem.model, motion.mesh.collocation.tau
+        tau = np.minimum(tau, 1 - 1e-10)  # an arc's end is the next arc's start
+        t = (motion.breaks[:-1] + np.multiply.outer(tau, motion.arcs.duration)).ravel()
+        worst = 0.0
+        for c in model.contacts:
+            for d in c.law.directions:
+                slip = motion.observe(c.force - c.law.slip_force(c.velocity, d), t)
+                part = np.maximum(d * motion.observe(c.velocity, t), 0.0)
+                product = np.abs(slip * part) / (c.nominal_force * c.nominal_speed)
+                worst = max(worst, float(np.max(product)))
+        return worst
+
+
+def optimise(
+    problem: Problem,
+    mesh: Mesh,
+    treatment: Contacts,
+    guess: Guess,
+    *,
+    p: Mapping[str, ArrayLike] | None = None,
+    pins: Mapping[int, float] | None = None,
+    solver: Solver | None = None,
+    report: Report = silent,
+) -> Optimum:
+    """Find a local optimum, level after level of the treatment of contact.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to optimise.
+    mesh : Mesh
+        Phases, arcs and polynomials.
+    treatment : Smoothed, Complementary or Prescribed
+        How contacts are treated, and through which levels.
+    guess : Guess
+        From where to start: a `Motion.guess`, a simulation's curves, or any.
+    p : mapping of str to array_like, optional
+        Parameters of the model by name, where they are not its own.
+    pins : mapping of int to float, optional
+        Times at which phases begin, see `Transcription.bounds`.
+    solver : Solver, optional
+        IPOPT where nothing is said.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    Optimum
+        Its violation is at most `FEASIBLE`.
+
+    Raises
+    ------
+    ArgumentError
+        If the treatment of contact is not one of an optimisation.
+    SolveError
+        If a level is not solved; the message says which limits stand against each other, or what
+        else to change, and ``code`` why: "infeasible", "unbounded", "bad_guess", "not_solved".
+    KeyboardInterrupt
+        If the user stops it.
+
+    Examples
+    --------
+    The shortest time in which a block with F+ = 1, F- = 2 and |u| <= 3 slides a unit way from
+    rest to rest is sqrt(3/2).
+
+    >>> import casadi as ca
+    >>> from wormopt.model.friction import Coulomb
+    >>> from wormopt.model.model import Contact, Model, Signal
+    >>> from wormopt.numerics.collocation import Collocation
+    >>> from wormopt.ocp.problem import Bound, Ends
+    >>> x, v, u, f = (ca.SX.sym(name) for name in "xvuf")
+    >>> block = Model(
+    ...     "block",
+    ...     x=[Signal("position", x), Signal("velocity", v)],
+    ...     ode=ca.vertcat(v, u + f),
+    ...     u=[Signal("drive", u, lower=-3.0, upper=3.0)],
+    ...     contacts=[Contact("sole", v, f, Coulomb(1.0, 2.0))],
+    ... )
+    >>> ends = Ends.of(block)
+    >>> bounds = [Bound("start", ends.start, 0, 0), Bound("end", ends.end, [1, 0], [1, 0])]
+    >>> problem = Problem(block, ends, ends.duration, (0.1, 10.0), at_ends=bounds)
+    >>> slides = Prescribed(ModeSequence(((1,), (1,))))
+    >>> guess = Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.7]))
+    >>> found = optimise(problem, Mesh.even(2, 1, Collocation(2)), slides, guess)
+    >>> round(found.objective**2, 9)
+    1.5
+    """
+    if not isinstance(treatment, Contacts):
+        raise ArgumentError(
+            f"contact in an optimisation is Smoothed, Complementary or Prescribed, not {treatment}"
+        )
+    solver = solver or Ipopt()
+    begin = time.perf_counter()
+    program = Transcription(problem, mesh, treatment)
+    build = time.perf_counter() - begin
+    held = None if isinstance(treatment, Complementary) else treatment.active
+    targets = _targets(treatment)
+    steps = [program.bounds(target, p=p, pins=pins, active=held) for target in targets]
+    w = sample(program, guess, steps[0])
+    solutions: list[Solution] = []
+    for k, (target, bounds) in enumerate(zip(targets, steps, strict=True)):
+        solution = _solve(program, w, bounds, solver, warm=k > 0)
+        if not (solution.violation <= FEASIBLE and _ended_well(solution)):
+            raise failure(program, solution, bounds, w, target)
+        w = solution.w
+        solutions.append(solution)
+        report(f"objective {solution.objective:.6g}", (k + 1) / len(targets))
+    motion = Motion.of(program, w, steps[-1])
+    levels = tuple(map(_level, targets, solutions))
+    build += sum(solution.build_s for solution in solutions)
+    return Optimum(motion, solutions[-1], levels, treatment, build, steps[-1])
+
+
+def _level(target: ModeSequence | float, solution: Solution) -> Level:
+    return Level(
+        0.0 if isinstance(target, ModeSequence) else target,
+        solution.objective,
+        solution.violation,
+        solution.status,
+        solution.iterations,
+        solution.seconds,
+        solution.functions_s,
+    )
+
+
+def _targets(treatment: Contacts) -> Sequence[ModeSequence | float]:
+    if not isinstance(treatment, Prescribed):
+        return treatment.levels
+    return (treatment.modes if treatment.modes is not None else ModeSequence(((),)),)
+
+
+def _ended_well(solution: Solution) -> bool:
+    """Whether a solver found an optimum; some stop where they make no progress any more."""
+    return solution.success or solution.status in ("Solved_To_Acceptable_Level",)
+
+
+def _solve(
+    program: Transcription, w: np.ndarray, bounds: Bounds, solver: Solver, *, warm: bool
+) -> Solution:
+    """Solve one level; a warm start that leads nowhere is tried again with a large barrier."""
+    lost = None
+    if warm and isinstance(solver, Ipopt):
+        near = replace(solver, mu_init=min(solver.mu_init, _WARM_BARRIER))
+        lost = program.nlp.solve(w, bounds, near)
+        if lost.violation <= FEASIBLE and _ended_well(lost):
+            return lost
+    solution = _after(lost, program.nlp.solve(w, bounds, solver))
+    if not warm and not (solution.violation <= FEASIBLE and _ended_well(solution)):
+        solution = _after(solution, program.nlp.solve(w, program.guarded(bounds), solver))
+    if program.arc.modal and len(w) <= _FINISHED and solution.violation <= FEASIBLE:
+        return program.nlp.finish(solution, bounds)
+    return solution
+
+
+def _after(lost: Solution | None, solution: Solution) -> Solution:
+    """Count what a solve in vain has cost."""
+    if lost is None:
+        return solution
+    return replace(
+        solution,
+        iterations=solution.iterations + lost.iterations,
+        seconds=solution.seconds + lost.seconds,
+        build_s=solution.build_s + lost.build_s,
+        functions_s=_sum_by_name(lost.functions_s, solution.functions_s),
+    )
+
+
+def _sum_by_name(*parts: Mapping[str, float]) -> dict[str, float]:
+    total: dict[str, float] = {}
+    for part in parts:
+        for name, seconds in part.items():
+            total[name] = total.get(name, 0.0) + seconds
+    return total
+
+
+def refine(
+    optimum: Optimum,
+    tolerance: float,
+    *,
+    rounds: int = 5,
+    most_arcs: int = 2000,
+    p: Mapping[str, ArrayLike] | None = None,
+    pins: Mapping[int, float] | None = None,
+    solver: Solver | None = None,
+    report: Report = silent,
+) -> Optimum:
+    """Split arcs that err by more than asked and solve again, until none does.
+
+    Parameters
+    ----------
+    optimum : Optimum
+        On a mesh with shares.
+    tolerance : float
+        Local error allowed on each arc, in nominal sizes of states, see `defects`.
+    rounds : int, optional
+        Most solves.
+    most_arcs : int, optional
+        Largest mesh.
+    p, pins : mapping, optional
+        As given to `optimise`.
+    solver : Solver, optional
+        As given to `optimise`.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    Optimum
+        The last one; whether it got there its ``defects`` tell.
+
+    Raises
+    ------
+    SolveError
+        If a finer mesh is not solved.
+    """
+    p = optimum.motion.parameters if p is None else p
+    for k in range(rounds):
+        mesh = finer(optimum.motion.mesh, optimum.defects, tolerance)
+        if mesh.total == optimum.motion.mesh.total or mesh.total > most_arcs:
+            break
+        report(f"refining to {mesh.total} arcs", k / rounds)
+        last = optimum.treatment
+        if not isinstance(last, Prescribed):
+            last = replace(last, first=last.levels[-1])
+        motion = optimum.motion
+        problem = motion.program.problem
+        again = optimise(problem, mesh, last, motion.guess, p=p, pins=pins, solver=solver)
+        optimum = replace(
+            again,
+            levels=(*optimum.levels, *again.levels),
+            treatment=optimum.treatment,
+            build_s=optimum.build_s + again.build_s,
+        )
+    return optimum
+
+
+def best_of(
+    problem: Problem,
+    mesh: Mesh,
+    treatment: Contacts,
+    guesses: Iterable[Guess],
+    *,
+    p: Mapping[str, ArrayLike] | None = None,
+    solver: Solver | None = None,
+    report: Report = silent,
+) -> tuple[Optimum, tuple[float, ...]]:
+    """Optimise from several starts and keep the best.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to optimise.
+    mesh : Mesh
+        Phases, arcs and polynomials.
+    treatment : Smoothed, Complementary or Prescribed
+        How contacts are treated.
+    guesses : iterable of Guess
+        Where to start.
+    p : mapping of str to array_like, optional
+        Parameters of the model by name.
+    solver : Solver, optional
+        IPOPT where nothing is said.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    best : Optimum
+        The one with the least objective.
+    objectives : tuple of float
+        Objective of every start, NaN where it failed.
+
+    Raises
+    ------
+    SolveError
+        If every start failed: the last one's.
+    """
+    best, objectives, error = None, [], None
+    for k, guess in enumerate(guesses):
+        report(f"start {k + 1}", None)
+        try:
+            found = optimise(problem, mesh, treatment, guess, p=p, solver=solver)
+        except SolveError as failed:
+            objectives.append(np.nan)
+            error = failed
+            continue
+        objectives.append(found.objective)
+        if best is None or found.objective < best.objective:
+            best = found
+    if best is None:
+        raise error or SolveError("no start was given", "give at least one")
+    return best, tuple(objectives)

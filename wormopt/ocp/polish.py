@@ -1,0 +1,150 @@
+"""From a relaxed optimum to an exact one: read its phases, free their durations, solve again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import SolveError
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.contact import Complementary, Prescribed, Smoothed
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.nlp import Ipopt, Solver
+from wormopt.ocp.optimise import Optimum, optimise, refine
+from wormopt.ocp.sequence import Structure, structure_of
+from wormopt.progress import Report, silent
+
+__all__ = ["polish", "resting_speeds"]
+
+# An exact optimum worse than the relaxed one by more than the first part of the objective may come
+# from misread phases, so that others are tried; by more than the second it is none of its kind.
+_ALIKE, _FAMILIAR = 0.01, 0.1
+# Most readings tried.
+_READINGS = 6
+
+
+def polish(
+    relaxed: Optimum,
+    *,
+    collocation: Collocation | None = None,
+    tolerance: float = 1e-10,
+    p: Mapping[str, ArrayLike] | None = None,
+    solver: Solver | None = None,
+    report: Report = silent,
+) -> Optimum:
+    """Solve with the contact modes of a relaxed optimum, switching times left free.
+
+    Phases are runs of arcs with the same contact modes and the same inputs at their limits. A
+    phase may shrink to nothing. Other readings are tried where the objective comes out worse than
+    the relaxed one by more than 1 %; the best one is refined.
+
+    Parameters
+    ----------
+    relaxed : Optimum
+        With smoothed or complementary contact, on a mesh fine enough to show the phases.
+    collocation : Collocation, optional
+        On each phase; Gauss-Legendre of degree 5 where nothing is said.
+    tolerance : float, optional
+        Local error allowed on each arc, see `refine`.
+    p : mapping of str to array_like, optional
+        Parameters of the model by name; those of the relaxed motion where nothing is said.
+    solver : Solver, optional
+        IPOPT with a tolerance of 1e-10 where nothing is said.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    Optimum
+        With prescribed modes.
+
+    Raises
+    ------
+    SolveError
+        If no reading leads to a motion near the relaxed one.
+    """
+    collocation = collocation or Collocation(5)
+    solver = solver or Ipopt(tolerance=1e-10, mu_init=1e-2)
+    p = relaxed.motion.parameters if p is None else p
+    found: list[Optimum] = []
+    error: SolveError | None = None
+    for structure in islice(_readings(relaxed), _READINGS):
+        report(f"phases: {len(structure.durations)}", None)
+        try:
+            found.append(_solve(relaxed, structure, collocation, p, solver))
+        except SolveError as failed:
+            error = failed
+            continue
+        if _loss(found[-1], relaxed) <= _ALIKE:
+            break
+    found = sorted((f for f in found if _loss(f, relaxed) <= _FAMILIAR), key=lambda f: f.objective)
+    if not found:
+        raise SolveError(
+            "the contact modes read off the relaxed motion do not lead to an exact one",
+            "use more arcs; or nothing can move at all within these limits",
+            None if error is None else error.partial,
+            "no_phases",
+        )
+    near = replace(solver, mu_init=1e-5, warm=True) if isinstance(solver, Ipopt) else solver
+    refined = refine(found[0], tolerance, p=p, solver=near)
+    return refined if _loss(refined, relaxed) <= _FAMILIAR else found[0]
+
+
+def _loss(exact: Optimum, relaxed: Optimum) -> float:
+    """By which part of their size the exact objective is worse than the relaxed one."""
+    size = max(abs(relaxed.objective), abs(exact.objective), 1e-300)
+    return (exact.objective - relaxed.objective) / size
+
+
+def _readings(relaxed: Optimum) -> Iterator[Structure]:
+    """Different structures by what is taken for rest and for noise, the plainest first."""
+    seen = set()
+    for least in (2, 3, 1, 5):
+        for speed in resting_speeds(relaxed):
+            structure = structure_of(relaxed.motion, speed=speed, least=least)
+            key = (structure.modes.phases, structure.active)
+            if key not in seen:
+                seen.add(key)
+                yield structure
+
+
+def resting_speeds(relaxed: Optimum) -> tuple[float, ...]:
+    """Speeds below which a contact may be said to rest, the likeliest first.
+
+    Parameters
+    ----------
+    relaxed : Optimum
+        With smoothed or complementary contact.
+
+    Returns
+    -------
+    tuple of float
+    """
+    motion = relaxed.motion
+    t = np.linspace(0.0, motion.duration, 4 * motion.mesh.total)
+    v = motion.observe(motion.program.problem.model.contact_velocities, t)
+    largest = float(np.max(np.abs(v), initial=0.0))
+    treatment = relaxed.treatment
+    if isinstance(treatment, Smoothed):
+        return (3 * treatment.v_reg, treatment.v_reg, 10 * treatment.v_reg)
+    assert isinstance(treatment, Complementary)
+    return (1e-2 * largest, 1e-3 * largest, 5e-2 * largest)
+
+
+def _solve(
+    relaxed: Optimum,
+    structure: Structure,
+    collocation: Collocation,
+    p: Mapping[str, ArrayLike] | None,
+    solver: Solver,
+) -> Optimum:
+    mesh = Mesh.even(len(structure.durations), 1, collocation, max(0, collocation.degree - 2))
+    guess = replace(relaxed.motion.guess, phases=structure.durations)
+    problem = relaxed.motion.program.problem
+    return optimise(
+        problem, mesh, Prescribed(structure.modes, structure.active), guess, p=p, solver=solver
+    )

@@ -1,0 +1,440 @@
+"""Direct collocation: the nonlinear program of a Problem on a Mesh, for any Model.
+
+Every phase is a row of arcs; on an arc the states are polynomials (collocation), the inputs
+polynomials of lower degree. Arcs are free in duration, or have fixed shares of their phase, whose
+duration may be free. What contacts do enters by parameters, so that one nonlinear program serves
+all mode sequences of as many phases, all widths of a smoothed law, all relaxations of a
+complementarity. Bounds are put on Bernstein coefficients: they hold at every instant of the
+polynomials, not only at nodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.model.modes import ModeSequence
+from wormopt.ocp.arc import Arc
+from wormopt.ocp.contact import Prescribed, Treatment
+from wormopt.ocp.limits import Limits
+from wormopt.ocp.mesh import Arcs, Mesh, interpolation
+from wormopt.ocp.nlp import Bounds, NonlinearProgram
+from wormopt.ocp.problem import Problem
+
+__all__ = ["Transcription"]
+
+
+class Transcription:
+    """The nonlinear program of a problem on a mesh, with contacts treated in one of three ways.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to optimise.
+    mesh : Mesh
+        Phases, arcs and polynomials.
+    treatment : Treatment, optional
+        How contacts are treated: prescribed modes where nothing is said.
+
+    Raises
+    ------
+    ValueError
+        If impulses are asked for without prescribed modes.
+
+    Notes
+    -----
+    Attributes ``problem`` and ``mesh`` are those given, ``nlp`` is the NonlinearProgram. Its
+    variables are scaled by nominal sizes: arc after arc the rows of `Layout`, then the design
+    constants.
+
+    Examples
+    --------
+    A cart of unit mass travels a unit way from rest to rest with forces up to 1. The fastest way
+    takes 2: full force forward, then full force back.
+
+    >>> from wormopt.model.model import Model, Signal
+    >>> from wormopt.numerics.collocation import Collocation
+    >>> from wormopt.ocp.nlp import Ipopt
+    >>> from wormopt.ocp.problem import Bound, Ends
+    >>> q, v, u = (ca.SX.sym(name) for name in "qvu")
+    >>> x = [Signal("position", q), Signal("velocity", v)]
+    >>> cart = Model("cart", x=x, ode=ca.vertcat(v, u), u=[Signal("force", u)])
+    >>> ends = Ends.of(cart)
+    >>> origin = Bound("start", ends.start, 0.0, 0.0)
+    >>> target = Bound("target", ends.end, [1.0, 0.0], [1.0, 0.0])
+    >>> force = Bound("force", u, -1.0, 1.0)
+    >>> problem = Problem(
+    ...     cart, ends, ends.duration, (0.1, 10.0), along=[force], at_ends=[origin, target]
+    ... )
+    >>> program = Transcription(problem, Mesh(phases=1, arcs=2, collocation=Collocation(2)))
+    >>> bounds = program.bounds(ModeSequence(((),)))  # one phase, no contacts
+    >>> start = program.rest(np.ones(2), np.zeros(2))
+    >>> arcs = program.unpack(program.nlp.solve(start, bounds, Ipopt()).w)
+    >>> arcs.duration.round(6), arcs.inputs.ravel().round(6)
+    (array([1., 1.]), array([ 1., -1.]))
+    """
+
+    def __init__(self, problem: Problem, mesh: Mesh, treatment: Treatment | None = None) -> None:
+        self.problem, self.mesh = problem, mesh
+        self.treatment = treatment or Prescribed()
+        self.arc = Arc(problem, mesh, self.treatment)
+        self.nlp = self._assemble()
+
+    # -- all arcs --------------------------------------------------------------------------
+
+    def _assemble(self) -> NonlinearProgram:
+        at, n, arc = self.arc.layout, self.mesh.total, self.arc.function
+        n_integrals = self.problem.integrands.numel()
+        n_x, n_design = self.problem.model.n_x, len(self.arc.design_nominal)
+        sizes = [at.size * n, n_x, 1, n_integrals * n, n_design]
+        w = ca.MX.sym("w", sum(sizes))
+        arcs, last, total, tallies, design = ca.vertsplit(w, np.cumsum([0, *sizes]).tolist())
+        levels, schedules, _, p = (
+            ca.MX.sym(name, c.numel() * (n if k < 2 else 1))
+            for k, (name, c) in enumerate(
+                zip(("levels", "schedules", "design", "p"), self.arc.constants, strict=True)
+            )
+        )
+        y = ca.reshape(arcs, at.size, n)
+        equal, small, following, rows, before, end, integrals = arc.map(n)(
+            y,
+            ca.reshape(levels, -1, n),
+            ca.reshape(schedules, -1, n),
+            ca.repmat(design, 1, n),
+            ca.repmat(p, 1, n),
+        )
+        # Ends, duration and integrals are variables of their own: an objective that couples them
+        # would otherwise couple all arcs, and fill the Hessian. Integrals are summed arc by arc:
+        # a row in which all arcs stand would make the derivatives of long meshes slow to find.
+        tally = ca.reshape(tallies, n_integrals, n)
+        running = ca.horzcat(ca.MX(n_integrals, 1), tally[:, : n - 1]) + integrals
+        ends = ca.vertcat(end[:, n - 1], self._total_duration(y))
+        joints = ca.vertcat(
+            self._joints(y, before, end, last),
+            ca.vertcat(last, total) - ends,
+            ca.vec(tally - running),
+        )
+        rows_of_kinds = {
+            "equal": equal.shape[0],
+            "small": small.shape[0],
+            "following": following.shape[0],
+            "rows": rows.shape[0],
+            "joints": joints.shape[0],
+        }
+        self._limits = Limits(self.arc, rows_of_kinds, n_x + 1 + n_integrals * n)
+        constraints = ca.vertcat(
+            ca.vec(equal),
+            ca.vec(small),
+            ca.vec(following),
+            ca.vec(rows),
+            joints,
+        )
+        objective, at_ends = self._finish(before[:, 0], last, total, tally[:, n - 1], design, p)
+        parameters = ca.vertcat(levels, schedules, p)
+        sums = [ca.sum2(integrals[:, : k + 1]) for k in range(n if n_integrals else 0)]
+        self._totals = ca.Function("totals", [w, parameters], [ca.vertcat(ends, *sums)])
+        return NonlinearProgram(w, parameters, objective, ca.vertcat(constraints, at_ends))
+
+    def _total_duration(self, y: ca.MX) -> ca.MX:
+        """Sum of all durations; by those of the first arcs where shares tell the others."""
+        if self.mesh.shares is None:
+            return ca.sum2(y[0, :])
+        first = np.searchsorted(self.mesh.phase, np.arange(self.mesh.phases))
+        whole = np.bincount(self.mesh.phase, weights=self.mesh.shares)
+        parts = [
+            y[0, int(k)] * (w / self.mesh.shares[k]) for k, w in zip(first, whole, strict=True)
+        ]
+        return ca.sum1(ca.vertcat(*parts))
+
+    def _joints(self, y: ca.MX, before: ca.MX, end: ca.MX, last: ca.MX) -> ca.MX:
+        """What vanishes where arcs join: states, clocks, shares of durations, the period."""
+        n, at = self.mesh.total, self.arc.layout
+        parts = [ca.vec(before[:, 1:] - end[:, : n - 1])]
+        if self.arc.timed:
+            parts.append((y[at.clock, 1:] - y[at.clock, : n - 1] - y[0, : n - 1]).T)
+        if self.mesh.shares is not None and not self.arc.fixed_grid:
+            first = np.searchsorted(self.mesh.phase, self.mesh.phase)
+            share = np.array(self.mesh.shares)
+            later = [k for k in range(n) if first[k] != k]
+            parts += [y[0, k] * share[first[k]] - y[0, int(first[k])] * share[k] for k in later]
+        change = last - before[:, 0]
+        if self._periodic_rows:
+            parts.append(change[self._periodic_rows])
+        for rows in self._displaced_rows:
+            parts.append(change[rows[1:]] - change[rows[0]])
+        return ca.vertcat(*parts)
+
+    def _finish(
+        self, first: ca.MX, last: ca.MX, total: ca.MX, tally: ca.MX, design: ca.MX, p: ca.MX
+    ) -> tuple[ca.MX, ca.MX]:
+        """Objective and bounds at the ends."""
+        problem = self.problem
+        bounded = (b.expression / b.nominal for b in problem.at_ends)
+        finish = ca.Function(
+            "finish",
+            [*vars(problem.ends).values(), *self.arc.constants[2:]],
+            [problem.minimise, ca.vertcat(ca.SX(0, 1), *bounded)],
+        )
+        objective, at_ends = finish(
+            first * self.arc.x_nominal,
+            last * self.arc.x_nominal,
+            total * self.arc.time_nominal,
+            tally,
+            design * self.arc.design_nominal,
+            p,
+        )
+        return objective, at_ends
+
+    def rows_of(self, name: str) -> list[int]:
+        """Rows of the state called ``name`` among all scalar states.
+
+        Parameters
+        ----------
+        name : str
+            Name of a state.
+
+        Returns
+        -------
+        list of int
+
+        Raises
+        ------
+        ValueError
+            If there is no such state.
+        """
+        first = 0
+        for signal in self.problem.model.x:
+            if signal.name == name:
+                return list(range(first, first + signal.size))
+            first += signal.size
+        raise ValueError(f"{self.problem.model.name} has no state {name!r}")
+
+    @cached_property
+    def _periodic_rows(self) -> list[int]:
+        return [row for name in self.problem.periodic for row in self.rows_of(name)]
+
+    @cached_property
+    def _displaced_rows(self) -> list[list[int]]:
+        rows = [self.rows_of(name) for name in self.problem.displaced]
+        return [r for r in rows if len(r) > 1]
+
+    # -- bounds ----------------------------------------------------------------------------
+
+    def bounds(
+        self,
+        level: ModeSequence | float = 0.0,
+        *,
+        p: Mapping[str, ArrayLike] | None = None,
+        pins: Mapping[int, float] | None = None,
+        active: Sequence[Sequence[int]] | None = None,
+    ) -> Bounds:
+        """Bounds and parameters of the program for given modes, width or relaxation.
+
+        Parameters
+        ----------
+        level : ModeSequence or float, optional
+            What the treatment of contacts takes: modes, ``v_reg``, or the relaxation of
+            complementarity.
+        p : mapping of str to array_like, optional
+            Parameters of the model by name, where they are not its own.
+        pins : mapping of int to float, optional
+            Times at which phases begin, by their number. Each phase takes of the model's
+            schedules the piece that holds at the last of these times up to it; on a fixed grid
+            each arc takes its own.
+        active : sequence of sequences of int, optional
+            Per phase and input: -1 holds it at its lower limit, +1 at its upper one, 0 leaves it
+            free.
+
+        Returns
+        -------
+        Bounds
+            For ``nlp.solve``. With prescribed modes a contact that sticks keeps its force in the
+            law's interval, one that slides keeps its speed from changing sign.
+
+        Raises
+        ------
+        ValueError
+            If the number of phases differs from the mesh's, or a schedule breaks within an arc.
+        """
+        return self._limits.bounds(level, p, pins, active)
+
+    def name_of(self, row: int) -> str:
+        """What a row of the constraints is about, in words.
+
+        Parameters
+        ----------
+        row : int
+            Row of the program's constraints.
+
+        Returns
+        -------
+        str
+        """
+        return self._limits.name_of(row)
+
+    def guarded(self, bounds: Bounds) -> Bounds:
+        """Say of every arc that its duration is not negative, where its phase says so already.
+
+        For an interior point that is not the same: its barrier keeps durations from collapsing
+        as many times as strongly. It takes more iterations, and finds motions from poorer starts.
+
+        Parameters
+        ----------
+        bounds : Bounds
+            From `bounds`.
+
+        Returns
+        -------
+        Bounds
+        """
+        rows = self.arc.layout.size * np.arange(self.mesh.total)
+        lower, upper = bounds.lbw.copy(), bounds.ubw.copy()
+        lower[rows] = np.maximum(lower[rows], 0.0)
+        upper[rows] = np.minimum(upper[rows], self.problem.duration[1] / self.arc.time_nominal)
+        return replace(bounds, lbw=lower, ubw=upper)
+
+    # -- variables in and out --------------------------------------------------------------
+
+    def unpack(self, w: np.ndarray) -> Arcs:
+        """Read the program's variables back in the model's units.
+
+        Parameters
+        ----------
+        w : ndarray, shape (n_w,)
+            Variables of ``nlp``.
+
+        Returns
+        -------
+        Arcs
+        """
+        arc, at, n, d = self.arc, self.arc.layout, self.mesh.total, self.mesh.collocation.degree
+        y = w[: at.size * n].reshape((at.size, n), order="F")
+
+        def block(rows: slice, nominal: np.ndarray, columns: int) -> np.ndarray:
+            shape = (len(nominal), columns, n)
+            return y[rows].reshape(shape, order="F") * nominal[:, None, None]
+
+        return Arcs(
+            duration=y[0] * arc.time_nominal,
+            start=y[at.start] * arc.x_nominal[:, None],
+            points=block(at.points, arc.x_nominal, d),
+            inputs=block(at.inputs, arc.u_nominal, self.mesh.input_degree + 1),
+            slacks=block(at.slacks, arc.s_nominal, d),
+            algebraic=block(at.algebraic, arc.z_nominal, d),
+            unknowns=block(at.unknowns, arc.closure.nominal, d),
+            jumps=y[at.jumps],
+            design=w[len(w) - len(arc.design_nominal) :] * arc.design_nominal,
+        )
+
+    def pack(self, arcs: Arcs, bounds: Bounds | None = None) -> np.ndarray:
+        """Write a motion on this mesh into the program's variables; the inverse of `unpack`.
+
+        Parameters
+        ----------
+        arcs : Arcs
+            Motion on this program's mesh; `on_finer_mesh` brings it there from a coarser one.
+        bounds : Bounds, optional
+            With whose parameters integrals are evaluated; they are zero where nothing is said.
+
+        Returns
+        -------
+        ndarray, shape (n_w,)
+        """
+
+        def block(values: np.ndarray, nominal: np.ndarray) -> np.ndarray:
+            scaled = values / nominal[:, None, None]
+            return scaled.reshape((-1, self.mesh.total), order="F")
+
+        arc = self.arc
+        duration = arcs.duration / arc.time_nominal
+        clock = np.concatenate([[0.0], np.cumsum(duration)[:-1]])
+        y = np.vstack(
+            [
+                duration,
+                *([clock] if arc.timed else []),
+                arcs.start / arc.x_nominal[:, None],
+                block(arcs.points, arc.x_nominal),
+                block(arcs.inputs, arc.u_nominal),
+                block(arcs.slacks, arc.s_nominal),
+                block(arcs.algebraic, arc.z_nominal),
+                block(arcs.unknowns, arc.closure.nominal),
+                arcs.jumps,
+            ]
+        )
+        return self._with_totals(y, arcs.design / arc.design_nominal, bounds)
+
+    def _with_totals(self, y: np.ndarray, design: np.ndarray, bounds: Bounds | None) -> np.ndarray:
+        """Variables of the program: those of the arcs, what they amount to, design constants."""
+        n_x, n_totals = self.problem.model.n_x, self._totals.size1_out(0)
+        w = np.concatenate([y.ravel(order="F"), np.zeros(n_totals), design])
+        totals = slice(y.size, y.size + n_totals)
+        if bounds is not None:
+            w[totals] = np.asarray(self._totals(w, bounds.p)).ravel()
+            return w
+        points = y[self.arc.layout.points, -1].reshape((n_x, -1), order="F")
+        values = np.column_stack([y[self.arc.layout.start, -1], points])
+        nodes = self.mesh.collocation.nodes
+        w[totals.start : totals.start + n_x] = values @ interpolation(nodes, np.ones(1))[0]
+        w[totals.start + n_x] = y[0].sum()
+        return w
+
+    def rest(self, durations: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Variables of a worm that does not move, on arcs of given durations.
+
+        Parameters
+        ----------
+        durations : ndarray, shape (arcs,)
+            Duration of every arc.
+        start : ndarray, shape (n_x,)
+            State at which it rests.
+
+        Returns
+        -------
+        ndarray, shape (n_w,)
+            A start from which `NonlinearProgram.linear_step` finds the best motion with these
+            durations, where the model is linear.
+        """
+        at, n = self.arc.layout, self.mesh.total
+        y = np.zeros((at.size, n))
+        y[0] = durations / self.arc.time_nominal
+        y[at.clock] = np.cumsum(y[0]) - y[0]
+        y[at.start] = (start / self.arc.x_nominal)[:, None]
+        y[at.points] = np.tile(start / self.arc.x_nominal, self.mesh.collocation.degree)[:, None]
+        return self._with_totals(y, np.zeros(len(self.arc.design_nominal)), None)
+
+    def nominal_extras(self) -> dict[str, np.ndarray]:
+        """Slacks and design constants at their nominal sizes: what a motion does not tell.
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``slacks`` (n_s, degree, arcs) and ``design`` (n_p,), to put into `Arcs`.
+        """
+        shape = (1, self.mesh.collocation.degree, self.mesh.total)
+        return {
+            "slacks": np.tile(self.arc.s_nominal[:, None, None], shape),
+            "design": self.arc.design_nominal.copy(),
+        }
+
+    def hold_durations(self, free: float = np.inf) -> np.ndarray:
+        """Radius of `NonlinearProgram.linear_step` that fixes all durations.
+
+        Parameters
+        ----------
+        free : float, optional
+            Radius of all other variables, scaled.
+
+        Returns
+        -------
+        ndarray, shape (n_w,)
+            0 for durations, ``free`` elsewhere.
+        """
+        radius = np.full((self.arc.layout.size, self.mesh.total), free)
+        radius[0] = 0.0
+        rest = self._totals.size1_out(0) + len(self.arc.design_nominal)
+        return np.concatenate([radius.ravel(order="F"), np.full(rest, free)])

@@ -1,1 +1,0 @@
-"""Direct collocation: any Model in, a checked nonlinear program and its solution out."""

@@ -1,0 +1,195 @@
+"""Raw TOML into typed tables, key by key, so that all faults of a scene are found at once."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from difflib import get_close_matches
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+
+import msgspec
+
+from wormopt.errors import Fault
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+_WORDS: dict[Any, str] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "text in quotes",
+}
+
+
+def read_table(raw: Mapping[str, Any], table: type[T], path: str, faults: list[Fault]) -> T | None:
+    """Convert a raw table.
+
+    Parameters
+    ----------
+    raw : mapping
+        What the file says.
+    table : type
+        Struct to convert to.
+    path : str
+        Key path of the table, "" for the whole scene.
+    faults : list of (str, str)
+        Every fault found is added here.
+
+    Returns
+    -------
+    Struct or None
+        None if there was a fault.
+
+    Examples
+    --------
+    >>> from wormopt.systems.spiked.scenes.worm import WormTable
+    >>> faults = []
+    >>> read_table({"links": 2, "mass": -1, "lode": 5}, WormTable, "worm", faults)
+    >>> for key, message in faults:
+    ...     print(key, "-", message)
+    worm.lode - unknown key; did you mean load?
+    worm.mass - -1 is not allowed; write a finite number above 0, or a list of such numbers, \
+one per mass
+    """
+    known = {item.name: item for item in msgspec.structs.fields(table)}
+    tag_key = table.__struct_config__.tag_field
+    before = len(faults)
+    faults += (
+        (_join(path, key), _unknown(key, table, list(known)))
+        for key in raw
+        if key not in known and key != tag_key
+    )
+    values = {}
+    for key, item in known.items():
+        if key in raw:
+            values[key] = _read_value(raw[key], item.type, _join(path, key), faults)
+        elif item.required:
+            faults.append((_join(path, key), f"missing; write {describe(item.type)}"))
+    return table(**values) if len(faults) == before else None
+
+
+def _read_value(raw: Any, kind: Any, path: str, faults: list[Fault]) -> Any:
+    tables = _tables_in(kind)
+    if isinstance(raw, Mapping) and tables:
+        table = _chosen(raw, tables, path, faults)
+        return table and read_table(raw, table, path, faults)
+    listed = _listed_in(kind)
+    if isinstance(raw, list) and listed is not None:
+        return tuple(
+            _read_value(item, listed, f"{path}[{i}]", faults) for i, item in enumerate(raw)
+        )
+    try:
+        return msgspec.convert(raw, kind)
+    except msgspec.ValidationError as error:
+        place = re.search(r"at `\$(.*)`$", str(error))
+        indices = re.findall(r"\[(\d+)\]", place[1]) if place else []
+        for index in indices:
+            raw = raw[int(index)]
+        path += "".join(f"[{index}]" for index in indices)
+        faults.append((path, f"{_shown(raw)} is not allowed; write {describe(kind)}"))
+        return None
+
+
+def _chosen(
+    raw: Mapping[str, Any], tables: list[type[msgspec.Struct]], path: str, faults: list[Fault]
+) -> type[msgspec.Struct] | None:
+    """Pick the table a raw table is meant to be, by its tag key where there are several."""
+    if len(tables) == 1:
+        return tables[0]
+    tag_key = tables[0].__struct_config__.tag_field or ""
+    by_tag = {table.__struct_config__.tag: table for table in tables}
+    tag = raw.get(tag_key)
+    if isinstance(tag, str) and tag in by_tag:
+        return by_tag[tag]
+    what = f"{_shown(tag)} is not allowed" if tag_key in raw else "missing"
+    faults.append((_join(path, tag_key), f"{what}; write {_one_of(list(by_tag))}"))
+    return None
+
+
+def describe(kind: Any) -> str:
+    """Say in plain words what values a type allows.
+
+    Parameters
+    ----------
+    kind : type
+        Type of a field of a scene table.
+
+    Examples
+    --------
+    >>> describe(Literal["quick", "normal"])
+    '"quick" or "normal"'
+    >>> describe(bool | None)
+    'true or false'
+    """
+    origin, arguments = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        words = [meta.description for meta in arguments[1:] if getattr(meta, "description", None)]
+        return words[-1] if words else describe(arguments[0])
+    if origin is Literal:
+        return _one_of(list(arguments))
+    if origin in (Union, UnionType):
+        return ", or ".join(dict.fromkeys(describe(a) for a in arguments if a is not NoneType))
+    if origin is dict:
+        return "a table"
+    if origin is tuple:
+        return f"a list of {describe(arguments[0])}"
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return f"a table with {', '.join(kind.__struct_fields__)}"
+    return _WORDS[kind]
+
+
+def _tables_in(kind: Any) -> list[type[msgspec.Struct]]:
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return [kind]
+    if get_origin(kind) in (Union, UnionType):
+        return [table for part in get_args(kind) for table in _tables_in(part)]
+    return []
+
+
+def _listed_in(kind: Any) -> Any:
+    """Type of the tables in a list, None where there is no list of tables."""
+    parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else [kind]
+    for part in parts:
+        if get_origin(part) is tuple and _tables_in(get_args(part)[0]):
+            return get_args(part)[0]
+    return None
+
+
+def _unknown(key: str, table: type[msgspec.Struct], known: list[str]) -> str:
+    config = table.__struct_config__
+    where = f' with {config.tag_field} = "{config.tag}"' if config.tag_field else ""
+    close = get_close_matches(key, known, n=1)
+    if close:
+        return f"unknown key{where}; did you mean {close[0]}?"
+    return f"unknown key{where}; allowed here: {', '.join(known)}"
+
+
+def _one_of(values: list[Any]) -> str:
+    shown = [_shown(value) for value in values]
+    return " or ".join([", ".join(shown[:-1]), shown[-1]] if len(shown) > 1 else shown)
+
+
+def _shown(value: Any) -> str:
+    """Write a value as the scene does, cut short where it is long."""
+    if isinstance(value, bool):
+        text = "true" if value else "false"
+    elif isinstance(value, str):
+        text = f'"{value}"'
+    elif isinstance(value, Mapping):
+        text = "a table"
+    else:
+        text = _digits(value)
+    text = "".join(c if c.isprintable() else "?" for c in text)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _digits(value: Any) -> str:
+    try:
+        return repr(value)
+    except ValueError:  # Python refuses to write out whole numbers of thousands of digits
+        return "so large a number"
+
+
+def _join(path: str, key: str) -> str:
+    return f"{path}.{key}" if path else key

@@ -1,0 +1,208 @@
+"""Types of scene values, and the bases of all scene tables.
+
+Each type carries a description in plain words: it is what a message tells the user to write.
+No number may be NaN or infinite, which the bounds of `_LARGEST` see to.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from wormopt.errors import Fault
+from wormopt.model.given import per as per
+
+_LARGEST = sys.float_info.max
+_SMALL = 1e-30
+
+
+def _words(description: str) -> Meta:
+    return Meta(description=description)
+
+
+Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST), _words("a finite number")]
+Positive = Annotated[float, Meta(gt=0, le=_LARGEST), _words("a finite number above 0")]
+NonNegative = Annotated[float, Meta(ge=0, le=_LARGEST), _words("a finite number, 0 or above")]
+
+# A list of two, not a tuple[Positive, Positive]: the reader crashes on a union of a bounded
+# number with a tuple of fixed length.
+Pair = Annotated[
+    tuple[Positive, ...],
+    Meta(min_length=2, max_length=2),
+    _words("two finite numbers above 0, [smallest, largest]"),
+]
+PositiveOrPair = Annotated[
+    Positive | Pair, _words("a finite number above 0, or a range [smallest, largest]")
+]
+NonNegativeOrPair = Annotated[
+    NonNegative | Annotated[tuple[NonNegative, ...], Meta(min_length=2, max_length=2)],
+    _words("a finite number, 0 or above, or a range [smallest, largest]"),
+]
+PairPerLink = Annotated[
+    tuple[Positive | Pair, ...],
+    _words("[smallest, largest], both finite and above 0, or a list of such pairs, one per link"),
+]
+PerLink = Annotated[
+    Positive | tuple[Positive, ...],
+    _words("a finite number above 0, or a list of such numbers, one per link"),
+]
+PerMass = Annotated[
+    Positive | tuple[Positive, ...],
+    _words("a finite number above 0, or a list of such numbers, one per mass"),
+]
+NonNegativePerLink = Annotated[
+    NonNegative | tuple[NonNegative, ...],
+    _words("a finite number, 0 or above, or a list of such numbers, one per link"),
+]
+NonNegativePerMass = Annotated[
+    NonNegative | tuple[NonNegative, ...],
+    _words("a finite number, 0 or above, or a list of such numbers, one per mass"),
+]
+FinitePerLink = Annotated[
+    Finite | tuple[Finite, ...],
+    _words("a finite number, or a list of such numbers, one per link"),
+]
+FinitePerMass = Annotated[
+    Finite | tuple[Finite, ...],
+    _words("a finite number, or a list of such numbers, one per mass"),
+]
+Seed = Annotated[int, Meta(ge=0, le=2**32 - 1, description="a whole number from 0 to 4294967295")]
+
+# Control characters are refused: files and terminals mangle them.
+Title = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]*$"), _words("text in quotes, on one line")]
+
+
+class Table(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of all tables of a scene: unchangeable data, unknown keys are errors."""
+
+
+class SceneTable(Table, frozen=True, kw_only=True):
+    """Keys that every scene shares.
+
+    Parameters
+    ----------
+    schema : int
+        Version of the scene form, 1.
+    kind : str
+        What the scene computes, see `wormopt.kinds`.
+    title : str
+        Title of pictures and reports.
+    units : {"dimensionless", "SI"}
+        Whether numbers are in SI units or in units of the scene's own.
+    want : tuple of str
+        Pictures to draw; what is not wanted is not computed.
+    """
+
+    schema: Literal[1]
+    kind: str
+    title: Title = ""
+    units: Literal["dimensionless", "SI"] = "dimensionless"
+    want: tuple[str, ...] = ()
+
+    def faults(self, folder: Path) -> Iterator[Fault]:
+        """Check what no single key shows, once every key is right by itself.
+
+        Parameters
+        ----------
+        folder : Path
+            Where the scene lies; its file names are relative to this.
+
+        Yields
+        ------
+        (str, str)
+            Key path and message of each fault.
+        """
+        for word in sorted(set(self.want)):
+            if self.want.count(word) > 1:
+                yield "want", f'"{word}" stands there twice; write it once'
+
+
+def extreme_numbers(value: object, key: str = "") -> Iterator[Fault]:
+    """Yield a fault for each number so large or small that products of a few of them are none.
+
+    Parameters
+    ----------
+    value : object
+        A table, a list, or a value in one.
+    key : str
+        Its key path, "" for a whole scene.
+
+    Yields
+    ------
+    (str, str)
+        Key path and message.
+    """
+    if isinstance(value, Struct):
+        for name in value.__struct_fields__:
+            yield from extreme_numbers(getattr(value, name), f"{key}.{name}" if key else name)
+    elif isinstance(value, tuple):
+        for index, item in enumerate(value):
+            yield from extreme_numbers(item, f"{key}[{index}]")
+    elif isinstance(value, float) and value != 0 and not _SMALL <= abs(value) <= 1 / _SMALL:
+        size = "small" if abs(value) < 1 else "large"
+        yield (
+            key,
+            f"{value:g} is too {size} to compute with; choose units in which it is nearer to 1",
+        )
+
+
+def wrong_count(
+    key: str,
+    value: object,
+    count: int,
+    things: Literal["links", "masses"],
+    entry: Literal["number", "table"] = "number",
+) -> Iterator[Fault]:
+    """Yield a fault if a list does not hold one entry per link or per mass.
+
+    Parameters
+    ----------
+    key : str
+        Key path of the value.
+    value : object
+        The value; whatever is no list is fine.
+    count : int
+        Number of things there are.
+    things : {"links", "masses"}
+        What there are so many of.
+    entry : {"number", "table"}, optional
+        What is written for each.
+
+    Examples
+    --------
+    >>> list(wrong_count("worm.mass", (1.0, 2.0), 3, "masses"))
+    [('worm.mass', '2 entries for 3 masses; write one number for all masses, or a list of 3')]
+    """
+    if isinstance(value, tuple) and len(value) != count:
+        yield (
+            key,
+            (
+                f"{_entries(len(value))} for {count} {things}; write one {entry} for all {things}, "
+                f"or a list of {count}"
+            ),
+        )
+
+
+def wrong_order(key: str, pair: tuple[float, ...], *, may_be_equal: bool) -> Iterator[Fault]:
+    """Yield a fault if a range [smallest, largest] is reversed or empty.
+
+    Parameters
+    ----------
+    key : str
+        Key path of the range.
+    pair : tuple of two floats
+        The range.
+    may_be_equal : bool
+        Whether a range of one point is fine.
+    """
+    smallest, largest = pair
+    if smallest > largest or (smallest == largest and not may_be_equal):
+        yield key, f"the range [{smallest:g}, {largest:g}] is empty; write the smaller number first"
+
+
+def _entries(count: int) -> str:
+    return "1 entry" if count == 1 else f"{count} entries"

@@ -1,1 +1,0 @@
-"""Time integration: any Model or gait in, an event-located motion out."""

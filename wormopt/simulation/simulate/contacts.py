@@ -1,0 +1,188 @@
+"""Which contacts slide and which rest, decided from velocities and forces; exact treatment only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from wormopt.simulation.motion_task import KINDS, Task
+from wormopt.simulation.steps import Call, GivenUp
+
+__all__ = ["Change", "Contacts"]
+
+_REVERSAL, _STICK, _RELEASE, _IMPACT = (
+    KINDS.index(kind) for kind in ("reversal", "stick", "release", "impact")
+)
+
+
+@dataclass(frozen=True)
+class Change:
+    """What happened to a contact.
+
+    Parameters
+    ----------
+    which : int
+        Contact.
+    kind : int
+        Index in `KINDS`.
+    mode : int
+        Mode from then on.
+    """
+
+    which: int
+    kind: int
+    mode: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Probe:
+    """Per contact."""
+
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    force: np.ndarray
+    least: np.ndarray
+    largest: np.ndarray
+    determined: float
+
+    @property
+    def toward(self) -> np.ndarray:
+        """Direction in which a resting contact would be let go."""
+        return np.where(self.force - self.least < self.largest - self.force, 1.0, -1.0)
+
+    @property
+    def margin(self) -> np.ndarray:
+        return np.minimum(self.force - self.least, self.largest - self.force)
+
+
+class Contacts:
+    """Modes of the contacts that may rest.
+
+    Parameters
+    ----------
+    task : Task
+        What is integrated.
+    p, modes : ndarray
+        Parameters, and modes (+1, -1, 0), which are rewritten here and by nobody else.
+    """
+
+    def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
+        system, shared = task.system, (("p", p), ("s", modes))
+        self._modes, self._coupled = modes, system.coupled
+        self._v_rest, self._f_rest = task.v_rest, task.f_rest
+        self._drift = task.v_drift
+        self._states = system.velocity_state
+        self._directions = [contact.law.directions for contact in system.contacts]
+        self._released = np.full(len(modes), -np.inf)  # when each was last let go
+        self._probe, self._project = Call(system.probe, *shared), Call(system.project, *shared)
+
+    def _look(self, t: float, x: np.ndarray) -> _Probe:
+        found = self._probe(t, x)[0].copy()
+        return _Probe(*found[:-1].reshape(5, -1), determined=float(found[-1]))
+
+    def decide(
+        self, t: float, x: np.ndarray, forced: int | None = None
+    ) -> tuple[np.ndarray, list[Change], list[int]]:
+        """Decide which contacts rest, from velocities and then from forces.
+
+        Parameters
+        ----------
+        t : float
+            Time.
+        x : ndarray, shape (n_x,)
+            State.
+        forced : int, optional
+            Contact of an event: moving, it is at rest now; resting, it is let go.
+
+        Returns
+        -------
+        x : ndarray, shape (n_x,)
+            State after the impulses that stop what may not move on.
+        changes : list of Change
+            What happened, by contacts.
+        stopped : list of int
+            Contacts of which the velocity is zero now.
+
+        Raises
+        ------
+        GivenUp
+            If no choice fits.
+        """
+        before, probe = self._modes.copy(), self._look(t, x)
+        velocity = probe.velocity
+        leaves = forced is not None and before[forced] == 0
+        jump = self._by_velocity(t, velocity, forced)
+        stopped = self._modes == 0
+        rest = np.where(before == 0, self._drift, 1e3 * self._v_rest)
+        hit = stopped & (np.abs(velocity) > rest)
+        if forced is not None:
+            hit[forced] = False
+        if self._coupled and hit.any():  # velocities alone do not determine the impulses
+            raise GivenUp("no_contact_mode")
+        if jump:
+            x = self._stopped(t, x)
+        if leaves:
+            self._modes[forced], self._released[forced] = probe.toward[forced], t
+        for _ in range(9 + 8 * len(self._modes)):
+            probe = self._look(t, x)
+            if not probe.determined > 1e-10:  # contacts that share a freedom leave forces open
+                raise GivenUp("no_contact_mode")
+            if not (self._let_go(probe) or (self._coupled and self._catch_again(t, probe))):
+                break
+        else:
+            raise GivenUp("no_contact_mode")
+        changes = [
+            self._change(i, before[i], bool(hit[i]))
+            for i in range(len(self._modes))
+            if before[i] != self._modes[i] or i == forced or hit[i]
+        ]
+        return x, changes, np.flatnonzero(stopped).tolist()
+
+    def _change(self, i: int, before: float, hit: bool) -> Change:
+        now = int(self._modes[i])
+        kind = _RELEASE if before == 0 else _STICK if now == 0 else _REVERSAL
+        return Change(i, _IMPACT if hit else kind, now)
+
+    def _by_velocity(self, t: float, velocity: np.ndarray, forced: int | None) -> bool:
+        """Set modes by velocity alone; tells whether a velocity must jump."""
+        jump = False
+        for i, v in enumerate(velocity):
+            slow = self._drift[i] if self._modes[i] == 0 else self._v_rest[i]
+            if i != forced and abs(v) > slow:
+                slides = np.sign(v) in self._directions[i]
+                self._modes[i] = np.sign(v) if slides else 0.0
+                jump |= not slides
+            elif self._released[i] != t:  # else let go this very instant
+                self._modes[i] = 0.0
+                jump |= bool(v != 0)
+        return jump
+
+    def _stopped(self, t: float, x: np.ndarray) -> np.ndarray:
+        x = self._project(t, x)[0].copy()
+        x[self._states[(self._modes == 0) & (self._states >= 0)]] = 0.0
+        return x
+
+    def _let_go(self, probe: _Probe) -> bool:
+        """Let go of what cannot be held, the worst one first where contacts act on each other."""
+        outside = np.where(self._modes == 0, -probe.margin / self._f_rest, 0.0)
+        gone = np.flatnonzero(outside > 1)
+        if not len(gone):
+            return False
+        if self._coupled:
+            gone = [np.argmax(outside)]
+        for i in gone:
+            if probe.toward[i] not in self._directions[i]:
+                raise GivenUp("no_contact_mode")
+            self._modes[i] = probe.toward[i]
+        return True
+
+    def _catch_again(self, t: float, probe: _Probe) -> bool:
+        """Catch one that was let go but would move against its mode."""
+        for i, mode in enumerate(self._modes):
+            moves = abs(probe.velocity[i]) > self._v_rest[i]
+            if moves or mode == 0 or self._released[i] == t:
+                continue
+            if mode * probe.acceleration[i] < -1e-9 * (1 + abs(probe.acceleration[i])):
+                self._modes[i] = 0.0
+                return True
+        return False

@@ -1,0 +1,366 @@
+"""When a contact or a switch has to be decided anew: zeros of event functions within a step.
+
+An event function is positive while things stay as they are: for a sliding contact its velocity in
+the direction of sliding, for a resting one the distance of its force from the nearer bound, for a
+switch minus its guard. An event is where it falls below its level. The level is 0 once it has been
+well above 0; until then it is a little lower, so that a contact that has just been let go, with no
+velocity and perhaps no acceleration, is not caught again by a rounding error. A switch that has
+just fired and whose guard goes on rising has no level at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.optimize import minimize_scalar, root_scalar
+from wormopt.simulation.functions import System
+from wormopt.simulation.motion_task import Task
+from wormopt.simulation.steps import Call, GivenUp, Step, Stepper, floor_of_step
+
+__all__ = ["Crossing", "Located", "Watch"]
+
+_SAMPLES = np.array([0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0])
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Where an event function falls through its level.
+
+    Parameters
+    ----------
+    which : int
+        Event function; switches are counted on from the contacts.
+    theta : float
+        Fraction of the step.
+    level : float
+        The level.
+    """
+
+    which: int
+    theta: float
+    level: float
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """Way to an event.
+
+    Parameters
+    ----------
+    step : Step or None
+        The step that leads there; None if it is at the start already.
+    arrived : bool
+        Whether it leads all the way.
+    """
+
+    step: Step | None
+    arrived: bool
+
+
+class Watch:
+    """The event functions of a motion.
+
+    Parameters
+    ----------
+    task : Task
+        What is integrated.
+    p, modes : ndarray
+        Parameters and modes, which their owners rewrite.
+    """
+
+    def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
+        system, shared = task.system, (("p", p), ("s", modes))
+        self._task, self._modes = task, modes
+        self.n_contacts = len(modes)
+        self.n = len(modes) + len(system.model.switches)
+        self._levels = np.zeros(self.n)
+        # a switch that has fired has a level again once its guard has fallen by more than this
+        self._passed = np.zeros(len(system.model.switches))
+        if self.n:
+            value, within, scan, rates = (Call(f, *shared) for f in _event_functions(system))
+            self._values, self._inside, self._scan, self._rates = value, within, scan, rates
+
+    # -- values ----------------------------------------------------------------------------
+
+    def value(self, which: int, t: float, x: np.ndarray) -> float:
+        """Value of one event function.
+
+        Parameters
+        ----------
+        which : int
+            Event function.
+        t : float
+            Time.
+        x : ndarray, shape (n_x,)
+            State.
+
+        Returns
+        -------
+        float
+        """
+        return float(self._values(t, x)[0][which])
+
+    def _within(self, which: int, step: Step, theta: float) -> float:
+        return float(self._inside(theta, step.t, step.h, step.rows.ravel())[0][which])
+
+    def _small(self) -> np.ndarray:
+        """Sizes below which the event functions are nothing but rounding."""
+        v_rest, f_rest = self._task.v_rest, self._task.f_rest
+        rest = np.where(self._modes != 0, v_rest, f_rest) if self.n_contacts else np.zeros(0)
+        return np.concatenate([rest, self._passed])
+
+    # -- levels ----------------------------------------------------------------------------
+
+    def start(self, t: float, x: np.ndarray) -> None:
+        """Set the levels with which a motion begins: those of guards above 0 are out of reach.
+
+        Parameters
+        ----------
+        t : float
+            Time.
+        x : ndarray, shape (n_x,)
+            State.
+        """
+        if self.n:
+            self._levels = -self._small()
+            guards = self._values(t, x)[0][self.n_contacts :]
+            self._levels[self.n_contacts :] = np.where(guards < 0, -np.inf, 0.0)
+
+    def raise_levels(self, t: float, x: np.ndarray) -> None:
+        """Raise the levels of what is well above 0.
+
+        Parameters
+        ----------
+        t : float
+            Time.
+        x : ndarray, shape (n_x,)
+            State.
+        """
+        if self.n:
+            self._levels[self._values(t, x)[0] > self._small()] = 0.0
+
+    def note_change(self, contact: int) -> None:
+        """Lower the level of a contact whose mode has changed.
+
+        Parameters
+        ----------
+        contact : int
+            Its index.
+        """
+        self._levels[contact] = -self._small()[contact]
+
+    def error_of(self, k: int, t: float, x: np.ndarray) -> tuple[float, float]:
+        """How exactly the event of a switch has been found.
+
+        Parameters
+        ----------
+        k : int
+            Index of the switch.
+        t : float
+            Time of the event.
+        x : ndarray, shape (n_x,)
+            State then.
+
+        Returns
+        -------
+        (float, float)
+            How far from 0 its guard may be by rounding, and the time derivative of the guard.
+        """
+        rate = abs(float(self._rates(t, x)[0][k]))
+        off = abs(self.value(self.n_contacts + k, t, x))
+        return 2 * off + rate * floor_of_step(self._task, t), rate
+
+    def note_fired(
+        self, k: int, t: float, x: np.ndarray, error: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
+        """Lower the level of a switch that has fired.
+
+        It may fire again at once if its guard falls now, be it from a rounding error above 0: a
+        ball that bounces lower and lower must not fall through the floor. Otherwise the guard must
+        come back from below 0, by more than the rounding error with which it was found.
+
+        Parameters
+        ----------
+        k : int
+            Index of the switch.
+        t : float
+            Time.
+        x : ndarray, shape (n_x,)
+            State after it.
+        error : (float, float), optional
+            From `error_of`; left out where the guard has jumped.
+        """
+        which, residual, rate = self.n_contacts + k, *error
+        value = self.value(which, t, x)
+        if self._rates(t, x)[0][k] < -1e-9 * rate and value >= -residual:
+            self._levels[which], self._passed[k] = 2 * min(value, 0.0) - 1e-300, 0.0
+        else:
+            self._levels[which], self._passed[k] = -np.inf, residual
+
+    def jumped_switch(self, t: float, x: np.ndarray) -> int | None:
+        """First switch of which the guard has jumped above 0.
+
+        Parameters
+        ----------
+        t : float
+            Time.
+        x : ndarray, shape (n_x,)
+            State.
+
+        Returns
+        -------
+        int or None
+            Its index.
+        """
+        if self.n == self.n_contacts:
+            return None
+        jumped = self._values(t, x)[0] < self._levels
+        found = np.flatnonzero(jumped[self.n_contacts :])
+        return int(found[0]) if len(found) else None
+
+    # -- location --------------------------------------------------------------------------
+
+    def find(self, step: Step) -> Crossing | None:
+        """First event of a step; without any, raises levels of what has been well above 0 in it.
+
+        Parameters
+        ----------
+        step : Step
+            An attempted step.
+
+        Returns
+        -------
+        Crossing or None
+
+        Raises
+        ------
+        GivenUp
+            If an event function is no number.
+        """
+        values = self._scan(step.t, step.h, step.rows.ravel())[0].reshape(len(_SAMPLES), self.n)
+        if np.isnan(values).any():
+            raise GivenUp("not_finite")
+        a, b, c = values[:-2], values[1:-1], values[2:]
+        dips = (b < a) & (b <= c) & (b < 4 * (np.maximum(a, c) - b))
+        suspects = np.flatnonzero((values.min(axis=0) < 0) | dips.any(axis=0))
+        small = self._small()
+        found = [self._first(int(j), step, values[:, j], small[j]) for j in suspects]
+        crossings = [crossing for crossing in found if crossing]
+        if crossings:
+            return min(crossings, key=lambda crossing: crossing.theta)
+        self._levels[values.max(axis=0) > small] = 0.0
+        return None
+
+    def _first(self, j: int, step: Step, value: np.ndarray, small: float) -> Crossing | None:
+        """First crossing of one event function."""
+        level = float(self._levels[j])
+
+        def above(theta: float) -> float:
+            return self._within(j, step, theta) - level
+
+        for k, here in enumerate(value):
+            if here < level:
+                theta = _root(above, _SAMPLES[max(k - 1, 0)], _SAMPLES[k])
+                return Crossing(j, theta, level)
+            if k >= 2 and self._dips(value[k - 2 : k + 1] - level):
+                ends = _SAMPLES[k - 2], _SAMPLES[k]
+                near = {"bounds": ends, "method": "bounded", "options": {"xatol": 1e-7}}
+                low: Any = minimize_scalar(above, **near)
+                if low.fun < 0:
+                    return Crossing(j, _root(above, ends[0], low.x), level)
+            if here > small:
+                level = 0.0
+        return None
+
+    @staticmethod
+    def _dips(value: np.ndarray) -> bool:
+        """Whether three samples leave room for a zero between them."""
+        a, b, c = value
+        return bool(b < a and b <= c and b < 4 * (max(a, c) - b))
+
+    def _slope(self, step: Step, crossing: Crossing) -> float:
+        """Time derivative of an event function about its crossing."""
+        low, high = max(crossing.theta - 1e-4, 0.0), min(crossing.theta + 1e-4, 1.0)
+        change = self._within(crossing.which, step, high) - self._within(crossing.which, step, low)
+        return change / ((high - low) * step.h)
+
+    def locate(self, step: Step, crossing: Crossing, stepper: Stepper) -> Located:
+        """Step to an event.
+
+        The polynomial is of a lower order than the steps, so that the step itself is taken and
+        corrected by Newton's method.
+
+        Parameters
+        ----------
+        step : Step
+            The attempted step with the event in it.
+        crossing : Crossing
+            From `find`.
+        stepper : Stepper
+            What took the step.
+
+        Returns
+        -------
+        Located
+        """
+        which, length = crossing.which, crossing.theta * step.h
+        if length <= floor_of_step(self._task, step.t):
+            return Located(None, arrived=True)
+        slope, small = self._slope(step, crossing), float(self._small()[which])
+        best, least = step, np.inf
+        for _ in range(4):
+            tried = stepper.redo(step, length)
+            if tried.end < min(step.t + length, step.end):
+                return Located(tried, arrived=False)
+            value = self.value(which, tried.end, tried.x_new)
+            if abs(value) > least:
+                break
+            best, least = tried, abs(value)
+            if crossing.level != 0 or not slope < 0 or least <= 1e-3 * small:
+                break
+            corrected = length - value / slope
+            if not 0 < corrected <= step.h or corrected == length:
+                break
+            length = corrected
+        return Located(best, arrived=True)
+
+
+def _root(function: Callable[[float], float], a: float, b: float) -> float:
+    """Where a function falls through 0; an end where rounding has it there already."""
+    if function(a) <= 0:
+        return float(a)
+    if function(b) >= 0:
+        return float(b)
+    return float(root_scalar(function, bracket=(a, b), method="brentq", xtol=1e-15).root)
+
+
+@lru_cache(maxsize=64)
+def _event_functions(system: System) -> tuple[ca.Function, ...]:
+    """Event functions at a state, at a fraction of a step, at all its samples; rates of guards."""
+    t, x, p, s = system.rhs.mx_in()
+    parts, rates = [], ca.MX(0, 1)
+    if system.exact:
+        velocity, _, force, least, largest = ca.vertsplit(system.probe(t, x, p, s)[:-1], s.numel())
+        margin = ca.fmin(force - least, largest - force)
+        parts.append(ca.if_else(s == 0, margin, s * velocity))
+    if system.model.switches:
+        guards, rates = ca.vertsplit(system.guards(t, x, p, s), len(system.model.switches))
+        parts.append(-guards)
+    names = ["t", "x", "p", "s"]
+    values = ca.Function("values", [t, x, p, s], [ca.vertcat(*parts)], names, ["values"])
+    theta, h, rows = ca.MX.sym("theta"), ca.MX.sym("h"), ca.MX.sym("rows", x.numel(), 8)
+    product = [ca.MX(1)]
+    for k in range(7):
+        product.append(product[-1] * (1 - theta if k % 2 else theta))
+    inner = values(t + theta * h, rows @ ca.vertcat(*product), p, s)
+    symbols, long = [theta, t, h, rows, p, s], ["theta", "t", "h", "rows", "p", "s"]
+    within = ca.Function("within", symbols, [inner], long, ["values"])
+    samples = within.map("within", "serial", len(_SAMPLES), [1, 2, 3, 4, 5], [])
+    every = samples(ca.DM(_SAMPLES).T, *symbols[1:])
+    scan = ca.Function("scan", symbols[1:], [every], long[1:], ["values"])
+    return values, within, scan, ca.Function("rates", [t, x, p, s], [rates], names, ["rates"])

@@ -1,0 +1,258 @@
+"""Explicit steps of order 8 in Python.
+
+A step is one CasADi function of all its stages: what Python does besides costs no more than they.
+Step control is the compiled driver's.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from scipy.integrate import DOP853
+from wormopt.simulation.functions import System
+from wormopt.simulation.motion_task import Task
+from wormopt.simulation.steps import Call, GivenUp, Step, floor_of_step
+
+__all__ = ["Explicit"]
+
+# Steps are given up where so many more would be needed for stability alone: some seconds.
+_STIFF_STEPS = 50_000
+
+
+class Explicit:
+    """Steps of DOP853: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.10.
+
+    Parameters
+    ----------
+    task : Task
+        What to integrate.
+    p, modes : ndarray
+        Parameters and modes; who rewrites them must call `restart`.
+    """
+
+    def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
+        self.h, self.n_rejected, self.n_evaluations = 0.0, 0, 0
+        self._task, self._t, self._x = task, task.span[0], task.x0
+        take, polynomial = _dop853(task.system)
+        limits = ("absolute", task.absolute), ("relative", np.array([task.tolerance.relative]))
+        self._rhs = Call(task.system.rhs, ("p", p), ("s", modes))
+        self._take = Call(take, ("p", p), ("s", modes), *limits)
+        self._polynomial = Call(polynomial, ("p", p), ("s", modes))
+        self._next = 0.0
+        self._watch = _StiffnessWatch()
+
+    def _derivative(self, t: float, x: np.ndarray) -> np.ndarray:
+        self.n_evaluations += 1
+        return self._rhs(t, x)[0].copy()
+
+    def restart(self, t: float, x: np.ndarray) -> None:
+        """Go on from another state, or with other parameters or modes.
+
+        Parameters
+        ----------
+        t : float
+            Time.
+        x : ndarray, shape (n_x,)
+            State.
+        """
+        self._t, self._x, self._dx = t, x, self._derivative(t, x)
+        if self.h == 0.0 and not (np.all(np.isfinite(x)) and np.all(np.isfinite(self._dx))):
+            raise GivenUp("not_finite")
+
+    def attempt(self, stop: float) -> Step | None:
+        """Try a step.
+
+        Parameters
+        ----------
+        stop : float
+            Time that it must not pass.
+
+        Returns
+        -------
+        Step or None
+            None if it was too inexact; the next will be shorter.
+
+        Raises
+        ------
+        GivenUp
+            If it would have to be too short.
+        """
+        if self.h <= 0.0:
+            self.h = self._first()
+        self.h = min(self.h, self._task.max_step)
+        left = stop - self._t
+        last = 1.01 * self.h >= left
+        h = left if last else self.h
+        if h < floor_of_step(self._task, self._t) and not last:
+            raise GivenUp("step_too_small")
+        x_new, stages, self._last_stage, sums = self._stages(self._t, self._x, h, self._dx)
+        error = _error(*sums, h, len(x_new))
+        factor = 0.9 * error ** (-1 / 8) if error > 0 else 6.0
+        if not error <= 1.0:
+            bad = not np.isfinite(error)
+            self._reject(h, 0.1 if bad else max(factor, 0.1), "not_finite" if bad else "")
+            return None
+        # a step that was cut short says nothing against the length that was wanted
+        self._next = max(h * min(max(factor, 1 / 3), 6.0), self.h if h < self.h else 0.0)
+        self._last_slope = stages[-len(x_new) :]
+        return self._closed(h, stop if last else self._t + h, x_new, stages)
+
+    def _stages(self, t: float, x: np.ndarray, h: float, dx: np.ndarray) -> list[np.ndarray]:
+        self.n_evaluations += 11
+        return [result.copy() for result in self._take(t, x, h, dx)]
+
+    def _closed(self, h: float, end: float, x_new: np.ndarray, stages: np.ndarray) -> Step:
+        t, x, dx = self._t, self._x, self._dx
+        dx_new = self._derivative(t + h, x_new)
+
+        def fit() -> np.ndarray:
+            self.n_evaluations += 3
+            rows = self._polynomial(t, x, h, x_new, stages, dx_new)[0]
+            return rows.reshape(8, -1).copy()
+
+        return Step(t, h, end, x, x_new, dx, dx_new, fit)
+
+    def _reject(self, h: float, factor: float, status: str = "") -> None:
+        self.n_rejected += 1
+        self.h = h * factor
+        if self.h < floor_of_step(self._task, self._t):
+            raise GivenUp(status or "step_too_small")
+
+    def shorten(self, step: Step, factor: float) -> None:
+        """Reject a step.
+
+        Parameters
+        ----------
+        step : Step
+            Just attempted.
+        factor : float
+            Length of the next one, relative to it.
+
+        Raises
+        ------
+        GivenUp
+            If that is too short.
+        """
+        self._reject(step.h, factor)
+
+    def redo(self, step: Step, length: float) -> Step:
+        """Take the beginning of a step that was too long.
+
+        Parameters
+        ----------
+        step : Step
+            Just attempted.
+        length : float
+            How far to go.
+
+        Returns
+        -------
+        Step
+        """
+        x_new, stages, _, _ = self._stages(step.t, step.x, length, step.dx)
+        return self._closed(length, min(step.t + length, step.end), x_new, stages)
+
+    def accept(self, step: Step) -> None:
+        """Go on from the end of a step.
+
+        Parameters
+        ----------
+        step : Step
+            Just attempted.
+
+        Raises
+        ------
+        GivenUp
+            If the motion is too stiff to go on.
+        """
+        self.h = self._next
+        self._t, self._x, self._dx = step.end, step.x_new, step.dx_new
+        left = (self._task.span[1] - step.end) / step.h
+        way = self._last_stage, self._last_slope
+        if self._watch.sees(step, *way) and left > _STIFF_STEPS and not self._task.system.exact:
+            raise GivenUp("stiff")
+
+    def _first(self) -> float:
+        """Length of the first step, from the size of x, x' and x'' (Hairer's hinit)."""
+        t, x, dx, task = self._t, self._x, self._dx, self._task
+        scale = task.absolute + task.tolerance.relative * np.abs(x)
+        size, slope = np.sum((x / scale) ** 2), np.sum((dx / scale) ** 2)
+        h = 1e-6 if size <= 1e-10 or slope <= 1e-10 else 0.01 * np.sqrt(size / slope)
+        h = min(h, task.span[1] - t)
+        change = (self._derivative(t + h, x + h * dx) - dx) / scale
+        largest = max(np.sqrt(np.sum(change**2)) / h, np.sqrt(slope))
+        wanted = max(1e-6, h * 1e-3) if largest <= 1e-15 else (0.01 / largest) ** (1 / 8)
+        wanted = min(100 * h, wanted)
+        return float(wanted if np.isfinite(wanted) and wanted > 0 else h)
+
+
+def _error(five: float, three: float, h: float, n: int) -> float:
+    """Error of a step against the tolerances; at most 1 is good, NaN where numbers are bad."""
+    scale = five + 0.01 * three
+    if not scale < np.inf:
+        return np.nan
+    return h * five / np.sqrt(n * scale) if scale > 0 else 0.0
+
+
+class _StiffnessWatch:
+    """Whether stability and not accuracy has held the last steps short (Hairer's test)."""
+
+    def __init__(self) -> None:
+        self._unseen, self._hints, self._denials = 0, 0, 0
+
+    def sees(self, step: Step, last_stage: np.ndarray, last_slope: np.ndarray) -> bool:
+        self._unseen += 1
+        if self._unseen < 1000 and self._hints == 0:
+            return False
+        self._unseen = 0
+        change = np.linalg.norm(step.dx_new - last_slope)
+        way = np.linalg.norm(step.x_new - last_stage)
+        if way > 0 and step.h * change / way > 6.1:
+            self._denials = 0
+            self._hints += 1
+            return self._hints >= 15
+        if self._hints:
+            self._denials += 1
+            if self._denials == 6:
+                self._hints = self._denials = 0
+        return False
+
+
+@lru_cache(maxsize=64)
+def _dop853(system: System) -> tuple[ca.Function, ca.Function]:
+    """Functions that take a step and that fit its polynomial."""
+    rhs = system.rhs
+    t, x, p, s = rhs.mx_in()
+    n, h, dx = x.numel(), ca.MX.sym("h"), ca.MX.sym("dx", x.numel())
+    absolute, relative = ca.MX.sym("absolute", n), ca.MX.sym("relative")
+    slopes, stage = [dx], x
+    for row, node in zip(DOP853.A[1:], DOP853.C[1:], strict=True):
+        stage = x + h * (ca.horzcat(*slopes) @ ca.DM(row[: len(slopes)]))
+        slopes.append(rhs(t + node * h, stage, p, s))
+    stages = ca.horzcat(*slopes)
+    x_new = x + h * (stages @ ca.DM(DOP853.B))
+    scale = absolute + relative * ca.fmax(ca.fabs(x), ca.fabs(x_new))
+    five, three = (ca.sumsqr((stages @ ca.DM(E[:-1])) / scale) for E in (DOP853.E5, DOP853.E3))
+    take = ca.Function(
+        "take",
+        [t, x, h, dx, p, s, absolute, relative],
+        [x_new, stages, stage, ca.vertcat(five, three)],
+        ["t", "x", "h", "dx", "p", "s", "absolute", "relative"],
+        ["x_new", "stages", "stage", "sums"],
+    )
+
+    end, dx_new, known = ca.MX.sym("end", n), ca.MX.sym("dx_new", n), ca.MX.sym("stages", n, 12)
+    slopes = [*ca.horzsplit(known), dx_new]
+    for row, node in zip(DOP853.A_EXTRA, DOP853.C_EXTRA, strict=True):
+        stage = x + h * (ca.horzcat(*slopes) @ ca.DM(row[: len(slopes)]))
+        slopes.append(rhs(t + node * h, stage, p, s))
+    way, first = end - x, slopes[0]
+    low = [x, way, h * first - way, 2 * way - h * (dx_new + first)]
+    rows = ca.horzcat(*low, h * (ca.horzcat(*slopes) @ ca.DM(DOP853.D).T))
+    names = ["t", "x", "h", "end", "stages", "dx_new", "p", "s"]
+    polynomial = ca.Function(
+        "polynomial", [t, x, h, end, known, dx_new, p, s], [rows], names, ["rows"]
+    )
+    return take, polynomial

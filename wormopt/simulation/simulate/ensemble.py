@@ -1,0 +1,231 @@
+"""Many motions of one model that differ in numbers: compiled once, run on all cores."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from threading import Event
+
+import numpy as np
+from numpy.typing import ArrayLike
+from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
+from wormopt.simulation.trajectory import Trajectory
+
+from wormopt.errors import ArgumentError, Interrupted, SolveError
+from wormopt.model.model import Model
+from wormopt.progress import Report, silent
+from wormopt.simulation.simulate import Values, simulate
+
+__all__ = ["Ensemble", "Member", "simulate_ensemble"]
+
+
+@dataclass(frozen=True)
+class Member:
+    """What one motion of an ensemble has of its own.
+
+    Parameters
+    ----------
+    x0, p : mapping of str to array_like, optional
+        Start and parameters, as for `simulate`.
+    schedules : mapping of str to ndarray, optional
+        Values of schedules.
+
+    Examples
+    --------
+    >>> Member(p={"stiffness": 9.5}).p["stiffness"]
+    9.5
+    """
+
+    x0: Values | None = None
+    p: Values | None = None
+    schedules: Mapping[str, np.ndarray] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """Motions of N members.
+
+    Parameters
+    ----------
+    time : ndarray, shape (m,)
+        Sample times.
+    states : ndarray, shape (N, n_x, m)
+        States then; NaN from where a member was given up.
+    motions : tuple of Trajectory
+        Every member's own trajectory, as far as it came.
+    codes : tuple of str
+        Empty for a member that came to its end, else why it did not, as in `SolveError.code`;
+        "interrupted" if the user stopped it.
+    """
+
+    time: np.ndarray
+    states: np.ndarray
+    motions: tuple[Trajectory, ...]
+    codes: tuple[str, ...]
+
+    @property
+    def end(self) -> np.ndarray:
+        """Last states, shape (N, n_x); NaN for members that were given up."""
+        ends = np.array([motion.end for motion in self.motions])
+        ends[[code != "" for code in self.codes]] = np.nan
+        return ends
+
+    def output(self, name: str) -> np.ndarray:
+        """Samples of an output of the model.
+
+        Parameters
+        ----------
+        name : str
+            Name of an output.
+
+        Returns
+        -------
+        ndarray, shape (N, size, m)
+            NaN from where a member was given up.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is none of that name; the message lists those there are.
+        """
+        return np.array([_filled(motion.output(name), len(self.time)) for motion in self.motions])
+
+
+def simulate_ensemble(
+    model: Model,
+    span: float | tuple[float, float],
+    members: Sequence[Member],
+    *,
+    contact: Treatment = Exact(),  # noqa: B008  frozen
+    times: ArrayLike | None = None,
+    tolerance: Tolerance = Tolerance(),  # noqa: B008  frozen
+    route: Route = "auto",
+    threads: int | None = None,
+    report: Report = silent,
+) -> Ensemble:
+    """Integrate a model once for each member, several at a time.
+
+    Parameters
+    ----------
+    model : Model
+        What moves.
+    span : float or (float, float)
+        Last time, or first and last.
+    members : sequence of Member
+        What differs.
+    contact : Exact or Smooth, optional
+        How contacts are treated.
+    times : array_like, shape (m,), optional
+        When to sample, alike for all.
+    tolerance : Tolerance, optional
+        How exact.
+    route : {"auto", "native", "python", "cvodes"}, optional
+        How to integrate, see `simulate`.
+    threads : int, optional
+        How many at a time; as many as there are cores if left out.
+    report : callable, optional
+        Told what share is done.
+
+    Returns
+    -------
+    Ensemble
+        Members that were given up are marked, not left out.
+
+    Raises
+    ------
+    ArgumentError
+        If there are no members, or one does not fit the model.
+    Interrupted
+        If the user stopped it; `partial` is the ensemble as far as its members came.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> from wormopt.model.model import Signal
+    >>> x, rate = ca.SX.sym("x"), ca.SX.sym("rate")
+    >>> states, rates = [Signal("x", x, value=1.0)], [Signal("rate", rate)]
+    >>> decay = Model("decay", x=states, ode=-rate * x, p=rates)
+    >>> members = [Member(p={"rate": value}) for value in (0.0, np.log(2.0))]
+    >>> simulate_ensemble(decay, 1.0, members).end.round(9)
+    array([[1. ],
+           [0.5]])
+    """
+    if not members:
+        raise ArgumentError("an ensemble needs at least one member")
+    for member in members:
+        if not isinstance(member, Member):
+            raise ArgumentError(f"write each member as Member(p=..., x0=...), not {member!r}")
+    stopped = Event()
+    one = partial(
+        _one,
+        model,
+        span,
+        contact=contact,
+        times=times,
+        tolerance=tolerance,
+        route=route,
+        report=partial(_stop_if, stopped),
+    )
+    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+        found = [pool.submit(one, members[0])]
+        try:
+            found[0].result()  # compiles, once
+            found += [pool.submit(one, member) for member in members[1:]]
+            for number, future in enumerate(found, start=1):
+                future.result()
+                report("simulating members", number / len(members))
+        except BaseException as error:
+            stopped.set()  # members under way end soon, those that wait at once
+            if not isinstance(error, KeyboardInterrupt) or len(found) < len(members):
+                raise
+    motions, codes = zip(*(future.result() for future in found), strict=True)
+    start, end = span if isinstance(span, tuple) else (0.0, span)
+    time = np.array([start, end]) if times is None else np.asarray(times, dtype=float)
+    states = np.array([_filled(motion.states, len(time)) for motion in motions])
+    ensemble = Ensemble(time, states, motions, codes)
+    if stopped.is_set():
+        raise Interrupted(ensemble)
+    return ensemble
+
+
+def _one(
+    model: Model,
+    span: float | tuple[float, float],
+    member: Member,
+    *,
+    contact: Treatment,
+    times: ArrayLike | None,
+    tolerance: Tolerance,
+    route: Route,
+    report: Report,
+) -> tuple[Trajectory, str]:
+    try:
+        motion = simulate(
+            model,
+            span,
+            contact=contact,
+            x0=member.x0,
+            p=member.p,
+            schedules=member.schedules,
+            times=times,
+            tolerance=tolerance,
+            route=route,
+            report=report,
+        )
+    except SolveError as error:
+        return error.partial, error.code
+    except Interrupted as stop:
+        return stop.partial, "interrupted"
+    return motion, ""
+
+
+def _stop_if(stopped: Event, _text: str, _fraction: float | None) -> None:
+    if stopped.is_set():
+        raise KeyboardInterrupt
+
+
+def _filled(values: np.ndarray, count: int) -> np.ndarray:
+    return np.pad(values, ((0, 0), (0, count - values.shape[1])), constant_values=np.nan)

@@ -1,0 +1,402 @@
+"""A Model and a treatment of its contacts as CasADi functions of (t, x, p, s), ready to integrate.
+
+p holds the model's parameters, its inputs, the width ``v_reg`` of the smooth law, and of every
+schedule the beginning and the values of the current piece. s holds the contacts' modes: +1 and -1
+for sliding forward and backward, 0 at rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from wormopt.simulation.options import Smooth, Treatment
+
+from wormopt.errors import ArgumentError
+from wormopt.model.model import Contact, Model, Schedule, Signal, pack
+from wormopt.model.values import signal_values
+
+__all__ = ["System"]
+
+
+def _never_rests(contact: Contact) -> bool:
+    """Whether a contact is no more than a force that depends smoothly on velocity."""
+    low, high = contact.law.stick_interval
+    if isinstance(low, ca.SX) or isinstance(high, ca.SX) or low != 0 or high != 0:
+        return False
+    forces = [ca.SX(contact.law.slip_force(contact.velocity, d)) for d in contact.law.directions]
+    return all(ca.is_equal(force, forces[0], 20) for force in forces)
+
+
+def _product(column: ca.SX) -> ca.SX:
+    product = ca.SX(1)
+    for i in range(column.numel()):
+        product *= column[i]
+    return product
+
+
+def _weighted(weight: ca.SX, a: ca.SX | float, b: ca.SX | float) -> ca.SX:
+    return weight * a + (1 - weight) * b
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """The functions that an integrator of a Model needs.
+
+    Parameters
+    ----------
+    model : Model
+        What moves.
+    treatment : Smooth or Exact
+        How its contacts are treated. Contacts that never rest are plain forces in either.
+
+    Examples
+    --------
+    >>> v, f = ca.SX.sym("v"), ca.SX.sym("f")
+    >>> from wormopt.model.friction import Coulomb
+    >>> from wormopt.simulation.options import Exact
+    >>> ground = Contact("block", v, f, Coulomb(1.0, 2.0))
+    >>> block = Model("block", x=[Signal("velocity", v)], ode=f, contacts=[ground])
+    >>> system = System(block, Exact())
+    >>> system.rhs(0, 3.0, [], 1.0)
+    DM(-1)
+    """
+
+    model: Model
+    treatment: Treatment
+
+    @cached_property
+    def contacts(self) -> tuple[Contact, ...]:
+        """Contacts that may rest."""
+        return tuple(c for c in self.model.contacts if not _never_rests(c))
+
+    @cached_property
+    def exact(self) -> bool:
+        """Whether contact is decided by events."""
+        return not isinstance(self.treatment, Smooth) and len(self.contacts) > 0
+
+    @cached_property
+    def symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """t, x, p and s."""
+        model = self.model
+        schedules = [ca.vertcat(s.begin, s.symbol) for s in model.schedules]
+        p = ca.vertcat(pack(model.p), pack(model.u), self._v_reg, *schedules)
+        return model.t, ca.vertcat(pack(model.x), self._pushes), p, self._modes
+
+    @cached_property
+    def _pushes(self) -> ca.SX:
+        """States beside the model's: what resting contacts are pushed with, summed over time.
+
+        They are there where time itself pushes. While everything rests nothing else would tell
+        the control of the steps that forces change.
+        """
+        driven = self.exact and ca.depends_on(self._free[2], self.model.t)
+        return ca.SX.sym("push", len(self.contacts) if driven else 0)  # type: ignore[no-any-return]
+
+    @property
+    def n_pushes(self) -> int:
+        """How many there are."""
+        return self._pushes.numel()
+
+    @cached_property
+    def _v_reg(self) -> ca.SX:
+        return ca.SX.sym("v_reg")  # type: ignore[no-any-return]
+
+    @cached_property
+    def _modes(self) -> ca.SX:
+        return ca.SX.sym("s", len(self.contacts) if self.exact else 0)  # type: ignore[no-any-return]
+
+    @cached_property
+    def n_fixed(self) -> int:
+        """Entries of p before those of the schedules."""
+        return sum(s.size for s in (*self.model.p, *self.model.u)) + 1
+
+    # -- contact forces --------------------------------------------------------------------
+
+    @cached_property
+    def _free(self) -> list[ca.SX]:
+        """Ode, contact velocities and their accelerations with the plain forces put in."""
+        model = self.model
+        plain = [c for c in model.contacts if _never_rests(c)]
+        old = ca.vertcat(ca.SX(0, 1), *(c.force for c in plain))
+        new = ca.vertcat(ca.SX(0, 1), *(c.law.slip_force(c.velocity, 1) for c in plain))
+        velocity = ca.vertcat(ca.SX(0, 1), *(c.velocity for c in self.contacts))
+        if any(c.gap is not None or c.normal_force is not None for c in model.contacts):
+            raise ArgumentError(
+                "walls with a gap or a normal force cannot be simulated; let them give way by "
+                "smooth_walls"
+            )
+        if ca.depends_on(ca.jacobian(model.ode, model.forces), model.forces):
+            raise ArgumentError(f"the ode of {model.name} must be affine in the contact forces")
+        (ode,) = ca.substitute([model.ode], [old], [new]) if plain else [model.ode]
+        acceleration = ca.jtimes(velocity, pack(model.x), ode) + ca.jacobian(velocity, model.t)
+        return [ode, velocity, acceleration]
+
+    @cached_property
+    def _force_symbols(self) -> ca.SX:
+        return ca.vertcat(ca.SX(0, 1), *(c.force for c in self.contacts))
+
+    @cached_property
+    def delassus(self) -> ca.SX:
+        """Matrix d(contact accelerations) / d(contact forces) of the contacts that may rest."""
+        return ca.jacobian(self._free[2], self._force_symbols)
+
+    @cached_property
+    def coupled(self) -> bool:
+        """Whether the force of one contact accelerates another."""
+        return not self.delassus.sparsity().is_diag()
+
+    @cached_property
+    def forces(self) -> ca.SX:
+        """Contact forces as expressions of t, x, p and s."""
+        if not self.exact:
+            smooth = [c.law.smooth(c.velocity, self._v_reg) for c in self.contacts]
+            return ca.vertcat(ca.SX(0, 1), *smooth)
+        slip = ca.vertcat(*(self._slip(c, self._modes[i]) for i, c in enumerate(self.contacts)))
+        slides = self._modes**2
+        free = self._pulled
+        if not self.coupled:
+            return _weighted(slides, slip, -free / ca.diag(self.delassus))
+        matrix = ca.diag(slides) + ca.diag(1 - slides) @ self.delassus
+        return ca.solve(matrix, _weighted(slides, slip, -free))
+
+    @cached_property
+    def _pulled(self) -> ca.SX:
+        """Accelerations of the contacts without contact forces."""
+        return self._at_forces(self._free[2], ca.SX.zeros(len(self.contacts)))
+
+    @property
+    def _determined(self) -> ca.SX:
+        """Determinant of what the forces of resting contacts follow from, against its rows."""
+        if not self.coupled:
+            return ca.SX(1)
+        slides = self._modes**2
+        matrix = ca.diag(slides) + ca.diag(1 - slides) @ self.delassus
+        return ca.fabs(ca.det(matrix)) / ca.sqrt(_product(ca.sum2(matrix**2)))
+
+    @staticmethod
+    def _slip(contact: Contact, mode: ca.SX) -> ca.SX:
+        both = [contact.law.slip_force(contact.velocity, d) for d in contact.law.directions]
+        return ca.SX(both[0]) if len(both) == 1 else _weighted((1 + mode) / 2, both[0], both[1])
+
+    def _at_forces(self, expression: ca.SX, forces: ca.SX) -> ca.SX:
+        return ca.substitute(expression, self._force_symbols, forces)
+
+    @cached_property
+    def _ode(self) -> ca.SX:
+        ode = self._at_forces(self._free[0], self.forces)
+        if not self.exact:
+            return ode
+        if self.n_pushes:
+            ode = ca.vertcat(ode, (1 - self._modes**2) * self._pulled)
+        if self.coupled:
+            return ode
+        # a velocity that is a state stays what it is while its contact rests, to the last bit
+        for i, state in enumerate(self.velocity_state):
+            if state >= 0:
+                slip = self._at_forces(self._free[0][state], self._all_slip)
+                ode[state] = self._modes[i] ** 2 * slip
+        return ode
+
+    @cached_property
+    def _all_slip(self) -> ca.SX:
+        return ca.vertcat(*(self._slip(c, self._modes[i]) for i, c in enumerate(self.contacts)))
+
+    @cached_property
+    def velocity_state(self) -> np.ndarray:
+        """Per contact the state that is its velocity, -1 where it is none."""
+        x = pack(self.model.x)
+        rows = {x[i].element_hash(): i for i in range(x.numel())}
+        return np.array(
+            [
+                rows.get(c.velocity.element_hash(), -1) if c.velocity.is_symbolic() else -1
+                for c in self.contacts
+            ],
+            dtype=np.int64,
+        )
+
+    # -- functions -------------------------------------------------------------------------
+
+    def _function(self, name: str, result: ca.SX) -> ca.Function:
+        symbols = list(self.symbols)
+        return ca.Function(name, symbols, [ca.densify(result)], ["t", "x", "p", "s"], [name])
+
+    @cached_property
+    def rhs(self) -> ca.Function:
+        """X'."""
+        return self._function("rhs", self._ode)
+
+    @cached_property
+    def velocities(self) -> ca.Function:
+        """Velocities of the contacts that may rest."""
+        return self._function("velocities", self._free[1])
+
+    @cached_property
+    def probe(self) -> ca.Function:
+        """What decides modes.
+
+        Of the contacts that may rest velocities, accelerations, forces, least and largest force
+        that hold them; then how well resting ones determine their forces, 1 well, 0 not at all.
+        """
+        bounds = [c.law.stick_interval for c in self.contacts]
+        low = ca.vertcat(ca.SX(0, 1), *(b[0] for b in bounds))
+        high = ca.vertcat(ca.SX(0, 1), *(b[1] for b in bounds))
+        acceleration = self._at_forces(self._free[2], self.forces)
+        everything = ca.vertcat(self._free[1], acceleration, self.forces, low, high)
+        return self._function("probe", ca.vertcat(everything, self._determined))
+
+    @cached_property
+    def project(self) -> ca.Function:
+        """X after the impulses that stop the contacts with s = 0."""
+        x, velocity = self.symbols[1], self._free[1]
+        push = ca.jacobian(self._free[0], self._force_symbols)
+        rests = 1 - self._modes**2
+        if self.coupled:
+            matrix = ca.diag(self._modes**2) + ca.diag(rests) @ self.delassus
+            impulse = ca.solve(matrix, -rests * velocity)
+        else:
+            impulse = -rests * velocity / ca.diag(self.delassus)
+        change = ca.vertcat(push @ impulse, ca.SX.zeros(self.n_pushes))
+        return self._function("project", x + change)
+
+    @cached_property
+    def guards(self) -> ca.Function:
+        """Guards of the model's switches, then their time derivatives along the motion."""
+        guards = self._put(ca.vertcat(*(s.guard for s in self.model.switches)))
+        rates = ca.jtimes(guards, self.symbols[1], self._ode) + ca.jacobian(guards, self.model.t)
+        return self._function("guards", ca.vertcat(guards, rates))
+
+    @cached_property
+    def resets(self) -> ca.Function:
+        """States after each switch, one column each."""
+        columns = [ca.vertcat(ca.densify(s.reset), self._pushes) for s in self.model.switches]
+        return self._function("resets", self._put(ca.horzcat(*columns)))
+
+    def _put(self, expression: ca.SX) -> ca.SX:
+        """Express what the model says by t, x, p and s alone."""
+        plain = [c for c in self.model.contacts if _never_rests(c)]
+        old = ca.vertcat(ca.SX(0, 1), *(c.force for c in plain))
+        new = ca.vertcat(ca.SX(0, 1), *(c.law.slip_force(c.velocity, 1) for c in plain))
+        old = ca.vertcat(old, self._force_symbols)
+        return ca.substitute(expression, old, ca.vertcat(new, self.forces))
+
+    def observe(self, expression: ca.SX) -> ca.Function:
+        """Function of an expression of the model's symbols, contact forces included.
+
+        Parameters
+        ----------
+        expression : casadi.SX
+            Whatever the model's symbols can say, an output for instance.
+
+        Returns
+        -------
+        casadi.Function
+            Of (t, x, p, s), x without what `n_pushes` counts.
+        """
+        t, _, p, s = self.symbols
+        observed = ca.densify(self._put(expression))
+        return ca.Function("observed", [t, pack(self.model.x), p, s], [observed])
+
+    @cached_property
+    def dae(self) -> dict[str, ca.SX]:
+        """Expressions of the smooth treatment by CasADi's names: t, x, z, p, ode, alg."""
+        t, x, p, _ = self.symbols
+        z, alg = pack(self.model.z), self._put(self.model.alg)
+        return {"t": t, "x": x, "z": z, "p": p, "ode": self._ode, "alg": alg}
+
+    @cached_property
+    def functions(self) -> dict[str, ca.Function]:
+        """Those that this model and treatment need, by name."""
+        names = ["rhs"]
+        if self.contacts:
+            names += ["probe", "project"] if self.exact else ["velocities"]
+        if self.model.switches:
+            names += ["guards", "resets"]
+        return {name: getattr(self, name) for name in names}
+
+    # -- numbers ---------------------------------------------------------------------------
+
+    def parameters(self, given: Mapping[str, object] | None) -> np.ndarray:
+        """Values of p, zeros for what schedules set.
+
+        Parameters
+        ----------
+        given : mapping of str to float or array, optional
+            Values of parameters and inputs by name; the model's own for the others.
+
+        Returns
+        -------
+        ndarray
+
+        Raises
+        ------
+        ArgumentError
+            As `signal_values`, or if a friction law refuses its numbers.
+        """
+        signals = (*self.model.p, *(self._input(u) for u in self.model.u))
+        fixed = signal_values(signals, given, "parameter or input")
+        self._check_laws(fixed)
+        v_reg = self.treatment.v_reg if isinstance(self.treatment, Smooth) else 0.0
+        scheduled = sum(1 + s.symbol.numel() for s in self.model.schedules)
+        return np.concatenate([fixed, [v_reg], np.zeros(scheduled)])
+
+    def _check_laws(self, fixed: np.ndarray) -> None:
+        """Let each law see its numbers together: stiction below sliding friction, say."""
+        numbers = self._law_numbers(fixed).full().ravel()
+        for contact, names in self._law_fields:
+            own, numbers = numbers[: len(names)].tolist(), numbers[len(names) :]
+            try:
+                replace(contact.law, **dict(zip(names, own, strict=True)))  # type: ignore[type-var]
+            except ValueError as error:
+                said = ", ".join(f"{n} = {v:g}" for n, v in zip(names, own, strict=True))
+                raise ArgumentError(f"{contact.name} with {said}: {error}") from None
+
+    @cached_property
+    def _law_fields(self) -> list[tuple[Contact, list[str]]]:
+        """Contacts, and the fields of their laws that parameters and inputs alone decide."""
+        fixed = ca.symvar(ca.vertcat(pack(self.model.p), pack(self.model.u)))
+        known = {symbol.element_hash() for symbol in fixed}
+
+        def decided(value: object) -> bool:
+            symbols = ca.symvar(value) if isinstance(value, ca.SX) else []
+            return len(symbols) > 0 and all(s.element_hash() in known for s in symbols)
+
+        laws = [(c, fields(c.law)) for c in self.model.contacts if is_dataclass(c.law)]
+        return [(c, [i.name for i in own if decided(getattr(c.law, i.name))]) for c, own in laws]
+
+    @cached_property
+    def _law_numbers(self) -> ca.Function:
+        values = [getattr(c.law, name) for c, names in self._law_fields for name in names]
+        symbols = ca.vertcat(pack(self.model.p), pack(self.model.u))
+        return ca.Function("law_numbers", [symbols], [ca.densify(ca.vertcat(ca.SX(0, 1), *values))])
+
+    @staticmethod
+    def _input(u: Signal) -> Signal:
+        return u if u.value is not None else replace(u, value=0.0)
+
+    def scheduled(self, p: np.ndarray, schedules: Sequence[Schedule], t: np.ndarray) -> np.ndarray:
+        """Put the values that schedules have into p.
+
+        Parameters
+        ----------
+        p : ndarray, shape (n_p,)
+            From `parameters`.
+        schedules : sequence of Schedule
+            Those of the model, perhaps with other values.
+        t : ndarray, shape (m,)
+            Times; at a break the later piece counts.
+
+        Returns
+        -------
+        ndarray, shape (n_p, m)
+        """
+        p, at = np.repeat(p[:, None], len(t), axis=1), self.n_fixed
+        for schedule in schedules:
+            end = at + 1 + schedule.values.shape[1]
+            p[at], piece = schedule.locate(t)
+            p[at + 1 : end] = schedule.values[piece].T
+            at = end
+        return p

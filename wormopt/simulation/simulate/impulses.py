@@ -1,0 +1,200 @@
+"""What walls and friction do within one step of fixed length: impulses in closed form.
+
+Over a step, walls that are touched at its middle give impulses by which nothing moves into them
+(restitution 0), and friction holds its contact or slides by the law's own numbers. If contacts do
+not act on one another, each impulse is a formula of the motion without contact.
+
+Sources: as of `wormopt.simulation.moreau`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.model.model import Contact, Model, pack
+
+__all__ = ["Impulses"]
+
+
+@dataclass(frozen=True, eq=False)
+class Impulses:
+    """How one step changes the rates of a model.
+
+    Parameters
+    ----------
+    model : Model
+        Its states are places and then their rates, and so many of each. All contacts have gaps
+        and normal forces. Time, schedules and algebraic variables do not occur in it.
+    integrals : sequence of str, optional
+        Outputs to integrate over the step.
+
+    Raises
+    ------
+    ArgumentError
+        If the model is not of this form.
+    """
+
+    model: Model
+    integrals: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        model = self.model
+        model.places()  # refuses what has none
+        if any(c.gap is None or c.normal_force is None for c in model.contacts):
+            self._refuse("all contacts must have gaps and normal forces")
+        if any(len(c.law.directions) != 2 for c in model.contacts):
+            self._refuse("contacts must be free to slide both ways")
+        if model.z or model.switches:
+            self._refuse("algebraic variables and switches are not stepped over")
+        timed = [model.t, *(s for part in model.schedules for s in (part.symbol, part.begin))]
+        if ca.depends_on(
+            ca.vertcat(model.ode, *map(model.output, self.integrals)), ca.vertcat(*timed)
+        ):
+            self._refuse("nothing may depend on time but its inputs")
+        if ca.depends_on(self._pushes, self._impulse_symbols):
+            self._refuse("the ode must be affine in the contact forces")
+
+    def _refuse(self, why: str) -> None:
+        raise ArgumentError(f"{self.model.name}: {why}")
+
+    @property
+    def n_q(self) -> int:
+        """Number of places."""
+        return self.model.n_x // 2
+
+    @property
+    def n_gathered(self) -> int:
+        """Number of what is gathered: work of walls and friction, integrals, impulses."""
+        return 2 + len(self.integrals) + 2 * len(self.model.contacts)
+
+    @cached_property
+    def symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Places, rates, inputs, parameters, step size."""
+        model, x = self.model, pack(self.model.x)
+        h: ca.SX = ca.SX.sym("h")
+        return x[: self.n_q], x[self.n_q :], pack(model.u), pack(model.p), h
+
+    @cached_property
+    def kick(self) -> ca.Function:
+        """Rates after a step by the forces at its middle, and what is gathered over it.
+
+        Of the places in the middle, then of rates before, inputs, parameters and step size.
+        """
+        v, h = self.symbols[1], self.symbols[4]
+        free = v + h * self._free[self.n_q :]
+        normal, rubbed = self._given(ca.substitute(self._contact_rates, v, free))
+        impulses = ca.vertcat(normal, rubbed)
+        after = free + self._pushes[self.n_q :, :] @ impulses
+        # by mean rates kinetic energy changes by exactly the work of all impulses
+        rates, powers = ca.substitute([self._contact_rates, self._powers], [v], [(v + after) / 2])
+        n_c = len(self.model.contacts)
+        work = ca.vertcat(ca.dot(rates[:n_c], normal), ca.dot(rates[n_c:], rubbed))
+        gathered = ca.densify(ca.vertcat(work, h * powers, impulses))
+        found = [ca.densify(after), gathered]
+        return ca.Function("kick", list(self.symbols), found, {"cse": True})
+
+    def _given(self, free: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Normal and tangential impulses, of the rates the contacts would have without them."""
+        contacts, h = self.model.contacts, self.symbols[4]
+        stops, n_c = -free / ca.diag(self._response), len(contacts)
+        normal = ca.if_else(self._gaps <= 0, ca.fmax(0, stops[:n_c]), 0)
+        rubbed = [
+            _rub(contact, normal[i], stops[n_c + i], free[n_c + i], h)
+            for i, contact in enumerate(contacts)
+        ]
+        return normal, ca.vertcat(ca.SX(0, 1), *rubbed)
+
+    @cached_property
+    def linear(self) -> ca.Function:
+        """Jacobian of the ode without contacts and inputs, of state and parameters."""
+        x, (_, _, u, p, _) = pack(self.model.x), self.symbols
+        J = ca.substitute(ca.jacobian(self._free, x), u, ca.SX.zeros(u.numel()))
+        return ca.Function("linear", [x, p], [ca.densify(J)])
+
+    def check(self, x0: np.ndarray, numbers: np.ndarray) -> None:
+        """Refuse contacts that act on one another and may be closed at the same time.
+
+        Parameters
+        ----------
+        x0 : ndarray, shape (n_x,)
+            State at which they are looked at.
+        numbers : ndarray
+            Parameters.
+
+        Raises
+        ------
+        ArgumentError
+            If there are two.
+        """
+        contacts, x = self.model.contacts, pack(self.model.x)
+        n_c, gaps = len(contacts), self._gaps
+        asked = [self._response, gaps, ca.jacobian(gaps, x)]
+        probe = ca.Function("probe", [x, self.symbols[3]], asked)
+        response, gap, slope = (np.array(part) for part in probe(x0, numbers))
+        size = np.sqrt(np.diag(response))
+        apart = np.abs(response) > 1e-12 * size[:, None] * size[None, :]
+        np.fill_diagonal(apart, val=False)
+        for a, b in np.argwhere(apart) % max(n_c, 1):
+            # two sides of one channel: the sum of the gaps is its width, whatever moves
+            opposite = a != b and not np.any(slope[a] + slope[b]) and gap[a, 0] + gap[b, 0] > 0
+            if not opposite:
+                self._refuse(
+                    f"contacts {contacts[a].name} and {contacts[b].name} act on one another; "
+                    "lump the masses"
+                )
+
+    @cached_property
+    def _gaps(self) -> ca.SX:
+        gaps = [contact.gap for contact in self.model.contacts if contact.gap is not None]
+        return ca.vertcat(ca.SX(0, 1), *gaps)
+
+    @cached_property
+    def _impulse_symbols(self) -> ca.SX:
+        pressed = [c.normal_force for c in self.model.contacts if c.normal_force is not None]
+        return ca.vertcat(ca.SX(0, 1), *pressed, self.model.forces)
+
+    def _without_contacts(self, expression: ca.SX) -> ca.SX:
+        forces = self._impulse_symbols
+        return ca.substitute(expression, forces, ca.SX.zeros(forces.numel()))
+
+    @cached_property
+    def _free(self) -> ca.SX:
+        return self._without_contacts(self.model.ode)
+
+    @cached_property
+    def _powers(self) -> ca.SX:
+        outputs = [self.model.output(name) for name in self.integrals]
+        return self._without_contacts(ca.vertcat(ca.SX(0, 1), *outputs))
+
+    @cached_property
+    def _pushes(self) -> ca.SX:
+        """d(ode) / d(normal and tangential forces)."""
+        return ca.jacobian(self.model.ode, self._impulse_symbols)
+
+    @cached_property
+    def _contact_rates(self) -> ca.SX:
+        """Rates of the gaps, then velocities along the walls."""
+        q, v = self.symbols[:2]
+        return ca.vertcat(ca.jtimes(self._gaps, q, v), self.model.contact_velocities)
+
+    @cached_property
+    def _response(self) -> ca.SX:
+        """Rates of all contacts by unit impulses of all contacts."""
+        return ca.jacobian(self._contact_rates, self.symbols[1]) @ self._pushes[self.n_q :, :]
+
+
+def _rub(contact: Contact, normal: ca.SX, hold: ca.SX, velocity: ca.SX, h: ca.SX) -> ca.SX:
+    """Impulse of friction: what holds the contact if the law can, else what it slides with."""
+    pressed, law = contact.normal_force, contact.law
+    assert pressed is not None
+    least, most = law.stick_interval
+    ahead, behind = law.slip_force(velocity, 1), law.slip_force(velocity, -1)
+    slides = ca.vertcat(*(h * ca.SX(part) for part in (least, most, ahead, behind)))
+    low, high, ahead, behind = ca.vertsplit(ca.substitute(slides, pressed, normal / h))
+    return ca.if_else(hold < low, ahead, ca.if_else(hold > high, behind, hold))

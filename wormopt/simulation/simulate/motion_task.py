@@ -1,0 +1,144 @@
+"""Task and Outcome: what every integrator is given and what it gives back, as plain arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from wormopt.simulation.functions import System
+from wormopt.simulation.options import Smooth, Tolerance
+
+from wormopt.model.model import Schedule, Signal
+
+__all__ = ["KINDS", "Outcome", "Task"]
+
+KINDS = ("reversal", "stick", "release", "impact", "switch")
+"""Kinds of events by their numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One motion to integrate.
+
+    Parameters
+    ----------
+    system : System
+        Functions of the model.
+    span : (float, float)
+        First and last time.
+    x0 : ndarray, shape (n_x,)
+        State at the first; the model's own states, then those that `System.n_pushes` counts.
+    p : ndarray
+        From `System.parameters`.
+    schedules : tuple of Schedule
+        Those of the model, perhaps with other values.
+    tolerance : Tolerance
+        How exact.
+    times : ndarray, shape (m,)
+        Ascending sample times within the span.
+    dense : bool
+        Whether to keep the polynomials of all steps.
+    """
+
+    system: System
+    span: tuple[float, float]
+    x0: np.ndarray
+    p: np.ndarray
+    schedules: tuple[Schedule, ...]
+    tolerance: Tolerance
+    times: np.ndarray
+    dense: bool = False
+
+    @cached_property
+    def absolute(self) -> np.ndarray:
+        """Absolute tolerance of every state."""
+        pushed = [c.nominal_speed for c in self.system.contacts[: self.system.n_pushes]]
+        return self.tolerance.absolute * np.append(_nominals(self.system.model.x), pushed)
+
+    @cached_property
+    def v_rest(self) -> np.ndarray:
+        """Per contact the speed that is nothing but rounding."""
+        return 1e-14 * np.array([c.nominal_speed for c in self.system.contacts])
+
+    @cached_property
+    def v_drift(self) -> np.ndarray:
+        """Per contact the speed that a resting velocity may gather by the errors of the steps."""
+        nominal = np.array([c.nominal_speed for c in self.system.contacts])
+        return 1e3 * (self.v_rest + (self.tolerance.relative + self.tolerance.absolute) * nominal)
+
+    @cached_property
+    def f_rest(self) -> np.ndarray:
+        """Per contact the force that is nothing but rounding, against what it can hold."""
+        n = len(self.system.contacts)
+        if not self.system.exact:
+            return np.zeros(n)
+        p = self.system.scheduled(self.p, self.schedules, np.array([self.span[0]]))[:, 0]
+        probe = np.array(self.system.probe(self.span[0], self.x0, p, np.ones(n))).ravel()
+        held = np.abs(probe[3 * n : 5 * n].reshape(2, n))
+        held = np.where(np.isfinite(held), held, 0.0).max(axis=0, initial=0.0)
+        nominal = np.array([c.nominal_force for c in self.system.contacts])
+        return 1e-13 * np.where(held > 0, held, nominal)
+
+    @property
+    def max_step(self) -> float:
+        """Longest step."""
+        longest = self.tolerance.max_step
+        return (self.span[1] - self.span[0]) / 50 if longest is None else longest
+
+    @cached_property
+    def v_layer(self) -> np.ndarray:
+        """Per contact the width over which the smooth law is steep."""
+        treatment = self.system.treatment
+        width = treatment.v_reg if isinstance(treatment, Smooth) else 0.0
+        return np.full(len(self.system.contacts), width)
+
+
+def _nominals(signals: Sequence[Signal]) -> np.ndarray:
+    return np.concatenate([np.zeros(0), *(np.full(s.size, s.nominal) for s in signals)])
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What an integrator found, as far as it came.
+
+    Parameters
+    ----------
+    status : str
+        "done", or the reason for which it was given up: "step_too_small", "not_finite",
+        "too_many_steps", "stiff", "events_accumulate", "no_contact_mode", "no_memory",
+        "layer_not_resolved", "solver_failed", "interrupted".
+    route : str
+        Which integrator.
+    t : float
+        How far it came.
+    x : ndarray, shape (n_x,)
+        State there.
+    samples : ndarray, shape (reached, n_x)
+        States at the sample times reached.
+    n_steps, n_rejected, n_evaluations : int
+        Work done.
+    events : ndarray, shape (events, 4)
+        Time, index of the contact (of the switch, counted on from the contacts), index in `KINDS`,
+        mode from then on.
+    modes : ndarray, shape (1 + changes, 1 + contacts)
+        Time, and modes from then on.
+    dense_time : ndarray, shape (steps + 1,)
+        Ends of the steps, where kept.
+    dense : ndarray, shape (steps, 8, n_x)
+        Their polynomials.
+    """
+
+    status: str
+    route: str
+    t: float
+    x: np.ndarray
+    samples: np.ndarray
+    n_steps: int
+    n_rejected: int
+    n_evaluations: int
+    events: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+    modes: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
+    dense_time: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    dense: np.ndarray = field(default_factory=lambda: np.zeros((0, 8, 0)))

@@ -1,0 +1,329 @@
+"""The compiled driver, called through ctypes with Python's lock released."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from collections.abc import Sequence
+from ctypes import POINTER, Structure, c_double, c_longlong, c_void_p
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from importlib.resources import files
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from wormopt.simulation.functions import System
+from wormopt.simulation.motion_task import Outcome, Task
+from wormopt.simulation.native.build import library
+
+from wormopt.model.model import Schedule
+from wormopt.progress import Report as Progress
+
+__all__ = ["Compiled", "compiled", "integrate"]
+
+_FUNCTIONS = ("rhs", "velocities", "probe", "project", "guards", "resets")
+_STATUS = {
+    1: "done",
+    -1: "step_too_small",
+    -2: "not_finite",
+    -3: "too_many_steps",
+    -4: "stiff",
+    -5: "events_accumulate",
+    -6: "no_contact_mode",
+    -7: "no_memory",
+}
+_SOURCES = ("driver.c", "stepper.c", "contact.c", "driver.h", "run.h", "tableau.h")
+# A call of the driver shall last some hundredths of a second, so that it can be interrupted.
+_WORK_PER_CALL = 400_000
+
+
+class _Schedule(Structure):
+    _fields_ = (
+        ("start", c_double),
+        *((name, c_longlong) for name in ("pieces", "size", "offset", "periodic")),
+        ("breaks", c_void_p),
+        ("values", c_void_p),
+    )
+
+
+class _Problem(Structure):
+    """`Problem` of driver.h."""
+
+    _fields_ = (
+        *(
+            (name, c_longlong)
+            for name in (
+                *("n_x", "n_contacts", "n_switches", "n_schedules", "n_times"),
+                *("n_iw", "n_w", "n_arg", "n_res"),
+                *("exact", "coupled", "keep_dense", "max_steps", "stiff_steps"),
+            )
+        ),
+        *((name, c_void_p) for name in _FUNCTIONS),
+        *(
+            (name, c_void_p)
+            for name in (
+                *("velocity_state", "directions", "v_rest", "v_drift", "f_rest", "v_layer"),
+                "absolute",
+                *("schedules", "times"),
+            )
+        ),
+        *((name, c_double) for name in ("relative", "max_step", "t_start", "t_end")),
+    )
+
+
+class _Table(Structure):
+    _fields_ = (
+        ("data", POINTER(c_double)),
+        *((name, c_longlong) for name in ("rows", "width", "room")),
+    )
+
+    def array(self) -> np.ndarray:
+        if self.rows == 0:
+            return np.zeros((0, self.width))
+        return np.ctypeslib.as_array(self.data, (self.rows, self.width)).copy()
+
+
+class _Report(Structure):
+    """`Report` of driver.h."""
+
+    _fields_ = (
+        ("t", c_double),
+        ("h", c_double),
+        *(
+            (name, c_longlong)
+            for name in ("status", "n_steps", "n_rejected", "n_evaluations", "n_sampled")
+        ),
+        *((name, POINTER(c_double)) for name in ("x", "p", "samples")),
+        *((name, _Table) for name in ("events", "modes", "dense")),
+    )
+
+
+@cache
+def _driver() -> ctypes.CDLL:
+    folder = files("wormopt.simulation.native")
+    sources = [(name, (folder / name).read_text(encoding="utf-8")) for name in _SOURCES]
+    driver = library("driver", sources, "-O3")
+    driver.wormopt_start.restype = POINTER(_Report)
+    driver.wormopt_start.argtypes = [POINTER(_Problem), c_void_p, c_void_p, c_longlong]
+    driver.wormopt_advance.restype = c_longlong
+    driver.wormopt_advance.argtypes = [POINTER(_Report), c_longlong]
+    driver.wormopt_free.restype = None
+    driver.wormopt_free.argtypes = [POINTER(_Report)]
+    return driver
+
+
+def _source(functions: Sequence[ca.Function]) -> str:
+    """C code of CasADi functions, for use in one file and without checks for absent arguments.
+
+    The compiler's time grows with the square of the length of a function that keeps its values in
+    variables. Long ones keep them in the work array and are cut into pieces.
+    """
+    long = max(function.n_instructions() for function in functions) > _LONG
+    generator = ca.CodeGenerator("model.c", {"avoid_stack": long})
+    for function in functions:
+        generator.add(function)
+    text = generator.dump()
+    text = re.sub(r"^casadi_real (casadi_\w+\()", r"static inline casadi_real \1", text, flags=re.M)
+    text = re.sub(r"arg\[(\d+)\]\? (arg\[\1\]\[\d+\]) : 0;", r"\2;", text)
+    text = re.sub(r"if \(res\[(\d+)\]!=0\) ", "", text)
+    return re.sub(r"^static int (casadi_f\d+)(\(.*?\)) \{\n(.*?)^\}", _cut, text, flags=_ALL)
+
+
+_ALL = re.MULTILINE | re.DOTALL
+_LONG = 2000  # instructions
+
+
+def _cut(function: re.Match[str]) -> str:
+    """Cut the body of a generated function into functions of so many lines."""
+    name, arguments, body = function.groups()
+    lines = body.splitlines()
+    if len(lines) < _LONG:
+        return function[0]
+    starts = range(0, len(lines) - 1, _LONG // 4)  # the last line returns
+    pieces = ["\n".join(lines[k : k + _LONG // 4]) for k in starts]
+    pieces[-1] = pieces[-1].removesuffix("\n" + lines[-1])
+    cut = [
+        f"__attribute__((noinline)) static void {name}_{k}{arguments} {{\n{p}\n}}\n"
+        for k, p in enumerate(pieces)
+    ]
+    calls = "".join(f"  {name}_{k}(arg, res, iw, w, mem);\n" for k in range(len(pieces)))
+    return "".join(cut) + f"static int {name}{arguments} {{\n{calls}{lines[-1]}\n}}"
+
+
+@cache
+def _library(text: str) -> ctypes.CDLL:
+    return library("model", [("model.c", text)], "-O1" if "noinline" in text else "-O2")
+
+
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """What the driver needs to know of a system, whatever its numbers.
+
+    Parameters
+    ----------
+    fields : dict
+        Entries of the problem that are numbers and addresses.
+    arrays : dict of str to ndarray
+        Entries that are arrays.
+    library : ctypes.CDLL
+        Kept loaded as long as the addresses are in use.
+    """
+
+    fields: dict[str, int]
+    arrays: dict[str, np.ndarray]
+    library: ctypes.CDLL
+
+
+@lru_cache(maxsize=64)
+def compiled(system: System) -> Compiled:
+    """Compile the functions of a system, or find them in the cache.
+
+    Parameters
+    ----------
+    system : System
+        Model and treatment.
+
+    Returns
+    -------
+    Compiled
+
+    Raises
+    ------
+    CompilerError
+        If there is no compiler or it fails.
+    """
+    _driver()
+    functions = system.functions
+    found = _library(_source(list(functions.values())))
+    fields = {
+        "n_contacts": len(system.contacts),
+        "n_switches": len(system.model.switches),
+        "n_iw": max(f.sz_iw() for f in functions.values()),
+        "n_w": max(f.sz_w() for f in functions.values()),
+        "n_arg": max(f.sz_arg() for f in functions.values()),
+        "n_res": max(f.sz_res() for f in functions.values()),
+        "exact": system.exact,
+        "coupled": system.exact and system.coupled,
+    }
+    for name in functions:
+        fields[name] = ctypes.cast(getattr(found, name), c_void_p).value or 0
+    directions = [(1 in c.law.directions) + 2 * (-1 in c.law.directions) for c in system.contacts]
+    arrays = {
+        "velocity_state": system.velocity_state,
+        "directions": np.array(directions, dtype=np.int64),
+    }
+    return Compiled(fields, arrays, found)
+
+
+def _schedules(schedules: Sequence[Schedule], offset: int) -> tuple[ctypes.Array, list[np.ndarray]]:
+    """Mirror schedules; the arrays must be kept as long as the mirror is in use."""
+    kept, rows = [], []
+    for schedule in schedules:
+        breaks = np.ascontiguousarray(schedule.breaks, dtype=float)
+        values = np.ascontiguousarray(schedule.values, dtype=float)
+        size = values.shape[1]
+        kept += [breaks, values]
+        rows.append(
+            _Schedule(
+                schedule.start,
+                len(values),
+                size,
+                offset,
+                schedule.periodic,
+                breaks.ctypes.data,
+                values.ctypes.data,
+            )
+        )
+        offset += 1 + size
+    return (_Schedule * len(rows))(*rows), kept
+
+
+def integrate(task: Task, ready: Compiled, report: Progress, stiff_steps: int) -> Outcome:
+    """Integrate a task by the compiled driver.
+
+    Parameters
+    ----------
+    task : Task
+        What to integrate.
+    ready : Compiled
+        Its system, from `compiled`.
+    report : callable
+        Told how far it is.
+    stiff_steps : int
+        Give up a smooth motion where stability alone would need so many more steps.
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    MemoryError
+        If there is no memory left.
+    """
+    driver, n_x = _driver(), len(task.x0)
+    schedules, kept = _schedules(task.schedules, task.system.n_fixed)
+    arrays = ready.arrays | {
+        "v_rest": task.v_rest,
+        "v_drift": task.v_drift,
+        "f_rest": task.f_rest,
+        "v_layer": task.v_layer,
+        "absolute": task.absolute,
+        "times": np.ascontiguousarray(task.times, dtype=float),
+    }
+    problem = _Problem(
+        n_x=n_x,
+        n_schedules=len(task.schedules),
+        n_times=len(task.times),
+        keep_dense=task.dense,
+        max_steps=task.tolerance.max_steps,
+        stiff_steps=2**62 if task.system.exact else stiff_steps,
+        schedules=ctypes.cast(schedules, c_void_p),
+        relative=task.tolerance.relative,
+        max_step=task.max_step,
+        t_start=task.span[0],
+        t_end=task.span[1],
+        **ready.fields,
+        **{name: array.ctypes.data for name, array in arrays.items()},
+    )
+    x0, p = np.ascontiguousarray(task.x0), np.ascontiguousarray(task.p)
+    run = driver.wormopt_start(ctypes.byref(problem), x0.ctypes.data, p.ctypes.data, len(p))
+    if not run:
+        raise MemoryError("no memory for the samples asked for")
+    try:
+        _advance(driver, run, task, report)
+        return _outcome(run.contents, _STATUS[run.contents.status], n_x, task)
+    except KeyboardInterrupt:
+        return _outcome(run.contents, "interrupted", n_x, task)
+    finally:
+        driver.wormopt_free(run)
+        del kept
+
+
+def _advance(driver: ctypes.CDLL, run: Any, task: Task, report: Progress) -> None:
+    """Go to the end, or as far as it goes."""
+    start, end = task.span
+    chunk = max(_WORK_PER_CALL // len(task.x0), 20)
+    report("simulating", 0.0)
+    while driver.wormopt_advance(run, chunk) == 0:
+        report("simulating", (run.contents.t - start) / (end - start))
+
+
+def _outcome(found: _Report, status: str, n_x: int, task: Task) -> Outcome:
+    dense = found.dense.array()
+    samples = np.ctypeslib.as_array(found.samples, (max(found.n_sampled, 1), n_x))
+    return Outcome(
+        status=status,
+        route="native",
+        t=found.t,
+        x=np.ctypeslib.as_array(found.x, (n_x,)).copy(),
+        samples=samples[: found.n_sampled].copy(),
+        n_steps=found.n_steps,
+        n_rejected=found.n_rejected,
+        n_evaluations=found.n_evaluations,
+        events=found.events.array(),
+        modes=found.modes.array(),
+        dense_time=np.concatenate([[task.span[0]], dense[:, 0]]) if task.dense else np.zeros(0),
+        dense=dense[:, 1:].reshape(len(dense), 8, n_x),
+    )

@@ -1,0 +1,172 @@
+"""Implicit steps of order 5 in Python, for stiff motions with switches."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.integrate import Radau
+from wormopt.simulation.functions import System
+from wormopt.simulation.motion_task import Task
+from wormopt.simulation.steps import Call, GivenUp, Step, floor_of_step, powers
+
+__all__ = ["Stiff"]
+
+# Scipy refuses smaller relative tolerances, with a warning.
+_LEAST_RELATIVE = 100 * float(np.finfo(float).eps)
+# The dense output of Radau IIA is a cubic: these points tell its first four rows.
+_POINTS = np.array([0.0, 1 / 3, 2 / 3, 1.0])
+_ROWS = np.linalg.inv(powers(_POINTS)[:, :4])
+
+
+class Stiff:
+    """Steps of scipy's Radau, for stiff motions; order 5, with the exact Jacobian.
+
+    Parameters
+    ----------
+    task : Task
+        What to integrate.
+    p, modes : ndarray
+        Parameters and modes; who rewrites them must call `restart`.
+    """
+
+    def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
+        self.h, self.n_rejected, self.n_evaluations = 0.0, 0, 0
+        self._task, self._solver = task, None
+        self._t, self._x = task.span[0], task.x0
+        self._rhs = Call(task.system.rhs, ("p", p), ("s", modes))
+        self._jacobian = Call(_jacobian(task.system), ("p", p), ("s", modes))
+
+    def _derivative(self, t: float, x: np.ndarray) -> np.ndarray:
+        self.n_evaluations += 1
+        dx = self._rhs(t, x)[0].copy()
+        self._finite = bool(np.all(np.isfinite(dx)))
+        return dx
+
+    def _slopes(self, t: float, x: np.ndarray) -> np.ndarray:
+        matrix = self._jacobian(t, x)[0].reshape(len(x), len(x)).T.copy()
+        if not np.all(np.isfinite(matrix)):
+            raise GivenUp("not_finite")
+        return matrix
+
+    def _solver_from(self, t: float, x: np.ndarray, stop: float, h: float) -> Radau:
+        options: dict[str, Any] = {
+            "rtol": max(self._task.tolerance.relative, _LEAST_RELATIVE),
+            "atol": self._task.absolute,
+            "jac": self._slopes,
+            "max_step": self._task.max_step,
+            "first_step": min(h, stop - t) if h > 0 else None,
+        }
+        return Radau(self._derivative, t, x, stop, **options)
+
+    def _advance(self, solver: Radau, stop: float) -> Step:
+        t, x, dx = solver.t, solver.y, self._derivative(solver.t, solver.y)
+        if solver.step():
+            raise GivenUp("step_too_small" if self._finite else "not_finite")
+        x_new, h = solver.y.copy(), solver.t - t
+        output = solver.dense_output()
+
+        def fit() -> np.ndarray:
+            points = np.column_stack([x, *(output(t + c * h) for c in _POINTS[1:-1]), x_new])
+            return np.vstack([_ROWS @ points.T, np.zeros((4, len(x)))])
+
+        dx_new = self._derivative(solver.t, x_new)
+        return Step(t, h, min(solver.t, stop), x, x_new, dx, dx_new, fit)
+
+    def restart(self, t: float, x: np.ndarray) -> None:
+        """Go on from another state, or with other parameters or modes.
+
+        Parameters
+        ----------
+        t : float
+            Time.
+        x : ndarray, shape (n_x,)
+            State.
+        """
+        self._t, self._x, self._solver = t, x, None
+        self._derivative(t, x)
+        if not (self._finite and np.all(np.isfinite(x))):
+            raise GivenUp("not_finite")
+
+    def attempt(self, stop: float) -> Step | None:
+        """Try a step.
+
+        Parameters
+        ----------
+        stop : float
+            Time that it must not pass.
+
+        Returns
+        -------
+        Step or None
+            Never None: scipy tries until it succeeds.
+
+        Raises
+        ------
+        GivenUp
+            If it would have to be too short.
+        """
+        if self._solver is None or self._solver.t_bound != stop:
+            self._solver = self._solver_from(self._t, self._x, stop, self.h)
+        return self._advance(self._solver, stop)
+
+    def redo(self, step: Step, length: float) -> Step:
+        """Take the beginning of a step that was too long.
+
+        Parameters
+        ----------
+        step : Step
+            Just attempted.
+        length : float
+            How far to go.
+
+        Returns
+        -------
+        Step
+            It may end earlier if this is less exact than the whole.
+        """
+        stop = min(step.t + length, step.end)
+        self._solver = None
+        return self._advance(self._solver_from(step.t, step.x, stop, length), stop)
+
+    def shorten(self, step: Step, factor: float) -> None:
+        """Reject a step.
+
+        Parameters
+        ----------
+        step : Step
+            Just attempted.
+        factor : float
+            Length of the next one, relative to it.
+
+        Raises
+        ------
+        GivenUp
+            If that is too short.
+        """
+        self.n_rejected += 1
+        self.h, self._solver = step.h * factor, None
+        if self.h < floor_of_step(self._task, step.t):
+            raise GivenUp("step_too_small")
+
+    def accept(self, step: Step) -> None:
+        """Go on from the end of a step.
+
+        Parameters
+        ----------
+        step : Step
+            Just attempted.
+        """
+        self.h, self._t, self._x = step.h, step.end, step.x_new
+
+
+@lru_cache(maxsize=64)
+def _jacobian(system: System) -> ca.Function:
+    """Dense Jacobian of the ode."""
+    jacobian = system.rhs.factory("jacobian", ["t", "x", "p", "s"], ["jac:rhs:x"])
+    arguments = jacobian.sx_in()
+    return ca.Function(
+        "jacobian", arguments, [ca.densify(jacobian(*arguments))], ["t", "x", "p", "s"], ["jac"]
+    )

@@ -1,0 +1,84 @@
+"""Which integrator a task goes to: compiled steps where they can, others where they must."""
+
+from __future__ import annotations
+
+from wormopt.simulation.motion_task import Outcome, Task
+from wormopt.simulation.options import Route
+
+from wormopt.progress import Report
+
+__all__ = ["integrate"]
+
+
+def integrate(task: Task, route: Route, report: Report) -> Outcome:
+    """Integrate by the route asked for; "auto" is the first that can.
+
+    Parameters
+    ----------
+    task : Task
+        What to integrate.
+    route : {"auto", "native", "python", "cvodes"}
+        By what.
+    report : callable
+        Told how far it is.
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    ValueError
+        If the route cannot take the task.
+    CompilerError
+        If the native route is asked for and there is no compiler.
+    """
+    if task.system.model.alg.numel() or route == "cvodes":
+        return _implicitly(task, report)
+    if route == "python":
+        return _in_python(task, report)
+    outcome = _native(task, report, required=route == "native")
+    if outcome is None:  # no compiler: the same steps, slower
+        outcome = _in_python(task, report)
+    if outcome.status != "stiff" or route != "auto":
+        return outcome
+    if _needs_own_steps(task):
+        implicit = _in_python(task, report, stiff=True)
+    else:
+        implicit = _implicitly(task, report)
+    if implicit.status in ("done", "interrupted"):
+        return implicit
+    # neither can: let explicit steps find out why
+    return _native(task, report, required=False, stiff_steps=2**62) or outcome
+
+
+def _needs_own_steps(task: Task) -> bool:
+    """Whether what is asked for is more than SUNDIALS gives."""
+    return bool(task.system.model.switches) or task.dense
+
+
+def _native(
+    task: Task, report: Report, *, required: bool, stiff_steps: int = 1_000_000
+) -> Outcome | None:
+    from wormopt.simulation.native.build import CompilerError
+    from wormopt.simulation.native.kernel import compiled, integrate
+
+    try:
+        ready = compiled(task.system)
+    except CompilerError:
+        if required:
+            raise
+        return None
+    return integrate(task, ready, report, stiff_steps)
+
+
+def _in_python(task: Task, report: Report, *, stiff: bool = False) -> Outcome:
+    from wormopt.simulation.automaton import integrate
+
+    return integrate(task, report, stiff=stiff)
+
+
+def _implicitly(task: Task, report: Report) -> Outcome:
+    from wormopt.simulation.sundials import integrate
+
+    return integrate(task, report)

@@ -1,0 +1,254 @@
+"""The verb `simulate`: a Model in, its motion out, or a refusal that says why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from typing import get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+from wormopt.simulation.functions import System
+from wormopt.simulation.motion_task import KINDS, Outcome, Task
+from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
+from wormopt.simulation.routes import integrate
+from wormopt.simulation.trajectory import Dense, Event, Trajectory
+
+from wormopt.errors import ArgumentError, Interrupted, SolveError
+from wormopt.model.model import Model, Schedule
+from wormopt.model.values import check_names, numbers, signal_values
+from wormopt.progress import Report, silent
+
+__all__ = ["simulate"]
+
+Values = Mapping[str, ArrayLike]
+
+_REFUSALS = {
+    "step_too_small": (
+        "steps became too small at t = {t:.6g}: the motion is not smooth there, or grows beyond "
+        "bounds",
+        "loosen the relative tolerance, take a larger v_reg, or treat contact exactly",
+    ),
+    "not_finite": (
+        "the motion is no longer a number at t = {t:.6g}",
+        "look for what grows beyond bounds before, a gain say, and shorten the time",
+    ),
+    "too_many_steps": (
+        "{steps} steps were spent by t = {t:.6g}",
+        "loosen the tolerances, allow more max_steps, or shorten the time",
+    ),
+    "stiff": (
+        "the motion is too stiff for explicit steps at t = {t:.6g}",
+        'take route = "cvodes", a larger v_reg, or treat contact exactly',
+    ),
+    "events_accumulate": (
+        "events follow each other without time passing at t = {t:.6g}",
+        "treat contact as smooth, or change the law that makes it chatter",
+    ),
+    "no_contact_mode": (
+        "no choice of resting and sliding contacts fits the forces at t = {t:.6g}, or several "
+        "contacts that share one degree of freedom rest at once and leave their forces open",
+        "treat contact as smooth, or give the links elasticity",
+    ),
+    "layer_not_resolved": (
+        "velocities pass the steep part of the smooth law unseen at t = {t:.6g}",
+        "take a larger v_reg, or treat contact exactly",
+    ),
+    "solver_failed": (
+        "the implicit integrator failed at t = {t:.6g}",
+        "loosen the tolerances or take a larger v_reg",
+    ),
+    "no_memory": ("memory is out at t = {t:.6g}", "keep fewer samples, or dense = False"),
+}
+
+
+def simulate(
+    model: Model,
+    span: float | tuple[float, float],
+    *,
+    contact: Treatment = Exact(),  # noqa: B008  frozen
+    x0: Values | None = None,
+    p: Values | None = None,
+    schedules: Mapping[str, np.ndarray] | None = None,
+    times: ArrayLike | None = None,
+    dense: bool = False,
+    tolerance: Tolerance = Tolerance(),  # noqa: B008  frozen
+    route: Route = "auto",
+    report: Report = silent,
+) -> Trajectory:
+    """Integrate a model in time.
+
+    Parameters
+    ----------
+    model : Model
+        What moves. Inputs are held at their values.
+    span : float or (float, float)
+        Last time, or first and last.
+    contact : Exact or Smooth, optional
+        How contacts are treated.
+    x0 : mapping of str to array_like, optional
+        Start of states by name, where it is not the model's own.
+    p : mapping of str to array_like, optional
+        Parameters and inputs by name, where they are not the model's own. They change without a
+        new compilation.
+    schedules : mapping of str to ndarray, optional
+        Other values of schedules by name, of the same shape.
+    times : array_like, shape (m,), optional
+        When to sample, ascending within the span; start and end if left out.
+    dense : bool, optional
+        Keep the whole motion, for `Trajectory.at`.
+    tolerance : Tolerance, optional
+        How exact.
+    route : {"auto", "native", "python", "cvodes"}, optional
+        How to integrate. "auto" is compiled code where there is a compiler, and an implicit
+        integrator where the motion is too stiff for explicit steps.
+    report : callable, optional
+        Told how far it is, see `wormopt.progress`.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    ArgumentError
+        If an argument is something else, or names, sizes, bounds, times or the route do not fit
+        the model.
+    SolveError
+        If the motion could not be followed to its end; `partial` is the trajectory up to there,
+        `code` the reason in one word.
+    Interrupted
+        If the user stopped it; `partial` is the trajectory up to there.
+
+    Examples
+    --------
+    A block thrown at speed 1 over ground that resists with 1 comes to rest at t = 1 after 0.5:
+
+    >>> import casadi as ca
+    >>> from wormopt.model.friction import Coulomb
+    >>> from wormopt.model.model import Contact, Signal
+    >>> x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f")
+    >>> states = [Signal("position", x, value=0.0), Signal("velocity", v, value=1.0)]
+    >>> ground = Contact("block", v, f, Coulomb(1.0, 2.0))
+    >>> block = Model("block", x=states, ode=ca.vertcat(v, f), contacts=[ground])
+    >>> motion = simulate(block, 3.0)
+    >>> motion.end.round(12), [(round(e.time, 12), e.kind) for e in motion.events]
+    (array([0.5, 0. ]), [(1.0, 'stick')])
+    """
+    _check(model, contact, tolerance, route)
+    task = _task(
+        model,
+        span,
+        contact,
+        x0=x0,
+        p=p,
+        schedules=schedules,
+        times=times,
+        dense=dense,
+        tolerance=tolerance,
+    )
+    return _trajectory(task, integrate(task, route, report))
+
+
+def _check(model: object, contact: object, tolerance: object, route: object) -> None:
+    """Refuse what is not of the kind it should be, before it is taken for something else."""
+    if not isinstance(model, Model):
+        raise ArgumentError(f"model must be a Model, not {type(model).__name__}")
+    if not isinstance(contact, Smooth | Exact):
+        raise ArgumentError(f"contact must be Exact() or Smooth(v_reg), not {contact!r}")
+    if not isinstance(tolerance, Tolerance):
+        raise ArgumentError(f"tolerance must be Tolerance(relative, absolute), not {tolerance!r}")
+    if route not in get_args(Route):
+        raise ArgumentError(f"route must be one of {', '.join(get_args(Route))}, not {route!r}")
+
+
+@lru_cache(maxsize=64)
+def _system(model: Model, contact: Treatment) -> System:
+    return System(model, contact)
+
+
+def _task(
+    model: Model,
+    span: float | tuple[float, float],
+    contact: Treatment,
+    *,
+    x0: Values | None,
+    p: Values | None,
+    schedules: Mapping[str, np.ndarray] | None,
+    times: ArrayLike | None,
+    dense: bool,
+    tolerance: Tolerance,
+) -> Task:
+    system = _system(model, contact)
+    start, end = _ends(span)
+    sampled = np.array([start, end]) if times is None else numbers("times", times).ravel()
+    if sampled.size and not (
+        np.all(np.diff(sampled) >= 0) and start <= sampled[0] and sampled[-1] <= end
+    ):
+        raise ArgumentError(f"sample times must ascend within [{start:g}, {end:g}]")
+    return Task(
+        system=system,
+        span=(start, end),
+        x0=np.append(signal_values(model.x, x0, "state", fill=0.0), np.zeros(system.n_pushes)),
+        p=system.parameters(p),
+        schedules=_with_values(tuple(model.schedules), schedules),
+        tolerance=tolerance,
+        times=sampled,
+        dense=dense,
+    )
+
+
+def _ends(span: float | tuple[float, float]) -> tuple[float, float]:
+    given = numbers("span", span)
+    start, end = np.append([0.0, 0.0], given)[-2:].tolist()
+    if given.size > 2 or not -np.inf < start < end < np.inf:
+        raise ArgumentError(f"the time must run forward; write last or (first, last), not {span!r}")
+    return start, end
+
+
+def _with_values(
+    schedules: tuple[Schedule, ...], given: Mapping[str, np.ndarray] | None
+) -> tuple[Schedule, ...]:
+    given = {} if given is None else given
+    check_names(given, [s.name for s in schedules], "schedule")
+    return tuple(
+        replace(s, values=numbers(f"schedule {s.name}", given[s.name])) if s.name in given else s
+        for s in schedules
+    )
+
+
+def _trajectory(task: Task, outcome: Outcome) -> Trajectory:
+    """What an integrator found, refused if it did not come to the end."""
+    reached, n_x = task.times[: len(outcome.samples)], task.system.model.n_x
+    motion = Trajectory(
+        system=task.system,
+        route=outcome.route,
+        p=task.p,
+        schedules=task.schedules,
+        time=reached,
+        states=outcome.samples[:, :n_x].T,
+        end_time=outcome.t,
+        end=outcome.x[:n_x],
+        events=_events(task.system, outcome.events),
+        modes=outcome.modes,
+        n_steps=outcome.n_steps,
+        n_rejected=outcome.n_rejected,
+        n_evaluations=outcome.n_evaluations,
+        dense=Dense(outcome.dense_time, outcome.dense[:, :, :n_x]) if len(outcome.dense) else None,
+    )
+    if outcome.status == "done":
+        return motion
+    if outcome.status == "interrupted":
+        raise Interrupted(motion)
+    reason, suggestion = _REFUSALS[outcome.status]
+    reason = reason.format(t=outcome.t, steps=outcome.n_steps + outcome.n_rejected)
+    raise SolveError(reason, suggestion, motion, outcome.status)
+
+
+def _events(system: System, rows: np.ndarray) -> tuple[Event, ...]:
+    names = [c.name for c in system.contacts] + [s.name for s in system.model.switches]
+    return tuple(
+        Event(float(t), names[int(which)], KINDS[int(kind)], int(mode))
+        for t, which, kind, mode in rows
+    )

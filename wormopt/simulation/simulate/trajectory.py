@@ -1,0 +1,230 @@
+"""Trajectory: what `simulate` returns, a motion from its first instant to its last."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from wormopt.simulation.functions import System
+
+from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.model.model import Schedule
+
+__all__ = ["Dense", "Event", "Trajectory"]
+
+
+@dataclass(frozen=True)
+class Event:
+    """An instant at which a contact changes its mode or a switch of the model fires.
+
+    Parameters
+    ----------
+    time : float
+        When.
+    name : str
+        Name of the contact or of the switch.
+    kind : {"reversal", "stick", "release", "impact", "switch"}
+        A velocity zero is a "reversal" (the contact slides on, in either direction) or a "stick";
+        a "release" ends a stick; an "impact" is a velocity that jumps to zero.
+    mode : int
+        Direction of the contact from then on: +1, -1, or 0 at rest; 0 for a switch.
+
+    Examples
+    --------
+    >>> Event(1.3, "mass 0", "stick", 0).kind
+    'stick'
+    """
+
+    time: float
+    name: str
+    kind: str
+    mode: int
+
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """Polynomials of every step.
+
+    Parameters
+    ----------
+    time : ndarray, shape (steps + 1,)
+        Ends of the steps.
+    coefficients : ndarray, shape (steps, 8, n_x)
+        For step k with s = (t - time[k]) / (time[k+1] - time[k]), r = 1 - s, the state is
+        c0 + s (c1 + r (c2 + s (c3 + r (c4 + s (c5 + r (c6 + s c7)))))).
+
+    Examples
+    --------
+    >>> line = np.zeros((1, 8, 1))
+    >>> line[0, :2, 0] = 3.0, 2.0
+    >>> Dense(np.array([0.0, 4.0]), line)(np.array([1.0]))
+    array([[3.5]])
+    """
+
+    time: np.ndarray
+    coefficients: np.ndarray
+
+    def __call__(self, t: np.ndarray) -> np.ndarray:
+        """States at times ``t`` (m,) within the motion; shape (n_x, m)."""
+        step = np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, len(self.time) - 2)
+        s = (t - self.time[step]) / (self.time[step + 1] - self.time[step])
+        value = np.zeros((len(t), self.coefficients.shape[2]))
+        for k in range(7, 0, -1):
+            value = (value + self.coefficients[step, k]) * (s if k % 2 else 1 - s)[:, None]
+        return (value + self.coefficients[step, 0]).T
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A simulated motion.
+
+    Parameters
+    ----------
+    system : System
+        What moved, and how its contacts were treated.
+    route : str
+        What integrated it: "native", "python", "cvodes" or "idas".
+    p : ndarray
+        Parameters, from `System.parameters`.
+    schedules : tuple of Schedule
+        Those of the model, with the values they had.
+    time : ndarray, shape (m,)
+        Sample times; without any asked for, start and end.
+    states : ndarray, shape (n_x, m)
+        States then; after a jump where one happens at that time.
+    end_time : float
+        How far the motion goes.
+    end : ndarray, shape (n_x,)
+        State there.
+    events : tuple of Event
+        In order of time.
+    modes : ndarray, shape (1 + changes, 1 + contacts)
+        Each row a time and the modes (+1, -1, 0) of ``system.contacts`` from then on. Empty where
+        contact was treated as smooth.
+    n_steps, n_rejected, n_evaluations : int
+        Accepted and rejected steps, evaluations of the ode.
+    dense : Dense, optional
+        The whole motion, where it was asked for.
+    """
+
+    system: System
+    route: str
+    p: np.ndarray
+    schedules: tuple[Schedule, ...]
+    time: np.ndarray
+    states: np.ndarray
+    end_time: float
+    end: np.ndarray
+    events: tuple[Event, ...] = ()
+    modes: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
+    n_steps: int = 0
+    n_rejected: int = 0
+    n_evaluations: int = 0
+    dense: Dense | None = None
+
+    @cached_property
+    def _rows(self) -> dict[str, slice]:
+        signals = self.system.model.x
+        ends = np.cumsum([s.size for s in signals]).tolist()
+        return {s.name: slice(e - s.size, e) for s, e in zip(signals, ends, strict=True)}
+
+    def state(self, name: str) -> np.ndarray:
+        """Samples of one state signal.
+
+        Parameters
+        ----------
+        name : str
+            Name of a signal of ``model.x``.
+
+        Returns
+        -------
+        ndarray, shape (size, m)
+
+        Raises
+        ------
+        UnknownNameError
+            If there is none of that name; the message lists those there are.
+        """
+        if name not in self._rows:
+            raise UnknownNameError(self.system.model.name, "state", [name], self._rows)
+        return self.states[self._rows[name]]
+
+    def at(self, t: np.ndarray) -> Trajectory:
+        """Sample the motion anew, at any times within it.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            Times, ascending.
+
+        Returns
+        -------
+        Trajectory
+
+        Raises
+        ------
+        ArgumentError
+            If the motion was simulated without ``dense = True``, or a time lies outside it.
+        """
+        if self.dense is None:
+            raise ArgumentError("simulate with dense=True to sample the motion afterwards")
+        t = np.asarray(t, dtype=float)
+        first, last = self.dense.time[0], self.dense.time[-1]
+        if t.size and not (first <= t.min() and t.max() <= last):
+            raise ArgumentError(f"the motion goes from {first:g} to {last:g}")
+        return replace(self, time=t, states=self.dense(t))
+
+    def modes_at(self, t: np.ndarray) -> np.ndarray:
+        """Modes of the contacts that may rest, at any times.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            Times; at an event the mode after it counts.
+
+        Returns
+        -------
+        ndarray, shape (contacts, m)
+            Of no rows where contact was treated as smooth.
+        """
+        if len(self.modes) == 0:
+            return np.zeros((0, len(t)))
+        row = np.searchsorted(self.modes[:, 0], t, side="right") - 1
+        return self.modes[np.maximum(row, 0), 1:].T
+
+    def observe(self, expression: ca.SX) -> np.ndarray:
+        """Value of any expression of the model's symbols at the sample times.
+
+        Parameters
+        ----------
+        expression : casadi.SX
+            Column of k entries; contact forces may stand in it.
+
+        Returns
+        -------
+        ndarray, shape (k, m)
+        """
+        function = self.system.observe(expression)
+        p = self.system.scheduled(self.p, self.schedules, self.time)
+        return np.array(function(self.time[None, :], self.states, p, self.modes_at(self.time)))
+
+    def output(self, name: str) -> np.ndarray:
+        """Samples of an output of the model.
+
+        Parameters
+        ----------
+        name : str
+            Name of an output.
+
+        Returns
+        -------
+        ndarray, shape (size, m)
+
+        Raises
+        ------
+        UnknownNameError
+            If there is none of that name; the message lists those there are.
+        """
+        return self.observe(self.system.model.output(name))

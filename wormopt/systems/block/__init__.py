@@ -1,0 +1,1 @@
+"""A block on dry ground."""

@@ -1,0 +1,1 @@
+"""Chains of point masses under friction: trackers, optimal inputs, their comparison."""

@@ -1,0 +1,101 @@
+"""Optimal motions: their signals over ``instant``, and how relaxed contact converges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from wormopt.plotting.parts import GREY, facts, label, scalar, sheet
+from wormopt.result import Result, Variable
+from wormopt.systems.chain.plots import simulation
+
+__all__ = ["convergence", "over_time", "signals"]
+
+
+def signals(result: Result) -> Figure:
+    """Signals against time, one below the other, with the instants at which phases change.
+
+    Parameters
+    ----------
+    result : Result
+        Of optimal control.
+
+    Returns
+    -------
+    Figure
+    """
+    drawn = simulation.signals(over_time(result))
+    for axes in drawn.axes:
+        for instant in (scalar(result, "phase_times") or [])[1:-1]:
+            axes.axvline(instant, color=GREY, linewidth=0.8, linestyle=":")
+    drawn.axes[0].set_title(facts(result, "speed", "time", "n_phases"), loc="left")
+    return drawn
+
+
+def over_time(result: Result) -> Result:
+    """Call the coordinate ``instant`` of an optimal motion ``time``, as other pictures know it.
+
+    Parameters
+    ----------
+    result : Result
+        Of optimal control; its scalar ``time`` is how long the motion takes.
+
+    Returns
+    -------
+    Result
+        Without that scalar.
+    """
+
+    def called(name: str) -> str:
+        return "time" if name == "instant" else name
+
+    def renamed(variable: Variable) -> Variable:
+        dims = tuple(map(called, variable.dims))
+        return replace(variable, name=called(variable.name), dims=dims)
+
+    others = {name: value for name, value in result.scalars.items() if name != "time"}
+    return replace(result, scalars=others, variables=tuple(map(renamed, result.variables)))
+
+
+def convergence(result: Result) -> Figure:
+    """Errors of relaxed contact against the width of the law and the number of arcs.
+
+    Parameters
+    ----------
+    result : Result
+        Of kind ``optimal-crawl`` with ``want`` "convergence".
+
+    Returns
+    -------
+    Figure
+        Both axes logarithmic; the dotted lines have the slope of order 1, the bars at the last
+        points are the error bars stated without knowing the exact answer.
+    """
+    drawn = sheet(9, 4)
+    left, right = drawn.subplots(1, 2, sharey=True)
+    _draw(left, result, "width", "smoothed", 1)
+    left.set_xlabel(label("width $v_{reg}$ of the smoothed law", result["width"].unit))
+    left.invert_xaxis()
+    _draw(right, result, "arcs", "complementarity", -1)
+    right.set_xlabel("arcs $N$ of the grid (complementarity)")
+    left.set_ylabel(label("error of the objective", result["smoothed_error"].unit))
+    left.set_title(facts(result, "order_smoothed"), loc="left")
+    right.set_title(facts(result, "order_complementarity"), loc="left")
+    return drawn
+
+
+def _draw(axes: Axes, result: Result, over: str, what: str, slope: int) -> None:
+    x, error = result[over].values, np.abs(result[f"{what}_error"].values)
+    bar = scalar(result, f"objective_{what}_error_bar")
+    axes.loglog(x, error, color="black", marker="o", markersize=4)
+    axes.loglog(x, error[-1] * (x / x[-1]) ** slope, color=GREY, linestyle=":", label="order 1")
+    upward = [[0.0], [max(bar - error[-1], 0.0)]]
+    axes.errorbar(x[-1], error[-1], upward, color="black", capsize=3, label="error bar stated")
+    axes.legend(loc="lower left", frameon=False)
+    axes.grid(visible=True, color="#E6E6E6", linewidth=0.6)
+    if over == "arcs":
+        axes.set_xticks(x, [f"{n:g}" for n in x], minor=False)
+        axes.minorticks_off()

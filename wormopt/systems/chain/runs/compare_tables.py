@@ -1,0 +1,203 @@
+"""Tables of a comparison in Markdown: figures of all rivals, plants drawn, plants known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wormopt.systems.chain.scenes.compare_tracking import CompareScene
+
+__all__ = ["Drawn", "Known", "table_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Numbers of one rival on plants that are not as believed.
+
+    Parameters
+    ----------
+    values : dict of str to ndarray, shape (members,)
+        By their names; not a number where a plant could not be simulated or nothing happens.
+    failed : int
+        How many could not be simulated.
+    """
+
+    values: dict[str, np.ndarray]
+    failed: int
+
+    @property
+    def outside(self) -> int:
+        """How many plants leave the tube after its time of capture, those that failed included."""
+        stays = self.values["time_outside_tube"] == 0
+        return len(stays) - int(np.sum(stays))
+
+    def quantiles(self, name: str, *shares: float) -> list[float]:
+        """Quantiles of a number over the plants that could be simulated.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+        *shares : float
+            Shares of the plants below, 0 to 1.
+        """
+        values = self.values[name][np.isfinite(self.values[name])]
+        return [float(np.quantile(values, s)) if values.size else np.nan for s in shares]
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """A plan made anew for plants that are known.
+
+    Parameters
+    ----------
+    name : str
+        Which plan.
+    drawn : Drawn
+        Numbers of the plants in question; ``failed`` are those for which none was found.
+    """
+
+    name: str
+    drawn: Drawn
+
+
+_COLUMNS = {
+    "capture_time": "captured at",
+    "time_outside_tube": "time outside",
+    "error_peak": "largest \\|e\\|",
+    "error_integral": "∫\\|e\\|²",
+    "input_rms": "u rms",
+    "input_peak": "u peak",
+    "distance": "distance",
+    "mean_speed": "mean speed",
+    "work": "work spent",
+    "net_work": "net work",
+    "cost_of_transport": "cost of transport",
+}
+
+
+def table_of(
+    table: CompareScene,
+    references: Sequence[str],
+    numbers: Sequence[Mapping[str, Mapping[str, float | None]]],
+    drawn: Sequence[Mapping[str, Drawn]],
+    known: Sequence[Known],
+) -> str:
+    """Write all figures as Markdown.
+
+    Parameters
+    ----------
+    table : CompareScene
+        The scene.
+    references : sequence of str
+        Names of the references.
+    numbers : sequence of mapping
+        By reference and rival, the numbers of the worm as it is believed.
+    drawn : sequence of mapping
+        By reference and rival, the numbers of the other plants.
+    known : sequence of Known
+        Plans made anew, for the first reference.
+
+    Returns
+    -------
+    str
+    """
+    lines: list[str] = []
+    for name, row, plants in zip(references, numbers, drawn, strict=True):
+        lines += ["", f"## {name}: the worm as it is believed", "", *_nominal(row)]
+        lines += ["", f"## {name}: {_plants(table)}", "", *_draws(plants)]
+    if table.draws.known:
+        count = table.draws.known
+        lines += ["", f"## {references[0]}: what {count} of these plants cost who knows them", ""]
+        lines += _knowledge(table, drawn[0], known)
+    return "\n".join([*_legend(table), *lines, ""])
+
+
+def _plants(table: CompareScene) -> str:
+    return f"{table.draws.members} plants, ±{table.draws.spread:.0%}"
+
+
+def _legend(table: CompareScene) -> list[str]:
+    capture = f"{table.tube.capture:g}"
+    return [
+        f"λ = {table.tube.radius:g}, time 0 to {table.time.end:g}; time outside the tube and the "
+        f"largest |e| count from t = {capture} on. Work spent counts the positive power of each "
+        "actuator, nothing recovered; net work counts what flows back too; cost of transport is "
+        "work spent by total mass and distance. All motions are of one simulator with exact "
+        "contact.",
+    ]
+
+
+def _nominal(row: Mapping[str, Mapping[str, float | None]]) -> Iterator[str]:
+    yield from _head(["", *_COLUMNS.values()])
+    for name, values in row.items():
+        yield _line([name, *(_text(values[key]) for key in _COLUMNS)])
+
+
+def _draws(plants: Mapping[str, Drawn]) -> Iterator[str]:
+    yield from _head(
+        ["", "leave the tube", "failed", "time outside", "largest \\|e\\|", "∫\\|e\\|²", "u rms",
+         "distance"]
+    )  # fmt: skip
+    for name, each in plants.items():
+        bands = [
+            _band(each, key)
+            for key in ("time_outside_tube", "error_peak", "error_integral", "input_rms",
+                        "distance")
+        ]  # fmt: skip
+        yield _line([name, str(each.outside), str(each.failed), *bands])
+    yield ""
+    yield "Median, in brackets 5 and 95 % of the plants."
+
+
+def _knowledge(
+    table: CompareScene, plants: Mapping[str, Drawn], known: Sequence[Known]
+) -> Iterator[str]:
+    """Means over the plants for which every plan was found, so that rows compare."""
+    weight, count = table.optimal.input_weight, table.draws.known
+    found = [each for each in known if each.drawn.failed < count]
+    whole = np.all([np.isfinite(k.drawn.values["distance"]) for k in found], axis=0)
+    whole = np.broadcast_to(whole, (count,))
+    rows = {f"{k.name}, plant known": k.drawn for k in found}
+    rows |= {name: _first(each, count) for name, each in plants.items()}
+    yield from _head(["", "∫\\|e\\|² + ρ\\|u\\|²", "∫\\|u\\|²", "time outside", "mean speed"])
+    for name, each in rows.items():
+        means = {
+            key: float(np.mean(each.values[key][whole])) if whole.any() else np.nan
+            for key in ("error_integral", "input_integral", "time_outside_tube", "mean_speed")
+        }
+        cost = means["error_integral"] + weight * means["input_integral"]
+        shown = [cost, *(means[k] for k in ("input_integral", "time_outside_tube", "mean_speed"))]
+        yield _line([name, *map(_text, shown)])
+    yield ""
+    lost = ", ".join(f"{k.name} {k.drawn.failed}" for k in known)
+    yield (
+        f"Means over the {int(whole.sum())} plants of {count} for which every plan was found; not "
+        f"found: {lost}. ρ = {weight:g}."
+    )
+
+
+def _first(drawn: Drawn, count: int) -> Drawn:
+    return Drawn({k: v[:count] for k, v in drawn.values.items()}, 0)
+
+
+def _band(each: Drawn, name: str) -> str:
+    middle, low, high = each.quantiles(name, 0.5, 0.05, 0.95)
+    return f"{_text(middle)} [{_text(low)}, {_text(high)}]"
+
+
+def _head(names: Sequence[str]) -> Iterator[str]:
+    yield _line(names)
+    yield _line(["---", *["---:"] * (len(names) - 1)])
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _text(value: float | None) -> str:
+    if value is None or not np.isfinite(value):
+        return "never" if value is None else "–"
+    return f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"

@@ -1,0 +1,239 @@
+"""Optimal tracking: the problem, its first guess from a simulated LQR, and what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.control.loop import TrackingError, input_of, with_reference
+from wormopt.control.lqr import lqr
+from wormopt.control.reference import Reference
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model, Schedule, pack
+from wormopt.model.values import signal_values
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.contact import Complementary
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Guess, Motion
+from wormopt.ocp.nlp import Ipopt
+from wormopt.ocp.optimise import FEASIBLE, Optimum, optimise
+from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.progress import Report, silent
+from wormopt.simulation.simulate import simulate
+from wormopt.systems.chain.scenes.track_optimal import (
+    GridTable,
+    LeastError,
+    LeastInput,
+    RelaxationTable,
+    TubeTable,
+)
+
+__all__ = ["first_guess", "knowing", "lengths_of", "optimal_input", "tracking_problem"]
+
+# Of the error in the LQR from which solves start, where no other weight is given.
+_STIFF = 1e3
+_SOLVER = Ipopt(tolerance=1e-7, iterations=300)
+# As `optimise` starts next to a solution, so that the solver is there already.
+_WARM = replace(_SOLVER, mu_init=1e-3)
+
+
+def tracking_problem(
+    plant: Model,
+    reference: Reference,
+    end: float,
+    objective: LeastError | LeastInput,
+    tube: TubeTable,
+) -> Problem:
+    """State optimal tracking from where the plant starts.
+
+    Parameters
+    ----------
+    plant : Model
+        With the input ``input`` and the output ``length``.
+    reference : Reference
+        What the output shall follow.
+    end : float
+        Duration.
+    objective : LeastError or LeastInput
+        What is minimised.
+    tube : TubeTable
+        Tube that the error keeps to, under `LeastInput`.
+
+    Returns
+    -------
+    Problem
+        Its integrals are those of |e|^2 and |u|^2.
+    """
+    error = TrackingError.of(plant, reference)
+    model = with_reference(plant, reference)
+    ends = Ends.of(plant, 2)
+    missed, spent = ends.integrals[0], ends.integrals[1]
+    along = []
+    if isinstance(objective, LeastError):
+        cost = missed + objective.input_weight * spent
+    else:
+        cost = spent
+        asked = _asked_from(tube.capture, end)
+        model = replace(model, schedules=[*model.schedules, asked])
+        radius = (1 - objective.margin) * tube.radius
+        along = [Bound("tube", asked.symbol * error.square / radius**2, upper=1.0)]
+    u = input_of(plant, error.value.numel()).symbol
+    start = signal_values(plant.x, None, "state")
+    return Problem(
+        model,
+        ends,
+        cost,
+        (end, end),
+        integrands=ca.vertcat(error.square, ca.sumsqr(u)),
+        along=along,
+        at_ends=[Bound("start", ends.start, start, start)],
+    )
+
+
+def _asked_from(capture: float, end: float) -> Schedule:
+    """1 from the time of capture on, 0 before: within arcs nothing jumps."""
+    symbol, begin = ca.SX.sym("tube_asked"), ca.SX.sym("tube_asked_begin")
+    breaks = np.array([0.0, capture, end]) if capture > 0 else np.array([0.0, end])
+    values = np.array([[0.0], [1.0]])[-len(breaks) + 1 :]
+    return Schedule("tube_asked", symbol, begin, breaks, values)
+
+
+def first_guess(plant: Model, reference: Reference, end: float, error_weight: float) -> Guess:
+    """Simulate an LQR with feed-forward exactly: a motion near the reference, forces included.
+
+    Parameters
+    ----------
+    plant : Model
+        What moves.
+    reference : Reference
+        What its output shall follow.
+    end : float
+        Duration.
+    error_weight : float
+        Weight of |e|^2 against that of the square of what is added to the feed-forward.
+
+    Returns
+    -------
+    Guess
+    """
+    loop = lqr(plant, reference, error_weight=error_weight)
+    motion = simulate(loop, end, dense=True)
+
+    def states(t: np.ndarray) -> np.ndarray:
+        return motion.at(np.clip(t, 0.0, end)).states
+
+    def inputs(t: np.ndarray) -> np.ndarray:
+        return motion.at(np.clip(t, 0.0, end)).output("input")
+
+    def forces(t: np.ndarray) -> np.ndarray:
+        return motion.at(np.clip(t, 0.0, end)).observe(loop.forces)
+
+    return Guess(end, states, inputs, forces if plant.contacts else None)
+
+
+def optimal_input(
+    plant: Model,
+    reference: Reference,
+    end: float,
+    objective: LeastError | LeastInput,
+    tube: TubeTable,
+    grid: GridTable,
+    relaxation: RelaxationTable,
+    *,
+    period: float,
+    report: Report = silent,
+) -> Optimum:
+    """Find the optimal input with contact as a complementarity.
+
+    Parameters
+    ----------
+    plant, reference, end, objective, tube : object
+        As for `tracking_problem`.
+    grid : GridTable
+        How fine.
+    relaxation : RelaxationTable
+        How exact contact is.
+    period : float
+        Period of the reference, by which the grid is measured.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    Optimum
+
+    Raises
+    ------
+    SolveError
+        If none is found.
+    """
+    problem = tracking_problem(plant, reference, end, objective, tube)
+    breaks = problem.model.breaks(end)
+    mesh = Mesh.over(breaks, period / grid.arcs, Collocation(grid.degree, "radau"))
+    weight = 1 / objective.input_weight if isinstance(objective, LeastError) else _STIFF
+    guess = first_guess(plant, reference, end, weight)
+    treatment = Complementary(relaxation.last, relaxation.first)
+    # An LQR is next to what tracks best, but not to what tracks with least effort.
+    solver = _WARM if isinstance(objective, LeastError) else _SOLVER
+    return optimise(problem, mesh, treatment, guess, solver=solver, report=report)
+
+
+def knowing(optimum: Optimum, p: Mapping[str, ArrayLike]) -> Motion | None:
+    """Find the optimal motion of a plant with other parameters, from that of another.
+
+    Parameters
+    ----------
+    optimum : Optimum
+        Of the plant as it was believed, with complementarity.
+    p : mapping of str to array_like
+        Parameters of the model by name.
+
+    Returns
+    -------
+    Motion or None
+        None where there is none, or none is found in reasonable time.
+    """
+    program, w = optimum.motion.program, optimum.solution.w
+    solution = optimum.solution
+    bounds = optimum.bounds
+    for level in [each.level for each in optimum.levels][-2:]:
+        bounds = program.bounds(level, p=p)
+        solution = program.nlp.solve(w, bounds, _WARM)
+        w = solution.w
+    if not (solution.success and solution.violation <= FEASIBLE):
+        return None
+    return Motion.of(program, w, bounds)
+
+
+def lengths_of(motion: Motion, parts: int = 1) -> Gait:
+    """Link lengths of an optimal motion as a course of time.
+
+    Parameters
+    ----------
+    motion : Motion
+        Of a chain.
+    parts : int, optional
+        Cubics on each arc.
+
+    Returns
+    -------
+    Gait
+        With the lengths and rates of the motion where cubics meet.
+    """
+    model, breaks = motion.program.problem.model, motion.breaks
+    kept = breaks[np.append(np.diff(breaks) > 1e-9 * motion.duration, True)]
+    kept[0] = 0.0
+    t = np.append((kept[:-1, None] + np.outer(np.diff(kept), np.arange(parts) / parts)), kept[-1])
+    states = motion.states(t)
+    observe = ca.Function("links", [pack(model.x)], [model.output("length"), model.output("rate")])
+    length, rate = (np.array(part) for part in observe(states))
+    h = np.diff(t)
+    step = np.diff(length) / h
+    square = (3 * step - 2 * rate[:, :-1] - rate[:, 1:]) / h
+    cube = (rate[:, :-1] + rate[:, 1:] - 2 * step) / h**2
+    pieces = np.stack([length[:, :-1], rate[:, :-1], square, cube], axis=-1)
+    return Gait(t, np.swapaxes(pieces, 0, 1))

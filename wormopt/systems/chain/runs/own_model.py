@@ -1,0 +1,213 @@
+"""A user's own model: a Python file beside the scene, and a function in it that returns a Model."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import re
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import casadi as ca
+
+from wormopt.errors import ArgumentError, SceneError
+from wormopt.model.model import Model, pack
+from wormopt.model.values import signal_values
+from wormopt.result import UNITS
+from wormopt.scene.scene import Scene
+from wormopt.systems.chain.scenes.simulate import SimulateScene
+
+__all__ = ["load_model"]
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+# Names that the Result uses itself.
+_TAKEN = {
+    "time",
+    *(f"event_{what}" for what in ("time", "kind", "contact", "mode")),
+    *(f"rest_{what}" for what in ("start", "end", "contact")),
+    *("event", "rest", "n_events", "n_steps", "recheck_error"),
+}
+
+
+def load_model(scene: Scene[SimulateScene]) -> Model:
+    """Run the user's file and the function in it.
+
+    Parameters
+    ----------
+    scene : Scene
+        With the key ``model``.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    SceneError
+        If the file does not run, has no such function, the function fails or returns no Model, or
+        the Model cannot be simulated and saved; the message says what to write.
+    """
+    table, path = scene.table, scene.folder / scene.table.model_file
+    try:
+        code = compile(path.read_bytes(), str(path), "exec")
+    except (OSError, ValueError, SyntaxError) as error:
+        raise _refused(scene, f"{table.model_file} cannot be read: {error}") from None
+    module = ModuleType(f"wormopt_model_{path.stem}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module  # where dataclasses and pickle look for it
+    # Stdout belongs to results; what the user's file prints goes to stderr.
+    with contextlib.redirect_stdout(sys.stderr):
+        # The user's own file, of the scene that the user runs.
+        _attempt(scene, path, lambda: exec(code, module.__dict__))  # noqa: S102
+        function = _function(scene, module)
+        _check_parameters(scene, function)
+        given = table.parameters or {}
+        model = _attempt(scene, path, lambda: function(**given), given)
+    if not isinstance(model, Model):
+        what = f"{table.model_function}() returns {_shown(model)}, not a Model"
+        raise _refused(scene, f"{what}; end it with return Model(...), from wormopt import Model")
+    _check_model(scene, model)
+    return model
+
+
+def _refused(scene: Scene[SimulateScene], message: str, key: str = "model") -> SceneError:
+    return SceneError(scene.name, [(key, message)])
+
+
+def _shown(value: object) -> str:
+    return "nothing" if value is None else type(value).__name__
+
+
+def _attempt(
+    scene: Scene[SimulateScene],
+    path: Path,
+    action: Callable[[], Any],
+    given: Mapping[str, Any] | None = None,
+) -> Any:
+    try:
+        return action()
+    except (Exception, SystemExit) as error:
+        lines = [
+            frame.lineno
+            for frame in traceback.extract_tb(error.__traceback__)
+            if frame.filename == str(path)
+        ]
+        where = f" line {lines[-1]}" if lines else ""
+        said = " ".join(str(error).split()) or "no message"
+        message = f"{scene.table.model_file}{where}: {type(error).__name__}: {said}"
+        if not given:
+            raise _refused(scene, f"{message}; mend it there") from error
+        message = f"{scene.table.model_function}() fails with what is given: {message}"
+        what = "write other values, or mend the file"
+        raise _refused(scene, f"{message}; {what}", _blamed(given, said)) from error
+
+
+def _blamed(given: Mapping[str, Any] | None, said: str) -> str:
+    """Key of the parameter that an error speaks of, where there is one."""
+    if not given:
+        return "model"
+    named = [name for name in given if re.search(rf"\b{re.escape(name)}\b", said)] or list(given)
+    return f"parameters.{named[0]}" if len(named) == 1 else "parameters"
+
+
+def _function(scene: Scene[SimulateScene], module: ModuleType) -> Callable[..., Any]:
+    file, name = scene.table.model_file, scene.table.model_function
+    found = getattr(module, name, None)
+    if callable(found):
+        return found
+    functions = [key for key, value in vars(module).items() if inspect.isfunction(value)]
+    close = get_close_matches(name, functions, n=1) or functions[:1]
+    hint = f'write model = "{file}:{close[0]}"' if close else f"define it: def {name}(): ..."
+    raise _refused(scene, f"{file} has no function {name}; {hint}")
+
+
+def _check_parameters(scene: Scene[SimulateScene], function: Callable[..., Any]) -> None:
+    given: Mapping[str, Any] = scene.table.parameters or {}
+    name = scene.table.model_function
+    try:
+        signature = inspect.signature(function)
+    except ValueError:  # no Python function: it will say itself what it takes
+        return
+    taken = signature.parameters.values()
+    known = [p.name for p in taken if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    anything = any(p.kind is p.VAR_KEYWORD for p in taken)
+    faults = [
+        (f"parameters.{key}", f"{name}() takes no such parameter; {_hint(key, known)}")
+        for key in given
+        if key not in known and not anything
+    ]
+    faults += [
+        (f"parameters.{p.name}", f"missing; {name}() needs it, and it has no default")
+        for p in taken
+        if p.name in known and p.default is p.empty and p.name not in given
+    ]
+    if faults:
+        raise SceneError(scene.name, faults)
+
+
+def _hint(key: str, known: list[str]) -> str:
+    close = get_close_matches(key, known, n=1)
+    if close:
+        return f"did you mean {close[0]}?"
+    return f"it takes {', '.join(known)}" if known else "it takes none"
+
+
+def _check_model(scene: Scene[SimulateScene], model: Model) -> None:
+    """Refuse what could be neither simulated nor saved."""
+    names = [signal.name for signal in model.x] + [output.name for output in model.outputs]
+    for name in names:
+        if not isinstance(name, str) or not _NAME.fullmatch(name):
+            raise _refused(scene, f"{name!r} is no name; write letters, digits and _, letter first")
+    # Each stands in the Result by itself, with its end as a scalar and its entries as a dimension.
+    used = [f"{name}{part}" for name in names for part in ("", "_end", "_entry")]
+    for name in names:
+        if used.count(name) > 1 or name in _TAKEN:
+            raise _refused(scene, f"the name {name!r} is taken; rename that state or output")
+    _check_units(scene, model)
+    try:
+        signal_values(model.p, None, "parameter")
+    except ArgumentError as error:
+        raise _refused(scene, str(error), _blamed(scene.table.parameters, str(error))) from error
+    if not model.n_x:
+        raise _refused(scene, "the Model has no states; give it at least one in x")
+    try:
+        stray = _stray_symbols(model)
+    except Exception as error:  # whatever CasADi raises on what is no SX expression
+        said = " ".join(str(error).split())
+        raise _refused(scene, f"the Model holds what is no casadi.SX: {said}") from error
+    if stray:
+        what = "symbols that are neither state, input, parameter, time, contact force nor schedule"
+        raise _refused(scene, f"there are {what}: {', '.join(stray)}; give them to the Model too")
+
+
+def _check_units(scene: Scene[SimulateScene], model: Model) -> None:
+    """Refuse misspelt quantities; other text is taken for the name of a unit."""
+    for signal in (*model.x, *model.outputs):
+        unit = signal.unit
+        close = get_close_matches(unit, UNITS, n=1, cutoff=0.8) if isinstance(unit, str) else []
+        if not isinstance(unit, str) or (close and unit not in UNITS):
+            hint = f"did you mean {close[0]!r}?" if close else 'write "length" or "m", say'
+            raise _refused(scene, f"the unit of {signal.name!r} is {unit!r}; {hint}")
+
+
+def _stray_symbols(model: Model) -> list[str]:
+    known = ca.vertcat(
+        *(pack(signals) for signals in (model.x, model.z, model.u, model.p)),
+        model.t,
+        model.forces,
+        *(ca.vertcat(s.symbol, s.begin) for s in model.schedules),
+    )
+    said = ca.vertcat(
+        ca.vec(model.ode),
+        ca.vec(model.alg),
+        model.contact_velocities,
+        *(ca.vec(output.expression) for output in model.outputs),
+        *(ca.vertcat(ca.vec(s.guard), ca.vec(s.reset)) for s in model.switches),
+    )
+    own = {symbol.element_hash() for symbol in ca.symvar(known)}
+    return [s.name() for s in ca.symvar(said) if s.element_hash() not in own]

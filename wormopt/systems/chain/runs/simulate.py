@@ -1,0 +1,273 @@
+"""Scenes of kind ``simulate``: a chain with given inputs, or a model of the user's own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from wormopt.control.loop import TrackingError, close
+from wormopt.control.reference import Reference, follow
+from wormopt.errors import Interrupted, SceneError, SolveError
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model, Output
+from wormopt.progress import Report
+from wormopt.result import UNITS, Result, Scalar, Variable, unit_of
+from wormopt.scene.numerics import Start
+from wormopt.scene.scene import Scene
+from wormopt.scene.types import per
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.chain.runs.chains import (
+    build_chain,
+    draw_links,
+    laws_of,
+    tolerance_of,
+    treatment_of,
+)
+from wormopt.systems.chain.runs.own_model import load_model
+from wormopt.systems.chain.scenes.chain import ChainTable
+from wormopt.systems.chain.scenes.simulate import ConstantForce, HarmonicChange, SimulateScene
+from wormopt.systems.shared.proof import (
+    Recheck,
+    faults_of_motion,
+    recheck,
+    trust,
+    warnings_of_contact,
+    warnings_of_motion,
+)
+from wormopt.systems.shared.signals import (
+    CHAIN_SIGNALS,
+    chain_expressions,
+    event_variables,
+    sample,
+    simulate_whole,
+    symbol,
+    variable,
+)
+from wormopt.systems.shared.watch import balance, chain_numbers, measure_power
+from wormopt.systems.spiked.runs.reference import gait_of_shape
+
+__all__ = ["run"]
+
+# Signals of a chain that the picture shows, in this order.
+_SHOWN = ("length", "velocity", "contact_force", "input")
+
+
+@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+def run(scene: Scene[SimulateScene], report: Report) -> Result:
+    """Simulate a chain or the user's model.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of kind ``simulate``.
+    report : callable
+        Told what goes on.
+
+    Returns
+    -------
+    Result
+        Status "failed" where the second route or, of a chain, the energy balance disagrees.
+
+    Raises
+    ------
+    SceneError
+        If a gait's file or the user's model cannot be used.
+    SolveError
+        If the motion cannot be followed to its end; the partial result holds it up to there.
+    Interrupted
+        If the user stops it; the partial result holds the motion as far as it came.
+    """
+    table = scene.table
+    clock = time.perf_counter()
+    if table.worm is None:
+        plain = model = load_model(scene)
+    else:
+        plain = _driven_chain(scene, table.worm)
+        model = measure_power(plain)
+    built = time.perf_counter()
+    treatment, tolerance = treatment_of(table.contact), tolerance_of(table.tolerance)
+    try:
+        motion = simulate_whole(
+            model, table.time.end, table.time.samples, treatment, tolerance, report
+        )
+    except SolveError as error:
+        partial = _unfinished(scene, error.partial, error.reason)
+        raise SolveError(error.reason, error.suggestion, partial, error.code) from None
+    except Interrupted as stop:
+        why = f"interrupted at t = {stop.partial.end_time:.6g}"
+        raise Interrupted(_unfinished(scene, stop.partial, why)) from None
+    except (ValueError, RuntimeError, NotImplementedError) as error:
+        if table.worm is not None:
+            raise
+        raise SceneError(scene.name, [("model", f"cannot be simulated: {error}")]) from error
+    simulated = time.perf_counter()
+    try:
+        wanted = table.tolerance.recheck
+        second = recheck(plain, motion, tolerance, report=report) if wanted else None
+    except KeyboardInterrupt:
+        why = "interrupted before the second route was done"
+        raise Interrupted(_unfinished(scene, motion, why)) from None
+    energies = [balance(motion)] if table.worm is not None else []
+    faults = faults_of_motion(second, energies[0] if energies else None, tolerance)
+    error = Scalar(second and second.error)
+    result = _result(scene, motion)
+    return replace(
+        result,
+        status="failed" if faults else "ok",
+        reason="; ".join(faults),
+        scalars={**_scalars(scene, motion), "recheck_error": error},
+        trust=trust(
+            [motion], [second], tolerance, energies, list(_warnings(scene, motion, second))
+        ),
+        timings_s={
+            "build": built - clock,
+            "simulate": simulated - built,
+            "recheck": time.perf_counter() - simulated,
+        },
+    )
+
+
+# -- chains --------------------------------------------------------------------------------------
+
+
+def _driven_chain(scene: Scene[SimulateScene], worm: ChainTable) -> Model:
+    table = scene.table
+    start, actuation = table.start or Start(), table.actuation
+    links = draw_links(worm, table.time.end)
+    rest = np.array(per(worm.rest_length, worm.links))
+    gait, shift = _command(scene, rest)
+    period = gait.period if gait else table.time.end
+    model = build_chain(worm, start, links, float(rest.mean()) or 1.0, period)
+    if isinstance(actuation, ConstantForce):
+        held = per(actuation.force, worm.links)
+        return replace(model, u=[replace(signal, value=held) for signal in model.u])
+    if gait is None:
+        return model
+    command = follow(gait, model.t, shift=shift % gait.period)
+    # (11): c_j times the change of rest length, with the link's own c_j
+    x = symbol(model, "position")
+    stiffness = ca.diag(ca.jacobian(model.output("spring_force"), x)[:, : worm.links])
+    return _with_input(model, command, stiffness * (command.value - rest))
+
+
+def _with_input(model: Model, command: Reference, force: ca.SX) -> Model:
+    error = TrackingError.of(model, command)
+    closed = close(model, command, error, force, name="commanded rest lengths")
+    kept = [o for o in closed.outputs if o.name not in ("reference", "error", "error_norm")]
+    return replace(closed, outputs=[*kept, Output("command", command.value, "length")])
+
+
+def _command(scene: Scene[SimulateScene], rest: np.ndarray) -> tuple[Gait | None, float]:
+    """Rest lengths that are commanded, and how far ahead of time."""
+    actuation = scene.table.actuation
+    if actuation is None or isinstance(actuation, ConstantForce):
+        return None, 0.0
+    if not isinstance(actuation, HarmonicChange):
+        return gait_of_shape(actuation.gait, scene, "actuation.gait"), actuation.shift
+    links = len(rest)
+    amplitude = np.array(per(actuation.amplitude, links))
+    behind = 2 * np.pi * actuation.lag * np.arange(1, links + 1)
+    gait = Gait(
+        np.array([0.0, actuation.period]),
+        rest[None, :, None],
+        np.array([2 * np.pi / actuation.period]),
+        -(amplitude * np.sin(behind))[None, :],
+        (amplitude * np.cos(behind))[None, :],
+    )
+    return gait, 0.0
+
+
+# -- results -------------------------------------------------------------------------------------
+
+
+def _result(scene: Scene[SimulateScene], motion: Trajectory) -> Result:
+    units = scene.table.units
+    found = list(_variables(scene, motion)) if len(motion.time) else []
+    names = [v.name for v in found[1:]] if scene.table.worm is None else _SHOWN
+    return Result(
+        scene.name,
+        scene.table.kind,
+        scene.title,
+        variables=(*found, *event_variables([motion], units, several=False)),
+        scene_text=scene.text,
+        attributes={
+            "contacts": [c.name for c in motion.system.model.contacts],
+            "signals": [name for name in names if any(v.name == name for v in found)],
+        },
+    )
+
+
+def _unfinished(scene: Scene[SimulateScene], motion: Trajectory, why: str) -> Result:
+    return replace(_result(scene, motion), status="failed", reason=why)
+
+
+def _variables(scene: Scene[SimulateScene], motion: Trajectory) -> Iterator[Variable]:
+    table = scene.table
+    yield Variable("time", unit_of("time", table.units), ("time",), motion.time, "time")
+    if table.worm is None:
+        yield from _own_variables(scene, motion)
+        return
+    model = motion.system.model
+    expressions = chain_expressions(model)
+    kinds = dict(CHAIN_SIGNALS)
+    if any(output.name == "command" for output in model.outputs):
+        expressions["command"] = model.output("command")
+        kinds["command"] = ("length", ("link",), "commanded rest length")
+    for name, values in sample(motion, expressions).items():
+        yield variable(name, kinds[name], (), values, table.units)
+
+
+def _own_variables(scene: Scene[SimulateScene], motion: Trajectory) -> Iterator[Variable]:
+    model, units = motion.system.model, scene.table.units
+    named = {s.name: (s.symbol, s.unit) for s in model.x}
+    named |= {o.name: (o.expression, o.unit) for o in model.outputs}
+    if model.contacts and "contact_force" not in named:
+        named["contact_force"] = (model.forces, "force")
+    values = sample(motion, {name: ca.vec(ca.densify(e)) for name, (e, _) in named.items()})
+    for name, (_, quantity) in named.items():
+        rows = values[name]
+        alone = len(rows) == 1
+        dims = ("time",) if alone else (f"{name}_entry", "time")
+        yield Variable(name, _unit(quantity, units), dims, rows[0] if alone else rows, name)
+
+
+def _unit(quantity: str, units: str) -> str:
+    """Unit of what a user calls by a quantity's name, or by that of a unit."""
+    if quantity in UNITS:
+        return unit_of(quantity, units)
+    return quantity if units == "SI" else "1"
+
+
+def _scalars(scene: Scene[SimulateScene], motion: Trajectory) -> dict[str, Scalar]:
+    units = scene.table.units
+    if scene.table.worm is not None:
+        return {
+            name: Scalar(value, unit_of(quantity, units))
+            for name, (value, quantity) in chain_numbers(motion).items()
+        }
+    ends: dict[str, Any] = {}
+    for found in _own_variables(scene, motion):
+        ends[f"{found.name}_end"] = Scalar(found.values[..., -1], found.unit)
+    return {
+        **ends,
+        "n_events": Scalar(len(motion.events)),
+        "n_steps": Scalar(motion.n_steps),
+    }
+
+
+def _warnings(
+    scene: Scene[SimulateScene], motion: Trajectory, second: Recheck | None
+) -> Iterator[str]:
+    table = scene.table
+    laws = (
+        laws_of(table.worm)
+        if table.worm is not None
+        else [contact.law for contact in motion.system.contacts]
+    )
+    yield from warnings_of_contact(motion.system.treatment, laws)
+    yield from warnings_of_motion(motion, second)

@@ -1,0 +1,1 @@
+"""Magnetisable worms in a channel: closed forms, shapes of a segment, rods."""

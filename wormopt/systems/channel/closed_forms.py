@@ -1,0 +1,374 @@
+"""A magnetisable body in a channel beside a row of coils, (32)-(36), its segments' shapes assumed.
+
+A segment is the part of the body between two neighbouring coils, a distance L apart. Its centre
+line goes from one wall to the other, from the height d_w/2 to d - d_w/2, where d and d_w are the
+diameters of channel and body. Three shapes are assumed: a sine (33), with its shift; a cubic, the
+beam that small forces bend (34); a straight line (35), with the half of d_w that the print lacks.
+
+Functions take numbers, arrays or CasADi expressions, and check nothing; `ChannelWorm` checks what
+is a number. SI units, or any others that are consistent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from numbers import Real
+from typing import Any, Literal, get_args
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.systems.channel.samples import SAMPLES
+
+__all__ = [
+    "CAPSULE", "DIRECTION", "SAMPLE_1", "SAMPLE_2", "SHAPES", "ChannelWorm", "CountRule", "Shape",
+    "arc_length", "center_line", "segment_count", "velocity_per_frequency",
+]  # fmt: skip
+
+Shape = Literal["sine", "beam", "line"]
+CountRule = Literal["nearest", "floor"]
+SHAPES: tuple[Shape, ...] = get_args(Shape)
+DIRECTION = -1
+"""The body moves against the travel of the field."""
+STEEPEST = 10.0
+"""Rise over pitch up to which arc lengths are exact to rounding."""
+
+# Steps of the arithmetic-geometric mean, and points of Gauss, that leave rounding up to STEEPEST.
+_STEPS = 7
+_POINTS = 128
+_SMALLEST, _LARGEST = 1e-30, 1e30
+
+
+def center_line(shape: Shape, x: Any, pitch: Any, channel: Any, body: Any) -> Any:
+    """Height of the centre line of a segment above the wall it begins at.
+
+    Parameters
+    ----------
+    shape : {"sine", "beam", "line"}
+        (33), (34) or (35).
+    x : float, ndarray or casadi.SX
+        Place along the channel, 0 to `pitch`.
+    pitch : float or casadi.SX
+        Distance L of neighbouring coils.
+    channel, body : float or casadi.SX
+        Diameters d and d_w.
+
+    Returns
+    -------
+    float, ndarray or casadi.SX
+        From body / 2 to channel - body / 2.
+
+    Examples
+    --------
+    >>> center_line("beam", 5.0, 10.0, 11.0, 4.0)
+    5.5
+    """
+    rise, share = channel - body, x / pitch
+    _check_shape(shape)
+    if shape == "sine":
+        # ca.cos would turn arrays into matrices of CasADi
+        numeric = isinstance(share, np.ndarray | Real)
+        cosine: Any = (np if numeric else ca).cos(np.pi * share)
+        return body / 2 + rise * (1 - cosine) / 2
+    if shape == "beam":
+        return body / 2 + rise * share * share * (3 - 2 * share)
+    return body / 2 + rise * share
+
+
+def arc_length(shape: Shape, pitch: Any, rise: Any) -> Any:
+    """Length l_s of a segment's centre line.
+
+    The line has a root. The sine is a quarter of an ellipse's circumference, a complete elliptic
+    integral of the second kind, by the arithmetic-geometric mean (DLMF 19.8). The beam, L times the
+    integral of sqrt(1 + (3 rise / (2 L))² (1 - t²)²) over 0 <= t <= 1, is summed at 128 points of
+    Gauss. Both are exact to rounding up to a rise of ten pitches.
+
+    Parameters
+    ----------
+    shape : {"sine", "beam", "line"}
+        (33), (34) or (35).
+    pitch : float, ndarray or casadi.SX
+        Distance L of neighbouring coils.
+    rise : float, ndarray or casadi.SX
+        d - d_w.
+
+    Returns
+    -------
+    float, ndarray or casadi.SX
+        In units of `pitch`.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such shape.
+
+    Examples
+    --------
+    >>> [round(arc_length(shape, 10.0, 7.0), 6) for shape in SHAPES]
+    [12.55057, 12.504597, 12.206556]
+    """
+    _check_shape(shape)
+    slope = rise / pitch
+    if shape == "sine":
+        return pitch * _ellipse((1 + (np.pi * slope / 2) ** 2) ** 0.5)
+    if shape == "beam":
+        steep = 1.5 * slope
+        return pitch * sum(
+            weight * (1 + steep * steep * bend) ** 0.5 for bend, weight in _gauss_points()
+        )
+    return pitch * (1 + slope * slope) ** 0.5
+
+
+def _check_shape(shape: str) -> None:
+    if shape not in SHAPES:
+        raise ArgumentError(f'no assumed shape "{shape}"; there are {", ".join(SHAPES)}')
+
+
+def segment_count(length: Any, segment: Any, rule: CountRule = "nearest") -> Any:
+    """Count k_s of segments.
+
+    Parameters
+    ----------
+    length : float, ndarray or casadi.SX
+        Of the body, l_w.
+    segment : float, ndarray or casadi.SX
+        Of the centre line of a segment, l_s.
+    rule : {"nearest", "floor"}, optional
+        The integer nearest to l_w / l_s, the larger one of two as near, which the velocities of
+        the chapter need; or the integral part, as (32) is printed.
+
+    Returns
+    -------
+    int, ndarray or casadi.SX
+        An int where both are numbers.
+
+    Examples
+    --------
+    >>> segment_count(48.0, 12.5), segment_count(48.0, 12.5, "floor")
+    (4, 3)
+    """
+    ratio = length / segment + (0.5 if rule == "nearest" else 0.0)
+    if isinstance(ratio, Real):
+        return int(np.floor(float(ratio)))
+    return np.floor(ratio) if isinstance(ratio, np.ndarray) else ca.floor(ratio)
+
+
+def velocity_per_frequency(pitch: Any, segment: Any, count: Any) -> Any:
+    """Size of the velocity (32) for one coil switch per second, k_s (l_s - L) / (k_s + 3).
+
+    Parameters
+    ----------
+    pitch : float, ndarray or casadi.SX
+        Distance L of neighbouring coils.
+    segment : float, ndarray or casadi.SX
+        l_s.
+    count : int, ndarray or casadi.SX
+        k_s.
+
+    Returns
+    -------
+    float, ndarray or casadi.SX
+        In units of `pitch`; times the switches per second it is a velocity, whose direction is
+        `DIRECTION`.
+
+    Examples
+    --------
+    >>> velocity_per_frequency(10.0, 12.5, 4)
+    1.4285714285714286
+    """
+    return count * (segment - pitch) / (count + 3)
+
+
+@dataclass(frozen=True)
+class ChannelWorm:
+    """A body in a channel; SI units.
+
+    Parameters
+    ----------
+    pitch : float or casadi.SX
+        Distance L of neighbouring coils.
+    channel, body : float or casadi.SX
+        Diameters d and d_w.
+    length : float or casadi.SX
+        Of the body, l_w.
+    youngs_modulus : float or casadi.SX, optional
+        In Pa; without it forces and energies are unknown.
+    rule : {"nearest", "floor"}, optional
+        How segments are counted.
+
+    Raises
+    ------
+    ArgumentError
+        If a number is not above 0, the body does not fit in the channel or is shorter than the
+        pitch, or the rise is more than ten pitches.
+
+    Examples
+    --------
+    >>> [round(1e3 * SAMPLE_1.velocity_per_frequency(shape), 2) for shape in SHAPES]
+    [1.46, 1.43, 1.26]
+    >>> SAMPLE_1.count("beam"), CAPSULE.count("line")
+    (4, 6)
+    """
+
+    pitch: Any
+    channel: Any
+    body: Any
+    length: Any
+    youngs_modulus: Any = None
+    rule: CountRule = "nearest"
+
+    def __post_init__(self) -> None:
+        if self.rule not in get_args(CountRule):
+            raise ArgumentError(f"rule must be 'nearest' or 'floor', not {self.rule!r}")
+        for field in fields(self)[:5]:
+            _check(field.name, getattr(self, field.name))
+        if _surely(self.body, self.channel):
+            raise ArgumentError(
+                f"a body of the diameter {self.body:g} does not fit in a channel of "
+                f"{self.channel:g}; body must be less than channel"
+            )
+        if _surely(self.pitch, self.length) and self.pitch != self.length:
+            raise ArgumentError(
+                f"a body of the length {self.length:g} is shorter than the pitch {self.pitch:g}; "
+                "length must be at least the pitch"
+            )
+        if _surely(self.rise, STEEPEST * self.pitch):
+            raise ArgumentError(
+                f"a segment that rises by {self.rise:g} within a pitch of {self.pitch:g} is too "
+                f"steep; channel - body must be less than {STEEPEST:g} times the pitch"
+            )
+
+    @classmethod
+    def of(cls, name: str, rule: CountRule = "nearest") -> ChannelWorm:
+        """A body of the chapter.
+
+        Parameters
+        ----------
+        name : {"sample-1", "sample-2", "capsule"}
+            Which one.
+        rule : {"nearest", "floor"}, optional
+            How segments are counted.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is none of that name.
+
+        Examples
+        --------
+        >>> ChannelWorm.of("capsule").body
+        0.004
+        """
+        if name not in SAMPLES:
+            raise UnknownNameError("the chapter", "body", [name], SAMPLES)
+        s = SAMPLES[name]
+        return cls(s.pitch, s.channel, s.body, s.length, s.youngs_modulus, rule)
+
+    @property
+    def rise(self) -> Any:
+        """Height d - d_w that a segment's centre line climbs, in m."""
+        return self.channel - self.body
+
+    @property
+    def bending_stiffness(self) -> Any:
+        """E I in N m² of a solid round body, I = pi d_w⁴ / 64; None without a modulus."""
+        if self.youngs_modulus is None:
+            return None
+        return self.youngs_modulus * np.pi / 64 * self.body**4
+
+    def center_line(self, shape: Shape, x: Any) -> Any:
+        """Height of the centre line above the wall the segment begins at, in m.
+
+        Parameters
+        ----------
+        shape : {"sine", "beam", "line"}
+            Which one is assumed.
+        x : float, ndarray or casadi.SX
+            Place in the segment, 0 to `pitch`, in m.
+        """
+        return center_line(shape, x, self.pitch, self.channel, self.body)
+
+    def arc_length(self, shape: Shape) -> Any:
+        """Length l_s of a segment's centre line, in m.
+
+        Parameters
+        ----------
+        shape : {"sine", "beam", "line"}
+            Which one is assumed.
+        """
+        return arc_length(shape, self.pitch, self.rise)
+
+    def count(self, shape: Shape) -> Any:
+        """Count k_s of segments, by `rule`.
+
+        Parameters
+        ----------
+        shape : {"sine", "beam", "line"}
+            Which one is assumed.
+        """
+        return segment_count(self.length, self.arc_length(shape), self.rule)
+
+    def missing_length(self, shape: Shape) -> Any:
+        """Length k_s l_s - l_w, in m: above 0 where the segments need more body than there is.
+
+        Parameters
+        ----------
+        shape : {"sine", "beam", "line"}
+            Which one is assumed.
+
+        Examples
+        --------
+        >>> round(1e3 * SAMPLE_1.missing_length("sine"), 2)
+        2.2
+        """
+        return self.count(shape) * self.arc_length(shape) - self.length
+
+    def velocity_per_frequency(self, shape: Shape) -> Any:
+        """Size of the velocity (32) for one coil switch per second, in m.
+
+        Parameters
+        ----------
+        shape : {"sine", "beam", "line"}
+            Which one is assumed.
+        """
+        return velocity_per_frequency(self.pitch, self.arc_length(shape), self.count(shape))
+
+
+def _check(name: str, value: Any) -> None:
+    """Refuse what is neither a usable number nor an expression; the modulus may be missing."""
+    if isinstance(value, ca.SX | ca.MX) or (value is None and name == "youngs_modulus"):
+        return
+    fits = isinstance(value, Real) and not isinstance(value, bool)
+    if not (fits and _SMALLEST <= float(value) <= _LARGEST):  # pyright: ignore
+        raise ArgumentError(f"{name} must be a number above 0, not {value!r}")
+
+
+def _surely(large: Any, small: Any) -> bool:
+    """Whether two numbers are in this order or equal; of expressions it is not known."""
+    return isinstance(large, Real) and isinstance(small, Real) and float(large) >= float(small)
+
+
+def _ellipse(longest: Any) -> Any:
+    """Mean distance 2 E / pi of an ellipse's quarter, its half axes being 1 and `longest`."""
+    a, b = longest, 1.0 + 0.0 * longest
+    squares = (a * a + b * b) / 2
+    for step in range(_STEPS):
+        half = (a - b) / 2
+        a, b = a - half, (a * b) ** 0.5
+        squares = squares - 2.0**step * half * half
+    return squares / a
+
+
+@lru_cache(maxsize=1)
+def _gauss_points() -> tuple[tuple[float, float], ...]:
+    """(1 - t²)² at the points t of Gauss in [0, 1], and their weights."""
+    points, weights = np.polynomial.legendre.leggauss(_POINTS)
+    bends = (1 - ((points + 1) / 2) ** 2) ** 2
+    return tuple(zip(bends.tolist(), (weights / 2).tolist(), strict=True))
+
+
+SAMPLE_1 = ChannelWorm.of("sample-1")
+SAMPLE_2 = ChannelWorm.of("sample-2")
+CAPSULE = ChannelWorm.of("capsule")

@@ -1,0 +1,1 @@
+"""Pictures of worms in a channel."""

@@ -1,0 +1,194 @@
+"""Pictures of magnetisable bodies in a channel."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from wormopt.plotting.parts import GREY, LINKS, RED, scalar, sheet
+from wormopt.result import Result
+
+__all__ = ["channel_velocity", "segment_shapes"]
+
+# Shapes by their order.
+_COLOURS = (*LINKS[:3], "#CC79A7", "#56B4E9", "#882255")
+_MARKERS = "osD^v"
+_WIDER = 1.6
+_COIL = "#F1D9BF"
+
+
+def channel_velocity(result: Result) -> Figure:
+    """Velocity over the frequency of the coils, by (32) and as measured.
+
+    Parameters
+    ----------
+    result : Result
+        Of kind ``channel-worm``.
+
+    Returns
+    -------
+    Figure
+        Both axes logarithmic; grey where the formula is not claimed to hold.
+    """
+    drawn = sheet(9.0, 5.6)
+    axes = drawn.subplots()
+    frequency, velocity = result["frequency"].values, 1e3 * result["velocity"].values
+    per = [1e3 * v for v in scalar(result, "velocity_per_frequency")]
+    for k, name in enumerate(scalar(result, "shapes")):
+        axes.plot(frequency, velocity[k], color=_COLOURS[k], linewidth=1.8,
+                  linestyle=("-", (0, (6, 2)), (0, (2, 1.5)))[k % 3],
+                  label=f"{name}: {per[k]:.3f} mm a switch")  # fmt: skip
+    marks = zip(*(scalar(result, f"measured{end}") for end in ("", "_frequency", "_velocity")),
+                strict=True)  # fmt: skip
+    for k, (text, at, measured) in enumerate(marks):
+        face, told = "none" if k else RED, f"{text}: {1e3 * measured:g} mm/s"
+        axes.plot(at, 1e3 * measured, _MARKERS[k % 5], color=RED, markersize=8, zorder=3,
+                  markerfacecolor=face, label=told)  # fmt: skip
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    _limits(axes, result)
+    axes.set_xlabel("coil switches a second $n$ (s$^{-1}$)")
+    axes.set_ylabel("velocity against the field's travel $v$ (mm s$^{-1}$)")
+    axes.set_title("formula (32), inertia left out; the body moves against the field", loc="left")
+    axes.legend(loc="upper left")
+    return drawn
+
+
+def _limits(axes: Axes, result: Result) -> None:
+    """Shade where (32) is not claimed; a line where the body is said to stop."""
+    valid_below, stops_above = scalar(result, "valid_below"), scalar(result, "stops_above")
+    low, high = axes.get_xlim()
+    if stops_above is not None:
+        high = max(high, _WIDER * stops_above)
+    if valid_below is not None:
+        axes.axvspan(valid_below, high, color="#EEEEEE", zorder=0,
+                     label=f"(32) not claimed: $n \\geq$ {valid_below:g}")  # fmt: skip
+    if stops_above is not None:
+        axes.axvline(stops_above, color=GREY, linestyle=(0, (4, 3)), linewidth=1.2,
+                     label=f"stands still above {stops_above:g}, from the text")  # fmt: skip
+    axes.set_xlim(low, high)
+
+
+def segment_shapes(result: Result) -> Figure:
+    """Centre lines of a segment between the walls, and how far apart they are.
+
+    Parameters
+    ----------
+    result : Result
+        Of kind ``segment-shapes``.
+
+    Returns
+    -------
+    Figure
+        The channel above, at equal scales; distances from one exact shape below: that of the rod
+        where there is one, which is then drawn as a whole too.
+    """
+    names, exact = scalar(result, "shapes"), result["exact"].values == 1
+    rod = "rod_x" in result
+    drawn = sheet(9.6, 11.4 if rod else 8.6)
+    above, *middle, below = drawn.subplots(
+        3 if rod else 2, 1, height_ratios=[2, 1.1, 1] if rod else [2, 1]
+    )
+    for axes in middle:
+        _rod(axes, result)
+    x, y = 1e3 * result["x"].values, 1e3 * result["y"].values
+    first = len(names) - 1 if rod else int(np.argmax(exact))
+    wide, thick = 1e3 * scalar(result, "channel"), 1e3 * scalar(result, "body")
+    _walls(above, x[first], wide)
+    _body(above, x[first], y[first], result["theta"].values[first], thick, names[first])
+    lengths = [1e3 * length for length in scalar(result, "arc_length")]
+    apart = np.hypot(x - x[first], y - y[first])
+    for k, name in enumerate(names):
+        style = "-" if exact[k] else (0, (5, 2))
+        kind = "assumed" if not exact[k] else "in the field" if name == "rod" else "elastica"
+        called = f"{name.replace('_', ' ')} ({kind})"
+        above.plot(x[k], y[k], color=_COLOURS[k % 6], linewidth=1.8 if exact[k] else 1.4,
+                   linestyle=style, label=f"{called}: {lengths[k]:.3f} mm")  # fmt: skip
+        if k != first:
+            below.plot(result["share"].values, apart[k], color=_COLOURS[k % 6], linewidth=1.6,
+                       linestyle=style)  # fmt: skip
+    above.set_xlabel("place along the channel $x$ (mm)")
+    above.set_ylabel("height $y$ (mm)")
+    above.set_aspect("equal", adjustable="box")
+    above.set_title(f"channel {wide:g} mm wide, body {thick:g} mm thick", loc="left")
+    above.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), title="length $l_s$ of the segment")
+    below.set_xlabel("share of the segment's length ($s/l_s$)")
+    below.set_ylabel(f"distance from\n{names[first].replace('_', ' ')} (mm)")
+    below.set_title(_nearest(result), loc="left")
+    below.margins(x=0)
+    below.set_ylim(bottom=0)
+    return drawn
+
+
+def _rod(axes: Axes, result: Result) -> None:
+    """The whole rod at rest, coils that are on, and forces of the walls."""
+    known = result.attributes
+    wide, radius = 1e3 * scalar(result, "channel"), 5e2 * scalar(result, "body")
+    x, y = (1e3 * result[f"rod_{name}"].values for name in "xy")
+    # nodes stand for lengths that differ, and so do their forces: drawn are forces per length
+    share = result["rod_node_length"].values
+    forces = {wall: result[f"rod_force_{wall}_at"].values / share for wall in ("upper", "lower")}
+    largest = max(float(part.max()) for part in forces.values()) or 1.0
+    reach = 0.55 * wide
+    for k in range(known["coils_on"]):
+        place = 1e3 * known["pitch"] * (k - (known["coils_on"] - 1) / 2)
+        base = wide + 1e3 * known["coil_clearance"] if k % 2 == 0 else -reach
+        outer, tall = 1e3 * known["coil_outer"], reach - 1e3 * known["coil_clearance"]
+        told = None if k else "coils that are on"
+        axes.add_patch(Rectangle((place - outer, base), 2 * outer, tall, color=_COIL, label=told))
+        axes.axvline(place, color=GREY, linewidth=0.8, linestyle=(0, (3, 3)))
+    for wall in (0.0, wide):
+        axes.axhline(wall, color="black", linewidth=1)
+    _body(axes, x, y, result["rod_angle"].values, 2 * radius, "rod")
+    axes.plot(x, y, color=_COLOURS[5], linewidth=1.8)
+    lines = [
+        [(place, base), (place, base + side * 0.9 * reach * force / largest)]
+        for wall, base, side in (("upper", wide, 1), ("lower", 0.0, -1))
+        for place, force in zip(x, forces[wall], strict=True)
+        if force > 0
+    ]
+    axes.add_collection(LineCollection(
+        lines, colors=RED, linewidths=1.3, label=f"wall forces, up to {largest:.3g} N/m"
+    ))  # fmt: skip
+    axes.set_xlim(x.min() - 2 * radius, x.max() + 2 * radius)
+    axes.set_ylim(-reach, wide + reach)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlabel("place along the channel from the middle of the block (mm)")
+    axes.set_ylabel("height $y$ (mm)")
+    upper, lower = (1e3 * scalar(result, f"rod_force_{wall}") for wall in ("upper", "lower"))
+    axes.set_title(f"rod at rest at {scalar(result, 'assumed_ampere_turns'):g} ampere-turns; "
+                   f"walls press {upper:.3g} mN from above, {lower:.3g} mN from below",
+                   loc="left")  # fmt: skip
+    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
+    axes.grid(visible=False)
+
+
+def _walls(axes: Axes, x: np.ndarray, wide: float) -> None:
+    beyond = 0.06 * wide
+    axes.axhspan(-beyond, 0, color="#BBBBBB")
+    axes.axhspan(wide, wide + beyond, color="#BBBBBB", label="wall")
+    axes.set_ylim(-beyond, wide + beyond)
+    axes.set_xlim(x[0], x[-1])
+
+
+def _body(
+    axes: Axes, x: np.ndarray, y: np.ndarray, theta: np.ndarray, thick: float, name: str
+) -> None:
+    """Both sides of the body, half its thickness from the centre line."""
+    across = thick / 2 * np.array([-np.sin(theta), np.cos(theta)])
+    middle = np.array([x, y])
+    outline = np.hstack([middle + across, (middle - across)[:, ::-1]])
+    axes.fill(*outline, color="#F3E3C3", linewidth=0, label=f"body, {name.replace('_', ' ')}")
+
+
+def _nearest(result: Result) -> str:
+    told = zip(*(scalar(result, name) for name in
+                 ("exact_shapes", "closest_shape", "closest_distance")), strict=True)  # fmt: skip
+    return "closest to " + "; ".join(
+        f"{exact.replace('_', ' ')}: "
+        + (f"{name}, {1e3 * apart:.3g} mm" if name else "not from wall to wall")
+        for exact, name, apart in told
+    )

@@ -1,0 +1,291 @@
+"""Pictures of a magnetisable rod in a channel: its shapes, its way, velocity over frequency."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from wormopt.plotting.parts import GREY, LINKS, RED, facts, label, scalar, sheet
+from wormopt.result import Result
+
+__all__ = ["FRAMES", "first_frame", "pose", "rod_frequency", "rod_motion"]
+
+FRAMES = 144
+_SNAPSHOTS = 7
+_COIL, _LIT = "#EADFCF", "#D98C3F"
+# Colours of the body's two halves, so that one sees it move past the walls.
+_BODY = (LINKS[0], "#66B2E0")
+
+_NAMES = {
+    "youngs_modulus": "Young's modulus",
+    "density": "density",
+    "damping_time": "damping",
+    "susceptibility": "susceptibility",
+    "friction": "friction",
+    "coil_outer": "radius of the coils",
+    "coil_clearance": "clearance of the coils",
+}
+
+
+def rod_motion(result: Result) -> Figure:
+    """Shapes over one repeat of the pattern on the left, the way and the balance on the right.
+
+    Parameters
+    ----------
+    result : Result
+        Of kind ``rod-motion``.
+
+    Returns
+    -------
+    Figure
+    """
+    drawn = sheet(11.5, 8.5)
+    grid = drawn.add_gridspec(2, 2, width_ratios=(1, 1.05))
+    shapes = drawn.add_subplot(grid[:, 0])
+    way, work = drawn.add_subplot(grid[0, 1]), drawn.add_subplot(grid[1, 1])
+    _snapshots(shapes, result)
+    time = result["time"].values
+    way.plot(time, 1e3 * result["centre"].values, color=LINKS[0], linewidth=1.6)
+    way.set_ylabel("mean place of the rod (mm)")
+    way.set_title(facts(result, "velocity_mean", "velocity_error"), loc="left")
+    for name, colour, text in (
+        ("load", LINKS[0], "field"),
+        ("friction", RED, "friction"),
+        ("damping", LINKS[2], "damping"),
+        ("walls", LINKS[1], "impacts"),
+    ):
+        work.plot(time, 1e3 * result[f"work_{name}"].values, color=colour, linewidth=1.6,
+                  label=text)  # fmt: skip
+    work.set_xlabel("time $t$ (s)")
+    work.set_ylabel("work on the rod (mJ)")
+    work.legend(loc="upper left")
+    work.set_title(facts(result, "energy_error", "pressed_max"), loc="left")
+    return drawn
+
+
+def _snapshots(axes: Axes, result: Result) -> None:
+    """Channel and rod at equal times over one repeat of the pattern, time downward."""
+    frames = result["frame"].values
+    chosen = np.linspace(len(frames) // 2, len(frames) - 1, _SNAPSHOTS).astype(int)
+    lanes = 2.3 * result.attributes["channel"] * 1e3
+    low, high = _reach(result, chosen)
+    for k, frame in enumerate(chosen):
+        _scene(axes, result, int(frame), -k * lanes, (low, high))
+        axes.text(
+            high, -k * lanes, f" {frames[frame]:.3f} s", va="center",
+            color=GREY, fontsize=9,
+        )  # fmt: skip
+    axes.set_xlim(low, high)
+    axes.set_ylim(-(len(chosen) - 0.4) * lanes, 0.6 * lanes)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_yticks([])
+    axes.grid(visible=False)
+    axes.spines["left"].set_visible(False)
+    axes.set_xlabel("place $x$ (mm)")
+    axes.set_title("dark coils are on, they go to the right; red: walls push", loc="left")
+
+
+def _reach(result: Result, frames: np.ndarray) -> tuple[float, float]:
+    """Places from which to which to draw, in mm."""
+    x, pitch = result["rod_x"].values[frames], result.attributes["pitch"]
+    return 1e3 * (x.min() - 0.8 * pitch), 1e3 * (x.max() + 0.8 * pitch)
+
+
+def _scene(
+    axes: Axes, result: Result, frame: int, height: float, reach: tuple[float, float]
+) -> None:
+    """Walls, coils and rod of one frame, the middle of the channel at a height, in mm."""
+    known = result.attributes
+    half, pitch = 5e2 * known["channel"], 1e3 * known["pitch"]
+    _, outer, length, clearance = (1e3 * size for size in known["coil"])
+    first, count = result["first_coil"].values[frame], result["coils_on"].values[frame]
+    shown = min(length, 0.5 * half)
+    for k in range(int(reach[0] // pitch) - 1, int(reach[1] // pitch) + 2):
+        side = 1 if k % 2 == 0 else -1
+        lit = (k - first) % known["every"] < count
+        base = height + side * (half + clearance) - (shown if side < 0 else 0)
+        axes.add_patch(
+            Rectangle((k * pitch - outer, base), 2 * outer, shown, linewidth=0,
+                      facecolor=_LIT if lit else _COIL)
+        )  # fmt: skip
+    for wall in (-half, half):
+        axes.axhline(height + wall, color="black", linewidth=1)
+    x, y = (1e3 * result[f"rod_{name}"].values[frame] for name in "xy")
+    angle, radius = result["rod_angle"].values[frame], 5e2 * known["body"]
+    for part, colour in zip((slice(None, len(x) // 2 + 1), slice(len(x) // 2, None)), _BODY,
+                            strict=True):  # fmt: skip
+        across = radius * np.array([-np.sin(angle[part]), np.cos(angle[part])])
+        rim = np.hstack([
+            [x[part] + across[0], y[part] + across[1]],
+            [(x[part] - across[0])[::-1], (y[part] - across[1])[::-1]],
+        ])  # fmt: skip
+        axes.fill(rim[0], height + rim[1], color=colour, linewidth=0, zorder=2)
+    _forces(axes, result, frame, height, half)
+
+
+def _forces(axes: Axes, result: Result, frame: int, height: float, half: float) -> None:
+    """Forces of the walls on the rod, as lines outside of the channel."""
+    largest = max(result[f"pressed_{wall}"].values.max() for wall in ("upper", "lower"))
+    x, lines = 1e3 * result["rod_x"].values[frame], []
+    for wall, side in (("upper", 1), ("lower", -1)):
+        pressed = result[f"pressed_{wall}"].values[frame]
+        for place, force in zip(x, pressed, strict=True):
+            if force > 0:
+                base = height + side * half
+                lines.append([(place, base), (place, base + side * half * force / largest)])
+    axes.add_collection(LineCollection(lines, colors=RED, linewidths=1.4, zorder=3))
+
+
+def first_frame(result: Result) -> Figure:
+    """Give the rod in its channel as the animation begins.
+
+    Parameters
+    ----------
+    result : Result
+        Of kind ``rod-motion``.
+
+    Returns
+    -------
+    Figure
+        What `pose` changes from frame to frame.
+    """
+    drawn = sheet(9, 2.9)
+    drawn.subplots()
+    pose(drawn, result, 0)
+    return drawn
+
+
+def pose(drawn: Figure, result: Result, frame: int) -> None:
+    """Show the rod of a frame.
+
+    Parameters
+    ----------
+    drawn : Figure
+        From `first_frame`; it is changed.
+    result : Result
+        The same as there.
+    frame : int
+        0 to ``FRAMES - 1``.
+    """
+    axes = drawn.axes[0]
+    axes.clear()
+    time = result["frame"].values
+    reach = _reach(result, np.arange(len(time)))
+    _scene(axes, result, frame, 0.0, reach)
+    size = 1.7e3 * result.attributes["channel"]
+    axes.set_xlim(reach)
+    axes.set_ylim(-size / 1.6, size / 1.6)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_yticks([])
+    axes.grid(visible=False)
+    axes.set_xlabel(label("place $x$", "mm"))
+    axes.text(0.01, 0.93, f"t = {time[frame]:.3f} s", color=GREY,
+              transform=axes.transAxes)  # fmt: skip
+
+
+def rod_frequency(result: Result) -> Figure:
+    """Velocity over frequency with natural frequencies and marks; below, what it hangs on.
+
+    Parameters
+    ----------
+    result : Result
+        Of kind ``rod-frequency``.
+
+    Returns
+    -------
+    Figure
+    """
+    known = "changed_velocity" in result
+    drawn = sheet(10, 9 if known else 5)
+    if not known:
+        _curve(drawn.subplots(), result)
+        return drawn
+    rates = result["sensitive_rate"].values
+    grid = drawn.add_gridspec(2, len(rates), height_ratios=(1.25, 1))
+    _curve(drawn.add_subplot(grid[0, :]), result)
+    first = None
+    for k, rate in enumerate(rates):
+        axes = drawn.add_subplot(grid[1, k], sharey=first)
+        first = first or axes
+        _tornado(axes, result, k, f"{rate:g} switches a second")
+    return drawn
+
+
+def _curve(axes: Axes, result: Result) -> None:
+    """Mean velocity against the field's travel, in mm/s, with its 95 % interval."""
+    rate, velocity = result["curve_rate"].values, -1e3 * result["curve_velocity"].values
+    known = np.vstack([rate, velocity])
+    if "refined_rate" in result:
+        near = result["refined_rate"].values, -1e3 * result["refined_velocity"].values
+        known = np.hstack([known, near])
+    known = known[:, np.argsort(known[0])]
+    slope = -1e3 * float(scalar(result, "velocity_per_frequency_slow"))
+    best = -1e3 * float(scalar(result, "pattern_velocity") or np.nan)
+    top = 1.25 * np.nanmax([*known[1], best])
+    for value, text in ((frequency, f"{frequency:.3g}") for frequency in _natural(result)):
+        axes.axvline(value, color="#BBBBBB", linewidth=1, linestyle=(0, (2, 2)))
+        axes.text(value, top, text, rotation=90, ha="right", va="top", color=GREY, fontsize=8)
+    slow = np.geomspace(rate[0], max(top / slope, rate[0]) if slope > 0 else rate[-1])
+    axes.plot(slow, slope * slow, color=GREY, linewidth=1, label=f"slow: {slope:.3g} mm a switch")
+    axes.axhline(0, color="black", linewidth=0.8)
+    axes.plot(*known, color=LINKS[0], linewidth=1.4)
+    bars: dict[str, Any] = {"fmt": "o", "capsize": 2.5, "linewidth": 1.4, "markersize": 4}
+    axes.errorbar(rate, velocity, 1e3 * result["curve_error"].values, color=LINKS[0],
+                  label="simulated, 95 % intervals", **bars)  # fmt: skip
+    if "refined_rate" in result:
+        axes.errorbar(
+            result["refined_rate"].values, -1e3 * result["refined_velocity"].values,
+            1e3 * result["refined_error"].values, color=LINKS[2], label="near the best",
+            **bars,
+        )  # fmt: skip
+    if scalar(result, "pattern_rate") is not None:
+        axes.plot(scalar(result, "pattern_rate"), best, "*", color=LINKS[1], markersize=13,
+                  label=f"best pattern: {best:.3g} mm/s")  # fmt: skip
+    for (where, speed, text), mark in zip(
+        result.attributes.get("measured", []), ("s", "x", "D", "^", "v", "P") * 5, strict=False
+    ):
+        axes.plot(where, 1e3 * speed, mark, color=RED, markersize=7, label=text)
+    axes.set_xscale("log")
+    axes.set_ylim(top=top)
+    axes.set_xlabel("switches a second $n$; dashed: natural frequencies of the free rod (Hz)")
+    axes.set_ylabel("mean velocity against the field (mm/s)")
+    axes.legend(loc="lower left", fontsize=8.5, frameon=True, framealpha=1, edgecolor="none")
+    axes.set_title(facts(result, "frequency_best", "velocity_best"), loc="left")
+
+
+def _natural(result: Result) -> list[float]:
+    found = scalar(result, "eigenfrequencies") or []
+    return [float(value) for value in found]
+
+
+def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
+    """Bars from the velocity as it is to the velocities with each number changed."""
+    changed = -1e3 * result["changed_velocity"].values[:, :, column]
+    factors = result["changed_factor"].values[:, :, column]
+    plain = -1e3 * float(result["unchanged_velocity"].values[column])
+    error = 1e3 * float(result["unchanged_error"].values[column])
+    names = [str(name) for name in result.attributes["parameters"]]
+    axes.axvspan(plain - error, plain + error, color="#EFEFEF", linewidth=0)
+    axes.axvline(plain, color=GREY, linewidth=1)
+    for row, (speeds, shares) in enumerate(zip(changed, factors, strict=True)):
+        for speed, share in zip(speeds, shares, strict=True):
+            colour = LINKS[3] if share > 1 else LINKS[0]
+            axes.plot([plain, speed], [row, row], color=colour, linewidth=5, alpha=0.55)
+            axes.annotate(
+                f"× {share:.3g}", (speed, row), (0, 5), textcoords="offset points", ha="center",
+                color=colour, fontsize=7.5,
+            )  # fmt: skip
+    axes.set_yticks(range(len(names)), [_NAMES.get(name, name) for name in names])
+    axes.set_ylim(len(names) - 0.4, -0.7)
+    if column:
+        axes.tick_params(labelleft=False)
+    else:
+        axes.set_ylabel("number that is changed")
+    axes.set_xlabel("velocity $-v$, grey: its error (mm/s)")
+    axes.set_title(title, loc="left")
+    axes.margins(x=0.12)

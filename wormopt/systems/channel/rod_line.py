@@ -1,0 +1,231 @@
+"""The centre line of a rod on finite elements, and what of it lies between two places."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from wormopt.errors import ArgumentError
+from wormopt.systems.channel.curve import Curve
+from wormopt.systems.channel.rod import Rod
+
+__all__ = ["RodLine"]
+
+# Gauss points per element for lengths, steps of Newton's method, and what counts as rounding.
+_POINTS, _STEPS, _ROUNDING = 24, 60, 1e-15
+
+
+@dataclass(frozen=True, eq=False)
+class RodLine:
+    """Polynomials of places and angles on the elements of a rod.
+
+    Parameters
+    ----------
+    rod : Rod
+        The rod.
+    places : ndarray, shape (3 * count,)
+        x of the nodes, then y, then the angles of their cross sections.
+
+    Raises
+    ------
+    ArgumentError
+        If places are not as many, or not finite.
+
+    Examples
+    --------
+    >>> rod = Rod(1.0, 0.1, 1e6, 1000.0, elements=4)
+    >>> ramp = RodLine(rod, np.concatenate([0.6 * rod.nodes, 0.8 * rod.nodes, 0 * rod.nodes]))
+    >>> piece = ramp.between(0.15, 0.45)
+    >>> round(piece.length, 12), piece.points(np.array([1.0]))[:2, 0].round(12).tolist()
+    (0.5, [0.45, 0.6])
+    """
+
+    rod: Rod
+    places: np.ndarray
+
+    def __post_init__(self) -> None:
+        fits = np.shape(self.places) == (3 * self.rod.count,)
+        if not fits or not np.all(np.isfinite(self.places)):
+            raise ArgumentError(f"places must be {3 * self.rod.count} finite numbers")
+
+    def at(self, material: np.ndarray) -> np.ndarray:
+        """Places and angles.
+
+        Parameters
+        ----------
+        material : ndarray, shape (m,)
+            Distances from the first end along the straight rod, in elements: 0 to ``elements``.
+
+        Returns
+        -------
+        ndarray, shape (3, m)
+        """
+        return self._evaluated(self._series, material)
+
+    def slope(self, material: np.ndarray) -> np.ndarray:
+        """Derivatives of `at`, per element.
+
+        Parameters
+        ----------
+        material : ndarray, shape (m,)
+            As for `at`.
+
+        Returns
+        -------
+        ndarray, shape (3, m)
+        """
+        return self._evaluated(2 * legendre.legder(self._series), material)
+
+    def crossings(self, x: float) -> np.ndarray:
+        """Where the centre line passes a place along the channel.
+
+        Parameters
+        ----------
+        x : float
+            The place.
+
+        Returns
+        -------
+        ndarray
+            As `at` takes them, ascending; empty where it does not.
+        """
+        found = []
+        for k in range(self.rod.elements):
+            series = self._series[:, 0, k].copy()
+            series[0] -= x
+            roots = legendre.legroots(legendre.legtrim(series, 1e-14 * np.abs(series).max()))
+            real = np.real(roots[np.abs(np.imag(roots)) < 1e-9])
+            found.extend(k + (np.clip(real[np.abs(real) <= 1 + 1e-12], -1, 1) + 1) / 2)
+        ordered = np.sort(np.array(found, dtype=float))
+        apart = np.diff(ordered, prepend=-np.inf) > 1e-9  # at nodes two elements find the same
+        return ordered[apart]
+
+    def between(self, first: float, last: float) -> Curve:
+        """Centre line from one place along the channel to another, by its own length.
+
+        Parameters
+        ----------
+        first, last : float
+            Places; if one is passed several times, all of what lies between is taken.
+
+        Returns
+        -------
+        Curve
+            Its angles are those of the cross sections. From the end that is nearer to ``first``.
+
+        Raises
+        ------
+        ArgumentError
+            If the rod does not reach from one to the other.
+        """
+        edges, forward = self._edges(first, last)
+        lengths = np.array([self._length(*pair) for pair in pairwise(edges)])
+        upto = np.append(0.0, np.cumsum(lengths))
+        whole = float(upto[-1])
+
+        def points(share: np.ndarray) -> np.ndarray:
+            share = np.asarray(share, dtype=float)
+            wanted = whole * (share if forward else 1 - share)
+            x, y, angle = self.at(self._material(edges, upto, wanted))
+            return np.array([x, y, angle if forward else angle - np.pi])
+
+        shares = upto / whole if forward else (1 - upto / whole)[::-1]
+        return Curve(whole, points, (0.0, *shares[1:-1].tolist(), 1.0))
+
+    def curvature(self, first: float, last: float) -> tuple[float, float]:
+        """Integral of half the squared curvature, and largest curvature, between two places.
+
+        Parameters
+        ----------
+        first, last : float
+            As for `between`.
+
+        Returns
+        -------
+        energy, largest : float
+            In 1/m both; per length of the straight rod.
+
+        Raises
+        ------
+        ArgumentError
+            As for `between`.
+        """
+        edges, _ = self._edges(first, last)
+        size = self.rod.length / self.rod.elements
+        energy, largest = 0.0, 0.0
+        nodes, weights = legendre.leggauss(_POINTS)
+        for a, b in pairwise(edges.tolist()):
+            bend = self.slope(a + (nodes + 1) / 2 * (b - a))[2] / size
+            energy += size * (b - a) / 4 * float(weights @ bend**2)
+            largest = max(largest, float(np.abs(bend).max()))
+        return energy, largest
+
+    def unloaded(self, first: float, last: float) -> float:
+        """Length of the straight rod that lies between two places.
+
+        Parameters
+        ----------
+        first, last : float
+            As for `between`.
+
+        Raises
+        ------
+        ArgumentError
+            As for `between`.
+        """
+        edges, _ = self._edges(first, last)
+        return float(edges[-1] - edges[0]) * self.rod.length / self.rod.elements
+
+    def _edges(self, first: float, last: float) -> tuple[np.ndarray, bool]:
+        """Ends of what lies between, with those of elements; whether it begins at the first."""
+        begins, ends = self.crossings(first), self.crossings(last)
+        if not (begins.size and ends.size):
+            raise ArgumentError(f"the rod does not reach from {first:g} m to {last:g} m")
+        forward = bool(begins[0] < ends[-1])
+        a, b = (begins[0], ends[-1]) if forward else (begins[-1], ends[0])
+        low, high = min(a, b), max(a, b)
+        return np.array([low, *np.arange(np.floor(low) + 1, np.ceil(high)), high]), forward
+
+    @cached_property
+    def _series(self) -> np.ndarray:
+        """Legendre coefficients, shape (degree + 1, 3, elements)."""
+        rod, degree = self.rod, self.rod.degree
+        local = 2 * rod.nodes[: degree + 1] / rod.nodes[degree] - 1
+        first = np.arange(rod.elements) * degree
+        own = self.places.reshape(3, -1)[:, first[:, None] + np.arange(degree + 1)]
+        inverse = np.linalg.inv(legendre.legvander(local, degree))
+        return np.einsum("ij,kej->ike", inverse, own)
+
+    def _evaluated(self, series: np.ndarray, material: np.ndarray) -> np.ndarray:
+        material = np.asarray(material, dtype=float)
+        which = np.clip(np.floor(material).astype(int), 0, self.rod.elements - 1)
+        return legendre.legval(2 * (material - which) - 1, series[:, :, which], tensor=False)
+
+    def _length(self, low: float, high: float) -> float:
+        nodes, weights = legendre.leggauss(_POINTS)
+        # just inside of the element, not on the next one
+        x, y, _ = self.slope(low + (nodes + 1) / 2 * (high - low))
+        return float((high - low) / 2 * (weights @ np.hypot(x, y)))
+
+    def _material(self, edges: np.ndarray, upto: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Where the length from the first edge is so much: Newton's method within elements."""
+        which = np.clip(np.searchsorted(upto, wanted, side="right") - 1, 0, len(edges) - 2)
+        low, high = edges[which], edges[which + 1]
+        rest = wanted - upto[which]
+        share = rest / (upto[which + 1] - upto[which])
+        nodes, weights = legendre.leggauss(_POINTS)
+        for _ in range(_STEPS):
+            inner = low + np.multiply.outer((nodes + 1) / 2, share * (high - low))
+            speeds = np.hypot(*self.slope(inner.ravel())[:2]).reshape(inner.shape)
+            reached = weights @ speeds / 2 * share * (high - low)
+            here = low + share * (high - low)
+            speed = np.hypot(*self.slope(here)[:2]) * (high - low)
+            step = (reached - rest) / speed
+            share = np.clip(share - step, 0.0, 1.0)
+            if np.abs(step).max(initial=0.0) <= 4 * _ROUNDING:
+                break
+        return low + share * (high - low)

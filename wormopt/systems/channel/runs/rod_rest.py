@@ -1,0 +1,389 @@
+"""The body of a channel as a rod at rest in the field of coils, from wall to wall."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from wormopt.analysis.resting import Loaded, Rest
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.magnetics.blocks import BlockField, channel_field
+from wormopt.magnetics.coils import Coil
+from wormopt.progress import Report
+from wormopt.result import Variable, unit_of
+from wormopt.systems.channel.channel_rod import channel_rod
+from wormopt.systems.channel.closed_forms import ChannelWorm
+from wormopt.systems.channel.curve import Curve, distances
+from wormopt.systems.channel.magnetic_rod import block_energy, block_load, magnetic_strength
+from wormopt.systems.channel.rod import Rod
+from wormopt.systems.channel.rod_line import RodLine
+from wormopt.systems.channel.scenes.channel import RestTable
+
+__all__ = ["ASSUMED", "RodAtRest", "rest_of", "sweep_of"]
+
+# Where forces count as balanced, and by how much two thirds of the elements may change the length.
+_BALANCED, _MESH = 1e-6, 5e-3
+# Shares of the field by which a rod on one wall is followed to the whole field.
+_SHARES = (0.05, 0.2, 0.5, 1.0)
+# Statics do not depend on density and friction, which the Model asks for.
+_DENSITY, _FRICTION = 1000.0, 1.0
+
+ASSUMED = {
+    "rod": "the rod stretches, shears and bends by any amount; its material is linear; no friction",
+    "rod's field": "coils, susceptibility and ampere-turns are not published; the body does not "
+    "change the field; no iron; the pull acts on its centre line",
+    "rod's rest": "a local minimum of the energy, from the sine shape over the block; there may "
+    "be others",
+    "rod's contact": "walls are touched at the nodes of the elements",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class RodAtRest:
+    """Where the rod rests; lengths in m, forces in N.
+
+    Parameters
+    ----------
+    table : RestTable
+        Of the scene.
+    worm : ChannelWorm
+        The body.
+    rod : Rod
+        The body on elements.
+    rest : Rest
+        Its places and forces; x from the middle of the block.
+    curve : Curve
+        The middle segment, from the lower to the upper wall as `SegmentShape` has it.
+    lengths : tuple of float
+        Of all segments.
+    reached : bool
+        Whether the walls are touched at both ends of the segment.
+    bending : tuple of float
+        Bending energy over E I and largest curvature of the segment, in 1/m.
+    stretch : float
+        Share by which the segment is longer than when it is not loaded.
+    other_energy : float or None
+        Energy of the rod along one wall; None where it does not stay there.
+    compression : float
+        Share by which fibres are shortened at most.
+    mesh_change : float
+        Change of the length with two thirds of the elements, over the length.
+    field_error : float
+        Largest error of the series of H², over the largest H².
+    """
+
+    table: RestTable
+    worm: ChannelWorm
+    rod: Rod
+    rest: Rest
+    curve: Curve
+    lengths: tuple[float, ...]
+    reached: bool
+    bending: tuple[float, float]
+    stretch: float
+    other_energy: float | None
+    compression: float
+    mesh_change: float
+    field_error: float
+
+    @property
+    def walls(self) -> tuple[np.ndarray, np.ndarray]:
+        """Forces of the upper and of the lower wall on the nodes."""
+        return self.rest.pressed[::2], self.rest.pressed[1::2]
+
+    @property
+    def fault(self) -> str:
+        """Why it is not to be trusted; empty if it is."""
+        doubt = _doubt(self.rest)
+        if not doubt and not self.mesh_change <= _MESH:
+            doubt = (
+                f"with fewer elements the segment's length changes by {self.mesh_change:.2g} of "
+                "itself; write more rod.elements"
+            )
+        return doubt and f"rod: {doubt}"
+
+    def trust(self) -> dict[str, Any]:
+        """How far to trust it."""
+        rest = self.rest
+        return {
+            "residual": rest.residual, "imbalance": rest.imbalance, "violation": rest.violation,
+            "complementarity": rest.complementarity, "softest": rest.softest,
+            "stiffest": rest.stiffest, "stable": rest.stable, "iterations": rest.iterations,
+            "field_error": self.field_error, "mesh_change": self.mesh_change,
+            "minimum": "local",
+        }  # fmt: skip
+
+    def scalars(self) -> dict[str, tuple[Any, str]]:
+        """Numbers with their quantities."""
+        upper, lower = (float(part.sum()) for part in self.walls)
+        other, own = self.other_energy, self.rest.energy
+        table = self.table
+        return {
+            "rod_reaches_walls": (self.reached, "count"),
+            "rod_arc_lengths": (list(self.lengths), "length"),
+            "rod_stretch": (self.stretch, "share"),
+            "rod_compression_max": (self.compression, "share"),
+            "rod_force_upper": (upper, "force"),
+            "rod_force_lower": (lower, "force"),
+            "rod_energy": (own, "energy"),
+            "rod_energy_on_one_wall": (other, "energy"),
+            "rod_preferred": (None if other is None else own < other, "count"),
+            "assumed_susceptibility": (table.susceptibility, "share"),
+            "assumed_poisson_ratio": (table.poisson_ratio, "share"),
+            "assumed_ampere_turns": (table.ampere_turns, "ampere_turns"),
+            "assumed_coil_inner": (table.inner, "length"),
+            "assumed_coil_outer": (table.outer, "length"),
+            "assumed_coil_length": (table.length, "length"),
+            "assumed_coil_clearance": (table.clearance, "length"),
+            "coils_on": (table.on, "count"),
+        }
+
+    def variables(self) -> Iterator[Variable]:
+        """Yield places of the nodes and the forces on them, the lower wall at y = 0."""
+        m, newton = unit_of("length", "SI"), unit_of("force", "SI")
+        x, y, angle = self.rest.places.reshape(3, -1)
+        upper, lower = self.walls
+        for name, unit, values, text in (
+            ("rod_x", m, x, "place of a node along the channel, from the middle of the block"),
+            ("rod_y", m, y + self.worm.channel / 2, "its height"),
+            ("rod_angle", unit_of("angle", "SI"), angle, "angle of its cross section"),
+            ("rod_force_upper_at", newton, upper, "force of the upper wall on it"),
+            ("rod_force_lower_at", newton, lower, "force of the lower wall on it"),
+            ("rod_node_length", m, self.rod.weights, "length that a node stands for"),
+        ):
+            yield Variable(name, unit, ("node",), values, text)
+
+
+def _doubt(rest: Rest) -> str:
+    """Why a rest by itself is not to be trusted; empty if it is."""
+    for name in ("residual", "imbalance"):
+        if not (off := getattr(rest, name)) <= _BALANCED:
+            return f"forces are off balance by {off:.2g} ({name})"
+    return "" if rest.stable else "the rest is not stable; write other rod.ampere_turns"
+
+
+@dataclass(frozen=True, eq=False)
+class _Bench:
+    """The rod in its channel over a block of coils, whatever their ampere-turns."""
+
+    worm: ChannelWorm
+    table: RestTable
+    elements: int
+    rod: Rod = field(init=False)
+    loaded: Loaded = field(init=False)
+    field: BlockField = field(init=False)
+
+    def __post_init__(self) -> None:
+        worm, table = self.worm, self.table
+        assert worm.youngs_modulus is not None
+        rod = Rod(worm.length, worm.body, worm.youngs_modulus, _DENSITY,
+                  poisson_ratio=table.poisson_ratio, elements=self.elements,
+                  degree=table.degree)  # fmt: skip
+        found = channel_field(
+            Coil(table.inner, table.outer, table.length), worm.pitch, worm.channel,
+            table.clearance, worm.body, table.on, table.every, table.field_tolerance,
+        )  # fmt: skip
+        loaded = Loaded(
+            channel_rod(rod, worm.channel, _FRICTION), block_energy(rod, found),
+            block_load(rod, [found]), size=rod.stiffness().bending / worm.pitch,
+        )  # fmt: skip
+        for name, value in (("rod", rod), ("loaded", loaded), ("field", found)):
+            object.__setattr__(self, name, value)
+
+    def at(self, ampere_turns: float, start: np.ndarray) -> Rest:
+        """Rest in the field of so many ampere-turns, the first coil on the upper side."""
+        strength = magnetic_strength(self.rod, self.table.susceptibility, ampere_turns)
+        try:
+            found = self.loaded.rest(start, [0.0, 1.0, strength, 0.0])
+        except SolveError as error:
+            raise SolveError(
+                f"rod at {ampere_turns:g} ampere-turns: {error.reason.partition(': ')[2]}",
+                "write smaller rod.ampere_turns or rod.susceptibility, or more rod.elements",
+                code=error.code,
+            ) from None  # fmt: skip
+        if not self.compression(found) < 1:
+            raise SolveError(
+                f"rod at {ampere_turns:g} ampere-turns: the field crushes it until cross sections "
+                "run into each other",
+                "write smaller rod.ampere_turns or rod.susceptibility", code="crushed",
+            )  # fmt: skip
+        return found
+
+    def compression(self, rest: Rest) -> float:
+        """Share by which fibres are shortened at most; at 1, neighbouring sections touch."""
+        places = (ca.DM(part) for part in rest.places.reshape(3, -1))
+        stretch, _, curvature = (np.array(part) for part in self.rod.strains(*places))
+        return float((np.abs(curvature) * self.worm.body / 2 - stretch).max())
+
+    @property
+    def bent(self) -> np.ndarray:
+        """Start: sines from coil to coil, flat on a wall beyond, the middle over the block's."""
+        rod, pitch, room = self.rod, self.worm.pitch, self.worm.rise / 2
+        reach = (self.table.on - 1) / 2 * pitch
+        x = np.linspace(-reach - rod.length, reach + rod.length, 16 * rod.count + 1)
+        y = room * np.cos(np.pi * (np.clip(x, -reach, reach) + reach) / pitch)
+        along = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
+        at = along[-1] / 2 + rod.nodes - rod.length / 2
+        angle = np.arctan2(np.gradient(y), np.gradient(x))
+        return np.concatenate([np.interp(at, along, part) for part in (x, y, angle)])
+
+    @property
+    def flat(self) -> np.ndarray:
+        """Start: straight along the wall of the first coil."""
+        rod = self.rod
+        y = np.full(rod.count, 0.999 * self.worm.rise / 2)
+        return np.concatenate([rod.nodes - rod.length / 2, y, 0 * y])
+
+    def segment(self, rest: Rest, k: int) -> Curve:
+        """Centre line from coil k of the block to the next, rising from the lower wall."""
+        line, pitch, middle = RodLine(self.rod, rest.places), self.worm.pitch, self.worm.channel / 2
+        first = (k - (self.table.on - 1) / 2) * pitch
+        side = -1.0 if k % 2 == 0 else 1.0
+        try:
+            found = line.between(first, first + pitch)
+        except ArgumentError:
+            raise SolveError(
+                "at rest the body does not reach over the coils that are on",
+                "write a longer worm.length, fewer coils in rod.on, or smaller rod.ampere_turns, "
+                "which draw it together less",
+                code="no_segment",
+            ) from None  # fmt: skip
+
+        def points(share: np.ndarray) -> np.ndarray:
+            x, y, angle = found.points(share)
+            return np.array([x - first, middle + side * y, side * angle])
+
+        return Curve(found.length, points, found.breaks)
+
+    @property
+    def middle_segment(self) -> int:
+        """Which of the block's segments is looked at."""
+        return (self.table.on - 1) // 2
+
+    def reached(self, rest: Rest) -> bool:
+        """Whether both coils of the middle segment hold the rod on their walls."""
+        x = rest.places[: self.rod.count]
+        for k in (self.middle_segment, self.middle_segment + 1):
+            place = (k - (self.table.on - 1) / 2) * self.worm.pitch
+            near = np.abs(x - place) < self.worm.pitch / 2
+            if not np.any(rest.pressed[k % 2 :: 2][near] > 0):
+                return False
+        return True
+
+
+def rest_of(worm: ChannelWorm, table: RestTable, report: Report) -> RodAtRest:
+    """Find where the body rests over a block of coils, and what lies between two of them.
+
+    Parameters
+    ----------
+    worm : ChannelWorm
+        The body; its modulus is known.
+    table : RestTable
+        Coils and mesh.
+    report : callable
+        Told what goes on.
+
+    Returns
+    -------
+    RodAtRest
+
+    Raises
+    ------
+    SolveError
+        If there is no rest, or the body does not reach over the coils ("no_segment").
+    """
+    report("rod: field of the coils", 0.65)
+    bench = _Bench(worm, table, table.elements)
+    report("rod: coming to rest", 0.7)
+    rest = bench.at(table.ampere_turns, bench.bent)
+    k = bench.middle_segment
+    curve = bench.segment(rest, k)
+    coarse = _Bench(worm, table, max(4, 2 * table.elements // 3))
+    other = coarse.segment(coarse.at(table.ampere_turns, coarse.bent), k)
+    first = (k - (table.on - 1) / 2) * worm.pitch
+    line = RodLine(bench.rod, rest.places)
+    return RodAtRest(
+        table=table, worm=worm, rod=bench.rod, rest=rest, curve=curve,
+        lengths=tuple(bench.segment(rest, j).length for j in range(table.on - 1)),
+        reached=bench.reached(rest), bending=line.curvature(first, first + worm.pitch),
+        stretch=curve.length / line.unloaded(first, first + worm.pitch) - 1,
+        other_energy=_on_one_wall(bench, table),
+        compression=bench.compression(rest),
+        mesh_change=abs(other.length / curve.length - 1),
+        field_error=bench.field.error,
+    )  # fmt: skip
+
+
+def _on_one_wall(bench: _Bench, table: RestTable) -> float | None:
+    """Energy of the rod that stays on the first coil's wall as the field grows."""
+    places, rest = bench.flat, None
+    for share in _SHARES:
+        try:
+            rest = bench.at(np.sqrt(share) * table.ampere_turns, places)
+        except SolveError:
+            return None
+        places = rest.places
+    assert rest is not None
+    alone = not np.any(rest.pressed[1::2]) and not _doubt(rest)
+    return rest.energy if alone else None
+
+
+def sweep_of(
+    worm: ChannelWorm, table: RestTable, assumed: dict[str, Curve], report: Report
+) -> tuple[dict[str, tuple[Any, str]], tuple[Variable, ...], list[str]]:
+    """Length and closest assumed shape over the ampere-turns, each from the rest before.
+
+    Parameters
+    ----------
+    worm : ChannelWorm
+        The body.
+    table : RestTable
+        Coils and mesh.
+    assumed : dict of str to Curve
+        Shapes to compare with.
+    report : callable
+        Told how far it is.
+
+    Returns
+    -------
+    scalars, variables, warnings : dict, tuple of Variable, list of str
+        Nothing where no sweep is asked for. NaN where the segment does not go from wall to wall,
+        and with a warning where the rest is not stable or not in balance.
+
+    Raises
+    ------
+    SolveError
+        If there is no rest at one of them.
+    """
+    if not table.sweep:
+        return {}, (), []
+    bench, turns = _Bench(worm, table, table.elements), np.array(table.sweep)
+    apart = np.full((len(assumed), len(turns)), np.nan)
+    lengths = np.full(len(turns), np.nan)
+    places, warnings = bench.bent, []
+    # from strong fields, which hold the rod on both walls, to weak ones
+    for done, j in enumerate(np.argsort(turns)[::-1]):
+        report(f"rod: {turns[j]:g} ampere-turns", 0.75 + 0.05 * done / len(turns))
+        rest = bench.at(float(turns[j]), places)
+        if doubt := _doubt(rest):
+            warnings.append(f"rod.sweep: left out at {turns[j]:g} ampere-turns: {doubt}")
+            continue
+        places = rest.places
+        if not bench.reached(rest):
+            break  # on one wall it stays there in all weaker fields
+        curve = bench.segment(rest, bench.middle_segment)
+        lengths[j] = curve.length
+        apart[:, j] = [distances(curve, other)[0] for other in assumed.values()]
+    names = list(assumed)
+    closest = [None if np.isnan(column[0]) else names[int(np.argmin(column))] for column in apart.T]
+    m = unit_of("length", "SI")
+    return {"sweep_closest_shape": (closest, "count")}, (
+        Variable("sweep", unit_of("ampere_turns", "SI"), ("sweep",), turns, "ampere-turns"),
+        Variable("sweep_arc_length", m, ("sweep",), lengths, "length of the segment"),
+        Variable("sweep_distance", m, ("assumed", "sweep"), apart,
+                 "largest distance from assumed shapes"),
+    ), warnings  # fmt: skip

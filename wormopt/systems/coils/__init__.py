@@ -1,0 +1,1 @@
+"""Coils, the fields and pressures they make, materials in them."""

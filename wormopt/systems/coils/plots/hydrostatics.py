@@ -1,0 +1,138 @@
+"""Pictures of magnetic fluids at rest, and of the membranes that hold them."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from wormopt.plotting.parts import GREY, LINKS, RED, facts, label, scalar, sheet
+from wormopt.result import Result
+
+__all__ = ["coil_pressure", "membrane"]
+
+
+def coil_pressure(result: Result) -> Figure:
+    """Induction around the coil, surface of the fluid, pressure on the bottom: figure 25.
+
+    Parameters
+    ----------
+    result : Result
+        Of kind ``coil-pressure``.
+
+    Returns
+    -------
+    Figure
+        Coil and field at one scale above; the surface, its height stretched, in the middle.
+    """
+    drawn = sheet(9, 9.5)
+    top, middle, bottom = drawn.subplots(3, 1, height_ratios=(5, 3, 3), sharex=True)
+    _field(drawn, top, result)
+    _surface(drawn, middle, result)
+    x = 1e3 * result["x"].values
+    bottom.plot(x, result["pressure"].values, color=LINKS[0], linewidth=2)
+    still = scalar(result, "pressure_without_field")
+    bottom.axhline(still, color=GREY, linewidth=1, linestyle=(0, (5, 2)))
+    bottom.annotate(
+        "without field", (x[0], still), (4, 4), textcoords="offset points", color=GREY, fontsize=9
+    )
+    bottom.set_ylim(bottom=0)
+    bottom.set_ylabel(label("pressure on\nthe bottom", result["pressure"].unit))
+    bottom.set_xlabel("place $x$ (mm)")
+    bottom.set_title(facts(result, "pressure_max", "stated_pressure", "pressure_over_stated"),
+                     loc="left")  # fmt: skip
+    bottom.margins(x=0)
+    return drawn
+
+
+def _field(drawn: Figure, axes: Axes, result: Result) -> None:
+    """Lines and size of the induction, the winding, the surface."""
+    x, z = 1e3 * result["map_x"].values, 1e3 * result["map_z"].values
+    Bx, Bz = result["induction_x"].values, result["induction_z"].values
+    size = 1e3 * np.hypot(Bx, Bz)
+    if np.nanmax(size) > 0:
+        norm = LogNorm(vmin=max(np.nanmin(size), 1e-3 * np.nanmax(size)), vmax=np.nanmax(size))
+        image = axes.pcolormesh(x, z, size, norm=norm, cmap="Blues", shading="nearest")
+        drawn.colorbar(image, ax=axes, label="induction $B$ (mT)", pad=0.01)
+        axes.streamplot(
+            x, z, np.nan_to_num(Bx), np.nan_to_num(Bz), color="#404040", linewidth=0.6,
+            arrowsize=0.6, density=1.1,
+        )  # fmt: skip
+    for left, low, wide, high in result.attributes["winding"]:
+        axes.add_patch(
+            Rectangle((1e3 * left, 1e3 * low), 1e3 * wide, 1e3 * high, facecolor="#D9A066",
+                      edgecolor="black", linewidth=0.8, zorder=3)
+        )  # fmt: skip
+    axes.plot(1e3 * result["x"].values, 1e3 * result["surface"].values, color=RED, linewidth=1.5)
+    axes.axhline(0, color="black", linewidth=1)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlim(x[0], x[-1])
+    axes.set_ylim(z[0], z[-1])
+    axes.grid(visible=False)
+    axes.set_ylabel("height $z$ (mm)")
+    axes.set_title(
+        facts(result, "ampere_turns", "field_bottom_max", "field_surface_max"), loc="left"
+    )
+
+
+def _surface(drawn: Figure, axes: Axes, result: Result) -> None:
+    """Pressure in the fluid below its surface."""
+    x = np.broadcast_to(1e3 * result["inside_x"].values, result["inside_z"].values.shape)
+    image = axes.pcolormesh(
+        x, 1e3 * result["inside_z"].values, result["inside_pressure"].values, cmap="viridis",
+        shading="gouraud",
+    )  # fmt: skip
+    drawn.colorbar(image, ax=axes, label=label("pressure $p$", result["inside_pressure"].unit),
+                   pad=0.01)  # fmt: skip
+    axes.plot(1e3 * result["x"].values, 1e3 * result["surface"].values, color=RED, linewidth=2)
+    axes.set_ylim(0, 1.1e3 * result["surface"].values.max())
+    axes.set_ylabel("height $z$ (mm)")
+    axes.set_title(facts(result, "surface_rise_max", "surface_drop_max", "slope_max"), loc="left")
+
+
+def membrane(result: Result) -> Figure:
+    """Strain against loss of fluid over all thicknesses, and both over the thickness.
+
+    Parameters
+    ----------
+    result : Result
+        Of kind ``membrane``.
+
+    Returns
+    -------
+    Figure
+        Front on the left, dashed beyond a limit; the pressure left for the ground on the right.
+    """
+    drawn = sheet(10.5, 4.8)
+    left, right = drawn.subplots(1, 2)
+    loss, strain = (100 * result[f"front_{name}"].values for name in ("loss", "strain"))
+    thickness = 1e3 * result["front_thickness"].values
+    within = result["front_within"].values == 1
+    best = 1e3 * scalar(result, "thickness_best")
+    for axes, x, y in (
+        (left, loss, strain),
+        (right, thickness, result["front_contact_pressure"].values),
+    ):
+        axes.plot(x, y, color=GREY, linewidth=1.5, linestyle=(0, (4, 2)), label="beyond a limit")
+        axes.plot(x, np.where(within, y, np.nan), color=LINKS[0], linewidth=2.5, label="allowed")
+    left.plot(
+        100 * scalar(result, "loss_share"), 100 * scalar(result, "strain"), "o", color=RED,
+        markersize=8, zorder=3, label=f"best: {best:.3g} mm",
+    )  # fmt: skip
+    right.plot(best, scalar(result, "contact_pressure"), "o", color=RED, markersize=8, zorder=3)
+    left.axvline(100 * scalar(result, "loss_max"), color=RED, linewidth=0.8, label="limits")
+    left.axhline(100 * scalar(result, "strain_max"), color=RED, linewidth=0.8)
+    left.set_xscale("log")
+    left.set_yscale("log")
+    left.set_xlabel("fluid lost within the lifetime (%)")
+    left.set_ylabel("strain by the pressure (%)")
+    left.set_title(f"limited by {scalar(result, 'limited_by')}", loc="left")
+    left.legend(loc="upper left")
+    right.set_xscale("log")
+    right.set_xlabel("thickness $h_m$ (mm)")
+    right.set_ylabel(label("pressure left for the ground", "Pa"))
+    right.axhline(0, color="black", linewidth=0.8)
+    right.set_title(facts(result, "stress", "bending_stiffness"), loc="left")
+    return drawn

@@ -1,0 +1,335 @@
+"""Currents of a row of coils whose travelling field comes nearest to a prescribed H².
+
+All coils share one course in time, each later than its neighbour by the time the wave needs for a
+pitch: in a row without ends nothing else is asked for by symmetry. The row has its ends here, and
+the field is compared in its interior. H² is quadratic in the currents, so that the problem is not
+convex; starts with fields of different offset and course are solved in turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.magnetics.coils import CoilRow
+from wormopt.magnetics.travelling import shifted_course
+from wormopt.model.gait import Gait
+from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram, Solution
+from wormopt.progress import Report
+
+__all__ = ["Polarity", "RowFit", "TravellingTarget", "fit_currents"]
+
+Polarity = Literal["any", "one", "alternating"]
+# Fields at the starts: H0² over the least possible.
+_OFFSETS = (1.02, 1.6, 2.5)
+# Currents of a start are drawn to 0 by this share of the largest influence.
+_RIDGE = 1e-3
+_ACCEPTED = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class TravellingTarget:
+    """A travelling H² = H0² - D(xi), xi = 2 pi (t / period - x / wavelength).
+
+    Parameters
+    ----------
+    function : callable
+        D of an array of phases, in A²/m².
+    least_square : float
+        Least H0², in A²/m²: the largest D, or more.
+    wavelength, period : float
+        In m and s; the wave travels forward.
+    square : float, optional
+        H0² where it is given; otherwise it is sought, from ``least_square`` on.
+
+    Raises
+    ------
+    ArgumentError
+        If a number is not positive, or H0² below the least.
+    """
+
+    function: Callable[[np.ndarray], np.ndarray]
+    least_square: float
+    wavelength: float
+    period: float
+    square: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("least_square", "wavelength", "period"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ArgumentError(f"{name} must be above 0, not {getattr(self, name)!r}")
+        if self.square is not None and not self.square >= self.least_square * (1 - 1e-12):
+            raise ArgumentError(
+                f"H0 = {math.sqrt(max(self.square, 0.0)):g} A/m is below the least, "
+                f"{math.sqrt(self.least_square):g} A/m: H² would be negative somewhere"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class RowFit:
+    """Currents found.
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (m,)
+        Ampere-turns of coil 0 at equidistant times of one period of the wave.
+    course : Gait
+        Of all coils.
+    square : float
+        H0², in A²/m².
+    residual : float
+        Root mean square of the difference of H² over that of D, at the points of the program.
+    solution : Solution
+        Of the program.
+    starts : tuple of dict
+        Of each start: H0² over the least, status, iterations, residual (None where it failed).
+    """
+
+    nodes: np.ndarray
+    course: Gait
+    square: float
+    residual: float
+    solution: Solution
+    starts: tuple[dict[str, object], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Program:
+    """The points of the program, and linear maps to them.
+
+    Parameters
+    ----------
+    field : ndarray, shape (3 or less, points, m)
+        Field at the points, per ampere-turn at the nodes.
+    along : int
+        Which component is that along the coils' axes.
+    turns : ndarray, shape (points,)
+        Phase of the point in the course of its nearest coil, in turns.
+    D : ndarray, shape (points,)
+        The target's function there.
+    """
+
+    field: np.ndarray
+    along: int
+    turns: np.ndarray
+    D: np.ndarray
+
+
+def fit_currents(
+    row: CoilRow,
+    target: TravellingTarget,
+    places: Sequence[float] | np.ndarray,
+    z: float,
+    *,
+    nodes: int = 40,
+    slew: float | None = None,
+    polarity: Polarity = "any",
+    starts: int = 4,
+    seed: int = 0,
+    options: Ipopt | None = None,
+    report: Report = lambda text, fraction: None,  # noqa: ARG005
+) -> RowFit:
+    """Find the currents whose H² is nearest to the target in least squares over space and time.
+
+    Parameters
+    ----------
+    row : CoilRow
+        The coils; |current| stays within their ampere-turns.
+    target : TravellingTarget
+        What is wanted.
+    places : array_like, shape (n,)
+        Where along x to compare, in m.
+    z : float
+        Height of the line, in m; y is 0.
+    nodes : int, optional
+        Corners of the course in one period, and phases at which to compare.
+    slew : float, optional
+        Largest change of a current, in ampere-turns per second.
+    polarity : {"any", "one", "alternating"}, optional
+        Currents of any sign with the period of the wave, of one sign only, or such that change
+        their sign after each period.
+    starts : int, optional
+        How many starts: three offsets, then random ones.
+    seed : int, optional
+        Of the random starts.
+    options : Ipopt, optional
+        Of the solver.
+    report : callable, optional
+        Told what goes on.
+
+    Returns
+    -------
+    RowFit
+        The best of all starts.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument cannot be used, or a coil lies inside the fluid.
+    SolveError
+        If no start is solved.
+
+    Examples
+    --------
+    >>> from wormopt.magnetics.coils import Coil
+    >>> row = CoilRow(Coil(2e-3, 4.5e-3, 20e-3, 3000.0), count=12, pitch=10e-3, gap=15e-3)
+    >>> wave = TravellingTarget(lambda xi: -1e7 * np.cos(xi), 1e7, wavelength=60e-3, period=1.0)
+    >>> found = fit_currents(row, wave, np.linspace(40e-3, 70e-3, 12), 0.0, nodes=12, starts=1)
+    >>> round(found.residual, 3)
+    0.098
+    """
+    if polarity not in get_args(Polarity):
+        raise ArgumentError(f'no polarity "{polarity}"; there are {", ".join(get_args(Polarity))}')
+    if nodes < 4 or starts < 1 or (slew is not None and not slew > 0):
+        raise ArgumentError("at least 4 nodes, 1 start, and a slew above 0")
+    made = _program(row, target, np.asarray(places, dtype=float), z, nodes, polarity)
+    scale = target.least_square
+    guesses = [_guess(made, target, row, k, seed, polarity) for k in range(starts)]
+    unit = max(float(np.max(np.abs(guesses[0][1]))), 1e-300)
+    nlp, bounds = _nlp(made, target, row, unit, slew, polarity)
+    tries: list[dict[str, object]] = []
+    best: Solution | None = None
+    for k, (offset, currents) in enumerate(guesses):
+        report(f"start {k + 1} of {starts}", k / starts)
+        w0 = _start(made, currents, unit, offset, scale)
+        found = nlp.solve(np.clip(w0, bounds.lbw, bounds.ubw), bounds, options or Ipopt())
+        good = found.success and found.violation <= _ACCEPTED
+        residual = math.sqrt(max(found.objective, 0.0)) if good else None
+        tries.append(
+            {"offset": offset, "status": found.status, "iterations": found.iterations,
+             "residual": residual}
+        )  # fmt: skip
+        if good and (best is None or found.objective < best.objective):
+            best = found
+    if best is None:
+        raise SolveError(
+            f"none of {starts} starts led to currents ({tries[-1]['status']})",
+            "try more starts, fewer nodes, or a larger bound on the currents",
+            code="not_solved",
+        )
+    found = unit * best.w[:nodes]
+    exact = _exact(made, found, float(best.w[nodes]) * scale)
+    course = shifted_course(
+        found,
+        target.period,
+        target.period * row.pitch / target.wavelength,
+        row.count,
+        alternating=polarity == "alternating",
+    )
+    return RowFit(found, course, float(best.w[nodes]) * scale, exact, best, tuple(tries))
+
+
+def _program(
+    row: CoilRow,
+    target: TravellingTarget,
+    x: np.ndarray,
+    z: float,
+    nodes: int,
+    polarity: Polarity,
+) -> _Program:
+    influence = row.influence(x, z)
+    shown = [
+        c for c in range(3) if np.max(np.abs(influence[c])) > 1e-12 * np.max(np.abs(influence))
+    ]
+    # half a step aside of the corners at every other place, so that what lies between them counts
+    turn = (np.arange(nodes)[None, :] + 0.5 * (np.arange(len(x)) % 2)[:, None]) / nodes
+    away = (x[:, None, None] - row.places) / target.wavelength
+    local = (turn[:, :, None] + away) * nodes
+    whole = np.floor(local).astype(int)
+    field = np.zeros((len(shown), len(x), nodes, nodes))
+    at = np.indices(whole.shape)
+    for corner, weight in ((whole, 1 - (local - whole)), (whole + 1, local - whole)):
+        sign = (-1.0) ** (corner // nodes) if polarity == "alternating" else 1.0
+        for c, component in enumerate(shown):
+            part = influence[component][:, None, :] * weight * sign
+            np.add.at(field[c], (at[0], at[1], corner % nodes), part)
+    axis = ("along", "across", "vertical").index(row.axis)
+    along = shown.index(axis) if axis in shown else 0
+    nearest = np.abs(away).argmin(axis=2)
+    turns = turn + np.take_along_axis(away, nearest[..., None], axis=2)[..., 0]
+    D = np.asarray(target.function(2 * np.pi * turn), dtype=float)
+    return _Program(field.reshape(len(shown), -1, nodes), along, turns.ravel(), D.ravel())
+
+
+def _guess(
+    made: _Program,
+    target: TravellingTarget,
+    row: CoilRow,
+    k: int,
+    seed: int,
+    polarity: Polarity,
+) -> tuple[float, np.ndarray]:
+    """Offset and currents whose field along the axes is nearest to the root of the target."""
+    offset = _OFFSETS[k % len(_OFFSETS)]
+    if target.square is not None:
+        offset = target.square / target.least_square
+    root = np.sqrt(np.maximum(offset * target.least_square - made.D, 0.0))
+    if polarity == "alternating":
+        zero = np.mod(made.turns[np.argmax(made.D)], 1.0)
+        root = root * (-1.0) ** np.floor(made.turns - zero)
+    A = made.field[made.along]
+    ridge = _RIDGE * np.linalg.norm(A, 2) * np.eye(A.shape[1])
+    currents = np.linalg.lstsq(
+        np.vstack([A, ridge]), np.concatenate([root, np.zeros(A.shape[1])]), rcond=None
+    )[0]
+    if k >= len(_OFFSETS):
+        rng = np.random.default_rng([seed, k])
+        currents = currents + np.abs(currents).max() * rng.uniform(-0.5, 0.5, len(currents))
+    if polarity == "one" and np.sum(currents) < 0:
+        currents = -currents  # H² is the same
+    limit = row.coil.ampere_turns
+    low = 0.0 if polarity == "one" else -limit
+    return offset, np.clip(currents, low, limit)
+
+
+def _start(
+    made: _Program, currents: np.ndarray, unit: float, offset: float, scale: float
+) -> np.ndarray:
+    field = (made.field @ currents).ravel() / math.sqrt(scale)
+    return np.concatenate([currents / unit, [offset], field])
+
+
+def _nlp(
+    made: _Program,
+    target: TravellingTarget,
+    row: CoilRow,
+    unit: float,
+    slew: float | None,
+    polarity: Polarity,
+) -> tuple[NonlinearProgram, Bounds]:
+    """Field strengths are variables too: the constraints are linear, second derivatives sparse."""
+    components, points, nodes = made.field.shape
+    root = math.sqrt(target.least_square)
+    D = made.D / target.least_square
+    w = ca.MX.sym("w", nodes + 1 + components * points)
+    currents, offset, field = w[:nodes], w[nodes], w[nodes + 1 :]
+    square = ca.sum2(ca.reshape(field, points, components) ** 2)
+    objective = ca.sumsqr(square - offset + D) / (points * np.var(D))
+    maps = ca.DM(made.field.reshape(-1, nodes) * (unit / root))
+    g = [field - maps @ currents]
+    low, high = [np.zeros(components * points)], [np.zeros(components * points)]
+    if slew is not None:
+        after = ca.vertcat(currents[1:], currents[0] * (-1 if polarity == "alternating" else 1))
+        g.append(after - currents)
+        limit = np.full(nodes, slew * target.period / nodes / unit)
+        low, high = [*low, -limit], [*high, limit]
+    largest = row.coil.ampere_turns / unit
+    lbw, ubw = np.full(w.numel(), -np.inf), np.full(w.numel(), np.inf)
+    lbw[:nodes], ubw[:nodes] = (0.0 if polarity == "one" else -largest), largest
+    lbw[nodes] = 1.0
+    if target.square is not None:
+        lbw[nodes] = ubw[nodes] = target.square / target.least_square
+    nlp = NonlinearProgram(w, ca.MX(0, 1), objective, ca.vertcat(*g))
+    return nlp, Bounds(lbw, ubw, np.concatenate(low), np.concatenate(high), np.zeros(0))
+
+
+def _exact(made: _Program, currents: np.ndarray, square: float) -> float:
+    """Residual with the field of these currents, not that of the program's variables."""
+    H2 = np.sum((made.field @ currents) ** 2, axis=0)
+    return float(np.sqrt(np.mean((H2 - square + made.D) ** 2)) / np.std(made.D))

@@ -1,0 +1,383 @@
+"""Scenes of kind ``coil-inverse``: currents of a row of coils for the field that a wave needs."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.magnetics.coils import CoilRow
+from wormopt.magnetics.travelling import MovingProfile, moving_profile
+from wormopt.progress import Report
+from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.scene.scene import Scene
+from wormopt.systems.coils.row_currents import RowFit, TravellingTarget, fit_currents
+from wormopt.systems.coils.runs.coil_parts import (
+    ACCEPTED,
+    coil_scalars,
+    field_by_quadrature,
+    interior,
+    row_of,
+    warnings_of_coils,
+)
+from wormopt.systems.coils.scenes.coil_inverse import CoilInverseScene
+from wormopt.systems.film.cosine import CosineWave
+from wormopt.systems.film.runs.coil_film import CarriedFilm, carried_film
+from wormopt.systems.film.units import Fluid
+from wormopt.systems.shared.optimum import refused
+
+__all__ = ["CurrentsFound", "find_currents", "run"]
+
+# The grid of the check is so many times finer, in places and in phases.
+_FINER = 4
+_POINTS, _SAMPLES = 3, 201
+# Starts whose residuals differ by more have ended in different optima.
+_SPREAD = 1e-3
+_VIOLATION = 1e-7
+# Largest residual of Newton's method with which a film counts as found.
+_SOLVED = 1e-6
+# Residuals of the field from which on it is little like the wanted one, and worse than none.
+_POOR, _WORSE = 0.5, 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class CurrentsFound:
+    """What a scene of kind ``coil-inverse`` leads to.
+
+    Parameters
+    ----------
+    row : CoilRow
+        The coils.
+    fluid : Fluid
+        The film.
+    wave : CosineWave
+        The wave it shall have.
+    target : TravellingTarget
+        The field it needs.
+    fit : RowFit
+        Currents found.
+    profile : MovingProfile
+        The field that results, on a finer grid.
+    """
+
+    row: CoilRow
+    fluid: Fluid
+    wave: CosineWave
+    target: TravellingTarget
+    fit: RowFit
+    profile: MovingProfile
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """(mu - 1) H² / (8 pi) of the mean in the frame of the wave, in units of the film's P."""
+        return self.profile.mean / _square_unit(self.fluid)
+
+    @property
+    def wanted(self) -> np.ndarray:
+        """H² wanted at the phases of the profile, in A²/m²."""
+        return self.fit.square - self.target.function(self.profile.xi)
+
+
+def run(scene: Scene[CoilInverseScene], report: Report) -> Result:
+    """Find currents, look at the field that results, and check it by a second route.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of kind ``coil-inverse``.
+    report : callable
+        Told what goes on.
+
+    Returns
+    -------
+    Result
+        Status "failed" where the field found by quadrature is another one, or a bound is broken.
+
+    Raises
+    ------
+    SceneError
+        If the field given is below the least the wave needs.
+    SolveError
+        If no start leads to currents.
+    """
+    table, begin = scene.table, time.perf_counter()
+    try:
+        found = find_currents(scene, report)
+    except SolveError as error:
+        raise refused(scene, error) from None
+    done = time.perf_counter()
+    report("second route", 0.9)
+    check = _second(found, table.line.height)
+    film = carried_film(found.wave, found.pressure, found.fluid.tension)
+    residual = film.residual if film else None
+    if residual is not None and not residual <= _SOLVED:
+        film = None
+    excess = _excess(found, table)
+    faults = []
+    if not check["error"] <= ACCEPTED:
+        faults.append(f"H² by quadrature differs by {check['error']:.2g} of the largest")
+    if not excess <= _VIOLATION:
+        faults.append(f"currents exceed their bounds by {excess:.2g} of these")
+    return Result(
+        scene.name,
+        table.kind,
+        scene.title,
+        status="failed" if faults else "ok",
+        reason="; ".join(faults),
+        scalars=_scalars(found, table) | _film_scalars(film),
+        variables=(*_variables(found), *_film_variables(film)),
+        trust={
+            "solver": {"status": found.fit.solution.status, "success": found.fit.solution.success,
+                       "iterations": found.fit.solution.iterations},
+            "violation": found.fit.solution.violation,
+            "bound_violation": excess,
+            "recheck": check,
+            "film_residual": residual,
+            "film_accepted": _SOLVED,
+            "starts": list(found.fit.starts),
+            "warnings": [*_warnings(found, table), *_film_warnings(found, film, residual)],
+        },
+        timings_s={"optimise": done - begin, "recheck": time.perf_counter() - done},
+        scene_text=scene.text,
+    )  # fmt: skip
+
+
+def find_currents(scene: Scene[CoilInverseScene], report: Report) -> CurrentsFound:
+    """Do what the scene says, without a Result.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of kind ``coil-inverse``.
+    report : callable
+        Told what goes on.
+
+    Returns
+    -------
+    CurrentsFound
+        With the field as the film meets it: `CurrentsFound.pressure`, its ripple in the profile.
+
+    Raises
+    ------
+    SceneError
+        If the field given is below the least the wave needs.
+    SolveError
+        If no start leads to currents.
+    """
+    table = scene.table
+    row, film = row_of(table.coils), table.film
+    fluid = Fluid(
+        film.mu_r, film.viscosity, film.density, film.surface_tension, film.depth,
+        table.wave.wavelength, table.wave.frequency,
+    )  # fmt: skip
+    wave = CosineWave(table.wave.delta)
+    try:
+        target = _target(fluid, wave, table.wave.field)
+    except ArgumentError as error:
+        raise SceneError(
+            scene.name, [("wave.field", f"{error}; write that at least, or leave it out")]
+        ) from None
+    search, z = table.search, table.line.height
+    fit = fit_currents(
+        row,
+        target,
+        interior(row, table.line, search.places),
+        z,
+        nodes=search.nodes,
+        slew=table.limits.slew,
+        polarity=table.limits.polarity,
+        starts=search.starts,
+        seed=search.seed,
+        report=report,
+    )
+    profile = moving_profile(
+        row,
+        fit.course,
+        interior(row, table.line, _FINER * search.places),
+        z,
+        wavelength=target.wavelength,
+        period=target.period,
+        phases=_FINER * search.nodes,
+    )
+    return CurrentsFound(row, fluid, wave, target, fit, profile)
+
+
+def _square_unit(fluid: Fluid) -> float:
+    """H² that acts with the pressure P, in A²/m²."""
+    return float(fluid.field(1.0)) ** 2
+
+
+def _target(fluid: Fluid, wave: CosineWave, field: float | None) -> TravellingTarget:
+    unit, tension = _square_unit(fluid), fluid.tension
+    return TravellingTarget(
+        lambda xi: unit * np.asarray(wave.field_function(xi, tension)),
+        unit * wave.peak(tension).value,
+        fluid.wavelength,
+        2 * math.pi / fluid.frequency,
+        None if field is None else field**2,
+    )
+
+
+def _second(found: CurrentsFound, z: float) -> dict[str, Any]:
+    """H² at a few places and times by quadrature of Biot and Savart's law."""
+    share = (np.arange(_POINTS) * 0.6180339887 + 0.1) % 1.0
+    places = found.profile.places
+    x = places[0] + (places[-1] - places[0]) * share
+    t = found.fit.course.period * share[::-1]
+    currents = found.fit.course(t)
+    second = np.sum(field_by_quadrature(found.row, x, z, currents) ** 2, axis=0)
+    formula = np.einsum("cmk,km->cm", found.row.influence(x, z), currents)
+    error = float(np.max(np.abs(np.sum(formula**2, axis=0) - second)))
+    phase = 2 * np.pi * (t / found.target.period - x / found.target.wavelength)
+    wanted = found.fit.square - found.target.function(phase)
+    off = np.sqrt(np.mean((second - wanted) ** 2)) / np.std(found.wanted)
+    largest = float(found.profile.square.max())
+    return {
+        "error": error / largest if largest else 0.0,
+        "accepted": ACCEPTED,
+        "points": _POINTS,
+        "field_residual_there": float(off),
+    }
+
+
+def _slew(found: CurrentsFound) -> float:
+    return float(np.max(np.abs(found.fit.course.polynomial[:, :, 1])))
+
+
+def _excess(found: CurrentsFound, table: CoilInverseScene) -> float:
+    """Largest violation of bounds by the course itself, over the bound."""
+    ends = found.fit.course(found.fit.course.breaks[:-1])
+    excess = np.max(np.abs(ends)) / table.coils.ampere_turns - 1
+    if table.limits.slew is not None:
+        excess = max(excess, _slew(found) / table.limits.slew - 1)
+    if table.limits.polarity == "one":
+        excess = max(excess, -ends.min() / table.coils.ampere_turns)
+    return max(float(excess), 0.0)
+
+
+def _scalars(found: CurrentsFound, table: CoilInverseScene) -> dict[str, Scalar]:
+    fit, target, profile = found.fit, found.target, found.profile
+    largest = float(np.max(np.abs(fit.nodes)))
+    numbers = {
+        "field_residual": (profile.residual(found.wanted), "share"),
+        "field_residual_mean": (
+            float(np.sqrt(np.mean((profile.mean - found.wanted) ** 2)) / np.std(found.wanted)),
+            "share",
+        ),
+        "field_residual_program": (fit.residual, "share"),
+        "ripple": (profile.ripple, "share"),
+        "H0": (math.sqrt(fit.square), "magnetic_field"),
+        "H0_least": (math.sqrt(target.least_square), "magnetic_field"),
+        "field_max": (math.sqrt(float(profile.square.max())), "magnetic_field"),
+        "currents_max": (largest, "ampere_turns"),
+        "currents_share": (largest / table.coils.ampere_turns, "share"),
+        "slew_max": (_slew(found), "ampere_turn_rate"),
+        "wavelength": (target.wavelength, "length"),
+        "period": (target.period, "time"),
+        "wave_speed": (target.wavelength / target.period, "speed"),
+        "pressure_unit": (found.fluid.pressure, "stress"),
+        "tension_number": (found.fluid.tension, "share"),
+        "eps": (found.fluid.eps, "share"),
+        "mean_flow": (found.wave.mean_flow, "share"),
+    }
+    own = {name: Scalar(value, unit_of(kind, "SI")) for name, (value, kind) in numbers.items()}
+    return own | coil_scalars(table.coils, table.line)
+
+
+def _variables(found: CurrentsFound) -> Iterator[Variable]:
+    fit, profile = found.fit, found.profile
+    square, ampere = unit_of("magnetic_field_squared", "SI"), unit_of("ampere_turns", "SI")
+    yield Variable("phase", "rad", ("phase",), profile.xi, "phase of the wave")
+    yield Variable("square_target", square, ("phase",), found.wanted, "H² wanted")
+    for name, values in (
+        ("square_mean", profile.mean),
+        ("square_low", profile.square.min(axis=0)),
+        ("square_high", profile.square.max(axis=0)),
+    ):
+        yield Variable(name, square, ("phase",), values, f"H² in the frame of the wave, {name[7:]}")
+    yield Variable("pressure_mean", "1", ("phase",), found.pressure, "(mu - 1) H² / (8 pi) over P")
+    t = np.linspace(0.0, fit.course.period, _SAMPLES)
+    yield Variable("time", unit_of("time", "SI"), ("time",), t, "time")
+    yield Variable("current", ampere, ("coil", "time"), fit.course(t), "ampere-turns")
+    for name, values in fit.course.arrays().items():
+        dims = ("break",) if name == "breaks" else ("piece", "coil", "power")
+        unit = unit_of("time", "SI") if name == "breaks" else ampere
+        yield Variable(f"gait_{name}", unit, dims, values, f"currents as a Gait: {name}")
+
+
+def _warnings(found: CurrentsFound, table: CoilInverseScene) -> Iterator[str]:
+    fit, limit = found.fit, table.coils.ampere_turns
+    yield from found.fluid.warnings()
+    largest = float(np.max(np.abs(fit.nodes)))
+    yield from warnings_of_coils(table.coils, largest)
+    if largest > limit * (1 - 1e-6):
+        yield (
+            f"currents are at the {limit:g} ampere-turns that the coils carry; the field would be "
+            "nearer to what is wanted with more, or for a wave that needs less"
+        )
+    solved = [start["residual"] for start in fit.starts if isinstance(start["residual"], float)]
+    if max(solved) > min(solved) * (1 + _SPREAD):
+        yield f"starts ended at residuals from {min(solved):.4g} to {max(solved):.4g}"
+    finer = found.profile.residual(found.wanted)
+    yield from _poor(finer)
+    if finer > 1.1 * fit.residual:
+        yield (
+            f"on a finer grid the residual is {finer:.4g} instead of {fit.residual:.4g}; write "
+            "more search.nodes or search.places"
+        )
+
+
+def _poor(residual: float) -> Iterator[str]:
+    remedy = "more ampere-turns, a smaller wave or other coils would come nearer"
+    if not residual < _WORSE:
+        yield (
+            f"the field is worse than a constant field: field_residual is {residual:.3g}; " + remedy
+        )
+    elif residual > _POOR:
+        yield f"the field is little like the one wanted: field_residual is {residual:.3g}; {remedy}"
+
+
+# -- the film that results -------------------------------------------------------------------------
+
+
+def _film_scalars(film: CarriedFilm | None) -> dict[str, Scalar]:
+    """Numbers of the film, unknown where there is none near the wave."""
+    return {
+        "film_distance": Scalar(film.distance if film else None),
+        "film_mean_flow": Scalar(film.mean_flow if film else None),
+        "film_growth_rate": Scalar(film.growth if film else None),
+    }
+
+
+def _film_variables(film: CarriedFilm | None) -> Iterator[Variable]:
+    if film is not None:
+        yield Variable("film_phase", "rad", ("film_phase",), film.xi, "phase of the wave")
+        what = "thickness of the film that results, over the mean"
+        yield Variable("film_thickness", "1", ("film_phase",), film.thickness, what)
+
+
+def _film_warnings(
+    found: CurrentsFound, film: CarriedFilm | None, residual: float | None
+) -> Iterator[str]:
+    if film is None and residual is not None:
+        yield (
+            f"the film that results is unknown: Newton's method left a residual of {residual:.2g}, "
+            f"where {_SOLVED:g} is accepted"
+        )
+        return
+    if film is None:
+        yield "no steady film was found near the wave under the field that results"
+        return
+    if film.growth > 0:
+        yield f"the film that results is unstable: deviations grow at the rate {film.growth:.3g}"
+    if film.distance > 0.5 * found.wave.delta:
+        yield (
+            f"the film that results differs from the wave by {film.distance:.3g} of the mean "
+            f"thickness, where the wave's amplitude is {found.wave.delta:g}"
+        )
+    yield "the film is that of the mean field in the wave's frame; the field's ripple is left out"

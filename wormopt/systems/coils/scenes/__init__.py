@@ -1,0 +1,1 @@
+"""Scene tables of coils and materials."""

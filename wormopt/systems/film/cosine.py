@@ -1,0 +1,300 @@
+"""Thin film of magnetic fluid under a travelling cosine wave, in closed form: (27)-(31).
+
+The surface z = h(xi), xi = t - x, travels forward with speed 1, all numbers scaled by (25). The
+mean of h is 1. The film then carries Q = h + C; C is fixed by the field being periodic. Flow at one
+place: `wormopt.systems.film.lubrication`, also to be had from here; any shape but the cosine:
+`wormopt.systems.film.shapes`; units: `wormopt.systems.film.units`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.systems.film.lubrication import (
+    Expression,
+    field_slope,
+    flow,
+    library_of,
+    pressure_gradient,
+    stream_function,
+    surface_velocity,
+    symbolic,
+    velocities,
+)
+
+__all__ = [
+    "CosineWave",
+    "Peak",
+    "field_slope",
+    "flow",
+    "peak_near",
+    "pressure_gradient",
+    "square_wave_flow",
+    "stream_function",
+    "surface_velocity",
+    "velocities",
+]
+
+_STEPS = 50
+
+
+def square_wave_flow(delta: Expression) -> Expression:
+    """Least upper bound of the mean flow of all shapes within 1 - delta and 1 + delta at W = 0.
+
+    The square wave has it, which lubrication cannot describe at its jumps.
+
+    Parameters
+    ----------
+    delta : float, ndarray or casadi.SX
+        Half of the height of the wave, 0 to 1.
+
+    Returns
+    -------
+    float, ndarray or casadi.SX
+        (3 delta² + delta⁴) / (1 + 3 delta²).
+
+    Examples
+    --------
+    >>> square_wave_flow(1.0)
+    1.0
+    """
+    square = delta * delta
+    return square * (3 + square) / (1 + 3 * square)
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Where the field function D is largest.
+
+    Parameters
+    ----------
+    value : float
+        (mu - 1) D / (8 pi) there: the least (mu - 1) H0² / (8 pi) for which H² is nowhere negative.
+    xi : float
+        Where, from 0 to 2 pi.
+    """
+
+    value: float
+    xi: float
+
+
+@dataclass(frozen=True)
+class CosineWave:
+    """The shape h = 1 + delta cos(xi), all in closed form.
+
+    Parameters
+    ----------
+    delta : float or casadi.SX
+        Amplitude; a number must be above 0 and below 1.
+
+    Raises
+    ------
+    ArgumentError
+        If the amplitude is a number that is not.
+
+    Examples
+    --------
+    >>> wave = CosineWave(0.5)
+    >>> round(wave.constant, 6), round(wave.mean_flow, 6)
+    (-0.666667, 0.333333)
+    >>> round(wave.peak().value, 6)
+    1.86339
+    """
+
+    delta: Any
+
+    def __post_init__(self) -> None:
+        if symbolic(self.delta):
+            return
+        fine = isinstance(self.delta, Real) and 0 < float(self.delta) < 1
+        if not fine or isinstance(self.delta, bool):
+            raise ArgumentError(f"delta must be a number above 0 and below 1, not {self.delta!r}")
+        object.__setattr__(self, "delta", float(self.delta))
+
+    @property
+    def constant(self) -> Any:
+        """C = -2 (1 - delta²) / (2 + delta²)."""
+        square = self.delta * self.delta
+        return -2 * (1 - square) / (2 + square)
+
+    @property
+    def mean_flow(self) -> Any:
+        """1 + C = 3 delta² / (2 + delta²), without its cancellation."""
+        square = self.delta * self.delta
+        return 3 * square / (2 + square)
+
+    def height(self, xi: Expression, order: int = 0) -> Expression:
+        """Thickness h, or a derivative of it by xi.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase t - x.
+        order : int, optional
+            Of the derivative.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+
+        Examples
+        --------
+        >>> CosineWave(0.5).height(0.0), CosineWave(0.5).height(0.0, 2)
+        (1.5, -0.5)
+        """
+        library = library_of(xi)
+        wave = library.sin(xi) if order % 2 else library.cos(xi)
+        sign = -1 if order % 4 in (1, 2) else 1
+        return (0 if order else 1) + sign * self.delta * wave
+
+    def pressure(self, xi: Expression) -> Expression:
+        """Pressure in the film less its mean over xi, 3 int d xi (1 / h² + C / h³).
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+            It does not depend on W.
+
+        Examples
+        --------
+        >>> round(CosineWave(0.5).pressure(2.0), 6)
+        1.732069
+        """
+        library, delta = library_of(xi), self.delta
+        h, c = self.height(xi), library.cos(xi)
+        square = delta * delta
+        return 3 * delta * library.sin(xi) * (2 + delta * c) / ((2 + square) * h * h)
+
+    def inverse(self, xi: Expression, length: float = 0.0) -> Expression:
+        """1 / h, or its mean over a length of film.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase, in the middle of the length.
+        length : float, optional
+            In units of 1 / k: 2 pi is a wavelength.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+
+        Examples
+        --------
+        >>> round(CosineWave(0.6).inverse(1.0, 2 * math.pi), 12)  # the mean, 1 / sqrt(1 - delta²)
+        1.25
+        """
+        if not length:
+            return 1 / self.height(xi)
+        library, both = library_of(xi), library_of(self.delta)
+        root = both.sqrt(1 - self.delta * self.delta)
+        # 1 / h = (1 + 2 sum_k (-e)^k cos(k xi)) / root with e = (1 - root) / delta; the sum's
+        # integral is the phase of (1 + e exp(i right)) (1 + e exp(-i left)), less half the length
+        e = self.delta / (1 + root)
+        along, across = library.cos(xi), 2 * e * math.sin(length / 2)
+        turn = (library.arctan2 if library is np else library.atan2)(
+            across * along + e * e * math.sin(length),
+            1 + 2 * e * along * math.cos(length / 2) + e * e * math.cos(length),
+        )
+        return (1 - 2 * turn / length) / root
+
+    def field_function(self, xi: Expression, tension: Expression = 0.0) -> Expression:
+        """(mu - 1) D / (8 pi) of (31), with the mean 0.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase.
+        tension : float or casadi.SX, optional
+            Number W of surface tension.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+            (mu - 1) (H0² - H²) / (8 pi).
+
+        Examples
+        --------
+        >>> CosineWave(0.5).field_function(0.0, tension=2.0)
+        -1.0
+        """
+        return self.pressure(xi) + tension * self.height(xi, 2)
+
+    def peak(self, tension: float = 0.0) -> Peak:
+        """Maximum of the field function.
+
+        Its slope times h³ is a polynomial of degree 8 in exp(i xi) over its fourth power. The
+        maximum is at the phase of one of its zeros, and nowhere is the function larger.
+
+        Parameters
+        ----------
+        tension : float, optional
+            Number W of surface tension, 0 or above.
+
+        Returns
+        -------
+        Peak
+
+        Examples
+        --------
+        >>> peak = CosineWave(0.5).peak(tension=1.0)
+        >>> round(peak.value, 6), round(peak.xi, 6)
+        (2.212585, 2.383186)
+        """
+        h = np.array([self.delta / 2, 1.0, self.delta / 2])  # times exp(i xi)
+        flow_ = np.array([self.delta / 2, self.mean_flow, self.delta / 2])
+        bend = np.polymul([1.0, 0.0, -1.0], np.polymul(h, np.polymul(h, h))) / 2j
+        slope = np.polyadd(tension * self.delta * bend, 3 * np.polymul([1.0, 0, 0, 0], flow_))
+        roots = np.roots(slope)
+        phases = np.angle(roots[roots != 0])
+        best = phases[np.argmax(self.field_function(phases, tension))]
+        return peak_near(self, float(best), tension)
+
+
+def peak_near(wave: Any, xi: float, tension: float) -> Peak:
+    """Climb from near a maximum of the field function onto it, by Newton's method.
+
+    Parameters
+    ----------
+    wave : CosineWave or another shape
+        Which wave.
+    xi : float
+        Phase near the maximum.
+    tension : float
+        Number W.
+
+    Returns
+    -------
+    Peak
+        To round-off.
+
+    Examples
+    --------
+    >>> round(peak_near(CosineWave(0.5), 2.3, 0.0).xi - math.acos(-2 / 3), 12)
+    0.0
+    """
+    C = wave.constant
+
+    def slope(at: float) -> float:
+        h = wave.height(at)
+        return float(-field_slope(h, wave.height(at, 3), C, tension))
+
+    for _ in range(_STEPS):
+        h, h1 = wave.height(xi), wave.height(xi, 1)
+        bend = -3 * h1 * (2 * h + 3 * C) / h**4 + tension * wave.height(xi, 4)
+        step = -slope(xi) / bend if bend < 0 else 0.0
+        if not step or abs(slope(xi + step)) >= abs(slope(xi)):
+            break
+        xi += float(step)
+    return Peak(float(wave.field_function(xi, tension)), xi % (2 * math.pi))

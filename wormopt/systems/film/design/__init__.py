@@ -1,0 +1,1 @@
+"""The best wave of a film."""

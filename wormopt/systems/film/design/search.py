@@ -1,0 +1,347 @@
+"""Find the best wave of a film: crests by trial, then the phases at which its field switches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.contact import Smoothed
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Guess, Motion
+from wormopt.ocp.nlp import Ipopt
+from wormopt.ocp.optimise import Optimum, optimise, refine
+from wormopt.progress import Report, silent
+from wormopt.systems.film.design.phases import WIDTH, exact_phases
+from wormopt.systems.film.design.wave import (
+    TURN,
+    WaveAim,
+    WaveLimits,
+    field_size,
+    wave_guess,
+    wave_problem,
+)
+
+__all__ = ["DesignedWave", "Try", "best_wave"]
+
+# Waves of the same number of crests are alike if their objectives differ by less.
+_ALIKE = 1e-3
+_PLAIN = Mesh.even(1, 60, Collocation(3, "radau"))
+# Width of fronts, the root of tension over field, from which on they are found at once, largest
+# ratio of two tensions, and the local error that is enough on the way.
+_FRONT, _STEP, _COARSE = 0.3, 4.0, 1e-5
+_NEAR = Ipopt(mu_init=1e-4, warm=True)
+# Phases at which crests are looked for.
+_FINE = 8192
+
+
+@dataclass(frozen=True)
+class Try:
+    """How a start ended.
+
+    Parameters
+    ----------
+    start : str
+        From what.
+    repeats : int
+        How often the wave that was optimised stands in 2 pi.
+    crests : int
+        Crests that were found in 2 pi, 0 where nothing was.
+    reached : float
+        What was sought, NaN where nothing was found.
+    """
+
+    start: str
+    repeats: int
+    crests: int = 0
+    reached: float = math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class DesignedWave:
+    """An optimal wave.
+
+    Parameters
+    ----------
+    stages : dict of str to Optimum
+        All solves that led to it, the last one of the wave itself, as a single wave, see
+        `wormopt.systems.film.design.wave`.
+    limits : WaveLimits
+        What it keeps to.
+    repeats : int
+        How often the wave that was optimised stands in 2 pi.
+    tries : tuple of Try
+        All starts.
+    """
+
+    stages: dict[str, Optimum]
+    limits: WaveLimits
+    repeats: int
+    tries: tuple[Try, ...]
+
+    @property
+    def optimum(self) -> Optimum:
+        """Last solve."""
+        return [*self.stages.values()][-1]
+
+    @property
+    def motion(self) -> Motion:
+        """The single wave."""
+        return self.optimum.motion
+
+    @property
+    def mean_flow(self) -> float:
+        """1 + C."""
+        return float(self.motion.arcs.design[0])
+
+    @property
+    def field_range(self) -> float:
+        """Largest field that the optimiser had at its disposal, or chose."""
+        design = self.motion.arcs.design
+        return self.limits.field or float(design[1]) / self.repeats
+
+    @property
+    def reached(self) -> float:
+        """What was sought: the range of the field in 2 pi, where that is it."""
+        return self.field_range if self.limits.field is None else -self.optimum.objective
+
+    @cached_property
+    def start(self) -> float:
+        """Phase of the single wave at which its highest crest, the first of them, is half over."""
+        h = self._fine
+        top = np.flatnonzero(h >= h.max() - 1e-6 * np.ptp(h))
+        gaps = np.diff(top, prepend=top[-1] - _FINE)
+        first = int(top[int(np.argmax(gaps))])  # a crest may be cut by the end
+        last = first
+        while h[(last + 1) % _FINE] >= h[first] - 1e-6 * np.ptp(h):
+            last += 1
+        return TURN * (first + last) / 2 / _FINE
+
+    @cached_property
+    def _fine(self) -> np.ndarray:
+        return self.motion.state("thickness", TURN * np.arange(_FINE) / _FINE)[0]
+
+    @cached_property
+    def crests(self) -> int:
+        """How often the wave rises through the mean thickness in 2 pi."""
+        h = self._fine
+        return self.repeats * int(np.sum((h <= 1) & (np.roll(h, -1) > 1)))
+
+    def thickness(self, xi: np.ndarray) -> np.ndarray:
+        """Thickness h at some phases; a crest is at 0.
+
+        Parameters
+        ----------
+        xi : ndarray, shape (m,)
+            Phases.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+        """
+        return self.motion.state("thickness", self._inner(xi))[0]
+
+    def slope(self, xi: np.ndarray) -> np.ndarray:
+        """Slope of the thickness at some phases.
+
+        Parameters
+        ----------
+        xi : ndarray, shape (m,)
+            Phases.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+        """
+        return self.motion.state("slope", self._inner(xi))[0] * self.repeats
+
+    def field(self, xi: np.ndarray) -> np.ndarray:
+        """Field (mu - 1) H² / (8 pi), as the optimiser has it, least 0; the later one at a jump.
+
+        Parameters
+        ----------
+        xi : ndarray, shape (m,)
+            Phases.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+        """
+        t = self._inner(xi)
+        if self.limits.gradient is not None:
+            return self.motion.state("field", t)[0] / self.repeats
+        return self.motion.inputs(t)[0] * self.field_range
+
+    def guess(self, *, on_crest: bool) -> Guess:
+        """The single wave as a start for another aim within the same limits.
+
+        Parameters
+        ----------
+        on_crest : bool
+            Whether it is to start on a crest.
+
+        Returns
+        -------
+        Guess
+        """
+        motion, first = self.motion, self.start if on_crest else 0.0
+        return Guess(
+            TURN,
+            lambda t: motion.states(np.mod(t + first, TURN)),
+            lambda t: motion.inputs(np.mod(t + first, TURN)),
+        )
+
+    def _inner(self, xi: np.ndarray) -> np.ndarray:
+        return np.mod(self.repeats * np.asarray(xi) + self.start, TURN)
+
+    def instants(self, least: int = 400) -> np.ndarray:
+        """Phases from 0 to 2 pi that show every jump of the field: just before it and after.
+
+        Parameters
+        ----------
+        least : int, optional
+            How many, at least.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            Ascending.
+        """
+        arcs = self.motion.arcs.duration > 1e-9
+        each = max(4, -(-least // (int(np.sum(arcs)) * self.repeats)))
+        begin, spans = self.motion.breaks[:-1][arcs], self.motion.arcs.duration[arcs]
+        t = (begin[:, None] + spans[:, None] * np.linspace(1e-9, 1 - 1e-9, each)).ravel()
+        shares = np.sort(np.mod(t - self.start, TURN))
+        every = np.add.outer(TURN * np.arange(self.repeats), shares).ravel() / self.repeats
+        return np.concatenate([[0.0], every[(every > 0) & (every < TURN)], [TURN]])
+
+
+def best_wave(
+    limits: WaveLimits,
+    aim: WaveAim,
+    *,
+    crests: int = 3,
+    near: DesignedWave | None = None,
+    mesh: Mesh | None = None,
+    tolerance: float = 1e-9,
+    report: Report = silent,
+) -> DesignedWave:
+    """Optimise waves of 1, 2, ... crests, and make the best one exact.
+
+    Starts are cosine waves of 1, 2, ... crests alike, and where a crest itself is asked about
+    also such waves with one crest higher than the others.
+
+    Parameters
+    ----------
+    limits : WaveLimits
+        What the wave must keep to.
+    aim : WaveAim
+        What it is to be good at.
+    crests : int, optional
+        Most crests to start from.
+    near : DesignedWave, optional
+        Another start: the best wave for another aim within the same limits.
+    mesh : Mesh, optional
+        Of the first solves.
+    tolerance : float, optional
+        Local error allowed on each arc in the end.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    DesignedWave
+        A local optimum, the best of those found.
+
+    Raises
+    ------
+    SolveError
+        If no start leads to a wave.
+    """
+    waves: list[DesignedWave] = []
+    tries: list[Try] = []
+    error: SolveError | None = None
+    starts = [*_starts(aim, crests, near)]
+    for k, (name, repeats, guess) in enumerate(starts):
+        report(f"start: {name}", k / (len(starts) + 1))
+        try:
+            first = _first(limits.single(repeats), aim, guess, mesh or _PLAIN)
+        except SolveError as failed:
+            error = failed
+            tries.append(Try(name, repeats))
+            continue
+        wave = DesignedWave({"first": first}, limits, repeats, ())
+        waves.append(wave)
+        tries.append(Try(name, repeats, wave.crests, wave.reached))
+    if not waves:
+        raise error or SolveError("no start was given", "give at least one crest")
+    best = _chosen(waves)
+    report("phases of the field", len(starts) / (len(starts) + 1))
+    stages = exact_phases(best.optimum, tolerance, report)
+    return replace(best, stages=stages, tries=tuple(tries))
+
+
+def _starts(
+    aim: WaveAim, crests: int, near: DesignedWave | None
+) -> Iterator[tuple[str, int, Guess | int]]:
+    """Name, repeats, and a guess or the second harmonic of one."""
+    if near is not None:
+        guess = near.guess(on_crest=aim.on_crest)
+        yield "the best wave for another aim", near.repeats, guess
+    for n in range(1, crests + 1):
+        yield "1 crest" if n == 1 else f"{n} crests alike", n, 1
+    for n in range(2, crests + 1) if aim.on_crest else ():
+        yield f"{n} crests, one higher", 1, n
+
+
+def _chosen(waves: list[DesignedWave]) -> DesignedWave:
+    """Best wave; of those as good and with as many crests that of most repeats, the simplest."""
+    sign = 1 if waves[0].limits.field is None else -1
+    best = min(waves, key=lambda wave: sign * wave.reached)
+    size = max(abs(best.reached), 1e-300)
+    alike = [
+        wave
+        for wave in waves
+        if wave.crests == best.crests and abs(wave.reached - best.reached) <= _ALIKE * size
+    ]
+    most = max(wave.repeats for wave in alike)
+    return min((w for w in alike if w.repeats == most), key=lambda wave: sign * wave.reached)
+
+
+def _first(limits: WaveLimits, aim: WaveAim, guess: Guess | int, mesh: Mesh) -> Optimum:
+    """Solve on an even mesh; where fronts are narrower than that, come from a larger tension."""
+    # an input of the curvature's degree: h'' = (m - B) / W is then 0 on plateaus, not only at nodes
+    mesh = replace(mesh, input_degree=_input_degree(mesh.collocation, limits.gradient))
+    tensions = (limits.tension,) if isinstance(guess, Guess) else _tensions(limits, aim)
+    optimum, solver = None, Ipopt()
+    for tension in tensions:
+        there = replace(limits, tension=tension)
+        if optimum is not None:
+            solver = _NEAR  # a large barrier would lead to waves of other crests
+            optimum = refine(optimum, _COARSE, rounds=2, solver=solver)
+            mesh, guess = optimum.motion.mesh, optimum.motion.guess
+        elif not isinstance(guess, Guess):
+            guess = wave_guess(there, aim, second=guess)
+        assert isinstance(guess, Guess)
+        problem = wave_problem(there, aim)
+        optimum = optimise(problem, mesh, Smoothed(WIDTH, WIDTH), guess, solver=solver)
+    assert optimum is not None
+    return optimum
+
+
+def _tensions(limits: WaveLimits, aim: WaveAim) -> tuple[float, ...]:
+    """From one at which fronts are wide enough to be found, down to that of the film."""
+    wide = _FRONT**2 * field_size(limits, aim)
+    steps = max(0, math.ceil(math.log(wide / limits.tension) / math.log(_STEP)))
+    if not steps:
+        return (limits.tension,)
+    return tuple(np.geomspace(wide, limits.tension, steps + 1).tolist())
+
+
+def _input_degree(collocation: Collocation, gradient: float | None) -> int:
+    return max(0, collocation.degree - (2 if gradient is None else 3))

@@ -1,0 +1,373 @@
+"""The best wave of a film of magnetic fluid, stated as an optimal-control problem over its phase.
+
+The phase xi takes the place of time. (29) integrates to W h'' + B = m, m' = -3 (h + C) / h³, with
+B = (mu - 1) H² / (8 pi): thickness h, its slope and m are states, B is the input, C a constant to
+choose along with the wave.
+
+A wave of n crests alike is one of a single crest in a film of n³ times the tension and n times
+the field: with h(xi) = g(n xi), n times the field of h is that of g. So only single crests are
+optimised.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from scipy.optimize import root_scalar
+
+from wormopt.errors import ArgumentError
+from wormopt.model.model import Model, Signal
+from wormopt.model.values import numbers
+from wormopt.ocp.motion import Guess
+from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.systems.film.cosine import CosineWave
+from wormopt.systems.film.limits import check_thickness, field_needs, fitting_cosine, largest_flow
+from wormopt.systems.film.lubrication import field_slope
+from wormopt.systems.film.shapes import FourierWave
+from wormopt.systems.pair.waveform import ramped
+
+__all__ = ["TURN", "Seek", "WaveAim", "WaveLimits", "field_size", "wave_guess", "wave_problem"]
+
+Seek = Literal["mean_flow", "margin", "drift", "field"]
+"""What is made as large, or of the field as small, as possible."""
+
+TURN = 2 * math.pi
+"""Phase of a wavelength."""
+# The wave that is to hold a float or to carry a flow may at first need so many times the field of
+# a cosine wave near to it.
+_AMPLE = 1.5
+# A cosine wave to start from keeps so far inside its limits.
+_INSIDE = 0.98
+
+
+@dataclass(frozen=True)
+class WaveLimits:
+    """What a wave must keep to.
+
+    Parameters
+    ----------
+    tension : float
+        Number W of surface tension, positive.
+    thickness : tuple of float
+        Least and largest h, around the mean 1.
+    field : float, optional
+        Largest range of (mu - 1) H² / (8 pi), from least to largest; without it the range is what
+        is sought.
+    gradient : float, optional
+        Largest size of its slope by the phase; without it the field may jump.
+
+    Raises
+    ------
+    ArgumentError
+        If a number is not positive, or the mean 1 is not between the thicknesses.
+
+    Examples
+    --------
+    >>> WaveLimits(0.1, (0.5, 1.5), 4.0).single(2)
+    WaveLimits(tension=0.8, thickness=(0.5, 1.5), field=8.0, gradient=None)
+    """
+
+    tension: float
+    thickness: tuple[float, float]
+    field: float | None = None
+    gradient: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "thickness", check_thickness(self.thickness))
+        for name in ("tension", "field", "gradient"):
+            value = getattr(self, name)
+            if value is None and name != "tension":
+                continue
+            found = numbers(name, value)
+            if found.size != 1 or not 0 < found.item() < math.inf:
+                raise ArgumentError(f"{name} must be a number above 0, not {value!r}")
+
+    def single(self, crests: int) -> WaveLimits:
+        """Limits within which one crest is what a number of crests alike is within these.
+
+        Parameters
+        ----------
+        crests : int
+            Crests in 2 pi.
+
+        Returns
+        -------
+        WaveLimits
+        """
+        field = None if self.field is None else crests * self.field
+        return WaveLimits(self.tension * crests**3, self.thickness, field, self.gradient)
+
+
+@dataclass(frozen=True)
+class WaveAim:
+    """What a wave is to be good at.
+
+    Parameters
+    ----------
+    seek : {"mean_flow", "margin", "drift", "field"}
+        The largest mean flow; the largest thickness + 3 C at a crest, which is not negative where
+        a small float is held; the largest drift of a float that is not held; the least range of
+        the field.
+    mean_flow : float, optional
+        With "field": least mean flow.
+    capture : bool, optional
+        With "field": whether a small float is to be held.
+    margin : float, optional
+        With "drift": a margin below 0 that no wave within the limits exceeds.
+
+    Raises
+    ------
+    ArgumentError
+        If a flow is not from 0 to 1, a margin not negative, or nothing is asked of a wave of the
+        least field.
+    """
+
+    seek: Seek = "mean_flow"
+    mean_flow: float | None = None
+    capture: bool = False
+    margin: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.seek == "field" and self.mean_flow is None and not self.capture:
+            raise ArgumentError("no wave takes the least field; ask for a mean flow, or capture")
+        if self.mean_flow is not None and not 0 < self.mean_flow < 1:
+            raise ArgumentError(f"mean_flow must be above 0 and below 1, not {self.mean_flow!r}")
+        if (self.seek == "drift") != (self.margin is not None and self.margin < 0):
+            raise ArgumentError("the drift is sought with a margin below 0, and only then")
+
+    @property
+    def on_crest(self) -> bool:
+        """Whether the crest itself is asked about, where the wave then starts."""
+        return self.seek == "margin" or self.capture
+
+    def out_of_reach(self, thickness: tuple[float, float]) -> str | None:
+        """Say what no wave between two thicknesses does, however strong its field.
+
+        Parameters
+        ----------
+        thickness : tuple of float
+            Least and largest h.
+
+        Returns
+        -------
+        str or None
+            What to do about it, None where nothing is.
+
+        Examples
+        --------
+        >>> WaveAim("field", mean_flow=0.3).out_of_reach((0.5, 1.5))
+        >>> WaveAim("field", capture=True).out_of_reach((0.9, 1.1))[:37]
+        'no wave between these thicknesses hol'
+        """
+        most = largest_flow(thickness)
+        if self.mean_flow is not None and self.mean_flow >= most:
+            return (
+                f"no wave between these thicknesses carries more than {most:.6g}, however strong "
+                "the field; ask for less, or allow a larger or a smaller thickness"
+            )
+        if self.capture and most <= 1 - thickness[1] / 3:
+            return (
+                "no wave between these thicknesses holds a float, however strong the field: its "
+                f"flow would have to be {1 - thickness[1] / 3:.6g} and is below {most:.6g}; allow "
+                "a larger or a smaller thickness"
+            )
+        return None
+
+
+def wave_problem(limits: WaveLimits, aim: WaveAim) -> Problem:
+    """State the best wave of one crest, or of as many as it takes.
+
+    The wave starts where it rises through the mean thickness, or on a crest if that is asked
+    about. The largest field is ``field_range``, the least 0.
+
+    Parameters
+    ----------
+    limits : WaveLimits
+        What it must keep to.
+    aim : WaveAim
+        What it is to be good at.
+
+    Returns
+    -------
+    Problem
+        Over the phase, from 0 to 2 pi. States ``thickness``, ``slope`` and ``pressure`` m; the
+        input ``field``, 0 to 1, is B over its range. With a gradient B itself is a state, and its
+        slope ``field_rate`` the input.
+
+    Raises
+    ------
+    ArgumentError
+        If a range of the field is neither given nor sought.
+
+    Examples
+    --------
+    >>> problem = wave_problem(WaveLimits(0.1, (0.5, 1.5), 3.7), WaveAim())
+    >>> [signal.name for signal in problem.model.x], [bound.name for bound in problem.at_ends]
+    (['thickness', 'slope', 'pressure'], ['volume', 'phase', 'front'])
+    """
+    if (limits.field is None) != (aim.seek == "field"):
+        raise ArgumentError("give the largest range of the field, unless the least is sought")
+    delta, size = _nearby(limits, aim)
+    flow = ca.SX.sym("mean_flow")
+    strength = ca.SX.sym("field_range") if limits.field is None else ca.SX(limits.field)
+    model = _film(limits, flow, strength, size)
+    h, constant = model.x[0].symbol, flow - 1
+    slower = -3 * constant - h
+    drift = aim.seek == "drift"
+    ends = Ends.of(model, 2 if drift else 1)
+    sought = {
+        "mean_flow": flow,
+        "margin": ends.start[0] + 3 * constant,
+        "drift": 1 - ends.duration / ends.integrals[1] if drift else 0,
+        "field": -strength / size,
+    }[aim.seek]
+    design = [Signal("mean_flow", flow, nominal=CosineWave(delta).mean_flow, lower=0.0, upper=1.0)]
+    along = []
+    if limits.field is None:
+        design.append(Signal("field_range", strength, nominal=size, lower=0.0))
+        if limits.gradient is not None:
+            room = strength - model.x[3].symbol
+            along.append(Bound("limits.field", room, 0.0, nominal=size))
+    if aim.margin is not None:
+        along.append(Bound("margin", slower, -aim.margin / 2))
+    return Problem(
+        model=model,
+        ends=ends,
+        minimise=-sought,
+        duration=(TURN, TURN),
+        periodic=[signal.name for signal in model.x],
+        integrands=ca.vertcat(h, 2 * h / slower) if drift else h,
+        along=along,
+        at_ends=[*_at_ends(model, ends, aim, constant)],
+        design=design,
+    )
+
+
+def _film(limits: WaveLimits, flow: ca.SX, strength: ca.SX, size: float) -> Model:
+    """(29) over the phase, with the field as its input, or as a state if its slope is limited."""
+    h, slope, m, field = (ca.SX.sym(name) for name in ("thickness", "slope", "pressure", "field"))
+    least, most = limits.thickness
+    steep = math.sqrt(size * min(most - least, 1.0) / limits.tension)
+    states = [
+        Signal("thickness", h, lower=least, upper=most),
+        Signal("slope", slope, nominal=steep),
+        Signal("pressure", m, nominal=size),
+    ]
+    rising = limits.gradient is not None
+    B = field if rising else strength * field
+    most_field = 1.0 if not rising else limits.field or math.inf
+    given = Signal("field", field, nominal=size if rising else 1.0, lower=0.0, upper=most_field)
+    ode = ca.vertcat(slope, (m - B) / limits.tension, -3 * (h + flow - 1) / h**3)
+    plain = Model("film under a wave", x=states, ode=ode, u=[given])
+    return plain if limits.gradient is None else ramped(plain, limits.gradient)
+
+
+def _at_ends(model: Model, ends: Ends, aim: WaveAim, constant: ca.SX) -> Iterator[Bound]:
+    yield Bound("volume", ends.integrals[0], TURN, TURN, TURN)
+    steep = model.x[1].nominal
+    if aim.on_crest:
+        yield Bound("phase", ends.start[1], 0.0, 0.0, steep)
+        yield Bound("crest", ends.start[0], lower=1.0)
+    else:
+        yield Bound("phase", ends.start[0], 1.0, 1.0)
+        yield Bound("front", ends.start[1], lower=0.0, nominal=steep)
+    if aim.capture:
+        yield Bound("aim.capture", ends.start[0] + 3 * constant, lower=0.0)
+    if aim.mean_flow is not None:
+        yield Bound("aim.mean_flow", 1 + constant, lower=aim.mean_flow)
+
+
+def _nearby(limits: WaveLimits, aim: WaveAim) -> tuple[float, float]:
+    """Amplitude of a cosine wave near what is sought, and a range of the field."""
+    if limits.field is not None:
+        gradient = math.inf if limits.gradient is None else limits.gradient
+        fits = fitting_cosine(limits.tension, limits.thickness, limits.field, gradient)
+        return _INSIDE * fits, limits.field
+    a, b = limits.thickness
+    flow = max(aim.mean_flow or 0.0, 1 - b / 3 if aim.capture else 0.0)
+    delta = min(math.sqrt(2 * flow / (3 - flow)), _INSIDE * min(1 - a, b - 1))
+    return delta, _AMPLE * field_needs(delta, limits.tension)[0]
+
+
+def field_size(limits: WaveLimits, aim: WaveAim) -> float:
+    """Range of the field that is allowed, or that may be needed where it is sought.
+
+    Parameters
+    ----------
+    limits : WaveLimits
+        What the wave must keep to.
+    aim : WaveAim
+        What it is to be good at.
+
+    Returns
+    -------
+    float
+    """
+    return _nearby(limits, aim)[1]
+
+
+def wave_guess(limits: WaveLimits, aim: WaveAim, second: int = 1) -> Guess:
+    """Start from the largest cosine wave within the limits, or one near to what is asked for.
+
+    Parameters
+    ----------
+    limits : WaveLimits
+        What the wave must keep to.
+    aim : WaveAim
+        What it is to be good at.
+    second : int, optional
+        Harmonic that has half of the amplitude, for crests that are not alike; 1 for the cosine.
+
+    Returns
+    -------
+    Guess
+        For `wave_problem` of the same.
+
+    Examples
+    --------
+    >>> guess = wave_guess(WaveLimits(0.1, (0.5, 1.5), 3.8), WaveAim())
+    >>> guess.states(np.zeros(1)).shape, round(float(guess.states(np.zeros(1))[1, 0]), 3)
+    ((3, 1), 0.49)
+    """
+    delta, size = _nearby(limits, aim)
+    harmonics = np.zeros(second)
+    harmonics[0] += delta / 2
+    harmonics[-1] += delta / 2
+    wave, tension = FourierWave(harmonics.tolist()), limits.tension
+    top = wave.peak(tension).value
+    back = 0.0 if aim.on_crest else _rise(wave)
+
+    def field(t: np.ndarray) -> np.ndarray:
+        return top - np.asarray(wave.field_function(t + back, tension))
+
+    def states(t: np.ndarray) -> np.ndarray:
+        xi = t + back
+        m = field(t) + tension * np.asarray(wave.height(xi, 2))
+        rows = [wave.height(xi), wave.height(xi, 1), m]
+        return np.vstack([*rows, field(t)] if limits.gradient is not None else rows)
+
+    def rate(t: np.ndarray) -> np.ndarray:
+        xi = t + back
+        h, third = np.asarray(wave.height(xi)), np.asarray(wave.height(xi, 3))
+        return np.asarray(field_slope(h, third, wave.constant, tension))[None]
+
+    def share(t: np.ndarray) -> np.ndarray:
+        return field(t)[None] / size
+
+    return Guess(TURN, states, rate if limits.gradient is not None else share)
+
+
+def _rise(wave: FourierWave) -> float:
+    """Phase at which a wave with a crest at 0 rises to its crest through the mean."""
+    low = -TURN / 2
+    xi = np.linspace(low, 0.0, 2049)
+    below = np.flatnonzero(np.asarray(wave.height(xi)) <= 1)[-1]
+    found = root_scalar(
+        lambda at: float(wave.height(at)) - 1, bracket=(xi[below], xi[below + 1]), xtol=1e-14
+    )
+    return float(found.root)

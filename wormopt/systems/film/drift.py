@@ -1,0 +1,396 @@
+"""How fast a travelling wave carries a float or a tracer in the long run, and when it holds it.
+
+What a float is: `wormopt.systems.film.float`. Lengths along the film are in units of 1/k, times
+in units of 1/omega: (25).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError
+from wormopt.model.values import numbers
+from wormopt.systems.film.cosine import CosineWave
+from wormopt.systems.film.lubrication import (
+    Expression,
+    library_of,
+    stream_function,
+    surface_velocity,
+    velocities,
+)
+from wormopt.systems.film.shapes import FourierWave, grid
+
+__all__ = [
+    "CAPTURE_DELTA",
+    "Drift",
+    "Wave",
+    "body_velocity",
+    "capture_delta",
+    "check_heights",
+    "check_lengths",
+    "cosine_drift",
+    "finite",
+    "float_drift",
+    "tracer_drift",
+]
+
+Wave = CosineWave | FourierWave
+"""A shape of the surface."""
+
+CAPTURE_DELTA = math.sqrt(13) - 3
+"""Amplitude from which on a cosine wave holds a small float: root of delta² + 6 delta = 4."""
+
+# Sums over a period are refined until they agree to this share.
+_AGREED, _LEAST, _MOST = 1e-14, 256, 1 << 20
+_ROUND_OFF = 1e-15
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How a wave carries something, once and for all.
+
+    Parameters
+    ----------
+    velocity : float
+        Mean velocity over the wave's; 1 if it is captured.
+    turn : float
+        Time in which the wave overtakes it by a wavelength, in units of 1 / omega; infinite if
+        it is captured.
+    rests : tuple of float
+        Phases xi, 0 to 2 pi, at which it is held; empty unless it is captured.
+    """
+
+    velocity: float
+    turn: float
+    rests: tuple[float, ...] = ()
+
+    @property
+    def captured(self) -> bool:
+        """Whether the wave holds it."""
+        return math.isinf(self.turn)
+
+
+def body_velocity(wave: Wave, xi: Expression, length: float = 0.0) -> Expression:
+    """Mean surface velocity under a float, 3/2 (1 + C mean(1/h)): what it moves with.
+
+    Parameters
+    ----------
+    wave : CosineWave or FourierWave
+        Shape of the surface.
+    xi : float, ndarray or casadi.SX
+        Phase t - x of its middle.
+    length : float, optional
+        Of the float; 0 for a small one.
+
+    Returns
+    -------
+    float, ndarray or casadi.SX
+
+    Examples
+    --------
+    >>> round(body_velocity(CosineWave(CAPTURE_DELTA), 0.0), 12)
+    1.0
+    """
+    if not length:
+        return surface_velocity(wave.height(xi), wave.constant)
+    return 1.5 * (1 + wave.constant * wave.inverse(xi, length))
+
+
+def cosine_drift(delta: Expression) -> Expression:
+    """Mean velocity of a small float on a cosine wave that does not hold it.
+
+    1 - 2 pi / T_L with T_L = int d xi / (1 - u_s) = 4 pi (6 y / S - 1), written without
+    cancellation: 3 delta² (28 - delta²) / (2 (4 y + S) (6 y - S)) with y² = 1 - delta² and
+    S² = (4 - delta²)² - 36 delta².
+
+    Parameters
+    ----------
+    delta : float, ndarray or casadi.SX
+        Amplitude, up to `CAPTURE_DELTA`, where it is 1.
+
+    Returns
+    -------
+    float, ndarray or casadi.SX
+
+    Examples
+    --------
+    >>> round(cosine_drift(0.5), 9), round(cosine_drift(1e-6) / 1e-12, 6)
+    (0.61814603, 2.625)
+    """
+    square, library = delta * delta, library_of(delta)
+    y = library.sqrt(1 - square)
+    S = library.sqrt((4 - square - 6 * delta) * (4 - square + 6 * delta))
+    return 3 * square * (28 - square) / (2 * (4 * y + S) * (6 * y - S))
+
+
+@lru_cache(maxsize=256)
+def capture_delta(length: float = 0.0) -> float:
+    """Amplitude from which on a cosine wave holds a float of some length.
+
+    The float is fastest with its middle on a crest; it is held where it is as fast as the wave
+    there, C mean(1/h) = -1/3. For a small one that is delta² + 6 delta = 4.
+
+    Parameters
+    ----------
+    length : float, optional
+        Below 2 pi, a wavelength.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ArgumentError
+        If the length is out of range.
+
+    Examples
+    --------
+    >>> round(capture_delta(), 12), round(capture_delta(3.0), 12)
+    (0.605551275464, 0.655258692207)
+    """
+    length = check_lengths(length).item()
+    if not length:
+        return CAPTURE_DELTA
+    from scipy.optimize import brentq  # only floats of some length need it
+
+    def lag(delta: float) -> float:
+        return 1 - body_velocity(CosineWave(delta), 0.0, length)
+
+    found: Any = brentq(lag, 0.5, 0.9, xtol=1e-15)
+    return float(found)
+
+
+def float_drift(wave: Wave, length: float = 0.0) -> Drift:
+    """How a wave carries a float, after as long as it takes.
+
+    Parameters
+    ----------
+    wave : CosineWave or FourierWave
+        Shape of the surface.
+    length : float, optional
+        Of the float, below 2 pi.
+
+    Returns
+    -------
+    Drift
+        In closed form for a small float on a cosine wave, otherwise by quadrature.
+
+    Raises
+    ------
+    ArgumentError
+        If the length is out of range, or the wave so near to holding the float that quadrature
+        does not end.
+
+    Examples
+    --------
+    >>> float_drift(CosineWave(0.5)).velocity == cosine_drift(0.5)
+    True
+    >>> held = float_drift(CosineWave(0.7))
+    >>> held.velocity, [round(phase, 6) for phase in held.rests]
+    (1.0, [5.04554])
+    """
+    length = check_lengths(length).item()
+    rests = _rests(wave, length)
+    if rests:
+        return Drift(1.0, math.inf, rests)
+    if isinstance(wave, CosineWave) and not length:
+        velocity = cosine_drift(wave.delta)
+        return Drift(velocity, 2 * math.pi / (1 - velocity)) if velocity < 1 else _HELD_ON_CREST
+    turn = _turn(lambda xi: 1 / (1 - body_velocity(wave, xi, length)))
+    return Drift(1 - 2 * math.pi / turn, turn)
+
+
+_HELD_ON_CREST = Drift(1.0, math.inf, (0.0,))
+
+
+def _rests(wave: Wave, length: float) -> tuple[float, ...]:
+    """Phases at which a float is as fast as the wave, and faster than it behind them."""
+    from scipy.optimize import brentq
+
+    if isinstance(wave, CosineWave) and not length:
+        if wave.delta <= CAPTURE_DELTA:
+            return (0.0,) if wave.delta == CAPTURE_DELTA else ()
+        return (2 * math.pi - math.acos(-(1 + 3 * wave.constant) / wave.delta),)
+    nodes = 512 if isinstance(wave, CosineWave) else 4 * wave.nodes
+    xi = np.append(grid(nodes), 2 * np.pi)
+
+    def lag(at: Any) -> Any:
+        return 1 - body_velocity(wave, at, length)
+
+    values = lag(xi)
+    falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
+    found: list[Any] = [brentq(lag, xi[k], xi[k + 1], xtol=1e-15) for k in falls]
+    return tuple(map(float, found))
+
+
+def tracer_drift(wave: Wave, height: float, position: float = 0.0) -> Drift:
+    """How a wave carries a point of the fluid, by quadrature along its path.
+
+    Seen from the wave a point stays on one line of the stream function. Where that line runs
+    through the whole wavelength the wave overtakes the point, else it holds it under a crest.
+
+    Parameters
+    ----------
+    wave : CosineWave or FourierWave
+        Shape of the surface.
+    height : float
+        Over the ground at time 0, up to the surface.
+    position : float, optional
+        Place at time 0.
+
+    Returns
+    -------
+    Drift
+        Without rests: a point that is held circles.
+
+    Raises
+    ------
+    ArgumentError
+        If the height is not within the film, or quadrature does not end.
+
+    Examples
+    --------
+    >>> wave = CosineWave(0.5)
+    >>> surface = tracer_drift(wave, wave.height(0.0))
+    >>> abs(surface.velocity - cosine_drift(0.5)) < 1e-13
+    True
+    >>> tracer_drift(wave, 0.0).velocity
+    0.0
+    """
+    (z,) = check_heights(wave, np.array([position]), np.array([height]))
+    level = stream_function(z, wave.height(-position), wave.constant)
+
+    def per_phase(xi: np.ndarray) -> np.ndarray:
+        h, slope = wave.height(xi), wave.height(xi, 1)
+        u, _ = velocities(_on_level(h, wave.constant, level), h, slope, wave.constant)
+        return 1 / (1 - u)
+
+    reached = _on_level(wave.height(grid(4 * _LEAST)), wave.constant, level)
+    faster = z > _slower_below(np.array([wave.height(-position)]), wave.constant)[0]
+    if faster or np.isnan(reached).any():
+        return Drift(1.0, math.inf)
+    turn = _turn(per_phase)
+    return Drift(1 - 2 * math.pi / turn, turn)
+
+
+def _slower_below(h: np.ndarray, constant: float) -> np.ndarray:
+    """Height up to which the fluid is slower than the wave, the surface at most."""
+    # u = F z (z / 2 - h) = 1
+    flow = h + constant
+    fast = 3 * flow > 2 * h
+    room = np.where(fast, 1 - 2 * h / (3 * np.where(fast, flow, 1.0)), 0.0)
+    return h * (1 - np.sqrt(room))
+
+
+def _on_level(h: np.ndarray, constant: float, level: float) -> np.ndarray:
+    """Height at which the stream function falls to a level for the first time, NaN for none."""
+    low, high = np.zeros_like(h), _slower_below(h, constant)
+    reached = stream_function(high, h, constant) <= level + _ROUND_OFF
+    for _ in range(60):
+        middle = (low + high) / 2
+        above = stream_function(middle, h, constant) > level
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return np.where(reached, (low + high) / 2, np.nan)
+
+
+def _turn(per_phase: Callable[[np.ndarray], np.ndarray]) -> float:
+    """Integral over a period by sums that are refined until they agree."""
+    nodes, before = _LEAST, math.nan
+    while nodes <= _MOST:
+        value = 2 * math.pi * float(np.mean(per_phase(grid(nodes))))
+        if abs(value - before) <= _AGREED * abs(value):
+            return value
+        nodes, before = 2 * nodes, value
+    raise ArgumentError(
+        "the wave all but holds this body: how long it takes to overtake it is not to be found by "
+        "quadrature; take another amplitude"
+    )
+
+
+def finite(name: str, given: ArrayLike) -> np.ndarray:
+    """Refuse what is no list of finite numbers.
+
+    Parameters
+    ----------
+    name : str
+        What it is, for the message.
+    given : array_like
+        From a caller.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Raises
+    ------
+    ArgumentError
+        If it is none, or empty.
+    """
+    found = numbers(name, given).ravel()
+    if not found.size or not np.all(np.isfinite(found)):
+        raise ArgumentError(f"{name} must be a finite number or a list of them, not {given!r}")
+    return found
+
+
+def check_lengths(given: ArrayLike) -> np.ndarray:
+    """Refuse lengths of floats that are negative, or not below a wavelength.
+
+    Parameters
+    ----------
+    given : array_like
+        Lengths.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Raises
+    ------
+    ArgumentError
+        If one is out of range.
+    """
+    found = finite("length", given)
+    if not np.all((found >= 0) & (found < 2 * np.pi)):
+        raise ArgumentError(
+            f"a float is shorter than the wave, its length from 0 to below 2 pi, not {given!r}"
+        )
+    return found
+
+
+def check_heights(wave: Wave, places: np.ndarray, heights: np.ndarray) -> np.ndarray:
+    """Refuse heights that are not within the film at time 0.
+
+    Parameters
+    ----------
+    wave : CosineWave or FourierWave
+        Shape of the surface.
+    places, heights : ndarray, shape (n,)
+        Of points of the fluid.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Heights, those above the surface by round-off taken down to it.
+
+    Raises
+    ------
+    ArgumentError
+        If one is below the ground or above the surface.
+    """
+    surface = np.asarray(wave.height(-places))
+    above = (heights < 0) | (heights > surface * (1 + 1e-15))
+    if above.any():
+        k = int(np.argmax(above))
+        raise ArgumentError(
+            f"height {heights[k]:.6g} is not in the film, which reaches from 0 to {surface[k]:.6g} "
+            f"at the position {places[k]:g}"
+        )
+    return np.minimum(heights, surface)

@@ -1,0 +1,214 @@
+"""The travelling field of a scene: of a prescribed wave, or given over a wavelength."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wormopt.errors import ArgumentError, SceneError
+from wormopt.magnetics.pressure import magnetic_pressure
+from wormopt.result import Result
+from wormopt.scene.scene import Scene
+from wormopt.systems.film.drift import Wave
+from wormopt.systems.film.lubrication import field_slope
+from wormopt.systems.film.runs.film_flow import fluid_of
+from wormopt.systems.film.scenes.film_forward import FilmForwardScene
+from wormopt.systems.film.shapes import grid
+from wormopt.systems.film.thin_film import slope_on
+from wormopt.systems.film.units import Fluid
+
+__all__ = ["GivenField", "WaveField", "field_of_scene"]
+
+
+class WaveField:
+    """Least field that holds a prescribed wave, as (mu - 1) H² / (8 pi).
+
+    Parameters
+    ----------
+    wave : CosineWave or FourierWave
+        The wave.
+    tension : float
+        Number W.
+    """
+
+    def __init__(self, wave: Wave, tension: float) -> None:
+        self.wave, self.tension = wave, tension
+
+    def slope(self, points: int) -> np.ndarray:
+        """Slope at equidistant points.
+
+        Parameters
+        ----------
+        points : int
+            How many.
+
+        Returns
+        -------
+        ndarray, shape (points,)
+        """
+        xi, wave = grid(points), self.wave
+        return field_slope(wave.height(xi), wave.height(xi, 3), wave.constant, self.tension)
+
+    def values(self, points: int) -> np.ndarray:
+        """Values at equidistant points.
+
+        Parameters
+        ----------
+        points : int
+            How many.
+
+        Returns
+        -------
+        ndarray, shape (points,)
+        """
+        wave, tension = self.wave, self.tension
+        return wave.peak(tension).value - wave.field_function(grid(points), tension)
+
+
+class GivenField:
+    """A field by its samples over a wavelength, as (mu - 1) H² / (8 pi).
+
+    Parameters
+    ----------
+    samples : ndarray, shape (m,)
+        At equidistant phases.
+    """
+
+    def __init__(self, samples: np.ndarray) -> None:
+        self.samples = samples
+
+    def slope(self, points: int) -> np.ndarray:
+        """Slope at equidistant points.
+
+        Parameters
+        ----------
+        points : int
+            How many.
+
+        Returns
+        -------
+        ndarray, shape (points,)
+        """
+        return slope_on(points, self.samples)
+
+    def values(self, points: int) -> np.ndarray:
+        """Values at equidistant points, of the same trigonometric polynomial.
+
+        Parameters
+        ----------
+        points : int
+            How many.
+
+        Returns
+        -------
+        ndarray, shape (points,)
+        """
+        slope = np.fft.rfft(self.slope(points))
+        slope[1:] /= 1j * np.arange(1, len(slope))
+        slope[0] = 0.0
+        return float(self.samples.mean()) + np.fft.irfft(slope, points)
+
+    def left_out(self, points: int) -> float:
+        """Share of the field that so many points cannot hold.
+
+        Parameters
+        ----------
+        points : int
+            How many.
+
+        Returns
+        -------
+        float
+            Root mean square of harmonics left out, over that of all.
+        """
+        size = np.abs(np.fft.rfft(self.samples))[1:]
+        kept = min((len(self.samples) - 1) // 2, (points - 1) // 2)
+        whole = float(np.linalg.norm(size))
+        return float(np.linalg.norm(size[kept:])) / whole if whole else 0.0
+
+
+def field_of_scene(
+    scene: Scene[FilmForwardScene], wave: Wave | None, tension: float
+) -> WaveField | GivenField:
+    """Make the field of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of kind ``film-forward``.
+    wave : CosineWave or FourierWave, optional
+        The prescribed wave, whose field acts unless another is given.
+    tension : float
+        Number W.
+
+    Returns
+    -------
+    WaveField or GivenField
+
+    Raises
+    ------
+    SceneError
+        If a file holds no field, or the field does not repeat.
+    """
+    given = scene.table.field
+    if given is None:
+        assert wave is not None  # the table sees to it
+        return WaveField(wave, tension)
+    key = "field.samples" if given.samples is not None else "field.file"
+    try:
+        values = np.array(given.samples) if given.samples is not None else _read(scene, given)
+        field = GivenField(_pressure(values, given, fluid_of(scene.table.film)))
+        field.slope(scene.table.grid.points)
+    except (ArgumentError, ValueError, OSError, KeyError) as error:
+        raise SceneError(scene.name, [(key, str(error).strip("'\""))]) from None
+    return field
+
+
+def _pressure(values: np.ndarray, given: Any, fluid: Fluid | None) -> np.ndarray:
+    """Samples as (mu - 1) H² / (8 pi) in units of P."""
+    if given.quantity == "pressure":
+        return values
+    if given.quantity == "field_squared" and values.min() < 0:
+        raise ArgumentError(f"H² cannot be below 0; the least is {values.min():.6g}")
+    square = values if given.quantity == "field_squared" else values * values
+    if fluid is None:
+        return (given.mu_r - 1) * square / (8 * math.pi)
+    return np.asarray(magnetic_pressure(fluid.mu_r, np.sqrt(square))) / fluid.pressure
+
+
+def _read(scene: Scene[FilmForwardScene], given: Any) -> np.ndarray:
+    path = scene.folder / given.file
+    if given.variable is None:
+        return _read_csv(path)
+    values = Result.load(path)[given.variable].values
+    if values.ndim != 1:
+        raise ArgumentError(f"{given.variable} has {values.ndim} axes; a field over xi has one")
+    return np.asarray(values, dtype=float)
+
+
+def _read_csv(path: Path) -> np.ndarray:
+    """Last column of a table; where there are two, the first one is the phase."""
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = [row for row in csv.reader(file) if row]
+    try:
+        float(rows[0][-1])
+    except (ValueError, IndexError):
+        rows = rows[1:]  # a heading
+    try:
+        table = np.array([[float(cell) for cell in row] for row in rows])
+    except ValueError as error:
+        raise ArgumentError(f"{path.name} is no table of numbers: {error}") from None
+    if table.ndim != 2 or not 1 <= table.shape[1] <= 2:
+        raise ArgumentError(f"{path.name} must have one column of values, or two: xi and values")
+    if table.shape[1] == 2:
+        wanted = grid(len(table))
+        if np.abs(table[:, 0] - wanted).max() > 1e-6 * 2 * math.pi:
+            raise ArgumentError(
+                f"the phases in {path.name} must be 2 pi k / {len(table)} for k = 0, 1, ...: one "
+                "wavelength, its end left out"
+            )
+    return table[:, -1]

@@ -1,0 +1,254 @@
+"""Scenes of kind ``film-flow``: the flow under a wave, and the field that makes the wave."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from wormopt.errors import ArgumentError, SceneError
+from wormopt.magnetics.pressure import OERSTED, gaussian_pressure, magnetic_pressure
+from wormopt.progress import Report
+from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.scene.scene import Scene
+from wormopt.systems.film.cosine import CosineWave, square_wave_flow
+from wormopt.systems.film.drift import Wave
+from wormopt.systems.film.lubrication import field_slope, flow, surface_velocity, velocities
+from wormopt.systems.film.scenes.film import FilmFlowScene, FilmTable
+from wormopt.systems.film.shapes import FourierWave, flow_constant, grid
+from wormopt.systems.film.units import Fluid
+
+__all__ = ["fluid_of", "run", "wave_of"]
+
+# Checks are accepted up to this share of the largest value.
+_ACCEPTED = 1e-9
+_GAUSS = 3
+
+
+def run(scene: Scene[FilmFlowScene], report: Report) -> Result:
+    """Tell mean flow and field of a wave, and of cosine waves of other amplitudes.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of kind ``film-flow``.
+    report : callable
+        Told what goes on.
+
+    Returns
+    -------
+    Result
+        Status "failed" where fluid is not conserved, or the field does not hold the shape.
+
+    Raises
+    ------
+    SceneError
+        If the shape is no film.
+    """
+    table, begin = scene.table, time.perf_counter()
+    report("evaluating", None)
+    wave, fluid = wave_of(scene, table.film), fluid_of(table.film)
+    tension = fluid.tension if fluid else table.film.tension or 0.0
+    checks = _checks(wave, tension)
+    faults = [
+        f"{name} is off by {value:.2g} of its size, where {_ACCEPTED:g} is accepted"
+        for name, value in checks.items()
+        if not value <= _ACCEPTED
+    ]
+    trust: dict[str, Any] = {"checks": checks, "accepted": _ACCEPTED}
+    if fluid:
+        trust["validity"] = _validity(fluid)
+    return Result(
+        scene=scene.name,
+        kind=table.kind,
+        title=table.title,
+        status="failed" if faults else "ok",
+        reason="; ".join(faults),
+        scalars=_scalars(table.film, wave, tension, fluid),
+        variables=(*_signals(table, wave, tension, fluid), *_curves(table, tension, fluid)),
+        trust=trust | {"warnings": [*(fluid.warnings() if fluid else ())]},
+        timings_s={"evaluate": time.perf_counter() - begin},
+        scene_text=scene.text,
+    )
+
+
+def wave_of(scene: Scene[Any], table: FilmTable) -> Wave:
+    """Make the wave of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        For messages.
+    table : FilmTable
+        Where it says the wave.
+
+    Returns
+    -------
+    CosineWave or FourierWave
+
+    Raises
+    ------
+    SceneError
+        If the thickness is not positive everywhere.
+    """
+    if table.delta is not None:
+        return CosineWave(table.delta)
+    key = "film.cosines" if table.cosines else "film.sines"
+    try:
+        wave = FourierWave(table.cosines or (), table.sines or ())
+        _ = wave.nodes  # refuses what no grid resolves
+    except ArgumentError as error:
+        raise SceneError(scene.name, [(key, str(error))]) from None
+    return wave
+
+
+def fluid_of(table: FilmTable) -> Fluid | None:
+    """Make the fluid of a scene, None for a scene without units.
+
+    Parameters
+    ----------
+    table : FilmTable
+        Where it is.
+
+    Returns
+    -------
+    Fluid or None
+    """
+    given = table.fluid
+    if given is None:
+        return None
+    return Fluid(**{name: getattr(given, name) for name in given.__struct_fields__})
+
+
+def _checks(wave: Wave, tension: float) -> dict[str, float]:
+    """Laws the solution must obey, each by another way than it was found; shares of their size."""
+    harmonics = FourierWave([wave.delta]) if isinstance(wave, CosineWave) else wave
+    xi = grid(2 * harmonics.nodes) + 0.1  # nowhere on the grid of the quadrature
+    h, slope, C = wave.height(xi), wave.height(xi, 1), wave.constant
+    field = wave.field_function(xi, tension)
+    count = np.fft.rfftfreq(len(xi), 1 / len(xi))
+    by_transform = np.fft.irfft(1j * count * np.fft.rfft(field), len(xi))
+    right = -field_slope(h, wave.height(xi, 3), C, tension)
+    nodes, weights = np.polynomial.legendre.leggauss(_GAUSS)
+    z = h * (nodes[:, None] + 1) / 2
+    u, _ = velocities(z, h, slope, C)
+    carried = h / 2 * (weights @ u)
+    top, lift = velocities(h, h, slope, C)
+    peak = wave.peak(tension)
+    return {
+        "field slope (29)": _share(by_transform - right, right),
+        "periodicity of the field": _share(np.mean(right), right),
+        "volume flow (28)": _share(carried - flow(h, C), flow(h, C)),
+        "kinematic condition (22)": _share(lift - slope * (1 - top), slope),
+        "largest of D": max(0.0, float(np.max(field)) / peak.value - 1),
+        "C by quadrature": abs(flow_constant(h) / C - 1),
+    }
+
+
+def _share(error: Any, size: np.ndarray) -> float:
+    return float(np.max(np.abs(error)) / np.max(np.abs(size)))
+
+
+def _validity(fluid: Fluid) -> dict[str, float]:
+    """Numbers that are to be small, and how well the two systems of units agree."""
+    field = float(fluid.field(1.0))
+    gaussian = gaussian_pressure(fluid.mu_r, field / OERSTED) / 10
+    return {
+        "eps": fluid.eps,
+        "eps_reynolds": fluid.eps * fluid.reynolds,
+        "mu_r_minus_1": fluid.mu_r - 1,
+        "weight_over_pressure": fluid.gravity,
+        "gaussian_units_difference": float(gaussian / magnetic_pressure(fluid.mu_r, field)) - 1,
+    }
+
+
+def _scalars(film: FilmTable, wave: Wave, tension: float, fluid: Fluid | None) -> dict[str, Scalar]:
+    peak = wave.peak(tension)
+    xi = grid(4096)
+    h = wave.height(xi)
+    half = (float(np.max(h)) - float(np.min(h))) / 2 if film.delta is None else film.delta
+    found = {
+        "delta": Scalar(half),
+        "tension_number": Scalar(tension),
+        "c_constant": Scalar(wave.constant),
+        "mean_flow": Scalar(wave.mean_flow),
+        "d_max": Scalar(peak.value),
+        "xi_at_d_max": Scalar(peak.xi, "rad"),
+        "surface_speed_max": Scalar(float(np.max(surface_velocity(h, wave.constant)))),
+    }
+    if film.delta is not None:
+        found["mean_flow_square_wave"] = Scalar(square_wave_flow(film.delta))
+    if fluid is None:
+        return found
+    SI: dict[str, tuple[float, str]] = {
+        "field_h0": (float(fluid.field(peak.value)), "magnetic_field"),
+        "field_max": (
+            float(fluid.field(peak.value - np.min(wave.field_function(xi, tension)))),
+            "magnetic_field",
+        ),
+        "wave_speed": (fluid.speed, "speed"),
+        "pressure_scale": (fluid.pressure, "stress"),
+        "flow_rate": (wave.mean_flow * fluid.speed * fluid.depth, "flow_per_width"),
+        "eps": (fluid.eps, "share"),
+        "reynolds": (fluid.reynolds, "share"),
+    }
+    found |= {name: Scalar(value, unit_of(kind, "SI")) for name, (value, kind) in SI.items()}
+    found["field_h0_gaussian"] = Scalar(float(fluid.gaussian_field(peak.value)), "Oe")
+    return found
+
+
+def _signals(
+    table: FilmFlowScene, wave: Wave, tension: float, fluid: Fluid | None
+) -> Iterator[Variable]:
+    xi = np.linspace(0.0, 2 * np.pi, table.samples)
+    h = wave.height(xi)
+    peak = wave.peak(tension)
+    squared = np.maximum(peak.value - wave.field_function(xi, tension), 0.0)
+    rows = {
+        "height": (h, "thickness over its mean"),
+        "surface_velocity": (surface_velocity(h, wave.constant), "over the speed of the wave"),
+        "film_pressure": (wave.pressure(xi), "pressure in the film less its mean, over P"),
+        "field_squared": (squared, "(mu - 1) H^2 / (8 pi) over P, least field"),
+    }
+    yield Variable("xi", "rad", ("xi",), xi, "phase t - x of the wave")
+    for name, (values, what) in rows.items():
+        yield Variable(name, "1", ("xi",), values, what)
+    if fluid:
+        yield Variable("field", "A m-1", ("xi",), fluid.field(squared), "least field H")
+
+
+def _curves(table: FilmFlowScene, tension: float, fluid: Fluid | None) -> Iterator[Variable]:
+    """Cosine waves of other amplitudes."""
+    least, largest = table.curves.range
+    delta = np.linspace(least, largest, table.curves.points)
+    waves = [CosineWave(each) for each in delta]
+    peaks = [wave.peak(tension) for wave in waves]
+    rows = {
+        "curve_mean_flow": (
+            np.array([wave.mean_flow for wave in waves]),
+            "mean flow of a cosine wave",
+        ),
+        "curve_square_wave": (square_wave_flow(delta), "least upper bound of all waves at W = 0"),
+        "curve_d_max": (np.array([peak.value for peak in peaks]), "(mu - 1) D_max / (8 pi)"),
+    }
+    yield Variable("curve_delta", "1", ("curve_delta",), delta, "amplitude over mean thickness")
+    for name, (values, what) in rows.items():
+        yield Variable(name, "1", ("curve_delta",), values, what)
+    if fluid:
+        h0 = fluid.field(rows["curve_d_max"][0])
+        yield Variable("curve_field_h0", "A m-1", ("curve_delta",), h0, "least H0")
+    xi = np.linspace(0.0, 2 * np.pi, table.samples)
+    waves = [CosineWave(each) for each in table.curves.delta]
+    shapes = [
+        np.maximum(wave.peak(tension).value - wave.field_function(xi, tension), 0.0)
+        for wave in waves
+    ]
+    yield Variable(
+        "field_delta", "1", ("field_delta",), np.array(table.curves.delta), "amplitude of a field"
+    )
+    yield Variable(
+        "field_curves", "1", ("field_delta", "xi"), np.array(shapes),
+        "(mu - 1) H^2 / (8 pi) over P, least field",
+    )  # fmt: skip

@@ -1,0 +1,346 @@
+"""Any periodic shape of a film of magnetic fluid, by quadrature: C, mean flow, field of (30).
+
+Sums over equidistant points are exact for periodic functions up to what lies beyond the resolved
+harmonics. `flow_constant` and `field_function` take values on such a grid, numbers or CasADi
+expressions; `FourierWave` is a shape by its harmonics that picks a fine enough grid itself.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError
+from wormopt.model.values import numbers
+from wormopt.systems.film.cosine import Peak, peak_near
+from wormopt.systems.film.lubrication import Expression, library_of, symbolic
+
+__all__ = ["FourierWave", "field_function", "flow_constant", "grid", "harmonics_of"]
+
+# Harmonics of 1 / h² and 1 / h³ beyond the grid shall be below this share of the largest.
+_RESOLVED, _LEAST, _MOST = 1e-16, 32, 1 << 16
+_CANDIDATES = 8
+
+
+def grid(nodes: int) -> np.ndarray:
+    """Equidistant phases from 0 on, the end of the period left out.
+
+    Parameters
+    ----------
+    nodes : int
+        How many.
+
+    Returns
+    -------
+    ndarray, shape (nodes,)
+
+    Examples
+    --------
+    >>> (grid(4) / np.pi).tolist()
+    [0.0, 0.5, 1.0, 1.5]
+    """
+    return 2 * np.pi * np.arange(nodes) / nodes
+
+
+def flow_constant(h: Expression) -> Expression:
+    """C = -int h^-2 / int h^-3, for which alone the field is periodic.
+
+    Parameters
+    ----------
+    h : ndarray, shape (nodes,), or casadi.SX, shape (nodes, 1)
+        Thickness on `grid`, positive.
+
+    Returns
+    -------
+    float or casadi.SX
+        From minus the largest thickness up to minus the least.
+
+    Examples
+    --------
+    >>> round(float(flow_constant(1 + 0.5 * np.cos(grid(64)))), 12)
+    -0.666666666667
+    """
+    if isinstance(h, np.ndarray):
+        return -np.sum(h**-2) / np.sum(h**-3)
+    library = library_of(h)
+    square = h * h
+    return -library.sum1(1 / square) / library.sum1(1 / (square * h))
+
+
+def field_function(h: Expression, tension: Expression = 0.0) -> Expression:
+    """(mu - 1) D / (8 pi) on the grid, with the mean 0: the field of (30) that holds a shape.
+
+    Parameters
+    ----------
+    h : ndarray, shape (nodes,), or casadi.SX, shape (nodes, 1)
+        Thickness on `grid`, positive; best an odd number of nodes, or one of which the highest
+        harmonic is not in h.
+    tension : float or casadi.SX, optional
+        Number W of surface tension.
+
+    Returns
+    -------
+    ndarray or casadi.SX
+        On the same grid; W h'' + 3 int d xi (1 / h² + C / h³).
+
+    Examples
+    --------
+    >>> from wormopt.systems.film.cosine import CosineWave
+    >>> xi, wave = grid(64), CosineWave(0.5)
+    >>> gap = field_function(wave.height(xi), 0.3) - wave.field_function(xi, 0.3)
+    >>> bool(np.max(np.abs(gap)) < 1e-13)
+    True
+    """
+    C = flow_constant(h)
+    slope = 3 * (h + C) / (h * h * h)
+    if isinstance(h, np.ndarray):
+        return _differentiate(slope, -1) + tension * _differentiate(h, 2)
+    second, integral = _matrices(h.numel())
+    return integral @ slope + tension * (second @ h)
+
+
+def harmonics_of(values: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Harmonics of values on `grid`, a mean aside: what `FourierWave` is made of.
+
+    Parameters
+    ----------
+    values : array_like, shape (nodes,)
+        Thickness on the grid.
+
+    Returns
+    -------
+    cosines, sines : ndarray, shape ((nodes - 1) // 2,)
+        Of the first harmonic and up, over the mean.
+
+    Examples
+    --------
+    >>> cosines, sines = harmonics_of(2 + np.sin(grid(8)))
+    >>> bool(abs(cosines).max() < 1e-15), float(sines[0].round(12))
+    (True, 0.5)
+    """
+    found = np.fft.rfft(numbers("values", values))
+    kept = 2 * found[1 : (np.size(values) + 1) // 2] / found[0].real
+    return kept.real, -kept.imag
+
+
+class FourierWave:
+    """Shape h = 1 + sum_k (cosines[k-1] cos(k xi) + sines[k-1] sin(k xi)).
+
+    Parameters
+    ----------
+    cosines, sines : array_like, shape (n,)
+        Harmonics, the first one first; the shorter is filled up with 0. h must be positive.
+
+    Raises
+    ------
+    ArgumentError
+        If a harmonic is no number, all are 0, h is not positive everywhere, or so nearly 0 that no
+        grid resolves it.
+
+    Examples
+    --------
+    >>> wave = FourierWave([0.5])
+    >>> round(wave.constant, 12), round(wave.peak().value, 6)
+    (-0.666666666667, 1.86339)
+    >>> FourierWave([1.2])
+    Traceback (most recent call last):
+        ...
+    wormopt.errors.ArgumentError: the thickness falls to -0.2 at xi = 3.14...
+    """
+
+    def __init__(self, cosines: ArrayLike = (), sines: ArrayLike = ()) -> None:
+        given = [numbers(*pair).ravel() for pair in (("cosines", cosines), ("sines", sines))]
+        count = max(each.size for each in given)
+        a, b = (np.append(each, np.zeros(count - each.size)) for each in given)
+        if not (np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
+            raise ArgumentError("harmonics must be finite numbers")
+        if not (a.any() or b.any()):
+            raise ArgumentError("all harmonics are 0: there is no wave; write cosines = [0.5], say")
+        self.cosines, self.sines = a, b
+        self._check_thickness()
+
+    def _check_thickness(self) -> None:
+        xi = grid(64 * len(self.cosines) + 1024)
+        h = self.height(xi)
+        least = int(np.argmin(h))
+        if not h[least] > 0:
+            raise ArgumentError(
+                f"the thickness falls to {h[least]:.6g} at xi = {xi[least]:.6g}; it must stay "
+                "above 0, write smaller harmonics"
+            )
+
+    def height(self, xi: Expression, order: int = 0) -> Expression:
+        """Thickness h, or a derivative of it by xi.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase t - x.
+        order : int, optional
+            Of the derivative.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+
+        Examples
+        --------
+        >>> FourierWave([0.2], [0.0, 0.1]).height(0.0, 1)
+        0.2
+        """
+        return (0.0 if order else 1.0) + _series(self.cosines, self.sines, xi, order)
+
+    @cached_property
+    def nodes(self) -> int:
+        """Points of the grid that resolves 1 / h² and 1 / h³ to round-off."""
+        nodes = max(_LEAST, 1 << (4 * len(self.cosines)).bit_length())
+        while nodes <= _MOST:
+            h = self.height(grid(nodes))
+            size = np.abs(np.fft.rfft(h**-3))
+            if np.all(h > 0) and size[-nodes // 8 :].max() <= _RESOLVED * size.max() * nodes**0.5:
+                return 2 * nodes
+            nodes *= 2
+        raise ArgumentError(
+            f"the thickness falls to {self.height(grid(_MOST)).min():.3g}, too little for "
+            f"quadrature over {_MOST} points; write smaller harmonics"
+        )
+
+    @cached_property
+    def constant(self) -> float:
+        """C = -int h^-2 / int h^-3."""
+        return float(flow_constant(self.height(grid(self.nodes))))
+
+    @property
+    def mean_flow(self) -> float:
+        """1 + C."""
+        return 1 + self.constant
+
+    @cached_property
+    def _inverse(self) -> tuple[float, np.ndarray, np.ndarray]:
+        """Mean and harmonics of 1 / h."""
+        found = np.fft.rfft(1 / self.height(grid(self.nodes))) / self.nodes
+        return float(found[0].real), *_kept(2 * found[1:-1])
+
+    def inverse(self, xi: Expression, length: float = 0.0) -> Expression:
+        """1 / h, or its mean over a length of film.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase, in the middle of the length.
+        length : float, optional
+            In units of 1 / k.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+        """
+        if not length:
+            return 1 / self.height(xi)
+        mean, cosines, sines = self._inverse
+        smooth = np.sinc(np.arange(1, len(cosines) + 1) * length / (2 * np.pi))
+        return mean + _series(cosines * smooth, sines * smooth, xi)
+
+    @cached_property
+    def _pressure(self) -> tuple[np.ndarray, np.ndarray]:
+        """Harmonics of the pressure, those of round-off's size left out."""
+        h = self.height(grid(self.nodes))
+        slope = 3 * (h + self.constant) / h**3
+        found = 2 * np.fft.rfft(slope)[1:-1] / self.nodes
+        return _kept(found / (1j * np.arange(1, len(found) + 1)))
+
+    def pressure(self, xi: Expression) -> Expression:
+        """Pressure in the film less its mean, 3 int d xi (1 / h² + C / h³).
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+        """
+        return _series(*self._pressure, xi)
+
+    def field_function(self, xi: Expression, tension: Expression = 0.0) -> Expression:
+        """(mu - 1) D / (8 pi), with the mean 0, so that H² = H0² - D.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase.
+        tension : float or casadi.SX, optional
+            Number W of surface tension.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+        """
+        return self.pressure(xi) + tension * self.height(xi, 2)
+
+    def peak(self, tension: float = 0.0) -> Peak:
+        """Maximum of the field function.
+
+        Parameters
+        ----------
+        tension : float, optional
+            Number W of surface tension, 0 or above.
+
+        Returns
+        -------
+        Peak
+        """
+        xi = grid(4 * self.nodes)
+        values = field_function(self.height(xi), tension)
+        hills = np.flatnonzero((values >= np.roll(values, 1)) & (values >= np.roll(values, -1)))
+        best = hills[np.argsort(values[hills])[-_CANDIDATES:]]
+        found = [peak_near(self, float(xi[k]), tension) for k in best]
+        return max(found, key=lambda peak: peak.value)
+
+
+def _series(cosines: np.ndarray, sines: np.ndarray, xi: Expression, order: int = 0) -> Expression:
+    """Fourier series or a derivative of it, added up in a way that suits the argument."""
+    k = np.arange(1, len(cosines) + 1)
+    turned = (cosines - 1j * sines) * (1j * k) ** order  # of exp(i k xi), real part
+    if symbolic(xi):
+        library = library_of(xi)
+        parts = zip(k.tolist(), turned.real.tolist(), turned.imag.tolist(), strict=True)
+        return sum((a * library.cos(n * xi) - b * library.sin(n * xi) for n, a, b in parts), 0 * xi)
+    angle = np.asarray(xi, dtype=float)
+    value = np.zeros(angle.shape)
+    for n, a, b in zip(k.tolist(), turned.real.tolist(), turned.imag.tolist(), strict=True):
+        value = value + a * np.cos(n * angle) - b * np.sin(n * angle)
+    return float(value) if not angle.ndim else value
+
+
+def _kept(found: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines and sines of complex harmonics, those far below round-off at the end left out."""
+    kept = np.flatnonzero(np.abs(found) > 1e-18 * np.abs(found).max())
+    found = found[: kept[-1] + 1]
+    return found.real, -found.imag
+
+
+def _differentiate(values: np.ndarray, order: int) -> np.ndarray:
+    """Derivative on the grid, or for order -1 the integral of mean 0."""
+    nodes = len(values)
+    k = np.arange(nodes // 2 + 1)
+    factor = np.zeros(len(k), dtype=complex)
+    factor[1:] = (1j * k[1:]) ** order
+    if not nodes % 2 and order % 2:
+        factor[-1] = 0.0  # a wave of two points a period has no slope on the grid
+    return np.fft.irfft(factor * np.fft.rfft(values), nodes)
+
+
+@lru_cache(maxsize=16)
+def _matrices(nodes: int) -> tuple[Any, Any]:
+    """Second derivative and integral of mean 0, as matrices on the grid."""
+    import casadi as ca
+
+    unit = np.eye(nodes)
+    return tuple(
+        ca.DM(np.stack([_differentiate(row, order) for row in unit], axis=1)) for order in (2, -1)
+    )  # type: ignore[return-value]

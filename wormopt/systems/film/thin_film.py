@@ -1,0 +1,280 @@
+"""Thin film of magnetic fluid that a given travelling field moves, as a Model.
+
+Lubrication in the field's frame, xi = t - x, numbers scaled by (25). With (28), Q = -F h³ / 3 and
+F = W h''' + P', P = (mu - 1) H² / (8 pi), conservation h_t + Q_x = 0 reads
+
+    h_t = d/dxi (Q - h),
+
+of which (29) is the steady state: Q - h = C. The state is the volume v = int (h - 1) dxi from
+xi = 0 on, at equidistant points. Then v_t = (Q - h) - (Q - h at xi = 0) at every point by itself,
+h = 1 + v' has the mean 1 to round-off whatever v is, and no direction is left in which nothing
+changes. Derivatives are central differences of high order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from math import factorial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError
+from wormopt.model.model import Model, Output, Signal
+from wormopt.model.values import numbers
+from wormopt.systems.film.lubrication import symbolic
+
+__all__ = ["film_thickness", "film_volume", "slope_on", "thin_film"]
+
+ORDERS = tuple(range(4, 15, 2))
+_MEAN = 1e-6
+# A step from the last sample to the first so many times the largest other one is a jump.
+_JUMP = 3.0
+# Slopes of a field add up to 0 to such a share of their size.
+_CLOSED = 1e-8
+
+
+def thin_film(
+    slope: ArrayLike | ca.SX,
+    tension: float | ca.SX,
+    *,
+    order: int = 12,
+    p: Sequence[Signal] = (),
+) -> Model:
+    """Model of a film of mean thickness 1 under a travelling field.
+
+    Parameters
+    ----------
+    slope : array_like or casadi.SX, shape (points,)
+        Derivative of (mu - 1) H² / (8 pi) by xi at equidistant points from 0 on.
+    tension : float or casadi.SX
+        Number W of surface tension, above 0.
+    order : int, optional
+        Of the differences: even, 4 to 14.
+    p : sequence of Signal, optional
+        Parameters of which slope and tension are expressions.
+
+    Returns
+    -------
+    Model
+        State ``volume`` (points - 1), 0 for a flat film; outputs ``thickness`` and ``flow`` (Q of
+        the film at rest on the ground), both at the points.
+
+    Raises
+    ------
+    ArgumentError
+        If W is not above 0, points are too few for the order, or the field does not repeat.
+
+    Examples
+    --------
+    Without field ripples die out, exp(i k xi) at the rate W k⁴ / 3:
+
+    >>> from wormopt.analysis.steady import Rates
+    >>> film = thin_film(np.zeros(32), 0.3)
+    >>> rates = Rates(film).steady(np.zeros(31), np.zeros(0)).eigenvalues
+    >>> rates[[0, 2, 4]].real.round(4).tolist()
+    [-0.1, -1.6, -8.1]
+    """
+    given: Any = slope if symbolic(slope) else numbers("slope", slope).ravel()
+    points = given.numel() if symbolic(given) else given.size
+    _check(given, tension, points, order)
+    step = 2 * np.pi / points
+    state = ca.SX.sym("volume", points - 1)
+    volume = ca.vertcat(0, state)
+    first, fourth = _weights(order)
+    h = 1 + _applied(first, volume) / step
+    # differences of differences: round-off grows with 1 / step² only, not with 1 / step⁴
+    third = _applied(fourth, _second(_second(volume))) / step**4
+    Q = -(h * h * h) / 3 * (tension * third + given)
+    speed = Q - h
+    return Model(
+        "thin film",
+        x=[Signal("volume", state, value=0.0)],
+        ode=speed[1:] - speed[0],
+        p=p,
+        outputs=[Output("thickness", h, "length"), Output("flow", Q)],
+    )
+
+
+def _check(slope: Any, tension: Any, points: int, order: int) -> None:
+    if order not in ORDERS:
+        raise ArgumentError(f"order must be one of {', '.join(map(str, ORDERS))}, not {order!r}")
+    if points < 2 * order:
+        raise ArgumentError(f"{points} points are too few for order {order}; take {2 * order}")
+    if not symbolic(tension) and not (numbers("tension", tension).size == 1 and tension > 0):
+        raise ArgumentError(
+            f"tension must be above 0, not {tension!r}: without surface tension nothing smooths "
+            "the film, whose fronts steepen until they break"
+        )
+    if symbolic(slope):
+        return
+    if not np.all(np.isfinite(slope)):
+        raise ArgumentError("slope must be finite numbers")
+    if abs(slope.sum()) > _CLOSED * (np.abs(slope).sum() + 1e-300):
+        raise ArgumentError(
+            "the field does not repeat: its slope has the mean "
+            f"{slope.mean():.3g} over a wavelength, which must be 0"
+        )
+
+
+@lru_cache
+def _weights(order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of the first derivative, and of the fourth over fourth differences."""
+    fourth, rest = np.polydiv(_central(order // 2 + 1, 4), [1.0, -4.0, 6.0, -4.0, 1.0])
+    assert np.abs(rest).max() < 1e-10
+    return _central(order // 2, 1), fourth
+
+
+def _central(reach: int, derivative: int) -> np.ndarray:
+    """Weights of a central difference on the step 1, from Lagrange's polynomials."""
+    places = np.arange(-reach, reach + 1)
+    weights = []
+    for place in places:
+        others = places[places != place]
+        coefficient = np.poly(others)[::-1][derivative] * factorial(derivative)
+        weights.append(coefficient / np.prod((place - others).astype(float)))
+    return np.array(weights)
+
+
+def _applied(weights: np.ndarray, values: ca.SX) -> ca.SX:
+    reach = len(weights) // 2
+    parts = zip(weights.tolist(), range(-reach, reach + 1), strict=True)
+    return sum((weight * _ahead(values, k) for weight, k in parts if weight), ca.SX(0))
+
+
+def _ahead(values: ca.SX, count: int) -> ca.SX:
+    """Values so many points ahead, around the period."""
+    count %= values.numel()
+    return ca.vertcat(values[count:], values[:count])
+
+
+def _second(values: ca.SX) -> ca.SX:
+    return (_ahead(values, 1) - values) - (values - _ahead(values, -1))
+
+
+def film_volume(thickness: ArrayLike, *, order: int = 12) -> np.ndarray:
+    """State of the Model of `thin_film` that has a given thickness.
+
+    Parameters
+    ----------
+    thickness : array_like, shape (points,)
+        At equidistant points, of mean 1 to 1e-6; what is left is shared out.
+    order : int, optional
+        Of the Model.
+
+    Returns
+    -------
+    ndarray, shape (points - 1,)
+
+    Raises
+    ------
+    ArgumentError
+        If it is not finite or not of mean 1.
+
+    Examples
+    --------
+    >>> from wormopt.systems.film.shapes import grid
+    >>> v = film_volume(1 + 0.5 * np.cos(grid(64)))
+    >>> bool(np.abs(v - 0.5 * np.sin(grid(64))[1:]).max() < 1e-12)
+    True
+    """
+    h = numbers("thickness", thickness).ravel()
+    if not (h.size and np.all(np.isfinite(h))):
+        raise ArgumentError("the thickness must be finite numbers")
+    if abs(h.mean() - 1) > _MEAN:
+        raise ArgumentError(f"the mean thickness must be 1, not {h.mean():.8g}")
+    factor = _symbol(h.size, order)
+    found = np.fft.rfft(h)
+    usable = np.abs(factor) > 1e-9  # neither the mean nor a wave of two points a period
+    found[usable] /= factor[usable]
+    found[~usable] = 0
+    volume = np.fft.irfft(found, h.size)
+    return volume[1:] - volume[0]
+
+
+def film_thickness(volume: np.ndarray, *, order: int = 12) -> np.ndarray:
+    """Thickness at the points, from states of the Model of `thin_film`.
+
+    Parameters
+    ----------
+    volume : ndarray, shape (points - 1,) or (points - 1, m)
+        States, one in each column.
+    order : int, optional
+        Of the Model.
+
+    Returns
+    -------
+    ndarray, shape (points,) or (points, m)
+
+    Examples
+    --------
+    >>> film_thickness(np.zeros(31))[:3]
+    array([1., 1., 1.])
+    """
+    whole = np.concatenate([np.zeros((1, *volume.shape[1:])), volume])
+    weights, _ = _weights(order)
+    reach, step = order // 2, 2 * np.pi / len(whole)
+    parts = zip(weights.tolist(), range(-reach, reach + 1), strict=True)
+    slope = sum((w * np.roll(whole, -k, axis=0) for w, k in parts if w), np.zeros(whole.shape))
+    return 1 + slope / step
+
+
+def _symbol(points: int, order: int) -> np.ndarray:
+    """What the first difference makes of exp(i k xi), k = 0, 1, ..."""
+    reach, step = order // 2, 2 * np.pi / points
+    turn = np.arange(points // 2 + 1)[:, None] * np.arange(-reach, reach + 1) * step
+    return 1j * (np.sin(turn) @ _weights(order)[0]) / step
+
+
+def slope_on(points: int, samples: ArrayLike) -> np.ndarray:
+    """Slope of a periodic function at other points, from equidistant samples over its period.
+
+    Parameters
+    ----------
+    points : int
+        At how many points, from 0 on.
+    samples : array_like, shape (m,)
+        Values from 0 on, the end of the period left out; 4 or more. Harmonics that the points
+        cannot hold are left out.
+
+    Returns
+    -------
+    ndarray, shape (points,)
+        Derivative of the trigonometric polynomial through the samples.
+
+    Raises
+    ------
+    ArgumentError
+        If samples are too few, not finite, or jump from the last one to the first.
+
+    Examples
+    --------
+    >>> from wormopt.systems.film.shapes import grid
+    >>> found = slope_on(50, 3 + np.sin(grid(16)))
+    >>> bool(np.abs(found - np.cos(grid(50))).max() < 1e-13)
+    True
+    >>> slope_on(50, [0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+    Traceback (most recent call last):
+        ...
+    wormopt.errors.ArgumentError: the field does not repeat: from its last sample to its first ...
+    """
+    values = numbers("samples", samples).ravel()
+    if values.size < 4:
+        raise ArgumentError(f"{values.size} samples are too few; give 4 or more over a wavelength")
+    if not np.all(np.isfinite(values)):
+        raise ArgumentError("samples must be finite numbers")
+    steps = np.abs(np.diff(values, append=values[0]))
+    if steps[-1] > _JUMP * steps[:-1].max():
+        raise ArgumentError(
+            f"the field does not repeat: from its last sample to its first it jumps by "
+            f"{steps[-1]:.3g}, between others by {steps[:-1].max():.3g} at most; give one whole "
+            "wavelength, its end left out"
+        )
+    found = np.fft.rfft(values) / values.size
+    kept = min((values.size - 1) // 2, (points - 1) // 2)
+    harmonics = np.zeros(points // 2 + 1, dtype=complex)
+    harmonics[1 : kept + 1] = 1j * np.arange(1, kept + 1) * found[1 : kept + 1]
+    return np.fft.irfft(harmonics * points, points)

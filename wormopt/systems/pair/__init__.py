@@ -1,0 +1,1 @@
+"""Two masses on a magneto-elastic link."""

@@ -1,0 +1,167 @@
+"""The magneto-elastic pair averaged in closed form: (18) and its steady motion (19)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from wormopt.errors import ArgumentError
+from wormopt.model.friction import Coulomb
+from wormopt.model.model import Model
+from wormopt.systems.pair.pair_parts import pair_parts
+from wormopt.systems.pair.slow_pair import slow_outputs, slow_states
+
+__all__ = ["SteadyPair", "averaged_pair", "steady_pair"]
+
+
+def averaged_pair(
+    *,
+    law: Coulomb,
+    push: float,
+    frequency: float,
+    mass: float = 1.0,
+    stiffness: float = 1.0,
+    cosines: Sequence[float] = (1.0, 1.0),
+) -> Model:
+    """Build (18), corrected: dry friction averaged over a swing, to first order.
+
+    With s = V / (a Omega) between -1 and 1 the mean friction of a mass is
+    (F- - F+) / 2 - (F+ + F-) asin(s) / pi, and it takes (F+ + F-) sqrt(1 - s^2) / (pi m Omega)
+    from the rate of a. Beyond, both masses slide one way all along: the swing loses nothing. Of
+    the field only the first harmonic counts.
+
+    Parameters
+    ----------
+    law : Coulomb
+        Friction of both masses, without stiction.
+    push, frequency : float
+        Force P and angular frequency nu, as for `magnetic_pair`, and so are the others.
+    mass, stiffness : float, optional
+        Each mass, spring constant.
+    cosines : sequence of float, optional
+        Harmonics of the field.
+
+    Returns
+    -------
+    Model
+        States and outputs of `slow_pair`, autonomous, without contacts.
+
+    Raises
+    ------
+    ArgumentError
+        As `magnetic_pair`, or if the law is not Coulomb's.
+
+    Examples
+    --------
+    >>> averaged_pair(law=Coulomb(0.005, 0.01), push=0.01, frequency=1.42).contacts
+    ()
+    """
+    if not isinstance(law, Coulomb):
+        raise ArgumentError(f"the closed form is for Coulomb(forward, backward), not {law!r}")
+    parts = pair_parts(
+        law=law,
+        mass=mass,
+        stiffness=stiffness,
+        push=push,
+        frequency=frequency,
+        cosines=cosines,
+    )
+    ahead = sum(-each.slip_force(0.0, 1) for each in parts.laws) / 2
+    behind = sum(each.slip_force(0.0, -1) for each in parts.laws) / 2
+    V, swing = ca.SX.sym("V"), ca.SX.sym("swing", 2)
+    p, q = ca.vertsplit(swing)
+    omega, m = parts.natural_frequency, parts.mass
+    top, detuning = ca.sqrt(ca.sumsqr(swing)) * omega, parts.frequency - parts.natural_frequency
+    # where both masses go one way, asin and sqrt get 0: their derivatives stay finite
+    within = ca.fabs(V) < top
+    s = ca.if_else(within, V / ca.if_else(within, top, 1), 0)
+    turn = ca.if_else(within, ca.asin(s), ca.pi / 2 * ca.sign(V))
+    loss = ca.if_else(within, ca.sqrt(1 - s**2) / ca.if_else(within, top, 1), 0)
+    loss *= (ahead + behind) / (ca.pi * m)
+    harmonics = parts.harmonics
+    first = harmonics[1] if harmonics.numel() > 1 else ca.SX(0)
+    ode = ca.vertcat(
+        ((behind - ahead) / 2 - (ahead + behind) / ca.pi * turn) / m,
+        -detuning * q - loss * p,
+        detuning * p - loss * q + parts.push * first / (2 * m * omega),
+    )
+    return Model(
+        "magneto-elastic pair, averaged in closed form",
+        x=slow_states(V, swing),
+        ode=ode,
+        p=parts.parameters,
+        outputs=slow_outputs(V, swing, omega),
+    )
+
+
+@dataclass(frozen=True)
+class SteadyPair:
+    """Steady motion (19) of the dimensionless pair.
+
+    Parameters
+    ----------
+    velocity : float
+        V.
+    amplitude : float
+        a, of half the stretch.
+    lag : float
+        xi, from 0 to pi.
+    """
+
+    velocity: float
+    amplitude: float
+    lag: float
+
+
+def steady_pair(forward: float, backward: float, detuning: float) -> SteadyPair:
+    """Give the steady motion (19) of (18) under G = 1 + cos(nu t), nu = sqrt(2) + eps detuning.
+
+    With E = (F- + F+) / pi, Phi = (pi / 2) (F- - F+) / (F- + F+) and
+    R = sqrt(1/4 - E^2 cos^2 Phi): V = R sin(Phi) / |Delta|, a = R / (sqrt(2) |Delta|),
+    cos(xi) = -2 R sign(Delta).
+
+    Parameters
+    ----------
+    forward, backward : float
+        Friction F+ and F- over eps, not negative, not both 0.
+    detuning : float
+        Delta.
+
+    Returns
+    -------
+    SteadyPair
+
+    Raises
+    ------
+    ArgumentError
+        If there is none: E cos(Phi) is 1/2 or more, so that friction takes more than the field
+        gives, or Delta is 0, where the swing grows without bound; or an argument is beyond its
+        range.
+
+    Examples
+    --------
+    >>> round(steady_pair(0.5, 1.0, 0.5).velocity, 8)
+    0.28110586
+    """
+    if not (0 <= forward < math.inf and 0 <= backward < math.inf and forward + backward > 0):
+        raise ArgumentError("friction must be finite and not negative, one of both above 0")
+    if not math.isfinite(detuning):
+        raise ArgumentError(f"detuning must be a finite number, not {detuning!r}")
+    phi = math.pi / 2 * (backward - forward) / (backward + forward)
+    taken = (backward + forward) / math.pi * math.cos(phi)
+    if taken >= 0.5:
+        raise ArgumentError(
+            f"no steady motion: friction takes E cos(Phi) = {taken:.6g} of the swing and the field "
+            "gives at most 1/2; write smaller friction"
+        )
+    if detuning == 0:
+        raise ArgumentError(
+            "no steady motion at detuning 0: the swing grows without bound; write another detuning"
+        )
+    rest = math.sqrt((0.5 - taken) * (0.5 + taken))
+    size = rest / abs(detuning)
+    lag = math.acos(-2 * math.copysign(rest, detuning))
+    return SteadyPair(math.sin(phi) * size, size / math.sqrt(2), lag)

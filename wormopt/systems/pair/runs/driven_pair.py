@@ -1,0 +1,401 @@
+"""A magneto-elastic pair under a given periodic field: the motion it settles into, the best cosine.
+
+Everything here is exact simulation; nothing is optimised but the two numbers of a harmonic field.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model
+from wormopt.progress import Report
+from wormopt.simulation.options import Exact
+from wormopt.simulation.simulate import Values, simulate
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.pair.waveform import FieldAim, FieldLimits
+from wormopt.systems.shared.signals import largest
+
+__all__ = [
+    "FADED",
+    "MOST_PERIODS",
+    "Harmonic",
+    "Orbit",
+    "best_harmonic",
+    "orbit_from",
+    "push_left",
+    "relative",
+    "settle",
+]
+
+FADED = 0.5
+"""Share of a small push of which at most so much must be left."""
+
+MOST_PERIODS = 1200
+"""Periods after which it must have faded."""
+
+# Size of the push, in that of the motion, its direction, and periods between two looks at it.
+_PUSH, _DIRECTION, _LOOK = 1e-3, np.array([1.0, -0.7, 0.4]), 20
+# Periods of the first block of a simulation that is to settle, and of all together; the last while
+# searching.
+_BLOCK, _MOST, _MOST_SOON = 20, 20_000, 5000
+# Change over a block, in the size of the motion, at which it has settled.
+_SETTLED = 1e-10
+# A swing so much larger than the strain allowed will not come back.
+_LOST = 3.0
+# Amplitudes tried, until a limit is met to this part; while searching, a motion has settled sooner.
+_TRIALS, _MET, _SOON = 14, 1e-6, 1e-8
+# Frequencies looked at, then so many rounds of so many nearer ones.
+_FREQUENCIES, _ROUNDS, _NEARER = 9, 4, 4
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """One period of a motion, from exact simulation.
+
+    Parameters
+    ----------
+    start : ndarray, shape (4,)
+        Positions and velocities at its beginning; mass 1 is at 0.
+    speed : float
+        Advance over period.
+    strain : float
+        Largest |x_2 - x_1|.
+    work : float
+        Work of the field, what flows back taken off.
+    drift : float
+        Change of stretch and velocities over the last block of periods, in their largest size.
+    periods : int
+        Periods simulated before.
+    motion : Trajectory
+        The period.
+    """
+
+    start: np.ndarray
+    speed: float
+    strain: float
+    work: float
+    drift: float
+    periods: int
+    motion: Trajectory
+
+    @property
+    def settled(self) -> bool:
+        """Whether the motion has become periodic."""
+        return self.drift <= _SETTLED
+
+    @property
+    def moves(self) -> bool:
+        """Whether any mass moves at all."""
+        dense = self.motion.dense
+        assert dense is not None
+        return bool(np.max(np.abs(dense(dense.time)[2:])) > 0)
+
+    @property
+    def work_per_distance(self) -> float | None:
+        """Work over advance, None where there is none."""
+        advance = self.speed * self.motion.end_time
+        return self.work / advance if advance > 1e-9 * self.strain else None
+
+
+@dataclass(frozen=True, eq=False)
+class Harmonic:
+    """A field mean + amplitude cos(frequency t), and what the pair does under it.
+
+    Parameters
+    ----------
+    frequency, mean, amplitude : float
+        The field.
+    orbit : Orbit
+        The motion.
+    reached : bool
+        Whether it has the speed that was asked for, if any was.
+    kept : bool
+        Whether it keeps to the strain allowed. Where it does not, its mean alone does not.
+    """
+
+    frequency: float
+    mean: float
+    amplitude: float
+    orbit: Orbit
+    reached: bool = True
+    kept: bool = True
+
+    @property
+    def course(self) -> Gait:
+        """Field over one period."""
+        breaks = np.array([0.0, 2 * math.pi / self.frequency])
+        mean, wave = np.array([[[self.mean]]]), np.array([[self.amplitude]])
+        return Gait(breaks, mean, np.array([self.frequency]), wave, 0 * wave)
+
+
+def relative(state: np.ndarray) -> np.ndarray:
+    """Stretch and velocities: what returns after a period.
+
+    Parameters
+    ----------
+    state : ndarray, shape (4, ...)
+        Positions and velocities.
+
+    Returns
+    -------
+    ndarray, shape (3, ...)
+    """
+    return np.array([state[1] - state[0], state[2], state[3]])
+
+
+def orbit_from(
+    plant: Model,
+    period: float,
+    start: np.ndarray,
+    *,
+    p: Values | None = None,
+    drift: float = 0.0,
+    periods: int = 0,
+) -> Orbit:
+    """Simulate one period and measure it.
+
+    Parameters
+    ----------
+    plant : Model
+        From `magnetic_pair`, driven.
+    period : float
+        Of its field.
+    start : ndarray, shape (4,)
+        State at the beginning.
+    p : mapping, optional
+        Parameters, where they are not the model's own.
+    drift, periods : optional
+        What is known of the way there.
+
+    Returns
+    -------
+    Orbit
+
+    Raises
+    ------
+    SolveError
+        If it cannot be simulated.
+    """
+    motion = simulate(plant, period, contact=Exact(), x0=_named(start), p=p, dense=True)
+    assert motion.dense is not None
+    edges = motion.dense.time
+    s, weights = np.polynomial.legendre.leggauss(8)
+    spans = np.diff(edges)[:, None] / 2
+    t = (edges[:-1, None] + spans * (s + 1)).ravel()
+    power = motion.at(t).observe(plant.output("power")).reshape(spans.size, -1)
+    return Orbit(
+        start,
+        float(motion.end[0] - start[0]) / period,
+        largest(motion, plant.output("stretch")),
+        float(np.sum(power * weights * spans)),
+        drift,
+        periods,
+        motion,
+    )
+
+
+def settle(
+    plant: Model,
+    period: float,
+    start: np.ndarray,
+    *,
+    p: Values | None = None,
+    strain: float | None = None,
+    soon: bool = False,
+) -> Orbit:
+    """Simulate until the motion repeats itself from period to period.
+
+    Parameters
+    ----------
+    plant : Model
+        From `magnetic_pair`, driven with this period.
+    period : float
+        Of its field.
+    start : ndarray, shape (4,)
+        State to begin with.
+    p : mapping, optional
+        Parameters, where they are not the model's own.
+    strain : float, optional
+        Given up where the stretch is far beyond it.
+    soon : bool, optional
+        Settle for less, as in a search.
+
+    Returns
+    -------
+    Orbit
+        Its ``drift`` tells whether it repeats itself.
+
+    Raises
+    ------
+    SolveError
+        If it cannot be simulated.
+    """
+    total, block, drift = 0, _BLOCK, math.inf
+    enough, most = (_SOON, _MOST_SOON) if soon else (_SETTLED, _MOST)
+    while drift > enough and total < most:
+        run = simulate(plant, block * period, contact=Exact(), x0=_named(start), p=p)
+        before, after = relative(start), relative(run.end)
+        size = max(float(np.max(np.abs(after))), 1e-300)
+        drift = float(np.max(np.abs(after - before))) / size
+        start = np.concatenate([run.end[:2] - run.end[0], run.end[2:]])
+        total, block = total + block, min(2 * block, most - total - block)
+        if strain is not None and size > _LOST * strain:
+            break
+    return orbit_from(plant, period, start, p=p, drift=drift, periods=total)
+
+
+def push_left(driven: Model, period: float, start: np.ndarray, size: float) -> float:
+    """Push the pair off a periodic motion, and see what is left of it later.
+
+    Parameters
+    ----------
+    driven : Model
+        From `magnetic_pair`, driven.
+    period : float
+        Of its field.
+    start : ndarray, shape (4,)
+        State of the periodic motion at the beginning of a period.
+    size : float
+        Size of its stretch and velocities.
+
+    Returns
+    -------
+    float
+        Least share left, ending once it is below `FADED`.
+
+    Raises
+    ------
+    SolveError
+        If it cannot be simulated.
+    """
+    push = _PUSH * size * _DIRECTION
+    state, least = start + np.concatenate([[0.0], push]), math.inf
+    for _ in range(MOST_PERIODS // _LOOK):
+        state = simulate(driven, _LOOK * period, contact=Exact(), x0=_named(state)).end
+        left = np.linalg.norm(relative(state) - relative(start)) / np.linalg.norm(push)
+        least = min(least, float(left))
+        if least < FADED or left > 1 / _PUSH:
+            break
+    return least
+
+
+def best_harmonic(pair: Model, limits: FieldLimits, aim: FieldAim, report: Report) -> Harmonic:
+    """Find the harmonic field that keeps to the same limits as a waveform and serves its aim best.
+
+    It goes about the middle of the field's range, with the largest amplitude that range, slope
+    and strain allow, or the smallest that reaches the speed asked for, at the best frequency.
+
+    Parameters
+    ----------
+    pair : Model
+        From `magnetic_pair` with two cosines.
+    limits : FieldLimits
+        What the field must keep to.
+    aim : FieldAim
+        What it is to be good at.
+    report : callable
+        Told how far it is.
+
+    Returns
+    -------
+    Harmonic
+        With ``kept`` false and amplitude 0 where the middle of the range alone, put on at rest,
+        stretches the link beyond the strain allowed.
+
+    Raises
+    ------
+    SolveError
+        If a motion cannot be simulated.
+    """
+    least, most = limits.frequency
+    grid = [least] if least == most else np.linspace(least, most, _FREQUENCIES)
+    found = [_at(pair, limits, aim, float(nu)) for nu in grid]
+    if least < most:
+        step = (most - least) / (_FREQUENCIES - 1)
+        for k in range(_ROUNDS):
+            report("the best harmonic field", k / _ROUNDS)
+            best = max(found, key=lambda h: _merit(h, aim))
+            near = best.frequency + step * np.linspace(-1, 1, _NEARER + 2)[1:-1]
+            step *= 2 / (_NEARER + 1)
+            found += [_at(pair, limits, aim, float(nu)) for nu in near if least <= nu <= most]
+    best = max(found, key=lambda h: _merit(h, aim))
+    p = {"frequency": best.frequency, "cosines": [best.mean, best.amplitude]}
+    last = settle(pair, best.course.period, best.orbit.start, p=p)
+    return replace(best, orbit=replace(last, periods=last.periods + best.orbit.periods))
+
+
+def _at(pair: Model, limits: FieldLimits, aim: FieldAim, frequency: float) -> Harmonic:
+    """The best amplitude at one frequency."""
+    low, high = limits.field
+    mean, whole = (low + high) / 2, (high - low) / 2
+    if limits.slope is not None:
+        whole = min(whole, limits.slope / frequency)
+
+    def moved(amplitude: float) -> Harmonic:
+        p = {"frequency": frequency, "cosines": [mean, amplitude]}
+        period, strain = 2 * math.pi / frequency, limits.strain
+        orbit = settle(pair, period, np.zeros(4), p=p, strain=strain, soon=True)
+        fast = aim.speed is None or orbit.speed >= aim.speed
+        return Harmonic(frequency, mean, amplitude, orbit, fast)
+
+    def too_wide(harmonic: Harmonic) -> float:
+        if limits.strain is None:
+            return -1.0
+        excess = harmonic.orbit.strain / limits.strain - 1
+        return excess if harmonic.orbit.drift <= _SOON else max(excess, 1.0)
+
+    def too_slow(harmonic: Harmonic) -> float:
+        return 1 - harmonic.orbit.speed / (aim.speed or math.inf)
+
+    best = moved(whole)
+    if too_wide(best) > 0:
+        still = moved(0.0)
+        if too_wide(still) > 0:
+            return replace(still, reached=False, kept=False)
+        best = _edge(moved, too_wide, still, best)
+    if aim.maximise or not best.reached:
+        return best
+    return _edge(moved, too_slow, best, moved(0.0))
+
+
+def _edge(
+    moved: Callable[[float], Harmonic],
+    excess: Callable[[Harmonic], float],
+    holds: Harmonic,
+    fails: Harmonic,
+) -> Harmonic:
+    """Amplitude at which a limit is just kept, by false position between one kept and one not."""
+    kept, inside, outside, before = excess(holds), excess(holds), excess(fails), 0
+    for _ in range(_TRIALS):
+        if kept >= -_MET:
+            break
+        share = float(np.clip(inside / (inside - outside), 0.02, 0.98))
+        middle = moved(holds.amplitude + share * (fails.amplitude - holds.amplitude))
+        found = excess(middle)
+        side = 1 if found > 0 else -1
+        if side > 0:
+            fails, outside = middle, found
+        else:
+            holds, kept, inside = middle, found, found
+        if side == before:  # an end that stays for long would slow the search down
+            inside, outside = (inside / 2, outside) if side > 0 else (inside, outside / 2)
+        before = side
+    return holds
+
+
+def _merit(harmonic: Harmonic, aim: FieldAim) -> float:
+    if not harmonic.kept:
+        return -math.inf
+    if aim.maximise:
+        return harmonic.orbit.speed
+    work = harmonic.orbit.work_per_distance
+    return -work if harmonic.reached and work is not None else harmonic.orbit.speed - 1e9
+
+
+def _named(state: np.ndarray) -> dict[str, np.ndarray]:
+    return {"position": state[:2], "velocity": state[2:]}

@@ -1,0 +1,234 @@
+"""The magneto-elastic pair in slow variables, (17).
+
+They change slowly where friction and field are small against the spring: the standard form for
+averaging. `slow_pair` tells the same motions as `magnetic_pair`, exactly; `to_slow` and `from_slow`
+go from one to the other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.model.friction import Law
+from wormopt.model.model import Model, Output, Signal
+from wormopt.systems.pair.pair_parts import pair_parts
+
+__all__ = ["from_slow", "slow_outputs", "slow_pair", "slow_states", "to_slow"]
+
+
+def slow_pair(
+    *,
+    law: Law | Sequence[Law],
+    push: float,
+    frequency: float,
+    mass: float = 1.0,
+    stiffness: float = 1.0,
+    cosines: Sequence[float] | None = (1.0, 1.0),
+) -> Model:
+    """Build the same pair in slow variables, (17) with the phase lag of (18).
+
+    Half the stretch is z = a cos(nu t - xi), its rate z' = -a Omega sin(nu t - xi) with
+    Omega = sqrt(2 c / m). The states are the velocity V of the center and, since amplitude a and
+    lag xi are no coordinates at a = 0, the components a cos(xi) and a sin(xi):
+
+    V' = (F_1 + F_2) / (2 m),
+    p' = -(nu - Omega) q - h sin(nu t) / Omega,   q' = (nu - Omega) p + h cos(nu t) / Omega,
+    h = (P G + (F_2 - F_1) / 2) / m.
+
+    Nothing is left out: with x_1' = V - z', x_2' = V + z' this is (16), less its place.
+
+    Parameters
+    ----------
+    law : Law or sequence of Law
+        Friction of both masses, as for `magnetic_pair`, and so are the others.
+    push, frequency : float
+        Force P and angular frequency nu; the latter is the frame's too.
+    mass, stiffness : float, optional
+        Each mass, spring constant.
+    cosines : sequence of float, optional
+        Harmonics of the field, or None for an input.
+
+    Returns
+    -------
+    Model
+        States ``center_velocity`` and ``swing`` (p, q), outputs ``amplitude`` a, ``lag`` xi and
+        ``speed_share`` V / (a Omega). In standard form for `average` where law, push and
+        frequency - Omega are small.
+
+    Raises
+    ------
+    ArgumentError
+        As `magnetic_pair`.
+
+    Examples
+    --------
+    >>> from wormopt.model.friction import Coulomb
+    >>> slow = slow_pair(law=Coulomb(0.005, 0.01), push=0.01, frequency=1.42)
+    >>> [signal.name for signal in slow.x]
+    ['center_velocity', 'swing']
+    """
+    parts = pair_parts(
+        law=law,
+        mass=mass,
+        stiffness=stiffness,
+        push=push,
+        frequency=frequency,
+        cosines=cosines,
+    )
+    V, swing = ca.SX.sym("V"), ca.SX.sym("swing", 2)
+    p, q = ca.vertsplit(swing)
+    omega, nu, psi = parts.natural_frequency, parts.frequency, parts.frequency * parts.t
+    rate = omega * (q * ca.cos(psi) - p * ca.sin(psi))
+    difference = (parts.forces[1] - parts.forces[0]) / 2
+    kick = (parts.push * parts.field + difference) / (parts.mass * omega)
+    ode = ca.vertcat(
+        ca.sum1(parts.forces) / (2 * parts.mass),
+        -(nu - omega) * q - kick * ca.sin(psi),
+        (nu - omega) * p + kick * ca.cos(psi),
+    )
+    return Model(
+        "magneto-elastic pair, slow",
+        x=slow_states(V, swing),
+        ode=ode,
+        u=parts.inputs,
+        p=parts.parameters,
+        t=parts.t,
+        outputs=slow_outputs(V, swing, omega),
+        contacts=parts.contacts(ca.vertcat(V - rate, V + rate), push),
+    )
+
+
+def to_slow(
+    t: ArrayLike,
+    position: ArrayLike,
+    velocity: ArrayLike,
+    *,
+    frequency: float,
+    natural_frequency: float = math.sqrt(2),
+) -> dict[str, np.ndarray]:
+    """Go from the states of `magnetic_pair` to those of `slow_pair`.
+
+    Parameters
+    ----------
+    t : array_like, shape (m,)
+        Times.
+    position, velocity : array_like, shape (2, m)
+        States then.
+    frequency : float
+        Frequency nu of the frame.
+    natural_frequency : float, optional
+        Omega.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``center_velocity`` (m,), ``swing`` (2, m) and, so that nothing is lost, ``center`` (m,).
+
+    Examples
+    --------
+    >>> slow = to_slow(0.0, [-0.1, 0.3], [0.0, 0.0], frequency=1.5)
+    >>> slow["swing"].round(12), float(slow["center"].round(12))
+    (array([0.2, 0. ]), 0.1)
+    """
+    x, v, psi = np.asarray(position), np.asarray(velocity), frequency * np.asarray(t)
+    z, rate = (x[1] - x[0]) / 2, (v[1] - v[0]) / (2 * natural_frequency)
+    c, s = np.cos(psi), np.sin(psi)
+    return {
+        "center_velocity": (v[0] + v[1]) / 2,
+        "swing": np.array([z * c - rate * s, z * s + rate * c]),
+        "center": (x[0] + x[1]) / 2,
+    }
+
+
+def from_slow(
+    t: ArrayLike,
+    center_velocity: ArrayLike,
+    swing: ArrayLike,
+    *,
+    center: ArrayLike = 0.0,
+    frequency: float,
+    natural_frequency: float = math.sqrt(2),
+) -> dict[str, np.ndarray]:
+    """Go back from the states of `slow_pair` to those of `magnetic_pair`.
+
+    Parameters
+    ----------
+    t : array_like, shape (m,)
+        Times.
+    center_velocity : array_like, shape (m,)
+        V.
+    swing : array_like, shape (2, m)
+        a cos(xi), a sin(xi).
+    center : array_like, shape (m,), optional
+        Place of the center, which `slow_pair` does not know.
+    frequency : float
+        Frequency nu of the frame.
+    natural_frequency : float, optional
+        Omega.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``position`` and ``velocity``, shape (2, m).
+
+    Examples
+    --------
+    >>> from_slow(0.0, 0.0, [0.2, 0.0], center=0.1, frequency=1.5)["position"].round(12)
+    array([-0.1,  0.3])
+    """
+    V, (p, q), psi = np.asarray(center_velocity), np.asarray(swing), frequency * np.asarray(t)
+    c, s = np.cos(psi), np.sin(psi)
+    z, rate = p * c + q * s, natural_frequency * (q * c - p * s)
+    return {
+        "position": np.array([center - z, center + z]),
+        "velocity": np.array([V - rate, V + rate]),
+    }
+
+
+def slow_states(V: ca.SX, swing: ca.SX) -> list[Signal]:
+    """List the states of `slow_pair` and of its averages.
+
+    Parameters
+    ----------
+    V : casadi.SX
+        Velocity of the center.
+    swing : casadi.SX, shape (2, 1)
+        a cos(xi), a sin(xi).
+
+    Returns
+    -------
+    list of Signal
+    """
+    return [
+        Signal("center_velocity", V, "speed", value=0.0),
+        Signal("swing", swing, "length", value=(0.0, 0.0)),
+    ]
+
+
+def slow_outputs(V: ca.SX, swing: ca.SX, natural_frequency: ca.SX) -> list[Output]:
+    """List the outputs of `slow_pair` and of its averages.
+
+    Parameters
+    ----------
+    V : casadi.SX
+        Velocity of the center.
+    swing : casadi.SX, shape (2, 1)
+        a cos(xi), a sin(xi).
+    natural_frequency : casadi.SX
+        Omega.
+
+    Returns
+    -------
+    list of Output
+    """
+    a = ca.sqrt(ca.sumsqr(swing))
+    return [
+        Output("amplitude", a, "length"),
+        Output("lag", ca.atan2(swing[1], swing[0]), "angle"),
+        Output("speed_share", V / (a * natural_frequency), "share"),
+    ]

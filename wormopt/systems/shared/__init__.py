@@ -1,0 +1,1 @@
+"""What runs of several systems share: signals, trust reports, checkpoints."""

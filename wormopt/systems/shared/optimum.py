@@ -1,0 +1,625 @@
+"""What all studies of optimal control share: replay, scalars, signals, trust, statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from wormopt.control.drive import drive
+from wormopt.errors import SolveError
+from wormopt.model.model import Model
+from wormopt.model.values import by_name
+from wormopt.ocp.contact import Complementary, Prescribed, Smoothed
+from wormopt.ocp.mesh import interpolation
+from wormopt.ocp.motion import Motion
+from wormopt.ocp.optimise import Optimum
+from wormopt.ocp.polish import resting_speeds
+from wormopt.ocp.sequence import structure_of
+from wormopt.progress import Report, silent
+from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.scene.scene import Scene
+from wormopt.simulation.options import Exact, Tolerance, Treatment
+from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.shared.proof import Recheck
+from wormopt.systems.shared.signals import Kind, variable
+
+__all__ = [
+    "ACCEPTED",
+    "Sampled",
+    "conclude",
+    "faults_of_optimum",
+    "modes_of",
+    "optimum_scalars",
+    "optimum_timings",
+    "optimum_trust",
+    "recheck",
+    "refused",
+    "replay",
+    "sample_motion",
+    "statistics",
+    "warnings_of_optimum",
+    "warnings_of_reading",
+]
+
+ACCEPTED = 1e-7
+"""Largest difference between the ends of an exact optimum and of its simulation that is accepted.
+"""
+
+# Tolerance of the simulation by which an optimum is checked.
+_TIGHT = Tolerance(relative=1e-12, absolute=1e-13)
+# States that differ by more than this part of their nominal size across a joint have jumped.
+_JUMP = 1e-9
+# An optimum whose objective could still fall by more than this part of its size is none.
+_GAIN = 1e-6
+# A relaxed optimum better than the exact one by more than this part has other phases.
+_MISREAD = 1e-2
+# Samples of a motion: at least so many in all and on each arc, so far inside of it.
+_SAMPLES, _PER_ARC, _INSIDE = 400, 3, 1e-9
+# Arcs of a smaller part of the motion last no time; phases of a smaller part are none.
+_NOTHING, _SHORT = 1e-12, 1e-9
+
+
+# -- the found inputs, simulated -------------------------------------------------------------------
+
+
+def replay(
+    motion: Motion,
+    contact: Treatment = Exact(),  # noqa: B008  frozen
+    *,
+    tolerance: Tolerance = _TIGHT,
+    dense: bool = False,
+    report: Report = silent,
+) -> list[Trajectory]:
+    """Simulate the plant open loop under the inputs that were found.
+
+    Nothing of the optimiser's states is used but where the motion starts, and by how much states
+    jump where there are impulses.
+
+    Parameters
+    ----------
+    motion : Motion
+        From an optimiser.
+    contact : Exact or Smooth, optional
+        How contacts are treated.
+    tolerance : Tolerance, optional
+        How exact.
+    dense : bool, optional
+        Keep the whole motion.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    list of Trajectory
+        One per stretch between impulses: one where there are none.
+
+    Raises
+    ------
+    SolveError
+        If the motion cannot be followed.
+    """
+    course = motion.input_course()
+    plant = drive(_plant(motion), course) if course.links else _plant(motion)
+    p = by_name(motion.program.problem.model.p, motion.p)
+    found: list[Trajectory] = []
+    state = np.zeros(plant.n_x)
+    for begin, end, jump in _stretches(motion):
+        found.append(
+            simulate(
+                plant,
+                (begin, end),
+                contact=contact,
+                x0=by_name(plant.x, state + jump),
+                p=p,
+                tolerance=tolerance,
+                dense=dense,
+                report=lambda _, fraction: report("simulating what was found", fraction),
+            )
+        )
+        state = found[-1].end
+    return found
+
+
+def recheck(
+    motion: Motion,
+    contact: Treatment = Exact(),  # noqa: B008  frozen
+    *,
+    accepted: float = ACCEPTED,
+    report: Report = silent,
+) -> Recheck:
+    """Compare the end of a motion with that of its simulation.
+
+    Parameters
+    ----------
+    motion : Motion
+        From an optimiser.
+    contact : Exact or Smooth, optional
+        How contacts are treated in the simulation.
+    accepted : float, optional
+        Largest difference that is accepted.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    Recheck
+        Differences against the larger of a state's size and its nominal size.
+    """
+    label = "simulation of the inputs found, contact " + type(contact).__name__.lower()
+    try:
+        end = replay(motion, contact, report=report)[-1].end
+    except SolveError as error:
+        return Recheck(label, None, accepted, "the model", error.reason)
+    found = motion.states(np.array([motion.duration]))[:, 0]
+    size = np.maximum(motion.program.arc.x_nominal, np.abs(end))
+    return Recheck(label, float(np.max(np.abs(found - end) / size)), accepted, "the model")
+
+
+def _plant(motion: Motion) -> Model:
+    """Model whose design constants are parameters, with the values that were found.
+
+    Its states have no bounds: those are for optimisers, and hold to round-off.
+    """
+    problem = motion.program.problem
+    values = by_name(problem.design, motion.arcs.design)
+    chosen = [replace(s, value=values[s.name].tolist()) for s in problem.design]
+    free = [replace(s, lower=-np.inf, upper=np.inf) for s in problem.model.x]
+    return replace(problem.model, x=free, p=[*problem.model.p, *chosen])
+
+
+def _stretches(motion: Motion) -> Iterator[tuple[float, float, np.ndarray]]:
+    """Begin and end of each stretch between impulses, and the jump of the states before it."""
+    arcs, mesh = motion.arcs, motion.mesh
+    nodes, values = mesh.collocation.nodes, arcs.states
+    ends = np.einsum("k,rkn->rn", interpolation(nodes, np.ones(1))[0], values)
+    jumps = arcs.start - np.column_stack([np.zeros(len(ends)), ends[:, :-1]])
+    size = motion.program.arc.x_nominal[:, None]
+    sudden = np.any(np.abs(jumps) > _JUMP * size, axis=0) & motion.program.problem.impulses
+    first = [0, *(np.flatnonzero(sudden[1:]) + 1)]
+    for k, after in zip(first, [*first[1:], mesh.total], strict=True):
+        begin, end = float(motion.breaks[k]), float(motion.breaks[after])
+        if end - begin > _NOTHING * motion.duration:
+            yield begin, end, jumps[:, k]
+
+
+# -- signals ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """A motion at many times; where arcs join, the instant stands twice, before and after.
+
+    Parameters
+    ----------
+    time : ndarray, shape (m,)
+        Times, ascending.
+    values : dict of str to ndarray, shape (entries, m)
+        Expressions by their names.
+    """
+
+    time: np.ndarray
+    values: dict[str, np.ndarray]
+
+    def variables(self, kinds: Mapping[str, Kind], units: str) -> list[Variable]:
+        """Make variables of the samples over the coordinate ``instant``.
+
+        The scalar ``time`` of an optimal motion is how long it takes, so that its coordinate has
+        another name.
+
+        Parameters
+        ----------
+        kinds : mapping of str to Kind
+            Quantity, own dimensions and long name of every signal.
+        units : {"dimensionless", "SI"}
+            Units of the scene.
+
+        Returns
+        -------
+        list of Variable
+        """
+        coordinate = Variable("instant", unit_of("time", units), ("instant",), self.time, "time")
+        named = (variable(k, kinds[k], (), v, units) for k, v in self.values.items())
+        return [coordinate, *(replace(v, dims=(*v.dims[:-1], "instant")) for v in named)]
+
+
+def sample_motion(motion: Motion, expressions: Mapping[str, ca.SX]) -> Sampled:
+    """Values of expressions over a motion.
+
+    Parameters
+    ----------
+    motion : Motion
+        From an optimiser.
+    expressions : mapping of str to casadi.SX
+        Columns of the problem's symbols.
+
+    Returns
+    -------
+    Sampled
+        Arcs without duration are left out.
+    """
+    lasting = np.flatnonzero(motion.arcs.duration > _NOTHING * motion.duration)
+    count = max(_PER_ARC, -(-_SAMPLES // len(lasting)) + 1)
+    places = np.linspace(0, 1, count)
+    places[-1] -= _INSIDE  # so that each time belongs to its own arc
+    t = (motion.breaks[lasting, None] + motion.arcs.duration[lasting, None] * places).ravel()
+    t[-1] = motion.duration
+    values = motion.observe(ca.vertcat(ca.SX(0, 1), *map(ca.vec, expressions.values())), t)
+    edges = np.cumsum([e.numel() for e in expressions.values()])[:-1]
+    return Sampled(t, dict(zip(expressions, np.split(values, edges), strict=True)))
+
+
+def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
+    """Contact modes phase after phase, and the times at which phases begin and end.
+
+    Parameters
+    ----------
+    optimum : Optimum
+        Any.
+
+    Returns
+    -------
+    modes : list of list of int
+        Per phase and contact 0 at rest, +1 and -1 sliding; phases without duration are left out.
+        With prescribed modes as they were, otherwise read off the motion.
+    times : list of float
+        One more than phases.
+    """
+    motion, treatment = optimum.motion, optimum.treatment
+    if isinstance(treatment, Prescribed):
+        edges = motion.phase_breaks()
+        modes = treatment.modes.phases if treatment.modes else ((),) * motion.mesh.phases
+    else:
+        structure = structure_of(motion, speed=resting_speeds(optimum)[0], least=2)
+        edges = np.concatenate([[0.0], np.cumsum(structure.durations)])
+        modes = structure.modes.phases
+    lasting = np.diff(edges) > _SHORT * motion.duration
+    kept = [list(m) for m, lasts in zip(modes, lasting, strict=True) if lasts]
+    return kept, [*edges[:-1][lasting].tolist(), motion.duration]
+
+
+# -- numbers ---------------------------------------------------------------------------------------
+
+
+def optimum_scalars(
+    stages: Mapping[str, Optimum], second: Recheck, units: str, *, objective: str
+) -> dict[str, Scalar]:
+    """Scalars that every optimal motion carries.
+
+    Parameters
+    ----------
+    stages : mapping of str to Optimum
+        All that were computed, the result last.
+    second : Recheck
+        Its simulation.
+    units : {"dimensionless", "SI"}
+        Units of the scene.
+    objective : str
+        Quantity of the objective.
+
+    Returns
+    -------
+    dict of str to Scalar
+        Inputs are unknown where they act by impulses.
+    """
+    optimum = [*stages.values()][-1]
+    modes, times = modes_of(optimum)
+    rms, peak = _input_sizes(optimum.motion)
+    found = {
+        "time": (optimum.motion.duration, "time"),
+        "objective": (optimum.objective, objective),
+        "input_rms": (rms, "force"),
+        "input_peak": (peak, "force"),
+        "defect_max": (float(optimum.defects.max()), "share"),
+        "complementarity_max": (optimum.complementarity, "share"),
+        "recheck_error": (second.error, "share"),
+        "solve_iterations": (sum(o.iterations for o in stages.values()), "count"),
+        "n_phases": (len(modes), "count"),
+        "mode_sequence": (modes, "count"),
+        "phase_times": (times, "time"),
+    }
+    return {name: Scalar(value, unit_of(kind, units)) for name, (value, kind) in found.items()}
+
+
+def _input_sizes(motion: Motion) -> tuple[float | None, float | None]:
+    """Root of the mean of |u|^2 over time, and the largest entry of |u|."""
+    if motion.program.problem.impulses:
+        return None, None
+    degree = motion.mesh.input_degree
+    s, weights = np.polynomial.legendre.leggauss(degree + 1)  # exact for the squares
+    u = np.einsum("sk,rkn->rsn", motion.mesh.inputs_at((s + 1) / 2), motion.arcs.inputs)
+    square = np.einsum("s,rsn,n->", weights / 2, u**2, motion.arcs.duration)
+    fine = motion.mesh.inputs_at(np.linspace(0, 1, 20 * degree + 2))
+    lasting = motion.arcs.duration > _NOTHING * motion.duration
+    largest = np.abs(np.einsum("sk,rkn->rsn", fine, motion.arcs.inputs[:, :, lasting]))
+    return float(np.sqrt(square / motion.duration)), float(largest.max(initial=0.0))
+
+
+def statistics(optimum: Optimum) -> dict[str, Any]:
+    """What the nonlinear program was and what it cost.
+
+    Parameters
+    ----------
+    optimum : Optimum
+        Any.
+
+    Returns
+    -------
+    dict
+        Sizes, status, violation, iterations, and seconds: to build, to solve, in each function.
+    """
+    solution = optimum.solution
+    return {
+        "status": solution.status,
+        "objective": solution.objective,
+        "violation": solution.violation,
+        "arcs": optimum.motion.mesh.total,
+        "variables": len(optimum.bounds.lbw),
+        "constraints": len(optimum.bounds.lbg),
+        "solves": len(optimum.levels),
+        "iterations": optimum.iterations,
+        "build_s": optimum.build_s,
+        "solve_s": optimum.solve_s,
+        "functions_s": optimum.functions_s,
+    }
+
+
+def optimum_timings(stages: Mapping[str, Optimum]) -> dict[str, float]:
+    """Seconds to build and to solve the programs of all stages.
+
+    Parameters
+    ----------
+    stages : mapping of str to Optimum
+        All that were computed.
+
+    Returns
+    -------
+    dict of str to float
+        ``build`` and ``solve``.
+    """
+    return {
+        "build": sum(o.build_s for o in stages.values()),
+        "solve": sum(o.solve_s for o in stages.values()),
+    }
+
+
+# -- trust -----------------------------------------------------------------------------------------
+
+
+def optimum_trust(
+    stages: Mapping[str, Optimum], second: Recheck, warnings: Sequence[str]
+) -> dict[str, Any]:
+    """Trust report that all optimal motions share.
+
+    Parameters
+    ----------
+    stages : mapping of str to Optimum
+        All that were computed, by what they are; the result last.
+    second : Recheck
+        Its simulation.
+    warnings : sequence of str
+        In words.
+
+    Returns
+    -------
+    dict
+    """
+    optimum = [*stages.values()][-1]
+    return {
+        "treatment": _treatment_in_words(optimum),
+        "status": optimum.solution.status,
+        "violation": optimum.solution.violation,
+        "defect_max": float(optimum.defects.max()),
+        "complementarity_max": optimum.complementarity,
+        "first_order_gain": optimum.gain,
+        "recheck": {
+            "route": second.route,
+            "error": second.error,
+            "accepted": second.accepted,
+            "shared": second.shared,
+        },
+        "solves": {name: statistics(stage) for name, stage in stages.items()},
+        "warnings": list(dict.fromkeys(warnings)),
+    }
+
+
+def _treatment_in_words(optimum: Optimum) -> str:
+    treatment = optimum.treatment
+    if isinstance(treatment, Smoothed):
+        return f"smooth, v_reg = {treatment.v_reg:.6g}"
+    if isinstance(treatment, Complementary):
+        return f"complementarity, relaxed to {treatment.residual:.6g}"
+    return "exact: prescribed modes, switching times free"
+
+
+def warnings_of_optimum(optimum: Optimum, tolerance: float) -> Iterator[str]:
+    """Say where an optimum is not what was asked for.
+
+    Parameters
+    ----------
+    optimum : Optimum
+        The result.
+    tolerance : float
+        Defect that was asked for.
+
+    Yields
+    ------
+    str
+    """
+    worst, arcs = float(optimum.defects.max()), optimum.motion.mesh.total
+    if worst > tolerance:
+        yield (
+            f"the mesh was refined to {arcs} arcs, and the defect is still {worst:.2g} where "
+            f"{tolerance:.2g} was asked"
+        )
+    size = max(abs(optimum.objective), 1e-300)
+    if np.isnan(optimum.gain):
+        yield "not known whether the optimum is one to first order: the linear program failed"
+    elif optimum.gain > _GAIN * size:
+        yield (
+            f"not optimal to first order: near by the objective may fall by {optimum.gain:.2g}, "
+            f"{optimum.gain / size:.1g} of its size"
+        )
+    if _has_stiction(optimum.motion):
+        yield (
+            "stiction is larger than sliding friction: optimised, a contact may leave rest before "
+            "its force reaches stiction; the simulation would end elsewhere then"
+        )
+    if optimum.solution.status == "Solved_To_Acceptable_Level":
+        yield "the solver stopped short of its tolerance, at what it calls an acceptable level"
+
+
+def _has_stiction(motion: Motion) -> bool:
+    """Whether a contact holds more at rest than it resists when it begins to slide."""
+    arc = motion.program.arc
+    p, design = arc.constants[3], arc.constants[2]
+    for contact, ends in zip(
+        motion.program.problem.model.contacts, arc.rests(motion.p), strict=True
+    ):
+        for d in contact.law.directions:
+            slip = ca.SX(contact.law.slip_force(0.0, d)) / contact.nominal_force
+            if ca.depends_on(slip, design):
+                continue
+            resists = abs(float(ca.Function("slip", [p], [slip])(motion.p)))
+            if abs(ends[0 if d > 0 else 1]) > resists * (1 + 1e-9):
+                return True
+    return False
+
+
+def warnings_of_reading(relaxed: Optimum, exact: Optimum) -> Iterator[str]:
+    """Say where the phases of a relaxed motion may have been misread.
+
+    Parameters
+    ----------
+    relaxed, exact : Optimum
+        The optimum from which phases were read, and that with those phases.
+
+    Yields
+    ------
+    str
+    """
+    lost = exact.objective - relaxed.objective
+    share = lost / max(abs(exact.objective), abs(relaxed.objective), 1e-300)
+    if share > _MISREAD:
+        yield (
+            f"the relaxed motion is better by {100 * share:.2g} %: its phases may have been "
+            "misread; more arcs (mesh.arcs) show them better"
+        )
+
+
+def faults_of_optimum(second: Recheck) -> list[str]:
+    """Say why an optimum is not to be trusted.
+
+    Parameters
+    ----------
+    second : Recheck
+        Its simulation.
+
+    Returns
+    -------
+    list of str
+        Empty where all agree.
+    """
+    if second.error is None:
+        return [f"the inputs found cannot be simulated: {second.reason}"]
+    if not second.error <= second.accepted:
+        return [
+            f"simulated with the inputs found the motion ends elsewhere, by {second.error:.2g} of "
+            f"the states' size where {second.accepted:.2g} is accepted"
+        ]
+    return []
+
+
+def conclude(
+    scene: Scene[Any],
+    stages: Mapping[str, Optimum],
+    second: Recheck,
+    *,
+    objective: str,
+    scalars: Mapping[str, Scalar],
+    variables: Sequence[Variable],
+    warnings: Sequence[str],
+    timings: Mapping[str, float],
+    faults: Sequence[str] = (),
+    shown: Sequence[str] | None = None,
+) -> Result:
+    """Put an optimal motion into a Result.
+
+    Parameters
+    ----------
+    scene : Scene
+        What was asked for.
+    stages : mapping of str to Optimum
+        All that were computed, by what they are; the result last.
+    second : Recheck
+        Its simulation.
+    objective : str
+        Quantity of the objective.
+    scalars : mapping of str to Scalar
+        What the kind says besides.
+    variables : sequence of Variable
+        Signals and what else there is.
+    warnings : sequence of str
+        In words.
+    timings : mapping of str to float
+        Seconds besides those to build and solve.
+    faults : sequence of str, optional
+        Why it is not to be trusted, besides the simulation.
+    shown : sequence of str, optional
+        Signals that pictures show, in their order; all variables where nothing is said.
+
+    Returns
+    -------
+    Result
+        Status "failed" where the simulation ends elsewhere, or there are other faults.
+    """
+    faults, motion = [*faults_of_optimum(second), *faults], [*stages.values()][-1].motion
+    common = optimum_scalars(stages, second, scene.table.units, objective=objective)
+    return Result(
+        scene.name,
+        scene.table.kind,
+        scene.title,
+        status="failed" if faults else "ok",
+        reason="; ".join(faults),
+        scalars={**scalars, **common},
+        variables=tuple(variables),
+        trust=optimum_trust(stages, second, warnings),
+        timings_s={**optimum_timings(stages), **timings},
+        scene_text=scene.text,
+        attributes={
+            "contacts": [contact.name for contact in motion.program.problem.model.contacts],
+            "signals": [*(shown or (v.name for v in variables if v.name != "instant"))],
+        },
+    )
+
+
+def refused(scene: Scene[Any], error: SolveError, variables: Sequence[Variable] = ()) -> SolveError:
+    """Say the same failure with a Result that can be saved.
+
+    Parameters
+    ----------
+    scene : Scene
+        Which scene failed.
+    error : SolveError
+        From an optimiser.
+    variables : sequence of Variable, optional
+        What was found all the same.
+
+    Returns
+    -------
+    SolveError
+    """
+    partial = Result(
+        scene.name,
+        scene.table.kind,
+        scene.title,
+        status="failed",
+        reason=str(error),
+        variables=tuple(variables),
+        scene_text=scene.text,
+    )
+    return SolveError(error.reason, error.suggestion, partial, error.code)

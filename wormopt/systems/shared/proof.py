@@ -1,0 +1,347 @@
+"""How far simulated motions are to be trusted: a second route, balances, warnings."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from math import atanh
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.model.friction import Coulomb, Law
+from wormopt.model.model import Model
+from wormopt.progress import Report
+from wormopt.simulation.options import Route, Smooth, Tolerance, Treatment
+from wormopt.simulation.simulate import Values, simulate
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.shared.watch import Balance
+
+__all__ = [
+    "Recheck",
+    "accepted_error",
+    "count_events",
+    "faults_of_motion",
+    "one_or_all",
+    "recheck",
+    "trust",
+    "warnings_of_contact",
+    "warnings_of_motion",
+]
+
+# Both routes shall agree at the end, and energies balance, to this or to so many tolerances, but
+# at most to a hundredth.
+_AGREED, _TOLERANCES, _LARGEST = 1e-7, 1e3, 1e-2
+# What a second route has in common with the first.
+_SHARED = {
+    "cvodes": "the model",
+    "python": "the model; the rules for steps, events and contact modes, though not their code",
+}
+# Implicit integrators take more steps than explicit ones of order 8.
+_MORE_STEPS = 100
+
+
+@dataclass(frozen=True)
+class Recheck:
+    """What the second route found.
+
+    Parameters
+    ----------
+    route : str
+        By what it went, empty if there was none.
+    error : float, optional
+        Largest difference of any state at the end, each against the larger of its size and its
+        nominal size; None if unknown.
+    accepted : float
+        Largest error that is accepted.
+    shared : str
+        What it has in common with the first route, so that errors there are not seen.
+    reason : str
+        Why the error is not known.
+    """
+
+    route: str
+    error: float | None
+    accepted: float
+    shared: str = ""
+    reason: str = ""
+
+    @property
+    def fault(self) -> str:
+        """What is wrong, in words; empty if nothing is."""
+        if self.error is not None and not self.error <= self.accepted:
+            return (
+                f"the second route ({self.route}) ends elsewhere, by {self.error:.2g} of the "
+                f"states' size where {self.accepted:.2g} is accepted"
+            )
+        if self.error is None and self.route:
+            return (
+                f"the second route ({self.route}) gave up: {self.reason}; "
+                "tolerance.recheck = false takes the result without it"
+            )
+        return ""
+
+
+def recheck(
+    model: Model,
+    motion: Trajectory,
+    tolerance: Tolerance,
+    *,
+    p: Values | None = None,
+    schedules: Mapping[str, np.ndarray] | None = None,
+    report: Report,
+) -> Recheck:
+    """Simulate again by another route and compare the ends.
+
+    Smooth systems go to CasADi's implicit integrators, exact contact and models with switches of
+    their own to the event loop in Python; where that was the first route already, to the same
+    with a tenth of the tolerance.
+
+    Parameters
+    ----------
+    model : Model
+        What moves; its states come first in the motion's.
+    motion : Trajectory
+        By the first route.
+    tolerance : Tolerance
+        Of the first route.
+    p, schedules : mapping, optional
+        As for the first route.
+    report : callable
+        Told how far it is.
+
+    Returns
+    -------
+    Recheck
+    """
+    treatment, end = motion.system.treatment, motion.end_time
+    route = _second_route(model, motion)
+    accepted = accepted_error(tolerance)
+    label, shared = str(route), _SHARED[route]
+    if route == motion.route or model.alg.numel():
+        label = motion.route
+        label += " with a tenth of the tolerance"
+        shared = "all but the tolerance"
+        relative = max(tolerance.relative / 10, 1e-14)
+        tolerance = replace(tolerance, relative=relative, absolute=tolerance.absolute / 10)
+    tolerance = replace(tolerance, max_steps=_MORE_STEPS * tolerance.max_steps)
+    try:
+        again = simulate(
+            model,
+            (float(motion.time[0]), end),
+            contact=treatment,
+            p=p,
+            schedules=schedules,
+            times=[end],
+            tolerance=tolerance,
+            route=route,
+            report=lambda _, fraction: report("rechecking", fraction),
+        )
+    except SolveError as error:
+        return Recheck(label, None, accepted, shared, error.reason)
+    sizes = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
+    size = np.maximum(sizes, np.abs(again.end))
+    error = np.max(np.abs(motion.end[: model.n_x] - again.end) / size)
+    return Recheck(label, float(error), accepted, shared)
+
+
+def accepted_error(tolerance: Tolerance) -> float:
+    """Largest share by which ends and energies may disagree.
+
+    Parameters
+    ----------
+    tolerance : Tolerance
+        To which the motion was found.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> accepted_error(Tolerance()), accepted_error(Tolerance(relative=1e-6))
+    (1e-07, 0.001)
+    """
+    several = _TOLERANCES * max(tolerance.relative, tolerance.absolute)
+    return min(max(_AGREED, several), _LARGEST)
+
+
+def _second_route(model: Model, motion: Trajectory) -> Route:
+    by_events = motion.system.exact or model.switches
+    return "python" if by_events or motion.route == "cvodes" else "cvodes"
+
+
+def warnings_of_contact(treatment: Treatment, laws: Sequence[Law]) -> Iterator[str]:
+    """Say where the smooth law does what no ground does.
+
+    Parameters
+    ----------
+    treatment : Smooth or Exact
+        How contact is treated.
+    laws : sequence of Law
+        Friction laws of the contacts, as numbers.
+
+    Yields
+    ------
+    str
+    """
+    if not isinstance(treatment, Smooth):
+        return
+    for law in laws:
+        if any(isinstance(number, ca.SX) for number in vars(law).values()):
+            continue  # a user's law of symbols: what it does shows only in the motion
+        at_rest = float(law.smooth(0.0, treatment.v_reg))
+        if at_rest != 0:
+            yield _push(law, at_rest, treatment.v_reg)
+        low, high = law.stick_interval
+        slips = [float(law.slip_force(0.0, d)) for d in law.directions]
+        if isinstance(law, Coulomb) and (low < min(slips) or high > max(slips)):
+            yield "the smooth law knows no stiction; treat contact as exact to have it"
+
+
+def _push(law: Law, force: float, v_reg: float) -> str:
+    text = f"the smooth law pushes a mass at rest with {force:+.6g}: it feeds energy in"
+    if isinstance(law, Coulomb):
+        both = float(law.forward) + float(law.backward)
+        ratio = (float(law.backward) - float(law.forward)) / both
+        if abs(ratio) < 1:
+            text += f", and a worm that does nothing drifts at {v_reg * atanh(ratio):+.6g}"
+    return text
+
+
+def count_events(motion: Trajectory) -> dict[str, int]:
+    """Count events by their kind; switches by their name.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        The motion.
+
+    Returns
+    -------
+    dict of str to int
+    """
+    names = (e.name if e.kind == "switch" else e.kind for e in motion.events)
+    return dict(sorted(Counter(names).items()))
+
+
+def one_or_all(values: Sequence[Any]) -> Any:
+    """Give the only value by itself, several as a list.
+
+    Parameters
+    ----------
+    values : sequence
+        One per tracker.
+
+    Returns
+    -------
+    object
+
+    Examples
+    --------
+    >>> one_or_all([1.5]), one_or_all([1.5, 2.5])
+    (1.5, [1.5, 2.5])
+    """
+    return values[0] if len(values) == 1 else list(values)
+
+
+def warnings_of_motion(motion: Trajectory, second: Recheck | None) -> Iterator[str]:
+    """Say where a motion was not integrated the usual way.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        The motion.
+    second : Recheck or None
+        The second route.
+
+    Yields
+    ------
+    str
+    """
+    from wormopt.simulation.native.build import compiler
+
+    if second is None:
+        yield "not rechecked by a second route: tolerance.recheck is false"
+    if motion.route != "native" and compiler() is None:
+        yield "there is no C compiler: simulated without one, which is slower but as exact"
+    if motion.dense is None and any(s.name == "input_work" for s in motion.system.model.x):
+        yield "not kept whole: input_peak is the largest of the samples"
+
+
+def faults_of_motion(
+    second: Recheck | None, energies: Balance | None, tolerance: Tolerance
+) -> list[str]:
+    """Say why a motion is not to be trusted.
+
+    Parameters
+    ----------
+    second : Recheck or None
+        The second route.
+    energies : Balance or None
+        Energy balance.
+    tolerance : Tolerance
+        To which the motion was found.
+
+    Returns
+    -------
+    list of str
+        Empty where all agree.
+    """
+    found = [second.fault] if second and second.fault else []
+    if energies and not abs(energies.residual) <= accepted_error(tolerance):
+        found.append(f"energies do not balance, by {energies.residual:.2g} of their size")
+    return found
+
+
+def trust(
+    motions: Sequence[Trajectory],
+    rechecks: Sequence[Recheck | None],
+    tolerance: Tolerance,
+    energies: Sequence[Balance | None],
+    warnings: Sequence[str],
+) -> dict[str, Any]:
+    """Trust report that all simulations share.
+
+    Parameters
+    ----------
+    motions : sequence of Trajectory
+        One per tracker.
+    rechecks : sequence of Recheck or None
+        Theirs; None where none was wanted.
+    tolerance : Tolerance
+        Of the first route.
+    energies : sequence of Balance or None
+        Theirs; empty where the model is no chain.
+    warnings : sequence of str
+        In words.
+
+    Returns
+    -------
+    dict
+    """
+    treatment = motions[0].system.treatment
+    smooth = isinstance(treatment, Smooth)
+    return {
+        "treatment": f"smooth, v_reg = {treatment.v_reg:.6g}" if smooth else "exact",
+        "route": one_or_all([motion.route for motion in motions]),
+        "tolerance": {"relative": tolerance.relative, "absolute": tolerance.absolute},
+        "recheck": one_or_all(
+            [
+                r
+                and {
+                    "route": r.route,
+                    "error": r.error,
+                    "accepted": r.accepted,
+                    "shared": r.shared,
+                }
+                for r in rechecks
+            ]
+        ),
+        **({"energy_balance": one_or_all([e and asdict(e) for e in energies])} if energies else {}),
+        "events": one_or_all([count_events(motion) for motion in motions]),
+        "warnings": list(dict.fromkeys(warnings)),
+    }

@@ -1,0 +1,367 @@
+"""Signals of simulated motions: samples, largest values, rests and events."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import SolveError
+from wormopt.model.model import Model
+from wormopt.progress import Report
+from wormopt.result import Variable, unit_of
+from wormopt.simulation.motion_task import KINDS
+from wormopt.simulation.options import Tolerance, Treatment
+from wormopt.simulation.simulate import Values, simulate
+from wormopt.simulation.trajectory import Trajectory
+
+__all__ = [
+    "CHAIN_SIGNALS",
+    "at_ends",
+    "chain_expressions",
+    "event_variables",
+    "inputs",
+    "largest",
+    "rests",
+    "sample",
+    "simulate_whole",
+    "symbol",
+    "variable",
+]
+
+# Within a step, where a largest value is sought first; then its neighbourhood, so many times.
+_WITHIN = np.array([0.0, 0.25, 0.5, 0.75])
+_ZOOMS, _ZOOM_POINTS = 4, 41
+# Expressions are evaluated at so many times at once.
+_CHUNK = 50_000
+# Bytes that the polynomials of all steps may take.
+_MEMORY = 5e8
+
+Kind = tuple[str, tuple[str, ...], str]
+"""Quantity and own dimensions of a signal, and what it is."""
+
+CHAIN_SIGNALS: dict[str, Kind] = {
+    "position": ("length", ("mass",), "position of the mass"),
+    "velocity": ("speed", ("mass",), "velocity of the mass"),
+    "length": ("length", ("link",), "link length"),
+    "input": ("force", ("link",), "force u of the actuator"),
+    "link_force": ("force", ("link",), "force in the link, positive where it pulls"),
+    "contact_force": ("force", ("mass",), "force of the ground"),
+    "energy": ("energy", (), "kinetic and elastic energy"),
+    "center_velocity": ("speed", (), "velocity of the centre of mass"),
+}
+
+
+def symbol(model: Model, name: str) -> ca.SX:
+    """Symbol of a signal of a model.
+
+    Parameters
+    ----------
+    model : Model
+        Where to look.
+    name : str
+        Name of a state, an input or a parameter.
+
+    Returns
+    -------
+    casadi.SX
+
+    Raises
+    ------
+    KeyError
+        If there is none.
+    """
+    for signal in (*model.x, *model.u, *model.p):
+        if signal.name == name:
+            return signal.symbol
+    raise KeyError(name)
+
+
+def inputs(model: Model) -> ca.SX:
+    """Forces of a chain's actuators, whether a controller gives them or they are held.
+
+    Parameters
+    ----------
+    model : Model
+        A chain.
+
+    Returns
+    -------
+    casadi.SX
+    """
+    closed = any(output.name == "input" for output in model.outputs)
+    return model.output("input") if closed else symbol(model, "input")
+
+
+def chain_expressions(model: Model) -> dict[str, ca.SX]:
+    """Expressions of the signals of a chain, by the names that `CHAIN_SIGNALS` describes.
+
+    Parameters
+    ----------
+    model : Model
+        A chain, with or without a controller.
+
+    Returns
+    -------
+    dict of str to casadi.SX
+        Without ``contact_force`` where nothing touches the ground.
+    """
+    found = {
+        "position": symbol(model, "position"),
+        "velocity": symbol(model, "velocity"),
+        "input": inputs(model),
+        **{
+            name: model.output(name)
+            for name in ("length", "link_force", "energy", "center_velocity")
+        },
+    }
+    return found | ({"contact_force": model.forces} if model.contacts else {})
+
+
+def simulate_whole(
+    model: Model,
+    end: float,
+    samples: int,
+    contact: Treatment,
+    tolerance: Tolerance,
+    report: Report,
+    p: Values | None = None,
+) -> Trajectory:
+    """Simulate from time 0 and keep the whole motion as long as it fits into memory.
+
+    Parameters
+    ----------
+    model : Model
+        What moves.
+    end : float
+        Last time.
+    samples : int
+        Number of equidistant sample times.
+    contact : Exact or Smooth
+        How contacts are treated.
+    tolerance : Tolerance
+        How exact.
+    report : callable
+        Told how far it is.
+    p : mapping, optional
+        Parameters and inputs, where they are not the model's own.
+
+    Returns
+    -------
+    Trajectory
+        Without `dense` where it took too many steps.
+
+    Raises
+    ------
+    SolveError
+        As `simulate`.
+    """
+    times = np.linspace(0.0, end, samples)
+    room = max(int(_MEMORY / (64 * model.n_x)), 1)
+    try:
+        few = replace(tolerance, max_steps=min(tolerance.max_steps, room))
+        return simulate(
+            model, end, contact=contact, p=p, times=times, dense=True, tolerance=few, report=report
+        )
+    except ValueError:  # implicit integrators keep nothing; another fault shows again below
+        pass
+    except SolveError as error:
+        if error.code != "too_many_steps" or room >= tolerance.max_steps:
+            raise
+    return simulate(
+        model, end, contact=contact, p=p, times=times, tolerance=tolerance, report=report
+    )
+
+
+def at_ends(motion: Trajectory) -> Trajectory:
+    """Keep the first and the last sample of a motion.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        The motion.
+
+    Returns
+    -------
+    Trajectory
+    """
+    return replace(motion, time=motion.time[[0, -1]], states=motion.states[:, [0, -1]])
+
+
+def sample(motion: Trajectory, expressions: Mapping[str, ca.SX]) -> dict[str, np.ndarray]:
+    """Values of several expressions at the sample times of a motion.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        The motion.
+    expressions : mapping of str to casadi.SX
+        Columns of its model's symbols.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (entries, m)
+    """
+    sizes = [e.numel() for e in expressions.values()]
+    rows = motion.observe(ca.vertcat(ca.SX(0, 1), *expressions.values()))
+    parts = np.split(rows, np.cumsum(sizes)[:-1]) if sizes else []
+    return dict(zip(expressions, parts, strict=True))
+
+
+def largest(motion: Trajectory, expression: ca.SX) -> float:
+    """Largest absolute value of an expression's entries over all time.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        The motion. Where it was not kept whole, samples decide.
+    expression : casadi.SX
+        Column of the model's symbols.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> from wormopt.model.model import Signal
+    >>> from wormopt.simulation.simulate import simulate
+    >>> x = ca.SX.sym("x", 2)
+    >>> circle = Model("circle", x=[Signal("x", x, value=[1.0, 0.2])], ode=ca.vertcat(x[1], -x[0]))
+    >>> round(largest(simulate(circle, 6.0, dense=True), x[1]), 9) == round(1.04**0.5, 9)
+    True
+    """
+    if motion.dense is None:
+        return float(np.max(np.abs(motion.observe(expression))))
+    function = motion.system.observe(expression)
+
+    def sizes(t: np.ndarray) -> np.ndarray:
+        at = motion.at(t)
+        p = at.system.scheduled(at.p, at.schedules, t)
+        return np.abs(np.array(function(t[None, :], at.states, p, at.modes_at(t)))).max(axis=0)
+
+    ends = motion.dense.time
+    t = (ends[:-1, None] + np.diff(ends)[:, None] * _WITHIN).ravel()
+    t = np.append(t, ends[-1])
+    found = np.concatenate([sizes(t[k : k + _CHUNK]) for k in range(0, len(t), _CHUNK)])
+    best = found.max()
+    for _ in range(_ZOOMS):
+        k = int(np.argmax(found))
+        t = np.linspace(t[max(k - 1, 0)], t[min(k + 1, len(t) - 1)], _ZOOM_POINTS)
+        found = sizes(t)
+        best = max(best, found.max())
+    return float(best)
+
+
+def rests(motion: Trajectory) -> list[tuple[int, float, float]]:
+    """When contacts rest.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        Of exact contact; otherwise nothing is known.
+
+    Returns
+    -------
+    list of (int, float, float)
+        Index of the contact among all of the model, begin and end.
+    """
+    names = [contact.name for contact in motion.system.model.contacts]
+    found = []
+    for column, contact in enumerate(motion.system.contacts, start=1):
+        resting = np.append(motion.modes[:, column] == 0, False) if len(motion.modes) else []
+        times = np.append(motion.modes[:, 0], motion.end_time)
+        begun = None
+        for time, holds in zip(times, resting, strict=False):
+            if holds and begun is None:
+                begun = float(time)
+            elif not holds and begun is not None:
+                if time > begun:
+                    found.append((names.index(contact.name), begun, float(time)))
+                begun = None
+    return sorted(found, key=lambda rest: rest[1])
+
+
+def variable(
+    name: str, kind: Kind, dims: tuple[str, ...], values: ArrayLike, units: str
+) -> Variable:
+    """Make a variable of samples.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    kind : (str, tuple of str, str)
+        Quantity, own dimensions, and what it is.
+    dims : tuple of str
+        Dimensions before its own; time comes last.
+    values : array_like
+        Of these dimensions; a signal of one entry without dimensions of its own may still have
+        its axis of length 1.
+    units : {"dimensionless", "SI"}
+        Units of the scene.
+
+    Returns
+    -------
+    Variable
+    """
+    quantity, own, long_name = kind
+    array = np.asarray(values)
+    if not own:
+        array = array.reshape(*array.shape[: len(dims)], array.shape[-1])
+    return Variable(name, unit_of(quantity, units), (*dims, *own, "time"), array, long_name)
+
+
+def event_variables(motions: Sequence[Trajectory], units: str, *, several: bool) -> list[Variable]:
+    """Events and rests of motions as variables.
+
+    Parameters
+    ----------
+    motions : sequence of Trajectory
+        One per tracker.
+    units : {"dimensionless", "SI"}
+        Units of the scene.
+    several : bool
+        Whether it is said which motion an entry belongs to.
+
+    Returns
+    -------
+    list of Variable
+        Over the dimensions ``event`` and ``rest``; none where there are none.
+    """
+    time, variables = unit_of("time", units), []
+    events = [(k, e) for k, motion in enumerate(motions) for e in motion.events]
+    if events:
+        contacts = [c.name for c in motions[0].system.model.contacts]
+        places = [contacts.index(e.name) if e.kind != "switch" else -1 for _, e in events]
+        columns = {
+            "event_time": (time, [e.time for _, e in events], "time of the event"),
+            "event_kind": ("1", [KINDS.index(e.kind) for _, e in events], ", ".join(KINDS)),
+            "event_contact": ("1", places, "contact, -1 for a switch"),
+            "event_mode": ("1", [e.mode for _, e in events], "direction from then on"),
+            "event_tracker": ("1", [k for k, _ in events], "tracker"),
+        }
+        variables += _columns("event", columns, several)
+    rows = [(k, *rest) for k, motion in enumerate(motions) for rest in rests(motion)]
+    if rows:
+        columns = {
+            "rest_start": (time, [row[2] for row in rows], "begin of the rest"),
+            "rest_end": (time, [row[3] for row in rows], "end of the rest"),
+            "rest_contact": ("1", [row[1] for row in rows], "contact that rests"),
+            "rest_tracker": ("1", [row[0] for row in rows], "tracker"),
+        }
+        variables += _columns("rest", columns, several)
+    return variables
+
+
+def _columns(
+    dim: str, columns: Mapping[str, tuple[str, Sequence[float], str]], several: bool
+) -> list[Variable]:
+    return [
+        Variable(name, unit, (dim,), np.array(values), long_name)
+        for name, (unit, values, long_name) in columns.items()
+        if several or not name.endswith("_tracker")
+    ]

@@ -1,0 +1,1 @@
+"""Worms with spikes whose gait is prescribed: motion, design, certificates, stepping motors."""

@@ -1,0 +1,255 @@
+"""What averages over cells cannot pass, given the values at the cells' ends.
+
+Take a weighted sum f of the velocities of a phase. From a cell's start it rises at most so fast,
+to its end it falls at most so fast, and it is never larger than the links' rates allow. Run along
+these three for any shares of the cell: what is passed over bounds the average of f. There are
+as many such cuts as there are shares; they are made where a solution breaks them.
+
+With drag the slopes change with f itself: f' <= rise - k h f and f' >= -fall - k h f, whose
+solutions are exponential. As h is only known to lie in the box, such a cut changes with the box.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wormopt.numerics.linear_program import LinearProgram
+from wormopt.systems.spiked.programs.scaled_limits import Slope
+
+__all__ = ["Cut", "Cuts", "Drawn"]
+
+# Decays and areas are taken so much to the safe side.
+_ROUNDING = 1e-12
+# Steps of Newton's method; where it ends is no matter of truth.
+_STEPS = 4
+# Below this exponent a series is better than the quotient.
+_SMALL = 5e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A weighted sum of velocities in a phase, its slopes and its largest value.
+
+    Parameters
+    ----------
+    phase : int
+        Number of the phase.
+    weights : ndarray, shape (n + 1,)
+        Weights of the masses' velocities. Where slopes decay all are of one sign.
+    rise, fall : Slope
+        Largest slopes: the sum's derivative is at most the rate of ``rise`` less its decay times
+        the sum, and no less than minus the rate of ``fall`` less its decay times the sum.
+    most : float
+        Largest value.
+    """
+
+    phase: int
+    weights: np.ndarray
+    rise: Slope
+    fall: Slope
+    most: float
+
+
+class Cuts:
+    """Many weighted sums, looked at together.
+
+    Parameters
+    ----------
+    cuts : sequence of Cut
+        The sums.
+    """
+
+    def __init__(self, cuts: Sequence[Cut]) -> None:
+        self.phase = np.array([cut.phase for cut in cuts], int)
+        self.weights = np.array([cut.weights for cut in cuts])
+        self.rise, self.fall, self.most = np.array(
+            [[cut.rise.rate, cut.fall.rate, cut.most] for cut in cuts]
+        ).T
+        slopes = [(cut.rise, cut.fall) for cut in cuts]
+        self._decay = np.array([[s.decay for s in pair] for pair in slopes]).T
+        self._longest = np.array([[s.longest for s in pair] for pair in slopes]).T
+        self.decaying = np.asarray(self._decay.any(axis=0))
+        self._decays = bool(self.decaying.any())
+        self._finite = np.isfinite(self.rise), np.isfinite(self.fall)
+        self.exponents = 0.0 * self._decay
+
+    def set_durations(self, shortest: np.ndarray, longest: np.ndarray) -> None:
+        """Tell how long cells last, from which exponents of decay follow.
+
+        Parameters
+        ----------
+        shortest, longest : ndarray
+            By phase.
+        """
+        low, high = shortest * (1 - _ROUNDING), longest * (1 + _ROUNDING)
+        self.exponents = self._decay * np.where(self._longest, high[self.phase], low[self.phase])
+        self.exponents[1] *= -1.0  # what decays grows as seen from the end
+
+    def holds(
+        self, which: np.ndarray, before: np.ndarray, after: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Weights of the values at both ends of a cell in the area that is passed over.
+
+        Parameters
+        ----------
+        which : ndarray of int
+            Numbers of the sums.
+        before, after : ndarray
+            Shares of the cell, from its start and to its end.
+        """
+        if not self._decays:
+            return before, after
+        x, z = self.exponents[:, which]
+        return before * _mean(x * before), after * _mean(z * after)
+
+    def reach(self, which: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """Twice the area that slopes add, run along for two shares of a cell.
+
+        Parameters
+        ----------
+        which : ndarray of int
+            Numbers of the sums.
+        before, after : ndarray
+            Shares of the cell, from its start and to its end.
+        """
+        up, down = _square(before, self.rise[which]), _square(after, self.fall[which])
+        if not self._decays:
+            return up + down
+        x, z = self.exponents[:, which]
+        return (up * _ramp(x * before) + down * _ramp(z * after)) * (1 + _ROUNDING)
+
+    def shares(
+        self, start: np.ndarray, end: np.ndarray, level: np.ndarray, reach: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Shares of cells that bound their averages best.
+
+        Parameters
+        ----------
+        start, end : ndarray, shape (sums, cells)
+            Values at the ends.
+        level : ndarray, shape (sums, 1)
+            Largest values, where values are multiplied by the duration.
+        reach : ndarray, shape (sums, 1)
+            What turns a slope into a change over a cell.
+
+        Returns
+        -------
+        before, after : ndarray, shape (sums, cells)
+        """
+        x, z = self.exponents[:, :, None]
+        with np.errstate(all="ignore"):
+            # slopes where the runs begin
+            up = self.rise[:, None] * reach - x * start
+            down = self.fall[:, None] * reach - z * end
+            before, after = _time(level - start, up, x), _time(level - end, down, z)
+            meet = _share((end - start + down) / (up + down))
+            for _ in range(_STEPS if self._decays else 0):
+                rest = 1.0 - meet
+                apart = start - end + up * meet * _mean(x * meet) - down * rest * _mean(z * rest)
+                slope = up * np.exp(-x * meet) + down * np.exp(-z * rest)
+                meet = np.where(self.decaying[:, None], _share(meet - apart / slope), meet)
+        # where nothing limits a slope it is not run along
+        before = np.where(self._finite[0][:, None], _share(before), 0.0)
+        after = np.where(self._finite[1][:, None], _share(after), 0.0)
+        apart = before + after <= 1.0
+        return np.where(apart, before, meet), np.where(apart, after, 1.0 - meet)
+
+
+class Drawn:
+    """Cuts made so far whose numbers change with the box.
+
+    Parameters
+    ----------
+    cuts : Cuts
+        The sums.
+    width : float
+        Width of a cell.
+    """
+
+    def __init__(self, cuts: Cuts, width: float) -> None:
+        self._cuts, self._width = cuts, width
+        masses = cuts.weights.shape[1]
+        self._kinds = np.repeat([0, 1, 2], [1, masses, masses])
+        none, wide = np.empty(0), np.empty((0, 2 * masses + 1))
+        # sums, shares, weights of coefficients, which there are, and where
+        self._all = [none.astype(int), none, none, wide, wide > 0.0, none.astype(int)]
+
+    def add(
+        self,
+        program: LinearProgram,
+        rows: np.ndarray,
+        columns: np.ndarray,
+        which: np.ndarray,
+        shares: tuple[np.ndarray, np.ndarray],
+    ) -> None:
+        """Remember cuts.
+
+        Parameters
+        ----------
+        program : LinearProgram
+            Holds them.
+        rows, which : ndarray of int, shape (m,)
+            Their rows, and the numbers of their sums.
+        columns : ndarray of int, shape (m, 2 n + 3)
+            Columns of g and of velocities at both ends of a cell; -1 for none.
+        shares : tuple of ndarray, shape (m,)
+            Shares of the cell, from its start and to its end.
+        """
+        own = np.flatnonzero(self._cuts.decaying[which])
+        if not own.size:
+            return
+        which, shares = which[own], (shares[0][own], shares[1][own])
+        weights = -self._cuts.weights[which]
+        ends = [weights * (share > 0.0)[:, None] for share in shares]
+        weights = np.hstack([np.full((len(own), 1), -0.5 * self._width), *ends])
+        there = (columns[own] >= 0) & (weights != 0.0)
+        at = program.places(np.repeat(rows[own], there.sum(axis=1)), columns[own][there])
+        parts = (which, *shares, weights, there, at)
+        self._all = [np.concatenate(pair) for pair in zip(self._all, parts, strict=True)]
+
+    def change(self, program: LinearProgram) -> None:
+        """Change numbers to those of the box that was told last.
+
+        Parameters
+        ----------
+        program : LinearProgram
+            Holds the cuts.
+        """
+        which, before, after, weights, there, at = self._all
+        if which.size:
+            held = self._cuts.holds(which, before, after)
+            values = np.array([self._cuts.reach(which, before, after), *held]).T
+            program.change(at, (values[:, self._kinds] * weights)[there])
+
+
+def _share(value: np.ndarray) -> np.ndarray:
+    """A number from 0 to 1; any will do where there is none."""
+    return np.where(np.isnan(value), 0.5, np.minimum(np.maximum(value, 0.0), 1.0))
+
+
+def _square(share: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Slope times a square, in which a share of 0 makes even an unlimited slope vanish."""
+    return share**2 * np.where(share > 0.0, slope, 0.0)
+
+
+def _time(way: np.ndarray, slope: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """How long a run takes that begins with a slope, which decays with the exponent x."""
+    plain = way / slope
+    left = 1.0 - plain * x
+    reached = (slope > 0.0) & (left > 0.0)
+    return np.where(reached, np.where(x == 0.0, plain, -np.log(left) / x), 1.0)
+
+
+def _mean(x: np.ndarray) -> np.ndarray:
+    """Mean of exp(-x s) over s from 0 to 1."""
+    return np.where(x == 0.0, 1.0, -np.expm1(-x) / np.where(x == 0.0, 1.0, x))
+
+
+def _ramp(x: np.ndarray) -> np.ndarray:
+    """Twice the mean of (1 - exp(-x s)) / x over s from 0 to 1."""
+    large = np.where(np.abs(x) > _SMALL, x, 1.0)
+    series = 1.0 - x / 3 * (1.0 - x / 4 * (1.0 - x / 5 * (1.0 - x / 6)))
+    return np.where(np.abs(x) > _SMALL, 2.0 * (1.0 - _mean(large)) / large, series)

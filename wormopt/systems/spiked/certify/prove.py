@@ -1,0 +1,291 @@
+"""Certify a gait: prove how much better any gait of so many phases could be.
+
+A speed is certified by one tree, grown until no branch is left above the target. A peak load at
+a required speed is certified by trees too: with the limit lowered a little below what was found,
+no gait must reach the speed. How far it can be lowered is the gap.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Generator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from wormopt.model.given import per
+from wormopt.progress import Report
+from wormopt.systems.spiked.certify.relaxation import Relaxed
+from wormopt.systems.spiked.certify.tree import Branch, Solver, Tree, periods, plant
+from wormopt.systems.spiked.search.sequences import Sequence_
+from wormopt.systems.spiked.search.space import all_sequences
+from wormopt.systems.spiked.task import Certify, Objective, Task
+
+__all__ = ["Certificate", "Progress", "gap_of", "prove"]
+
+Improve = Callable[[Sequence_, tuple[float, ...]], float]
+Ending = Literal["gap reached", "time limit", "finest cells", "interrupted"]
+
+# A limit is lowered in such shares, so that a run that is stopped has proven something.
+_SHARES = (0.1, 0.01, 1e-3, 1e-4)
+_LIMIT_OF = {"peak_spike_load": "spike_load", "peak_actuator_force": "actuator_force"}
+# A try takes as long as some ten programs; it may take a tenth of the time.
+_FIRST_TRIES, _BRANCHES_PER_TRY = 2, 40
+_SAVED_EVERY = 10.0  # seconds
+# Shares of the longest period that are too short to make a gait of.
+_SHORTEST = 1e-6
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a certificate has come; another run can go on from it.
+
+    Parameters
+    ----------
+    bound : float
+        No gait is faster, or cheaper. Infinite, or 0 for a cost, before anything is proven.
+    tree : Tree, optional
+        What is known of all gaits, at the step at hand.
+    step : int
+        Number of the step; a cost takes several.
+    boxes : int
+        Linear programs solved.
+    seconds : float
+        Time spent.
+    history : tuple of (float, float)
+        Seconds and bound, whenever the bound became better.
+    found : float
+        Speed of the best gait made on the way, see ``improve`` of `prove`.
+    """
+
+    bound: float
+    tree: Tree | None = None
+    step: int = 0
+    boxes: int = 0
+    seconds: float = 0.0
+    history: tuple[tuple[float, float], ...] = ()
+    found: float = -np.inf
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """How much better than a gait any other could be, proven.
+
+    Parameters
+    ----------
+    progress : Progress
+        What was proven, and how.
+    gap : float
+        By which share of its own value the gait could be better at most.
+    phases : int
+        It speaks of gaits of at most so many phases a cycle.
+    sequence : tuple of tuple of int, optional
+        The one order of rest it speaks of; None for all.
+    ending : str
+        Why it ended.
+    """
+
+    progress: Progress
+    gap: float
+    phases: int
+    sequence: Sequence_ | None
+    ending: Ending
+
+
+def prove(
+    task: Task,
+    value: float,
+    wanted: Certify,
+    report: Report,
+    begun: Progress | None = None,
+    save: Callable[[Progress], None] = lambda _: None,
+    improve: Improve | None = None,
+) -> Certificate:
+    """Prove how much better than a gait any gait could be.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits and objective: the speed, the peak spike load or the peak actuator force.
+    value : float
+        The gait's objective.
+    wanted : Certify
+        The proof that is wanted.
+    report : callable
+        Told the gap.
+    begun : Progress, optional
+        What an earlier run has proven of the same task and value.
+    save : callable, optional
+        Given the progress now and then, and at the end where the gap is not reached.
+    improve : callable, optional
+        Told the resting masses and the durations of one cycle of a relaxed gait of large bound;
+        so many cycles as fit make an allowed period.
+        Gives the speed of a true gait made from it, minus infinity without one. Where that is
+        faster than ``value``, the certificate speaks of it. Not called for costs.
+
+    Returns
+    -------
+    Certificate
+        With whatever gap was reached, also if the user stops it.
+
+    Examples
+    --------
+    Two masses that rest in turn.
+
+    >>> from wormopt.progress import silent
+    >>> from wormopt.systems.spiked.limits import Limits
+    >>> from wormopt.systems.spiked.task import Worm
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> task = Task(Worm(links=1, mass=1.0, load=5.0), limits, Objective())
+    >>> proof = prove(task, 0.45, Certify(phases=2, gap=0.01), silent)
+    >>> proof.gap <= 0.01, proof.ending
+    (True, 'gap reached')
+    """
+    cost = task.objective.minimise is not None
+    progress = begun = begun or Progress(0.0 if cost else np.inf)
+    widest, saved, stopped = 0.0, time.monotonic(), "finest cells"
+    until = saved + wanted.time_limit
+    try:
+        with closing(_prove(task, value, wanted, begun, improve)) as steps:
+            for progress in steps:
+                gap = gap_of(max(value, progress.found), progress.bound, cost)
+                widest = max(widest, gap if gap < np.inf else 0.0)
+                report(f"certifying: gap {gap:.2g}", _fraction(gap, widest, wanted.gap))
+                if time.monotonic() > saved + _SAVED_EVERY:
+                    save(progress)
+                    saved = time.monotonic()
+                if gap > wanted.gap and time.monotonic() > until:
+                    stopped = "time limit"
+                    break
+    except KeyboardInterrupt:
+        stopped = "interrupted"
+    gap = gap_of(max(value, progress.found), progress.bound, cost)
+    if gap > wanted.gap and stopped != "finest cells":  # else another run has nothing to add
+        save(progress)
+    own = wanted.sequence
+    return Certificate(
+        progress=progress,
+        gap=gap,
+        phases=len(own) if own else wanted.phases,
+        sequence=own,
+        ending=stopped if gap > wanted.gap else "gap reached",
+    )
+
+
+class _Best:
+    """The best speed known, and who may raise it."""
+
+    def __init__(self, task: Task, speed: float, improve: Improve | None) -> None:
+        self.speed = speed
+        shortest, self._unit = task.limits.period_range
+        self._shortest, self._improve = shortest / self._unit, improve
+        self._seen: Counter[Sequence_] = Counter()
+        self._tries: Counter[Sequence_] = Counter()
+
+    def look(self, branch: Branch, relaxed: Relaxed) -> None:
+        """Try a relaxed gait now and then; of one sequence ever fewer, as boxes become alike."""
+        if self._improve is None or not relaxed.point.size or len(branch.family) > 1:
+            return
+        own, seen = branch.sequence, self._seen
+        seen[own] += 1
+        may = _FIRST_TRIES + seen.total() // _BRANCHES_PER_TRY
+        if self._tries.total() < may and seen[own] >= 2 ** self._tries[own]:
+            self._tries[own] += 1
+            period = periods(self._shortest, min(float(relaxed.point[-1]), 1.0), 1.0)[0]
+            if period < _SHORTEST:  # jumps cost no time, so that cycles may be as short as any
+                return
+            durations = relaxed.point[:-1] * period * self._unit
+            found = self._improve(branch.sequence, tuple(durations.tolist()))
+            self.speed = max(self.speed, found)
+
+
+def _prove(
+    task: Task, value: float, wanted: Certify, begun: Progress, improve: Improve | None
+) -> Generator[Progress]:
+    """Improve a bound step by step; stopping between two steps loses nothing.
+
+    A speed takes one tree. For a cost each tree has its limit lowered further below ``value``,
+    and is done when no gait within that limit can have the required speed.
+    """
+    clock, progress = time.perf_counter() - begun.seconds, begun
+    for number, (reduced, required, lowered) in enumerate(_steps(task, value, wanted.gap)):
+        if number < begun.step:
+            continue
+        tree = begun.tree if number == begun.step else None
+        tree = tree or _planted(reduced, wanted)
+        earlier = progress.boxes - (tree.boxes if number == begun.step else 0)
+        best = _Best(task, max(value, begun.found), improve if lowered is None else None)
+        with Solver(reduced, wanted.workers) as solver:
+            while tree.bound > (cutoff := required or best.speed * (1 + wanted.gap)):
+                if not tree.open or tree.open[0].bound <= cutoff:
+                    return  # the finest cells do not tell
+                tree = solver.grow(tree, cutoff, None if required else best.speed, best.look)
+                seconds, bound = time.perf_counter() - clock, progress.bound
+                if lowered is None:
+                    bound = min(bound, tree.bound)
+                elif tree.bound <= cutoff:
+                    bound = max(bound, lowered)
+                history = progress.history
+                if bound != progress.bound:
+                    history = (*history, (seconds, bound))
+                found = begun.found if required else best.speed
+                boxes = earlier + tree.boxes
+                progress = Progress(bound, tree, number, boxes, seconds, history, found)
+                yield progress
+
+
+def _planted(task: Task, wanted: Certify) -> Tree:
+    own, phases = wanted.sequence, wanted.phases
+    sequences = [tuple(tuple(sorted(s)) for s in own)] if own else all_sequences(task, phases)
+    shortest, longest = task.limits.period_range
+    return plant(sequences, [s for s in sequences if len(s) == 3], shortest / longest)
+
+
+def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float | None, float | None]]:
+    """Tasks, the speeds that nothing in them must pass, and the costs that this proves.
+
+    Of a speed only the task: nothing must pass the best gait by more than the gap.
+    """
+    cost, required = task.objective.minimise, task.objective.speed
+    if cost is None or required is None:
+        return [(task, None, None)]
+    key = _LIMIT_OF[cost]
+    given = getattr(task.limits, key)
+    fastest, below = Objective(), float(np.nextafter(required, 0.0))
+    steps = []
+    for share in [*(s for s in _SHARES if s > gap), gap]:
+        lowered = value * (1 - share)
+        while (value - lowered) / value > share:  # by a rounding
+            lowered = float(np.nextafter(lowered, value))
+        count = np.size(given) if given is not None else 1
+        limit = tuple(min(lowered, g) for g in per(lowered if given is None else given, count))
+        limits = replace(task.limits, **{key: limit if count > 1 else limit[0]})
+        steps.append((replace(task, limits=limits, objective=fastest), below, lowered))
+    return steps
+
+
+def gap_of(value: float, bound: float, cost: bool) -> float:
+    """By which share of its own value a gait could still be better.
+
+    Parameters
+    ----------
+    value : float
+        Of the gait.
+    bound : float
+        No gait is better.
+    cost : bool
+        Whether small values are good.
+    """
+    if not value > 0.0:  # a worm that stands still can be better by any share
+        return np.inf
+    return (value - bound) / value if cost else (bound - value) / value
+
+
+def _fraction(gap: float, widest: float, wanted: float) -> float | None:
+    """Share of the way on which gaps are multiplied, from the first gap to the wanted one."""
+    if not wanted < gap < np.inf or widest <= wanted:
+        return None
+    return float(np.log(widest / gap) / np.log(widest / wanted))

@@ -1,0 +1,443 @@
+"""Relaxation of gait design: a linear program whose maximum no gait can beat.
+
+The resting masses of every phase are given, and a box that holds the phases' shares of the period,
+and the period T. Each phase of share e and duration h = e T runs over a scaled time s in [0, 1],
+cut into equal cells, and instead of a velocity v the program knows y = e v, the way per scaled
+time and period. In these unknowns the speed, ways and limits on rates are linear; accelerations
+become y' / (e h), so that their limits are linear in y and g = e h. Lengths are linear in y and
+1 / T. Averages over a cell obey every linear limit that the motion obeys at each instant. Every
+true gait in the box therefore gives a feasible point: the program only relaxes
+
+- g = e² T, h = e T and 1 / T, to planes over the box,
+- y = e c where phases meet and the velocity c is the same on both sides, and z = h q for the drag,
+  to their smallest enclosures by planes over the box (McCormick),
+- what happens inside a cell.
+
+All of them vanish as boxes and cells shrink.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from wormopt.numerics.linear_program import LinearProgram, Maximum, Rows, Term
+from wormopt.systems.spiked.certify.cuts import Cut, Cuts, Drawn
+from wormopt.systems.spiked.certify.planes import Sides, of_drags, of_meetings, of_shares
+from wormopt.systems.spiked.programs.scaled_limits import Form, scaled
+from wormopt.systems.spiked.search.sequences import Sequence_
+from wormopt.systems.spiked.task import Task
+
+__all__ = ["Box", "Relaxation", "Relaxed"]
+
+# Averages above what cuts allow are worth a row if they are so by this share of what the bound is
+# above the cutoff; then by shares of the speed from the second to the third.
+_MISSED, _LEAST_MISSED, _MOST_MISSED = 0.5, 1e-5, 5e-3
+# Rounds of cuts for a box, and the shares for a bound that is as close as cuts make it.
+_ROUNDS, _ALL_ROUNDS, _ALL_MISSED = 8, 100, 1e-9
+# Allowance for the rounding of box sides; everything in the program is of size 1.
+_ROUNDING = 1e-14
+
+Box = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxed:
+    """What the relaxation says of a box.
+
+    Parameters
+    ----------
+    bound : float
+        Proven: no gait of the sequence in the box is faster. Minus infinity where there is none.
+    point : ndarray, shape (phases + 1,)
+        The phases' shares of the period and the period, as a share of the longest, in the
+        relaxed optimum; empty where there is none.
+    losses : ndarray, shape (phases + 1,)
+        Part of the bound that relaxed products account for, to first order, by the side of the
+        box that is to blame.
+    slack : ndarray, shape (phases + 1,)
+        Product of the distances from both ends of each side of the box.
+    loads : float
+        Part of the bound that loads on masses that perhaps do not rest account for.
+    """
+
+    bound: float
+    point: np.ndarray
+    losses: np.ndarray
+    slack: np.ndarray
+    loads: float = 0.0
+
+
+class Relaxation:
+    """The linear program of one sequence of resting masses, for any box of shares and periods.
+
+    Parameters
+    ----------
+    task : Task
+        Worm and limits; the speed is what is bounded, whatever the objective.
+    sequence : tuple of tuple of int
+        Resting masses, phase after phase; neighbours differ.
+    cells : int
+        Cells per phase.
+    more : tuple of int, optional
+        So many others may rest in each phase besides; none if left out.
+
+    Examples
+    --------
+    Two masses that rest in turn: the best speed is 0.425, half the rate less the time that ramps
+    take. The narrower the box, the closer the bound.
+
+    >>> from wormopt.systems.spiked.limits import Limits
+    >>> from wormopt.systems.spiked.task import Objective, Worm
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> worm = Worm(links=1, mass=1.0, load=5.0)
+    >>> relaxation = Relaxation(Task(worm, limits, Objective()), ((0,), (1,)), 10)
+    >>> narrow = relaxation.solve(((0.49, 0.51), (0.49, 0.51), (1.0, 1.0))).bound
+    >>> 0.425 < narrow < relaxation.solve(((0.0, 1.0), (0.0, 1.0), (1.0, 1.0))).bound <= 0.5
+    True
+    """
+
+    def __init__(
+        self, task: Task, sequence: Sequence_, cells: int, more: tuple[int, ...] = ()
+    ) -> None:
+        self._limits = scaled(task)
+        self._sequence, self._cells = sequence, cells
+        self._more = more or (0,) * len(sequence)
+        self._borne: list[tuple[int, np.ndarray, float]] = []
+        self._balance: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._rows = Rows()
+        self._upper: list[float] = []
+        self._sums: list[Cut] = []
+        self._add_columns()
+        for phase in range(len(sequence)):
+            self._add_rates(phase)
+            self._add_forces(phase)
+        self._add_course()
+        self._add_products()
+        self._cuts = Cuts(self._sums)
+        self._drawn = Drawn(self._cuts, 1.0 / cells)
+        self._program = self._assemble()
+
+    @property
+    def _continuous(self) -> bool:
+        return self._limits.acceleration is not None
+
+    def _columns(self, upper: np.ndarray | float, *shape: int) -> np.ndarray:
+        """Number new columns from 0 to these bounds; -1 where the bound is 0: no column."""
+        most = np.broadcast_to(upper, shape)
+        number = np.where(
+            most > 0.0, len(self._upper) - 1 + np.cumsum(most > 0.0).reshape(shape), -1
+        )
+        self._upper.extend(most[most > 0.0].tolist())
+        return number
+
+    def _add_columns(self) -> None:
+        """Speed, period T, shares e, g, h, ways y and q, lengths l from the shortest, speeds c.
+
+        Lengths are per period like ways, and so is what they may change by: ``_room`` is 1 / T,
+        or less where no link could use more. No link swings by more than 1 per period.
+        """
+        limits, phases, m = self._limits, len(self._sequence), self._cells
+        links = limits.links
+        fastest = np.array([limits.fastest(resting) for resting in self._sequence])
+        rests = fastest == 0.0
+        before, after = np.roll(rests, 1, axis=0), np.roll(rests, -1, axis=0)
+        self._most_room = 1.0 / float(limits.strokes[limits.strokes > 0.0].min(initial=np.inf))
+        self._way = int(self._columns(float(fastest.max()), 1)[0])
+        self._period, self._room = self._columns(np.array([1.0, max(self._most_room, 1.0)]), 2)
+        self._e, self._g, self._h = self._columns(1.0, 3, phases)
+        at_ends = np.repeat(fastest[:, None], m + 1, axis=1)
+        if self._continuous:
+            at_ends[:, 0][before] = 0.0
+            at_ends[:, -1][after] = 0.0
+        self._y = self._columns(at_ends, phases, m + 1, links + 1)
+        self._q = self._columns(fastest[:, None], phases, m, links + 1)
+        self._z = self._columns(fastest[:, None] if limits.drag else 0.0, phases, m, links + 1)
+        self._l = self._columns(np.where(limits.strokes > 0.0, 1.0, 0.0), phases, m, links)
+        c_max = np.minimum(fastest, np.roll(fastest, -1, axis=0))
+        self._c, self._c_max = self._columns(c_max, phases, links + 1), c_max
+
+    def _add_rates(self, phase: int) -> None:
+        """Rates of the links at the cells' ends and on average."""
+        e = int(self._e[phase])
+        way = np.concatenate([self._y[phase], self._q[phase]])
+        for j, (most_in, most_out) in enumerate(zip(*self._limits.rates, strict=True)):
+            change = [(way[:, j], 1.0), (way[:, j + 1], -1.0)]
+            self._rows.add([*change, (e, -most_out)], -np.inf, 0.0)
+            self._rows.add([*change, (e, most_in)], 0.0, np.inf)
+
+    def _add_forces(self, phase: int) -> None:
+        """Limits on accelerations and forces, and what they say of averages and whole phases."""
+        limits, resting, width = self._limits, self._sequence[phase], 1.0 / self._cells
+        y, z = self._y[phase], self._z[phase]
+        h, g = int(self._h[phase]), int(self._g[phase])
+        above = np.empty(0, int)
+        c, before = self._c[phase], self._c[phase - 1]
+        for bounds in limits.bounds(resting, self._more[phase]):
+            form = bounds.form
+            start, end = (_sum(form.alpha, way) for way in (y[:-1], y[1:]))
+            change = [*end, *_times(start, -1.0)]
+            force = [*_times(change, 1.0 / width), *_sum(limits.drag * form.beta, z)]
+            if form.below < np.inf:
+                self._rows.add([*force, (g, form.below)], 0.0, np.inf)
+            if form.above < np.inf:
+                above = self._rows.add([*force, (g, -form.above)], -np.inf, 0.0)
+            if form.shared > 0.0:
+                self._borne.append((phase, above, form.shared))
+            for down, up in bounds.courses:
+                self._sums += [
+                    Cut(phase, form.alpha, up, down, bounds.largest),
+                    Cut(phase, -form.alpha, down, up, -bounds.least),
+                ]
+            if self._continuous:
+                gain = [*_sum(form.alpha, c[None]), *_sum(-form.alpha, before[None])]
+                self._rows.add([*gain, (h, -bounds.rise)], -np.inf, 0.0)
+                self._rows.add([*gain, (h, bounds.fall)], 0.0, np.inf)
+                if np.any(limits.drag * form.beta):
+                    self._add_balance(phase, form, gain)
+
+    def _add_balance(self, phase: int, form: Form, gain: list[Term]) -> None:
+        """Momentum over the whole phase: drag takes k times the way, which is T times that of y."""
+        drags = self._limits.drag / self._cells * form.beta
+        q = np.where(drags != 0.0, self._q[phase], -1)
+        for sign, most in ((1.0, form.above), (-1.0, form.below)):
+            if most < np.inf and np.any(q >= 0):
+                terms = [*gain, *((int(column), 1.0) for column in q[q >= 0])]
+                terms = _times(terms, sign)
+                row = self._rows.add([*terms, (int(self._h[phase]), -most)], -np.inf, 0.0)
+                weights = sign * np.broadcast_to(drags, q.shape)[q >= 0]
+                self._balance.append((np.full(weights.shape, row[0]), q[q >= 0], weights))
+
+    def _add_cuts(
+        self, which: np.ndarray, cells: np.ndarray, before: np.ndarray, after: np.ndarray
+    ) -> Rows:
+        """Bound averages of sums over cells by what is run along from their ends."""
+        cuts, p, width, rows = self._cuts, self._cuts.phase[which], 1.0 / self._cells, Rows()
+        reach = cuts.reach(which, before, after) * width / 2
+        level = (np.maximum(1.0 - before - after, 0.0) + _ROUNDING) * cuts.most[which]
+        terms: list[Term] = [(self._g[p], -reach), (self._e[p], -level)]
+        held = cuts.holds(which, before, after)
+        for i, weight in enumerate(cuts.weights[which].T):
+            ends = (self._q[p, cells, i], self._y[p, cells, i], self._y[p, cells + 1, i])
+            for column, share in zip(ends, (1.0, -held[0], -held[1]), strict=True):
+                terms.append((np.where(weight * share != 0.0, column, -1), weight * share))
+        rows.add(terms, -np.inf, 0.0)
+        return rows
+
+    def _add_course(self) -> None:
+        """Lengths follow the ways and close, all masses advance alike, the period is allowed."""
+        width = 1.0 / self._cells
+        for j in range(self._limits.links):
+            length, q = self._l[:, :, j].ravel(), self._q.reshape(-1, self._limits.links + 1)
+            change = [(q[:, j], -width), (q[:, j + 1], width)]
+            self._rows.add([(np.roll(length, -1), 1.0), (length, -1.0), *change], 0.0, 0.0)
+            self._rows.add([(length, 1.0), (self._room, -self._limits.strokes[j])], -np.inf, 0.0)
+        for i in range(self._limits.links + 1):
+            ways = [(int(column), width) for column in self._q[:, :, i].ravel()]
+            self._rows.add([*ways, (self._way, -1.0)], 0.0, 0.0)
+        for columns, whole in ((self._e, -1), (self._h, int(self._period))):
+            parts = [(int(column), 1.0) for column in columns]
+            side = 1.0 if whole < 0 else 0.0
+            self._rows.add([*parts, (whole, -1.0)], side - _ROUNDING, side + _ROUNDING)
+
+    def _meetings(self) -> Iterator[tuple[int, int, int, float]]:
+        """List y = e c on both sides of the instants where phases meet."""
+        phases = len(self._sequence)
+        for p, i in zip(*np.nonzero(self._c_max), strict=True):
+            after = (p + 1) % phases
+            c, most = int(self._c[p, i]), float(self._c_max[p, i])
+            yield p, int(self._y[p, -1, i]), c, most
+            yield after, int(self._y[after, 0, i]), c, most
+
+    def _drags(self) -> Iterator[tuple[int, int, int, float]]:
+        """List z = h q, by which velocities enter the drag."""
+        for p, k, i in zip(*np.nonzero(self._z >= 0), strict=True):
+            q = int(self._q[p, k, i])
+            yield p, int(self._z[p, k, i]), q, self._upper[q]
+
+    def _add_products(self) -> None:
+        """Enclose products by planes that depend on the box."""
+        e, room = self._e, int(self._room)
+        p, y, c, most = self._meeting = _table(self._meetings() if self._continuous else ())
+        d, z, q, top = self._drag = _table(self._drags())
+        self._planes = [
+            *of_shares(self._g, self._h, e, int(self._period), room),
+            *of_meetings(p, y, c, e[p], most),
+            *of_drags(d, z, q, self._g[d], e[d], top),
+        ]
+        self._plane_rows = [
+            self._rows.add([(column, 1.0) for column in plane.columns], -np.inf, np.inf)
+            for plane in self._planes
+        ]
+
+    def _assemble(self) -> LinearProgram:
+        cost = np.zeros(len(self._upper))
+        upper = np.array(self._upper) * (1 + 4 * _ROUNDING)
+        cost[self._way] = 1.0
+        program = LinearProgram(cost, self._rows, 0.0 * upper, upper)
+        pairs = zip(self._planes, self._plane_rows, strict=True)
+        self._places = np.concatenate(
+            [program.places(rows, column) for plane, rows in pairs for column in plane.columns]
+        )
+        if self._balance:
+            parts = (np.concatenate(part) for part in zip(*self._balance, strict=True))
+            rows, columns, self._drags_per_way = parts
+            self._ways = program.places(rows, columns)
+        return program
+
+    def solve(self, box: Box, cutoff: float | None = None) -> Relaxed:
+        """Bound the speed of all gaits in a box.
+
+        Parameters
+        ----------
+        box : tuple of (float, float)
+            Smallest and largest share of the period of every phase, then the shortest and longest
+            period as shares of the longest allowed.
+        cutoff : float, optional
+            Lower bounds are not wanted, and less work is done for bounds far above. All that
+            can be done is done if left out.
+
+        Returns
+        -------
+        Relaxed
+        """
+        sides = self._tighten(np.array(box))
+        if np.any(sides.low > sides.high) or sides.a > sides.b:
+            return _nothing(-np.inf)
+        self._set_box(sides)
+        found = self._program.maximise()
+        bound = self._bound_of(found)
+        for _ in range(_ALL_ROUNDS if cutoff is None else _ROUNDS):
+            missed = self._missed(bound, cutoff)
+            if missed <= 0.0 or not found.x.size or not self._cut_off(found.x, missed):
+                break
+            found = self._program.maximise()
+            bound = min(bound, self._bound_of(found))
+        if not found.x.size:
+            return _nothing(bound)
+        point = found.x[[*self._e, self._period]]
+        ends = np.append(sides.low, sides.a), np.append(sides.high, sides.b)
+        slack = np.maximum(point - ends[0], 0.0) * np.maximum(ends[1] - point, 0.0)
+        losses, loads = self._losses(found, sides), self._loads(found)
+        return Relaxed(bound, point, losses * self._limits.speed, slack, loads)
+
+    def _missed(self, bound: float, cutoff: float | None) -> float:
+        """By which share of the speed cuts must be missed to be made; 0 for none."""
+        if cutoff is None:
+            return _ALL_MISSED
+        above = _MISSED * (bound - cutoff) / bound if bound > cutoff else 0.0
+        return min(max(above, _LEAST_MISSED), _MOST_MISSED) if above else 0.0
+
+    def _bound_of(self, found: Maximum) -> float:
+        return found.bound * self._limits.speed * (1 + 4 * _ROUNDING)
+
+    def _tighten(self, box: np.ndarray) -> Sides:
+        """Draw the box in to shares that add up to 1."""
+        (low, high), (a, b) = box[:-1].T, box[-1]
+        others_low, others_high = low.sum() - low, high.sum() - high
+        return Sides(
+            np.maximum(low, 1.0 - others_high - _ROUNDING),
+            np.minimum(high, 1.0 - others_low + _ROUNDING),
+            float(a),
+            float(b),
+        )
+
+    def _set_box(self, sides: Sides) -> None:
+        program, (low, high, a, b) = self._program, (sides.low, sides.high, sides.a, sides.b)
+        program.set_bounds(self._e, low, high)
+        program.set_bounds(
+            self._g, np.maximum(low**2 * a - _ROUNDING, 0.0), high**2 * b + _ROUNDING
+        )
+        program.set_bounds(self._h, np.maximum(low * a - _ROUNDING, 0.0), high * b + _ROUNDING)
+        room = min(1.0 / a if a else np.inf, self._most_room) * (1 + _ROUNDING)
+        program.set_bounds(
+            np.array([self._period, self._room]), np.array([a, 0.0]), np.array([b, room])
+        )
+        coefficients, upper = [], []
+        for plane in self._planes:
+            none = np.zeros(len(plane.phase))
+            values, side = plane.of(sides.of(plane.phase))
+            coefficients += [none + value for value in values]
+            upper.append(none + side + _ROUNDING)
+        program.change(self._places, np.concatenate(coefficients))
+        most = np.concatenate(upper)
+        rows = np.concatenate(self._plane_rows)
+        program.set_sides(rows, np.full(len(most), -np.inf), most)
+        if self._balance:  # the period that is on the safe side
+            drags = self._drags_per_way
+            program.change(self._ways, drags * np.where(drags > 0.0, a, b))
+        width = 1.0 / self._cells
+        self._cuts.set_durations(low * a * width, high * b * width)
+        self._drawn.change(program)
+
+    def _cut_off(self, x: np.ndarray, missed: float) -> bool:
+        """Add the cuts that a point does not meet; whether there are any."""
+        cuts, x, width = self._cuts, np.append(np.maximum(x, 0.0), 0.0), 1.0 / self._cells
+        y, q = (
+            np.einsum("cki,ci->ck", x[columns[cuts.phase]], cuts.weights)
+            for columns in (self._y, self._q)
+        )
+        start, end, g = y[:, :-1], y[:, 1:], x[self._g[cuts.phase], None]
+        level = x[self._e[cuts.phase]] * cuts.most
+        before, after = cuts.shares(start, end, level[:, None], g * width)
+        every = np.broadcast_to(np.arange(len(level))[:, None], q.shape)
+        reach = cuts.reach(every, before, after) * g * width / 2
+        held = cuts.holds(every, before, after)
+        most = held[0] * start + held[1] * end + reach + (1 - before - after) * level[:, None]
+        found = which, cells = np.nonzero(q > most + missed * x[self._way])
+        if which.size:
+            before, after = before[found], after[found]
+            rows = self._program.extend(self._add_cuts(which, cells, before, after))
+            p = self._cuts.phase[which]
+            columns = self._g[p, None], self._y[p, cells], self._y[p, cells + 1]
+            self._drawn.add(self._program, rows, np.hstack(columns), which, (before, after))
+        return which.size > 0
+
+    def _loads(self, found: Maximum) -> float:
+        gains = [
+            np.abs(found.row_duals[rows]).sum() * found.x[self._g[p]] * shared
+            for p, rows, shared in self._borne
+        ]
+        return float(sum(gains)) * self._limits.speed
+
+    def _losses(self, found: Maximum, sides: Sides) -> np.ndarray:
+        """Gain from products by sides of the box, to first order: multipliers times violations."""
+        x, (low, high) = found.x, (sides.low, sides.high)
+        weights = [np.abs(found.row_duals[rows]) for rows in self._plane_rows]
+        e, t = x[self._e], x[self._period]
+        excess = t * (e - low) * (high - e)
+        losses = np.append(np.maximum(excess, 0.0) * (weights[0] + weights[1]), 0.0)
+        rest = np.abs(x[self._g] - t * e**2 - excess) * (weights[0] + weights[1])
+        rest += np.abs(x[self._h] - t * e) * (weights[2] + weights[3])
+        losses[-1] += rest.sum() + float(weights[4][0]) * abs(x[self._room] * t - 1.0)
+        p, y, c, _ = self._meeting
+        np.add.at(losses, p, sum(weights[5:9]) * np.abs(x[y] - e[p] * x[c]))
+        p, z, q, _ = self._drag
+        periods_fault = sides.b * low < sides.a * high  # the relative width of the period is less
+        side = np.where(periods_fault, np.arange(len(e)), len(e))[p]
+        np.add.at(losses, side, sum(weights[9:13]) * np.abs(x[z] - t * e[p] * x[q]))
+        return losses
+
+
+def _table(
+    products: Iterable[tuple[int, int, int, float]],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Phases, products, factors and the factors' largest values."""
+    phase, whole, factor, most = np.array([*products], float).reshape(-1, 4).T
+    return phase.astype(int), whole.astype(int), factor.astype(int), most
+
+
+def _nothing(bound: float) -> Relaxed:
+    none = np.empty(0)
+    return Relaxed(bound, none, none, none)
+
+
+def _sum(weights: np.ndarray, columns: np.ndarray) -> list[Term]:
+    """Terms of a weighted sum over masses, row by row."""
+    return [(columns[:, i], float(weights[i])) for i in np.flatnonzero(weights)]
+
+
+def _times(terms: Iterable[Term], factor: float) -> list[Term]:
+    return [(columns, factor * np.asarray(value)) for columns, value in terms]

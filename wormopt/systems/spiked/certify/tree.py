@@ -1,0 +1,432 @@
+"""Branch and bound over sequences of resting masses and boxes of durations.
+
+Every gait belongs to one branch of the tree: a sequence and a box that holds the period of its
+cycle and the phases' shares of it. A gait that repeats has the period of one repetition. The
+relaxation bounds the speed of all gaits of a branch at once. What is below the cutoff is done
+with; the rest is cut in two where the relaxed optimum lies, or looked at with finer cells.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from itertools import chain
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from wormopt.numerics.workers import Workers
+from wormopt.systems.spiked.certify.families import Family, families, parts
+from wormopt.systems.spiked.certify.relaxation import Box, Relaxation, Relaxed
+from wormopt.systems.spiked.search.sequences import Sequence_
+from wormopt.systems.spiked.task import Task
+
+__all__ = ["Branch", "Solver", "Tree", "grow", "periods", "plant"]
+
+CELLS = 2  # per phase, to begin with
+_MOST_CELLS = 128
+# Products count as tight where they explain less than this share of what is above the cutoff.
+_TIGHT = 0.2
+# Sides are narrow if their slack is no more than this share of the square of what they hold.
+_NARROW = 0.02
+# Ratio of the longest period of a box to its shortest.
+_WIDEST = 2.0
+# Sides are not cut any further; periods and longest periods are 1.
+_NARROWEST = 1e-6
+# A cut leaves at least this share of an interval on either side.
+_LEAST_SHARE = 0.35
+# Periods of cycles are quotients.
+_ROUNDING = 1e-15
+# Families of so many sequences are divided first, larger ones where loads are to blame.
+_FEW = 16
+# Programs that each process keeps, some megabytes each.
+_KEPT = 200
+# Branches of a job, boxes after which it ends, and jobs between two looks at the whole tree, for
+# each process.
+_SENT, _BOXES, _JOBS = 4, 16, 2
+
+
+class Branch(NamedTuple):
+    """All gaits of a sequence in a box.
+
+    Parameters
+    ----------
+    bound : float
+        Proven: none of them is faster.
+    sequence : tuple of tuple of int
+        Resting masses, phase after phase.
+    box : tuple of (float, float)
+        Smallest and largest share of the period of each phase, then shortest and longest period
+        of the cycle as shares of the longest allowed.
+    cells : int
+        Cells per phase with which it is looked at next.
+    refined : bool
+        Whether that is a finer look at what was looked at before.
+    family : tuple of sequences
+        All the sequences of the branch. Where they are several, others may rest besides.
+    """
+
+    bound: float
+    sequence: Sequence_
+    box: Box
+    cells: int = CELLS
+    refined: bool = False
+    family: Family = ()
+
+    @property
+    def more(self) -> tuple[int, ...]:
+        """How many masses may rest in each phase besides those of the sequence."""
+        most = [max(map(len, sets)) for sets in zip(*self.family, strict=True)]
+        return tuple(m - len(s) for m, s in zip(most, self.sequence, strict=False))
+
+    @property
+    def durations(self) -> Box:
+        """Shortest and longest duration of each phase, as shares of the longest period."""
+        *shares, (shortest, longest) = self.box
+        return tuple((low * shortest, high * longest) for low, high in shares)
+
+
+@dataclass(frozen=True)
+class Tree:
+    """What is known of all gaits, as branches that together contain every one of them.
+
+    Parameters
+    ----------
+    open : tuple of Branch
+        Not yet done with, as a heap would have them: the largest bound first.
+    done : float
+        Largest bound of the branches that are done with.
+    leaves : tuple of Branch
+        Branches done with, of the sequences in ``watched``.
+    boxes : int
+        Linear programs solved.
+    watched : tuple of sequences
+        Sequences whose leaves are kept, for a picture.
+    shortest : float
+        Shortest period, as a share of the longest; cycles last a whole part of a period.
+    """
+
+    open: tuple[Branch, ...]
+    done: float = -np.inf
+    leaves: tuple[Branch, ...] = ()
+    boxes: int = 0
+    watched: tuple[Sequence_, ...] = ()
+    shortest: float = 1.0
+
+    @property
+    def bound(self) -> float:
+        """Proven: no gait in the tree is faster."""
+        return max(self.done, self.open[0].bound if self.open else -np.inf)
+
+
+def plant(
+    sequences: Sequence[Sequence_], watched: Sequence[Sequence_] = (), shortest: float = 1.0
+) -> Tree:
+    """Begin a tree of which nothing is known yet.
+
+    Parameters
+    ----------
+    sequences : sequence of sequences
+        Resting masses, phase after phase.
+    watched : sequence of sequences, optional
+        Those whose leaves are wanted.
+    shortest : float, optional
+        Shortest period, as a share of the longest.
+
+    Returns
+    -------
+    Tree
+    """
+    halves = (periods(shortest, 0.0, 1 / _WIDEST), periods(shortest, 1 / _WIDEST, 1.0))
+    roots = [
+        Branch(np.inf, common, ((0.0, 1.0),) * len(common) + (period,), family=family)
+        for common, family in families(sequences).items()
+        for period in halves
+    ]
+    return Tree(tuple(roots), watched=tuple(watched), shortest=shortest)
+
+
+class Solver:
+    """Grows a tree in several processes, each of which keeps the programs that it needs.
+
+    Parameters
+    ----------
+    task : Task
+        Worm and limits.
+    workers : int, optional
+        Number of processes; as many as there are processors if left out.
+    """
+
+    def __init__(self, task: Task, workers: int | None = None) -> None:
+        self._workers = Workers(workers)
+        self._task, self._programs = task, Programs(task)
+
+    def grow(
+        self,
+        tree: Tree,
+        cutoff: float,
+        found: float | None = None,
+        look: Look = lambda *_: None,
+    ) -> Tree:
+        """Look at the most promising branches.
+
+        Parameters
+        ----------
+        tree : Tree
+            With open branches above the cutoff.
+        cutoff : float
+            Branches proven to hold nothing faster are done with.
+        found : float, optional
+            Speed of a gait that is the best or nearly so, if one is known.
+        look : callable, optional
+            Told branches that are not done with, and their relaxations: all of them, or of each
+            process the most promising of some.
+
+        Returns
+        -------
+        Tree
+            A new one; the old one stays as it was, so that nothing is lost if this is interrupted.
+        """
+        if self._workers.count == 1:
+            return grow(tree, cutoff, self._programs, found, look)
+        first = heapq.nsmallest(_SENT * _JOBS * self._workers.count, tree.open, key=_promise)
+        first = [branch for branch in first if branch.bound > cutoff]
+        sent = {id(branch) for branch in first}
+        first.sort(key=lambda branch: branch.sequence)  # those of a sequence share its program
+        jobs = [
+            replace(tree, open=tuple(sorted(first[k : k + _SENT], key=_promise)), **_NOTHING_DONE)
+            for k in range(0, len(first), _SENT)
+        ]
+        work = partial(_grown, self._task, cutoff, found)
+        parts, seen = zip(*self._workers.map(work, jobs), strict=True)
+        for pair in filter(None, seen):
+            look(*pair)
+        rest = [branch for branch in tree.open if id(branch) not in sent]
+        return _joined(tree, rest, parts)
+
+    def close(self) -> None:
+        """Let the processes go."""
+        self._workers.close()
+
+    def __enter__(self) -> Solver:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+Look = Callable[[Branch, Relaxed], None]
+_NOTHING_DONE: dict[str, Any] = {"done": -np.inf, "leaves": (), "boxes": 0}
+
+
+class Programs:
+    """Relaxations of a task; those used last are kept, with their bases and cuts.
+
+    Parameters
+    ----------
+    task : Task
+        Worm and limits.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._kept = OrderedDict[tuple, Relaxation]()
+
+    def solve(self, branch: Branch, cutoff: float) -> Relaxed:
+        """Solve the relaxation of a branch.
+
+        Parameters
+        ----------
+        branch : Branch
+        cutoff : float
+            Lower bounds are not wanted.
+
+        Returns
+        -------
+        Relaxed
+        """
+        key = (branch.sequence, branch.cells, branch.more)
+        relaxation = self._kept.pop(key, None) or Relaxation(self._task, *key)
+        self._kept[key] = relaxation
+        if len(self._kept) > _KEPT:
+            self._kept.popitem(last=False)
+        return relaxation.solve(branch.box, cutoff)
+
+
+@lru_cache(maxsize=1)
+def _programs(task: Task) -> Programs:
+    return Programs(task)
+
+
+def _grown(
+    task: Task, cutoff: float, found: float | None, tree: Tree
+) -> tuple[Tree, tuple[Branch, Relaxed] | None]:
+    """Grow a tree for a while; with its most promising branch of those seen, relaxed."""
+    seen: list[tuple[Branch, Relaxed]] = []
+    most = _BOXES if tree.bound < np.inf else len(tree.open)  # first there must be any bound
+
+    def look(branch: Branch, relaxed: Relaxed) -> None:
+        seen.append((branch, relaxed))
+
+    while tree.boxes < most and tree.open and tree.bound > cutoff:
+        tree = grow(tree, cutoff, _programs(task), found, look)
+    return tree, max(seen, key=lambda pair: pair[0].bound, default=None)
+
+
+def _joined(tree: Tree, rest: list[Branch], parts: Sequence[Tree]) -> Tree:
+    """The tree with these branches as they were, and the others as they have grown."""
+    opened = [*rest, *chain(*(part.open for part in parts))]
+    return replace(
+        tree,
+        open=tuple(sorted(opened, key=_promise)),
+        done=max(tree.done, *(part.done for part in parts)),
+        leaves=(*tree.leaves, *chain(*(part.leaves for part in parts))),
+        boxes=tree.boxes + sum(part.boxes for part in parts),
+    )
+
+
+def _promise(branch: Branch) -> tuple[float, Branch]:
+    return -branch.bound, branch
+
+
+def grow(
+    tree: Tree,
+    cutoff: float,
+    programs: Programs,
+    found: float | None = None,
+    look: Look = lambda *_: None,
+) -> Tree:
+    """Look at the two most promising branches; see `Solver.grow`.
+
+    Parameters
+    ----------
+    tree, cutoff, found, look : optional
+        As there.
+    programs : Programs
+        Solves the relaxations.
+
+    Returns
+    -------
+    Tree
+    """
+    heap = [(-branch.bound, branch) for branch in tree.open]
+    batch: list[Branch] = []
+    while heap and len(batch) < 2 and -heap[0][0] > cutoff:
+        batch.append(heapq.heappop(heap)[1])
+    done, leaves, aim = tree.done, list(tree.leaves), cutoff if found is None else found
+    for branch in batch:
+        relaxed = programs.solve(branch, cutoff)
+        known = branch._replace(bound=min(branch.bound, relaxed.bound))
+        twigs = []
+        if known.bound > cutoff:
+            look(known, relaxed)
+            twigs = _twigs(known, relaxed, branch.bound, cutoff, aim, tree.shortest)
+        for twig in twigs:
+            heapq.heappush(heap, (-twig.bound, twig))
+        if not twigs:
+            done = max(done, known.bound)
+            if known.sequence in tree.watched:
+                leaves.append(known)
+    return replace(
+        tree,
+        open=tuple(branch for _, branch in heap),
+        done=done,
+        leaves=tuple(leaves),
+        boxes=tree.boxes + len(batch),
+    )
+
+
+def _twigs(
+    branch: Branch, relaxed: Relaxed, before: float, cutoff: float, aim: float, shortest: float
+) -> list[Branch]:
+    """Parts of a branch, or the branch with finer cells; nothing if that leads no further."""
+    if not relaxed.point.size:  # the solver failed
+        longest = int(np.argmax(np.ptp(np.array(branch.box), axis=1)))
+        return _cut(branch, longest, float(np.mean(branch.box[longest])), shortest)
+    least, most = branch.box[-1]
+    if most > _WIDEST * least:  # little is true of such different periods at once
+        at = math.sqrt(least * most) if least else 0.75 * most
+        return _cut(branch, len(branch.sequence), at, shortest)
+    tight = _TIGHT * (branch.bound - aim)
+    exact = relaxed.losses.sum() < tight
+    narrow = bool(np.all(relaxed.slack < _NARROW * relaxed.point**2 + _NARROWEST))
+    vain = branch.refined and before - branch.bound < tight
+    few = len(branch.family) <= _FEW
+    if any(branch.more) and (few or exact or relaxed.loads > relaxed.losses.sum()):
+        return _members(branch)
+    if exact and (narrow or not vain):
+        if branch.cells < _MOST_CELLS:
+            return [branch._replace(cells=2 * branch.cells, refined=True)]
+        if relaxed.losses.sum() < branch.bound - cutoff:  # no box is narrow enough
+            return []
+    if vain and not narrow:  # the box is what is too coarse, whatever the multipliers say
+        branch = branch._replace(cells=branch.cells // 2)
+    explained = relaxed.losses.sum() > _TIGHT * tight
+    side = int(np.argmax(relaxed.losses if explained else relaxed.slack))
+    return _cut(branch, side, float(relaxed.point[side]), shortest)
+
+
+def _members(branch: Branch) -> list[Branch]:
+    """The parts of a family that differ in the phase where most others may rest."""
+    phase = int(np.argmax(branch.more))
+    twigs = []
+    for family in parts(branch.family, phase):
+        word = next(iter(family))
+        known = (*branch.sequence[:phase], word[phase], *branch.sequence[phase + 1 :])
+        sequence = known if len(family) > 1 else word
+        twigs.append(branch._replace(sequence=sequence, family=family, refined=False))
+    return twigs
+
+
+def _cut(branch: Branch, side: int, at: float, shortest: float) -> list[Branch]:
+    low, high = branch.box[side]
+    if high - low < _NARROWEST:
+        return []
+    margin = _LEAST_SHARE * (high - low)
+    at = min(max(at, low + margin), high - margin)
+    parts = [(low, at), (at, high)]
+    if side == len(branch.sequence):
+        parts = [p for p in (periods(shortest, *part) for part in parts) if p[0] <= p[1]]
+    boxes = ((*branch.box[:side], part, *branch.box[side + 1 :]) for part in parts)
+    twigs = [_ordered(branch._replace(box=box, refined=False)) for box in boxes]
+    return [twig for twig in twigs if all(low <= high for low, high in twig.box)]
+
+
+def _ordered(branch: Branch) -> Branch:
+    """Of a word that repeats itself the gaits that begin with the shortest of the like phases."""
+    word, box = branch.sequence, list(branch.box)
+    for k in range(1, len(word)):
+        if word[k:] + word[:k] == word and not any(branch.more):
+            (least, low), (high, most) = box[0], box[k]
+            box[0], box[k] = (least, min(low, most)), (max(least, high), most)
+    return branch._replace(box=tuple(box))
+
+
+def periods(shortest: float, low: float, high: float) -> tuple[float, float]:
+    """Find the shortest and longest period of a cycle in a range.
+
+    Parameters
+    ----------
+    shortest : float
+        Shortest period of which a cycle lasts a whole part; the longest is 1.
+    low, high : float
+        The range.
+
+    Returns
+    -------
+    least, most : float
+        The first above the second where there is none.
+
+    Examples
+    --------
+    >>> [round(period, 9) for period in periods(0.9, 0.35, 0.8)]
+    [0.45, 0.5]
+    """
+    fewest = max(1, math.ceil(shortest / high * (1 - _ROUNDING)))
+    most = math.floor(1 / low * (1 + _ROUNDING)) if low > 0.0 else math.inf
+    least = max(low, shortest / most * (1 - _ROUNDING))
+    return least, min(high, 1 / fewest * (1 + _ROUNDING))

@@ -1,0 +1,275 @@
+"""Constructed gaits: gait (15), travelling sines, block-rest waves and the accordion."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.model.gait import Gait
+
+__all__ = [
+    "Profile",
+    "accordion",
+    "block_wave",
+    "block_wave_sequence",
+    "fast_gait",
+    "travelling_sine",
+]
+
+Profile = Literal["cosine", "quintic", "trapezoid"]
+
+
+def fast_gait(period: float, rest_length: float = 2.0, elongation: float = 0.15) -> Gait:
+    """Gait (15) for three masses: fast, one mass at rest at any time.
+
+    Parameters
+    ----------
+    period : float
+        Period T.
+    rest_length : float, optional
+        Length l0.
+    elongation : float, optional
+        Relative amplitude e: lengths lie within l0 (1 - 2 e) and l0 (1 + 2 e).
+
+    Returns
+    -------
+    Gait
+        Once continuously differentiable.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> fast_gait(1.0)(np.array([0.0, 1 / 3])).round(12)
+    array([[2. , 2.6],
+           [2. , 1.4]])
+    """
+    size = rest_length * elongation
+    # Local time runs in each third from 0, so cos(3 pi t) turns by pi from third to third.
+    constant = np.array([[1, -1], [1, -2], [0, -1]]) * size + rest_length
+    cosine = np.array([[-1, 1], [1, 0], [0, -1]]) * size
+    return Gait(
+        np.array([0.0, 1 / 3, 2 / 3, 1.0]) * period,
+        constant[:, :, None].astype(float),
+        np.full(3, 3 * np.pi / period),
+        cosine.astype(float),
+        np.zeros((3, 2)),
+    )
+
+
+def travelling_sine(
+    links: int,
+    period: float,
+    rest_length: float = 2.0,
+    amplitude: float = 0.6,
+    lag: float = 1 / 3,
+) -> Gait:
+    """Sine that runs from link to link, l_j = l0 + A sin(2 pi (t/T - j lag)), chapter 2.4.
+
+    Parameters
+    ----------
+    links : int
+        Number of links n.
+    period : float
+        Period T.
+    rest_length, amplitude : float, optional
+        Mean length l0 and amplitude A of every link.
+    lag : float, optional
+        By how much of a period each link is behind the one ahead of it; link 1 itself lags by
+        as much.
+
+    Returns
+    -------
+    Gait
+        Of one piece, smooth.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no link.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> travelling_sine(2, 1.0, 2.0, 0.5, lag=0.25)(np.array([0.0, 0.25, 0.5])).round(12)
+    array([[1.5, 2. , 2.5],
+           [2. , 1.5, 2. ]])
+    """
+    if links < 1:
+        raise ArgumentError("a worm has at least one link")
+    behind = 2 * np.pi * lag * np.arange(1, links + 1)
+    return Gait(
+        np.array([0.0, period]),
+        np.full((1, links, 1), float(rest_length)),
+        np.array([2 * np.pi / period]),
+        -amplitude * np.sin(behind)[None, :],
+        amplitude * np.cos(behind)[None, :],
+    )
+
+
+def block_wave_sequence(links: int, resting: int) -> list[tuple[int, ...]]:
+    """Resting masses of the block-rest wave: a block of neighbours runs from tail to head.
+
+    Parameters
+    ----------
+    links : int
+        Number of links n.
+    resting : int
+        Masses in the block, a <= n; where it reaches over an end it wraps round.
+
+    Returns
+    -------
+    list of tuple of int
+        n+1 phases, ascending indices.
+
+    Examples
+    --------
+    >>> block_wave_sequence(2, 2)
+    [(1, 2), (0, 1), (0, 2)]
+    """
+    masses = links + 1
+    tails = range(links, -1, -1)
+    return [tuple(sorted((tail - b) % masses for b in range(resting))) for tail in tails]
+
+
+def block_wave(
+    links: int,
+    resting: int,
+    period: float,
+    length: tuple[float, float],
+    profile: Profile = "cosine",
+    ramp: float = 0.25,
+) -> Gait:
+    """Block-rest wave: every link goes between two lengths, ``resting`` masses rest at any time.
+
+    Speed is (n + 1 - a) (difference of the lengths) / period, for a masses at rest.
+
+    Parameters
+    ----------
+    links, resting : int
+        Number of links n and of resting masses a, 1 <= a <= n.
+    period : float
+        Period T, split into n + 1 equal phases.
+    length : tuple of float
+        Short and long length of every link.
+    profile : {"cosine", "quintic", "trapezoid"}, optional
+        How a length changes within a phase.
+    ramp : float, optional
+        For "trapezoid": share of the phase in which the rate rises, and again in which it falls,
+        0 to 0.5; 0 leaves corners in the lengths.
+
+    Returns
+    -------
+    Gait
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> block_wave(2, 1, 1.0, (1.4, 2.0))(np.array([0.0, 1 / 3, 2 / 3])).round(12)
+    array([[1.4, 1.4, 2. ],
+           [1.4, 2. , 1.4]])
+    """
+    short, long = length
+    # A mass that moves in a phase gains, relative to one that rests, one stroke.
+    moves = np.array(
+        [[i not in rest for i in range(links + 1)] for rest in block_wave_sequence(links, resting)]
+    )
+    changes = -np.diff(moves.astype(float), axis=1)  # l_j = x_{j-1} - x_j, in strokes per phase
+    return _strokes(changes * (long - short), period, length, profile, ramp)
+
+
+def accordion(
+    links: int,
+    period: float,
+    length: tuple[float, float],
+    profile: Profile = "cosine",
+    ramp: float = 0.25,
+) -> Gait:
+    """All links contract while the head rests, then all extend while the tail rests.
+
+    Parameters
+    ----------
+    links : int
+        Number of links n.
+    period : float
+        Period T, split into halves.
+    length : tuple of float
+        Short and long length of every link.
+    profile : {"cosine", "quintic", "trapezoid"}, optional
+        How a length changes within a phase.
+    ramp : float, optional
+        As for `block_wave`.
+
+    Returns
+    -------
+    Gait
+        Speed n (difference of the lengths) / period.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> accordion(1, 1.0, (1.0, 2.0))(np.array([0.0, 0.25, 0.5])).round(12)
+    array([[2. , 1.5, 1. ]])
+    """
+    changes = np.array([[-1.0] * links, [1.0] * links]) * (length[1] - length[0])
+    return _strokes(changes, period, length, profile, ramp)
+
+
+def _strokes(
+    changes: np.ndarray,
+    period: float,
+    length: tuple[float, float],
+    profile: Profile,
+    ramp: float,
+) -> Gait:
+    """Join equal phases in which link j changes its length by ``changes[phase, j]``."""
+    phases, links = changes.shape
+    width = period / phases
+    after = np.cumsum(changes, axis=0)
+    before = after - changes
+    # Every link spans its range exactly: shift each so that its shortest state is the short one.
+    base = length[0] - np.minimum(before.min(axis=0), after.min(axis=0))
+    before = before + base
+    if profile == "cosine":
+        middle = before + changes / 2
+        omega = np.full(phases, np.pi / width)
+        none = np.zeros((phases, links))
+        return Gait(_edges(period, phases), middle[:, :, None], omega, -changes / 2, none)
+    rows = _QUINTIC if profile == "quintic" else _trapezoid(ramp)
+    breaks = [0.0]
+    pieces = []
+    for q in range(phases):
+        for _, stop, shape in rows:
+            powers = np.arange(len(shape))
+            piece = changes[q][:, None] * shape * width ** -powers.astype(float)
+            piece[:, 0] += before[q]
+            pieces.append(piece)
+            breaks.append((q + stop) * width)
+    breaks[-1] = period
+    return Gait(np.array(breaks), np.array(pieces))
+
+
+def _edges(period: float, phases: int) -> np.ndarray:
+    edges = np.arange(phases + 1) * (period / phases)
+    edges[-1] = period
+    return edges
+
+
+Row = tuple[float, float, np.ndarray]
+
+# Shape of a unit stroke over a unit time: rows (start, stop, coefficients in time since start).
+_QUINTIC: list[Row] = [(0.0, 1.0, np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0]))]
+
+
+def _trapezoid(ramp: float) -> list[Row]:
+    """Rate rises linearly, stays, falls linearly; without a ramp the length has corners."""
+    if ramp == 0.0:
+        return [(0.0, 1.0, np.array([0.0, 1.0]))]
+    top = 1.0 / (1.0 - ramp)
+    bend = top / (2 * ramp)
+    rise = (0.0, ramp, np.array([0.0, 0.0, bend]))
+    done = top * ramp / 2
+    cruise = (ramp, 1 - ramp, np.array([done, top, 0.0]))
+    fall = (1 - ramp, 1.0, np.array([1 - done, top, -bend]))
+    return [row for row in (rise, cruise, fall) if row[1] > row[0]]

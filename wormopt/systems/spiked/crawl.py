@@ -1,0 +1,415 @@
+"""How a worm with spikes crawls with a given gait: the bimodal system (7), solved in closed form.
+
+Between instants at which the resting masses change, everything is a smooth explicit function of
+time. The instants are roots of such functions, and gliding (mode 1) is a linear equation whose
+solution is one integral. Nothing is stepped through time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.model.gait import Gait
+from wormopt.numerics.chebyshev import Series, resolve
+from wormopt.systems.spiked.sharing import Sharing, share_load
+from wormopt.systems.spiked.stretches import Drive, Stretch, periodic_stretches
+
+__all__ = ["Crawl", "crawl"]
+
+
+@dataclass(frozen=True, eq=False)
+class Crawl:
+    """Periodic motion of a worm with spikes under a rigidly prescribed gait.
+
+    Parameters
+    ----------
+    gait : Gait
+        What the links do.
+    stretches : tuple of Stretch
+        The whole period in order.
+    impulses : tuple of (float, float)
+        Times and sizes of spike impulses at corners of the gait.
+    drops : tuple of float
+        Times at which the kinematic velocity W0 jumps down, so that the worm is thrown forward.
+    drive : object
+        The functions of time behind it.
+    """
+
+    gait: Gait
+    stretches: tuple[Stretch, ...]
+    impulses: tuple[tuple[float, float], ...]
+    drops: tuple[float, ...]
+    drive: Drive = field(repr=False)
+
+    # Rows of a stretch's quantities.
+    def _rows(self) -> dict[str, slice]:
+        n = self.gait.links
+        sizes = {
+            "length": n,
+            "rate": n,
+            "acceleration": n,
+            "velocity": n + 1,
+            "reaction": n + 1,
+            "actuator_force": n,
+            "power": n,
+            "sigma": 1,
+            "reaction_mean": 1,
+            "glide": 1,
+            "closure": 1,
+        }
+        edges = np.cumsum([0, *sizes.values()])
+        return {k: slice(int(a), int(b)) for k, a, b in zip(sizes, edges, edges[1:], strict=False)}
+
+    def quantities(self, stretch: Stretch, s: np.ndarray) -> np.ndarray:
+        """All signals of a stretch, stacked in the order of _rows.
+
+        Parameters
+        ----------
+        stretch : Stretch
+            One of ``stretches``.
+        s : ndarray, shape (m,)
+            Times since its piece began.
+
+        Returns
+        -------
+        ndarray, shape (rows, m)
+        """
+        drive, gait = self.drive, self.gait
+        v, a = drive.kinematic(stretch.piece, stretch.leader, s)
+        sigma = drive.sigma(v, a)
+        w = np.zeros_like(s)
+        if stretch.common is not None:
+            w = stretch.common(s)[0]
+            slope = -(drive.drag * w + sigma) / drive.mean_mass
+            v, a = v + w, a + slope
+        unloaded = -np.cumsum(drive.drag * v + drive.load + drive.mass[:, None] * a, axis=0)
+        mean = np.zeros_like(s) if stretch.common is not None else sigma
+        total = len(drive.mass) * mean
+        if stretch.resting:
+            loads = share_load(total, unloaded, stretch.resting, drive.sharing, drive.spike_load)
+        else:
+            loads = np.zeros_like(v)
+        force = unloaded + np.cumsum(loads, axis=0)
+        rate = gait.on_piece(stretch.piece, s, 1)
+        return np.vstack(
+            [
+                gait.on_piece(stretch.piece, s, 0),
+                rate,
+                gait.on_piece(stretch.piece, s, 2),
+                v,
+                loads,
+                force[:-1],
+                -force[:-1] * rate,
+                sigma,
+                mean,
+                w,
+                force[-1:],
+            ]
+        )
+
+    @cached_property
+    def parts(self) -> tuple[tuple[Stretch, Series], ...]:
+        """Stretches with their quantities as Chebyshev series, split where loads have kinks."""
+        return tuple(part for stretch in self.stretches for part in self._resolve(stretch))
+
+    def _resolve(self, stretch: Stretch) -> Iterator[tuple[Stretch, Series]]:
+        degree = self.gait.degree
+        kinked = self.drive.sharing == "least_actuation" and len(stretch.resting) > 1
+        known = degree is not None and stretch.common is None and not kinked
+        # power is the product of a force (degree - 1 at most) and a rate
+        series = resolve(
+            lambda s: self.quantities(stretch, s),
+            stretch.start,
+            stretch.stop,
+            max(2 * (degree or 1) - 1, 1) if known else (24 if kinked else None),
+        )
+        tail = np.abs(series.coefficients[:, -2:]).max(axis=1)
+        size = np.abs(series.coefficients).max(axis=1)
+        rough = kinked and bool(np.any(tail > 1e-12 * np.maximum(size, self.drive.force_scale)))
+        if not rough or stretch.stop - stretch.start < 1e-9 * self.gait.period:
+            yield stretch, series
+            return
+        middle = (stretch.start + stretch.stop) / 2
+        yield from self._resolve(replace(stretch, stop=middle))
+        yield from self._resolve(replace(stretch, start=middle))
+
+    def extremes(self, signal: str) -> tuple[np.ndarray, np.ndarray]:
+        """Smallest and largest value of every row of a signal over the period.
+
+        Parameters
+        ----------
+        signal : str
+            ``length``, ``rate``, ``acceleration``, ``velocity``, ``reaction``,
+            ``reaction_mean``, ``actuator_force``, ``power``, ``sigma``, ``glide`` or ``closure``.
+
+        Returns
+        -------
+        low, high : ndarray, shape (rows,)
+        """
+        rows = self._rows()[signal]
+        found = [Series(s.a, s.b, s.coefficients[rows]).extremes() for _, s in self.parts]
+        low, high = zip(*found, strict=True)
+        return np.min(low, axis=0), np.max(high, axis=0)
+
+    def integral(self, signal: str) -> np.ndarray:
+        """Integral of every row of a signal over the period.
+
+        Parameters
+        ----------
+        signal : str
+            As for `extremes`.
+
+        Returns
+        -------
+        ndarray, shape (rows,)
+        """
+        rows = self._rows()[signal]
+        return np.sum([s.integral()[rows] for _, s in self.parts], axis=0)
+
+    @cached_property
+    def advance(self) -> float:
+        """Distance per period."""
+        return float(self.integral("velocity")[0])
+
+    @property
+    def force_scale(self) -> float:
+        """Size of the forces at play: load, inertia and drag."""
+        return self.drive.force_scale
+
+    @property
+    def speed(self) -> float:
+        """Mean speed."""
+        return self.advance / self.gait.period
+
+    @property
+    def resting_min(self) -> int:
+        """Smallest number of masses at rest at any time."""
+        return min(len(s.resting) for s in self.stretches)
+
+    @property
+    def resting_sequence(self) -> list[list[int]]:
+        """Resting masses, phase after phase, over one period."""
+        phases: list[list[int]] = []
+        for stretch in self.stretches:
+            if not phases or phases[-1] != list(stretch.resting):
+                phases.append(list(stretch.resting))
+        if len(phases) > 1 and phases[0] == phases[-1]:
+            phases.pop()
+        return phases
+
+    @property
+    def glides(self) -> list[tuple[float, float]]:
+        """Begin and end of every glide; joined across pieces, but not across the period's end."""
+        found: list[tuple[float, float]] = []
+        for stretch in self.stretches:
+            begin = float(self.gait.breaks[stretch.piece])
+            if stretch.common is None:
+                continue
+            if found and abs(found[-1][1] - begin - stretch.start) < 1e-12 * self.gait.period:
+                found[-1] = (found[-1][0], begin + stretch.stop)
+            else:
+                found.append((begin + stretch.start, begin + stretch.stop))
+        return found
+
+    @property
+    def corners(self) -> list[float]:
+        """Times at which a link rate jumps: actuator forces are impulses there."""
+        gait, widths = self.gait, np.diff(self.gait.breaks)
+        starts = [gait.on_piece(q, np.zeros(1), 1)[:, 0] for q in range(gait.pieces)]
+        ends = [gait.on_piece(q, widths[q : q + 1], 1)[:, 0] for q in range(gait.pieces)]
+        jumps = np.abs(np.array(starts) - np.roll(ends, 1, axis=0)).max(axis=1)
+        return gait.breaks[:-1][jumps > 1e-9 * self.drive.rate_scale].tolist()
+
+    @cached_property
+    def energy(self) -> float:
+        """Energy the actuators spend per period, nothing recovered."""
+        rows = self._rows()
+        total = 0.0
+        for _, series in self.parts:
+            primitive = series.primitive()
+            for j in range(self.gait.links):
+                at = [series.roots(rows[k].start + j) for k in ("actuator_force", "rate")]
+                cuts = np.unique(np.concatenate([[series.a, series.b], *at]))
+                work = np.diff(primitive(cuts)[rows["power"].start + j])
+                total += float(work[work > 0].sum())
+        return total
+
+    @property
+    def effort(self) -> float:
+        """Mean over time of the sum of squared link accelerations."""
+        total = 0.0
+        rows = self._rows()["acceleration"]
+        for _, series in self.parts:
+            links = Series(series.a, series.b, series.coefficients[rows])
+            total += _integral_of_squares(links)
+        return total / self.gait.period
+
+    @cached_property
+    def net_work(self) -> float:
+        """Net work of all actuators per period."""
+        return float(self.integral("power").sum())
+
+    @cached_property
+    def dissipation(self) -> float:
+        """Energy lost to drag and gained in height per period; spikes do no work."""
+        rows, drive = self._rows()["velocity"], self.drive
+        lost = 0.0
+        for _, series in self.parts:
+            velocities = Series(series.a, series.b, series.coefficients[rows])
+            lost += _integral_of_squares(velocities)
+        return drive.drag * lost + len(drive.mass) * drive.load * self.advance
+
+    @cached_property
+    def smallest_load(self) -> float:
+        """Smallest load Gamma for which kinematics alone rules this gait; inf if none does."""
+        if self.drops:
+            return float("inf")
+        low = min(self._inertia_and_drag(1.0))
+        return max(0.0, -low)
+
+    @cached_property
+    def smallest_period(self) -> float:
+        """Smallest period for which kinematics alone rules this shape of gait; inf if none does."""
+        if self.drops:
+            return float("inf")
+        if self.drive.drag == 0 < self.drive.load:  # inertia goes with the square of the pace
+            return self.gait.period * float(np.sqrt(self.smallest_load / self.drive.load))
+
+        def least(quickness: float) -> float:
+            return min(self._inertia_and_drag(quickness)) + self.drive.load
+
+        fast = 1.0
+        while least(fast) >= 0 and fast < 1e9:
+            fast *= 4
+        if fast >= 1e9:
+            return 0.0
+        slow = 0.0
+        if self.drive.load == 0:
+            # Only drag can hold the worm then, and where W0 comes to rest no slowness is enough.
+            slow = 1.0
+            while least(slow) < 0:
+                slow /= 4
+                if slow < 1e-6:
+                    return float("inf")
+        return self.gait.period / _root(least, slow, fast)
+
+    def _inertia_and_drag(self, quickness: float) -> Iterator[float]:
+        """Smallest values of sigma - Gamma, stretch by stretch, when the gait runs quicker."""
+        drive = self.drive
+        for stretch in self.stretches:
+
+            def value(s: np.ndarray, stretch: Stretch = stretch) -> np.ndarray:
+                v, a = drive.kinematic(stretch.piece, stretch.leader, s)
+                inertia = drive.mass @ a / len(drive.mass)
+                return (inertia * quickness**2 + drive.drag * v.mean(axis=0) * quickness)[None]
+
+            degree = self.gait.degree
+            series = resolve(value, stretch.start, stretch.stop, degree and max(degree, 1))
+            yield float(series.extremes()[0][0])
+
+    def sample(self, points: int = 600) -> dict[str, np.ndarray]:
+        """Signals on a time grid in which both sides of every jump appear.
+
+        Parameters
+        ----------
+        points : int, optional
+            About how many instants over the period.
+
+        Returns
+        -------
+        dict of ndarray
+            ``time`` (m,), ``resting`` (n+1, m), ``position`` (n+1, m) and the signals of
+            `extremes`, each with shape (rows, m).
+        """
+        times, values, resting, head, travelled = [], [], [], [], 0.0
+        rows = self._rows()
+        for stretch, series in self.parts:
+            share = (stretch.stop - stretch.start) / self.gait.period
+            s = np.linspace(stretch.start, stretch.stop, max(2, int(np.ceil(share * points)) + 1))
+            times.append(self.gait.breaks[stretch.piece] + s)
+            values.append(self.quantities(stretch, s))
+            rest = np.zeros((len(self.drive.mass), len(s)), dtype=np.int32)
+            rest[list(stretch.resting)] = 1
+            resting.append(rest)
+            path = series.primitive()(s)[rows["velocity"].start]
+            head.append(travelled + path)
+            travelled += float(path[-1])
+        stacked = np.concatenate(values, axis=1)
+        signals = {name: stacked[at] for name, at in rows.items()}
+        spans = np.vstack([np.zeros(stacked.shape[1]), np.cumsum(signals["length"], axis=0)])
+        return signals | {
+            "time": np.concatenate(times),
+            "resting": np.concatenate(resting, axis=1),
+            "position": np.concatenate(head) - spans,
+        }
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    from scipy.optimize import root_scalar  # loads for long; most gaits keep their leader
+
+    return float(root_scalar(function, bracket=(low, high), xtol=1e-15, rtol=1e-14).root)
+
+
+def _integral_of_squares(series: Series) -> float:
+    degree = max(2 * (series.coefficients.shape[1] - 1), 1)
+    squares = resolve(lambda s: (series(s) ** 2).sum(axis=0)[None], series.a, series.b, degree)
+    return float(squares.integral()[0])
+
+
+def crawl(
+    gait: Gait,
+    mass: Sequence[float],
+    drag: float,
+    load: float,
+    sharing: Sharing = "equal",
+    spike_load: float | Sequence[float] | None = None,
+) -> Crawl:
+    """Find the periodic motion that a gait gives a worm with spikes, (1)-(7).
+
+    Parameters
+    ----------
+    gait : Gait
+        Link lengths over time.
+    mass : sequence of float, shape (n+1,)
+        Point masses.
+    drag, load : float
+        Viscous drag k and load Gamma on every mass.
+    sharing : {"equal", "least_actuation"}, optional
+        How two or more resting masses share the load.
+    spike_load : float or sequence of float, optional
+        What each spike can carry: "least_actuation" leaves more to the others, see `share_load`.
+
+    Returns
+    -------
+    Crawl
+        In mode 2 throughout, or with its glides and impulses found.
+
+    Raises
+    ------
+    ArgumentError
+        If the number of masses is not that of the links plus one.
+    SolveError
+        If no periodic motion is reached: the worm glides faster from period to period.
+
+    Notes
+    -----
+    Without load and drag nothing stops a glide, and every faster one is a motion too; found is
+    the one that starts from w = 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> gait = Gait(np.array([0.0, 2.0, 4.0]), np.array([[[1.0, 1, -0.5]], [[1.0, -1, 0.5]]]))
+    >>> motion = crawl(gait, [1.0, 1.0], drag=0.0, load=2.0)
+    >>> round(motion.speed, 12), motion.resting_sequence
+    (0.25, [[1], [0]])
+    """
+    if len(mass) != gait.links + 1:
+        raise ArgumentError(f"{gait.links} links join {gait.links + 1} masses, not {len(mass)}")
+    drive = Drive(gait, np.asarray(mass, dtype=float), drag, load, sharing, spike_load)
+    return Crawl(gait, *periodic_stretches(drive), drive)

@@ -1,0 +1,1 @@
+"""The verb design: search, sharpen, check; what limits are worth; smooth costs."""

@@ -1,0 +1,168 @@
+"""Design a gait: search the order of rest and cycles a period, sharpen it, or say why not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.model.given import check_kind
+from wormopt.progress import Report, silent
+from wormopt.systems.spiked.ceiling import ceiling
+from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.design.sharpen import sharpest
+from wormopt.systems.spiked.design.smooth_ending import smoothest
+from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.search.orders import first_orders
+from wormopt.systems.spiked.search.search import Survey, search
+from wormopt.systems.spiked.search.sequences import Sequence_
+from wormopt.systems.spiked.search.trial import Trial
+from wormopt.systems.spiked.task import Cost, Objective, Search, Task, Worm
+
+__all__ = ["design", "designed"]
+
+_SEARCH = Search()
+# Limits of a design are exceeded by no more than this share of their size.
+_ACCEPTED = 1e-9
+# Slower gaits, as a share of the rates, stand still.
+_STANDS = 1e-9
+
+
+def design(
+    worm: Worm,
+    limits: Limits,
+    objective: Literal["speed"] | Cost | Objective = "speed",
+    speed: float | None = None,
+    search: Search = _SEARCH,
+    report: Report = silent,
+) -> Design:
+    """Design the best gait of a worm within limits.
+
+    Parameters
+    ----------
+    worm : Worm
+        Links, masses, drag, load.
+    limits : Limits
+        What the gait must keep to.
+    objective : str or Objective, optional
+        "speed", made large, or a cost, made small.
+    speed : float, optional
+        Mean speed required where a cost is made small.
+    search : Search, optional
+        How to search.
+    report : callable, optional
+        Told what goes on.
+
+    Returns
+    -------
+    Design
+        The best gait found: its speed, loads (``motion``) and how it keeps its limits
+        (``violations``).
+
+    Raises
+    ------
+    ArgumentError
+        If the arguments are wrong or do not fit together.
+    SolveError
+        If no gait meets the limits; the message names those in conflict.
+    KeyboardInterrupt
+        If the user stops it before a gait was found; later the design is marked interrupted.
+
+    Examples
+    --------
+    >>> worm = Worm(links=2, load=5.0)
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> round(design(worm, limits).speed, 9)
+    0.825666653
+    >>> design(worm, limits, "peak_spike_load", speed=2.0)
+    Traceback (most recent call last):
+    wormopt.errors.SolveError: objective.speed = 2 is above the ceiling 1 that ...
+    """
+    task = Task(worm, limits, Objective.of(objective, speed))
+    check_kind("search", search, Search)
+    for key, message in search.faults(worm.links, limits.resting):
+        raise ArgumentError(f"search.{key}: {message}")
+    found = designed(task, search, report)
+    name, excess = max(found.violations.items(), key=lambda item: item[1])
+    if excess > _ACCEPTED:
+        raise SolveError(
+            f"the best gait found exceeds {name} by {excess:.2g} of its size",
+            "relax limits of very different sizes, or try another search.seed",
+            found,
+        )
+    return found
+
+
+def designed(
+    task: Task,
+    settings: Search,
+    report: Report,
+    hints: Iterable[Sequence_] = (),
+    better: Callable[[Trial], None] = lambda _: None,
+) -> Design:
+    """Design the best gait of a task, as `design`.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    settings : Search
+        How to search.
+    report : callable
+        Told what goes on.
+    hints : iterable of sequences, optional
+        Orders of rest that are tried first.
+    better : callable, optional
+        Given every trial that is better than all before it.
+
+    Returns
+    -------
+    Design
+    """
+    bound = _ceiling(task)
+    required = task.objective.speed
+    if required is not None and required > bound:
+        raise SolveError(
+            f"objective.speed = {required:g} is above the ceiling {bound:.9g} that limits.rate, "
+            "limits.acceleration and limits.resting put on any gait",
+            f"require less than {bound:.6g}, or raise limits.rate",
+        )
+    begin = perf_counter()
+    survey = search(task, settings, report, hints, better)
+    stands = (
+        task.objective.minimise is None
+        and survey.trials
+        and (survey.trials[0].value < _STANDS * task.speed_nominal)
+    )
+    if stands or not survey.trials:
+        raise _nothing(task, settings, survey, report)
+    searched = perf_counter()
+    if task.objective.is_smooth:
+        found = smoothest(task, settings, survey, bound, report)
+    else:
+        found = sharpest(task, settings, survey, bound, report)
+    timings = {"search": searched - begin, "sharpen": perf_counter() - searched}
+    return replace(found, timings_s=timings)
+
+
+def _ceiling(task: Task) -> float:
+    contraction, extension = task.limits.rate_bounds(task.worm.links)
+    return ceiling(contraction, extension, task.limits.resting)
+
+
+def _nothing(task: Task, settings: Search, survey: Survey, report: Report) -> BaseException:
+    if survey.ended == "interrupted":
+        return KeyboardInterrupt()
+    if survey.ended == "time limit":
+        return SolveError("no gait was found before search.time_limit", "give it more seconds")
+    from wormopt.systems.spiked.design.conflict import (
+        conflict,  # loads a solver that few designs need
+    )
+
+    own = settings.sequence and tuple(tuple(sorted(s)) for s in settings.sequence)
+    seconds = (settings.time_limit or np.inf) - sum(survey.seconds.values())
+    return conflict(task, [own] if own else first_orders(task), report, seconds)

@@ -1,0 +1,321 @@
+"""Which limits bind a designed gait, and what moving each of them is worth.
+
+The optimum is often a vertex that more limits meet than need to, where multipliers are not
+unique. So every limit is moved a little, the program with the moved limit is linearised at the
+optimum and solved: its multipliers are those of this direction, and the derivative by them is
+that of the best gait of the same order of rest. Where a limit seems to count differently to both
+sides, gaits of a family may be best alike of which each holds for one side only: then the moved
+program is solved again, and what gains more counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.numerics.bilinear import Climb
+from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.limits import Rates
+from wormopt.systems.spiked.programs.program import GaitProgram
+from wormopt.systems.spiked.search.trial import Trial
+from wormopt.systems.spiked.task import Objective, Task
+
+__all__ = ["Limit", "Sensitivity", "limits_of", "scaling_error", "sensitivities"]
+
+# Limits are moved by this share; what they gain is evaluated by multipliers, without rounding.
+_SHARE = 1e-5
+# Derivatives to both sides count as one where they differ by no more than this share.
+_SAME = 0.01
+# An elasticity of this size is rounding.
+_NOTHING = 1e-5
+# How far limits are moved to solve again, and when that is done.
+_FAR, _AGAIN = 1e-4, Climb(tolerance=1e-10, steps=40)
+# Programs with more unknowns are not solved again: that takes seconds for each limit.
+_MOST_AGAIN = 400
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A number of a task that may be moved.
+
+    Parameters
+    ----------
+    name : str
+        Where it stands in the task: "limits.acceleration[1]", "limits.length.longest".
+    value : float
+        What it is.
+    quantity : str
+        What it measures, as `unit_of` takes it.
+    moved : callable
+        The task with another number in its place.
+    """
+
+    name: str
+    value: float
+    quantity: str
+    moved: Callable[[float], Task]
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """What moving one limit is worth.
+
+    Parameters
+    ----------
+    name : str
+        Where it stands in the task: "limits.acceleration[1]", "limits.length.longest".
+    value : float
+        The limit.
+    quantity : str
+        What it measures, as `unit_of` takes it.
+    derivative : float
+        Change of the objective (speed or cost) per unit of the limit, in the direction in which
+        the objective gets better; 0 where it does so in neither. A limit of 0 can only be raised.
+    elasticity : float
+        Per cent of the objective per per cent of the limit; 0 for a limit of 0.
+    raised, lowered : float
+        Derivatives to either side; NaN where the limit cannot be moved that way.
+    one_sided : bool
+        Whether these differ by more than 1 %: from here on something else binds, or, in a
+        program of more than 400 unknowns, a family of gaits is best alike; each side is then
+        at least as good as it says.
+    """
+
+    name: str
+    value: float
+    quantity: str
+    derivative: float
+    elasticity: float
+    raised: float
+    lowered: float
+    one_sided: bool
+
+
+def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
+    """Derivatives of the best objective of a design's order of rest by every limit.
+
+    Parameters
+    ----------
+    design : Design
+        Of the speed or of a peak load.
+
+    Returns
+    -------
+    tuple of Sensitivity
+        In the order of the scene's keys; those of limits that do not bind are 0.
+
+    Raises
+    ------
+    ArgumentError
+        If the design's cost is smooth: it has no program of this kind.
+
+    Examples
+    --------
+    Two masses m that rest in turn, at rate r, period T, acceleration a and load G, reach the speed
+    r/2 - r r/(2 T) (1/a + m/(2 G)).
+
+    >>> from wormopt.systems.spiked.limits import Limits
+    >>> from wormopt.systems.spiked.task import Worm
+    >>> from wormopt.systems.spiked.design.optimize import design
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> found = sensitivities(design(Worm(1, load=5.0), limits))
+    >>> {s.name: round(s.derivative, 4) for s in found if abs(s.elasticity) > 1e-9}
+    {'limits.period': 0.075, 'limits.rate': 0.35, 'limits.acceleration': 0.0012, ...
+    """
+    trial = design.trial
+    if trial is None:
+        raise ArgumentError(
+            f"there are no sensitivities of {design.task.objective.minimise}; seek speed, "
+            "peak_spike_load or peak_actuator_force"
+        )
+    return tuple(_sensitivity(design.task, trial, limit) for limit in limits_of(design.task))
+
+
+def scaling_error(known: Iterable[Sensitivity], objective: Objective) -> float:
+    """How far elasticities are from what a change of units of mass, length and time tells.
+
+    Numbers in other units describe the same worm. So the elasticities, each times the power of a
+    unit that its limit has, add up to the power that the objective has.
+
+    Parameters
+    ----------
+    known : iterable of Sensitivity
+        Of all limits.
+    objective : Objective
+        What is sought.
+
+    Returns
+    -------
+    float
+        Largest error; near 0 unless the limits count differently to both sides.
+    """
+    sums = sum((s.elasticity * np.array(_POWERS[s.quantity]) for s in known), np.zeros(3))
+    return float(np.abs(sums - _POWERS[objective.quantity]).max())
+
+
+def _sensitivity(task: Task, trial: Trial, limit: Limit) -> Sensitivity:
+    sign = 1.0 if task.objective.minimise is None else -1.0
+    value = abs(trial.value)
+    scale = limit.value or trial.program.limits.force  # only forces may be 0
+    raised, lowered = (_gain(trial, limit, way * _SHARE * scale) for way in (1.0, -1.0))
+    unsure = np.isnan(raised) or _apart(raised, lowered, value / scale)
+    if unsure and len(trial.point.x) <= _MOST_AGAIN:
+        # Where a whole family of gaits is best, another one of it may gain more by the move.
+        raised = np.fmax(raised, _gain_again(trial, limit, _FAR * scale))
+        lowered = np.fmin(lowered, _gain_again(trial, limit, -_FAR * scale))
+    better = raised if raised > 0 or np.isnan(lowered) else lowered if lowered < 0 else 0.0
+    derivative = float(sign * better + 0.0)
+    return Sensitivity(
+        name=limit.name,
+        value=limit.value,
+        quantity=limit.quantity,
+        derivative=derivative,
+        elasticity=derivative * limit.value / value if value else np.nan,
+        raised=float(sign * raised),
+        lowered=float(sign * lowered),
+        one_sided=_apart(raised, lowered, value / scale),
+    )
+
+
+def _apart(raised: float, lowered: float, size: float) -> bool:
+    """Whether derivatives to both sides differ, by more than rounding of one of usual size."""
+    return abs(raised - lowered) > max(_SAME * max(abs(raised), abs(lowered)), _NOTHING * size)
+
+
+def _gain(trial: Trial, limit: Limit, step: float) -> float:
+    """Derivative of what is made large to one side of a limit, at the gait as it is."""
+    if limit.value + step < 0.0:
+        return np.nan
+    moved = _moved(trial, limit.moved(limit.value + step))
+    return trial.program.bilinear.gain(moved.bilinear, trial.point.x) * trial.program.unit / step
+
+
+def _gain_again(trial: Trial, limit: Limit, step: float) -> float:
+    """The same by solving again from there."""
+    if limit.value + step < 0.0:
+        return np.nan
+    program, moved = trial.program, _moved(trial, limit.moved(limit.value + step))
+    widths = program.widths(trial.point)
+    start = moved.start_arcs(widths * (np.clip(widths.sum(), *moved.period) / widths.sum()))
+    if start is None:
+        return np.nan
+    return (moved.objective(moved.bilinear.climb(start, _AGAIN)) - trial.value) / step
+
+
+def _moved(trial: Trial, task: Task) -> GaitProgram:
+    shortest, longest = task.limits.period_range
+    cycles = max(1, trial.cycles)
+    return trial.program.moved(task, (shortest / cycles, longest / cycles))
+
+
+def limits_of(task: Task) -> Iterator[Limit]:
+    """All numbers of a task that may be moved a little: limits, worm, required speed.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+
+    Yields
+    ------
+    Limit
+        One for each number as it is written; a drag or limit left out is none.
+
+    Examples
+    --------
+    >>> from wormopt.systems.spiked.limits import Limits
+    >>> from wormopt.systems.spiked.task import Worm
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=(1.0, 2.0), impulses=True)
+    >>> [limit.name for limit in limits_of(Task(Worm(2), limits))][:4]
+    ['limits.period', 'limits.length.shortest', 'limits.length.longest', 'limits.rate[0]']
+    """
+    for part, key, quantity, ends in _KEYS:
+        value = getattr(getattr(task, part), key)
+        if value is None or (key == "drag" and value == 0.0):
+            continue
+        if key in ("period", "load"):
+            value = _single(value)
+        for suffix, number, rebuilt in _numbers(value, ends):
+            yield Limit(f"{part}.{key}{suffix}", number, quantity, _Move(task, part, key, rebuilt))
+
+
+@dataclass(frozen=True)
+class _Move:
+    """Puts another number into a task."""
+
+    task: Task
+    part: str
+    key: str
+    rebuilt: Callable[[float], Any]
+
+    def __call__(self, number: float) -> Task:
+        part = replace(getattr(self.task, self.part), **{self.key: self.rebuilt(number)})
+        return replace(self.task, **{self.part: part})
+
+
+def _single(value: Any) -> Any:
+    """A range without width as the one number that it is."""
+    return value[0] if isinstance(value, tuple) and value[0] == value[-1] else value
+
+
+_Number = tuple[str, float, Callable[[float], Any]]
+
+
+def _numbers(value: Any, ends: Sequence[str]) -> Iterator[_Number]:
+    """Every number of a number, (nested) tuple or Rates: suffix of its name, itself, how it moves.
+
+    A pair of numbers is a range where its ends have names.
+    """
+    if isinstance(value, Rates):
+        for way in ("contraction", "extension"):
+            for suffix, number, rebuilt in _numbers(getattr(value, way), ()):
+                yield f".{way}{suffix}", number, _in_field(value, way, rebuilt)
+    elif isinstance(value, tuple):
+        is_range = ends and not any(isinstance(item, tuple) for item in value)
+        for k, item in enumerate(value):
+            place = f".{ends[k]}" if is_range else f"[{k}]"
+            for suffix, number, rebuilt in _numbers(item, ends):
+                yield place + suffix, number, _in_tuple(value, k, rebuilt)
+    else:
+        yield "", value, float
+
+
+def _in_field(value: Any, name: str, rebuilt: Callable[[float], Any]) -> Callable[[float], Any]:
+    return lambda number: replace(value, **{name: rebuilt(number)})
+
+
+def _in_tuple(
+    value: tuple[Any, ...], k: int, rebuilt: Callable[[float], Any]
+) -> Callable[[float], Any]:
+    return lambda number: (*value[:k], rebuilt(number), *value[k + 1 :])
+
+
+# Part and field of a task, what it measures, and names of the ends where it is a range.
+_ENDS = ("shortest", "longest")
+_KEYS: tuple[tuple[str, str, str, Sequence[str]], ...] = (
+    ("limits", "period", "time", _ENDS),
+    ("limits", "length", "length", _ENDS),
+    ("limits", "rate", "speed", ()),
+    ("limits", "acceleration", "acceleration", ()),
+    ("limits", "spike_load", "force", ()),
+    ("limits", "actuator_force", "force", ()),
+    ("limits", "sigma_margin", "force", ()),
+    ("objective", "speed", "speed", ()),
+    ("worm", "mass", "mass", ()),
+    ("worm", "drag", "drag", ()),
+    ("worm", "load", "force", ("smallest", "largest")),
+)
+# Powers of the units of mass, length and time.
+_POWERS = {
+    "mass": (1, 0, 0),
+    "length": (0, 1, 0),
+    "time": (0, 0, 1),
+    "speed": (0, 1, -1),
+    "acceleration": (0, 1, -2),
+    "force": (1, 1, -2),
+    "drag": (1, 0, -1),
+}

@@ -1,0 +1,95 @@
+"""Gaits in and out of files: CSV tables and saved Results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from wormopt.errors import ArgumentError
+from wormopt.model.gait import Gait
+from wormopt.result import Result, Variable, unit_of
+
+__all__ = ["gait_of_result", "gait_variables", "load_gait"]
+
+_DIMS = {
+    "breaks": ("gait_break",),
+    "polynomial": ("gait_piece", "link", "gait_power"),
+    "omega": ("gait_piece",),
+    "cosine": ("gait_piece", "link"),
+    "sine": ("gait_piece", "link"),
+}
+
+
+def gait_variables(gait: Gait, units: str) -> list[Variable]:
+    """Variables of a Result from which `gait_of_result` reads the gait back exactly.
+
+    Parameters
+    ----------
+    gait : Gait
+        The gait.
+    units : {"dimensionless", "SI"}
+        Units of the scene.
+
+    Returns
+    -------
+    list of Variable
+        ``gait_breaks``, ``gait_polynomial`` and, where there are harmonics, three more.
+    """
+    long_names = {
+        "breaks": ("time", "times at which pieces of the gait begin"),
+        "polynomial": ("length", "coefficients of s^k, s the time since the piece began"),
+        "omega": ("angular_frequency", "angular frequency of the piece's harmonic"),
+        "cosine": ("length", "amplitude of cos(omega s)"),
+        "sine": ("length", "amplitude of sin(omega s)"),
+    }
+    return [
+        Variable(f"gait_{name}", unit_of(quantity, units), _DIMS[name], values, long_name)
+        for name, values in gait.arrays().items()
+        for quantity, long_name in [long_names[name]]
+    ]
+
+
+def gait_of_result(result: Result) -> Gait:
+    """Read the gait out of a Result.
+
+    Parameters
+    ----------
+    result : Result
+        Of any kind of scene that has a gait.
+
+    Returns
+    -------
+    Gait
+
+    Raises
+    ------
+    ArgumentError
+        If the result holds no gait.
+    """
+    if "gait_polynomial" not in result:
+        raise ArgumentError(f"the result of scene {result.scene!r} holds no gait")
+    return Gait(**{k: result[f"gait_{k}"].values for k in _DIMS if f"gait_{k}" in result})
+
+
+def load_gait(path: str | Path) -> Gait:
+    """Load a gait from a CSV table (t, l_1..l_n) or from a saved Result.
+
+    Parameters
+    ----------
+    path : str or Path
+        A ``.csv`` file, a ``result.nc``, or a result's folder.
+
+    Returns
+    -------
+    Gait
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ArgumentError
+        If it is neither a gait table nor a result with a gait.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".csv":
+        return Gait.from_csv(path)
+    return gait_of_result(Result.load(path))

@@ -1,0 +1,255 @@
+"""What a gait must keep to: period, lengths, rates, accelerations, loads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
+
+from wormopt.errors import Fault
+from wormopt.model.given import (
+    Frozen,
+    Numbers,
+    faults_of_number,
+    faults_of_numbers,
+    faults_of_whole,
+    is_number,
+    per,
+    wrong_order,
+)
+
+__all__ = ["Limits", "Rates", "Sharing"]
+
+Sharing = Literal["equal", "least_actuation"]
+
+
+@dataclass(frozen=True)
+class Rates(Frozen):
+    """Limits on the rate of a link, apart for both directions.
+
+    Parameters
+    ----------
+    contraction, extension : float or sequence of float
+        How fast a link may shorten and lengthen at most, alike for all or one per link.
+    """
+
+    contraction: Numbers
+    extension: Numbers
+
+
+@dataclass(frozen=True)
+class Limits(Frozen):
+    """What a gait must keep to. Limits left out do not hold.
+
+    Parameters
+    ----------
+    period : float or (float, float)
+        The motion repeats after this time, or after one between these; one or more cycles fill
+        it.
+    length : (float, float) or sequence of such pairs
+        Shortest and longest length, of every link or of each.
+    resting : int, optional
+        At least so many masses rest at any time.
+    rate : float, sequence of float or Rates, optional
+        Limit on the rate of each link.
+    acceleration : float or sequence of float, optional
+        Limit on the acceleration of each link.
+    spike_load : float or sequence of float, optional
+        Limit on the load of a spike, alike for all or one per mass.
+    actuator_force : float or sequence of float, optional
+        Limit on the force of each actuator.
+    sigma_margin : float, optional
+        sigma of (7) stays at or above this.
+    sharing : {"equal", "least_actuation"}, optional
+        How several resting masses share the spike load.
+    impulses : bool, optional
+        Velocities may jump, where no acceleration limit is given.
+
+    Examples
+    --------
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> limits.length_ranges(2)
+    ((0.7, 1.3), (0.7, 1.3))
+    >>> limits.rate_limits(2)
+    ((1.0, 1.0), (1.0, 1.0))
+    """
+
+    period: float | tuple[float, float]
+    length: Sequence[Any]
+    resting: int = 1
+    rate: Numbers | Rates | None = None
+    acceleration: Numbers | None = None
+    spike_load: Numbers | None = None
+    actuator_force: Numbers | None = None
+    sigma_margin: float = 0.0
+    sharing: Sharing = "equal"
+    impulses: bool = False
+
+    @property
+    def period_range(self) -> tuple[float, float]:
+        """Shortest and longest period; equal where the period is fixed."""
+        shortest, longest = per(self.period, 2)
+        return shortest, longest
+
+    def length_ranges(self, links: int) -> tuple[tuple[float, float], ...]:
+        """Shortest and longest length of each of so many links.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+        """
+        one = all(not isinstance(item, tuple) for item in self.length)
+        pairs = [self.length] * links if one else self.length
+        return tuple((low, high) for low, high in pairs)
+
+    def rate_limits(self, links: int) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+        """Limits on contraction and on extension, one number per link each; None without.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+        """
+        if self.rate is None:
+            return None
+        if isinstance(self.rate, Rates):
+            return per(self.rate.contraction, links), per(self.rate.extension, links)
+        return per(self.rate, links), per(self.rate, links)
+
+    def rate_bounds(self, links: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Largest contraction and extension rates, given or implied by length and acceleration.
+
+        A link that swings within a range R with acceleration at most a is never faster than
+        sqrt(a R): it starts from and returns to rate 0 within that range.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+
+        Returns
+        -------
+        contraction, extension : tuple of float
+            One number per link each.
+
+        Examples
+        --------
+        >>> Limits(period=1.0, length=(0.75, 1.0), acceleration=16.0).rate_bounds(1)
+        ((2.0,), (2.0,))
+        """
+        most = per(math.inf if self.acceleration is None else self.acceleration, links)
+        ranges = self.length_ranges(links)
+        implied = tuple(math.sqrt(a * (b[1] - b[0])) for a, b in zip(most, ranges, strict=True))
+        given = self.rate_limits(links) or (implied, implied)
+        contraction, extension = (tuple(map(min, way, implied)) for way in given)
+        return contraction, extension
+
+    def within(self, rate: float, acceleration: float, links: int) -> Limits:
+        """Limits that every link keeps to as well, of a motor say.
+
+        Parameters
+        ----------
+        rate, acceleration : float
+            Most that a motor gives.
+        links : int
+            Number of links.
+
+        Examples
+        --------
+        >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0)
+        >>> both = limits.within(0.8, 5.0, 2)
+        >>> both.rate_limits(2), both.acceleration
+        (((0.8, 0.8), (0.8, 0.8)), (5.0, 5.0))
+        """
+        given = self.rate_limits(links) or ((rate,) * links,) * 2
+        slower = [tuple(min(rate, limit) for limit in way) for way in given]
+        weaker = per(acceleration if self.acceleration is None else self.acceleration, links)
+        return replace(
+            self,
+            rate=Rates(*slower),
+            acceleration=tuple(min(acceleration, limit) for limit in weaker),
+        )
+
+    def faults(self, links: int, prefix: str = "") -> Iterator[Fault]:
+        """Yield field and message of whatever is wrong, or does not fit so many links.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+        prefix : str, optional
+            What the names of limits begin with in messages, "gait." say.
+        """
+        yield from faults_of_numbers("period", self.period, 2, "ends of a range")
+        if len(per(self.period, 2)) == 2:
+            yield from wrong_order("period", self.period_range)
+        if is_number(self.resting, links + 1):
+            yield (
+                "resting",
+                f"{self.resting} resting masses leave a worm of {links} links none to move; "
+                f"write at most {links}",
+            )
+        else:
+            yield from faults_of_whole("resting", self.resting, 1, links)
+        if self.sharing not in get_args(Sharing):
+            yield "sharing", f"not {self.sharing!r}; write equal or least_actuation"
+        yield from self._faults_of_length(links)
+        yield from self._faults_of_lists(links)
+        yield from self._faults_of_jumps(prefix)
+
+    def _faults_of_length(self, links: int) -> Iterator[Fault]:
+        given: Any = self.length if isinstance(self.length, tuple) else (self.length,)
+        pairs = [item for item in given if isinstance(item, tuple)]
+        numbers = [item for item in given if not isinstance(item, tuple)]
+        if not pairs and len(numbers) == 2:
+            pairs, names = [tuple(numbers)], ["length"]
+        elif numbers or len(pairs) != links or any(len(pair) != 2 for pair in pairs):
+            yield (
+                "length",
+                "neither one range nor one per link; write [shortest, longest], "
+                f"or a list of {links} such pairs",
+            )
+            return
+        else:
+            names = [f"length[{index}]" for index in range(links)]
+        for name, pair in zip(names, pairs, strict=True):
+            yield from faults_of_numbers(name, pair, 2, "ends of a range")
+            yield from wrong_order(name, pair, may_be_equal=False)
+
+    def _faults_of_lists(self, links: int) -> Iterator[Fault]:
+        names = ("rate", "acceleration", "spike_load", "actuator_force")
+        given = {name: v for name in names if (v := getattr(self, name)) is not None}
+        if isinstance(self.rate, Rates):
+            del given["rate"]
+            given |= {f"rate.{way}": value for way, value in vars(self.rate).items()}
+        for name, value in given.items():
+            count, things = (links + 1, "masses") if name == "spike_load" else (links, "links")
+            for key, message in faults_of_numbers(name, value, count, things):
+                other = ", or Rates(contraction, extension)" if name == "rate" else ""
+                yield key, message + other
+        yield from faults_of_number("sigma_margin", self.sigma_margin, least=0.0)
+
+    def _faults_of_jumps(self, prefix: str) -> Iterator[Fault]:
+        if self.rate is None and self.acceleration is None:
+            yield "", f"links of unlimited rate and acceleration; give {prefix}rate or both"
+        if self.acceleration is None and not self.impulses:
+            yield (
+                "acceleration",
+                f"velocities may jump: give {prefix}acceleration or set {prefix}impulses = true",
+            )
+        if not self.impulses:
+            return
+        if self.acceleration is not None:
+            yield (
+                "impulses",
+                f"{prefix}acceleration forbids the jumps that impulses allow; leave one out",
+            )
+        for key in ("actuator_force", "spike_load"):
+            if getattr(self, key) is not None:
+                yield (
+                    "impulses",
+                    f"an impulse exceeds any {prefix}{key}; leave {prefix}impulses out and give "
+                    f"{prefix}acceleration",
+                )

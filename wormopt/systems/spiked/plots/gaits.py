@@ -1,0 +1,384 @@
+"""Pictures of gaits: lengths and resting masses, the way, spike loads, Pareto front, animation.
+
+Values of time stand twice where something jumps, so lines draw jumps as they are.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from wormopt.plotting.parts import (
+    GLIDE,
+    GREY,
+    LINKS,
+    MASSES,
+    RED,
+    ceilings,
+    draw_limits,
+    facts,
+    label,
+    legend,
+    link_handles,
+    link_lines,
+    mass_handles,
+    raised,
+    ranges,
+    rate_ranges,
+    scalar,
+    shades,
+    sheet,
+    stretches,
+    symmetric,
+)
+from wormopt.result import Result
+
+__all__ = ["FRAMES", "first_frame", "front", "gait", "limits", "motion", "pose", "spikes"]
+
+_PERIODS = 2  # shown of a motion
+_FRAMES_PER_PERIOD = 36
+FRAMES = _PERIODS * _FRAMES_PER_PERIOD
+_CENTRED: dict[str, Any] = {"ha": "center", "va": "center_baseline", "size": 9, "weight": "bold"}
+_OBJECTIVES = {
+    "peak_spike_load": r"largest load on a spike, max $\lambda_i$",
+    "peak_actuator_force": r"largest actuator force, max $|\mu_j|$",
+    "energy_per_distance": "energy per distance",
+    "acceleration_effort": "acceleration effort",
+}
+
+
+def gait(result: Result) -> Figure:
+    """Link lengths and rates over a period with their limits, and which mass rests when.
+
+    Parameters
+    ----------
+    result : Result
+        With the variables ``time``, ``resting``, ``length`` and ``rate``.
+
+    Returns
+    -------
+    Figure
+        Rows from above: lengths, rates, resting masses; glides shaded. No title yet.
+    """
+    masses = len(result["resting"].values)
+    heights = (3.0, 2.0, 0.25 + 0.17 * masses)
+    drawn = sheet(8, 2.0 + sum(heights))
+    lengths, rates, band = drawn.subplots(3, sharex=True, height_ratios=heights)
+    links = len(result["length"].values)
+    _draw_links(lengths, result, "length", "link length $l_j$")
+    own = shades(LINKS, links)
+    draw_limits(lengths, ranges(scalar(result, "length_limits"), links), own)
+    legend(lengths, link_handles(links))
+    _draw_links(rates, result, "rate", r"rate $\dot l_j$")
+    draw_limits(rates, rate_ranges(scalar(result, "rate_limit"), links), own)
+    _draw_band(band, result)
+    band.set_xlabel(label("time $t$", result["time"].unit))
+    lengths.set_title(_facts(result, "speed", "advance", "period", "ceiling"), loc="left")
+    drawn.align_ylabels()
+    return drawn
+
+
+def _facts(result: Result, *names: str) -> str:
+    """Facts of a gait; of several cycles a period what one of them, as drawn, takes and gives."""
+    cycles = result.scalars.get("cycles")
+    if cycles is None or cycles.value == 1:
+        return facts(result, *names)
+    whole = {name: result.scalars[name] for name in ("period", "advance")}
+    period, advance = (f"{w.value / cycles.value:.6g} {raised(w.unit)}" for w in whole.values())
+    told = facts(result, *(name for name in names if name not in whole))
+    return f"{told}    {cycles.value} cycles a period, each {period.strip()} and {advance.strip()}"
+
+
+def motion(result: Result) -> Figure:
+    """Way of every mass over two periods, time upward as in figure 3 of the chapter.
+
+    Parameters
+    ----------
+    result : Result
+        With the variables ``time``, ``resting`` and ``position``.
+
+    Returns
+    -------
+    Figure
+        Heavy lines where a mass rests; glides of the whole worm shaded.
+    """
+    time, position = result["time"].values, result["position"].values
+    period, advance = time[-1], position[0, -1] - position[0, 0]
+    drawn = sheet(7.5, 7)
+    axes = drawn.subplots()
+    resting = result["resting"].values.astype(bool)
+    glides = stretches(time, ~np.any(resting, axis=0))
+    for turn in range(_PERIODS):
+        t, x = time + turn * period, position + turn * advance
+        for start, end in glides:
+            axes.axhspan(start + turn * period, end + turn * period, color=GLIDE, linewidth=0)
+        for i, colour in enumerate(shades(MASSES, len(x))):
+            axes.plot(x[i], t, color=colour, linewidth=1.3)
+            axes.add_collection(_heavy(x[i], t, resting[i], colour))
+    for i, colour in enumerate(shades(MASSES, len(position))):
+        for x, t in ((position[i, 0], 0.0), (position[i, -1] + advance, _PERIODS * period)):
+            disc = {"boxstyle": "circle,pad=0.25", "fc": colour, "ec": "white"}
+            axes.text(x, t, str(i), bbox=disc, color="white", zorder=5, **_CENTRED)
+    axes.margins(0.04, 0.05)
+    axes.set_xlabel(label("position $x_i$", result["position"].unit))
+    axes.set_ylabel(label("time $t$", result["time"].unit))
+    axes.set_title(_facts(result, "advance", "speed"), loc="left")
+    handles = [Line2D([], [], color=GREY, linewidth=5, label="rests on its spikes"),
+               Line2D([], [], color=GREY, linewidth=1.3, label="moves")]  # fmt: skip
+    if glides:
+        handles.append(Line2D([], [], color=GLIDE, linewidth=8, label="whole worm glides"))
+    drawn.legend(handles=handles, loc="outside lower center", ncols=3)
+    return drawn
+
+
+def _heavy(x: np.ndarray, t: np.ndarray, rests: np.ndarray, colour: str) -> LineCollection:
+    """Stretches of a path on which the mass rests, as heavy lines."""
+    lines = [[(np.interp(at, t, x), at) for at in stretch] for stretch in stretches(t, rests)]
+    return LineCollection(lines, colors=colour, linewidths=5, zorder=3, capstyle="butt")
+
+
+def spikes(result: Result) -> Figure:
+    """Spike loads and actuator forces over a period with their limits.
+
+    Parameters
+    ----------
+    result : Result
+        With the variables ``time``, ``resting``, ``reaction``, ``reaction_mean``, ``sigma`` and
+        ``actuator_force``.
+
+    Returns
+    -------
+    Figure
+        Rows from above: load of each spike, lambda and sigma of (7), actuator forces.
+    """
+    masses, links = len(result["reaction"].values), len(result["actuator_force"].values)
+    time = result["time"].values
+    drawn = sheet(8, 8.5)
+    loads, mean, forces = drawn.subplots(3, sharex=True, height_ratios=(3, 2, 2.5))
+    own = shades(MASSES, masses)
+    for i, (load, colour) in enumerate(zip(result["reaction"].values, own, strict=True)):
+        loads.plot(time, load, color=colour, linewidth=1.8, zorder=3 + (masses - i) / masses)
+        loads.fill_between(time, load, color=colour, alpha=0.12, linewidth=0)
+    draw_limits(loads, ceilings(scalar(result, "spike_load_limit"), masses), own)
+    legend(loads, mass_handles(masses))
+    loads.set_ylabel(label("load on the\nspikes $\\lambda_i$", result["reaction"].unit))
+    loads.set_title(facts(result, "spike_load_max", "actuator_force_max"), loc="left")
+    needed = {"color": "#BBBBBB", "linewidth": 3.5, "label": r"$\sigma$, needed to hold"}
+    carried = {"color": "black", "linewidth": 1.3, "label": r"$\lambda$, mean load"}
+    mean.plot(time, result["sigma"].values, **needed)
+    mean.plot(time, result["reaction_mean"].values, **carried)
+    mean.axhline(0.0, color=GREY, linewidth=0.8)
+    legend(mean, [Line2D([], [], **needed), Line2D([], [], **carried)])
+    mean.set_ylabel(label("mean over\nthe masses", result["sigma"].unit))
+    _draw_links(forces, result, "actuator_force", "actuator\nforce $\\mu_j$")
+    draw_limits(
+        forces, symmetric(scalar(result, "actuator_force_limit"), links), shades(LINKS, links)
+    )
+    legend(forces, link_handles(links))
+    forces.set_xlabel(label("time $t$", result["time"].unit))
+    drawn.align_ylabels()
+    return drawn
+
+
+def front(result: Result) -> Figure:
+    """Pareto front of speed and a cost.
+
+    Parameters
+    ----------
+    result : Result
+        With the variables ``front_speed``, ``front_value`` and ``front_accepted``.
+
+    Returns
+    -------
+    Figure
+        Accepted points joined by a line, the others hollow.
+    """
+    speed, value = result["front_speed"], result["front_value"]
+    accepted = result["front_accepted"].values.astype(bool)
+    drawn = sheet(7.5, 5.5)
+    axes = drawn.subplots()
+    order = np.argsort(speed.values)
+    line = order[accepted[order]]
+    x, y = speed.values, value.values
+    axes.plot(
+        x[line], y[line], "o-", color=LINKS[0], linewidth=1.6, markersize=7, label="best found"
+    )
+    if not accepted.all():
+        axes.plot(x[~accepted], y[~accepted], "o", color=RED, markerfacecolor="none",
+                  markeredgewidth=1.6, markersize=8, label="not accepted")  # fmt: skip
+    ceiling = scalar(result, "ceiling")
+    if ceiling is not None:
+        axes.axvline(ceiling, color=GREY, linestyle="--", linewidth=1, label="ceiling on speed")
+    objective = str(scalar(result, "front_objective") or "")
+    name = _OBJECTIVES.get(objective, objective.replace("_", " ") or "objective")
+    axes.set_xlabel(label("mean speed $v$", speed.unit))
+    axes.set_ylabel(label(name, value.unit))
+    axes.margins(0.06)
+    drawn.legend(loc="outside lower center", ncols=3)
+    return drawn
+
+
+def limits(result: Result) -> Figure:
+    """What each limit is worth: per cent of the objective per per cent of the limit.
+
+    Parameters
+    ----------
+    result : Result
+        With the variable ``limit_elasticity`` and the attribute ``limits``.
+
+    Returns
+    -------
+    Figure
+        Bars, the longest on top; limits that do not bind are named below.
+    """
+    elasticity, known = result["limit_elasticity"].values, result.attributes["limits"]
+    binding = [k for k in np.argsort(-abs(elasticity)) if abs(elasticity[k]) > _NO_INFLUENCE]
+    shown = binding[:_MOST_BARS]
+    drawn = sheet(8, 2.5 + 0.34 * max(3, len(shown)))
+    axes = drawn.subplots()
+    better = 1.0 if known["objective"] == "speed" else -1.0
+    for place, k in enumerate(shown):
+        length = float(elasticity[k])
+        axes.barh(place, length, 0.66, color=LINKS[0] if better * length > 0 else LINKS[3])
+        mark = " *" if known["one_sided"][k] else ""
+        axes.annotate(f"{length:+.3g}{mark}", (length, place), **_beside(length))
+    axes.axvline(0.0, color=GREY, linewidth=0.8)
+    axes.set_yticks(range(len(shown)), [_limit_text(known, k) for k in shown])
+    axes.set_ylim(max(3, len(shown)) - 0.4, -0.6)
+    axes.grid(visible=False, axis="y")
+    axes.margins(x=0.16)
+    axes.set_ylabel("limit")
+    cost = _OBJECTIVES.get(known["objective"], "").partition(",")[0]
+    of = f"of the {cost}" if cost else "speed"
+    axes.set_xlabel(rf"per cent {of} per per cent of the limit ($\%/\%$)")
+    axes.set_title(_limit_notes(known, elasticity, len(binding) - len(shown)), loc="left")
+    handles = [
+        Line2D([], [], color=colour, linewidth=7, label=f"better when {way}")
+        for colour, way in ((LINKS[0], "raised"), (LINKS[3], "lowered"))
+    ]
+    drawn.legend(handles=handles, loc="outside lower center", ncols=2)
+    return drawn
+
+
+# Elasticities below this are rounding; more bars than these cannot be read.
+_NO_INFLUENCE, _MOST_BARS = 1e-6, 24
+
+
+def _beside(length: float) -> dict[str, Any]:
+    """Place a number at the end of its bar, outside."""
+    side = 1.0 if length > 0 else -1.0
+    return {"xytext": (4 * side, 0), "textcoords": "offset points", "size": 9, "va": "center",
+            "ha": "left" if side > 0 else "right", "color": GREY}  # fmt: skip
+
+
+def _limit_text(known: dict[str, Any], k: int) -> str:
+    return f"{known['name'][k]} = {known['value'][k]:.4g} {raised(known['unit'][k])}".rstrip()
+
+
+def _limit_notes(known: dict[str, Any], elasticity: np.ndarray, hidden: int) -> str:
+    """What the bars do not show, in a few lines."""
+    idle = np.flatnonzero(abs(elasticity) <= _NO_INFLUENCE)
+    notes = []
+    for text, is_zero in (("without influence", False), ("not shown as they are 0", True)):
+        names = [known["name"][k] for k in idle if (known["value"][k] == 0) == is_zero]
+        if names:
+            notes.append(f"{text}: {', '.join(names)}")
+    if hidden:
+        notes.append(f"{hidden} shorter bars left out")
+    if any(known["one_sided"]):
+        notes.append("* counts when relaxed; tightened it counts differently")
+    return "\n".join(line for note in notes for line in textwrap.wrap(note, 72))
+
+
+def first_frame(result: Result) -> Figure:
+    """Give the worm on the ground as the animation begins.
+
+    Parameters
+    ----------
+    result : Result
+        With the variables ``time``, ``resting`` and ``position``.
+
+    Returns
+    -------
+    Figure
+        What `pose` changes from frame to frame.
+    """
+    drawn = sheet(8, 2.6)
+    _stage(drawn.subplots(), result)
+    pose(drawn, result, 0)
+    return drawn
+
+
+def _stage(axes: Axes, result: Result) -> None:
+    """Ground with ticks, wide enough for all periods shown."""
+    position = result["position"].values
+    reach = position[0].max() + (_PERIODS - 1) * (position[0, -1] - position[0, 0])
+    margin = 0.04 * (reach - position.min())
+    axes.set_xlim(position.min() - margin, reach + margin)
+    axes.set_ylim(-0.75, 1.0)
+    axes.axhspan(-0.75, -0.35, color="#EFEBE4", linewidth=0)
+    axes.axhline(-0.35, color=GREY, linewidth=1.2)
+    axes.set_yticks([])
+    axes.spines["left"].set_visible(False)
+    axes.set_xlabel(label("position $x$", result["position"].unit))
+
+
+def pose(drawn: Figure, result: Result, frame: int) -> None:
+    """Put the worm where it is in a frame; what rests is filled and has its spikes out.
+
+    Parameters
+    ----------
+    drawn : Figure
+        From `first_frame`; it is changed.
+    result : Result
+        The same as there.
+    frame : int
+        0 to ``FRAMES - 1``.
+    """
+    axes = drawn.axes[0]
+    for old in [*axes.lines[1:], *axes.texts]:  # the first line is the ground
+        old.remove()
+    time, position = result["time"].values, result["position"].values
+    turn, part = divmod(frame, _FRAMES_PER_PERIOD)
+    t = time[-1] * part / _FRAMES_PER_PERIOD
+    x = np.array([np.interp(t, time, row) for row in position])
+    x += turn * (position[0, -1] - position[0, 0])
+    rests = result["resting"].values[:, np.searchsorted(time, t, side="right") - 1].astype(bool)
+    for j, colour in enumerate(shades(LINKS, len(x) - 1)):
+        axes.plot(x[j : j + 2], [0, 0], color=colour, linewidth=4, alpha=0.8, zorder=2)
+    for i, colour in enumerate(shades(MASSES, len(x))):
+        if rests[i]:
+            axes.plot(x[i], -0.37, marker="v", markersize=11, color=colour, zorder=3)
+        axes.plot(x[i], 0, "o", markersize=19, markeredgecolor=colour, markeredgewidth=2.5,
+                  markerfacecolor=colour if rests[i] else "white", zorder=4)  # fmt: skip
+        axes.text(x[i], 0, str(i), color="white" if rests[i] else colour, zorder=5, **_CENTRED)
+    axes.text(0.01, 0.9, f"t = {turn + part / _FRAMES_PER_PERIOD:.2f} T", color=GREY,
+              transform=axes.transAxes)  # fmt: skip
+
+
+def _draw_links(axes: Axes, result: Result, name: str, text: str) -> None:
+    time, rows = result["time"].values, result[name].values
+    for row, line in zip(rows, link_lines(len(rows)), strict=True):
+        axes.plot(time, row, color=line.get_color(), ls=line.get_linestyle(), linewidth=1.8)
+    axes.set_xlim(time[0], time[-1])
+    axes.set_ylabel(label(text, result[name].unit))
+
+
+def _draw_band(axes: Axes, result: Result) -> None:
+    """One row per mass, filled while it rests, and the glides shaded through all rows."""
+    time, resting = result["time"].values, result["resting"].values.astype(bool)
+    for start, end in stretches(time, ~np.any(resting, axis=0)):
+        axes.axvspan(start, end, color=GLIDE, linewidth=0)
+    for i, (rests, colour) in enumerate(zip(resting, shades(MASSES, len(resting)), strict=True)):
+        bars = [(start, end - start) for start, end in stretches(time, rests)]
+        axes.broken_barh(bars, (i - 0.38, 0.76), color=colour, linewidth=0)
+    axes.set_yticks(range(len(resting)), [str(i) for i in range(len(resting))])
+    axes.set_ylim(len(resting) - 0.5, -0.5)
+    axes.grid(visible=False, axis="y")
+    axes.set_ylabel("mass\nat rest")

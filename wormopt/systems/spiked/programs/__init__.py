@@ -1,0 +1,1 @@
+"""The best gait of one order of rest as a bilinear program."""

@@ -1,0 +1,255 @@
+"""Columns and rows of the bilinear program of one order of rest, see `gaits.program`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from wormopt.numerics.bilinear import BilinearProgram
+from wormopt.numerics.bilinear_rows import BilinearRows, Product, Term
+from wormopt.systems.spiked.programs.costs import CostColumns, has_cost_columns
+from wormopt.systems.spiked.programs.scaled_limits import Form, ScaledLimits, scaled
+from wormopt.systems.spiked.programs.split import Pattern, SplitRows, split_matters
+from wormopt.systems.spiked.search.sequences import Resting, Sequence_
+from wormopt.systems.spiked.task import Task
+
+__all__ = ["GaitRows"]
+
+
+class GaitRows:
+    """Unknowns and limits of a cycle; the parameters are those of `GaitProgram`.
+
+    Parameters
+    ----------
+    task, sequence, period, arcs, degree, patterns, like : optional
+        As for `GaitProgram`.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        sequence: Sequence_,
+        period: tuple[float, float],
+        arcs: int | Sequence[int] | np.ndarray = 6,
+        degree: int = 1,
+        patterns: tuple[Pattern | None, ...] | None = None,
+        like: ScaledLimits | None = None,
+    ) -> None:
+        self.task, self.sequence, self.period, self.degree = task, sequence, period, degree
+        self.patterns, self._like = patterns, like
+        self.limits = scaled(replace(task, limits=replace(task.limits, period=period)))
+        if like is not None:
+            self.limits = replace(self.limits, like=like)
+        self.arcs = np.broadcast_to(arcs, len(sequence))
+        self._edges = np.concatenate([[0], np.cumsum(self.arcs)])
+        self.total = int(self._edges[-1])
+        self.rows = BilinearRows()
+        self._peak: int | None = None
+        self._add_columns()
+        self._costs = CostColumns(self) if has_cost_columns(task) else None
+        self._add_rates()
+        for phase, resting in enumerate(sequence):
+            at = slice(self._edges[phase], self._edges[phase + 1])
+            of_links = 0 if phase < self._phases else self.limits.links
+            for form in self.limits.forms(resting)[of_links:]:
+                self._add_form(form, at)
+            if split_matters(task, resting):
+                self._add_splits(resting, at)
+            else:
+                self._add_peaks(resting, at)
+            if self._costs is not None:
+                self._costs.add_phase(resting, at)
+        self._add_lengths()
+        self._add_ends()
+
+    def __reduce__(self) -> tuple:
+        """Made anew where it is unpickled: less is sent, and nothing of the solver."""
+        given = (self.task, self.sequence, self.period, self.arcs, self.degree)
+        return type(self), (*given, self.patterns, self._like)
+
+    def forget(self) -> None:
+        """Let the solver go: what it starts from next is the same wherever it is."""
+        vars(self).pop("bilinear", None)
+
+    @property
+    def _phases(self) -> int:
+        """Phases whose rows of links are stated; those of all others follow from them."""
+        return len(self.sequence)
+
+    @property
+    def _stated(self) -> slice:
+        return slice(0, self._edges[self._phases])
+
+    # -- columns ---------------------------------------------------------------------------------
+
+    def _add_columns(self) -> None:
+        """Durations h, velocities v per arc, coefficient and mass, lengths l above the shortest."""
+        limits, total, degree, columns = self.limits, self.total, self.degree, self.rows.columns
+        fastest = np.repeat([limits.fastest(r) for r in self.sequence], self.arcs, axis=0)
+        self.h = columns(np.ones(total))
+        self.v = np.full((total, degree + 1, limits.links + 1), -1)
+        if self._continuous:
+            starts = columns(np.minimum(fastest, np.roll(fastest, 1, axis=0)))
+            self.v[:, 0], self.v[:, -1] = starts, np.roll(starts, -1, axis=0)
+        else:
+            self.v[:, 0], self.v[:, -1] = columns(fastest), columns(fastest)
+        for k in range(1, degree):
+            self.v[:, k] = columns(fastest)
+        self.length = columns(np.repeat(limits.strokes[None], total, axis=0))
+        self._add_peak_column()
+
+    def _add_peak_column(self) -> None:
+        if self.task.objective.minimise in ("peak_spike_load", "peak_actuator_force"):
+            self._peak = int(self.rows.columns(np.array([np.inf]))[0])
+
+    @property
+    def _continuous(self) -> bool:
+        return self.limits.acceleration is not None
+
+    # -- rows ------------------------------------------------------------------------------------
+
+    def _add_rates(self) -> None:
+        """Rates of the links at all coefficients; bounds where one of both masses rests."""
+        ends = slice(0, self.degree if self._continuous else self.degree + 1)
+        upper = np.array(self.rows.upper)
+        for j, (contraction, extension) in enumerate(zip(*self.limits.rates, strict=True)):
+            ahead, behind = (self.v[self._stated, ends, i].ravel() for i in (j, j + 1))
+            np.minimum.at(upper, ahead[(behind < 0) & (ahead >= 0)], extension)
+            np.minimum.at(upper, behind[(ahead < 0) & (behind >= 0)], contraction)
+            both = (ahead >= 0) & (behind >= 0)
+            if both.any():
+                terms = [(ahead[both], 1.0), (behind[both], -1.0)]
+                self.rows.add(terms, [], -contraction, extension)
+        self.rows.upper = upper.tolist()
+
+    def _force(
+        self, form: Form, at: slice | np.ndarray, k: int
+    ) -> tuple[list[Term], list[Product]]:
+        """Coefficient k of h times a form on some arcs: linear terms, and products for the drag.
+
+        Accelerations are of one degree less; where they meet a drag they are raised to its.
+        """
+        v, h, degree = self.v[at], self.h[at], self.degree
+        dragged = np.flatnonzero(form.beta * self.limits.drag)
+        raised = len(dragged) > 0
+        steps = [(k + 1, k, degree - k if raised else degree)]
+        if raised:
+            steps.append((k, k - 1, k))
+        linear: list[Term] = [
+            (v[:, end, i], sign * weight * form.alpha[i])
+            for later, sooner, weight in steps
+            if weight
+            for i in np.flatnonzero(form.alpha)
+            for end, sign in ((later, 1.0), (sooner, -1.0))
+        ]
+        products: list[Product] = [
+            (h, v[:, k, i], self.limits.drag * form.beta[i]) for i in dragged
+        ]
+        return linear, products
+
+    def _coefficients(self, form: Form) -> range:
+        dragged = np.any(form.beta * self.limits.drag)
+        return range(self.degree + 1 if dragged else self.degree)
+
+    def _add_form(self, form: Form, at: slice) -> None:
+        """-below <= form <= above at all times of a phase, times h."""
+        for k in self._coefficients(form):
+            linear, products = self._force(form, at, k)
+            if not products and all(np.all(np.asarray(column) < 0) for column, _ in linear):
+                continue
+            if form.below < np.inf:
+                self.rows.add([*linear, (self.h[at], form.below)], products, 0.0, np.inf)
+            if form.above < np.inf:
+                self.rows.add([*linear, (self.h[at], -form.above)], products, -np.inf, 0.0)
+
+    def _add_splits(self, resting: Resting, at: slice) -> None:
+        """What each spike carries, with one pattern for all loads of a range."""
+        patterns = self.patterns or (None,) * self.total
+        degree = self.degree if self.limits.drag else self.degree - 1
+        for pattern in sorted(set(patterns[at]), key=str):
+            arcs = np.array([k for k in range(self.total)[at] if patterns[k] == pattern])
+            for load in sorted(set(self.task.worm.load_range)):
+                SplitRows(
+                    self.rows,
+                    self.limits,
+                    self._force,
+                    self.h[arcs],
+                    arcs,
+                    degree,
+                    resting,
+                    load / self.limits.force,
+                ).add(pattern, self._peak, self.task.objective.minimise)
+
+    def _add_peaks(self, resting: Resting, at: slice) -> None:
+        """Forces below the peak that is minimised, at all times and any load, times h."""
+        if self._peak is None:
+            return
+        limits, count = self.limits, self.limits.links + 1
+        loads = np.array(self.task.worm.load_range) / limits.force
+        if self.task.objective.minimise == "peak_spike_load":
+            whole = Form(limits.mass, np.ones(count), 0.0, 0.0)
+            self._add_peak(whole, at, count * loads[1], float(len(resting)))
+            return
+        for weight, at_rest in limits.actuators(resting):
+            for sign in (1.0, -1.0):
+                form = Form(sign * weight * limits.mass, sign * weight, 0.0, 0.0)
+                self._add_peak(form, at, float(np.max(sign * at_rest * loads)), 1.0)
+
+    def _add_peak(self, form: Form, at: slice, at_rest: float, shared: float) -> None:
+        for k in self._coefficients(form):
+            linear, products = self._force(form, at, k)
+            products = [*products, (self.h[at], self._peak, -shared)]
+            self.rows.add([*linear, (self.h[at], at_rest)], products, -np.inf, 0.0)
+
+    def _add_lengths(self) -> None:
+        """Lengths follow the rates, and stay in their ranges at all coefficients."""
+        share, own = 1.0 / (self.degree + 1), self._stated
+        for j, stroke in enumerate(self.limits.strokes):
+            length, after = self.length[own, j], np.roll(self.length[:, j], -1)[own]
+            change: list[tuple] = []
+            for k in range(self.degree + 1):
+                for mass, sign in ((j, share), (j + 1, -share)):
+                    change.append((self.h[own], self.v[own, k, mass], sign))
+                if k < self.degree:
+                    self.rows.add([(length, 1.0)], change, 0.0, stroke)
+            back = [(h, v, -weight) for h, v, weight in change]
+            self.rows.add([(after, 1.0), (length, -1.0)], back, 0.0, 0.0)
+
+    def _add_ends(self) -> None:
+        """Period, advance of the head, speed that is required, jumps of velocities."""
+        every = [(int(h), 1.0) for h in self.h]
+        shortest, longest = self.limits.shortest_period, self.limits.longest_period
+        self._period = int(self.rows.add(every, [], shortest, longest)[0])
+        share = 1.0 / (self.degree + 1)
+        ways = [
+            (int(self.h[k]), int(v), share) for k, row in enumerate(self.v[:, :, 0]) for v in row
+        ]
+        none = [(0, 0.0)]
+        self._advance = int(self.rows.add(none, ways, -np.inf, np.inf)[0])
+        required = self.task.objective.speed
+        if required is not None:
+            kept = [(h, -required / self.limits.speed) for h, _ in every]
+            self.rows.add(kept, ways, 0.0, np.inf)
+        if not self._continuous:
+            jump = [
+                (column, sign * mass)
+                for i, mass in enumerate(self.limits.mass)
+                for column, sign in ((self.v[:, 0, i], 1.0), (np.roll(self.v[:, -1, i], 1), -1.0))
+            ]
+            self.rows.add(jump, [], 0.0, np.inf)
+
+    @cached_property
+    def bilinear(self) -> BilinearProgram:
+        """The program."""
+        if self._costs is not None:
+            gain = self._costs.add_gain()
+            per = self._advance if self._costs.energy else self._period
+            excess = self._costs.excess()
+            return BilinearProgram(self.rows, np.unique(self.h), gain, per, excess)
+        if self._peak is None:
+            return BilinearProgram(self.rows, np.unique(self.h), self._advance, self._period)
+        low = int(self.rows.add([(self._peak, -1.0)], [], -np.inf, np.inf)[0])
+        return BilinearProgram(self.rows, np.unique(self.h), low)

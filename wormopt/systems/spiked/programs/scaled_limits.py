@@ -1,0 +1,403 @@
+"""Limits of a design task in units of size 1, as linear forms of accelerations and velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from wormopt.systems.spiked.search.sequences import Resting
+from wormopt.systems.spiked.task import Task
+
+__all__ = ["Bounds", "Form", "ScaledLimits", "Slope", "scaled"]
+
+
+# Limits are widened by this share of the numbers that they are the difference of.
+_ROUNDING = 1e-14
+
+
+class Slope(NamedTuple):
+    """How fast a sum changes at most: at a rate, less a decay in proportion to the sum.
+
+    Parameters
+    ----------
+    rate : float
+        Infinite where nothing limits it.
+    decay : float
+        Per duration of the phase.
+    longest : bool
+        Whether the largest duration in a box is the safe one, not the smallest.
+    """
+
+    rate: float
+    decay: float = 0.0
+    longest: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """A limit -below <= alpha a + k beta v <= above on accelerations a and velocities v.
+
+    Parameters
+    ----------
+    alpha, beta : ndarray, shape (n + 1,)
+        Weights of the masses' accelerations, and of their drags k v.
+    below, above : float
+        What is left to either side of the value at rest; infinite without a limit.
+    shared : float
+        Part of ``above`` that masses bear which perhaps do not rest.
+    """
+
+    alpha: np.ndarray
+    beta: np.ndarray
+    below: float
+    above: float
+    shared: float = 0.0
+
+
+class Bounds(NamedTuple):
+    """What limits say of a form's weighted sum of velocities, alpha v.
+
+    Parameters
+    ----------
+    form : Form
+        The limits.
+    least, largest : float
+        Of the sum.
+    fall, rise : float
+        Its largest slopes.
+    courses : list of (Slope, Slope)
+        Pairs of laws for its fall and rise.
+    """
+
+    form: Form
+    least: float
+    largest: float
+    fall: float
+    rise: float
+    courses: list[tuple[Slope, Slope]]
+
+
+@dataclass(frozen=True, eq=False)
+class ScaledLimits:
+    """A task in units of its largest link rate, longest period and mean mass.
+
+    Parameters
+    ----------
+    task : Task
+        Worm and limits.
+    like : ScaledLimits, optional
+        Whose units are taken instead of the task's own, to compare the two.
+    """
+
+    task: Task
+    like: ScaledLimits | None = None
+
+    @property
+    def links(self) -> int:
+        """Number of links n."""
+        return self.task.worm.links
+
+    @cached_property
+    def speed(self) -> float:
+        """Unit of speeds: the largest link rate."""
+        return self.like.speed if self.like else self.task.speed_nominal
+
+    @cached_property
+    def time(self) -> float:
+        """Unit of times: the longest period."""
+        return self.like.time if self.like else self.task.limits.period_range[1]
+
+    @cached_property
+    def shortest_period(self) -> float:
+        """Shortest period."""
+        return self.task.limits.period_range[0] / self.time
+
+    @cached_property
+    def longest_period(self) -> float:
+        """Longest period: 1 in its own units."""
+        return self.task.limits.period_range[1] / self.time
+
+    @cached_property
+    def mean_mass(self) -> float:
+        """Unit of masses."""
+        return self.like.mean_mass if self.like else float(np.mean(self.task.worm.masses))
+
+    @cached_property
+    def force(self) -> float:
+        """Unit of forces."""
+        return self.mean_mass * self.speed / self.time
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """Masses, shape (n + 1,)."""
+        return np.array(self.task.worm.masses) / self.mean_mass
+
+    @cached_property
+    def drag(self) -> float:
+        """Drag coefficient k of each mass."""
+        return self.task.worm.drag * self.speed / self.force
+
+    @cached_property
+    def rates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Largest contraction and extension rates, shape (n,) each."""
+        contraction, extension = map(np.array, self.task.limits.rate_bounds(self.links))
+        return contraction / self.speed, extension / self.speed
+
+    @cached_property
+    def strokes(self) -> np.ndarray:
+        """How far the length of each link may change, shape (n,)."""
+        ranges = np.array(self.task.limits.length_ranges(self.links))
+        return np.ptp(ranges, axis=1) / (self.speed * self.time)
+
+    @cached_property
+    def acceleration(self) -> np.ndarray | None:
+        """Largest link accelerations, shape (n,); None where velocities may jump."""
+        limit = self.task.limits.acceleration
+        if limit is None:
+            return None
+        return np.broadcast_to(limit, self.links) * self.time / self.speed
+
+    @cached_property
+    def spikes(self) -> np.ndarray:
+        """Largest loads of the spikes, shape (n + 1,); infinite without a limit."""
+        return _spread(self.task.limits.spike_load, self.links + 1) / self.force
+
+    @cached_property
+    def actuator_most(self) -> np.ndarray:
+        """Largest forces of the actuators, shape (n,); infinite without a limit."""
+        return _spread(self.task.limits.actuator_force, self.links) / self.force
+
+    def fastest(self, resting: Resting) -> np.ndarray:
+        """Largest velocity of each mass: links let it run from any that rests only so fast.
+
+        Parameters
+        ----------
+        resting : tuple of int
+            Masses at rest.
+
+        Returns
+        -------
+        ndarray, shape (n + 1,)
+        """
+        contraction, extension = self.rates
+        masses = range(self.links + 1)
+        return np.array(
+            [min(contraction[m:i].sum() + extension[i:m].sum() for m in resting) for i in masses]
+        )
+
+    def forms(self, resting: Resting, more: int = 0) -> list[Form]:
+        """List all limits on accelerations and forces.
+
+        Parameters
+        ----------
+        resting : tuple of int
+            Masses at rest.
+        more : int, optional
+            So many others may rest as well.
+
+        Returns
+        -------
+        list of Form
+            Link accelerations, the sum of the spikes' loads, actuator forces.
+        """
+        given = self.acceleration
+        most_of_each = np.full(self.links, np.inf) if given is None else given
+        links = [
+            Form(-step, 0.0 * step, most, most)
+            for step, most in zip(
+                np.diff(np.eye(self.links + 1), axis=0), most_of_each, strict=True
+            )
+        ]
+        return [*links, self._momentum(resting, more), *([] if more else self._actuators(resting))]
+
+    def admits_rest(self, resting: Resting) -> bool:
+        """Whether the worm may stand still on the spikes of these masses.
+
+        Parameters
+        ----------
+        resting : tuple of int
+            Masses at rest.
+        """
+        return all(form.below >= 0.0 and form.above >= 0.0 for form in self.forms(resting))
+
+    def _momentum(self, resting: Resting, more: int) -> Form:
+        """Sum of the reactions: the momentum's change, the drag and the load, (7)."""
+        limits, count = self.task.limits, self.links + 1
+        spikes = _spread(limits.spike_load, count)[list(resting)]
+        # However they share it, together they carry no more than the sum of what each may.
+        if limits.sharing == "equal":
+            known, others = len(spikes) * spikes.min(), more * spikes.min() if more else 0.0
+        else:
+            moving = np.sort(np.delete(_spread(limits.spike_load, count), list(resting)))
+            known, others = spikes.sum(), moving[len(moving) - more :].sum()
+        lightest, heaviest = self.task.worm.load_range  # limits hold under every load
+        below = self._apart(count * lightest, count * limits.sigma_margin)
+        above = self._apart(float(known + others), count * heaviest)
+        shared = float(others) / self.force if above < np.inf else 0.0
+        return Form(self.mass, np.ones(count), below, above, shared)
+
+    def _actuators(self, resting: Resting) -> Iterator[Form]:
+        """Actuator forces by the recursion (3), where the spikes' loads are known."""
+        limits = self.task.limits
+        known = len(resting) == 1 or limits.sharing == "equal"
+        if limits.actuator_force is None or not known:
+            return
+        most_of_each = _spread(limits.actuator_force, self.links)
+        for (weight, per_load), most in zip(self.actuators(resting), most_of_each, strict=True):
+            at_rest = sorted(load * per_load for load in self.task.worm.load_range)
+            yield Form(
+                weight * self.mass,
+                weight,
+                self._apart(at_rest[0], -float(most)),
+                self._apart(float(most), at_rest[1]),
+            )
+
+    def actuators(self, resting: Resting) -> Iterator[tuple[np.ndarray, float]]:
+        """Weights of the masses' forces in each actuator's, and its force at rest per load.
+
+        Parameters
+        ----------
+        resting : tuple of int
+            Masses at rest, which share the load equally.
+
+        Yields
+        ------
+        weight : ndarray, shape (n + 1,)
+        at_rest : float
+        """
+        count, rest = self.links + 1, len(resting)
+        for j in range(1, count):
+            held = sum(i < j for i in resting)  # whole numbers, so that what cancels is zero
+            weight = (held - rest * (np.arange(count) < j)) / rest
+            yield weight, (held * count - rest * j) / rest
+
+    def _apart(self, high: float, low: float) -> float:
+        """Difference of two forces, rounded up, in units of force."""
+        size = abs(high) + abs(low)
+        return (high - low + _ROUNDING * size) / self.force if size < np.inf else np.inf
+
+    def bounds(self, resting: Resting, more: int = 0) -> list[Bounds]:
+        """List `forms` with what they say of velocities; known from the second time on.
+
+        Parameters
+        ----------
+        resting : tuple of int
+            Masses at rest.
+        more : int, optional
+            So many others may rest as well.
+        """
+        if (resting, more) not in self._known:
+            self._known[resting, more] = [
+                Bounds(
+                    form,
+                    *self.span(form.alpha, resting),
+                    *self.slopes(form, resting),
+                    self.courses(form, resting),
+                )
+                for form in self.forms(resting, more)
+            ]
+        return self._known[resting, more]
+
+    @cached_property
+    def _known(self) -> dict[tuple[Resting, int], list[Bounds]]:
+        return {}
+
+    def slopes(self, form: Form, resting: Resting) -> tuple[float, float]:
+        """Largest fall and rise per time of alpha v, a form's weighted sum of velocities.
+
+        Parameters
+        ----------
+        form : Form
+            One of `forms`.
+        resting : tuple of int
+            Masses at rest.
+
+        Returns
+        -------
+        fall, rise : float
+            Not negative; infinite where velocities may jump and nothing holds them.
+        """
+        v_max = self.fastest(resting)
+        fastest_drag = self.drag * float(np.maximum(form.beta, 0.0) @ v_max)
+        slowest_drag = self.drag * float(np.minimum(form.beta, 0.0) @ v_max)
+        fall, rise = form.below + fastest_drag, form.above - slowest_drag
+        if self.acceleration is not None:
+            a, masses = self.acceleration, range(self.links + 1)
+            between = [min(a[min(m, i) : max(m, i)].sum() for m in resting) for i in masses]
+            implied = float(np.abs(form.alpha) @ between)
+            fall, rise = min(fall, implied), min(rise, implied)
+        # A form that must fall, or rise, all the time does not rise, or fall, at all.
+        return max(fall, 0.0), max(rise, 0.0)
+
+    def courses(self, form: Form, resting: Resting) -> list[tuple[Slope, Slope]]:
+        """List pairs of laws for the fall and rise of alpha v: constant, or decaying with drag.
+
+        Parameters
+        ----------
+        form : Form
+            One of `forms`.
+        resting : tuple of int
+            Masses at rest.
+
+        Returns
+        -------
+        list of (Slope, Slope)
+            Laws that another one always beats are left out.
+        """
+        fall, rise = ([Slope(rate)] for rate in self.slopes(form, resting))
+        v_max = self.fastest(resting)
+        alpha, beta = (np.where(v_max > 0.0, w, 0.0) for w in (form.alpha, form.beta))
+        positive, some = bool(np.all(alpha >= 0.0)), alpha != 0.0
+        one_sign = positive or bool(np.all(alpha <= 0.0))
+        if not (self.drag and one_sign and some.any() and np.all(beta[some] / alpha[some] > 0.0)):
+            return [(fall[0], rise[0])]
+        if beta[~some].any():
+            return [(fall[0], rise[0])]
+        # k beta v lies between the least and the largest ratio times alpha v
+        ratio, top = self.drag * beta[some] / alpha[some], np.max(np.abs(self.span(alpha, resting)))
+        slow, fast = (float(ratio.min()), False), (float(ratio.max()), True)
+        for laws, rate, helped in ((fall, form.below, not positive), (rise, form.above, positive)):
+            decay, longest = slow if helped else fast
+            if rate - helped * decay * top < laws[0].rate:
+                laws.append(Slope(max(rate, 0.0), decay, longest))
+        return list(product(fall, rise))
+
+    def span(self, alpha: np.ndarray, resting: Resting) -> tuple[float, float]:
+        """Least and largest weighted sum of velocities, by the rates of the links.
+
+        Parameters
+        ----------
+        alpha : ndarray, shape (n + 1,)
+            Weights of the masses.
+        resting : tuple of int
+            Masses at rest.
+
+        Returns
+        -------
+        least, largest : float
+        """
+        contraction, extension = self.rates
+        fastest = self.fastest(resting)
+        least, largest = [np.minimum(alpha, 0.0) @ fastest], [np.maximum(alpha, 0.0) @ fastest]
+        for m in resting:  # velocities are sums of rates v_{j-1} - v_j, counted from this mass
+            inner = np.cumsum(alpha)[:-1] - (np.arange(self.links) >= m) * alpha.sum()
+            into, out = np.maximum(inner, 0.0), np.maximum(-inner, 0.0)
+            largest.append(into @ extension + out @ contraction)
+            least.append(-(into @ contraction + out @ extension))
+        return float(max(least)), float(min(largest))
+
+
+@lru_cache(maxsize=64)
+def scaled(task: Task) -> ScaledLimits:
+    """Give the limits of a task in units of size 1; those of the last few tasks are kept."""
+    return ScaledLimits(task)
+
+
+def _spread(limit: float | Sequence[float] | None, count: int) -> np.ndarray:
+    """A limit as one number each; infinite where there is none."""
+    return np.broadcast_to(np.inf if limit is None else limit, count)

@@ -1,0 +1,116 @@
+"""Orders of rest to begin a search with, and the resting sets that they are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations, permutations
+from math import comb
+
+from wormopt.systems.spiked.ceiling import best_modes
+from wormopt.systems.spiked.construct import block_wave_sequence
+from wormopt.systems.spiked.programs.waves import wave_orders
+from wormopt.systems.spiked.search.sequences import Resting, Sequence_, is_gait, mirrored, sequences
+from wormopt.systems.spiked.search.space import ceiling_of, is_mirror_symmetric
+from wormopt.systems.spiked.task import Task
+
+__all__ = ["first_orders", "plain_orders", "search_letters"]
+
+# Sets are all listed up to so many, words of them up to so many.
+_MOST_SETS, _MOST_WORDS = 64, 4000
+# Solutions of the ceiling's linear program that are looked at.
+_MIXES = 3
+
+
+def first_orders(task: Task) -> list[Sequence_]:
+    """Orders that no search should fall behind, whatever the number of links.
+
+    Head and tail in turn, without and with a block between; the resting sets of the ceiling's
+    solutions in every order; travelling waves, of more resting masses too where those share a
+    load.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+
+    Examples
+    --------
+    >>> from wormopt.systems.spiked.limits import Limits
+    >>> from wormopt.systems.spiked.task import Worm
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> first_orders(Task(Worm(links=1), limits))[0]
+    ((0,), (1,))
+    """
+    n, fewest = task.worm.links, task.limits.resting
+    found = [*_ends_in_turn(n, fewest), *_best_sets_in_turn(task)]
+    found += [tuple(block_wave_sequence(n, a)) for a in task.resting_sizes]
+    waves = wave_orders(n, fewest)
+    if not is_mirror_symmetric(task):
+        waves += [mirrored(wave, n + 1) for wave in waves]
+    return [s for s in dict.fromkeys([*found, *waves]) if is_gait(s)]
+
+
+def _ends_in_turn(links: int, resting: int) -> Iterator[Sequence_]:
+    """Accordions: a block at the head and one at the tail, and one between."""
+    head, tail = tuple(range(resting)), tuple(range(links + 1 - resting, links + 1))
+    yield (head, tail)
+    spare = links + 1 - resting
+    for start in sorted({spare // 2, spare // 3, spare - spare // 3} - {0, spare}):
+        yield (head, tuple(range(start, start + resting)), tail)
+
+
+def _best_sets_in_turn(task: Task) -> Iterator[Sequence_]:
+    """All cyclic orders of the sets by which the ceiling is reached, where they are few."""
+    contraction, extension = task.limits.rate_bounds(task.worm.links)
+    count = _MIXES if task.worm.links <= 12 else 1
+    for mix in best_modes(contraction, extension, task.limits.resting, count=count):
+        first, *others = (tuple(sorted(s)) for s in mix.sets)
+        if len(others) <= 3:
+            yield from ((first, *order) for order in permutations(others))
+
+
+def search_letters(task: Task) -> list[Resting]:
+    """Sets of resting masses that orders are made of.
+
+    All sets, where they are few; else blocks of neighbours round the ends.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    """
+    masses, sizes = task.worm.links + 1, task.resting_sizes
+    if task.count_of_sets <= _MOST_SETS:
+        return [s for size in sizes for s in combinations(range(masses), size)]
+    least = [size for size in sizes if comb(masses, size) <= _MOST_SETS]
+    found = {s for size in least for s in combinations(range(masses), size)}
+    found |= {s for size in sizes for s in block_wave_sequence(task.worm.links, size)}
+    return sorted(found, key=lambda s: (len(s), s))
+
+
+def plain_orders(task: Task, phases: int | None = None) -> list[Sequence_]:
+    """Orders of few phases, the highest ceilings first, then the shortest.
+
+    Of exactly as many resting masses as asked for, and of more in short orders only.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    phases : int, optional
+        Most phases of a cycle.
+    """
+    masses, mirror = task.worm.links + 1, is_mirror_symmetric(task)
+    letters = search_letters(task)
+    exact = [s for s in letters if len(s) == task.limits.resting]
+    found: set[Sequence_] = set()
+    for sets, most in ((exact, phases or 4), (letters, min(phases or 3, 3))):
+        for count in range(2, most + 1):
+            if len(sets) ** count <= _MOST_WORDS * count:
+                found |= set(sequences(masses, sets, count, mirror=mirror))
+    return sorted(found, key=lambda s: (-_rounded_ceiling(task, s), len(s), s))
+
+
+def _rounded_ceiling(task: Task, sequence: Sequence_) -> float:
+    """Ceiling of an order to six digits; of long worms it takes too long."""
+    return float(f"{ceiling_of(task, sequence):.6g}") if task.worm.links <= 8 else 0.0

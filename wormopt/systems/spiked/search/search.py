@@ -1,0 +1,261 @@
+"""Search over the order in which masses rest: enumerate, race, vary the best.
+
+The order decides the optimum and local optimisation does not change it. Every order is first
+tried with few arcs; what is close to the best at its level is looked at with more. A period is
+filled by as many cycles as suit the order, and several different cycles may be joined.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import islice
+from time import monotonic
+
+import numpy as np
+
+from wormopt.progress import Report
+from wormopt.systems.spiked.programs.costs import is_energy
+from wormopt.systems.spiked.search.orders import first_orders, plain_orders
+from wormopt.systems.spiked.search.race import Better, Race, Start, rank
+from wormopt.systems.spiked.search.sequences import Sequence_
+from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.search.variations import variations
+from wormopt.systems.spiked.task import Search, Task
+
+__all__ = ["Effort", "Survey", "effort_of", "search"]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is tried.
+
+    Parameters
+    ----------
+    enumerated : int
+        Most orders tried in the systematic part, best ceilings first.
+    width : int
+        Orders that are varied at a time, twice as many after a round in vain; share of what is
+        promoted.
+    varied : int
+        Most variations tried in a round.
+    patience : int
+        Rounds of variations that bring nothing, one after the other, after which they end.
+    work : float
+        Pivots times rows and columns after which no more variations are tried; long worms need
+        more for each.
+    starts : int
+        Random starts of the best orders where a cost is sought.
+    """
+
+    enumerated: int
+    width: int
+    varied: int
+    patience: int
+    work: float
+    starts: int
+
+
+_EFFORTS = {
+    "quick": Effort(enumerated=16, width=1, varied=8, patience=1, work=3e8, starts=1),
+    "normal": Effort(enumerated=160, width=4, varied=240, patience=2, work=7e8, starts=3),
+    "thorough": Effort(enumerated=1000, width=8, varied=800, patience=2, work=6e9, starts=8),
+}
+# Shares of the work that one climb may take, and that the last restarts may where nothing is left.
+_OF_ONE_CLIMB, _OF_RESTARTS = 0.1, 0.2
+# Pivots of its programs take longer: they are denser.
+_WORK_OF_ENERGY = 0.3
+# Gain, as a share, by which variations begin anew.
+_BETTER = 1e-3
+_BATCH = 8
+
+
+def effort_of(settings: Search) -> Effort:
+    """Effort that is asked for.
+
+    Parameters
+    ----------
+    settings : Search
+        How to search.
+
+    Examples
+    --------
+    >>> effort_of(Search(effort="quick")).width
+    1
+    """
+    return _EFFORTS[settings.effort]
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a search found and how much it saw.
+
+    Parameters
+    ----------
+    trials : tuple of Trial
+        Best of each order, and what other optima of an order are close; best first.
+    tried : int
+        Orders tried.
+    varied : int
+        Of these, variations of others.
+    programs : int
+        Linear programs solved.
+    ended : str
+        "searched", "time limit" or "interrupted".
+    seconds : dict of str to float
+        Seconds of each stage.
+    """
+
+    trials: tuple[Trial, ...]
+    tried: int
+    varied: int
+    programs: int
+    ended: str
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+def search(
+    task: Task,
+    settings: Search,
+    report: Report,
+    hints: Iterable[Sequence_] = (),
+    better: Better = lambda _: None,
+) -> Survey:
+    """Search the orders of rest, and the number of cycles, that give the best gait.
+
+    Constructed orders come first, then plain ones by the ceilings that their resting sets put on
+    the speed, then variations of the best: a set of resting masses inserted, dropped or
+    exchanged, two cycles joined.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    settings : Search
+        Effort, phases, the user's own sequence, time limit, processes.
+    report : callable
+        Told what goes on: text and the fraction done.
+    hints : iterable of sequences, optional
+        Tried first, with those of the constructed gaits.
+    better : callable, optional
+        Given every trial that is better than all before it.
+
+    Returns
+    -------
+    Survey
+        The same for any number of processes, but for time limits.
+
+    Examples
+    --------
+    One link and two masses that rest in turn. Without the time that acceleration takes the speed
+    would be half the rate.
+
+    >>> from wormopt.systems.spiked.limits import Limits
+    >>> from wormopt.systems.spiked.task import Worm
+    >>> from wormopt.progress import silent
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> survey = search(Task(Worm(1, load=5.0), limits), Search(), silent)
+    >>> round(survey.trials[0].value, 3), survey.trials[0].sequence
+    (0.425, ((0,), (1,)))
+    """
+    until = np.inf if settings.time_limit is None else monotonic() + settings.time_limit
+    work = effort_of(settings).work * _OF_ONE_CLIMB
+    trier = Trier(task, until=until, work=work)
+    links = task.worm.links
+    workers = settings.workers or (1 if links <= 2 else os.cpu_count() or 1)
+    race = Race(task, trier, workers, report, better)
+    ended, seconds, since = "searched", dict[str, float](), monotonic()
+    try:
+        for stage in _steps(race, settings, hints):
+            now = monotonic()
+            seconds[stage] = seconds.get(stage, 0.0) + now - since
+            since = now
+            if race.is_over:
+                break
+            if now > until:
+                ended = "time limit"
+                break
+    except KeyboardInterrupt:
+        ended = "interrupted"
+    finally:
+        race.close()
+    ranking = sorted([*race.ranking, *race.others], key=rank)
+    return Survey(tuple(ranking), len(race.trials), race.varied, trier.programs, ended, seconds)
+
+
+def _steps(race: Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator[str]:
+    """Search in steps of some seconds at most; after each, the stage that it belongs to."""
+    effort, task = effort_of(settings), race.task
+    if settings.sequence is not None:
+        stage = race.tell("your sequence", 0.0)
+        race.enter([Start(tuple(tuple(sorted(s)) for s in settings.sequence))])
+        yield stage
+        race.promote(0, 1)
+        race.promote(1, 1)
+        yield stage
+        return
+    first = [race.canonical(s) for s in (*hints, *first_orders(task))]
+    first = [s for s in dict.fromkeys(first) if len(s) <= (settings.phases or len(s))]
+    for batch in _batches(first):
+        stage = race.tell("constructed orders", 0.0)
+        race.enter(map(Start, batch))
+        yield stage
+    race.promote(0, 1)
+    yield "constructed orders"
+    orders = [s for s in plain_orders(task, settings.phases) if s not in race.trials]
+    for k, batch in enumerate(_batches(islice(orders, effort.enumerated))):
+        stage = race.tell("plain orders", 0.5 * k * _BATCH / effort.enumerated)
+        race.enter(map(Start, batch))
+        yield stage
+        if race.trier.work > effort.work / 2:
+            break
+    race.promote(0, 3 * effort.width)
+    yield "plain orders"
+    # the speed climbs to the same top from almost anywhere at first, costs do not
+    speed = task.objective.minimise is None
+    starts, width = (1, 1) if speed else (effort.starts, 4)
+    for start in range(starts):
+        stage = race.tell("other starts", 0.5)
+        race.restart(width * effort.width, (settings.seed, start))
+        yield stage
+    for _ in _vary(race, settings):
+        yield "variations"
+    stage = race.tell("finer arcs", 0.8)
+    race.promote(1, effort.width)
+    yield stage
+    most = max(effort.work, race.trier.work + _OF_RESTARTS * effort.work)
+    for start in range(effort.starts):
+        stage = race.tell("other starts", 0.9)
+        race.restart(2, (settings.seed, 1 + start), race.margins[1])
+        yield stage
+        if race.trier.work > most:
+            return
+
+
+def _vary(race: Race, settings: Search) -> Iterator[None]:
+    """Vary the best orders as long as that helps; begin anew with every order that is better."""
+    effort, task = effort_of(settings), race.task
+    most = effort.work * (_WORK_OF_ENERGY if is_energy(task) else 1.0)
+    in_vain = 0
+    while in_vain < effort.patience:
+        enough = race.record(0) + _BETTER * abs(race.record(0))
+        width = effort.width << in_vain  # where the best lead nowhere, others may
+        for batch in _batches(islice(variations(race, settings, width), effort.varied)):
+            race.tell("variations", 0.5 + 0.3 * min(1.0, race.trier.work / most))
+            race.enter(batch)
+            race.varied += len(batch)
+            yield
+            if race.trier.work > most:
+                return
+            if race.record(0) > enough:
+                break
+        in_vain = 0 if race.record(0) > enough else in_vain + 1
+        race.promote(0, 2 * effort.width)
+        yield
+
+
+def _batches(items: Iterable) -> Iterator[list]:
+    items = iter(items)
+    while batch := list(islice(items, _BATCH)):
+        yield batch

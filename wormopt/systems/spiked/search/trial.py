@@ -1,0 +1,375 @@
+"""One order of rest tried: its best cycle found so far, and how often it fits into a period."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import ceil, floor
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from wormopt.numerics.bilinear import BilinearProgram, Climb, Point
+from wormopt.systems.spiked.programs.costs import has_cost_columns
+from wormopt.systems.spiked.programs.patterns import patterns_of, simple_patterns
+from wormopt.systems.spiked.programs.program import GaitProgram
+from wormopt.systems.spiked.programs.split import split_matters
+from wormopt.systems.spiked.programs.waves import WaveProgram, wave_direction
+from wormopt.systems.spiked.search.sequences import Sequence_
+from wormopt.systems.spiked.task import Objective, Task
+
+__all__ = ["Trial", "Trier"]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A gait found for an order of rest.
+
+    Parameters
+    ----------
+    program : GaitProgram
+        The program of one cycle.
+    point : Point
+        What was found.
+    cycles : int
+        How many such cycles fill a period; 0 where it has not been fitted to one.
+    level : int
+        How often its arcs have been halved.
+    """
+
+    program: GaitProgram
+    point: Point
+    cycles: int = 0
+    level: int = 0
+
+    @property
+    def sequence(self) -> Sequence_:
+        """Resting masses of a cycle, phase after phase."""
+        return self.program.sequence
+
+    @cached_property
+    def value(self) -> float:
+        """What is made large: the speed, or a cost with its sign changed."""
+        return self.program.objective(self.point)
+
+    @property
+    def cost(self) -> float:
+        """The objective as the task means it: the speed, or the whole cost."""
+        return abs(self.value) + self.program.same_for_all()
+
+    @property
+    def durations(self) -> np.ndarray:
+        """Durations of the phases of a cycle."""
+        return self.program.durations(self.point)
+
+
+class Trier:
+    """Tries orders of rest of one task.
+
+    Parameters
+    ----------
+    task : Task
+        Worm, limits, objective.
+    arcs : int, optional
+        Arcs per phase at level 0.
+    until : float, optional
+        When climbs end where they are, by the monotonic clock.
+    work : float, optional
+        Pivots times rows and columns after which a climb ends where it is.
+    """
+
+    def __init__(
+        self, task: Task, arcs: int = 4, until: float = np.inf, work: float = np.inf
+    ) -> None:
+        self.task, self._arcs, self._until, self._most = task, arcs, until, work
+        self.programs = self.work = 0  # linear programs of all climbs; pivots, rows and columns
+        self.shortest, self.longest = task.limits.period_range
+
+    def stopped(self) -> bool:
+        """Whether climbs are to end where they are."""
+        return monotonic() > self._until
+
+    def phase_guess(self) -> float:
+        """Duration of a phase to begin with: half a stroke at the slower rate."""
+        links = self.task.worm.links
+        rates = np.min(self.task.limits.rate_bounds(links), axis=0)
+        strokes = np.ptp(self.task.limits.length_ranges(links), axis=1)
+        return float(np.median(strokes / rates)) / 2
+
+    def program(
+        self, sequence: Sequence_, period: tuple[float, float], arcs: Any, degree: int = 1
+    ) -> GaitProgram:
+        """The program of an order; that of a travelling wave where it is one and would be large.
+
+        Parameters
+        ----------
+        sequence : tuple of tuple of int
+            Resting masses of a cycle.
+        period : (float, float)
+            Shortest and longest duration of the cycle.
+        arcs : int or sequence of int
+            Per phase.
+        degree : int, optional
+            Of the velocities.
+        """
+        masses = self.task.worm.links + 1
+        large = int(np.broadcast_to(arcs, len(sequence)).sum()) * 2 * masses > _LARGE
+        kind = WaveProgram if large and wave_direction(sequence, masses) else GaitProgram
+        return kind(self.task, sequence, period, arcs, degree)
+
+    def free(
+        self,
+        sequence: Sequence_,
+        durations: np.ndarray | None = None,
+        enough: float = -np.inf,
+        random: np.random.Generator | None = None,
+    ) -> Trial | None:
+        """Climb with a period as short as may be, up to the longest; give up below ``enough``.
+
+        Parameters
+        ----------
+        sequence : tuple of tuple of int
+            Resting masses of a cycle.
+        durations : ndarray, optional
+            Of its phases, to begin with.
+        enough : float, optional
+            What is worth going on for.
+        random : Generator, optional
+            Draws the arcs of a phase; they are alike to begin with if left out.
+        """
+        if durations is None:
+            durations = np.full(len(sequence), self.phase_guess())
+        longest = min(self.longest, _LONGEST * float(durations.sum()))
+        durations = durations * min(1.0, longest / durations.sum())
+        return self._climb(sequence, (_SHORTEST * longest, longest), durations, enough, random)
+
+    def near(
+        self, sequence: Sequence_, durations: np.ndarray, cycles: int, enough: float = -np.inf
+    ) -> Trial | None:
+        """Climb from durations near those of a gait of which so many cycles fill a period.
+
+        Parameters
+        ----------
+        sequence : tuple of tuple of int
+            Resting masses of a cycle.
+        durations : ndarray
+            Of its phases, to begin with.
+        cycles : int
+            In a period.
+        enough : float, optional
+            What is worth going on for.
+        """
+        period = self.shortest / cycles, self.longest / cycles
+        total = float(durations.sum())
+        durations = durations * (np.clip(total, *period) / total)
+        trial = self._climb(sequence, period, durations, enough, None)
+        return trial and self.settled(replace(trial, cycles=cycles))
+
+    def fit(self, trial: Trial) -> Trial | None:
+        """The best whole number of cycles in a period.
+
+        Parameters
+        ----------
+        trial : Trial
+            With a free period.
+
+        Returns
+        -------
+        Trial or None
+            None where no number of cycles has a gait.
+        """
+        period = float(trial.durations.sum())
+        counts = {floor(self.longest / period * _UP), ceil(self.shortest / period / _UP)}
+        fitted = [self._fitted(trial, max(1, count)) for count in sorted(counts)]
+        best = max((t for t in fitted if t is not None), key=lambda t: t.value, default=None)
+        if best is None or self.task.objective.speed is None:
+            return best
+        return self._fewer_cycles(best)
+
+    def _fewer_cycles(self, best: Trial) -> Trial:
+        """As many cycles fewer as lower the cost: climbs of costs stay near where they begin."""
+        while best.cycles > 1:
+            fewer = [self._fitted(best, n) for n in sorted({best.cycles // 2, best.cycles - 1})]
+            better = [t for t in fewer if t is not None and t.value > best.value]
+            if not better:
+                break
+            best = max(better, key=lambda t: t.value)
+        return best
+
+    def _fitted(self, trial: Trial, cycles: int) -> Trial | None:
+        low, high = self.shortest / cycles, self.longest / cycles
+        period = float(trial.durations.sum())
+        wanted = float(np.clip(period, low, high))
+        same = trial.program
+        program = type(same)(self.task, trial.sequence, (low, high), same.arcs, same.degree)
+        widths = trial.program.widths(trial.point) * (wanted / period)
+        if has_cost_columns(self.task):
+            start = self._near(trial, program, widths)
+        else:
+            start = program.start_arcs(widths)
+        if start is None:
+            return None
+        return self.settled(self.climbed(Trial(program, start, cycles, trial.level)))
+
+    def _near(self, trial: Trial, program: GaitProgram, widths: np.ndarray) -> Point | None:
+        """A motion like that of a trial with other durations."""
+        _, v, first = trial.program.motion(trial.point)
+        old, new = trial.program.limits.time, program.limits.time
+        like = program.moving(widths / new, v, first * (old / new))
+        found = (program.bilinear.restore(like.x, factors) for factors in _NEARNESS)
+        return next((point for point in found if point is not None), None)
+
+    def _climb(
+        self,
+        sequence: Sequence_,
+        period: tuple[float, float],
+        durations: np.ndarray,
+        enough: float,
+        random: np.random.Generator | None,
+    ) -> Trial | None:
+        program = self.program(sequence, period, self._arcs)
+        if self.task.objective.speed is None:
+            begin = program.start(durations, random)
+        else:
+            fast = self._fast_enough(program, durations, random)
+            if fast is None:
+                return None
+            program = type(program)(self.task, sequence, period, fast.program.arcs)
+            if not has_cost_columns(self.task):
+                begin = program.start_arcs(fast.program.widths(fast.point))
+            elif fast.value < self.task.objective.speed:
+                return None
+            else:  # a cost that is no peak asks for the motion itself: it is feasible there too
+                begin = program.moving(*fast.program.motion(fast.point))
+        return begin and self.climbed(Trial(program, begin), enough=enough)
+
+    def _fast_enough(
+        self, like: GaitProgram, durations: np.ndarray, random: np.random.Generator | None
+    ) -> Trial | None:
+        """Climb to the required speed; with few arcs it may be just out of reach, with more not."""
+        required = self.task.objective.speed or 0.0
+        fastest = Task(self.task.worm, self.task.limits, Objective())
+        program = type(like)(fastest, like.sequence, like.period, self._arcs)
+        start = program.start(durations, random)
+        if start is None:
+            return None
+        reached = program.bilinear.climb(
+            start, Climb(1e-4), lambda p: self.stopped() or program.objective(p) >= 1.02 * required
+        )
+        self._count(program.bilinear)
+        fast = Trial(program, reached)
+        for _ in range(_MOST_FINER):
+            if not _NEARLY * required <= fast.value < required:
+                break
+            fast = Trier(fastest, until=self._until).finer(fast, 1e-6)
+        return fast
+
+    def climbed(
+        self, trial: Trial, tolerance: float = 1e-3, steps: int = 25, enough: float = -np.inf
+    ) -> Trial:
+        """Climb on from where a trial is.
+
+        Parameters
+        ----------
+        trial : Trial
+            Where to begin.
+        tolerance, steps, enough : float, int, float
+            See `Climb`; ``enough`` in the task's units.
+
+        Returns
+        -------
+        Trial
+            Never worse.
+        """
+        bilinear = trial.program.bilinear
+        until = Climb(tolerance, steps, enough=enough / trial.program.unit)
+        before = bilinear.programs, bilinear.work
+        most = bilinear.work + self._most
+        point = bilinear.climb(trial.point, until, lambda _: self.stopped() or bilinear.work > most)
+        self._count(bilinear, *before)
+        return replace(trial, point=point)
+
+    def _count(self, bilinear: BilinearProgram, programs: int = 0, work: int = 0) -> None:
+        self.programs += bilinear.programs - programs
+        self.work += bilinear.work - work
+
+    def settled(self, trial: Trial) -> Trial | None:
+        """With the split of least actuation instead of any split; None where none is found.
+
+        Parameters
+        ----------
+        trial : Trial
+            Found with any split.
+        """
+        if not any(split_matters(self.task, resting) for resting in trial.sequence):
+            return trial
+        widths = trial.program.widths(trial.point)
+        found = []
+        for patterns in (patterns_of(trial.program, trial.point), *simple_patterns(trial.program)):
+            program = trial.program.with_patterns(patterns)
+            start = program.start_arcs(widths)
+            if start is not None:
+                found.append(self.climbed(replace(trial, program=program, point=start)))
+        best = max(found, key=lambda t: t.value, default=None)
+        return best and self._other_patterns(best)
+
+    def _other_patterns(self, trial: Trial, tolerance: float = 1e-3) -> Trial:
+        """Climb on with the other pattern wherever two hold, as long as that helps."""
+        for _ in range(_FLIPS if trial.program.patterns else 0):
+            patterns = patterns_of(trial.program, trial.point, other=True)
+            if patterns == trial.program.patterns:
+                break
+            program = trial.program.with_patterns(patterns)
+            start = program.start_arcs(trial.program.widths(trial.point))
+            if start is None:
+                break
+            better = self.climbed(replace(trial, program=program, point=start), tolerance)
+            if better.value <= trial.value + tolerance * abs(trial.value):
+                break
+            trial = better
+        return trial
+
+    def finer(
+        self,
+        trial: Trial,
+        tolerance: float = 1e-4,
+        degree: int | None = None,
+        parts: int = 2,
+        steps: int = 40,
+    ) -> Trial:
+        """Cut the arcs in parts, or raise the degree, and climb on; never worse.
+
+        Parameters
+        ----------
+        trial : Trial
+            Where to begin.
+        tolerance : float, optional
+            Of the climb.
+        degree : int, optional
+            Of the velocities; the same if left out.
+        parts : int, optional
+            Parts of each arc.
+        steps : int, optional
+            Most steps of the climb.
+        """
+        program, start = trial.program.finer(trial.point, degree, parts)
+        level = trial.level + 1
+        if start is None:
+            return replace(trial, level=level)
+        better = self.climbed(Trial(program, start, trial.cycles, level), tolerance, steps)
+        better = self._other_patterns(better, tolerance)
+        return better if better.value >= trial.value else replace(trial, level=level)
+
+
+# Programs of travelling waves with more unknowns than this are reduced to one phase.
+_LARGE = 1800
+_UP = 1 + 1e-9
+# Shares of their bounds within which velocities stay where durations are changed.
+_NEARNESS = (0.05, 0.4, np.inf)
+# A free period is no longer than so many times the first guess, and no shorter than this share.
+_LONGEST, _SHORTEST = 20.0, 1e-4
+# A required speed may be out of reach by this share before arcs are halved, up to so many times.
+_NEARLY, _MOST_FINER = 0.95, 3
+# Most rounds in which other patterns of unloaded spikes are tried.
+_FLIPS = 4

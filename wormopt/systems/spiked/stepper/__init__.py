@@ -1,0 +1,1 @@
+"""Gaits on stepping motors, and how the worm then moves."""

@@ -1,0 +1,227 @@
+"""How a worm moves whose links are stepped and whose bristles give way a little, chapter 2.5.
+
+Lengths are prescribed, so one unknown is left: where the worm as a whole is. A bristle lets its
+mass slip back by `backslip` from the foremost place the mass has been at, and then holds. The
+worm is never further ahead than some bristle holds it, which is the w = 0 of (7): under a load
+that is large enough, x_0 = max over i of (S_i + h_i), where h_i is what mass i is held at.
+
+On a straight piece of way in the lengths velocities never fall (x_0 is a maximum of linear
+functions there), so no mass goes back after it went forward: the masses' places at the end of
+the piece are exact without a look inside. That makes the motion a linear map over (max, +), and
+the mean speed its largest mean weight of a cycle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.systems.spiked.stepper.steps import Steps
+
+__all__ = ["BristleMotion", "ratchet"]
+
+_TOGETHER = 1e-9  # of the period: steps closer than this are one move
+_BATCH = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class BristleMotion:
+    """Periodic motion of a stepped worm, apart from its advance.
+
+    Parameters
+    ----------
+    time : ndarray, shape (m,)
+        Instants from 0 to the period: after every move, and the start.
+    position : ndarray, shape (n+1, m)
+        Places of the masses then; the head starts at 0.
+    holding : ndarray of bool, shape (n+1, m)
+        Which bristles hold then.
+    speed : float
+        Mean speed, by the largest cycle mean.
+    period_error : float
+        How far the motion is from its own advance by ``speed`` after one period.
+    """
+
+    time: np.ndarray
+    position: np.ndarray
+    holding: np.ndarray
+    speed: float
+    period_error: float
+
+    @property
+    def advance(self) -> float:
+        """Way per period, by the motion itself."""
+        return float(self.position[0, -1] - self.position[0, 0])
+
+
+def ratchet(steps: Steps, backslip: float, settle_time: float = 0.0) -> BristleMotion:
+    """Move a worm on bristles by the steps of its motors, from step to step.
+
+    Parameters
+    ----------
+    steps : Steps
+        One period of steps; it goes on for ever.
+    backslip : float
+        How far a mass slips back before its bristles hold.
+    settle_time : float, optional
+        A link takes this long for a step, at an even rate; 0 is at once. Steps that follow each
+        other faster add up.
+
+    Returns
+    -------
+    BristleMotion
+        After it has become periodic.
+
+    Raises
+    ------
+    ArgumentError
+        If the backslip or the time is negative or not finite, or the time not below the period.
+
+    Notes
+    -----
+    Steps of several motors less than 1e-9 of a period apart are one straight move.
+
+    Examples
+    --------
+    Two masses: of every stroke both handovers cost one backslip.
+
+    >>> import numpy as np
+    >>> once = np.arange(1, 9) / 10
+    >>> zigzag = np.repeat([1, -1], 4)
+    >>> steps = Steps(1.0, 1.0, np.array([10.0]), once, np.zeros(8, int), zigzag)
+    >>> [ratchet(steps, slip).speed for slip in (0.0, 0.5, 3.0)]
+    [4.0, 3.0, 0.0]
+    """
+    if not 0 <= backslip < np.inf:
+        raise ArgumentError(f"backslip must be finite and not negative, not {backslip!r}")
+    if not 0 <= settle_time < steps.period:
+        raise ArgumentError(
+            f"settle_time must be at least 0 and below the period {steps.period:g}, not "
+            f"{settle_time!r}"
+        )
+    # in microsteps, so that counts stay whole numbers
+    slip = backslip / steps.travel
+    time, counts = _ramped(steps, settle_time) if settle_time else _held(steps)
+    spans = np.vstack([np.zeros(len(time)), np.cumsum(counts, axis=0)])
+    mean, held = _cycle_mean(_period_map(spans[:, 1:], slip))
+    place, holding, left = _follow(spans, held, slip, mean)
+    start = np.concatenate([[0.0], np.cumsum(steps.start)])
+    return BristleMotion(
+        time,
+        steps.travel * place - start[:, None],
+        holding,
+        steps.travel * mean / steps.period,
+        steps.travel * left,
+    )
+
+
+def _held(steps: Steps) -> tuple[np.ndarray, np.ndarray]:
+    """Instants, and the counts of all motors from then on; steps at one instant joined."""
+    moves = np.zeros((steps.links, len(steps.time)))
+    moves[steps.motor, np.arange(len(steps.time))] = steps.direction
+    counts = np.cumsum(moves, axis=1)
+    last = np.append(np.diff(steps.time) > _TOGETHER * steps.period, True)[: len(steps.time)]
+    none = np.zeros((steps.links, 1))
+    return (
+        np.concatenate([[0.0], steps.time[last], [steps.period]]),
+        np.hstack([none, counts[:, last], counts[:, -1:] if len(steps.time) else none]),
+    )
+
+
+def _ramped(steps: Steps, settle_time: float) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of lengths that take their time for every step, and the lengths there."""
+    period, sign = steps.period, steps.direction.astype(float)
+    begin, end = steps.time, steps.time + settle_time
+    over = end > period
+    corners = np.unique(np.concatenate([[0.0, period], begin, np.where(over, end - period, end)]))
+    corners = corners[np.append(np.diff(corners) > 1e-14 * period, True)]
+    corners[-1] = period
+    rows = []
+    for j in range(steps.links):
+        own = steps.motor == j
+        if not own.any():
+            rows.append(np.zeros(len(corners)))
+            continue
+        # what began in the period before is done to some part at 0, and the rest follows
+        first = np.concatenate([begin[own] - period, begin[own]])
+        rows.append(_ramps(first, np.tile(sign[own], 2), settle_time, corners))
+    return corners, np.array(rows)
+
+
+def _ramps(begin: np.ndarray, sign: np.ndarray, settle_time: float, t: np.ndarray) -> np.ndarray:
+    """Sum of ramps of height +1 or -1 at times t, none of them before the first begins."""
+    knots = np.concatenate([begin, begin + settle_time])
+    slopes = np.concatenate([sign, -sign]) / settle_time
+    order = np.argsort(knots, kind="stable")
+    knots, rate = knots[order], np.cumsum(slopes[order])
+    level = np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(knots))])
+    # between steps the motor is at a whole count: rounding of one ramp is not handed on
+    active = np.cumsum(np.concatenate([np.ones(len(begin)), -np.ones(len(begin))])[order])
+    idle = active == 0
+    last = np.maximum.accumulate(np.where(idle, np.arange(len(idle)), 0))
+    level = level + np.where(idle, np.rint(level) - level, 0.0)[last]
+    rate = np.where(idle, 0.0, rate)
+    at = np.searchsorted(knots, t, side="right") - 1
+    return np.where(at >= 0, level[at] + rate[at] * (t - knots[at]), 0.0)
+
+
+def _period_map(spans: np.ndarray, slip: float) -> np.ndarray:
+    """Matrix over (max, +) from what masses are held at, to the same a period later.
+
+    After a move the worm is at x_0 = max_k (S_k + h_k), and h_i becomes
+    max(h_i, x_0 - S_i - slip).
+    """
+    masses = len(spans)
+    whole = np.where(np.eye(masses, dtype=bool), 0.0, -np.inf)
+    for first in range(0, spans.shape[1], _BATCH):
+        part = spans[:, first : first + _BATCH].T
+        moves = part[:, None, :] - part[:, :, None] - slip
+        diagonal = np.arange(masses)
+        moves[:, diagonal, diagonal] = 0.0
+        while len(moves) > 1:
+            odd = moves[-1:] if len(moves) % 2 else moves[:0]
+            even = moves[: len(moves) - len(odd)]
+            joined = (even[1::2, :, :, None] + even[::2, None, :, :]).max(axis=2)
+            moves = np.concatenate([joined, odd])
+        whole = (moves[0][:, :, None] + whole[None]).max(axis=1)
+    return whole
+
+
+def _cycle_mean(matrix: np.ndarray) -> tuple[float, np.ndarray]:
+    """Largest mean weight of a cycle (Karp 1978), and an eigenvector: matrix v = mean + v."""
+    size = len(matrix)
+    walks = [np.where(np.arange(size) == 0, 0.0, -np.inf)]
+    for _ in range(size):
+        walks.append((matrix + walks[-1]).max(axis=1))
+    ends = np.array(walks)
+    with np.errstate(invalid="ignore"):
+        means = (ends[-1] - ends[:-1]) / (size - np.arange(size))[:, None]
+    means[np.isneginf(ends[:-1])] = np.inf
+    mean = float(means.min(axis=0).max())
+    # paths of any length in matrix - mean: none gains on a cycle
+    paths = matrix - mean
+    for k in range(size):
+        paths = np.maximum(paths, paths[:, k : k + 1] + paths[k : k + 1])
+    critical = int(np.diag(paths).argmax())
+    return mean, paths[:, critical]
+
+
+def _follow(
+    spans: np.ndarray, held: np.ndarray, slip: float, mean: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Places of the masses after every move of one period, who holds, and how well it closes."""
+    masses = range(len(spans))
+    hold = held.tolist()
+    head, holds = [], []
+    for span in spans.T.tolist():
+        reach = [span[i] + hold[i] for i in masses]
+        x = max(reach)
+        head.append(x)
+        holds.append([r >= x - 1e-9 for r in reach])
+        hold = [max(hold[i], x - span[i] - slip) for i in masses]
+    x0 = np.array(head)
+    left = float(np.abs(np.array(hold) - held - mean).max())
+    left = max(left, abs(x0[-1] - x0[0] - mean))
+    return x0 - x0[0] - spans + spans[:, :1], np.array(holds).T, left

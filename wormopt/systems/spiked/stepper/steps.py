@@ -1,0 +1,308 @@
+"""When stepping motors have to step so that links follow a gait, by exact inversion of lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.model.gait import Gait
+from wormopt.numerics.chebyshev import resolve
+from wormopt.systems.spiked.stepper.stepper import Stepper, demand
+
+__all__ = ["Steps", "quantisation_error", "step_times", "turning_times"]
+
+# A level counts as crossed when passed by so much of a microstep: a length that only touches it
+# is not answered by a step to and fro at one instant.
+_TOUCH = 1e-9
+_MOST = 2_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Steps of all motors over one period, in order of time.
+
+    Parameters
+    ----------
+    period : float
+        Period.
+    travel : float
+        Way per (micro)step.
+    start : ndarray, shape (n,)
+        Length of each link at time 0, where every motor's count is 0.
+    time : ndarray, shape (m,)
+        When, within 0 and the period, ascending.
+    motor : ndarray of int, shape (m,)
+        Which link's motor, from 0.
+    direction : ndarray of int, shape (m,)
+        +1 lengthens the link by one travel, -1 shortens it.
+
+    Raises
+    ------
+    ArgumentError
+        If the arrays do not fit together, or a motor does not return within the period.
+    """
+
+    period: float
+    travel: float
+    start: np.ndarray
+    time: np.ndarray
+    motor: np.ndarray
+    direction: np.ndarray
+
+    def __post_init__(self) -> None:
+        shapes = {self.time.shape, self.motor.shape, self.direction.shape}
+        if len(shapes) > 1 or self.time.ndim != 1:
+            raise ArgumentError("time, motor and direction must have one entry per step each")
+        if np.any(np.diff(self.time) < 0):
+            raise ArgumentError("times must ascend")
+        if self.time.size and not 0 <= self.time[0] <= self.time[-1] <= self.period:
+            raise ArgumentError("times must lie within 0 and the period")
+        if np.any(np.abs(self.direction) != 1):
+            raise ArgumentError("directions must be 1 or -1")
+        if np.any((self.motor < 0) | (self.motor >= self.links)):
+            raise ArgumentError(f"motors must be 0 to {self.links - 1}")
+        left = np.bincount(self.motor, self.direction, self.links)
+        if np.any(left != 0):
+            raise ArgumentError(
+                f"motor {int(np.flatnonzero(left)[0])} does not return within the period"
+            )
+
+    @property
+    def links(self) -> int:
+        """Number of links."""
+        return len(self.start)
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Steps of each motor over the period, both directions, shape (n,)."""
+        return np.bincount(self.motor, minlength=self.links)
+
+    def of_motor(self, motor: int) -> tuple[np.ndarray, np.ndarray]:
+        """Times and directions of one motor's steps.
+
+        Parameters
+        ----------
+        motor : int
+            From 0.
+
+        Returns
+        -------
+        time, direction : ndarray
+        """
+        own = self.motor == motor
+        return self.time[own], self.direction[own]
+
+    def lengths(self, t: np.ndarray) -> np.ndarray:
+        """Commanded lengths; at a step the new one.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            Times within 0 and the period.
+
+        Returns
+        -------
+        ndarray, shape (n, m)
+        """
+        rows = []
+        for j in range(self.links):
+            time, direction = self.of_motor(j)
+            count = np.concatenate([[0], np.cumsum(direction)])
+            rows.append(count[np.searchsorted(time, t, side="right")])
+        return self.start[:, None] + self.travel * np.array(rows)
+
+    @property
+    def intervals_min(self) -> np.ndarray:
+        """Shortest time between two steps of each motor, shape (n,), infinite where it has none.
+
+        Steps are repeated period after period: the first follows the last.
+        """
+        shortest = np.full(self.links, np.inf)
+        for j in range(self.links):
+            time, _ = self.of_motor(j)
+            if time.size:
+                shortest[j] = np.diff(time, append=time[0] + self.period).min()
+        return shortest
+
+    @property
+    def interval_min(self) -> float:
+        """Shortest time between two steps of one motor; infinite where there are none."""
+        return float(self.intervals_min.min())
+
+
+def step_times(gait: Gait, stepper: Stepper) -> Steps:
+    """Find the instants at which motors step so that lengths follow a gait.
+
+    A motor steps where its length passes the middle between two positions, by the hysteresis:
+    the commanded length is off by 1/2 + hysteresis microsteps at most. Positions are counted
+    from the length at time 0, so that strokes of whole microsteps end on one.
+
+    Parameters
+    ----------
+    gait : Gait
+        Lengths of the links.
+    stepper : Stepper
+        The motor.
+
+    Returns
+    -------
+    Steps
+        Instants to rounding; motors end the period where they began.
+
+    Raises
+    ------
+    ArgumentError
+        If a length jumps, or there are more than two million steps.
+    SolveError
+        If the gait is too fast for the motor, with the smallest period.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> gait = Gait(np.array([0.0, 2.0, 4.0]), np.array([[[1.0, 1.0]], [[3.0, -1.0]]]))
+    >>> motor = Stepper(lead=1.0, steps_per_turn=1, hysteresis=0.0)
+    >>> steps = step_times(gait, motor)
+    >>> steps.time, steps.direction
+    (array([0.5, 1.5, 2.5, 3.5]), array([ 1,  1, -1, -1]))
+    """
+    demand(gait, stepper).refuse(stepper)
+    start = gait(np.zeros(1))[:, 0]
+    times, motors, directions = [], [], []
+    for j in range(gait.links):
+        time, direction = _steps_of_link(gait, stepper, j, float(start[j]))
+        times.append(time)
+        directions.append(direction)
+        motors.append(np.full(len(time), j))
+    time, motor, direction = map(np.concatenate, (times, motors, directions))
+    order = np.lexsort((motor, time))
+    return Steps(
+        gait.period, stepper.travel, start, time[order], motor[order], direction[order].astype(int)
+    )
+
+
+def turning_times(gait: Gait, link: int) -> np.ndarray:
+    """Breaks of the gait and instants at which a length turns; it is monotone between.
+
+    Parameters
+    ----------
+    gait : Gait
+        Lengths of the links.
+    link : int
+        From 0.
+
+    Returns
+    -------
+    ndarray
+        Ascending, from 0 to the period.
+    """
+    found = [gait.breaks[:1]]
+    for piece, a, b in _runs(gait, link):
+        found.append(np.array([gait.breaks[piece] + a, gait.breaks[piece] + b]))
+    return np.unique(np.concatenate(found))
+
+
+def quantisation_error(gait: Gait, steps: Steps) -> np.ndarray:
+    """Largest distance of the commanded length from the gait's, over all time.
+
+    Between two neighbours of steps and turning points both are monotone, so it is largest on
+    either side of one of them.
+
+    Parameters
+    ----------
+    gait : Gait
+        Lengths of the links.
+    steps : Steps
+        Commands.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    worst = []
+    for j in range(gait.links):
+        time, direction = steps.of_motor(j)
+        count = np.concatenate([[0], np.cumsum(direction)])
+        edges = np.concatenate([time, turning_times(gait, j)])
+        ideal = _length(gait, j, edges) - steps.start[j]
+        sides = [count[np.searchsorted(time, edges, side=side)] for side in ("left", "right")]
+        worst.append(max(float(np.abs(ideal - steps.travel * held).max()) for held in sides))
+    return np.array(worst)
+
+
+def _length(gait: Gait, link: int, t: np.ndarray) -> np.ndarray:
+    # the end of the period is not its start for a gait that closes up to rounding only
+    last = t >= gait.period
+    values = gait(t)[link]
+    if np.any(last):
+        width = float(gait.breaks[-1] - gait.breaks[-2])
+        values[last] = gait.on_piece(gait.pieces - 1, np.array([width]))[link, 0]
+    return values
+
+
+def _runs(gait: Gait, link: int) -> Iterator[tuple[int, float, float]]:
+    """Intervals (piece, from, to) on which a length is monotone."""
+    degree = gait.degree
+    for piece in range(gait.pieces):
+        width = float(gait.breaks[piece + 1] - gait.breaks[piece])
+        rate = resolve(
+            lambda s, piece=piece: gait.on_piece(piece, s, 1)[link : link + 1],
+            0.0,
+            width,
+            degree and max(degree, 1),
+        )
+        edges = np.unique(np.concatenate([[0.0], rate.roots(0), [width]]))
+        for a, b in pairwise(edges):
+            yield piece, float(a), float(b)
+
+
+def _steps_of_link(
+    gait: Gait, stepper: Stepper, link: int, start: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times and directions of one motor's steps."""
+    travel, margin = stepper.travel, 0.5 + stepper.hysteresis
+    times, directions, count, total = [np.zeros(0)], [np.zeros(0)], 0, 0
+    for piece, a, b in _runs(gait, link):
+        place = (gait.on_piece(piece, np.array([b]))[link, 0] - start) / travel
+        up = int(max(0, np.ceil(place - _TOUCH - (count + margin))))
+        down = int(max(0, np.ceil((count - margin) - place - _TOUCH)))
+        number, sign = (up, 1) if up else (down, -1)
+        if not number:
+            continue
+        total += number
+        if total > _MOST:
+            raise ArgumentError(f"more than {_MOST} steps a period; take fewer microsteps")
+        levels = start + travel * (count + sign * (margin + np.arange(number)))
+        times.append(gait.breaks[piece] + _instants(gait, piece, link, (a, b), levels))
+        directions.append(np.full(number, sign))
+        count += sign * number
+    # rounding at a break may put a step a hair before the one of the piece before
+    return np.maximum.accumulate(np.concatenate(times)), np.concatenate(directions)
+
+
+def _instants(
+    gait: Gait, piece: int, link: int, span: tuple[float, float], levels: np.ndarray
+) -> np.ndarray:
+    """When a length, monotone on the span, passes each of many levels: Newton within brackets."""
+    low, high = np.full(len(levels), span[0]), np.full(len(levels), span[1])
+    rising = levels[-1] > levels[0] or bool(
+        np.diff(gait.on_piece(piece, np.array(span))[link])[0] > 0
+    )
+    s, last = (low + high) / 2, high - low
+    for _ in range(200):
+        gap = gait.on_piece(piece, s)[link] - levels
+        before = (gap < 0) == rising
+        low, high = np.where(before, s, low), np.where(before, high, s)
+        slope = gait.on_piece(piece, s, 1)[link]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            newton = s - gap / slope
+        # Newton where it stays inside and at least halves the step before, else the middle
+        good = (newton >= low) & (newton <= high) & (np.abs(newton - s) <= last / 2)
+        new = np.where(good, newton, (low + high) / 2)
+        last, s = np.abs(new - s), new
+        if np.all(last <= 2 * np.spacing(span[1])):
+            break
+    return s

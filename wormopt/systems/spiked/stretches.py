@@ -1,0 +1,304 @@
+"""When the resting masses change and when the worm glides: the modes of (7) over a period."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.model.gait import Gait
+from wormopt.numerics.chebyshev import Series, resolve
+from wormopt.systems.spiked.sharing import Sharing
+
+__all__ = ["Drive", "Stretch", "periodic_stretches"]
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A gait drives a worm: the explicit functions of time on each piece of the gait.
+
+    Parameters
+    ----------
+    gait : Gait
+        Link lengths over time.
+    mass : ndarray, shape (n+1,)
+        Point masses.
+    drag, load : float
+        Viscous drag k and load Gamma on every mass.
+    sharing : {"equal", "least_actuation"}
+        How resting masses share the load.
+    spike_load : float or sequence of float, optional
+        What each spike can carry, which the second rule heeds.
+    """
+
+    gait: Gait
+    mass: np.ndarray
+    drag: float
+    load: float
+    sharing: Sharing
+    spike_load: float | Sequence[float] | None = None
+
+    @property
+    def mean_mass(self) -> float:
+        """Mean of the point masses, which takes the place of m in (7)."""
+        return float(self.mass.mean())
+
+    @cached_property
+    def rate_scale(self) -> float:
+        """Size of the link rates."""
+        return self._largest(1)
+
+    @cached_property
+    def force_scale(self) -> float:
+        """Size of the forces: load, inertia and drag."""
+        return self.load + self.mean_mass * self._largest(2) + self.drag * self.rate_scale
+
+    def _largest(self, derivative: int) -> float:
+        steps = [np.linspace(0, h, 9) for h in np.diff(self.gait.breaks)]
+        values = [self.gait.on_piece(q, s, derivative) for q, s in enumerate(steps)]
+        return max(float(np.abs(v).max()) for v in values) or 1.0
+
+    def spans(self, piece: int, s: np.ndarray, derivative: int) -> np.ndarray:
+        """Derivatives of S_i = x_0 - x_i, shape (n+1, m).
+
+        Parameters
+        ----------
+        piece : int
+            Piece of the gait.
+        s : ndarray, shape (m,)
+            Times since the piece began.
+        derivative : int
+            Order of the derivative.
+        """
+        links = self.gait.on_piece(piece, s, derivative)
+        return np.vstack([np.zeros(len(s)), np.cumsum(links, axis=0)])
+
+    def kinematic(self, piece: int, leader: int, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities and accelerations of the masses while ``leader`` rests.
+
+        Parameters
+        ----------
+        piece : int
+            Piece of the gait.
+        leader : int
+            Mass at rest.
+        s : ndarray, shape (m,)
+            Times since the piece began.
+        """
+        first, second = self.spans(piece, s, 1), self.spans(piece, s, 2)
+        return first[leader] - first, second[leader] - second
+
+    def sigma(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Driving term of (7), for masses that may differ.
+
+        Parameters
+        ----------
+        v, a : ndarray, shape (n+1, m)
+            Velocities and accelerations while a mass rests.
+        """
+        return self.mass @ a / len(self.mass) + self.drag * v.mean(axis=0) + self.load
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """An interval on which the same masses rest, or all glide, and everything is smooth.
+
+    Parameters
+    ----------
+    piece : int
+        Piece of the gait.
+    start, stop : float
+        Times since the piece began.
+    resting : tuple of int
+        Masses at rest, ascending; empty in a glide.
+    leader : int
+        Mass that rests in mode 2, and would rest if the worm did not glide.
+    common : Series, optional
+        Velocity w in a glide; None in mode 2.
+    """
+
+    piece: int
+    start: float
+    stop: float
+    resting: tuple[int, ...]
+    leader: int
+    common: Series | None = None
+
+
+def periodic_stretches(
+    drive: Drive,
+) -> tuple[tuple[Stretch, ...], tuple[tuple[float, float], ...], tuple[float, ...]]:
+    """Follow the worm from w = 0 until its motion repeats.
+
+    Parameters
+    ----------
+    drive : Drive
+        A gait that drives a worm.
+
+    Returns
+    -------
+    stretches : tuple of Stretch
+        One period in order.
+    impulses : tuple of (float, float)
+        Times and sizes of spike impulses.
+    drops : tuple of float
+        Times at which the kinematic velocity W0 jumps down.
+
+    Raises
+    ------
+    SolveError
+        If the worm glides faster from period to period.
+    """
+    cells = [cell for piece in range(drive.gait.pieces) for cell in _cells(drive, piece)]
+    w = 0.0
+    for _ in range(500):
+        stretches, impulses, drops, end = _one_period(drive, cells, w)
+        if abs(end - w) <= 1e-13 * drive.rate_scale:
+            return tuple(stretches), tuple(impulses), tuple(drops)
+        w = end
+    raise SolveError(
+        "the worm glides on from period to period and never settles",
+        "raise worm.load or worm.drag, or choose a longer period",
+    )
+
+
+def _cells(drive: Drive, piece: int) -> list[Stretch]:
+    """Split a piece where the resting masses change."""
+    width = float(drive.gait.breaks[piece + 1] - drive.gait.breaks[piece])
+    degree = drive.gait.degree
+    tie = 1e-10 * drive.rate_scale
+    spans = resolve(lambda s: drive.spans(piece, s, 1), 0.0, width, degree and max(degree, 1))
+    cuts, alike = [0.0, width], {i: {i} for i in range(len(drive.mass))}
+    for i, j in combinations(alike, 2):
+        gap = Series(0.0, width, (spans.coefficients[i] - spans.coefficients[j])[None])
+        if np.abs(gap.coefficients).sum() <= tie:
+            # The functions are analytic: masses that rest together do so on the whole piece.
+            alike[i].add(j)
+            alike[j].add(i)
+            continue
+        for root in gap.roots(0):
+            values = spans(np.array([root]))[:, 0]
+            if values[i] >= values.max() - 1e3 * tie:
+                cuts.append(float(root))
+    cells: list[Stretch] = []
+    for a, b in pairwise(sorted(cuts)):
+        if b - a <= 1e-12 * drive.gait.period and width > b - a:
+            continue
+        values = spans(a + (b - a) * np.array([0.1, 0.5, 0.9]))
+        ahead = (values >= values.max(axis=0) - tie).all(axis=1)
+        # Where curves only touch, round-off may not choose the leader: keep the one before.
+        leader = (
+            cells[-1].leader if cells and ahead[cells[-1].leader] else int(values[:, 1].argmax())
+        )
+        resting = tuple(sorted(alike[leader]))
+        if cells and cells[-1].resting == resting:
+            cells[-1] = replace(cells[-1], stop=b)
+        else:
+            begin = cells[-1].stop if cells else 0.0
+            cells.append(Stretch(piece, begin, b, resting, resting[0]))
+    cells[-1] = replace(cells[-1], stop=width)
+    return _absorb_touching(cells, spans, tie)
+
+
+def _absorb_touching(cells: list[Stretch], spans: Series, tie: float) -> list[Stretch]:
+    """Let a first cell that is a mere touch begin with the next cell's resting masses."""
+    while len(cells) > 1:
+        first, second = cells[:2]
+        values = spans(np.linspace(first.start, first.stop, 5))
+        if np.any(values[second.leader] < values.max(axis=0) - tie):
+            break
+        cells = [replace(second, start=first.start), *cells[2:]]
+    return cells
+
+
+def _one_period(
+    drive: Drive, cells: list[Stretch], w: float
+) -> tuple[list[Stretch], list[tuple[float, float]], list[float], float]:
+    """Go once through the cells from common velocity ``w``; return also w at the end."""
+    total = float(drive.mass.sum())
+    still = 1e-11 * drive.rate_scale
+
+    def momentum(cell: Stretch, s: float) -> float:
+        v, _ = drive.kinematic(cell.piece, cell.leader, np.array([s]))
+        return float(drive.mass @ v[:, 0]) / total
+
+    stretches: list[Stretch] = []
+    impulses: list[tuple[float, float]] = []
+    drops: list[float] = []
+    for k, cell in enumerate(cells):
+        before = cells[k - 1]
+        jump = momentum(cell, cell.start) - momentum(before, before.stop)
+        if abs(jump) > 1e2 * still:
+            time = float(drive.gait.breaks[cell.piece] + cell.start)
+            w -= jump
+            if jump < 0:
+                drops.append(time)
+            if w < 0:
+                impulses.append((time, -w * total))
+                w = 0.0
+        for stretch in _glide_or_hold(drive, cell, w if w > still else 0.0):
+            stretches.append(stretch)
+            held = stretch.common is None
+            w = 0.0 if held else float(stretch.common(np.array([stretch.stop]))[0, 0])  # type: ignore[misc]
+            w = w if w > still else 0.0
+    return stretches, impulses, drops, w
+
+
+def _glide_or_hold(drive: Drive, cell: Stretch, w: float) -> Iterator[Stretch]:
+    """Split a cell into mode 2 (a mass rests) and mode 1 (the worm glides)."""
+    degree = drive.gait.degree
+
+    def driving(s: np.ndarray) -> np.ndarray:
+        return drive.sigma(*drive.kinematic(cell.piece, cell.leader, s))[None]
+
+    sigma = resolve(driving, cell.start, cell.stop, degree and max(degree, 1))
+    edges = np.concatenate([[cell.start], sigma.roots(0), [cell.stop]])
+    now, end = cell.start, cell.stop
+    touch = 1e-9 * drive.force_scale
+    while now < end:
+        if w == 0.0:
+            begin = _first_dip(sigma, edges, now, touch)
+            if begin is None:
+                yield replace(cell, start=now)
+                return
+            if begin > now:
+                yield replace(cell, start=now, stop=begin)
+            now = begin
+        common = _free_motion(drive, sigma, now, end, w)
+        # A glide ends where w falls through 0; at its start w is 0 too, but rising.
+        falls = [r for r in common.roots(0) if r > now and sigma(np.array([r]))[0, 0] > 0]
+        stop = float(falls[0]) if falls else end
+        if stop > now:
+            yield replace(cell, start=now, stop=stop, resting=(), common=common)
+        now, w = stop, 0.0
+
+
+def _first_dip(sigma: Series, edges: np.ndarray, now: float, touch: float) -> float | None:
+    """First instant from ``now`` at which sigma goes below zero by more than a touch."""
+    for a, b in pairwise(edges):
+        low = max(float(a), now)
+        if b <= low:
+            continue
+        part = sigma(np.linspace(low, float(b), 11))[0]
+        if part.min() < -touch:
+            return low
+    return None
+
+
+def _free_motion(drive: Drive, sigma: Series, now: float, end: float, w: float) -> Series:
+    """Solve m w' + k w + sigma = 0 from w(now): one integral, since sigma is known."""
+    decay = drive.drag / drive.mean_mass
+
+    def forcing(s: np.ndarray) -> np.ndarray:
+        return np.exp(decay * (s - now)) * sigma(s) / drive.mean_mass
+
+    lost = resolve(forcing, now, end).primitive()
+
+    def common(s: np.ndarray) -> np.ndarray:
+        return np.exp(-decay * (s - now)) * (w - lost(s))
+
+    return resolve(common, now, end)

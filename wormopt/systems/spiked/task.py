@@ -1,0 +1,385 @@
+"""What the design of a gait is asked for: worm, limits, objective, and how to search."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import comb
+from typing import Any, Literal, get_args
+
+from wormopt.errors import ArgumentError, Fault
+from wormopt.model.given import (
+    Frozen,
+    Numbers,
+    check_kind,
+    faults_of_number,
+    faults_of_numbers,
+    faults_of_whole,
+    is_number,
+    is_whole,
+    per,
+    wrong_order,
+)
+from wormopt.systems.spiked.limits import Limits
+
+__all__ = ["MOST_LINKS", "Certify", "Cost", "Effort", "Objective", "Search", "Task", "Worm"]
+
+MOST_LINKS = 32
+# Words of resting sets in a proof, before rotations and mirror images are counted as one.
+_MOST_ORDERS = 1_000_000
+
+Cost = Literal[
+    "peak_spike_load", "peak_actuator_force", "energy_per_distance", "acceleration_effort"
+]
+Effort = Literal["quick", "normal", "thorough"]
+
+
+@dataclass(frozen=True)
+class Worm(Frozen):
+    """A chain of point masses with spikes, whose link lengths are prescribed, (1)-(7).
+
+    Parameters
+    ----------
+    links : int
+        Number of links n, 1 to 32; the masses are n + 1.
+    mass : float or sequence of float, optional
+        Mass, alike for all or one per mass, head first.
+    drag : float, optional
+        Viscous drag coefficient of each mass.
+    load : float or (float, float), optional
+        Force against the direction of motion on each mass (slope, towed load); a pair is a
+        range: what is designed must hold for every load in it.
+
+    Examples
+    --------
+    >>> worm = Worm(links=2, load=(2.0, 5.0))
+    >>> worm.masses, worm.load_range
+    ((1.0, 1.0, 1.0), (2.0, 5.0))
+    """
+
+    links: int
+    mass: Numbers = 1.0
+    drag: float = 0.0
+    load: float | tuple[float, float] = 0.0
+
+    @property
+    def masses(self) -> tuple[float, ...]:
+        """Mass of each point mass, head first."""
+        return per(self.mass, self.links + 1)
+
+    @property
+    def load_range(self) -> tuple[float, float]:
+        """Smallest and largest load on each mass; equal where the load is known."""
+        low, high = per(self.load, 2)
+        return low, high
+
+    def faults(self) -> Iterator[Fault]:
+        """Yield field and message of whatever is wrong."""
+        if not is_whole(self.links, 1, MOST_LINKS):
+            yield from faults_of_whole("links", self.links, 1, MOST_LINKS)
+            return
+        yield from faults_of_numbers("mass", self.mass, self.links + 1, "masses")
+        yield from faults_of_number("drag", self.drag, least=0.0)
+        yield from faults_of_numbers("load", self.load, 2, "ends of a range", least=0.0)
+        if len(per(self.load, 2)) == 2:
+            yield from wrong_order("load", self.load_range)
+
+
+@dataclass(frozen=True)
+class Objective(Frozen):
+    """What makes a gait the best: the largest mean speed, or the least cost at a required speed.
+
+    Parameters
+    ----------
+    minimise : str, optional
+        Cost to be made small; the mean speed is made large if left out.
+    speed : float, optional
+        Mean speed required when a cost is minimised.
+
+    Examples
+    --------
+    >>> Objective.of("speed"), Objective.of("peak_spike_load", 0.5).speed
+    (Objective(minimise=None, speed=None), 0.5)
+    """
+
+    minimise: Cost | None = None
+    speed: float | None = None
+
+    @classmethod
+    def of(cls, what: Literal["speed"] | Cost | Objective, speed: float | None = None) -> Objective:
+        """Make an objective of its name.
+
+        Parameters
+        ----------
+        what : str or Objective
+            "speed", or the cost to be made small; an objective as it is.
+        speed : float, optional
+            Mean speed required where a cost is made small.
+        """
+        if not isinstance(what, Objective):
+            return cls(None if what == "speed" else what, speed)
+        if speed is not None:
+            raise ArgumentError("speed: the objective has its own; leave one out")
+        return what
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether it is neither linear nor a peak; only the others have proofs and multipliers."""
+        return self.minimise in ("energy_per_distance", "acceleration_effort")
+
+    @property
+    def quantity(self) -> str:
+        """What it measures, as `unit_of` takes it."""
+        match self.minimise:
+            case None:
+                return "speed"
+            case "energy_per_distance":
+                return "energy_per_distance"
+            case "acceleration_effort":
+                return "acceleration_squared"
+            case _:
+                return "force"
+
+    def faults(self) -> Iterator[Fault]:
+        """Yield field and message of whatever is wrong."""
+        if self.minimise is not None and self.minimise not in get_args(Cost):
+            costs = ", ".join(get_args(Cost))
+            yield "minimise", f"not {self.minimise!r}; write speed or one of {costs}"
+        elif self.minimise is None and self.speed is not None:
+            yield "speed", "a speed that is made large cannot be required; leave one out"
+        elif self.minimise is not None and self.speed is None:
+            yield "speed", "missing; minimise needs the speed to keep, a finite number above 0"
+        elif self.speed is not None:
+            yield from faults_of_number("speed", self.speed)
+
+    def faults_within(self, worm: Worm, limits: Limits) -> Iterator[str]:
+        """Yield why it cannot be sought of a worm within limits, each of them right by itself.
+
+        Parameters
+        ----------
+        worm : Worm
+            Masses, drag, load.
+        limits : Limits
+            What the gait must keep to.
+        """
+        if self.minimise is not None and limits.impulses:
+            yield (
+                f"{self.minimise} has no finite value with limits.impulses; leave that out and "
+                "give limits.acceleration"
+            )
+        low, high = worm.load_range
+        if self.is_smooth and low < high:
+            yield (
+                f"{self.minimise} depends on the load, and worm.load is a range; give one load, "
+                "or seek speed or a peak"
+            )
+
+
+@dataclass(frozen=True)
+class Certify(Frozen):
+    """Proof of how much better any gait could be.
+
+    Parameters
+    ----------
+    phases : int, optional
+        It speaks of all gaits with at most so many phases a cycle, 2 to 8.
+    gap : float, optional
+        How much better a gait might still be when it is enough, as a share.
+    time_limit : float, optional
+        Seconds after which it stops with the gap it has.
+    sequence : sequence of sequences of int, optional
+        The resting masses of each phase of a cycle in turn; it speaks of this order alone then.
+    workers : int, optional
+        Number of processes; one per processor if left out.
+    """
+
+    phases: int = 4
+    gap: float = 1e-3
+    time_limit: float = 300.0
+    sequence: tuple[tuple[int, ...], ...] | None = None
+    workers: int | None = None
+
+    def faults(self, links: int, resting: int) -> Iterator[Fault]:
+        """Yield field and message of what is wrong.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+        resting : int
+            At least so many masses rest at any time.
+        """
+        yield from faults_of_whole("phases", self.phases, 2, 8)
+        if not is_number(self.gap, 1e-5, 0.5):
+            yield "gap", f"not {self.gap!r}; write a number from 1e-5 to 0.5"
+        yield from faults_of_number("time_limit", self.time_limit)
+        yield from _faults_of_workers(self.workers)
+        yield from _faults_of_sequence(self.sequence, links, resting)
+
+    def faults_of_orders(self, task: Task) -> Iterator[Fault]:
+        """Yield a fault if a task has more orders of rest than can be looked at.
+
+        Parameters
+        ----------
+        task : Task
+            What was designed.
+        """
+        if self.sequence is not None:
+            return
+        sets = task.count_of_sets
+        possible = max((p for p in range(2, 9) if sets**p <= _MOST_ORDERS), default=0)
+        if not possible:
+            yield "", f"{sets} sets of resting masses are too many to look at"
+        elif self.phases > possible:
+            yield (
+                "phases",
+                f"{self.phases} phases of {sets} sets of resting masses have too many orders to "
+                f"look at; write {possible} at most",
+            )
+
+
+@dataclass(frozen=True)
+class Search(Frozen):
+    """How the order in which masses rest is sought.
+
+    Parameters
+    ----------
+    seed : int, optional
+        Seed of random starts.
+    effort : {"quick", "normal", "thorough"}, optional
+        How much is searched.
+    phases : int, optional
+        A cycle has at most so many phases, 2 to 64.
+    sequence : sequence of sequences of int, optional
+        The resting masses of each phase of a cycle in turn; nothing else is tried then.
+    time_limit : float, optional
+        Seconds after which the best gait found so far is taken; no limit if left out.
+    workers : int, optional
+        Number of processes.
+    """
+
+    seed: int = 0
+    effort: Effort = "normal"
+    phases: int | None = None
+    sequence: tuple[tuple[int, ...], ...] | None = None
+    time_limit: float | None = None
+    workers: int | None = None
+
+    def faults(self, links: int, resting: int) -> Iterator[Fault]:
+        """Yield field and message of what is wrong.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+        resting : int
+            At least so many masses rest at any time.
+        """
+        if self.effort not in get_args(Effort):
+            yield "effort", f"not {self.effort!r}; write one of {', '.join(get_args(Effort))}"
+        yield from faults_of_whole("seed", self.seed, 0, 2**32 - 1)
+        if self.phases is not None:
+            yield from faults_of_whole("phases", self.phases, 2, 64)
+        if self.time_limit is not None:
+            yield from faults_of_number("time_limit", self.time_limit)
+        yield from _faults_of_workers(self.workers)
+        yield from _faults_of_sequence(self.sequence, links, resting)
+        if self.phases is not None and (count := len(self.sequence or ())) > self.phases:
+            yield "sequence", f"{count} phases, but search.phases allows {self.phases}"
+
+
+def _faults_of_workers(workers: int | None) -> Iterator[Fault]:
+    if workers is not None:
+        yield from faults_of_whole("workers", workers, 1, 1024)
+
+
+def _faults_of_sequence(sequence: Any, links: int, resting: int) -> Iterator[Fault]:
+    if sequence is None:
+        return
+    if not isinstance(sequence, tuple) or not all(isinstance(item, tuple) for item in sequence):
+        yield "sequence", f"not {sequence!r}; write a list of lists of masses, [[0], [2], [1]] say"
+        return
+    if len(sequence) < 2:
+        yield "sequence", "fewer than two phases; write at least two"
+        return
+    for index, masses in enumerate(sequence):
+        key = f"sequence[{index}]"
+        if len(set(masses)) != len(masses):
+            yield key, "names a mass twice; name it once"
+        if not all(is_whole(mass, 0, links) for mass in masses):
+            yield key, f"names a mass there is not; write indices 0 to {links}"
+        if len(set(masses)) < resting:
+            yield key, f"fewer resting masses than limits.resting = {resting}; name more"
+        if set(masses) == set(sequence[index - 1]):
+            yield key, "the same masses rest as in the phase before (round the period)"
+    for mass in sorted(set(sequence[0]).intersection(*sequence)):
+        yield "sequence", f"mass {mass} rests in every phase; let it move in one"
+
+
+@dataclass(frozen=True)
+class Task:
+    """A problem of gait design; it can be hashed and sent to other processes.
+
+    Parameters
+    ----------
+    worm : Worm
+        Masses, drag, load.
+    limits : Limits
+        What the gait must keep to.
+    objective : Objective, optional
+        What to seek; the speed if left out.
+
+    Raises
+    ------
+    ArgumentError
+        If something in it is wrong or does not fit together; the message names it.
+
+    Examples
+    --------
+    >>> Task(Worm(links=2, mass=(1.0, 1.0)), Limits(1.0, (0.7, 1.3), rate=1.0, impulses=True))
+    Traceback (most recent call last):
+    wormopt.errors.ArgumentError: worm.mass: 2 entries for 3 masses; write one number for all ...
+    """
+
+    worm: Worm
+    limits: Limits
+    objective: Objective = Objective()
+
+    def __post_init__(self) -> None:
+        for name, kind in (("worm", Worm), ("limits", Limits), ("objective", Objective)):
+            check_kind(name, getattr(self, name), kind)
+        for key, message in self._faults():
+            raise ArgumentError(f"{key}: {message}")
+
+    @property
+    def loads_matter(self) -> bool:
+        """Whether a limit or the cost depends on how resting masses share the load."""
+        limited = self.limits.spike_load is not None or self.limits.actuator_force is not None
+        return limited or self.objective.minimise not in (None, "acceleration_effort")
+
+    @property
+    def resting_sizes(self) -> range:
+        """Numbers of masses at rest worth trying: more than asked for help to share a load."""
+        fewest = self.limits.resting
+        return range(fewest, self.worm.links + 1 if self.loads_matter else fewest + 1)
+
+    @property
+    def count_of_sets(self) -> int:
+        """How many sets of masses may rest."""
+        return sum(comb(self.worm.links + 1, size) for size in self.resting_sizes)
+
+    @property
+    def speed_nominal(self) -> float:
+        """Usual size of the speed: the largest rate of a link."""
+        return max(map(max, self.limits.rate_bounds(self.worm.links)))
+
+    def _faults(self) -> Iterator[Fault]:
+        for prefix, found in (
+            ("worm.", self.worm.faults()),
+            ("limits.", self.limits.faults(self.worm.links, "limits.")),
+            ("objective.", self.objective.faults()),
+        ):
+            for key, message in found:
+                yield f"{prefix}{key}".removesuffix("."), message
+        for message in self.objective.faults_within(self.worm, self.limits):
+            yield "objective.minimise", message

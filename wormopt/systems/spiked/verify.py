@@ -1,0 +1,91 @@
+"""Hold a gait against the limits of its scene, over all time and not by sampling."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wormopt.systems.spiked.crawl import Crawl
+from wormopt.systems.spiked.limits import Limits
+
+__all__ = ["violations"]
+
+
+def violations(motion: Crawl, limits: Limits, cycles: int = 1) -> dict[str, float]:
+    """Excess over every limit, relative to the limit's own size; not positive where it holds.
+
+    Extremes are those of the motion's own functions over all time, see `Crawl.extremes`.
+
+    Parameters
+    ----------
+    motion : Crawl
+        Motion under the gait.
+    limits : Limits
+        What it must keep to.
+    cycles : int, optional
+        How often the gait runs through in a period.
+
+    Returns
+    -------
+    dict of str to float
+        By the limits' names, and ``closed`` for the gait's return to its start; ``sigma`` is
+        the requirement that no mass glides, relative to the size of the forces. Infinite for
+        ``limits.spike_load`` where the gait has impulses.
+
+    Examples
+    --------
+    >>> from wormopt.systems.spiked.construct import block_wave
+    >>> from wormopt.systems.spiked.crawl import crawl
+    >>> wave = block_wave(2, 1, 1.0, (0.8, 1.2), "trapezoid")  # rates up to 1.6
+    >>> motion = crawl(wave, [1.0] * 3, 0.0, 50.0)
+    >>> found = violations(motion, Limits(period=1.0, length=(0.7, 1.2), rate=1.0))
+    >>> {key: round(value, 3) for key, value in found.items() if value > 1e-9}
+    {'limits.rate': 0.6}
+    """
+    n = motion.gait.links
+    ranges = np.array(limits.length_ranges(n))
+    found = {"limits.length": _excess(motion, "length", ranges[:, 0], ranges[:, 1])}
+    rates = limits.rate_limits(n)
+    if rates is not None:
+        found["limits.rate"] = _excess(motion, "rate", -np.array(rates[0]), np.array(rates[1]))
+    if limits.acceleration is not None:
+        most = np.broadcast_to(limits.acceleration, n)
+        found["limits.acceleration"] = _excess(motion, "acceleration", -most, most)
+    if limits.spike_load is not None:
+        most = np.broadcast_to(limits.spike_load, n + 1)
+        found["limits.spike_load"] = _excess(motion, "reaction", -most, most)
+        if motion.impulses:
+            found["limits.spike_load"] = np.inf
+    if limits.actuator_force is not None:
+        most = np.broadcast_to(limits.actuator_force, n)
+        found["limits.actuator_force"] = _excess(motion, "actuator_force", -most, most)
+    low = float(motion.extremes("sigma")[0][0])
+    if limits.sigma_margin > 0:
+        size = max(limits.sigma_margin, motion.force_scale)
+        found["limits.sigma_margin"] = (limits.sigma_margin - low) / size
+    found["sigma"] = -low / motion.force_scale
+    found["limits.resting"] = float(limits.resting - motion.resting_min)
+    shortest, longest = limits.period_range
+    period = motion.gait.period * cycles
+    found["limits.period"] = max(shortest - period, period - longest) / longest
+    found["closed"] = _gap(motion, limits)
+    return found
+
+
+def _excess(motion: Crawl, signal: str, low: np.ndarray, high: np.ndarray) -> float:
+    least, most = motion.extremes(signal)
+    size = np.maximum(np.abs(low), np.abs(high))
+    return float(np.max(np.maximum(low - least, most - high) / size))
+
+
+def _gap(motion: Crawl, limits: Limits) -> float:
+    """Largest jump of lengths, and of rates unless impulses are allowed, between pieces."""
+    gait = motion.gait
+    widths = np.diff(gait.breaks)
+    gap = 0.0
+    for derivative in (0,) if limits.impulses else (0, 1):
+        ends = [gait.on_piece(q, widths[q : q + 1], derivative)[:, 0] for q in range(gait.pieces)]
+        starts = [gait.on_piece(q, np.zeros(1), derivative)[:, 0] for q in range(gait.pieces)]
+        # rates may vanish at every break, so their size is that of the whole period
+        size = max(float(np.abs(v).max()) for v in motion.extremes(("length", "rate")[derivative]))
+        gap = max(gap, float(np.abs(np.roll(starts, -1, axis=0) - ends).max()) / (size or 1.0))
+    return gap

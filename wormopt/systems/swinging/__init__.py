@@ -1,0 +1,1 @@
+"""Worms driven by masses that swing inside, or about their centre as prescribed."""

@@ -1,0 +1,261 @@
+"""Point masses whose velocities relative to their centre are prescribed harmonics of time.
+
+Actuators strong enough to hold the prescribed velocities are all there is between the masses; the
+velocity V of the centre is left, and only the ground changes it. Small friction changes it slowly:
+in standard form for averaging.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError
+from wormopt.model.friction import Coulomb, Law
+from wormopt.model.lift import lift
+from wormopt.model.model import TINY, Contact, Model, Output, Signal
+from wormopt.model.values import numbers
+
+__all__ = ["harmonic_masses", "imbalance", "steady_masses"]
+
+# Of the largest relative momentum of a mass: so much may be left of their sum.
+_BALANCED = 1e-12
+
+
+def harmonic_masses(
+    cosines: ArrayLike,
+    sines: ArrayLike,
+    *,
+    law: Law | Sequence[Law],
+    frequency: float = 1.0,
+    mass: ArrayLike = 1.0,
+    velocity: float = 0.0,
+    place: bool = False,
+) -> Model:
+    """Build M V' = sum of contact forces for masses with v_i = V + w_i(t).
+
+    w_i(t) = scale sum_k (cosines[i, k] cos((k + 1) omega t) + sines[i, k] sin((k + 1) omega t)).
+    M is the whole mass. Which forces hold the w_i does not matter: they are internal.
+
+    Parameters
+    ----------
+    cosines, sines : array_like, shape (N,) or (N, K)
+        Harmonics of the velocities relative to the centre; column 0 is the first. The sum over
+        masses of m_i w_i must vanish.
+    law : Law or sequence of Law
+        Friction of all masses, or of each.
+    frequency : float, optional
+        Angular frequency omega of the first harmonic, positive.
+    mass : float or array_like, shape (N,), optional
+        Masses m_i, positive.
+    velocity : float, optional
+        V at the start.
+    place : bool, optional
+        Whether the place of the centre is a state too. `average` wants the Model without it,
+        because it does not change slowly.
+
+    Returns
+    -------
+    Model
+        State ``center_velocity`` V, and ``center`` where asked for; parameters ``scale``, a
+        common factor of the prescribed velocities, ``frequency``, ``total_mass`` M and those of
+        the laws; outputs ``velocity`` v_i, ``relative_velocity`` w_i, ``total_force`` and
+        ``power`` of the actuators while V is what friction makes of it; with the place also
+        ``displacement`` of every mass, that of the centre and the integral of w_i.
+
+    Raises
+    ------
+    ArgumentError
+        If shapes disagree, a number is not finite, a mass or the frequency not positive, the
+        relative momentum does not vanish (the message says how much is left), or the law is no
+        friction law.
+
+    Examples
+    --------
+    Three masses, a third of a period behind each other:
+
+    >>> turn = 2 * np.pi * np.arange(3) / 3
+    >>> model = harmonic_masses(np.cos(turn), np.sin(turn), law=Coulomb(0.005, 0.01))
+    >>> [signal.name for signal in model.x], [contact.name for contact in model.contacts]
+    (['center_velocity'], ['mass 0', 'mass 1', 'mass 2'])
+    """
+    cosines, sines = _harmonics(cosines, sines)
+    masses = _masses(mass, len(cosines))
+    _check_balance(cosines, sines, masses)
+    laws, friction = lift(_laws(law, len(cosines)))
+    t, V, force = ca.SX.sym("t"), ca.SX.sym("V"), ca.SX.sym("friction", len(cosines))
+    scale, omega, total = (ca.SX.sym(name) for name in ("scale", "frequency", "total_mass"))
+    order = np.arange(1, cosines.shape[1] + 1)
+    turn = omega * t * ca.DM(order)
+    relative = scale * (ca.DM(cosines) @ ca.cos(turn) + ca.DM(sines) @ ca.sin(turn))
+    speed = float(np.abs(np.hstack([cosines, sines])).max())
+    v = V + relative
+    states = [
+        Signal("center_velocity", V, "speed", speed, value=float(numbers("velocity", velocity)))
+    ]
+    ode, total_force = ca.sum1(force) / total, ca.sum1(force)
+    outputs = [
+        Output("velocity", v, "speed"),
+        Output("relative_velocity", relative, "speed"),
+        Output("total_force", total_force, "force"),
+        Output("power", -ca.dot(force, relative), "power"),
+    ]
+    if place:
+        x = ca.SX.sym("x")
+        way = ca.DM(cosines / order) @ ca.sin(turn) + ca.DM(sines / order) @ (1 - ca.cos(turn))
+        outputs.append(Output("displacement", x + scale / omega * way, "length"))
+        states.insert(0, Signal("center", x, "length", speed / float(frequency), value=0.0))
+        ode = ca.vertcat(V, ode)
+    given = ((scale, "share", 1.0), (omega, "angular_frequency", frequency),
+             (total, "mass", masses.sum()))  # fmt: skip
+    return Model(
+        "harmonic masses",
+        x=states,
+        ode=ode,
+        p=[*(_positive(*each) for each in given), *friction],
+        t=t,
+        outputs=outputs,
+        contacts=[
+            Contact(f"mass {i}", v[i], force[i], laws[i], nominal_speed=speed)
+            for i in range(len(laws))
+        ],
+    )
+
+
+def imbalance(cosines: ArrayLike, sines: ArrayLike, mass: ArrayLike = 1.0) -> np.ndarray:
+    """Give the relative momentum that is left over, which must be none.
+
+    Parameters
+    ----------
+    cosines, sines : array_like, shape (N,) or (N, K)
+        Harmonics of the relative velocities.
+    mass : float or array_like, shape (N,), optional
+        Masses.
+
+    Returns
+    -------
+    ndarray, shape (K, 2)
+        Sum over masses of m_i times cosines and sines, of every harmonic.
+
+    Raises
+    ------
+    ArgumentError
+        If shapes disagree, a number is not finite or a mass not positive.
+
+    Examples
+    --------
+    >>> imbalance([1.0, -1.0, 0.0], [0.0, 0.5, 0.0])
+    array([[0. , 0.5]])
+    """
+    cosines, sines = _harmonics(cosines, sines)
+    masses = _masses(mass, len(cosines))
+    return np.stack([masses @ cosines, masses @ sines], axis=1)
+
+
+def steady_masses(amplitude: ArrayLike, law: Coulomb | Sequence[Coulomb]) -> float:
+    """Give the steady mean velocity under small dry friction, of one harmonic.
+
+    The mean friction of a mass with the velocity V + A_i cos(...) is
+    (F- - F+) / 2 - (F- + F+) asin(V / A_i) / pi while |V| < A_i, and constant beyond; V is where
+    the sum vanishes, which falls with V. Masses alike have V = A sin(Phi) with
+    Phi = (pi / 2) (F- - F+) / (F- + F+). Phases and masses do not matter.
+
+    Parameters
+    ----------
+    amplitude : array_like, shape (N,)
+        Amplitudes A_i, positive.
+    law : Coulomb or sequence of Coulomb
+        Friction of all masses, or of each. There must be some both ways; stiction does not
+        matter, because masses pass through 0 at once.
+
+    Returns
+    -------
+    float
+        V, to first order in the friction.
+
+    Raises
+    ------
+    ArgumentError
+        If an amplitude is not positive, the law not Coulomb's, or all masses rub one way only, so
+        that any velocity beyond the largest amplitude is steady.
+
+    Examples
+    --------
+    >>> round(steady_masses([2.0, 2.0, 2.0], Coulomb(0.5, 1.0)), 12)
+    1.0
+    """
+    sizes = numbers("amplitude", amplitude).ravel()
+    if not (sizes.size and np.all((sizes > 0) & (sizes < math.inf))):
+        raise ArgumentError("amplitudes must be positive and finite")
+    laws = _laws(law, sizes.size)
+    if not all(isinstance(each, Coulomb) for each in laws):
+        raise ArgumentError("the closed form is for Coulomb(forward, backward)")
+    ahead = np.array([float(each.slip_force(0.0, 1)) for each in laws])
+    behind = np.array([float(each.slip_force(0.0, -1)) for each in laws])
+    if not (ahead.sum() < 0 < behind.sum()):
+        raise ArgumentError("there must be friction both ways; write forward and backward above 0")
+    if np.ptp(sizes) == 0 and np.ptp(ahead) == 0 and np.ptp(behind) == 0:
+        return float(sizes[0] * math.sin(math.pi / 2 * (behind + ahead)[0] / (behind - ahead)[0]))
+
+    def mean_force(V: float) -> float:
+        turn = np.arcsin(np.clip(V / sizes, -1, 1))
+        return float(((behind + ahead) / 2 - (behind - ahead) * turn / math.pi).sum())
+
+    low, high = -sizes.max(), sizes.max()
+    while low < (middle := (low + high) / 2) < high:
+        low, high = (middle, high) if mean_force(middle) > 0 else (low, middle)
+    return float(middle)
+
+
+def _harmonics(cosines: ArrayLike, sines: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    found = []
+    for name, given in (("cosines", cosines), ("sines", sines)):
+        table = numbers(name, given)
+        if table.ndim not in (1, 2) or not table.size or not np.all(np.isfinite(table)):
+            raise ArgumentError(f"{name} must be finite numbers, one row per mass")
+        found.append(table.reshape(len(table), -1))
+    if found[0].shape != found[1].shape:
+        raise ArgumentError(
+            f"cosines and sines must have one shape, not {found[0].shape} and {found[1].shape}"
+        )
+    if not any(np.any(table) for table in found):
+        raise ArgumentError("all relative velocities are 0; write others")
+    return found[0], found[1]
+
+
+def _masses(mass: ArrayLike, count: int) -> np.ndarray:
+    masses = numbers("mass", mass).ravel()
+    if masses.size not in (1, count) or not np.all((masses > 0) & (masses < math.inf)):
+        raise ArgumentError(f"mass must be one positive number, or {count}, not {mass!r}")
+    return np.broadcast_to(masses, count)
+
+
+def _check_balance(cosines: np.ndarray, sines: np.ndarray, masses: np.ndarray) -> None:
+    left = imbalance(cosines, sines, masses)
+    largest = max(np.abs(masses[:, None] * table).max() for table in (cosines, sines))
+    worst = int(np.argmax(np.abs(left).max(axis=1)))
+    if np.abs(left[worst]).max() > _BALANCED * largest:
+        raise ArgumentError(
+            f"velocities relative to the centre have no momentum, but in harmonic {worst + 1} the "
+            f"masses times cosines add up to {left[worst, 0]:.6g}, times sines to "
+            f"{left[worst, 1]:.6g}; change one mass's by that much"
+        )
+
+
+def _laws(law: Law | Sequence[Law], count: int) -> list[Any]:
+    laws: list[Any] = list(law) if isinstance(law, Sequence) else [law] * count
+    if len(laws) != count or not all(isinstance(each, Law) for each in laws):
+        raise ArgumentError(f"law must be one friction law or {count}, not {law!r}")
+    return laws
+
+
+def _positive(symbol: ca.SX, unit: str, value: float) -> Signal:
+    name = str(symbol)
+    signal = Signal(name, symbol, unit, lower=TINY, value=float(numbers(name, value)))
+    signal.check(np.array([signal.value]))
+    return signal

@@ -1,0 +1,89 @@
+"""Two masses on rough ground that push each other: Chernousko's pair."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from wormopt.errors import ArgumentError
+from wormopt.model.friction import Coulomb
+from wormopt.model.model import TINY, Contact, Model, Output, Signal
+
+__all__ = ["pair"]
+
+
+def pair(
+    *,
+    friction: float,
+    ratio: float | ca.SX,
+    mass: float = 1.0,
+    gravity: float = 1.0,
+    length_nominal: float = 1.0,
+) -> Model:
+    """Build M X'' = -u + M g c_0, m x'' = u + m g c_1 with m = ratio M.
+
+    Contact forces are told per weight, c = force / (mass g), so that their law is the same number,
+    the coefficient of friction, for both masses whatever their ratio: that may be a constant still
+    to be chosen.
+
+    Parameters
+    ----------
+    friction : float
+        Coefficient of dry friction, alike both ways, positive.
+    ratio : float or casadi.SX
+        Mass of the small one over that of the big one; a symbol where it is to be designed.
+    mass : float, optional
+        Mass M of the big one, positive.
+    gravity : float, optional
+        Weight per mass, positive.
+    length_nominal : float, optional
+        Usual distance; solvers scale by it.
+
+    Returns
+    -------
+    Model
+        States ``position`` and ``velocity`` of the big and the small mass, input ``force``,
+        outputs ``distance`` of the small mass from the big one and ``center_of_mass``.
+
+    Raises
+    ------
+    ArgumentError
+        If a number is not positive.
+
+    References
+    ----------
+    F. L. Chernousko, Doklady Physics 47 (2002) 49-52.
+
+    Examples
+    --------
+    >>> two = pair(friction=0.5, ratio=0.4)
+    >>> two.n_x, [contact.name for contact in two.contacts]
+    (4, ['big mass', 'small mass'])
+    """
+    numbers = [friction, mass, gravity, *([] if isinstance(ratio, ca.SX) else [ratio])]
+    if not min(numbers) > 0:
+        raise ArgumentError("friction, ratio, mass and gravity must be positive")
+    x, v, c = (ca.SX.sym(name, 2) for name in ("x", "v", "c"))
+    u, big, weight = (ca.SX.sym(name) for name in ("u", "M", "g"))
+    law = Coulomb(friction, friction)
+    speed = (friction * gravity * length_nominal) ** 0.5
+    return Model(
+        "pair of masses",
+        x=[
+            Signal("position", x, "length", length_nominal, value=(0.0, 0.0)),
+            Signal("velocity", v, "speed", speed, value=(0.0, 0.0)),
+        ],
+        ode=ca.vertcat(v, -u / big + weight * c[0], u / (ratio * big) + weight * c[1]),
+        u=[Signal("force", u, "force", friction * mass * gravity, value=0.0)],
+        p=[
+            Signal("mass", big, "mass", lower=TINY, value=mass),
+            Signal("gravity", weight, "acceleration", lower=TINY, value=gravity),
+        ],
+        outputs=[
+            Output("distance", x[1] - x[0], "length"),
+            Output("center_of_mass", (x[0] + ratio * x[1]) / (1 + ratio), "length"),
+        ],
+        contacts=[
+            Contact(f"{name} mass", v[i], c[i], law, friction, speed)
+            for i, name in enumerate(("big", "small"))
+        ],
+    )

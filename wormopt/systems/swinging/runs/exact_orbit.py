@@ -1,0 +1,261 @@
+"""Periodic motions of a worm with one slow velocity, by simulation with exact contact.
+
+The velocity at the start of a period is sought that comes again at its end; the simulation then
+goes on over several periods, so that what is left of a drift shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.model.model import Model, Signal
+from wormopt.progress import Report
+from wormopt.simulation.options import Exact, Tolerance
+from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.shared.proof import Recheck, recheck
+from wormopt.systems.shared.signals import rests
+
+__all__ = ["NUDGE", "Orbit", "Runner", "measured", "nudged"]
+
+# Periods in which the end is compared with the start, and simulations to find the start.
+_PERIODS, _TRIALS = 10, 60
+# Of the usual velocity: what may come again otherwise, and the size of the first trial.
+_CLOSED, _FIRST = 1e-13, 1e-4
+NUDGE = 1e-9
+"""Share by which friction is changed where masses reverse at once, see `nudged`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """A periodic motion.
+
+    Parameters
+    ----------
+    velocity : float
+        Displacement of the centre over several periods, divided by their time.
+    start : float
+        Velocity at the start of a period.
+    drift : float
+        By how much it differs after these periods.
+    ripple : float
+        Largest less smallest velocity within a period.
+    force : ndarray, shape (N,)
+        Mean friction force of every contact.
+    power : float
+        Mean power of the actuators.
+    rest_share : float
+        Largest share of the period during which one contact rests.
+    motion : Trajectory
+        Over several periods.
+    second : Recheck or None
+        Of the motion, by another route; None where none was wanted.
+    trials : int
+        Simulations to find it.
+    """
+
+    velocity: float
+    start: float
+    drift: float
+    ripple: float
+    force: np.ndarray
+    power: float
+    rest_share: float
+    motion: Trajectory
+    second: Recheck | None
+    trials: int
+
+
+def measured(model: Model) -> Model:
+    """Add the impulses of the contacts and the work of the actuators to the states.
+
+    Parameters
+    ----------
+    model : Model
+        With contacts and the output ``power``.
+
+    Returns
+    -------
+    Model
+        With the states ``impulse`` and ``work``, at the end of the others.
+    """
+    impulse, work = ca.SX.sym("impulse", len(model.contacts)), ca.SX.sym("work")
+    size = model.x[-1].nominal
+    return replace(
+        model,
+        x=[
+            *model.x,
+            Signal("impulse", impulse, "impulse", size, value=(0.0,) * impulse.numel()),
+            Signal("work", work, "energy", size, value=0.0),
+        ],
+        ode=ca.vertcat(model.ode, model.forces, model.output("power")),
+    )
+
+
+def nudged(model: Model) -> dict[str, np.ndarray]:
+    """Give friction backward that is larger by a billionth, and forward that is smaller.
+
+    Where two masses reverse at the same instant, exact simulation would have to tell what both
+    do at rest, and gives up. All masses are changed alike; what changes is the velocity of the
+    centre, by a share of the same order. Where reversals fall together at one velocity only, as of
+    three equal swings at half their amplitude, they then no longer do.
+
+    Parameters
+    ----------
+    model : Model
+        With friction laws of which the numbers are parameters.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Parameters for `simulate`.
+    """
+    share = {"backward": 1 + NUDGE, "forward": 1 - NUDGE}
+    found = {}
+    for signal in model.p:
+        side = signal.name.rpartition("_")[2]
+        if signal.name.startswith("friction_") and side in share:
+            found[signal.name] = np.asarray(signal.value) * share[side]
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Runner:
+    """Simulates a worm from a velocity.
+
+    Parameters
+    ----------
+    model : Model
+        From `measured`; with the states ``center`` and ``center_velocity``.
+    period : float
+        Its period.
+    tolerance : Tolerance
+        How exact.
+    p : mapping
+        Parameters that are not the model's own.
+    report : callable
+        Told how far it is.
+    """
+
+    model: Model
+    period: float
+    tolerance: Tolerance
+    p: Mapping[str, np.ndarray]
+    report: Report
+
+    def run(self, velocity: float, periods: int, samples: int = 2) -> Trajectory:
+        """Simulate with exact contact.
+
+        Parameters
+        ----------
+        velocity : float
+            Of the centre, at the start.
+        periods : int
+            How many.
+        samples : int, optional
+            How many equidistant instants to keep, both ends included.
+
+        Returns
+        -------
+        Trajectory
+
+        Raises
+        ------
+        SolveError
+            As `simulate`.
+        """
+        end = periods * self.period
+        return simulate(
+            self.model,
+            end,
+            contact=Exact(),
+            x0={"center_velocity": velocity},
+            p=self.p,
+            times=np.linspace(0.0, end, samples),
+            tolerance=self.tolerance,
+            report=self.report,
+        )
+
+    def orbit(self, guess: float, *, check: bool = True) -> Orbit:
+        """Find the periodic motion near a velocity.
+
+        Parameters
+        ----------
+        guess : float
+            Velocity of the centre.
+        check : bool, optional
+            Whether to simulate it by a second route.
+
+        Returns
+        -------
+        Orbit
+
+        Raises
+        ------
+        SolveError
+            If a simulation gives up, or the velocity does not come again.
+        """
+        start, trials = self._start(guess)
+        samples = 400 * _PERIODS + 1
+        motion = self.run(start, _PERIODS, samples)
+        x0 = tuple(
+            replace(s, value=start) if s.name == "center_velocity" else s for s in self.model.x
+        )
+        second = None
+        if check:
+            second = recheck(
+                replace(self.model, x=x0), motion, self.tolerance, p=self.p, report=self.report
+            )
+        time, V = _PERIODS * self.period, motion.state("center_velocity")[0]
+        rested: dict[int, float] = {}
+        for contact, begin, end in rests(motion):
+            rested[contact] = rested.get(contact, 0.0) + (end - begin) / time
+        return Orbit(
+            velocity=float(motion.state("center")[0, -1]) / time,
+            start=start,
+            drift=float(V[-1] - V[0]),
+            ripple=float(np.ptp(V)),
+            force=motion.state("impulse")[:, -1] / time,
+            power=float(motion.state("work")[0, -1]) / time,
+            rest_share=max(rested.values(), default=0.0),
+            motion=motion,
+            second=second,
+            trials=trials,
+        )
+
+    def _start(self, guess: float) -> tuple[float, int]:
+        """Velocity that comes again after a period: by secants, or by going on where they fail."""
+        size = next(s.nominal for s in self.model.x if s.name == "center_velocity")
+
+        def change(V: float) -> float:
+            return float(self.run(V, 1).state("center_velocity")[0, -1]) - V
+
+        # not at the guess itself, which is where masses like to reverse at once
+        before, V = guess + 0.7 * _FIRST * size, guess + _FIRST * size
+        change_before, best = change(before), (np.inf, guess)
+        for trial in range(2, _TRIALS):
+            now = change(V)
+            best = min(best, (abs(now), V))
+            flat = now == change_before
+            if abs(now) <= _CLOSED * size or (flat and abs(now) <= 1e-9 * size):
+                return V, trial
+            step = now if flat else -now * (V - before) / (now - change_before)
+            if not abs(step) < size:
+                step = now
+            before, change_before = V, now
+            V += step
+            if before == V:
+                return V, trial
+        if best[0] <= 1e-9 * size:
+            return best[1], _TRIALS
+        raise SolveError(
+            f"no periodic motion was found near the velocity {guess:.6g}: after a period it is "
+            f"another one by {best[0]:.2g}",
+            "take less friction, or another velocity in [course]",
+            code="no_periodic_motion",
+        )

@@ -1,1 +1,0 @@
-"""Control that makes a worm follow a gait: (plant Model, Reference) -> closed-loop Model."""

@@ -1,1 +1,0 @@
-"""Physical systems, one per file: each builder returns a Model and knows no solver."""
