@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from wormopt.simulation.native.build import compiler
 
 from wormopt import cli
 from wormopt.bench import CASES, run
@@ -25,6 +24,7 @@ from wormopt.bench.plants import mag2_plant, thirds, track_loops, track_rates, t
 from wormopt.bench.smoothed import Smoothed
 from wormopt.bench.work_precision import Effort, Point, Record, measure, time_at
 from wormopt.model.gait import Gait
+from wormopt.simulation.native.build import compiler
 from wormopt.simulation.simulate import simulate
 
 compiled = pytest.mark.skipif(compiler() is None, reason="there is no C compiler")

@@ -7,13 +7,13 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from wormopt.simulation.options import Smooth
 
 from wormopt.control.drive import drive
 from wormopt.control.reference import follow
 from wormopt.model.friction import Coulomb
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal, Switch
+from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import travelling_sine

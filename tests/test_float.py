@@ -12,13 +12,13 @@ import pytest
 import sympy as sp
 from scipy.integrate import quad
 from scipy.optimize import brentq
-from wormopt.simulation.trajectory import Trajectory
 
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.film.cosine import CosineWave, velocities
 from wormopt.systems.film.drift import (
     CAPTURE_DELTA,

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import root_scalar
-from wormopt.simulation.options import Tolerance
 
 import wormopt as wo
 from wormopt.analysis.average import average
@@ -22,6 +21,7 @@ from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.friction import Coulomb, Law, Stribeck, Viscous
 from wormopt.result import Result
 from wormopt.scene import load_scene
+from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.shared.proof import Recheck
 from wormopt.systems.swinging.harmonic_masses import harmonic_masses, imbalance, steady_masses

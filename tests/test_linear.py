@@ -15,7 +15,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
-from wormopt.simulation.options import Smooth
 
 from wormopt.analysis.bode import bode, frequencies
 from wormopt.analysis.identically import identically_zero
@@ -27,6 +26,7 @@ from wormopt.control.reference import follow
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.model import Model, Output, Signal
 from wormopt.model.path import ParameterPath, piecewise_constant
+from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait

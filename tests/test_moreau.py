@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wormopt.simulation.moreau import Marcher, Steps
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.model.friction import Coulomb, Spike
 from wormopt.model.model import Contact, Model, Output, Signal, pack
+from wormopt.simulation.moreau import Marcher, Steps
 from wormopt.systems.channel.channel_rod import channel_rod, straight
 from wormopt.systems.channel.rod import Rod
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import casadi as ca
 import pytest
-from wormopt.simulation.native import build, kernel
-from wormopt.simulation.native.build import CompilerError, cache_folder, compiler, library
 
 from wormopt.model.model import Model, Signal
+from wormopt.simulation.native import build, kernel
+from wormopt.simulation.native.build import CompilerError, cache_folder, compiler, library
 from wormopt.simulation.simulate import simulate
 
 COMMAND = compiler()

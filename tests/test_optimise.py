@@ -8,7 +8,6 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.optimize import root_scalar
-from wormopt.simulation.options import Smooth
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.friction import Coulomb, Viscous
@@ -22,6 +21,7 @@ from wormopt.ocp.nlp import Ipopt, Plugin
 from wormopt.ocp.optimise import Optimum, best_of, optimise, refine
 from wormopt.ocp.polish import polish
 from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.simulation.options import Smooth
 from wormopt.systems.block.block import block
 from wormopt.systems.shared.optimum import modes_of, recheck, replay
 

@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, settings
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
-from wormopt.simulation.moreau import Marcher
 
 from wormopt.analysis.resting import Loaded, Rest
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.model.model import Schedule
+from wormopt.simulation.moreau import Marcher
 from wormopt.systems.channel.channel_rod import channel_rod
 from wormopt.systems.channel.curve import Curve, distances
 from wormopt.systems.channel.magnetic_rod import block_energy, block_load, magnetic_strength

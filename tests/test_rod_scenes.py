@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wormopt.simulation.moreau import Marcher
 
 import wormopt as wo
 from wormopt.cli import main
@@ -19,6 +18,7 @@ from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.numerics.compass import Look, compass
 from wormopt.progress import silent
+from wormopt.simulation.moreau import Marcher
 from wormopt.systems.channel.magnetic_rod import (
     block_load,
     block_schedule,

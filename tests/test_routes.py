@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wormopt.simulation.native import build, kernel
-from wormopt.simulation.native.build import CompilerError
-from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
-from wormopt.simulation.trajectory import Trajectory
 
 from wormopt.control.lambda_tracker import lambda_tracker
 from wormopt.control.reference import follow
 from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.model import Contact, Model, Schedule, Signal, Switch
+from wormopt.simulation.native import build, kernel
+from wormopt.simulation.native.build import CompilerError
+from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait
 

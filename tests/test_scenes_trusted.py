@@ -12,7 +12,6 @@ import msgspec
 import numpy as np
 import pytest
 from by_text import CHANCE, SIMULATE, TRACK, value, write
-from wormopt.simulation.options import Smooth
 
 import wormopt as wo
 from wormopt.cli import main
@@ -21,6 +20,7 @@ from wormopt.model.friction import Coulomb
 from wormopt.progress import Report
 from wormopt.result import Result
 from wormopt.scene import load_scene, packaged_scenes
+from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.scenes.simulate import SimulateScene
 from wormopt.systems.chain.scenes.track import TrackScene

@@ -10,9 +10,6 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 from scipy.linalg import expm
 from scipy.optimize import brentq
-from wormopt.simulation.ensemble import Member, simulate_ensemble
-from wormopt.simulation.options import Exact, Smooth, Tolerance
-from wormopt.simulation.trajectory import Trajectory
 
 from wormopt.control.lambda_tracker import Exponent, lambda_tracker
 from wormopt.control.reference import follow
@@ -20,7 +17,10 @@ from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameEr
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.lift import lift
 from wormopt.model.model import Contact, Model, Schedule, Signal, Switch
+from wormopt.simulation.ensemble import Member, simulate_ensemble
+from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait
 

@@ -7,12 +7,12 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from wormopt.simulation.options import Tolerance
 
 from wormopt.analysis.continuation import follow_branch
 from wormopt.analysis.steady import Rates
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Signal
+from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.lubrication import field_slope

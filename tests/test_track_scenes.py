@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from by_hand import Chain, commanded, thirds, tracked
 from by_text import CHANCE, MODEL, OWN, SIMULATE, TRACK, value, write
-from wormopt.simulation.options import Smooth
 
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
 from wormopt.result import Result
 from wormopt.scene import load_scene
+from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.runs.chains import draw_links
 from wormopt.systems.chain.runs.loops import build_loop

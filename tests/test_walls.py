@@ -7,10 +7,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from wormopt.simulation.moreau import Marcher, Steps
-from wormopt.simulation.options import Exact, Smooth, Tolerance
-from wormopt.simulation.trajectory import Trajectory
-from wormopt.simulation.walls import smooth_walls
 
 from wormopt.control.loop import feed
 from wormopt.errors import ArgumentError
@@ -18,7 +14,11 @@ from wormopt.magnetics.blocks import block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Schedule, Signal
+from wormopt.simulation.moreau import Marcher, Steps
+from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.simulation.walls import smooth_walls
 from wormopt.systems.channel.channel_rod import channel_rod, straight
 from wormopt.systems.channel.magnetic_rod import (
     block_load,

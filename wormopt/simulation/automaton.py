@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+
+from wormopt.errors import interruptible
+from wormopt.progress import Report
 from wormopt.simulation.contacts import Contacts
 from wormopt.simulation.crossings import Crossing, Watch
 from wormopt.simulation.layer import Layer
 from wormopt.simulation.motion_task import KINDS, Outcome, Task
 from wormopt.simulation.steps import Call, GivenUp, Step, Stepper
-
-from wormopt.errors import interruptible
-from wormopt.progress import Report
 
 __all__ = ["integrate"]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
 from wormopt.simulation.motion_task import KINDS, Task
 from wormopt.simulation.steps import Call, GivenUp
 

@@ -18,6 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from scipy.optimize import minimize_scalar, root_scalar
+
 from wormopt.simulation.functions import System
 from wormopt.simulation.motion_task import Task
 from wormopt.simulation.steps import Call, GivenUp, Step, Stepper, floor_of_step

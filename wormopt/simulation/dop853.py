@@ -11,6 +11,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 from scipy.integrate import DOP853
+
 from wormopt.simulation.functions import System
 from wormopt.simulation.motion_task import Task
 from wormopt.simulation.steps import Call, GivenUp, Step, floor_of_step

@@ -11,13 +11,13 @@ from threading import Event
 
 import numpy as np
 from numpy.typing import ArrayLike
-from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
-from wormopt.simulation.trajectory import Trajectory
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.model.model import Model
 from wormopt.progress import Report, silent
+from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate
+from wormopt.simulation.trajectory import Trajectory
 
 __all__ = ["Ensemble", "Member", "simulate_ensemble"]
 

@@ -13,11 +13,11 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from wormopt.simulation.options import Smooth, Treatment
 
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Contact, Model, Schedule, Signal, pack
 from wormopt.model.values import signal_values
+from wormopt.simulation.options import Smooth, Treatment
 
 __all__ = ["System"]
 

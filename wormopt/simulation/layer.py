@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from wormopt.simulation.motion_task import Task
 from wormopt.simulation.steps import Call, Step
 

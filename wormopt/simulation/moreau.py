@@ -22,14 +22,14 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from wormopt.simulation.impulses import Impulses
-from wormopt.simulation.native.build import CompilerError
-from wormopt.simulation.native.function import compiled
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, interruptible
 from wormopt.model.model import Model, Schedule
 from wormopt.model.values import signal_values
 from wormopt.progress import Report, silent
+from wormopt.simulation.impulses import Impulses
+from wormopt.simulation.native.build import CompilerError
+from wormopt.simulation.native.function import compiled
 
 __all__ = ["Marcher", "Steps"]
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from wormopt.simulation.functions import System
-from wormopt.simulation.options import Smooth, Tolerance
 
 from wormopt.model.model import Schedule, Signal
+from wormopt.simulation.functions import System
+from wormopt.simulation.options import Smooth, Tolerance
 
 __all__ = ["KINDS", "Outcome", "Task"]
 

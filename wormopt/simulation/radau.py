@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from scipy.integrate import Radau
+
 from wormopt.simulation.functions import System
 from wormopt.simulation.motion_task import Task
 from wormopt.simulation.steps import Call, GivenUp, Step, floor_of_step, powers

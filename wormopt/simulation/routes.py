@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from wormopt.progress import Report
 from wormopt.simulation.motion_task import Outcome, Task
 from wormopt.simulation.options import Route
-
-from wormopt.progress import Report
 
 __all__ = ["integrate"]
 

@@ -9,16 +9,16 @@ from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from wormopt.simulation.functions import System
-from wormopt.simulation.motion_task import KINDS, Outcome, Task
-from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
-from wormopt.simulation.routes import integrate
-from wormopt.simulation.trajectory import Dense, Event, Trajectory
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.model.model import Model, Schedule
 from wormopt.model.values import check_names, numbers, signal_values
 from wormopt.progress import Report, silent
+from wormopt.simulation.functions import System
+from wormopt.simulation.motion_task import KINDS, Outcome, Task
+from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
+from wormopt.simulation.routes import integrate
+from wormopt.simulation.trajectory import Dense, Event, Trajectory
 
 __all__ = ["simulate"]
 

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import casadi as ca
 import numpy as np
+
 from wormopt.simulation.motion_task import Task
 
 __all__ = ["Call", "GivenUp", "Step", "Stepper", "floor_of_step", "powers"]

@@ -17,13 +17,13 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from wormopt.simulation.motion_task import Outcome, Task
-from wormopt.simulation.options import Smooth
 
 from wormopt.errors import interruptible
 from wormopt.model.model import Schedule
 from wormopt.model.values import signal_values
 from wormopt.progress import Report
+from wormopt.simulation.motion_task import Outcome, Task
+from wormopt.simulation.options import Smooth
 
 __all__ = ["integrate"]
 

@@ -7,10 +7,10 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from wormopt.simulation.functions import System
 
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.model import Schedule
+from wormopt.simulation.functions import System
 
 __all__ = ["Dense", "Event", "Trajectory"]
 

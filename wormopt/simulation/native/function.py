@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import casadi as ca
+
 from wormopt.simulation.native.build import library
 
 __all__ = ["compiled"]

@@ -13,12 +13,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from wormopt.simulation.functions import System
-from wormopt.simulation.motion_task import Outcome, Task
-from wormopt.simulation.native.build import library
 
 from wormopt.model.model import Schedule
 from wormopt.progress import Report as Progress
+from wormopt.simulation.functions import System
+from wormopt.simulation.motion_task import Outcome, Task
+from wormopt.simulation.native.build import library
 
 __all__ = ["Compiled", "compiled", "integrate"]
 
