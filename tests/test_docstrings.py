@@ -20,6 +20,16 @@ MODULES = [
     *(info.name for info in pkgutil.walk_packages(wormopt.__path__, "wormopt.")),
 ]
 MODULES.remove("wormopt.__main__")
+# "module" -> examples of what it keeps for itself, by room.
+KEPT = {
+    name: text
+    for file in sorted((Path(__file__).parent / "examples").glob("*.txt"))
+    for name, text in re.findall(
+        r"^# (wormopt\S*)\n(.*?)(?=^# wormopt|\Z)",
+        file.read_text("utf-8"),
+        re.MULTILINE | re.DOTALL,
+    )
+}
 
 
 def public_things(module: ModuleType) -> Iterator[tuple[str, Any]]:
@@ -59,16 +69,24 @@ def parameters(thing: Any) -> list[str]:
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_everything_public_is_documented(name: str):
+def test_everything_public_is_described(name: str):
     module = importlib.import_module(name)
     assert module.__doc__, f"{name} has no docstring"
     for label, thing in public_things(module):
         # A class takes over the docstring of its base otherwise.
         assert thing.__doc__, f"{name}.{label} has no docstring"
-        if inspect.isclass(thing) and not takes_own_parameters(thing):
-            continue
-        missing = set(parameters(thing)) - documented_names(thing)
-        assert not missing, f"{name}.{label} does not document {sorted(missing)}"
+
+
+@pytest.mark.parametrize("name", wormopt.__all__)
+def test_what_users_import_is_documented_in_full(name: str):
+    thing = getattr(wormopt, name)
+    if not callable(thing) or (inspect.isclass(thing) and not takes_own_parameters(thing)):
+        return
+    module = importlib.import_module(thing.__module__)
+    for label, part in public_things(module):
+        if label == name or label.startswith(f"{name}."):
+            missing = set(parameters(part)) - documented_names(part)
+            assert not missing, f"{name}: {label} does not document {sorted(missing)}"
 
 
 def takes_own_parameters(thing: type) -> bool:
@@ -82,3 +100,14 @@ def test_examples_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     module = importlib.import_module(name)
     flags = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
     assert doctest.testmod(module, optionflags=flags).failed == 0
+
+
+@pytest.mark.parametrize("name", KEPT)
+def test_examples_of_internals_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    os.environ.setdefault("MPLBACKEND", "agg")
+    names = dict(vars(importlib.import_module(name)))
+    flags = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+    examples = doctest.DocTestParser().get_doctest(KEPT[name], names, name, None, None)
+    assert examples.examples
+    assert doctest.DocTestRunner(optionflags=flags).run(examples).failed == 0

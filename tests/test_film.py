@@ -21,12 +21,11 @@ from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.pressure import OERSTED, field_of, gaussian_pressure, magnetic_pressure
 from wormopt.scene import load_scene
-from wormopt.systems.film.cosine import (
-    CosineWave,
+from wormopt.systems.film.cosine import CosineWave, square_wave_flow
+from wormopt.systems.film.lubrication import (
     field_slope,
     flow,
     pressure_gradient,
-    square_wave_flow,
     stream_function,
     surface_velocity,
     velocities,

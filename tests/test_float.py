@@ -19,7 +19,7 @@ from wormopt.errors import ArgumentError, SceneError
 from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.film.cosine import CosineWave, velocities
+from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.drift import (
     CAPTURE_DELTA,
     body_velocity,
@@ -29,6 +29,7 @@ from wormopt.systems.film.drift import (
     tracer_drift,
 )
 from wormopt.systems.film.float import floating, tracers
+from wormopt.systems.film.lubrication import velocities
 from wormopt.systems.film.runs import float as float_study
 from wormopt.systems.film.shapes import FourierWave
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from wormopt.numerics.bilinear import BilinearProgram, Climb, Excess
+from wormopt.numerics.bilinear import BilinearProgram, Climb
 from wormopt.numerics.bilinear_rows import BilinearRows
+from wormopt.numerics.linearised import Excess
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.limits import Limits

@@ -35,28 +35,9 @@ DONE, BAD_INPUT, NOT_SOLVED, INTERRUPTED = 0, 2, 3, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
+    """Run the command line (by default of the process) and return the exit code.
 
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        What to run it with; the arguments of the process if left out.
-
-    Returns
-    -------
-    int
-        The exit code.
-
-    Raises
-    ------
-    SystemExit
-        After ``--help`` and on arguments that cannot be understood.
-
-    Examples
-    --------
-    >>> main(["check", "fast_gait"])
-    fast_gait: ok (gait)
-    0
+    Raises SystemExit after ``--help`` and on arguments that cannot be understood.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A terminal that knows no λ shall show its code instead of ending the program.

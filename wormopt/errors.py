@@ -150,20 +150,7 @@ class Interrupted(KeyboardInterrupt):
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let the user's interrupt through calls of CasADi, which turn it into some other error.
-
-    Examples
-    --------
-    >>> try:
-    ...     with interruptible():
-    ...         try:
-    ...             signal.raise_signal(signal.SIGINT)
-    ...         except KeyboardInterrupt:
-    ...             raise RuntimeError("rhs failed") from None
-    ... except KeyboardInterrupt:
-    ...     print("heard")
-    heard
-    """
+    """Let the user's interrupt through calls of CasADi, which turn it into some other error."""
     before = signal.getsignal(signal.SIGINT)
     if current_thread() is not main_thread() or not callable(before):
         yield

@@ -6,16 +6,5 @@ TABLE_FILE = "table.md"
 
 
 def picture_file(picture: str) -> str:
-    """Name of the file a picture goes to.
-
-    Parameters
-    ----------
-    picture : str
-        Name of the picture, a word of ``want``.
-
-    Examples
-    --------
-    >>> picture_file("gait"), picture_file("animation")
-    ('gait.png', 'animation.gif')
-    """
+    """Name of the file for a picture, a word of ``want``."""
     return f"{picture}.gif" if picture == "animation" else f"{picture}.png"

@@ -14,30 +14,14 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of scene.
+    """One kind of scene."""
 
-    Parameters
-    ----------
-    summary : str
-        What a scene of this kind computes, in one line.
-    table : str
-        "module:Class" of the typed table its scenes are read into.
-    study : str
-        Module whose ``run(scene, report)`` computes the Result.
-    pictures : tuple of str
-        The words of ``want`` that stand for a picture.
-    table_file : bool
-        Whether its results have a table of their own, in a file to read.
-    exports : mapping of str to str
-        Further files that are saved with a result: name, and the "module:function" that makes
-        its text of the result, or None where the result did not come so far.
-    """
-
-    summary: str
-    table: str
-    study: str
-    pictures: tuple[str, ...]
-    table_file: bool = False
+    summary: str  # what such a scene computes, in one line
+    table: str  # "module:Class" of the typed table of its scenes
+    study: str  # module whose ``run(scene, report)`` computes the Result
+    pictures: tuple[str, ...]  # words of ``want`` that stand for a picture
+    table_file: bool = False  # whether results have a table file of their own
+    # file name -> "module:function" giving its text of the result, or None
     exports: Mapping[str, str] = field(default_factory=dict)
 
     def load_table(self) -> Any:

@@ -18,42 +18,15 @@ Report = Callable[[str, "float | None"], None]
 
 
 def silent(text: str, fraction: float | None = None) -> None:
-    """Report nothing.
-
-    Parameters
-    ----------
-    text : str
-        What is being done.
-    fraction : float, optional
-        Share of the work done, 0 to 1; None where unknown.
-
-    Examples
-    --------
-    >>> silent("searching sequences", 0.5)
-    """
+    """Report nothing."""
 
 
 @contextmanager
 def shown_on_stderr(quiet: bool = False) -> Iterator[Report]:
     """Give a `Report` that shows progress on stderr while the context lasts.
 
-    On a terminal it is a bar. Elsewhere it is a line now and then, the first after ten seconds,
-    and the drawing library is not even loaded.
-
-    Parameters
-    ----------
-    quiet : bool
-        Show nothing.
-
-    Yields
-    ------
-    Report
-        The function to hand to a study.
-
-    Examples
-    --------
-    >>> with shown_on_stderr(quiet=True) as report:
-    ...     report("polishing", None)
+    A bar on a terminal; elsewhere a line now and then, the first after ten seconds, without
+    loading the drawing library.
     """
     if quiet or not sys.stderr.isatty():
         yield silent if quiet else _lines()

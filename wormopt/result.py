@@ -68,40 +68,18 @@ _JSON_PARTS = ("scalars", "trust", "timings_s", "attributes")
 
 
 def unit_of(quantity: str, units: str) -> str:
-    """Unit of a quantity in a scene's system of units.
+    """Unit of a quantity, a key of `UNITS`, in a scene's system of units.
 
-    Parameters
-    ----------
-    quantity : str
-        A key of `UNITS`, "speed" say.
-    units : {"dimensionless", "SI"}
-        The ``units`` of the scene.
-
-    Examples
-    --------
-    >>> unit_of("speed", "SI"), unit_of("speed", "dimensionless")
-    ('m s-1', '1')
+    `units` is "dimensionless" or "SI".
     """
     unit = UNITS[quantity]
     return unit if units == "SI" else "1"
 
 
 def unit_ratio(quantity: str, per: str, units: str) -> str:
-    """Unit of a derivative: of one quantity by another.
+    """Unit of a derivative: of one quantity by another, both keys of `UNITS`.
 
-    Parameters
-    ----------
-    quantity, per : str
-        Keys of `UNITS`.
-    units : {"dimensionless", "SI"}
-        The ``units`` of the scene.
-
-    Examples
-    --------
-    >>> unit_ratio("speed", "acceleration", "SI"), unit_ratio("speed", "force", "SI")
-    ('s', 'm s-1 N-1')
-    >>> unit_ratio("force", "force", "SI")
-    '1'
+    `units` is "dimensionless" or "SI".
     """
     powers: dict[str, int] = {}
     for name, sign in ((quantity, 1), (per, -1)):
@@ -114,20 +92,7 @@ def unit_ratio(quantity: str, per: str, units: str) -> str:
 def plain(value: Any) -> Any:
     """Turn a value into what JSON can say: arrays into lists, NaN and infinity into None.
 
-    Parameters
-    ----------
-    value : object
-        Numbers, text, None, numpy scalars and arrays, and lists and mappings of these.
-
-    Raises
-    ------
-    TypeError
-        If there is anything else in it.
-
-    Examples
-    --------
-    >>> plain({"load": np.array([1.0, np.nan]), "count": np.int64(3)})
-    {'load': [1.0, None], 'count': 3}
+    Raises TypeError for what is no number, text, None, array, or list or mapping of these.
     """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()

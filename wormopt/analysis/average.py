@@ -33,8 +33,6 @@ from wormopt.model.model import Model, Output, pack
 from wormopt.model.values import signal_values
 from wormopt.numerics.collocation import Collocation
 
-__all__ = ["average"]
-
 # Without reversals to split it, the period is cut into so many parts.
 _PARTS = 8
 
@@ -135,26 +133,14 @@ def _checked_period(period: object) -> ca.SX:
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """A part of the period on which all contacts keep their direction.
+    """A part of the period on which all contacts keep their direction."""
 
-    Parameters
-    ----------
-    start, end : casadi.SX
-        Shares of the period.
-    before, signs : casadi.SX
-        Directions of the contacts before its start, and on it.
-    reversed : casadi.SX
-        1 for the contact that reverses at its start; all 0 if none does.
-    scheduled : ndarray
-        Values of the schedules' symbols.
-    """
-
-    start: ca.SX
-    end: ca.SX
-    before: ca.SX
-    signs: ca.SX
-    reversed: ca.SX
-    scheduled: np.ndarray
+    start: ca.SX  # as a share of the period
+    end: ca.SX  # as a share of the period
+    before: ca.SX  # directions of the contacts before the start
+    signs: ca.SX  # directions of the contacts on the piece
+    reversed: ca.SX  # 1 for the contact that reverses at the start; else 0
+    scheduled: np.ndarray  # values of the schedules' symbols
 
 
 class _Course:

@@ -14,30 +14,13 @@ from numpy.typing import ArrayLike
 from wormopt.analysis.linearise import Linear
 from wormopt.errors import ArgumentError
 
-__all__ = ["bode", "frequencies"]
-
 _COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00")  # Okabe and Ito; dashed from the fifth on
 
 
 def frequencies(linear: Linear) -> np.ndarray:
-    """Choose frequencies that show what poles and zeros do, resonances resolved.
+    """Choose frequencies that show the effect of poles and zeros, with resonances resolved.
 
-    Parameters
-    ----------
-    linear : Linear
-        What is to be shown.
-
-    Returns
-    -------
-    ndarray
-        Ascending, from a decade below to a decade above all poles and zeros but those at 0.
-
-    Examples
-    --------
-    >>> one = np.eye(1)
-    >>> low_pass = Linear("low", -one, one, one, 0 * one, ("x",), ("u",), ("y",))
-    >>> [float(end) for end in frequencies(low_pass)[[0, -1]]]
-    [0.1, 10.0]
+    Ascending, from a decade below to a decade above all poles and zeros but those at 0.
     """
     corners = np.append(linear.poles, linear.zeros)
     sizes = np.abs(corners)

@@ -21,8 +21,6 @@ from wormopt.errors import ArgumentError
 from wormopt.model.model import Model
 from wormopt.model.values import by_name, check_names
 
-__all__ = ["Branch", "Fold", "Walk", "follow_branch"]
-
 End = Literal["range", "runaway", "lost", "steps", "closed", "stopped"]
 
 _STEPS = 12  # of Newton's method on the way back to the branch
@@ -36,18 +34,10 @@ _FAR = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """Where a branch turns back.
+    """Where a branch turns back."""
 
-    Parameters
-    ----------
-    parameter : float
-        Value of the parameter there: beyond it these states do not exist.
-    x : ndarray, shape (n_x,)
-        State.
-    """
-
-    parameter: float
-    x: np.ndarray
+    parameter: float  # value at the fold; beyond it these states do not exist
+    x: np.ndarray  # (n_x,) state
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,18 +235,8 @@ class _Equations(Protocol):
 class Walk:
     """Steps along a branch of solutions in y = (x, parameter), measured in usual sizes.
 
-    Parameters
-    ----------
-    rates : Rates, or Collocation
-        What is 0 on the branch.
-    parameter : str
-        Name of the parameter.
-    span : (float, float)
-        Its least and largest value.
-    p : ndarray, shape (n_p,)
-        All parameters; the one of the branch is passed over.
-    largest : float
-        Usual sizes at which an unknown counts as running away.
+    `rates` vanish on the branch; `parameter` stays within `span`, its entry in `p` unused.
+    `largest`: multiple of its usual size at which an unknown counts as running away.
     """
 
     def __init__(
@@ -280,15 +260,7 @@ class Walk:
         return self.rates(x, p)[0], np.hstack([self.rates.slopes(x, p)[0], last]) * self.size
 
     def tangent(self, y: np.ndarray, along: np.ndarray | None) -> np.ndarray:
-        """Unit tangent in y / size.
-
-        Parameters
-        ----------
-        y : ndarray, shape (n + 1,)
-            Point of the branch.
-        along : ndarray or None
-            On whose side the tangent shall be.
-        """
+        """Unit tangent in y / size at `y` (n + 1,), on the side of `along` if given."""
         _, by_y = self._linear(y)
         if along is None:
             return np.linalg.svd(by_y)[2][-1]
@@ -302,15 +274,7 @@ class Walk:
         return found / np.linalg.norm(found)
 
     def step(self, y: np.ndarray, tangent: np.ndarray, length: float) -> np.ndarray | None:
-        """Point of the branch so far along the tangent, None if there is none near.
-
-        Parameters
-        ----------
-        y, tangent : ndarray, shape (n + 1,)
-            Where from, and which way.
-        length : float
-            How far, in usual sizes.
-        """
+        """Point of the branch `length` usual sizes along the tangent; None if none is near."""
         guess = y + length * tangent * self.size
         found = guess.copy()
         for _ in range(_STEPS):
@@ -335,16 +299,9 @@ class Walk:
         max_points: int,
         until: Callable[[np.ndarray, list[Fold]], bool] | None = None,
     ) -> tuple[list[np.ndarray], list[Fold], End]:
-        """Walk until the branch ends, and tell its points, its folds, and why it ended.
+        """Walk until the branch ends; return its points, its folds, and why it ended.
 
-        Parameters
-        ----------
-        y, tangent : ndarray, shape (n + 1,)
-            Where from, and which way.
-        max_points : int
-            Most points.
-        until : callable, optional
-            Told every new point and the folds before it; the walk is "stopped" if it gives True.
+        `until` gets every new point and the folds before it; True ends it as "stopped".
         """
         first, first_tangent = y, tangent
         points, folds, length = [y], [], 1e-2

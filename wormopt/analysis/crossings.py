@@ -21,8 +21,6 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 
-__all__ = ["Crossing", "Wave", "sign_after"]
-
 _HALVINGS = 30  # leaves 1e-9 of the bracket, which two Newton steps square twice
 _NEGLIGIBLE = 1e-12
 _BESIDE = 1e-2  # of the unit circle: what round-off does to a zero of five fold
@@ -31,38 +29,20 @@ _MOST = 31  # harmonics
 
 @dataclass(frozen=True, eq=False)
 class Crossing:
-    """A place where a velocity may change its sign.
+    """A place where a velocity may change its sign."""
 
-    Parameters
-    ----------
-    place : casadi.SX
-        Share theta of the period, in [0, 1).
-    real : casadi.SX
-        1 where there is a sign change, 0 where there is none; ``place`` is then anywhere.
-    rising : casadi.SX
-        1 where the velocity becomes positive, 0 where it becomes negative.
-    """
-
-    place: ca.SX
-    real: ca.SX
-    rising: ca.SX
+    place: ca.SX  # share theta of the period, in [0, 1)
+    real: ca.SX  # 1: sign change; 0: none, and `place` is arbitrary
+    rising: ca.SX  # 1: velocity becomes positive; 0: negative
 
 
 @dataclass(frozen=True, eq=False)
 class Wave:
-    """A velocity over one period as a trigonometric polynomial.
+    """A velocity over one period as a trigonometric polynomial."""
 
-    Parameters
-    ----------
-    mean : casadi.SX
-        Coefficient c_0.
-    cosines, sines : casadi.SX, shape (K, 1)
-        Coefficients of the harmonics 1 to K.
-    """
-
-    mean: ca.SX
-    cosines: ca.SX
-    sines: ca.SX
+    mean: ca.SX  # coefficient c_0
+    cosines: ca.SX  # (K, 1) coefficients of the harmonics 1 to K
+    sines: ca.SX  # (K, 1) coefficients of the harmonics 1 to K
 
     @property
     def degree(self) -> int:
@@ -70,58 +50,22 @@ class Wave:
         return self.cosines.numel()
 
     def __call__(self, theta: ca.SX | float) -> ca.SX:
-        """Velocity at an instant.
-
-        Parameters
-        ----------
-        theta : casadi.SX or float
-            Share of the period that has passed.
-
-        Returns
-        -------
-        casadi.SX
-        """
+        """Velocity at the share `theta` of the period."""
         angle = 2 * np.pi * theta * ca.DM(np.arange(1, self.degree + 1))
         return self.mean + ca.dot(self.cosines, ca.cos(angle)) + ca.dot(self.sines, ca.sin(angle))
 
     def slope(self, theta: ca.SX | float) -> ca.SX:
-        """Its derivative by theta.
-
-        Parameters
-        ----------
-        theta : casadi.SX or float
-            Share of the period that has passed.
-
-        Returns
-        -------
-        casadi.SX
-        """
+        """Derivative of the velocity by theta, the share of the period that has passed."""
         order = 2 * np.pi * ca.DM(np.arange(1, self.degree + 1))
         turn = order * theta
         return ca.dot(order, self.sines * ca.cos(turn) - self.cosines * ca.sin(turn))
 
     @classmethod
     def of(cls, velocity: ca.Function, symbols: ca.SX, values: np.ndarray) -> Wave:
-        """Take a velocity apart into harmonics.
+        """Shortest wave equal to `velocity`, a function (symbols, theta) -> velocity.
 
-        Parameters
-        ----------
-        velocity : casadi.Function
-            (symbols, theta) to velocity.
-        symbols : casadi.SX, shape (n, 1)
-            States and parameters.
-        values : ndarray, shape (n, m)
-            Numbers for them, by which harmonics that are there are told from those that are not.
-
-        Returns
-        -------
-        Wave
-            As short as it can be.
-
-        Raises
-        ------
-        ArgumentError
-            If it has more than 31 harmonics, or is no trigonometric polynomial at all.
+        `values` (n, m): numbers for `symbols` (n, 1) that tell which harmonics are present.
+        Raises ArgumentError above 31 harmonics, or for what is no trigonometric polynomial.
         """
         degree = _harmonics_in(velocity, values)
         count = 2 * degree + 2
@@ -135,24 +79,10 @@ class Wave:
         return cls(ca.sum1(samples) / count, harmonics[:degree], harmonics[degree:])
 
     def crossings(self, symbols: ca.SX, values: np.ndarray) -> list[Crossing]:
-        """Find where its sign changes.
+        """Find where the sign changes; empty for a velocity that does not depend on theta.
 
-        Parameters
-        ----------
-        symbols : casadi.SX, shape (n, 1)
-            States and parameters, on which the coefficients depend.
-        values : ndarray, shape (n, m)
-            Numbers for them.
-
-        Returns
-        -------
-        list of Crossing
-            None for a velocity that does not depend on theta.
-
-        Raises
-        ------
-        ArgumentError
-            If it has several harmonics and its shape depends on the states.
+        `values` (n, m): numbers for `symbols` (n, 1), on which the coefficients depend.
+        Raises ArgumentError for several harmonics whose shape depends on the states.
         """
         if self.degree == 0:
             return []
@@ -223,19 +153,9 @@ class Wave:
 
 
 def sign_after(wave: Wave, crossings: Sequence[Crossing]) -> ca.SX:
-    """Sign of a velocity where the period begins, before any of its crossings.
+    """Sign (+1 or -1) of a velocity where the period begins, before any of its crossings.
 
-    Parameters
-    ----------
-    wave : Wave
-        The velocity.
-    crossings : sequence of Crossing
-        Its crossings.
-
-    Returns
-    -------
-    casadi.SX
-        +1 or -1: what the last crossing, one period earlier, has left.
+    It is what the last crossing, one period earlier, has left.
     """
     last, sign = ca.SX(-1), ca.if_else(wave(0.0) < 0, -1, 1)
     for crossing in crossings:

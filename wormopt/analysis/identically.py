@@ -13,8 +13,6 @@ from collections.abc import Mapping
 import casadi as ca
 import numpy as np
 
-__all__ = ["identically_zero"]
-
 _PRIME = 2**61 - 1
 _LARGEST_POWER = 64
 
@@ -24,31 +22,8 @@ def identically_zero(
 ) -> np.ndarray:
     """Tell for each entry of an expression whether it is identically zero.
 
-    Parameters
-    ----------
-    expression : casadi.SX
-        Of any shape.
-    symbols : casadi.SX
-        Column of all symbols in it.
-    values : mapping of int to float, optional
-        Entries of ``symbols`` that have a value, exact as a double is; the others may be anything.
-
-    Returns
-    -------
-    ndarray of bool
-        In the shape of ``expression``.
-
-    Raises
-    ------
-    ZeroDivisionError
-        If the expression divides by what is zero for the values given.
-
-    Examples
-    --------
-    >>> x, y = ca.SX.sym("x"), ca.SX.sym("y")
-    >>> cancels = (x + y) * (x - y) - x**2 + y**2
-    >>> identically_zero(ca.horzcat(cancels, ca.tanh(x) - y), ca.vertcat(x, y))
-    array([[ True, False]])
+    `values`: exact values of some entries of `symbols`, by index; the others are arbitrary.
+    Raises ZeroDivisionError if the expression divides by zero for these values.
     """
     random = np.random.default_rng(0)
     at = [int(random.integers(1, _PRIME)) for _ in range(symbols.numel())]

@@ -14,8 +14,6 @@ from wormopt.model.explicit import Explicit
 from wormopt.model.model import Model
 from wormopt.model.values import signal_values
 
-__all__ = ["relative_degree"]
-
 Values = Mapping[str, ArrayLike]
 
 

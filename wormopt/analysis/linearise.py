@@ -28,8 +28,6 @@ from wormopt.model.explicit import Explicit, import_control
 from wormopt.model.model import Model
 from wormopt.model.values import signal_values
 
-__all__ = ["Linear", "PhaseKind", "linearise"]
-
 Values = Mapping[str, ArrayLike]
 
 PhaseKind = Literal["minimum phase", "marginal", "not minimum phase"]

@@ -20,8 +20,6 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-__all__ = ["Matrices", "balanced", "invariant_zeros", "without_shifts"]
-
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """A (n, n), B (n, m), C (p, n) and D (p, m)."""
 
@@ -59,23 +57,7 @@ def _rounding(matrices: Matrices) -> float:
 
 
 def balanced(matrices: Matrices) -> Matrices:
-    """Scale states, inputs and outputs by powers of 2 so that sizes are even; zeros stay.
-
-    Parameters
-    ----------
-    matrices : Matrices
-        A, B, C, D.
-
-    Returns
-    -------
-    Matrices
-
-    Examples
-    --------
-    >>> rough = tuple(np.array([[number]]) for number in (0.5, 1e6, 1e-6, 0.0))
-    >>> [matrix.item() for matrix in balanced(rough)][0]
-    0.5
-    """
+    """Scale states, inputs and outputs by powers of 2 so that sizes are even; zeros stay."""
     a, b, c, d = matrices
     n, size = len(a), len(a) + max(b.shape[1], c.shape[0])
     square = np.zeros((size, size))
@@ -89,31 +71,10 @@ def balanced(matrices: Matrices) -> Matrices:
 
 
 def without_shifts(matrices: Matrices) -> tuple[Matrices, int]:
-    """Take out the shifts: directions of states that change neither rates nor outputs.
+    """Remove, and count, the shifts: directions of states changing neither rates nor outputs.
 
-    For a worm this is its place: where it is matters to nothing. Each shift is a pole and a zero
-    at 0 that the input-output behaviour does not know.
-
-    Parameters
-    ----------
-    matrices : Matrices
-        A, B, C, D.
-
-    Returns
-    -------
-    matrices : Matrices
-        The same with the shifts' states left out.
-    number : int
-        Number of shifts, the dimension of the common null space of A and C.
-
-    Examples
-    --------
-    A block whose speed is measured; its position is the shift:
-
-    >>> a, b = np.array([[0.0, 1.0], [0.0, -2.0]]), np.array([[0.0], [1.0]])
-    >>> rest, number = without_shifts((a, b, np.array([[0.0, 1.0]]), np.zeros((1, 1))))
-    >>> number, abs(rest[0]).round(12)
-    (1, array([[2.]]))
+    A shift, such as a worm's place, is a pole and a zero at 0 unseen from input to output.
+    Their number is the dimension of the common null space of A and C.
     """
     a, b, c, d = matrices
     # less generous than for zeros: a weakly damped motion must not pass for a shift
@@ -148,30 +109,10 @@ def _dual(matrices: Matrices) -> Matrices:
 
 
 def invariant_zeros(matrices: Matrices) -> tuple[NDArray[np.complex128], np.ndarray]:
-    """Find the finite invariant zeros, and how far rounding may have moved each of them.
+    """Find the finite invariant zeros (k,), and how far rounding may have moved each (k,).
 
-    They are the transmission zeros and the hidden modes (uncontrollable or unobservable). Without
-    inputs and outputs they are the eigenvalues of A.
-
-    Parameters
-    ----------
-    matrices : Matrices
-        A, B, C, D, best `balanced`.
-
-    Returns
-    -------
-    zeros : ndarray of complex, shape (k,)
-        By real part, then by imaginary part.
-    uncertainty : ndarray, shape (k,)
-        First-order bound from the condition of each zero; large for repeated ones.
-
-    Examples
-    --------
-    (s + 3) / ((s + 1)(s + 2)) has a zero at -3 and one at infinity:
-
-    >>> a, b = np.array([[0.0, 1.0], [-2.0, -3.0]]), np.array([[0.0], [1.0]])
-    >>> invariant_zeros((a, b, np.array([[3.0, 1.0]]), np.zeros((1, 1))))[0].round(12)
-    array([-3.+0.j])
+    They are the transmission zeros and the hidden modes (uncontrollable or unobservable).
+    Sorted by real, then imaginary part; bounds are first-order. Best `balanced` beforehand.
     """
     rounding, rank = _rounding(matrices), _Rank.of(matrices)
     a, b, c, d = _dual(_row_full(_dual(_row_full(matrices, rank)), rank))

@@ -26,8 +26,6 @@ from wormopt.model.model import Model, pack
 from wormopt.model.values import signal_values
 from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
 
-__all__ = ["Loaded", "Rest"]
-
 # Rounds in which walls are touched or left, and steps of Newton's method in each.
 _ROUNDS, _STEPS = 40, 30
 # Scaled residual at which Newton's method may end, by which walls are told apart, and below which
@@ -37,47 +35,20 @@ _SMALL, _APART, _NEUTRAL = 1e-9, 1e-12, 1e-13
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """Where a Model rests. It is a local minimum of the energy; there may be others.
+    """Where a Model rests: a local minimum of the energy; there may be others."""
 
-    Parameters
-    ----------
-    places : ndarray, shape (n_q,)
-        Places, the first half of the Model's states.
-    pressed : ndarray, shape (contacts,)
-        Force of each wall: energy over distance.
-    gaps : ndarray, shape (contacts,)
-        Distance from each wall.
-    energy : float
-        Total energy.
-    residual : float
-        Largest part of the energy's gradient that walls do not balance, over the largest part
-        that they do or, where none is touched, over the largest stiffness; places in units of
-        their nominal sizes.
-    imbalance : float
-        Largest acceleration by the Model's own equations of motion, over the largest that its
-        own forces, its loads or its walls would give alone.
-    violation : float
-        Deepest way into a wall.
-    complementarity : float
-        Largest product of gap and force, over the largest gap and the largest force.
-    softest, stiffest : float
-        Least and largest stiffness against moves along the touched walls, in units of energy per
-        squared nominal size.
-    iterations : int
-        Of the interior point.
-    """
-
-    places: np.ndarray
-    pressed: np.ndarray
-    gaps: np.ndarray
+    places: np.ndarray  # (n_q,) first half of the Model's states
+    pressed: np.ndarray  # (contacts,) wall forces: energy over distance
+    gaps: np.ndarray  # (contacts,) distance from each wall
     energy: float
+    # largest gradient part walls do not balance, over what they do, else the stiffness
     residual: float
-    imbalance: float
-    violation: float
-    complementarity: float
-    softest: float
-    stiffest: float
-    iterations: int
+    imbalance: float  # largest acceleration over that of own forces, loads or walls alone
+    violation: float  # deepest penetration of a wall
+    complementarity: float  # max gap * force, over max gap and max force
+    softest: float  # least stiffness along touched walls, energy per squared nominal size
+    stiffest: float  # greatest such stiffness
+    iterations: int  # of the interior point method
 
     @property
     def stable(self) -> bool:
@@ -89,49 +60,18 @@ class Rest:
 class Loaded:
     """A Model under loads that have a potential; friction is left out.
 
-    Parameters
-    ----------
-    model : Model
-        Its states are places and then their rates, and so many of each. All contacts have gaps
-        that depend on places, and normal forces.
-    potential, inputs : casadi.Function, optional
-        From the places and a column of numbers to the potential of the loads, and to the model's
-        inputs; both or none. `inputs` is that of a Marcher, and is used to check only.
-    stored : str, optional
-        Output that is the elastic energy.
-    p : mapping of str to array_like, optional
-        Parameters by name, where they are not the model's own.
-    size : float, optional
-        Usual energy, by which it is scaled.
-
-    Raises
-    ------
-    ArgumentError
-        If the model or the functions are not of this form.
-
-    Examples
-    --------
-    A weight on a spring over a floor, which it presses with what the spring does not carry:
-
-    >>> from wormopt.model.friction import Coulomb
-    >>> from wormopt.model.model import Contact, Output, Signal
-    >>> y, v, rubbed, pressed = (ca.SX.sym(name) for name in ("y", "v", "rubbed", "pressed"))
-    >>> floor = Contact("floor", ca.SX(0), rubbed, Coulomb(pressed, pressed), gap=y,
-    ...                 normal_force=pressed)
-    >>> weight = Model("weight", [Signal("height", y, value=1.0), Signal("rate", v, value=0.0)],
-    ...                ca.vertcat(v, 2 * (1 - y) + pressed - 3), contacts=[floor],
-    ...                outputs=[Output("energy", (1 - y) ** 2 + 3 * y)])
-    >>> rest = Loaded(weight, stored="energy").rest([1.0])
-    >>> rest.places.round(12), rest.pressed.round(12), rest.stable
-    (array([0.]), array([1.]), True)
+    Its states are places, then as many rates; all contacts have gaps that depend on places,
+    and normal forces. Raises ArgumentError for other forms.
     """
 
     model: Model
+    # (places, numbers) -> potential of the loads; with `inputs` or not at all
     potential: ca.Function | None = None
+    # (places, numbers) -> model inputs, as a Marcher's; used to check only
     inputs: ca.Function | None = None
-    stored: str = "strain_energy"
-    p: Mapping[str, ArrayLike] | None = None
-    size: float = 1.0
+    stored: str = "strain_energy"  # output that is the elastic energy
+    p: Mapping[str, ArrayLike] | None = None  # parameters that differ from the model's own
+    size: float = 1.0  # usual energy, by which it is scaled
 
     _numbers: np.ndarray = field(init=False, repr=False)
 
@@ -153,28 +93,10 @@ class Loaded:
         return self.model.n_x // 2
 
     def rest(self, start: ArrayLike, numbers: ArrayLike = ()) -> Rest:
-        """Find where the model rests, from a start.
+        """Find the rest that lowering the energy from the places `start` (n_q,) leads to.
 
-        Parameters
-        ----------
-        start : array_like, shape (n_q,)
-            Places from which energy is lowered. Which minimum is found depends on it.
-        numbers : array_like, optional
-            What `potential` and `inputs` are told.
-
-        Returns
-        -------
-        Rest
-
-        Raises
-        ------
-        ArgumentError
-            If start or numbers are not of the right size, or not finite.
-        SolveError
-            If the energy has no minimum that is found ("no_rest"), or forces do not balance there
-            ("not_balanced").
-        KeyboardInterrupt
-            If the user stops it.
+        `numbers` are passed to `potential` and `inputs`.
+        Raises SolveError "no_rest" (no minimum found) or "not_balanced" (forces there).
         """
         begin, given = (np.asarray(part, dtype=float).ravel() for part in (start, numbers))
         if begin.shape != (self.n_q,) or not np.all(np.isfinite(begin)):

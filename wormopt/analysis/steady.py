@@ -15,8 +15,6 @@ from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, pack
 from wormopt.model.values import by_name, check_names, signal_values
 
-__all__ = ["ZERO", "Rates", "SteadyState", "eigenvalues", "rates_of", "steady_states"]
-
 Values = Mapping[str, ArrayLike]
 
 _STEPS, _SHORTEST = 40, 2.0**-10  # of Newton's method, and how far one is shortened
@@ -85,15 +83,7 @@ class SteadyState:
 class Rates:
     """Rates of an autonomous Model and their derivatives, many states at a time.
 
-    Parameters
-    ----------
-    model : Model
-        Without contacts, schedules, switches and algebraic variables.
-
-    Raises
-    ------
-    ArgumentError
-        If it has one of these, or depends on time.
+    Raises ArgumentError for contacts, schedules, switches, algebraic variables or time.
     """
 
     def __init__(self, model: Model) -> None:
@@ -113,37 +103,13 @@ class Rates:
         self._slopes = ca.Function("slopes", self._symbols, [slopes])
 
     def parameters(self, given: Values | None) -> np.ndarray:
-        """Stack parameters and inputs, those given before the model's own.
-
-        Parameters
-        ----------
-        given : mapping of str to array_like
-            By name.
-
-        Returns
-        -------
-        ndarray
-        """
+        """Stack parameters and inputs; those given override the model's own."""
         return signal_values(self._fixed, given, "parameter")
 
     def place(self, name: str) -> int:
         """Row of a scalar parameter in what `parameters` stacks.
 
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        int
-
-        Raises
-        ------
-        ArgumentError
-            If it is no scalar.
-        UnknownNameError
-            If there is none of that name.
+        Raises ArgumentError if it is no scalar, UnknownNameError if there is none.
         """
         names = [signal.name for signal in self._fixed]
         check_names({name: 0}, names, "parameter")
@@ -154,35 +120,11 @@ class Rates:
         return sum(sizes[:which])
 
     def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Rates at m states.
-
-        Parameters
-        ----------
-        x : ndarray, shape (m, n_x)
-            States.
-        p : ndarray, shape (n_p,) or (m, n_p)
-            Parameters, alike for all or for each.
-
-        Returns
-        -------
-        ndarray, shape (m, n_x)
-        """
+        """Rates (m, n_x) at m states `x` (m, n_x); `p` is (n_p,) for all, or (m, n_p)."""
         return np.array(self._rates(x.T, _each(p, x).T)).T
 
     def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Jacobians at m states.
-
-        Parameters
-        ----------
-        x : ndarray, shape (m, n_x)
-            States.
-        p : ndarray, shape (n_p,) or (m, n_p)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (m, n_x, n_x)
-        """
+        """Jacobians (m, n_x, n_x) at m states `x` (m, n_x); `p` is (n_p,) or (m, n_p)."""
         m, n = x.shape
         if m == 0:
             return np.zeros((0, n, n))
@@ -190,38 +132,16 @@ class Rates:
         return found.reshape(n, m, n).transpose(1, 0, 2)
 
     def slope_by(self, name: str) -> ca.Function:
-        """Derivative of the rates by a scalar parameter.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        casadi.Function
-            (x, p) to a column.
-        """
+        """Derivative of the rates by a scalar parameter, as (x, p) -> column."""
         symbol = self._symbols[1][self.place(name)]
         slope = ca.densify(ca.jacobian(self.model.ode, symbol))
         return ca.Function("slope", self._symbols, [slope])
 
     def newton(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Go from states to steady ones, each step shortened until the rates fall.
+        """Newton steps from states `x` (m, n_x) to steady ones, shortened until the rates fall.
 
-        Parameters
-        ----------
-        x : ndarray, shape (m, n_x)
-            Where to begin.
-        p : ndarray, shape (n_p,) or (m, n_p)
-            Parameters.
-
-        Returns
-        -------
-        x : ndarray, shape (m, n_x)
-            Where it ended.
-        found : ndarray of bool, shape (m,)
-            Whether the last step was as good as none.
+        Returns the last states and whether the last step of each was as good as none (m,).
+        `p` is (n_p,) for all, or (m, n_p).
         """
         p = _each(p, x)
         x, found = x.copy(), np.zeros(len(x), bool)
@@ -257,19 +177,7 @@ class Rates:
         return factor
 
     def steady(self, x: np.ndarray, p: np.ndarray) -> SteadyState:
-        """Tell about one steady state.
-
-        Parameters
-        ----------
-        x : ndarray, shape (n_x,)
-            State.
-        p : ndarray, shape (n_p,)
-            Parameters.
-
-        Returns
-        -------
-        SteadyState
-        """
+        """Describe the steady state `x` (n_x,) at the parameters `p` (n_p,)."""
         residual = float(np.abs(self(x[None], p) / self.nominal).max())
         return SteadyState(self.model, x, residual, eigenvalues(self.slopes(x[None], p)[0]), p)
 
@@ -290,34 +198,14 @@ def _solved(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def eigenvalues(matrix: np.ndarray) -> NDArray[np.complex128]:
-    """Eigenvalues, that with the largest real part first.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (n, n)
-        A Jacobian.
-
-    Returns
-    -------
-    ndarray of complex, shape (n,)
-    """
+    """Eigenvalues (n,) of a Jacobian (n, n), that with the largest real part first."""
     found: NDArray[np.complex128] = np.linalg.eigvals(matrix).astype(complex)
     return found[np.lexsort((-found.imag, -found.real))]
 
 
 @lru_cache(maxsize=32)
 def rates_of(model: Model) -> Rates:
-    """Rates of a model, made once.
-
-    Parameters
-    ----------
-    model : Model
-        Autonomous.
-
-    Returns
-    -------
-    Rates
-    """
+    """Rates of an autonomous model, made once per model."""
     return Rates(model)
 
 

@@ -21,8 +21,6 @@ from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, Signal, pack
 from wormopt.model.values import by_name, check_names, signal_values
 
-__all__ = ["Modes", "vibration_modes"]
-
 # Eigenvalues below so many roundings of the largest one are those of rigid motions.
 _ROUNDINGS = 100.0
 

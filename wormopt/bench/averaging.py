@@ -27,8 +27,6 @@ from wormopt.systems.pair.averaged_pair import averaged_pair, steady_pair
 from wormopt.systems.pair.slow_pair import slow_pair
 from wormopt.systems.shared.signals import symbol
 
-__all__ = ["Curve", "Timed", "draw_averages", "measure_averages", "measure_curve"]
-
 _EPS, _NATURAL = 0.0355, math.sqrt(2)
 _NODES, _SAMPLES = (2, 4, 6, 8, 12, 16), (32, 128, 512, 2048, 8192)
 _STATES = 60
@@ -39,45 +37,23 @@ Rates = Callable[[np.ndarray], np.ndarray]
 
 @dataclass
 class Timed:
-    """One way to average.
-
-    Parameters
-    ----------
-    method : str
-        Which.
-    effort : float
-        Its nodes, samples or tolerance.
-    error : float
-        Largest difference of mean rates from the closed form (18), over eps.
-    seconds : float
-        Median time of one evaluation.
-    """
+    """Cost and error of one way to average."""
 
     method: str
-    effort: float
-    error: float
-    seconds: float
+    effort: float  # its nodes, samples or tolerance
+    error: float  # largest difference of mean rates from (18), over eps
+    seconds: float  # median of one evaluation
 
 
 @dataclass(frozen=True)
 class Curve:
-    """What a steady state and a resonance curve through it cost.
+    """What a steady state and a resonance curve through it cost."""
 
-    Parameters
-    ----------
-    points : int
-        Of the curve.
-    build, first, warm : float
-        Seconds to average, and for steady states and curve: the first time, and again.
-    error : float
-        Largest difference of velocities from (19), of their size.
-    """
-
-    points: int
-    build: float
-    first: float
-    warm: float
-    error: float
+    points: int  # of the curve
+    build: float  # s, to average
+    first: float  # s, for steady states and curve the first time
+    warm: float  # s, for steady states and curve again
+    error: float  # largest relative difference of velocities from (19)
 
 
 def _pair() -> Model:
@@ -136,18 +112,9 @@ def _adaptive(model: Model, tolerance: float) -> Rates:
 
 
 def measure_averages(quick: bool, report: Report) -> Iterator[Timed]:
-    """Average at random states by several ways, beside the closed form.
+    """Average at random states in several ways, beside the closed form.
 
-    Parameters
-    ----------
-    quick : bool
-        Fewer states, and less effort of the slow ways.
-    report : callable
-        Told how far it is.
-
-    Yields
-    ------
-    Timed
+    `quick`: fewer states, and less effort for the slow ways.
     """
     model, random = _pair(), np.random.default_rng(0)
     states = random.uniform(-1.0, 1.0, (10 if quick else _STATES, 3))
@@ -177,17 +144,7 @@ def measure_averages(quick: bool, report: Report) -> Iterator[Timed]:
 
 
 def measure_curve(points: int = 400) -> Curve:
-    """Time the steady states at one detuning and the curve through them.
-
-    Parameters
-    ----------
-    points : int, optional
-        Of the curve.
-
-    Returns
-    -------
-    Curve
-    """
+    """Time the steady states at one detuning and the curve of `points` through them."""
     begin, slow = time.perf_counter(), _pair()
     model = average(slow, _period(slow))
     build = time.perf_counter() - begin
@@ -212,15 +169,7 @@ def _curve(model: Model, points: int) -> float:
 
 
 def draw_averages(known: Sequence[Timed], path: Path) -> None:
-    """Draw time against error.
-
-    Parameters
-    ----------
-    known : sequence of Timed
-        What was measured.
-    path : Path
-        PNG file to write.
-    """
+    """Draw time against error to a PNG file."""
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     axes = figure.add_subplot(
         111, xscale="log", yscale="log", xlabel="error of the mean rates, over eps",

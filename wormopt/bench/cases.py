@@ -20,83 +20,40 @@ from wormopt.simulation.options import Exact, Smooth, Treatment
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait, travelling_sine
 
-__all__ = ["GOAL", "WORK_PRECISION", "Case", "Target", "long_chain", "mag2", "track"]
-
 GOAL = 1e-9
 """Error in (x, v) at which times are compared."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """A ratio of times at `GOAL` that wormopt has to keep.
+    """A ratio of times at `GOAL` that wormopt has to keep."""
 
-    Parameters
-    ----------
-    than : tuple of str
-        Solvers; the fastest of them counts.
-    most : float
-        Largest time of wormopt over theirs.
-    """
-
-    than: tuple[str, ...]
-    most: float
+    than: tuple[str, ...]  # solvers; the fastest of them counts
+    most: float  # largest time of wormopt over theirs
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One benchmark of work against precision.
-
-    Parameters
-    ----------
-    name, title : str
-        What it is called, and what it is.
-    build : callable
-        () -> Model.
-    contact : Smooth or Exact
-        How contact is treated.
-    span : float
-        Last time.
-    reference : ndarray
-        Positions and velocities at the end; they are the first states of the model.
-    source : str
-        Where the reference comes from.
-    solvers : tuple of str
-        Names of the solvers that can take it.
-    targets : tuple of Target, optional
-        What wormopt has to keep.
-    feedback : {"derivative", "filter"}, optional
-        Which tracker, for hand-written right-hand sides.
-    plant : callable, optional
-        () -> Plant, for the event loop.
-    max_step : float, optional
-        Largest step of the event loop, where it misses events otherwise.
-    """
+    """One benchmark of work against precision."""
 
     name: str
     title: str
     build: Callable[[], Model]
     contact: Treatment
-    span: float
-    reference: np.ndarray
-    source: str
-    solvers: tuple[str, ...]
-    targets: tuple[Target, ...] = ()
-    feedback: Feedback | None = None
-    plant: Callable[[], Plant] | None = None
-    max_step: float = math.inf
+    span: float  # last time
+    reference: np.ndarray  # positions and velocities at the end; the model's first states
+    source: str  # where the reference comes from
+    solvers: tuple[str, ...]  # names of those that can take it
+    targets: tuple[Target, ...] = ()  # what wormopt has to keep
+    feedback: Feedback | None = None  # tracker, for hand-written right-hand sides
+    plant: Callable[[], Plant] | None = None  # for the event loop
+    max_step: float = math.inf  # of the event loop, where it would miss events
 
 
 def track(feedback: Feedback) -> Model:
     """Benchmarks TRACK13 ("derivative") and TRACK14 ("filter"): the chapter's worm and data.
 
-    Parameters
-    ----------
-    feedback : {"derivative", "filter"}
-        Tracker (13) or (14).
-
-    Returns
-    -------
-    Model
+    They use the trackers (13) and (14).
     """
     worm = chain(
         2,
@@ -112,12 +69,7 @@ def track(feedback: Feedback) -> Model:
 
 
 def mag2() -> Model:
-    """Benchmark MAG2: system (16) as a plain model of two masses.
-
-    Returns
-    -------
-    Model
-    """
+    """Benchmark MAG2: system (16) as a plain model of two masses."""
     t, x, v, force = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
     eps = 0.036
     pull = x[0] - x[1] + eps * (1 + ca.cos((math.sqrt(2) + 0.5 * eps) * t))
@@ -149,17 +101,7 @@ _STICK = DrivenChain(
 
 
 def long_chain(links: int) -> Model:
-    """Chain of n links under a command that runs along it, with friction on every mass.
-
-    Parameters
-    ----------
-    links : int
-        Number of links n.
-
-    Returns
-    -------
-    Model
-    """
+    """Chain of n links under a command that runs along it, with friction on every mass."""
     return DrivenChain(
         mass=np.ones(links + 1),
         stiffness=np.full(links, 40.0),

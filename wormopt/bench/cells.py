@@ -18,57 +18,29 @@ from wormopt.simulation.options import Exact, Smooth, Treatment
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import accordion, block_wave, fast_gait, travelling_sine
 
-__all__ = ["Cell", "Tracker", "cells", "jumping_gait"]
-
 
 @dataclass(frozen=True)
 class Tracker:
     """A lambda-tracker in the place of the command.
 
-    Crossings of its tube, where the growth of the gain has a kink, are events, as they are in
-    scenes.
-
-    Parameters
-    ----------
-    feedback : {"derivative", "filter"}
-        Tracker (13) or (14).
-    radius : float
-        Tube radius lambda.
-    gain : float
-        Gain at the start, k(0).
+    Crossings of its tube, where the growth of the gain has a kink, are events, as in scenes.
     """
 
-    feedback: Feedback
-    radius: float
-    gain: float
+    feedback: Feedback  # "derivative": (13); "filter": (14)
+    radius: float  # of the tube, lambda
+    gain: float  # at the start, k(0)
 
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """One run of the matrix.
-
-    Parameters
-    ----------
-    name : str
-        What distinguishes it.
-    group : str
-        Which part of the matrix it belongs to.
-    worm : DrivenChain
-        Numbers of the worm, and its gait.
-    span : float
-        Last time.
-    v_reg : float, optional
-        Width of the smooth law; without it contact is exact.
-    tracker : Tracker, optional
-        Follows the gait; without it the gait commands the rest lengths.
-    """
+    """One run of the matrix."""
 
     name: str
-    group: str
-    worm: DrivenChain
-    span: float
-    v_reg: float | None = None
-    tracker: Tracker | None = None
+    group: str  # part of the matrix it belongs to
+    worm: DrivenChain  # numbers of the worm, and its gait
+    span: float  # last time
+    v_reg: float | None = None  # width of the smooth law; None: exact contact
+    tracker: Tracker | None = None  # follows the gait; None: gait commands rest lengths
 
     @property
     def core(self) -> bool:
@@ -156,28 +128,7 @@ def _gait(name: str, links: int) -> Gait:
 
 
 def jumping_gait(links: int, seed: int, pieces: int = 12, period: float = 4.0) -> Gait:
-    """Random lengths between 1.5 and 2.5 that jump at random times.
-
-    Parameters
-    ----------
-    links : int
-        Number of links n.
-    seed : int
-        Throws the dice.
-    pieces : int, optional
-        Pieces of a period.
-    period : float, optional
-        After which it repeats.
-
-    Returns
-    -------
-    Gait
-
-    Examples
-    --------
-    >>> jumping_gait(2, seed=1).pieces
-    12
-    """
+    """Random lengths between 1.5 and 2.5 that jump at random times, `pieces` a period."""
     dice = np.random.default_rng((seed, links))
     breaks = np.sort(np.append(dice.uniform(0.0, period, pieces - 1), [0.0, period]))
     return Gait(breaks, dice.uniform(1.5, 2.5, (pieces, links, 1)))
@@ -329,22 +280,7 @@ def _frictions() -> Iterator[Cell]:
 
 
 def cells(*, quick: bool = False) -> list[Cell]:
-    """List the cells of the matrix.
-
-    Parameters
-    ----------
-    quick : bool, optional
-        Only some of each group, and none that takes long.
-
-    Returns
-    -------
-    list of Cell
-
-    Examples
-    --------
-    >>> len(cells()) >= 450, sum(cell.core for cell in cells())
-    (True, 200)
-    """
+    """List the cells of the matrix; `quick`: only some of each group, none that takes long."""
     parts = (_core, _steep, _high_gains, _ratios, _long_worms, _long_times, _jumps, _frictions)
     found = [cell for part in parts for cell in part()]
     if not quick:

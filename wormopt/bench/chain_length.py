@@ -16,8 +16,6 @@ from wormopt.progress import Report
 from wormopt.simulation.options import Exact, Smooth, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 
-__all__ = ["LENGTHS", "LONG", "Length", "measure_lengths", "slope"]
-
 LENGTHS = (2, 5, 10, 20, 50, 100, 200, 500, 1000)
 """Numbers of links."""
 
@@ -30,52 +28,23 @@ _TOLERANCE = Tolerance(1e-8, 1e-9)
 
 @dataclass(frozen=True)
 class Length:
-    """What a chain of some length costs.
-
-    Parameters
-    ----------
-    links : int
-        Number of links n.
-    contact : {"smooth", "exact"}
-        How contact was treated.
-    first : float
-        Seconds from the numbers of the chain to the end of its first run: building expressions,
-        compiling, running.
-    step : float
-        Seconds of a step, accepted or rejected, in warm runs.
-    steps, events : int
-        How many there were.
-    failure : str, optional
-        Why there is none.
-    """
+    """What a chain of some length costs."""
 
     links: int
-    contact: str
-    first: float
-    step: float
+    contact: str  # "smooth" or "exact"
+    first: float  # s, from numbers to the end of the first run: build, compile, run
+    step: float  # s per step, accepted or rejected, in warm runs
     steps: int
     events: int
-    failure: str = ""
+    failure: str = ""  # why there is no result
 
 
 def measure_lengths(
     lengths: Mapping[str, Sequence[int]], rounds: int, report: Report
 ) -> Iterator[list[Length]]:
-    """Measure chains of several lengths.
+    """Measure chains of several lengths; yields the same list again, one longer each time.
 
-    Parameters
-    ----------
-    lengths : mapping of str to sequence of int
-        Numbers of links for the treatments "smooth" and "exact".
-    rounds : int
-        Warm runs of each; the median counts.
-    report : callable
-        Told how far it is.
-
-    Yields
-    ------
-    list of Length
-        The same list time and again, one longer each time.
+    `lengths`: numbers of links for "smooth" and "exact"; `rounds`: warm runs, for a median.
     """
     found: list[Length] = []
     tasks = [(contact, links) for contact, all_links in lengths.items() for links in all_links]
@@ -113,22 +82,7 @@ def _measure(links: int, contact: str, rounds: int) -> Length:
 def slope(found: Sequence[Length], contact: str) -> float:
     """Exponent p of a step's cost ~ n^p, fitted to chains of `LONG` links and more.
 
-    Parameters
-    ----------
-    found : sequence of Length
-        From `measure_lengths`.
-    contact : {"smooth", "exact"}
-        Which of them.
-
-    Returns
-    -------
-    float
-        NaN where fewer than two count.
-
-    Examples
-    --------
-    >>> round(slope([Length(n, "smooth", 1.0, 1e-7 * n, 9, 0) for n in (50, 99)], "smooth"), 6)
-    1.0
+    `contact` is "smooth" or "exact"; NaN where fewer than two chains count.
     """
     kept = [c for c in found if c.contact == contact and c.links >= LONG and c.step > 0]
     if len(kept) < 2:

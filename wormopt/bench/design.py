@@ -16,22 +16,6 @@ from wormopt.bench.design_multistart import by_multistart
 from wormopt.progress import Report, silent
 from wormopt.systems.spiked.task import Certify, Search
 
-__all__ = [
-    "ACCURACIES",
-    "OWN",
-    "SOLVERS",
-    "Attempt",
-    "Bound",
-    "Reached",
-    "bounds",
-    "certified_bound",
-    "described",
-    "measure_design",
-    "ours",
-    "posed",
-    "reached",
-]
-
 ACCURACIES = (0.1, 0.03, 0.01, 0.003)
 """Distances from the bound, as parts of it."""
 
@@ -50,44 +34,22 @@ Better = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Bound:
-    """How fast gaits of a problem can be.
+    """Upper bounds on the speed of gaits of a problem."""
 
-    Parameters
-    ----------
-    speed : float
-        Certified: no gait of at most four phases a cycle, and any number of cycles, is faster.
-    gap : float
-        How far it may be above the best gait, as a part of that.
-    ceiling : float
-        No gait at all is faster.
-    """
-
-    speed: float
-    gap: float
-    ceiling: float
+    speed: float  # certified for at most four phases a cycle, any number of cycles
+    gap: float  # how far it may be above the best gait, relative
+    ceiling: float  # no gait at all is faster
 
 
 @dataclass
 class Attempt:
-    """What one solver did on one problem.
-
-    Parameters
-    ----------
-    solver, problem : str
-        Which.
-    bound : Bound
-        On the speed.
-    course : list of (float, float)
-        Seconds, and the best speed by then.
-    failure : str
-        Why there is no more.
-    """
+    """What one solver did on one problem."""
 
     solver: str
     problem: str
-    bound: Bound
-    course: Course = field(default_factory=list)
-    failure: str = ""
+    bound: Bound  # on the speed
+    course: Course = field(default_factory=list)  # (seconds, best speed by then)
+    failure: str = ""  # why there is no more
 
     @property
     def best(self) -> float:
@@ -100,25 +62,9 @@ class Attempt:
         return self.best > self.bound.ceiling * (1 + _ABOVE)
 
     def time_to(self, accuracy: float, bound: float) -> float:
-        """Seconds until the gait is so near to a bound.
+        """Seconds until the gait is within `accuracy`, relative, of a bound; infinite if never.
 
-        Parameters
-        ----------
-        accuracy : float
-            As a part of the bound.
-        bound : float
-            Certified, or the best known where that is faster.
-
-        Returns
-        -------
-        float
-            Infinite where it never is.
-
-        Examples
-        --------
-        >>> course = [(0.1, 0.5), (2.0, 0.95)]
-        >>> Attempt("a", "b", Bound(1.0, 0.001, 1.2), course).time_to(0.1, 1.0)
-        2.0
+        `bound`: certified, or the best known speed where that is faster.
         """
         near = [seconds for seconds, speed in self.course if speed >= (1 - accuracy) * bound]
         return min(near, default=math.inf)
@@ -126,53 +72,24 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Reached:
-    """How one solver did on all problems for one accuracy.
-
-    Parameters
-    ----------
-    solver : str
-        Which.
-    accuracy : float
-        Distance from the bound.
-    seconds : float
-        Median over the problems, infinite where most were not solved so well.
-    share : float
-        Of the problems that were.
-    problems : int
-        How many problems have a bound sharp enough to tell.
-    """
+    """How one solver did on all problems for one accuracy."""
 
     solver: str
-    accuracy: float
-    seconds: float
-    share: float
-    problems: int
+    accuracy: float  # distance from the bound
+    seconds: float  # median; inf where most problems were not solved so well
+    share: float  # of the problems that were solved so well
+    problems: int  # number with a bound sharp enough to tell
 
 
 def posed(*, quick: bool) -> list[Case]:
-    """The benchmark problem, and seeded random ones.
-
-    Parameters
-    ----------
-    quick : bool
-        Fewer of them.
-
-    Returns
-    -------
-    list of dict
-    """
+    """The benchmark problem, and seeded random ones; fewer of them if `quick`."""
     return [G1, *draw(_SEED, 3 if quick else 12)]
 
 
 def certified_bound(case: Case, seconds: float) -> Bound:
     """Bound on the speed by branch and bound, sharp where the time is enough for that.
 
-    Parameters
-    ----------
-    case : dict
-        The problem.
-    seconds : float
-        For the design, and for the proof.
+    `seconds` covers the design and the proof.
     """
     from wormopt.systems.spiked.certify.proof import certified
     from wormopt.systems.spiked.design.optimize import designed
@@ -183,20 +100,9 @@ def certified_bound(case: Case, seconds: float) -> Bound:
 
 
 def ours(case: Case, seconds: float, design: Callable[[Case, float, Better], None]) -> Course:
-    """Time our own designer.
+    """Time our own designer; returns (seconds, best speed) pairs.
 
-    Parameters
-    ----------
-    case : dict
-        The problem.
-    seconds : float
-        When to stop.
-    design : callable
-        (case, seconds, better); calls better(speed) whenever it has a better gait.
-
-    Returns
-    -------
-    list of (float, float)
+    `design`(case, seconds, better) calls better(speed) whenever it has a better gait.
     """
     begin, course = time.perf_counter(), Course()
 
@@ -233,23 +139,7 @@ def measure_design(
 ) -> Iterator[list[Attempt]]:
     """Prove a bound for every problem, and give every solver the same time on it, in turn.
 
-    Parameters
-    ----------
-    problems : sequence of dict
-        What to solve.
-    seconds : float
-        For each solver and problem.
-    report : callable
-        Told how far it is.
-    solvers : mapping of str to callable, optional
-        Which solvers.
-    prove : callable, optional
-        (case, seconds); gives the bound.
-
-    Yields
-    ------
-    list of Attempt
-        All so far.
+    `seconds` is for each solver and problem. Yields all attempts so far.
     """
     known: list[Attempt] = []
     for k, case in enumerate(problems):
@@ -267,17 +157,7 @@ def measure_design(
 
 
 def bounds(known: Sequence[Attempt]) -> dict[str, float]:
-    """By problem the certified bound, or the best speed of the run if more phases made it faster.
-
-    Parameters
-    ----------
-    known : sequence of Attempt
-        What was measured.
-
-    Returns
-    -------
-    dict of str to float
-    """
+    """By problem the certified bound, or the run's best speed if more phases made it faster."""
     found: dict[str, float] = {}
     for attempt in known:
         best = max(attempt.best, attempt.bound.speed)
@@ -286,17 +166,9 @@ def bounds(known: Sequence[Attempt]) -> dict[str, float]:
 
 
 def reached(known: Sequence[Attempt]) -> list[Reached]:
-    """Sum up times over the problems.
+    """Sum up times over the problems whose bound is sharp enough for the accuracy.
 
-    Parameters
-    ----------
-    known : sequence of Attempt
-        What was measured.
-
-    Returns
-    -------
-    list of Reached
-        By accuracy, then by solver; of problems whose bound is sharp enough for the accuracy.
+    Sorted by accuracy, then by solver.
     """
     most, rows = bounds(known), []
     for accuracy in ACCURACIES:
@@ -309,17 +181,7 @@ def reached(known: Sequence[Attempt]) -> list[Reached]:
 
 
 def described(known: Sequence[Attempt]) -> dict[str, Any]:
-    """Lay out what was measured for JSON.
-
-    Parameters
-    ----------
-    known : sequence of Attempt
-        What was measured.
-
-    Returns
-    -------
-    dict
-    """
+    """Lay out what was measured for JSON."""
     most, rows = bounds(known), reached(known)
     attempts = [
         asdict(a)

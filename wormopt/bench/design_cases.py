@@ -12,8 +12,6 @@ import numpy as np
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.task import Task, Worm
 
-__all__ = ["G1", "Arrays", "Case", "draw", "scene_text", "task_of"]
-
 Case = dict[str, Any]
 """``name``, and the tables ``worm`` and ``gait`` of a scene of kind gait-design."""
 
@@ -33,54 +31,24 @@ G1: Case = {
 
 @dataclass(frozen=True, eq=False)
 class Arrays:
-    """A design problem as arrays.
+    """A design problem of n links as arrays."""
 
-    Parameters
-    ----------
-    mass : ndarray, shape (n + 1,)
-        Masses, head first.
-    drag, load : float
-        Of every mass.
-    period : tuple of two floats
-        Shortest and longest.
-    resting : int
-        At least so many masses rest.
-    length : ndarray, shape (n, 2)
-        Shortest and longest length of each link.
-    contraction, extension, acceleration : ndarray, shape (n,)
-        Largest rates and accelerations of each link.
-    spike_load : float
-        Largest load of a spike, infinite without a limit.
-    """
-
-    mass: np.ndarray
-    drag: float
-    load: float
-    period: tuple[float, float]
-    resting: int
-    length: np.ndarray
-    contraction: np.ndarray
-    extension: np.ndarray
-    acceleration: np.ndarray
-    spike_load: float
+    mass: np.ndarray  # (n + 1,) head first
+    drag: float  # of every mass
+    load: float  # of every mass
+    period: tuple[float, float]  # shortest and longest
+    resting: int  # least number of resting masses
+    length: np.ndarray  # (n, 2) shortest and longest of each link
+    contraction: np.ndarray  # (n,) largest rates
+    extension: np.ndarray  # (n,) largest rates
+    acceleration: np.ndarray  # (n,) largest, of each link
+    spike_load: float  # largest load of a spike; inf: no limit
 
     @classmethod
     def of(cls, case: Case) -> Arrays:
         """Read the tables of a case.
 
-        Parameters
-        ----------
-        case : Case
-            Its length, rate and acceleration are given, its spike load is one number.
-
-        Returns
-        -------
-        Arrays
-
-        Examples
-        --------
-        >>> Arrays.of(G1).extension
-        array([1., 1.])
+        Its length, rate and acceleration are given, its spike load is one number.
         """
         worm, gait = case["worm"], case["gait"]
         n, rate = worm["links"], gait["rate"]
@@ -117,12 +85,7 @@ class Arrays:
         return np.maximum(ahead[-1] - ahead, behind)
 
     def resting_sets(self) -> list[tuple[int, ...]]:
-        """Sets of masses that may be told to rest: larger ones only where they share a load.
-
-        Returns
-        -------
-        list of tuple of int
-        """
+        """Sets of masses that may be told to rest: larger ones only where they share a load."""
         more = 2 if np.isfinite(self.spike_load) else 1
         sizes = range(self.resting, min(self.resting + more, self.links + 1))
         return [s for size in sizes for s in combinations(range(self.links + 1), size)]
@@ -131,21 +94,7 @@ class Arrays:
 def draw(seed: int, count: int) -> list[Case]:
     """Draw random design problems.
 
-    Parameters
-    ----------
-    seed : int
-        The same seed gives the same problems, and more of them the same first ones.
-    count : int
-        How many.
-
-    Returns
-    -------
-    list of Case
-
-    Examples
-    --------
-    >>> draw(3, 2) == draw(3, 5)[:2]
-    True
+    A seed gives the same problems always; a larger `count` begins with the same ones.
     """
     return [_drawn(f"s{seed}-{k:02}", np.random.default_rng([seed, k])) for k in range(count)]
 
@@ -220,18 +169,7 @@ def _rounded(value: float) -> float:
 
 
 def task_of(case: Case) -> Task:
-    """The problem as the designer takes it.
-
-    Parameters
-    ----------
-    case : dict
-        The problem.
-
-    Examples
-    --------
-    >>> task_of(G1).worm.links
-    2
-    """
+    """The problem as the designer takes it."""
     gait = dict(case["gait"])
     if isinstance(gait.get("rate"), dict):
         gait["rate"] = Rates(**gait["rate"])
@@ -239,24 +177,9 @@ def task_of(case: Case) -> Task:
 
 
 def scene_text(case: Case, search: Sequence[str] = ()) -> str:
-    """Write a case as the scene that a user would write.
+    """Write a case, with speed as its objective, as the TOML scene a user would write.
 
-    Parameters
-    ----------
-    case : Case
-        The problem; its objective is speed.
-    search : sequence of str, optional
-        Lines of the table ``search``.
-
-    Returns
-    -------
-    str
-        TOML.
-
-    Examples
-    --------
-    >>> print(scene_text(G1).splitlines()[4])
-    links = 2
+    `search`: lines of the table of that name.
     """
     lines = ["schema = 1", 'kind = "gait-design"', "", "[worm]"]
     lines += [f"{key} = {value}" for key, value in case["worm"].items()]

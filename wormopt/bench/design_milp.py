@@ -21,8 +21,6 @@ from scipy import sparse
 from wormopt.bench.design_cases import Arrays, Case
 from wormopt.bench.design_motion import Course, Motion
 
-__all__ = ["Grid", "by_milp", "solve_grid"]
-
 _STEPS = (12, 24, 48, 96)
 _ACCEPTED = 1e-6  # excess over limits that solvers leave
 _OPTIONS = {
@@ -37,36 +35,17 @@ Tell = Callable[[Motion], None]
 
 @dataclass(frozen=True)
 class Grid:
-    """Equal steps of a cycle.
-
-    Parameters
-    ----------
-    steps : int
-        How many.
-    period : float
-        Of the cycle.
-    """
+    """Equal steps of a cycle."""
 
     steps: int
-    period: float
+    period: float  # of the cycle
 
 
 def by_milp(case: Case, seconds: float, tell: Tell | None = None) -> Course:
     """Design a gait on finer and finer grids until the time is over.
 
-    Parameters
-    ----------
-    case : Case
-        The problem.
-    seconds : float
-        When to stop.
-    tell : callable, optional
-        Given every better motion.
-
-    Returns
-    -------
-    list of (float, float)
-        Motions that exceed a limit by more than 1e-6 of its size do not count.
+    `tell` is given every better motion. Returns (seconds, best speed) pairs; motions that
+    exceed a limit by more than 1e-6 of its size do not count.
     """
     begin, limits = time.perf_counter(), Arrays.of(case)
     course: Course = []
@@ -109,25 +88,9 @@ def _periods(limits: Arrays) -> list[float]:
 def solve_grid(
     limits: Arrays, grid: Grid, seconds: float, known: Tell, start: Motion | None = None
 ) -> Motion | None:
-    """Solve the program of one grid.
+    """Solve the program of one grid; return the best motion.
 
-    Parameters
-    ----------
-    limits : Arrays
-        The problem.
-    grid : Grid
-        Its steps.
-    seconds : float
-        When to stop.
-    known : callable
-        Given every better motion as it is found.
-    start : Motion, optional
-        A motion on half as many steps.
-
-    Returns
-    -------
-    Motion or None
-        The best one.
+    `known` is given every better motion as it is found; `start` has half as many steps.
     """
     solver: Any = highspy.Highs()  # its stubs lack half of its methods
     solver.silent()

@@ -11,8 +11,6 @@ import numpy as np
 
 from wormopt.bench.design_cases import Arrays
 
-__all__ = ["Course", "Motion"]
-
 Course = list[tuple[float, float]]
 """Seconds since the start, and the best speed known by then."""
 
@@ -21,21 +19,11 @@ _REST = 1e-9  # velocities below are none, as parts of the largest
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """One cycle; velocities are linear within arcs, and periodic.
+    """One cycle; velocities are linear within arcs, and periodic."""
 
-    Parameters
-    ----------
-    durations : ndarray, shape (arcs,)
-        Of the arcs.
-    velocities : ndarray, shape (arcs, n + 1)
-        Of all masses where each arc begins.
-    lengths : ndarray, shape (n,)
-        Of the links where the first arc begins.
-    """
-
-    durations: np.ndarray
-    velocities: np.ndarray
-    lengths: np.ndarray
+    durations: np.ndarray  # (arcs,)
+    velocities: np.ndarray  # (arcs, n + 1) of all masses where each arc begins
+    lengths: np.ndarray  # (n,) of the links where the first arc begins
 
     @property
     def period(self) -> float:
@@ -44,13 +32,7 @@ class Motion:
 
     @property
     def speed(self) -> float:
-        """Slowest mean speed of any mass; the same for all where lengths are periodic.
-
-        Examples
-        --------
-        >>> Motion(np.ones(2), np.array([[0.0, 1.0], [1.0, 0.0]]), np.ones(1)).speed
-        0.5
-        """
+        """Slowest mean speed of any mass; the same for all where lengths are periodic."""
         return float((self.durations @ self._means).min() / self.period)
 
     @property
@@ -61,16 +43,7 @@ class Motion:
         """Excess over every limit relative to its size, not positive where it holds.
 
         Extremes are those of the linear and quadratic functions on all arcs, not of samples.
-        Arcs that are hardly there are judged by how much velocities change, not by a quotient.
-
-        Parameters
-        ----------
-        limits : Arrays
-            What the motion must keep to.
-
-        Returns
-        -------
-        dict of str to float
+        Vanishing arcs are judged by the change of velocities, not by a quotient.
         """
         h, start = self.durations[:, None], self.velocities
         end = np.roll(start, -1, axis=0)
@@ -90,17 +63,7 @@ class Motion:
         }
 
     def worst(self, limits: Arrays) -> float:
-        """Largest excess over any limit.
-
-        Parameters
-        ----------
-        limits : Arrays
-            What the motion must keep to.
-
-        Returns
-        -------
-        float
-        """
+        """Largest excess over any limit, relative to its size."""
         return max(self.excess(limits).values())
 
     def _off_period(self, limits: Arrays) -> float:

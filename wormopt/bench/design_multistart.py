@@ -17,8 +17,6 @@ import numpy as np
 from wormopt.bench.design_cases import Arrays, Case
 from wormopt.bench.design_motion import Course, Motion
 
-__all__ = ["Found", "Start", "best_by_multistart", "by_multistart"]
-
 _ACCEPTED = 1e-7  # excess over limits that the solver leaves
 _SHORTEST = 1e-7  # duration of an arc, as a part of the longest cycle
 _CYCLES = 6
@@ -44,37 +42,19 @@ Word = tuple[tuple[int, ...], ...]
 
 @dataclass(frozen=True)
 class Start:
-    """Where a solve begins, but for random numbers.
+    """Where a solve begins, but for random numbers."""
 
-    Parameters
-    ----------
-    word : tuple of tuple of int
-        Masses that rest, phase after phase.
-    cycles : int
-        How often it is repeated in a period.
-    """
-
-    word: Word
-    cycles: int
+    word: Word  # masses that rest, phase after phase
+    cycles: int  # repetitions of the word in a period
 
 
 @dataclass(frozen=True)
 class Found:
-    """The best gait of many starts.
+    """The best gait of many starts."""
 
-    Parameters
-    ----------
-    speed : float
-        Its mean speed.
-    start : Start
-        Order of resting masses, and cycles a period.
-    motion : Motion
-        One cycle.
-    """
-
-    speed: float
-    start: Start
-    motion: Motion
+    speed: float  # mean over the cycle
+    start: Start  # order of resting masses, and cycles a period
+    motion: Motion  # one cycle
 
     @property
     def phases(self) -> list[float]:
@@ -90,30 +70,10 @@ def by_multistart(
     tell: Callable[[Found], None] | None = None,
     arcs: int = 6,
 ) -> Course:
-    """Design a gait from random starts until the time is over.
+    """Design a gait from random starts until the time is over; the last solve is finished.
 
-    A third of the starts takes a random order and number of cycles, the others those of one of
-    the best, changed by chance.
-
-    Parameters
-    ----------
-    case : Case
-        The problem.
-    seconds : float
-        When to stop; the last solve is finished.
-    seed : int, optional
-        Of the starts.
-    phases : sequence of int, optional
-        Numbers of phases a cycle.
-    tell : callable, optional
-        Given every better gait.
-    arcs : int, optional
-        Of every phase.
-
-    Returns
-    -------
-    list of (float, float)
-        Gaits that exceed a limit by more than 1e-7 of its size do not count.
+    A third of the starts are random in order and cycles, the others vary one of the best.
+    Gaits that exceed a limit by more than 1e-7 of its size do not count.
     """
     begin, limits, rng = time.perf_counter(), Arrays.of(case), np.random.default_rng(seed)
     programs: dict[int, _Program] = {}
@@ -144,25 +104,9 @@ def best_by_multistart(
     phases: Sequence[int] = (2, 3, 4, 5, 6),
     arcs: int = 10,
 ) -> Found | None:
-    """Look for the best gait, as a referee of other designers.
+    """Look for the best gait, as a referee of other designers; None if no start led to one.
 
-    Parameters
-    ----------
-    case : Case
-        The problem.
-    seconds : float
-        How long to look.
-    seed : int, optional
-        Of the starts.
-    phases : sequence of int, optional
-        Numbers of phases a cycle.
-    arcs : int, optional
-        Of every phase.
-
-    Returns
-    -------
-    Found or None
-        None where no start led to a gait.
+    `phases`: numbers of phases a cycle; `arcs`: of every phase.
     """
     found: list[Found] = []
     by_multistart(case, seconds, seed, phases, found.append, arcs)

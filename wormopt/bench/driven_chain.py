@@ -14,30 +14,15 @@ from wormopt.model.friction import Coulomb, Law, Spike
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 
-__all__ = ["DrivenChain", "Grip"]
-
 
 @dataclass(frozen=True)
 class Grip:
-    """Dry friction of one mass in numbers; a spike where backward forces are infinite.
+    """Dry friction of one mass in numbers; a spike where backward forces are infinite."""
 
-    Parameters
-    ----------
-    forward, backward : float
-        Sliding forces F+ and F-.
-    stick_forward, stick_backward : float, optional
-        Largest forces at rest; by default the sliding forces.
-
-    Examples
-    --------
-    >>> Grip.spike().hold
-    (-0.0, inf)
-    """
-
-    forward: float
-    backward: float
-    stick_forward: float | None = None
-    stick_backward: float | None = None
+    forward: float  # sliding force F+
+    backward: float  # sliding force F-
+    stick_forward: float | None = None  # largest force at rest; None: sliding force
+    stick_backward: float | None = None  # largest force at rest; None: sliding force
 
     @classmethod
     def spike(cls) -> Grip:
@@ -60,42 +45,16 @@ class Grip:
 
 @dataclass(frozen=True, eq=False)
 class DrivenChain:
-    """n+1 masses, n links whose rest lengths a gait commands, u_j = c_j (y_ref,j - l0_j), (11).
+    """n+1 masses, n links whose rest lengths a gait commands, u_j = c_j (y_ref,j - l0_j), (11)."""
 
-    Parameters
-    ----------
-    mass : ndarray, shape (n+1,)
-        Masses.
-    stiffness, damping : ndarray, shape (n,)
-        Links.
-    gait : Gait
-        Commanded lengths; jumps are allowed.
-    grips : sequence of Grip
-        Friction of each mass.
-    drag : float, optional
-        Viscous drag on every mass.
-    position : ndarray, shape (n+1,), optional
-        Start; by default every link has the commanded length and the tail is at 0.
-    velocity : ndarray, shape (n+1,), optional
-        Velocities at the start.
-
-    Examples
-    --------
-    >>> still = Gait(np.array([0.0, 1.0]), np.array([[[2.0]]]))
-    >>> one = np.ones(1)
-    >>> chain = DrivenChain(np.ones(2), one, one, still, [Grip(1.0, 2.0)] * 2)
-    >>> chain.start
-    array([2., 0., 0., 0.])
-    """
-
-    mass: np.ndarray
-    stiffness: np.ndarray
-    damping: np.ndarray
-    gait: Gait
-    grips: Sequence[Grip]
-    drag: float = 0.0
-    position: np.ndarray | None = None
-    velocity: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    mass: np.ndarray  # (n+1,)
+    stiffness: np.ndarray  # (n,)
+    damping: np.ndarray  # (n,)
+    gait: Gait  # commanded lengths; jumps are allowed
+    grips: Sequence[Grip]  # friction of each mass
+    drag: float = 0.0  # viscous, on every mass
+    position: np.ndarray | None = None  # (n+1,) start; None: commanded lengths, tail at 0
+    velocity: np.ndarray = field(default_factory=lambda: np.zeros(1))  # (n+1,) at the start
 
     @property
     def links(self) -> int:
@@ -134,20 +93,9 @@ class DrivenChain:
         return close(worm, reference, error, force, name="command", parameters=believed)
 
     def rates(self, t: float, y: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """Time derivatives of positions and velocities, in plain NumPy.
+        """Time derivatives of `y` = positions and velocities (2 n + 2,), in plain NumPy.
 
-        Parameters
-        ----------
-        t : float
-            Time.
-        y : ndarray, shape (2 n + 2,)
-            Positions and velocities.
-        force : ndarray, shape (n+1,)
-            Friction on each mass.
-
-        Returns
-        -------
-        ndarray, shape (2 n + 2,)
+        `force` (n+1,): friction on each mass.
         """
         masses = self.links + 1
         x, v = y[:masses], y[masses:]
@@ -160,17 +108,7 @@ class DrivenChain:
         return np.concatenate([v, net / self.mass])
 
     def commanded(self, t: float) -> np.ndarray:
-        """Lengths that the gait commands.
-
-        Parameters
-        ----------
-        t : float
-            Time.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-        """
+        """Lengths (n,) that the gait commands at time t."""
         gait = self.gait
         since = t % gait.period
         piece = min(int(np.searchsorted(gait.breaks, since, side="right")) - 1, gait.pieces - 1)
@@ -184,19 +122,10 @@ class DrivenChain:
         return value + gait.cosine[piece] * np.cos(angle) + gait.sine[piece] * np.sin(angle)
 
     def generator(self, piece: int) -> np.ndarray:
-        """Matrix G of z' = G z while all masses slide without friction.
+        """Matrix G of z' = G z on a piece of the gait, all masses sliding without friction.
 
-        z holds positions, velocities, the powers 1, s, s^2, ... of the time since the piece began,
-        cos(omega s) and sin(omega s).
-
-        Parameters
-        ----------
-        piece : int
-            Piece of the gait.
-
-        Returns
-        -------
-        ndarray, shape (2 n + 4 + powers, 2 n + 4 + powers)
+        z holds positions, velocities, the powers 1, s, s^2, ... of the time since the piece
+        began, cos(omega s) and sin(omega s): 2 n + 4 + powers entries.
         """
         masses, gait = self.links + 1, self.gait
         powers = gait.polynomial.shape[2]

@@ -17,52 +17,24 @@ from scipy.integrate import solve_ivp
 from wormopt.bench.driven_chain import DrivenChain, Grip
 from wormopt.bench.linear_flow import Happening, Motion
 
-__all__ = ["Plant", "event_loop", "plant_of_chain"]
-
 _SLACK = 1e-12
 Rates = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """Masses on dry ground.
+    """Masses on dry ground."""
 
-    Parameters
-    ----------
-    rates : callable
-        (t, y, friction forces) -> y'. The force on one mass accelerates no other.
-    start : ndarray, shape (n_y,)
-        State at time 0.
-    velocity : ndarray of int, shape (masses,)
-        Which states are the masses' velocities.
-    mass : ndarray, shape (masses,)
-        Masses.
-    grips : sequence of Grip
-        Their friction.
-    breaks : callable
-        (span) -> times within at which the rates are not smooth.
-    """
-
-    rates: Rates
-    start: np.ndarray
-    velocity: np.ndarray
-    mass: np.ndarray
-    grips: Sequence[Grip]
-    breaks: Callable[[float], np.ndarray]
+    rates: Rates  # (t, y, friction forces) -> y'; a mass's force accelerates no other mass
+    start: np.ndarray  # (n_y,) state at time 0
+    velocity: np.ndarray  # (masses,) indices of their velocities in the state
+    mass: np.ndarray  # (masses,)
+    grips: Sequence[Grip]  # friction of each mass
+    breaks: Callable[[float], np.ndarray]  # (span) -> times within at which rates are not smooth
 
 
 def plant_of_chain(chain: DrivenChain) -> Plant:
-    """Take a driven chain for a plant.
-
-    Parameters
-    ----------
-    chain : DrivenChain
-        What moves.
-
-    Returns
-    -------
-    Plant
-    """
+    """Take a driven chain for a plant."""
     masses = chain.links + 1
 
     def breaks(span: float) -> np.ndarray:
@@ -157,36 +129,10 @@ def event_loop(
     max_step: float = np.inf,
     max_events: int = 100_000,
 ) -> Motion:
-    """Follow a plant from 0 to ``span``.
+    """Follow a plant from 0 to `span` with solve_ivp; `times` (m,) are sampled, ascending.
 
-    Parameters
-    ----------
-    plant : Plant
-        What moves.
-    span : float
-        Last time.
-    times : ndarray, shape (m,), optional
-        Sample times, ascending.
-    start : ndarray, shape (n_y,), optional
-        State at 0 instead of the plant's own.
-    method : str, optional
-        Of solve_ivp.
-    relative, absolute : float, optional
-        Its tolerances.
-    max_step : float, optional
-        Largest step. solve_ivp sees an event only if its function has another sign at the end of
-        a step: a velocity that dips below zero and comes back within a step goes unseen.
-    max_events : int, optional
-        Events after which it is given up.
-
-    Returns
-    -------
-    Motion
-
-    Raises
-    ------
-    RuntimeError
-        If solve_ivp fails or there are too many events.
+    Bound `max_step`: a velocity that dips below zero and comes back in a step goes unseen.
+    Raises RuntimeError if solve_ivp fails or there are more than `max_events` events.
     """
     loop = _Loop(plant)
     times = np.zeros(0) if times is None else times

@@ -16,8 +16,6 @@ from scipy.linalg import matrix_balance
 
 from wormopt.bench.driven_chain import DrivenChain
 
-__all__ = ["Happening", "Motion", "linear_flow"]
-
 _ORDER = 24
 _GRID = np.linspace(0.0, 1.0, 9)
 _POWERS = _GRID[:, None] ** np.arange(_ORDER + 1)
@@ -26,43 +24,21 @@ _WIDEST = 40  # size of z up to which powers of G are kept
 
 @dataclass(frozen=True)
 class Happening:
-    """A velocity that becomes zero, or a mass that is let go.
-
-    Parameters
-    ----------
-    time : float
-        When.
-    mass : int
-        Which.
-    kind : {"reversal", "stick", "release"}
-        What.
-    """
+    """A velocity that becomes zero, or a mass that is let go."""
 
     time: float
-    mass: int
-    kind: str
+    mass: int  # its index
+    kind: str  # "reversal", "stick" or "release"
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What a second route found.
+    """What a second route found."""
 
-    Parameters
-    ----------
-    states : ndarray, shape (n_x, m)
-        At the sample times.
-    end : ndarray, shape (n_x,)
-        At the end.
-    happenings : sequence of Happening, optional
-        In order of time.
-    steps : int, optional
-        Work done.
-    """
-
-    states: np.ndarray
-    end: np.ndarray
-    happenings: Sequence[Happening] = ()
-    steps: int = 0
+    states: np.ndarray  # (n_x, m) at the sample times
+    end: np.ndarray  # (n_x,) state at the end
+    happenings: Sequence[Happening] = ()  # in order of time
+    steps: int = 0  # work done
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,33 +207,10 @@ def linear_flow(
     rest: float = 1e-14,
     max_steps: int = 2_000_000,
 ) -> Motion:
-    """Follow a driven chain from 0 to ``span``.
+    """Follow a driven chain from 0 to `span`; `times` (m,) ascend, `start` is (2 n + 2,).
 
-    Parameters
-    ----------
-    chain : DrivenChain
-        What moves.
-    span : float
-        Last time.
-    times : ndarray, shape (m,)
-        Sample times, ascending.
-    start : ndarray, shape (2 n + 2,), optional
-        Positions and velocities at 0 instead of the chain's own.
-    reach : float, optional
-        Length of a step times the norm of the generator; 1 leaves nothing but rounding.
-    rest : float, optional
-        Speed below which a mass counts as at rest at an event of another one.
-    max_steps : int, optional
-        Steps after which it is given up.
-
-    Returns
-    -------
-    Motion
-
-    Raises
-    ------
-    RuntimeError
-        If it is given up, or events follow each other without time passing.
+    `reach`: step times norm of the generator; 1 leaves only rounding. `rest`: speed at rest.
+    Raises RuntimeError after `max_steps`, or if events follow without time passing.
     """
     flow = _Flow(chain, chain.start if start is None else start, rest)
     n, gait = flow.n, chain.gait

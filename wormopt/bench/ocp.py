@@ -10,42 +10,23 @@ from statistics import median
 from wormopt.bench.ocp_peers import EXACT, PEERS, Grid, Solve, even, graded
 from wormopt.progress import Report
 
-__all__ = ["MOST", "THAN", "Timed", "grids", "measure_ocp", "solve_ratio"]
-
 THAN, MOST = "CasADi SX by hand", 2.0
 """Whose time to solve wormopt has to keep up with, and the largest ratio."""
 
 
 @dataclass
 class Timed:
-    """How one toolkit did on one grid.
-
-    Parameters
-    ----------
-    solver, grid : str
-        Which.
-    build : float
-        Seconds to build the program and its derivatives.
-    solves : list of float
-        Seconds of each solve after the first.
-    error : float
-        Difference from the exact shortest time.
-    iterations : int
-        Of the nonlinear solver, 0 where it does not tell.
-    functions_s : dict of str to float
-        Seconds of the last solve in the program's functions.
-    missing : str
-        Why there are no times.
-    """
+    """How one toolkit did on one grid."""
 
     solver: str
     grid: str
-    build: float = float("nan")
-    solves: list[float] = field(default_factory=list)
-    error: float = float("nan")
-    iterations: int = 0
+    build: float = float("nan")  # s, of the program and its derivatives
+    solves: list[float] = field(default_factory=list)  # s, of each solve after the first
+    error: float = float("nan")  # difference from the exact shortest time
+    iterations: int = 0  # of the nonlinear solver; 0: not told
+    # s, of the last solve in the program's functions
     functions_s: dict[str, float] = field(default_factory=dict)
-    missing: str = ""
+    missing: str = ""  # why there are no times
 
     @property
     def solve(self) -> float:
@@ -54,17 +35,7 @@ class Timed:
 
 
 def grids(*, quick: bool) -> list[Grid]:
-    """Equal arcs, and graded ones for an error below 1e-7.
-
-    Parameters
-    ----------
-    quick : bool
-        Coarser ones.
-
-    Returns
-    -------
-    list of Grid
-    """
+    """Equal arcs, and graded ones for an error below 1e-7; coarser ones if `quick`."""
     return [even(20), graded(1e-7)] if quick else [even(40), graded(1e-9)]
 
 
@@ -73,21 +44,7 @@ def measure_ocp(
 ) -> Iterator[list[Timed]]:
     """Build every program, then solve them in turn, so that a busy machine is fair to all.
 
-    Parameters
-    ----------
-    chosen : sequence of Grid
-        What to solve.
-    rounds : int
-        Solves of each.
-    report : callable
-        Told how far it is.
-    names : sequence of str, optional
-        Which solvers.
-
-    Yields
-    ------
-    list of Timed
-        All so far.
+    Yields all results so far; `rounds`: solves of each; `names`: solvers.
     """
     known: list[Timed] = []
     for k, grid in enumerate(chosen):
@@ -131,25 +88,6 @@ def _solve_once(timed: Timed, solve: Solve) -> None:
 
 
 def solve_ratio(known: Sequence[Timed], grid: str) -> float:
-    """Time of a solve by wormopt over that by hand.
-
-    Parameters
-    ----------
-    known : sequence of Timed
-        What was measured.
-    grid : str
-        On which grid.
-
-    Returns
-    -------
-    float
-        NaN where either is unknown.
-
-    Examples
-    --------
-    >>> ours, theirs = Timed("wormopt", "a", solves=[0.3]), Timed(THAN, "a", solves=[0.2])
-    >>> round(solve_ratio([ours, theirs], "a"), 9)
-    1.5
-    """
+    """Time of a solve by wormopt over that by hand; NaN where either is unknown."""
     times = {timed.solver: timed.solve for timed in known if timed.grid == grid}
     return times.get("wormopt", float("nan")) / times.get(THAN, float("nan"))

@@ -26,8 +26,6 @@ from wormopt.ocp.problem import Bound, Ends, Problem
 from wormopt.ocp.transcription import Transcription
 from wormopt.systems.block.block import block
 
-__all__ = ["EXACT", "PEERS", "Answer", "Grid", "Solve", "even", "graded"]
-
 EXACT = 1.2221708186
 """Shortest time by the law -(1.5 tanh(40 v) - 0.5)."""
 
@@ -38,24 +36,12 @@ _FIRST, _SPEED = 1.5, 0.6
 
 @dataclass(frozen=True)
 class Grid:
-    """What all discretise alike.
-
-    Parameters
-    ----------
-    name : str
-        What it is called.
-    shares : tuple of tuple of float
-        Per phase, whose duration is free, the part of each arc.
-    held : tuple of int
-        Per phase +1 or -1 where the drive is held at that limit, 0 where it is free.
-    degree : int
-        Of the state polynomials.
-    """
+    """The discretisation that all toolkits share."""
 
     name: str
-    shares: tuple[tuple[float, ...], ...]
-    held: tuple[int, ...]
-    degree: int = 3
+    shares: tuple[tuple[float, ...], ...]  # per phase of free duration, the part of each arc
+    held: tuple[int, ...]  # per phase: +1 or -1 drive held at that limit, 0 free
+    degree: int = 3  # of the state polynomials
 
     @property
     def mesh(self) -> Mesh:
@@ -71,31 +57,14 @@ class Grid:
 
 
 def even(arcs: int) -> Grid:
-    """Equal arcs in one phase: the switch of the drive falls somewhere within an arc.
-
-    Parameters
-    ----------
-    arcs : int
-        How many.
-
-    Returns
-    -------
-    Grid
-    """
+    """Equal arcs in one phase: the switch of the drive falls somewhere within an arc."""
     return Grid(f"{arcs} equal arcs", ((1 / arcs,) * arcs,), (0,))
 
 
 def graded(tolerance: float) -> Grid:
     """Two phases, one to either side of the switch, refined until no arc errs by more.
 
-    Parameters
-    ----------
-    tolerance : float
-        Local error of an arc.
-
-    Returns
-    -------
-    Grid
+    `tolerance`: local error of an arc.
     """
     law = Smoothed(_V_REG, _V_REG, active=((1,), (-1,)))
     mesh = Mesh.even(2, 10, Collocation(3, "radau"))
@@ -107,21 +76,11 @@ def graded(tolerance: float) -> Grid:
 
 @dataclass(frozen=True)
 class Answer:
-    """One solve.
+    """One solve."""
 
-    Parameters
-    ----------
-    time : float
-        Shortest time that was found.
-    iterations : int
-        Of the solver.
-    functions_s : dict of str to float
-        Seconds in the program's functions.
-    """
-
-    time: float
-    iterations: int
-    functions_s: dict[str, float] = field(default_factory=dict)
+    time: float  # shortest time found
+    iterations: int  # of the solver
+    functions_s: dict[str, float] = field(default_factory=dict)  # s, in the program's functions
 
 
 Solve = Callable[[], Answer]
@@ -154,17 +113,7 @@ def _answer(stats: dict[str, Any], time: float) -> Answer:
 
 
 def wormopt(grid: Grid) -> Solve:
-    """Build the program by the general transcription of a Problem.
-
-    Parameters
-    ----------
-    grid : Grid
-        What to solve.
-
-    Returns
-    -------
-    callable
-    """
+    """Build the program by the general transcription of a Problem."""
     program = Transcription(_problem(), grid.mesh, Smoothed(_V_REG, _V_REG))
     bounds = program.bounds(_V_REG, active=[(held,) for held in grid.held])
     start = sample(program, _guess(), bounds)
@@ -184,17 +133,7 @@ def _acceleration(v: Any, u: Any) -> Any:
 
 
 def by_hand(grid: Grid) -> Solve:
-    """Build it by a script in CasADi's scalar expressions, made for this problem alone.
-
-    Parameters
-    ----------
-    grid : Grid
-        What to solve.
-
-    Returns
-    -------
-    callable
-    """
+    """Build it by a script in CasADi's scalar expressions, made for this problem alone."""
     d, phases = grid.degree, len(grid.shares)
     tau = ca.collocation_points(d, "radau")
     slopes = np.array(ca.collocation_coeff(tau)[0])
@@ -231,17 +170,7 @@ def by_hand(grid: Grid) -> Solve:
 
 
 def opti(grid: Grid) -> Solve:
-    """Build it with CasADi's Opti.
-
-    Parameters
-    ----------
-    grid : Grid
-        What to solve.
-
-    Returns
-    -------
-    callable
-    """
+    """Build it with CasADi's Opti."""
     d, phases = grid.degree, len(grid.shares)
     tau = np.array(ca.collocation_points(d, "radau"))
     slopes = ca.collocation_coeff(tau.tolist())[0]
@@ -288,17 +217,7 @@ def _inner(stats: dict[str, Any]) -> dict[str, Any]:
 
 
 def rockit(grid: Grid) -> Solve:
-    """Build it with rockit.
-
-    Parameters
-    ----------
-    grid : Grid
-        What to solve: of equal arcs.
-
-    Returns
-    -------
-    callable
-    """
+    """Build it with rockit, on equal arcs only."""
     peer: Any = import_module("rockit")
     if len(grid.held) > 1:
         raise NotImplementedError("equal arcs only")
@@ -327,17 +246,7 @@ def rockit(grid: Grid) -> Solve:
 
 
 def yapss(grid: Grid) -> Solve:
-    """Build it with yapss; its derivatives are found anew in every solve.
-
-    Parameters
-    ----------
-    grid : Grid
-        What to solve: of equal arcs.
-
-    Returns
-    -------
-    callable
-    """
+    """Build it with yapss, on equal arcs only; derivatives are found anew in every solve."""
     peer: Any = import_module("yapss")
     if len(grid.held) > 1:
         raise NotImplementedError("equal arcs only")

@@ -23,8 +23,6 @@ from wormopt.simulation.native.build import library
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 
-__all__ = ["SOLVERS", "Run", "hand_written"]
-
 Run = Callable[[float], np.ndarray]
 
 
@@ -42,26 +40,10 @@ def _wormopt(case: Case) -> Run:
 
 
 def hand_written(span: float, relative: float) -> tuple[np.ndarray, int, int]:
-    """Benchmark TRACK14 by `track14.c`.
+    """Benchmark TRACK14 by `track14.c`; returns the end state (9,), steps and evaluations.
 
-    Parameters
-    ----------
-    span : float
-        Last time.
-    relative : float
-        Relative tolerance; the absolute one is a tenth of it.
-
-    Returns
-    -------
-    state : ndarray, shape (9,)
-        Positions, velocities, gain and the filter's state at the end.
-    steps, evaluations : int
-        Work done.
-
-    Raises
-    ------
-    RuntimeError
-        If its step became too small.
+    State: positions, velocities, gain, filter. The absolute tolerance is `relative` / 10.
+    Raises RuntimeError if its step became too small.
     """
     state, counts = np.zeros(9), np.zeros(2, dtype=np.int64)
     steps = _track14().track14(

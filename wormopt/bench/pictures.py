@@ -17,24 +17,12 @@ from wormopt.bench.ocp import Timed
 from wormopt.bench.smoothing import Smoothing, order
 from wormopt.bench.work_precision import Record
 
-__all__ = ["draw_gaps", "draw_lengths", "draw_records", "draw_smoothing", "draw_times"]
-
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#332288", "#882255")
 _MARKS = "os^Dv<>pP*Xh"
 
 
 def draw_records(case: Case, records: Sequence[Record], path: Path) -> None:
-    """Draw error against time of every solver.
-
-    Parameters
-    ----------
-    case : Case
-        What was solved.
-    records : sequence of Record
-        What they did.
-    path : Path
-        PNG file to write.
-    """
+    """Draw error against time of every solver to a PNG file."""
     figure, axes = _axes("time of a warm run (s)", "error in positions and velocities")
     axes.axhline(GOAL, color="#999999", linewidth=0.8, linestyle="--")
     for k, record in enumerate(records):
@@ -60,15 +48,7 @@ def draw_records(case: Case, records: Sequence[Record], path: Path) -> None:
 
 
 def draw_lengths(found: Sequence[Length], path: Path) -> None:
-    """Draw the cost of a step against the number of links.
-
-    Parameters
-    ----------
-    found : sequence of Length
-        What chains cost.
-    path : Path
-        PNG file to write.
-    """
+    """Draw the cost of a step against the number of links to a PNG file."""
     figure, axes = _axes("links n", "time of a step (s)")
     for k, contact in enumerate(("smooth", "exact")):
         kept = [c for c in found if c.contact == contact and c.step > 0]
@@ -94,15 +74,7 @@ def draw_lengths(found: Sequence[Length], path: Path) -> None:
 
 
 def draw_smoothing(found: Sequence[Smoothing], path: Path) -> None:
-    """Draw how far the smooth motion is from the exact one, and its steps.
-
-    Parameters
-    ----------
-    found : sequence of Smoothing
-        What was measured.
-    path : Path
-        PNG file to write.
-    """
+    """Draw how far the smooth motion is from the exact one, and its steps, to a PNG file."""
     width = "width of the smooth law v_reg"
     figure, left = _axes(width, "largest difference of positions", place=121)
     _, right = _axes(width, "steps", figure=figure, place=122)
@@ -119,15 +91,7 @@ def draw_smoothing(found: Sequence[Smoothing], path: Path) -> None:
 
 
 def draw_times(known: Sequence[Timed], path: Path) -> None:
-    """Draw the times to build and to solve as bars.
-
-    Parameters
-    ----------
-    known : sequence of Timed
-        What was measured.
-    path : Path
-        PNG file to write.
-    """
+    """Draw the times to build and to solve as bars to a PNG file."""
     solved = [t for t in known if t.solves]
     labels = [f"{t.solver}\n{t.grid}" for t in solved]
     figure = Figure(figsize=(8, 1.2 + 0.5 * len(solved)), layout="constrained")
@@ -147,14 +111,9 @@ def draw_times(known: Sequence[Timed], path: Path) -> None:
 
 
 def draw_gaps(known: Sequence[Attempt], path: Path) -> None:
-    """Draw how far from the bound the best gait is after which time: all problems, and the median.
+    """Draw the best gait's distance from the bound over time, to a PNG file.
 
-    Parameters
-    ----------
-    known : sequence of Attempt
-        What was measured.
-    path : Path
-        PNG file to write.
+    It shows all problems, and the median.
     """
     figure, axes = _axes("time (s)", "distance of the speed from its bound")
     most = bounds(known)

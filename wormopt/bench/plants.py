@@ -12,8 +12,6 @@ from wormopt.bench.driven_chain import Grip
 from wormopt.bench.event_loop import Plant
 from wormopt.control.lambda_tracker import Feedback
 
-__all__ = ["mag2_plant", "track_loops", "track_rates", "track_start", "track_traced"]
-
 # Gait (15) with T = 1, l0 = 2, e = 0.15: on each third MIDDLE + WAVE cos(3 pi s).
 _MIDDLE = 2.0 + 0.3 * np.array([[1, -1], [1, -2], [0, -1]])
 _WAVE = 0.3 * np.array([[-1, 1], [1, 0], [0, -1]])
@@ -21,35 +19,16 @@ _OMEGA = 3 * math.pi
 
 
 def track_start(feedback: Feedback) -> np.ndarray:
-    """Start of benchmarks TRACK13 and TRACK14.
+    """Start of benchmarks TRACK13 (7,) and TRACK14 (9,), with tracker (13) or (14).
 
-    Parameters
-    ----------
-    feedback : {"derivative", "filter"}
-        Tracker (13) or (14).
-
-    Returns
-    -------
-    ndarray, shape (7,) or (9,)
-        Positions, velocities, gain and, for (14), the filter's state.
+    Positions, velocities, gain and, for (14), the filter's state.
     """
     start = [0.0, 2.0, 4.0, 0.0, 0.0, 0.0, 1.0]
     return np.array([*start, 1.0, 1.0] if feedback == "filter" else start)
 
 
 def track_rates(feedback: Feedback) -> Callable[[float, np.ndarray], np.ndarray]:
-    """Benchmarks TRACK13 and TRACK14 in NumPy.
-
-    Parameters
-    ----------
-    feedback : {"derivative", "filter"}
-        Tracker (13) or (14).
-
-    Returns
-    -------
-    callable
-        (t, y) -> y'.
-    """
+    """Benchmarks TRACK13 and TRACK14, trackers (13) and (14), in NumPy: (t, y) -> y'."""
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         v, k = y[3:6], y[6]
@@ -75,18 +54,7 @@ def track_rates(feedback: Feedback) -> Callable[[float, np.ndarray], np.ndarray]
 
 
 def track_loops(feedback: Feedback) -> Callable[[float, np.ndarray], np.ndarray]:
-    """Benchmarks TRACK13 and TRACK14 number by number, as numba wants it.
-
-    Parameters
-    ----------
-    feedback : {"derivative", "filter"}
-        Tracker (13) or (14).
-
-    Returns
-    -------
-    callable
-        (t, y) -> y'.
-    """
+    """Benchmarks TRACK13 and TRACK14 number by number, as numba wants it: (t, y) -> y'."""
     filtered = feedback == "filter"
     middle, wave, omega = _MIDDLE, _WAVE, _OMEGA
 
@@ -124,25 +92,10 @@ def track_loops(feedback: Feedback) -> Callable[[float, np.ndarray], np.ndarray]
 def track_traced(
     feedback: Feedback, y: list[Any], s: Any, middle: Any, wave: Any, np: Any
 ) -> list[Any]:
-    """Benchmarks TRACK13 and TRACK14 on one third of the period, for packages that trace code.
+    """Rates of TRACK13 and TRACK14 on one third of the period, for packages that trace code.
 
-    Parameters
-    ----------
-    feedback : {"derivative", "filter"}
-        Tracker (13) or (14).
-    y : list
-        The states.
-    s : object
-        Time since the third began.
-    middle, wave : sequence of two
-        The third's reference is middle + wave cos(3 pi s).
-    np : module
-        Whose ``cos``, ``sin``, ``tanh``, ``sqrt`` and ``maximum`` are called.
-
-    Returns
-    -------
-    list
-        Time derivatives of the states.
+    `s`: time since the third began; its reference is middle + wave cos(3 pi s).
+    `np` is the module whose cos, sin, tanh, sqrt and maximum are called.
     """
     k, c = y[6], np.cos(_OMEGA * s)
     e = [y[j] - y[j + 1] - (middle[j] + wave[j] * c) for j in range(2)]
@@ -165,12 +118,7 @@ def track_traced(
 
 
 def mag2_plant() -> Plant:
-    """Benchmark MAG2 in NumPy.
-
-    Returns
-    -------
-    Plant
-    """
+    """Benchmark MAG2 in NumPy."""
     eps = 0.036
     nu = math.sqrt(2.0) + 0.5 * eps
 
@@ -183,17 +131,9 @@ def mag2_plant() -> Plant:
 
 
 def thirds(span: float) -> list[tuple[float, float, np.ndarray, np.ndarray]]:
-    """Pieces of the reference of TRACK13 and TRACK14.
+    """Pieces of the reference of TRACK13 and TRACK14: first and last time, middle and wave.
 
-    Parameters
-    ----------
-    span : float
-        Last time, a multiple of a third.
-
-    Returns
-    -------
-    list of (float, float, ndarray, ndarray)
-        First and last time, middle and wave of each piece.
+    `span`: last time, a multiple of a third.
     """
     count = round(3 * span)
     return [(q / 3, (q + 1) / 3, _MIDDLE[q % 3], _WAVE[q % 3]) for q in range(count)]

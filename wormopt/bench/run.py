@@ -23,7 +23,6 @@ from wormopt.simulation.simulate import simulate
 if TYPE_CHECKING:
     from wormopt.bench.ocp import Timed
 
-__all__ = ["bench", "machine", "table"]
 
 _QUICK = Effort(rounds=3, longest=0.5, slow=0.1, per_decade=1)
 _LONGEST_EXACT = 200  # links; beyond, an exact run takes minutes
@@ -36,12 +35,7 @@ Found = dict[str, Any]
 
 
 def machine() -> dict[str, str]:
-    """What the times depend on: processor, system, versions.
-
-    Returns
-    -------
-    dict of str to str
-    """
+    """What the times depend on: processor, system, versions."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
         model = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
@@ -57,24 +51,10 @@ def machine() -> dict[str, str]:
 
 
 def bench(name: str, *, quick: bool, folder: Path, report: Report) -> Iterator[Found]:
-    """Measure a case and write its picture.
+    """Measure a case of `wormopt.bench.CASES` and write its picture to `folder`.
 
-    Parameters
-    ----------
-    name : str
-        One of `wormopt.bench.CASES`.
-    quick : bool
-        Measure less: fewer tolerances and rounds, no solver that needs longer than half a second.
-    folder : Path
-        Where the picture goes.
-    report : callable
-        Told how far it is.
-
-    Yields
-    ------
-    dict
-        What is known so far, ready for JSON, time and again; ``done`` is true once nothing is
-        missing.
+    Yields what is known so far, ready for JSON; ``done`` is true once nothing is missing.
+    `quick`: fewer tolerances and rounds, no solver that needs longer than half a second.
     """
     if name in WORK_PRECISION:
         yield from _work_precision(WORK_PRECISION[name], quick, folder, report)
@@ -256,17 +236,7 @@ def _design(quick: bool, folder: Path, report: Report) -> Iterator[Found]:
 
 
 def table(found: Mapping[str, Any]) -> str:
-    """Lay out what is known of a case for readers.
-
-    Parameters
-    ----------
-    found : mapping
-        From `bench`.
-
-    Returns
-    -------
-    str
-    """
+    """Lay out for readers what is known of a case, as yielded by `bench`."""
     if "widths" in found:
         lines = _widths_table(found)
     elif "averages" in found:

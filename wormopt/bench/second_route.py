@@ -19,8 +19,6 @@ from wormopt.bench.linear_flow import linear_flow
 from wormopt.bench.smoothed import Smoothed, called
 from wormopt.model.model import Model
 
-__all__ = ["NAMES", "second_route"]
-
 NAMES = ("closed form", "event loop", "CVODES", "LSODA")
 _TIGHT, _LOOSE = 1e-13, 1e-11
 _OFF = 1e-11  # size of the errors put in
@@ -31,33 +29,10 @@ Follow = Callable[[np.ndarray, float], np.ndarray]
 def second_route(
     cell: Cell, model: Model, times: np.ndarray, *, implicit: bool
 ) -> tuple[str, np.ndarray, np.ndarray]:
-    """Follow a cell's motion without `simulate`.
+    """Follow a cell's motion without `simulate`: name of the means, tight and loose (n_x, m).
 
-    Parameters
-    ----------
-    cell : Cell
-        What moves.
-    model : Model
-        Its model.
-    times : ndarray, shape (m,)
-        Sample times, ascending.
-    implicit : bool
-        Whether the first route was implicit, so that the second must be another.
-
-    Returns
-    -------
-    name : str
-        Which means.
-    tight : ndarray, shape (n_x, m)
-        The motion.
-    loose : ndarray, shape (n_x, m)
-        The motion from a start that is off by 1e-11 of every state's size, with steps that err by
-        1e-11 where steps err.
-
-    Raises
-    ------
-    Exception
-        Whatever makes the other means fail.
+    The loose motion starts off by 1e-11 of each state's size; steps that err do by 1e-11.
+    `implicit`: the first route was, so this must not be. Raises whatever the means raise.
     """
     name, start, follow = _means(cell, model, times, implicit)
     dice = np.random.default_rng(0)

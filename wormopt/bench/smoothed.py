@@ -16,54 +16,24 @@ import numpy as np
 
 from wormopt.model.model import Model, Schedule, Signal, pack
 
-__all__ = ["Piece", "Smoothed", "called"]
-
 Called = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A stretch of time in which no schedule has a break.
-
-    Parameters
-    ----------
-    start, end : float
-        When.
-    values : ndarray
-        Of all schedules: beginning of the piece and the scheduled numbers.
-    """
+    """A stretch of time in which no schedule has a break."""
 
     start: float
     end: float
-    values: np.ndarray
+    values: np.ndarray  # of all schedules: start of the piece, scheduled numbers
 
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """x' = rates(t, x, q), q what changes from piece to piece; other numbers as the model has them.
+    """x' = rates(t, x, q), q what changes from piece to piece; other numbers as in the model."""
 
-    Parameters
-    ----------
-    model : Model
-        Without switches or algebraic equations.
-    v_reg : float or None
-        Width of the smooth law. Without it the contact forces are left open: they are the last
-        entries of q.
-
-    Examples
-    --------
-    >>> from wormopt.model.friction import Coulomb
-    >>> from wormopt.model.model import Contact
-    >>> v, f = ca.SX.sym("v"), ca.SX.sym("f")
-    >>> ground = Contact("block", v, f, Coulomb(1.0, 1.0))
-    >>> block = Model("block", x=[Signal("velocity", v, value=2.0)], ode=f, contacts=[ground])
-    >>> smoothed = Smoothed(block, 0.1)
-    >>> smoothed.function(0, smoothed.start, []), [p.end for p in smoothed.pieces(3.0)]
-    (DM(-1), [3.0])
-    """
-
-    model: Model
-    v_reg: float | None
+    model: Model  # without switches or algebraic equations
+    v_reg: float | None  # width of the smooth law; None: contact forces are the last entries of q
 
     @cached_property
     def expressions(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
@@ -98,17 +68,7 @@ class Smoothed:
         return _values(list(self.model.x))
 
     def pieces(self, span: float) -> Iterator[Piece]:
-        """Cut the time from 0 to ``span`` at all breaks.
-
-        Parameters
-        ----------
-        span : float
-            Last time.
-
-        Yields
-        ------
-        Piece
-        """
+        """Cut the time from 0 to `span` at all breaks."""
         schedules = self.model.schedules
         cuts = {0.0, span}
         for schedule in schedules:
@@ -147,17 +107,9 @@ def _held(schedule: Schedule, t: float) -> np.ndarray:
 
 
 def called(function: ca.Function) -> Called:
-    """Call a function of (t, x, q) without CasADi's cost of a call, which is that of hundreds.
+    """Wrap a CasADi function of (t, x, q) to avoid the overhead of its calls.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        `Smoothed.function` or `Smoothed.jacobian`.
-
-    Returns
-    -------
-    callable
-        (t, x, q) -> result, flat by columns.
+    The result is flat by columns. For `Smoothed.function` or `Smoothed.jacobian`.
     """
     buffer, run = function.buffer()
     arrays = [np.zeros(function.numel_in(k)) for k in range(3)]

@@ -13,8 +13,6 @@ from wormopt.simulation.options import Exact, Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.spiked.construct import travelling_sine
 
-__all__ = ["WIDTHS", "Smoothing", "measure_smoothing", "order"]
-
 WIDTHS = tuple(np.logspace(-1, -5, 9).tolist())
 """Widths v_reg of the smooth law."""
 
@@ -23,41 +21,17 @@ _END = 15.0
 
 @dataclass(frozen=True)
 class Smoothing:
-    """One smooth motion beside the exact one.
+    """One smooth motion beside the exact one."""
 
-    Parameters
-    ----------
-    v_reg : float
-        Width of the smooth law.
-    difference : float
-        Largest difference of positions at any sample time.
-    steps, exact_steps : int
-        Steps of the smooth and of the exact motion.
-    events : int
-        Of the exact motion.
-    """
-
-    v_reg: float
-    difference: float
-    steps: int
+    v_reg: float  # width of the smooth law
+    difference: float  # largest, of positions at any sample time
+    steps: int  # of the smooth motion
     exact_steps: int
-    events: int
+    events: int  # of the exact motion
 
 
 def measure_smoothing(widths: Sequence[float], report: Report) -> Iterator[Smoothing]:
-    """Simulate a chain that sticks and slips by the smooth law of several widths.
-
-    Parameters
-    ----------
-    widths : sequence of float
-        Widths v_reg.
-    report : callable
-        Told how far it is.
-
-    Yields
-    ------
-    Smoothing
-    """
+    """Simulate a chain that sticks and slips by the smooth law of several widths v_reg."""
     worm = DrivenChain(
         mass=np.ones(3),
         stiffness=np.full(2, 10.0),
@@ -75,23 +49,7 @@ def measure_smoothing(widths: Sequence[float], report: Report) -> Iterator[Smoot
 
 
 def order(found: Sequence[Smoothing]) -> float:
-    """Exponent p of differences ~ v_reg^p, fitted to widths below 1e-2.
-
-    Parameters
-    ----------
-    found : sequence of Smoothing
-        What was measured.
-
-    Returns
-    -------
-    float
-        NaN where there are less than two.
-
-    Examples
-    --------
-    >>> round(order([Smoothing(1e-3, 2e-3, 1, 1, 1), Smoothing(1e-4, 2e-4, 1, 1, 1)]), 9)
-    1.0
-    """
+    """Exponent p of differences ~ v_reg^p, fitted to widths below 1e-2; NaN if fewer than two."""
     kept = [s for s in found if s.v_reg < 1e-2]
     if len(kept) < 2:
         return float("nan")

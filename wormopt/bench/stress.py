@@ -32,8 +32,6 @@ from wormopt.progress import Report
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 
-__all__ = ["Verdict", "judge", "stress", "summary", "table"]
-
 _BASE, _FACTOR, _UNKNOWN = 1e-8, 10.0, 1e-3
 _SAMPLES = 40
 _LONGEST = 60.0  # seconds after which simulate is stopped
@@ -44,39 +42,19 @@ Class = Literal["right", "refused", "wrong", "undecided"]
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a cell.
-
-    Parameters
-    ----------
-    name, group : str
-        Which cell.
-    core : bool
-        Whether it is an ordinary one.
-    verdict : {"right", "refused", "wrong", "undecided"}
-        What it is.
-    reason : str
-        The code of a refusal; what is wrong; why it is undecided.
-    route, second : str
-        The means of both routes.
-    known : float
-        Share of the time in which anything can be known.
-    off : float
-        Largest distance of both routes over what is allowed.
-    seconds, second_seconds : float
-        Time that the routes took.
-    """
+    """What became of a cell."""
 
     name: str
     group: str
-    core: bool
-    verdict: Class
-    reason: str = ""
-    route: str = ""
-    second: str = ""
-    known: float = 1.0
-    off: float = 0.0
-    seconds: float = 0.0
-    second_seconds: float = 0.0
+    core: bool  # whether it is an ordinary cell
+    verdict: Class  # "right", "refused", "wrong" or "undecided"
+    reason: str = ""  # refusal code, what is wrong, or why undecided
+    route: str = ""  # means of the first route
+    second: str = ""  # means of the second route
+    known: float = 1.0  # share of the time in which anything can be known
+    off: float = 0.0  # largest distance of the routes over what is allowed
+    seconds: float = 0.0  # of the first route
+    second_seconds: float = 0.0  # of the second route
 
 
 class _TooLong(Exception):
@@ -84,17 +62,7 @@ class _TooLong(Exception):
 
 
 def judge(cell: Cell) -> Verdict:
-    """Run a cell by both routes and compare.
-
-    Parameters
-    ----------
-    cell : Cell
-        What to run.
-
-    Returns
-    -------
-    Verdict
-    """
+    """Run a cell by both routes and compare."""
     dice = np.random.default_rng(len(cell.name))
     times = np.append(np.sort(dice.uniform(0.02, 0.99, _SAMPLES - 1)), 1.0) * cell.span
     begin = perf_counter()
@@ -180,19 +148,9 @@ def _class(found: _Comparison) -> tuple[Class, str]:
 
 
 def stress(*, quick: bool, report: Report) -> Iterator[Verdict]:
-    """Run the matrix, on two processors.
+    """Run the matrix on two processors, yielding verdicts as cells are done.
 
-    Parameters
-    ----------
-    quick : bool
-        A few cells of each group only.
-    report : callable
-        Told how far it is.
-
-    Yields
-    ------
-    Verdict
-        As cells are done.
+    `quick`: a few cells of each group only.
     """
     from loky import get_reusable_executor
 
@@ -211,21 +169,10 @@ def stress(*, quick: bool, report: Report) -> Iterator[Verdict]:
 
 
 def summary(verdicts: Sequence[Verdict], *, complete: bool = True) -> dict[str, Any]:
-    """Count what became of the cells.
+    """Count the verdicts; a run that is not `complete` has not passed.
 
-    Parameters
-    ----------
-    verdicts : sequence of Verdict
-        Of all cells, or of those that are done.
-    complete : bool, optional
-        Whether it is all of them; an interrupted run has not passed.
-
-    Returns
-    -------
-    dict
-        ``cells``, ``right``, ``refused``, ``wrong``, ``undecided``, ``core``, ``core_right``,
-        ``right_in_part`` (right as far as can be known, not to the end), ``reasons`` (refusals by
-        code), ``not_right`` (every cell that is not right, and why), ``complete`` and ``passed``.
+    ``right_in_part``: right as far as can be known, not to the end; ``reasons``: refusals
+    by code; ``not_right``: every cell that is not right, and why.
     """
     count = Counter(v.verdict for v in verdicts)
     core = [v for v in verdicts if v.core]
@@ -254,16 +201,7 @@ def summary(verdicts: Sequence[Verdict], *, complete: bool = True) -> dict[str, 
 def table(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
     """Lay out verdicts for readers: counts by group, and every cell that is not right.
 
-    Parameters
-    ----------
-    verdicts : sequence of Verdict
-        Of all cells, or of those that are done.
-    complete : bool, optional
-        Whether it is all of them.
-
-    Returns
-    -------
-    str
+    `complete`: whether `verdicts` are those of all cells.
     """
     kinds = ("right", "refused", "undecided", "wrong")
     lines = [f"{'group':24}{'cells':>7}" + "".join(f"{kind:>11}" for kind in kinds)]

@@ -22,51 +22,27 @@ from wormopt.bench.cases import GOAL, Case, Target
 from wormopt.bench.peers import SOLVERS, Run
 from wormopt.progress import Report
 
-__all__ = ["Effort", "Point", "Record", "measure", "ratio", "time_at"]
-
 _FAR_OFF = 1e5  # error over tolerance beyond which an answer is called wrong
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much work measuring may be.
+    """How much work measuring may be."""
 
-    Parameters
-    ----------
-    rounds : int, optional
-        Runs of everything that is fast and near the goal, in turn; of the others at most three.
-    longest : float, optional
-        Seconds of a run after which a solver is not asked for more.
-    slow : float, optional
-        Seconds from which a run is not fast, and repeated near the goal only.
-    per_decade : int, optional
-        Tolerances per decade near the goal, for fast runs; elsewhere there is one. The error of a
-        single tolerance depends on luck, by a factor of ten and more.
-    """
-
-    rounds: int = 9
-    longest: float = 10.0
-    slow: float = 0.3
+    rounds: int = 9  # runs of all that is fast and near the goal; of the others at most three
+    longest: float = 10.0  # s of a run after which a solver is not asked for more
+    slow: float = 0.3  # s from which a run is slow, and repeated near the goal only
+    # tolerances near the goal, fast runs; else 1. A single error is luck, by 10 and more
     per_decade: int = 4
 
 
 @dataclass
 class Point:
-    """What one solver did at one tolerance.
+    """What one solver did at one tolerance."""
 
-    Parameters
-    ----------
-    tolerance : float
-        Relative tolerance.
-    error : float
-        Largest error in positions and velocities.
-    times : list of float
-        Seconds of each run.
-    """
-
-    tolerance: float
-    error: float
-    times: list[float]
+    tolerance: float  # relative
+    error: float  # largest, in positions and velocities
+    times: list[float]  # s, of each run
 
     @property
     def time(self) -> float:
@@ -76,28 +52,14 @@ class Point:
 
 @dataclass
 class Record:
-    """What one solver did on one case.
-
-    Parameters
-    ----------
-    solver : str
-        Its name.
-    first : float
-        Seconds of its first run with all that it needs for it, compilation say; NaN if it did not
-        come so far.
-    points : list of Point, optional
-        By falling tolerance.
-    failures : list of str, optional
-        Runs that ended in an error or gave a wrong answer.
-    missing : str, optional
-        Why it could not be used at all.
-    """
+    """What one solver did on one case."""
 
     solver: str
-    first: float = math.nan
-    points: list[Point] = field(default_factory=list)
+    first: float = math.nan  # s of its first run with compilation and the like; NaN: none
+    points: list[Point] = field(default_factory=list)  # by falling tolerance
+    # runs that ended in an error or a wrong answer
     failures: list[str] = field(default_factory=list)
-    missing: str = ""
+    missing: str = ""  # why it could not be used at all
 
     @property
     def time(self) -> float:
@@ -106,24 +68,9 @@ class Record:
 
 
 def time_at(points: Sequence[Point], error: float) -> float:
-    """Interpolate the time of an error on the log-log curve.
+    """Interpolate the time of an error on the log-log curve of undominated points.
 
-    Parameters
-    ----------
-    points : sequence of Point
-        In any order. Only those count that no other beats in both time and error.
-    error : float
-        Error wanted.
-
-    Returns
-    -------
-    float
-        NaN where no point is as good. Where all are better, the time of the fastest.
-
-    Examples
-    --------
-    >>> time_at([Point(1e-6, 1e-8, [0.1]), Point(1e-8, 1e-10, [0.4])], 1e-9)
-    0.2
+    NaN where no point is as good; where all are better, the time of the fastest.
     """
     front: list[tuple[float, float]] = []
     for point in sorted(points, key=lambda p: (p.time, p.error)):
@@ -143,23 +90,9 @@ def time_at(points: Sequence[Point], error: float) -> float:
 def measure(
     case: Case, effort: Effort, report: Report, solvers: Sequence[str] | None = None
 ) -> Iterator[list[Record]]:
-    """Measure all solvers on a case.
+    """Measure solvers on a case, by default all that can take it.
 
-    Parameters
-    ----------
-    case : Case
-        What to solve.
-    effort : Effort
-        How much work it may be.
-    report : callable
-        Told how far it is.
-    solvers : sequence of str, optional
-        Names of the solvers; by default all that can take the case.
-
-    Yields
-    ------
-    list of Record
-        The same list time and again, better known each time: who stops early has something.
+    Yields the same list again, better known each time: who stops early has something.
     """
     names = case.solvers if solvers is None else solvers
     records = [Record(name) for name in names]
@@ -264,17 +197,7 @@ def _empty_cache() -> Iterator[None]:
 def ratio(records: Mapping[str, Record], target: Target) -> float:
     """Time of wormopt at the goal over that of the fastest of a target's solvers.
 
-    Parameters
-    ----------
-    records : mapping of str to Record
-        By solver.
-    target : Target
-        Whose solvers.
-
-    Returns
-    -------
-    float
-        NaN where one of both did not come to the goal.
+    NaN where one of both did not come to the goal.
     """
     times = [records[name].time for name in target.than if name in records]
     known = [time for time in times if not math.isnan(time)]

@@ -10,8 +10,6 @@ from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output
 
-__all__ = ["drive"]
-
 
 def drive(plant: Model, inputs: Gait, *, periodic: bool = False) -> Model:
     """Put a course of time for all inputs of a plant.

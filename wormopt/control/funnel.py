@@ -14,8 +14,6 @@ from wormopt.errors import ArgumentError
 from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Model, Output, Signal
 
-__all__ = ["Funnel", "funnel_tracker"]
-
 Number = float | ca.SX
 
 

@@ -17,16 +17,6 @@ from wormopt.errors import ArgumentError
 from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Model, Output, Signal, Switch
 
-__all__ = [
-    "Adaptation",
-    "Decay",
-    "Exponent",
-    "Feedback",
-    "Growth",
-    "Quadratic",
-    "lambda_tracker",
-]
-
 Feedback = Literal["derivative", "filter"]
 """What stands in for e': the rate of the output itself (13) or a filter's state (14)."""
 
@@ -35,42 +25,21 @@ Number = float | ca.SX
 
 @dataclass(frozen=True, eq=False)
 class Growth:
-    """Time derivative of the gain, and what else an adaptation keeps in mind.
+    """Time derivative of the gain, and the states that an adaptation adds."""
 
-    Parameters
-    ----------
-    rate : casadi.SX
-        Time derivative of the gain.
-    states, rates : sequence, optional
-        States of the adaptation and their time derivatives.
-    switches : sequence of Switch, optional
-        Events at which these states jump; ``reset`` is their column alone.
-    """
-
-    rate: ca.SX
-    states: Sequence[Signal] = ()
-    rates: Sequence[ca.SX] = ()
-    switches: Sequence[Switch] = ()
+    rate: ca.SX  # time derivative of the gain
+    states: Sequence[Signal] = ()  # of the adaptation
+    rates: Sequence[ca.SX] = ()  # time derivatives of `states`
+    switches: Sequence[Switch] = ()  # jumps of `states`; ``reset`` is their column alone
 
 
 class Adaptation(Protocol):
     """How the gain grows; a frozen dataclass whose numbers become parameters ``gain_<field>``."""
 
     def grow(self, gain: ca.SX, square: ca.SX, tube_radius: ca.SX) -> Growth:
-        """Time derivative of the gain.
+        """Time derivative of the gain k.
 
-        Parameters
-        ----------
-        gain : casadi.SX
-            Gain k.
-        square : casadi.SX
-            Square of the error's norm |e|.
-        tube_radius : casadi.SX
-            Radius lambda, positive.
-
-        Returns
-        -------
-        Growth
+        `square`: |e|² of the error; `tube_radius`: lambda, positive.
         """
         ...
 

@@ -13,17 +13,6 @@ from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, Output, Schedule, Signal, Switch, pack
 
-__all__ = [
-    "FeedForward",
-    "TrackingError",
-    "at_zero",
-    "close",
-    "feed",
-    "input_of",
-    "lie",
-    "with_reference",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class FeedForward:
@@ -80,38 +69,17 @@ class FeedForward:
 
 @dataclass(frozen=True, eq=False)
 class TrackingError:
-    """Error e = y - y_ref of a plant's output and its rate.
+    """Error e = y - y_ref of a plant's output and its rate."""
 
-    Parameters
-    ----------
-    value, rate : casadi.SX, shape (n, 1)
-        The error e and e'.
-    """
-
-    value: ca.SX
-    rate: ca.SX
+    value: ca.SX  # (n, 1) error e
+    rate: ca.SX  # (n, 1) e'
 
     @classmethod
     def of(cls, plant: Model, reference: Reference) -> TrackingError:
         """Take the error of the plant's output ``length``; e' follows from the plant's ode.
 
-        Parameters
-        ----------
-        plant : Model
-            With the output ``length``.
-        reference : Reference
-            As many scalars as the output.
-
-        Returns
-        -------
-        TrackingError
-
-        Raises
-        ------
-        ArgumentError
-            If the reference is something else, its size is not the output's, it is made with
-            another time than the plant's, or the output's rate depends on inputs or contact
-            forces at once (relative degree below two).
+        Raises ArgumentError if the reference does not fit, or if the output's rate depends
+        on inputs or contact forces at once (relative degree below two).
         """
         if not isinstance(reference, Reference):
             what = type(reference).__name__
@@ -138,20 +106,7 @@ class TrackingError:
         return ca.dot(self.value, self.value)
 
     def at_start(self, plant: Model, reference: Reference) -> tuple[np.ndarray, np.ndarray] | None:
-        """Error and its rate at time 0.
-
-        Parameters
-        ----------
-        plant : Model
-            Whose states and parameters have values.
-        reference : Reference
-            What the error is taken from.
-
-        Returns
-        -------
-        tuple of ndarray or None
-            None where the plant does not say where it starts.
-        """
+        """Error and its rate at time 0; None where the plant does not say where it starts."""
         known = [*plant.x, *plant.p]
         if any(signal.value is None for signal in known):
             return None
@@ -166,35 +121,12 @@ class TrackingError:
 
 
 def lie(plant: Model, expression: ca.SX) -> ca.SX:
-    """Time derivative of an expression along the plant's ode.
-
-    Parameters
-    ----------
-    plant : Model
-        What moves.
-    expression : casadi.SX
-        Column of its states and time.
-
-    Returns
-    -------
-    casadi.SX
-    """
+    """Time derivative along the plant's ode of a column of its states and time."""
     return ca.jtimes(expression, pack(plant.x), plant.ode) + ca.jacobian(expression, plant.t)
 
 
 def at_zero(schedules: Sequence[Schedule]) -> tuple[ca.SX, np.ndarray]:
-    """Symbols of schedules and their values at time 0.
-
-    Parameters
-    ----------
-    schedules : sequence of Schedule
-        Of a plant, a reference.
-
-    Returns
-    -------
-    symbols : casadi.SX, shape (m, 1)
-    values : ndarray, shape (m,)
-    """
+    """Symbols (m, 1) of schedules and their values (m,) at time 0."""
     symbols, values = ca.SX(0, 1), np.zeros(0)
     for schedule in schedules:
         begin, piece = schedule.locate(np.zeros(1))
@@ -206,21 +138,7 @@ def at_zero(schedules: Sequence[Schedule]) -> tuple[ca.SX, np.ndarray]:
 def input_of(plant: Model, size: int) -> Signal:
     """Take the plant's input ``input``, by which loops are closed.
 
-    Parameters
-    ----------
-    plant : Model
-        What is controlled.
-    size : int
-        Number of scalars it must have.
-
-    Returns
-    -------
-    Signal
-
-    Raises
-    ------
-    ArgumentError
-        If there is none of this size.
+    Raises ArgumentError if there is none of `size` scalars.
     """
     for signal in plant.u:
         if signal.name == "input" and signal.size == size:
@@ -229,22 +147,10 @@ def input_of(plant: Model, size: int) -> Signal:
 
 
 def feed(plant: Model, inputs: Sequence[Signal], force: ca.SX) -> Model:
-    """Put an expression for inputs of a plant, wherever they stand.
+    """Replace inputs of a plant by the expression `force` (m, 1), in their order.
 
-    Parameters
-    ----------
-    plant : Model
-        With these inputs.
-    inputs : sequence of Signal
-        Which of its inputs.
-    force : casadi.SX, shape (m, 1)
-        Takes their place, in their order.
-
-    Returns
-    -------
-    Model
-        The plant without these inputs. Symbols that are new in the force have still to be
-        declared: as states, parameters or schedules.
+    Symbols that are new in the force have still to be declared by the caller:
+    as states, parameters or schedules.
     """
     expressions = [plant.ode, plant.alg, *(o.expression for o in plant.outputs)]
     for switch in plant.switches:
@@ -279,40 +185,10 @@ def close(
     switches: Sequence[Switch] = (),
     schedules: Sequence[Schedule] = (),
 ) -> Model:
-    """Put a force for the plant's input and add the controller's states and parameters.
+    """Put `force` (n, 1) for the plant's input and add the controller's states and parameters.
 
-    Parameters
-    ----------
-    plant : Model
-        With the input ``input``.
-    reference : Reference
-        What the plant's output follows.
-    error : TrackingError
-        Error of the output.
-    force : casadi.SX, shape (n, 1)
-        Takes the place of the input.
-    name : str
-        What the controller is.
-    states, rates : sequence, optional
-        The controller's states and their time derivatives.
-    parameters : sequence of Signal, optional
-        The controller's numbers.
-    outputs : sequence of Output, optional
-        More than plant, reference, error and input have.
-    switches : sequence of Switch, optional
-        Events of the controller; ``reset`` is the column of its own states alone.
-    schedules : sequence of Schedule, optional
-        More than plant and reference have.
-
-    Returns
-    -------
-    Model
-        The plant's states come first; its other inputs, its contacts and schedules stay.
-
-    Raises
-    ------
-    ArgumentError
-        If the plant has no input ``input`` of the force's size.
+    Plant states come first; the ``reset`` of `switches` is the controller's states alone.
+    Raises ArgumentError if the plant has no input ``input`` of the force's size.
     """
     signal = input_of(plant, force.numel())
     fed = feed(plant, [signal], force)
@@ -340,25 +216,10 @@ def close(
 
 
 def with_reference(plant: Model, reference: Reference) -> Model:
-    """Compare a plant's output with a reference, of which the plant itself need not know.
+    """Compare a plant's output ``length`` with a reference unknown to the plant itself.
 
-    Parameters
-    ----------
-    plant : Model
-        With the output ``length``, controlled or not.
-    reference : Reference
-        As many scalars as the output.
-
-    Returns
-    -------
-    Model
-        The plant with the outputs ``reference``, ``error`` and ``error_norm``, in place of its own
-        of these names, and the reference's schedule.
-
-    Raises
-    ------
-    ArgumentError
-        As `TrackingError.of`.
+    Adds the reference's schedule and sets ``reference``, ``error`` and ``error_norm``.
+    Raises ArgumentError as `TrackingError.of`.
     """
     error = TrackingError.of(plant, reference)
     compared = [

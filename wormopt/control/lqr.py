@@ -17,8 +17,6 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal, pack
 from wormopt.model.values import numbers, signal_values
 
-__all__ = ["lqr"]
-
 
 def lqr(
     plant: Model,

@@ -11,8 +11,6 @@ from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Schedule
 
-__all__ = ["Reference", "follow"]
-
 
 @dataclass(frozen=True, eq=False)
 class Reference:

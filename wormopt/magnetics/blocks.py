@@ -17,8 +17,6 @@ from numpy.polynomial import chebyshev
 from wormopt.errors import ArgumentError
 from wormopt.magnetics.coils import Coil, CoilRow
 
-__all__ = ["BlockField", "block_field", "channel_field"]
-
 # Powers across the strip, and points along two repeats of the pattern from which the series is
 # found. So many blocks are there on each side.
 _DEGREE, _POINTS, _BLOCKS = 12, 256, 3
@@ -30,39 +28,20 @@ _WIDER = 1.05
 class BlockField:
     """H² per squared ampere-turn of equal blocks of coils, as a series.
 
-    Parameters
-    ----------
-    period : float
-        After which the series repeats along the row, in m.
-    half : float
-        Half the width of the strip, in m.
-    coefficients : ndarray of complex, shape (powers, harmonics)
-        H² is the real part of the sum of coefficients[j, m] (y / half)^j exp(2 pi i m x / period),
-        with x from the middle of a block whose first coil is on the positive side.
-    error : float
-        Largest error of H² on the strip, over its largest value there.
+    H² = Re sum_jm coefficients[j, m] (y / half)^j exp(2 pi i m x / period), with x from the
+    middle of a block whose first coil is on the positive side.
     """
 
-    period: float
-    half: float
-    coefficients: np.ndarray
-    error: float
+    period: float  # of the series along the row, m
+    half: float  # half the width of the strip, m
+    coefficients: np.ndarray  # (powers, harmonics), complex
+    error: float  # largest error of H² on the strip, over its maximum
 
     def expression(self, x: ca.SX, y: ca.SX) -> ca.SX:
-        """H² at a point.
+        """H² at a point, in 1/m² per squared ampere-turn.
 
-        Parameters
-        ----------
-        x : casadi.SX
-            Along the row from the middle of the block, in m.
-        y : casadi.SX
-            Across it from the middle of the channel, in m; positive on the side of the block's
-            first coil.
-
-        Returns
-        -------
-        casadi.SX
-            In 1/m² per squared ampere-turn.
+        `x`: along the row from the middle of the block, m; `y`: across from the middle of
+        the channel, m, positive on the side of the block's first coil.
         """
         angle, height, total = 2 * np.pi * x / self.period, y / self.half, ca.SX(0)
         waves = _waves(angle, self.coefficients.shape[1])
@@ -96,38 +75,10 @@ def _waves(angle: ca.SX, count: int) -> list[tuple[ca.SX, ca.SX]]:
 def block_field(
     row: CoilRow, half: float, on: int, every: int, tolerance: float = 1e-4
 ) -> BlockField:
-    """Find the series of the field of blocks of coils along an endless row.
+    """Series of the field of blocks of `on` coils, repeated `every` so many, in an endless row.
 
-    Parameters
-    ----------
-    row : CoilRow
-        Coil, pitch, gap and sides of it; its count does not matter.
-    half : float
-        Half the width of the strip where the field is wanted, in m.
-    on : int
-        Coils of a block.
-    every : int
-        The pattern repeats after so many coils.
-    tolerance : float, optional
-        Terms below this share of the largest one are left out.
-
-    Returns
-    -------
-    BlockField
-
-    Raises
-    ------
-    ArgumentError
-        If a block does not fit into the pattern, or the strip reaches the coils.
-
-    Examples
-    --------
-    >>> from wormopt.magnetics.coils import Coil
-    >>> coil = Coil(2e-3, 9e-3, 20e-3)
-    >>> row = CoilRow(coil, 1, pitch=10e-3, gap=13e-3, sides="alternating")
-    >>> field = block_field(row, half=3.5e-3, on=3, every=7)
-    >>> field.error < 2e-3, field.coefficients.shape[1] < 60
-    (True, True)
+    `half`: half width of the strip, m; terms below the share `tolerance` are dropped.
+    Raises ArgumentError if a block exceeds the pattern, or the strip reaches the coils.
     """
     if not 0 < on < every:
         raise ArgumentError(f"a block of {on} coils does not fit into a pattern of {every}")
@@ -164,34 +115,10 @@ def channel_field(
     every: int,
     tolerance: float,
 ) -> BlockField:
-    """Field of blocks of coils on both sides of a channel by turns, where a body's centre may be.
+    """Field of blocks of coils alternating on both sides of a channel; see `block_field`.
 
-    Parameters
-    ----------
-    coil : Coil
-        One of them.
-    pitch : float
-        Distance of neighbours along the channel, in m.
-    channel, clearance : float
-        Distance of the walls, and from the inner side of a wall to the windings, in m.
-    body : float
-        Diameter of the body, in m.
-    on : int
-        Coils of a block.
-    every : int
-        The pattern repeats after so many coils.
-    tolerance : float
-        Terms below this share of the largest one are left out.
-
-    Returns
-    -------
-    BlockField
-        On a strip a twentieth wider than the centre line needs, because time steps enter walls.
-
-    Raises
-    ------
-    ArgumentError
-        As for `block_field`.
+    Lengths in m; `clearance`: inner side of a wall to windings; `body`: diameter.
+    The strip is 1/20 wider than the centre line needs, because time steps enter walls.
     """
     row = CoilRow(coil, 2, pitch, gap=channel + 2 * clearance, sides="alternating")
     return block_field(row, _WIDER * (channel - body) / 2, on, every, tolerance)

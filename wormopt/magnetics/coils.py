@@ -21,7 +21,6 @@ from wormopt.magnetics.winding import Coil
 if TYPE_CHECKING:
     import casadi as ca
 
-__all__ = ["Axis", "Coil", "CoilRow", "Sides"]
 
 Axis = Literal["across", "along", "vertical"]
 Sides = Literal["both", "alternating"]

@@ -28,8 +28,6 @@ from wormopt.magnetics.material import (
     softening,
 )
 
-__all__ = ["ACCEPTED", "Identification", "Root", "forward_residual", "identify_material"]
-
 ACCEPTED = 1e-12
 """Largest relative difference between what was measured and what the formulas give back."""
 _POLISHES = 20
@@ -39,24 +37,12 @@ _REAL = 1e-9
 
 @dataclass(frozen=True)
 class Root:
-    """One root of the cubic.
+    """One root of the cubic."""
 
-    Parameters
-    ----------
-    mu_r : complex
-        Relative permeability.
-    lame_eta : float, optional
-        Second Lamé coefficient in Pa; None where the root is not real.
-    softening : float, optional
-        G; None where the root is not real.
-    refused : str
-        Why it is no material; empty if it is one.
-    """
-
-    mu_r: complex
-    lame_eta: float | None
-    softening: float | None
-    refused: str
+    mu_r: complex  # relative permeability
+    lame_eta: float | None  # second Lamé coefficient, Pa; None: root not real
+    softening: float | None  # G; None: root not real
+    refused: str  # why it is no material; empty if it is one
 
 
 @dataclass(frozen=True)
@@ -135,24 +121,9 @@ def identify_material(
 def forward_residual(
     mu_r: float, lame_eta: float, u0: float, youngs_modulus_eff: float, field: float
 ) -> float:
-    """Put a material into the formulas and compare.
+    """Put a material into the formulas; return the larger relative difference.
 
-    Parameters
-    ----------
-    mu_r, lame_eta : float
-        The material.
-    u0, youngs_modulus_eff, field : float
-        What was measured.
-
-    Returns
-    -------
-    float
-        The larger relative difference.
-
-    Examples
-    --------
-    >>> round(forward_residual(1.1, 5e3, 0.096863, 2 * 14985.87, 1.5e5), 3)
-    0.5
+    `mu_r`, `lame_eta` are the material, the others what was measured.
     """
     strain = float(field_strain(mu_r, lame_eta, field))
     modulus = float(effective_modulus(mu_r, lame_eta, field))

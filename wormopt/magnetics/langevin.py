@@ -15,49 +15,19 @@ import casadi as ca
 import numpy as np
 from scipy.special import zeta
 
-__all__ = ["langevin_ratio", "log_sinh_ratio"]
-
 # The series go like (y / pi)^(2 k): at y = 1 this many terms leave 1e-17.
 _TERMS = 17
 
 
 def log_sinh_ratio(y2: Any) -> Any:
-    """ln(sinh y / y), the integral of Langevin's function from 0.
-
-    Parameters
-    ----------
-    y2 : float, ndarray or casadi.SX
-        y², 0 or above.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-
-    Examples
-    --------
-    >>> [round(float(log_sinh_ratio(y * y)), 12) for y in (1e-3, 1.0, 2000.0)]
-    [1.66667e-07, 0.161439361571, 1991.705950359898]
-    """
+    """ln(sinh y / y), the integral of Langevin's function from 0; `y2` is y² ≥ 0."""
     return _either(y2, lambda small: small * _sum(small, _series), _log_sinh)
 
 
 def langevin_ratio(y2: Any) -> Any:
-    """Langevin's function over its argument, (coth y - 1 / y) / y.
+    """Langevin's function over its argument, (coth y - 1 / y) / y; `y2` is y² ≥ 0.
 
-    Parameters
-    ----------
-    y2 : float, ndarray or casadi.SX
-        y², 0 or above.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        1/3 at 0, falling.
-
-    Examples
-    --------
-    >>> [round(float(langevin_ratio(y * y)), 12) for y in (0.0, 1.0, 100.0)]
-    [0.333333333333, 0.313035285499, 0.0099]
+    It is 1/3 at 0, and falls.
     """
 
     # twice the derivative of the integral by y²

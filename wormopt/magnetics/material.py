@@ -25,16 +25,6 @@ if TYPE_CHECKING:
 
     Expression = ca.SX | float
 
-__all__ = [
-    "LARGEST",
-    "MU0",
-    "SMALL_STRAIN",
-    "MagnetoElastic",
-    "check_number",
-    "effective_modulus",
-    "field_strain",
-    "softening",
-]
 
 MU0 = 4e-7 * math.pi
 """Permeability of vacuum in N/A², as the chapter has it; the measured value is 1e-10 off."""
@@ -49,74 +39,27 @@ LARGEST = 1e30
 
 
 def softening(mu_r: Expression, lame_eta: Expression, field: Expression) -> Expression:
-    """G = mu0 a1 H² / (2 eta) with a1 = -(2/5) (mu_r - 1)²: what the field takes of the stiffness.
+    """Softening by the field, G = mu0 a1 H² / (2 eta) with a1 = -(2/5) (mu_r - 1)².
 
-    Parameters
-    ----------
-    mu_r : float, ndarray or casadi.SX
-        Relative permeability of the unstrained material.
-    lame_eta : float, ndarray or casadi.SX
-        Second Lamé coefficient (shear modulus) eta, in Pa.
-    field : float, ndarray or casadi.SX
-        Field H, in A/m.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        Negative; the formulas hold above -3/2. Source: chapter 3.2, below (16).
-
-    Examples
-    --------
-    >>> round(softening(4.0, 1e4, 1.5e5), 3)
-    -5.089
+    `mu_r`: of the unstrained material; `lame_eta`: shear modulus eta, Pa; `field`: H, A/m.
+    Negative; the formulas hold above -3/2. Source: chapter 3.2, below (16).
     """
     return MU0 * _a1(mu_r) * field * field / (2 * lame_eta)
 
 
 def field_strain(mu_r: Expression, lame_eta: Expression, field: Expression) -> Expression:
-    """u0 = mu0 (2 (mu_r - 1) - a1) H² / (12 eta (1 + 2 G / 3)): strain by the field alone.
+    """Strain by the field alone, u0 = mu0 (2 (mu_r - 1) - a1) H² / (12 eta (1 + 2 G / 3)).
 
-    Parameters
-    ----------
-    mu_r, lame_eta, field : float, ndarray or casadi.SX
-        As for `softening`.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        Positive where 1 + 2 G / 3 is. Source: chapter 3.2.
-
-    Examples
-    --------
-    >>> round(field_strain(1.1, 5e3, 1.5e5), 6)
-    0.096863
+    Positive where 1 + 2 G / 3 is; units as for `softening`. Source: chapter 3.2.
     """
     pull = MU0 * (2 * (mu_r - 1) - _a1(mu_r)) * field * field
     return pull / (12 * lame_eta * (1 + 2 * softening(mu_r, lame_eta, field) / 3))
 
 
 def effective_modulus(mu_r: Expression, lame_eta: Expression, field: Expression) -> Expression:
-    """E_eff = 3 eta (1 + 2 G / 3) / (1 + G / 2): Young's modulus in the field.
+    """Young's modulus in the field, E_eff = 3 eta (1 + 2 G / 3) / (1 + G / 2), in Pa.
 
-    Parameters
-    ----------
-    mu_r, lame_eta, field : float, ndarray or casadi.SX
-        As for `softening`.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        In Pa; 3 eta without field, less with it. Source: chapter 3.2.
-
-    Examples
-    --------
-    >>> effective_modulus(1.1, 5e3, 0.0)
-    15000.0
-    >>> import casadi as ca
-    >>> field = ca.SX.sym("H")
-    >>> slope = ca.gradient(effective_modulus(1.1, 5e3, field), field)
-    >>> ca.Function("slope", [field], [slope])(1.5e5) < 0
-    DM(1)
+    3 eta without field, less with it; units as for `softening`. Source: chapter 3.2.
     """
     G = softening(mu_r, lame_eta, field)
     return 3 * lame_eta * (1 + 2 * G / 3) / (1 + G / 2)
@@ -128,30 +71,9 @@ def _a1(mu_r: Expression) -> Expression:
 
 
 def check_number(name: str, value: object, *, above: float = 0.0) -> float:
-    """Refuse what is no number that the formulas can be evaluated for.
+    """Return a caller's value as a number that the formulas can be evaluated for.
 
-    Parameters
-    ----------
-    name : str
-        What it is, for the message.
-    value : object
-        From a caller.
-    above : float, optional
-        The number must be larger; 1e30 is the largest allowed.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ArgumentError
-        If it is none, or beyond these bounds.
-
-    Examples
-    --------
-    >>> check_number("field", 3)
-    3.0
+    Raises ArgumentError, naming it, unless it is a number above `above` and at most 1e30.
     """
     fits = isinstance(value, Real) and not isinstance(value, bool)
     if not (fits and above < float(value) <= LARGEST):  # pyright: ignore[reportArgumentType]

@@ -15,49 +15,21 @@ from typing import Any
 
 from wormopt.magnetics.material import check_number
 
-__all__ = ["Membrane"]
-
 
 @dataclass(frozen=True)
 class Membrane:
     """A tube of membrane filled with a fluid, its ends free to shorten; SI units.
 
-    Parameters
-    ----------
-    radius : float
-        R, in m.
-    youngs_modulus : float
-        E, in Pa.
-    pressure : float
-        p of the fluid above that outside, in Pa.
-    diffusivity : float
-        D of the carrier liquid in the membrane, in m²/s.
-    concentration_drop : float
-        dc of that liquid in the membrane from its inner to its outer face, in kg/m³.
-    fluid_density : float
-        Of the fluid, in kg/m³.
-    contact_strain : float, optional
-        Strain at which the tube touches the ground or the channel.
-
-    Raises
-    ------
-    ArgumentError
-        If a number is not above 0, or the contact strain below it.
-
-    Examples
-    --------
-    >>> tube = Membrane(2.5e-3, 2e5, 2200.0, 2e-11, 10.0, 1200.0)
-    >>> round(tube.strain(1e-4), 6), round(tube.stress(1e-4))
-    (0.275, 55000)
+    Raises ArgumentError if a number is not above 0, or the contact strain below it.
     """
 
-    radius: float
-    youngs_modulus: float
-    pressure: float
-    diffusivity: float
-    concentration_drop: float
-    fluid_density: float
-    contact_strain: float = 0.0
+    radius: float  # R, m
+    youngs_modulus: float  # E, Pa
+    pressure: float  # p of the fluid above that outside, Pa
+    diffusivity: float  # D of the carrier liquid in the membrane, m²/s
+    concentration_drop: float  # dc of that liquid, inner to outer face, kg/m³
+    fluid_density: float  # kg/m³
+    contact_strain: float = 0.0  # at which it touches the ground or channel
 
     def __post_init__(self) -> None:
         for name in (
@@ -69,71 +41,31 @@ class Membrane:
             check_number("contact_strain", self.contact_strain)
 
     def stress(self, thickness: Any) -> Any:
-        """Hoop stress p R / h_m.
-
-        Parameters
-        ----------
-        thickness : float, ndarray or casadi.SX
-            h_m in m.
-        """
+        """Hoop stress p R / h_m, in Pa, of a membrane of thickness h_m (m)."""
         return self.pressure * self.radius / thickness
 
     def strain(self, thickness: Any) -> Any:
-        """Strain by which the pressure widens a tube with free ends, p R / (E h_m).
-
-        Parameters
-        ----------
-        thickness : float, ndarray or casadi.SX
-            h_m in m.
-        """
+        """Strain by which the pressure widens a tube with free ends, p R / (E h_m), h_m in m."""
         return self.stress(thickness) / self.youngs_modulus
 
     def contact_pressure(self, thickness: Any) -> Any:
-        """What is left of the pressure for the ground at the contact strain e: p - E e h_m / R.
-
-        Parameters
-        ----------
-        thickness : float, ndarray or casadi.SX
-            h_m in m.
-        """
+        """Pressure left for the ground at the contact strain e: p - E e h_m / R, h_m in m."""
         held = self.youngs_modulus * self.contact_strain / self.radius
         return self.pressure - held * thickness
 
     def bending_stiffness(self, thickness: Any) -> Any:
-        """Bending stiffness of the tube as a beam, pi E R³ h_m, in N m².
-
-        Parameters
-        ----------
-        thickness : float, ndarray or casadi.SX
-            h_m in m.
-        """
+        """Bending stiffness of the tube as a beam, pi E R³ h_m, in N m²; h_m in m."""
         return math.pi * self.youngs_modulus * self.radius**3 * thickness
 
     def loss_rate(self, thickness: Any) -> Any:
-        """Mass lost per time and length of the tube, D A dc / h_m with A = 2 pi R, in kg/(s m).
-
-        Parameters
-        ----------
-        thickness : float, ndarray or casadi.SX
-            h_m in m.
-        """
+        """Mass lost per time and length of tube, D A dc / h_m with A = 2 pi R, in kg/(s m)."""
         wall = 2 * math.pi * self.radius
         return self.diffusivity * wall * self.concentration_drop / thickness
 
     def loss_share(self, thickness: Any, lifetime: Any) -> Any:
-        """Share of the fluid that is lost within a time, at the rate of the beginning.
+        """Share of the fluid lost within `lifetime` (s), 2 D dc t / (R h_m rho), h_m in m.
 
-        Parameters
-        ----------
-        thickness : float, ndarray or casadi.SX
-            h_m in m.
-        lifetime : float, ndarray or casadi.SX
-            In s.
-
-        Returns
-        -------
-        float, ndarray or casadi.SX
-            2 D dc t / (R h_m rho); the rate does not grow, so it is no less than what is lost.
+        At the rate of the beginning, which does not grow: no less than what is lost.
         """
         filling = math.pi * self.radius**2 * self.fluid_density
         return self.loss_rate(thickness) * lifetime / filling

@@ -9,8 +9,6 @@ from wormopt.errors import ArgumentError
 from wormopt.magnetics.material import check_number
 from wormopt.magnetics.winding import Coil
 
-__all__ = ["Direction", "Placed", "Side"]
-
 Direction = Literal["vertical", "along"]
 Side = Literal["below", "above"]
 
@@ -19,34 +17,13 @@ Side = Literal["below", "above"]
 class Placed:
     """A coil under or over a layer whose bottom is at z = 0, its middle at x = 0.
 
-    Parameters
-    ----------
-    coil : Coil
-        The coil.
-    axis : {"vertical", "along"}
-        Direction of its axis: along z or along x.
-    side : {"below", "above"}
-        Where it is.
-    distance : float
-        From the bottom of the layer to the nearest point of the coil, in m, above 0.
-
-    Raises
-    ------
-    ArgumentError
-        If the distance is not above 0, or there is no such side or axis.
-
-    Examples
-    --------
-    >>> coil = Placed(Coil(5e-3, 15e-3, 20e-3), "vertical", "below", 2e-3)
-    >>> Hx, Hz = coil.field(0.0, 0.0)
-    >>> float(Hx), bool(Hz > 0), coil.middle
-    (0.0, True, -0.012)
+    Raises ArgumentError if the distance is not above 0, or there is no such side or axis.
     """
 
     coil: Coil
-    axis: Direction
-    side: Side
-    distance: float
+    axis: Direction  # "vertical": along z; "along": along x
+    side: Side  # "below" or "above"
+    distance: float  # bottom of the layer to the nearest point of the coil, m
 
     def __post_init__(self) -> None:
         check_number("distance", self.distance)
@@ -73,30 +50,15 @@ class Placed:
         )
 
     def clearance(self, x: Any, z: Any) -> Any:
-        """Distance of points from the winding.
-
-        Parameters
-        ----------
-        x, z : array_like
-            In m.
-        """
+        """Distance of points from the winding; `x`, `z` in m."""
         away, s = self._seen(x, z)
         return self.coil.clearance(away * away, s)
 
     def field(self, x: Any, z: Any, nodes: int | None = None) -> tuple[Any, Any]:
-        """Field per ampere-turn in the plane y = 0.
+        """Field (Hx, Hz) per ampere-turn in the plane y = 0, in 1/m; `x`, `z` in m.
 
-        Parameters
-        ----------
-        x, z : float, ndarray or casadi.SX
-            Place, in m; numbers with ``nodes`` left out.
-        nodes : int, optional
-            Of the quadrature over the winding, for expressions; see `Coil.nodes`.
-
-        Returns
-        -------
-        Hx, Hz : float, ndarray or casadi.SX
-            In 1/m.
+        `nodes`: of the quadrature over the winding, for expressions, see `Coil.nodes`;
+        left out, `x` and `z` must be numbers.
         """
         away, s = self._seen(x, z)
         if nodes is None:

@@ -18,77 +18,27 @@ if TYPE_CHECKING:
 
     Expression = ca.SX | np.ndarray | float
 
-__all__ = ["OERSTED", "field_of", "gaussian_pressure", "magnetic_pressure"]
 
 OERSTED = 1e3 / (4 * math.pi)
 """The Gaussian unit of H, in A/m."""
 
 
 def magnetic_pressure(mu_r: Expression, field: Expression) -> Expression:
-    """mu0 (mu_r - 1) H² / 2.
-
-    Parameters
-    ----------
-    mu_r : float, ndarray or casadi.SX
-        Relative permeability.
-    field : float, ndarray or casadi.SX
-        Field H in A/m.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        In Pa.
-
-    Examples
-    --------
-    >>> round(magnetic_pressure(1.1, 1e4), 6)
-    6.283185
-    """
+    """Magnetic pressure mu0 (mu_r - 1) H² / 2, in Pa, of the field H in A/m."""
     return MU0 * (mu_r - 1) * field * field / 2
 
 
 def gaussian_pressure(mu_r: Expression, field: Expression) -> Expression:
-    """(mu_r - 1) H² / (8 pi), the same in Gaussian units.
+    """Magnetic pressure in Gaussian units, (mu_r - 1) H² / (8 pi), in dyn/cm² (0.1 Pa).
 
-    Parameters
-    ----------
-    mu_r : float, ndarray or casadi.SX
-        Permeability; the same number in both systems.
-    field : float, ndarray or casadi.SX
-        Field H in oersted.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        In dyn/cm², a tenth of a Pa.
-
-    Examples
-    --------
-    >>> pascal = gaussian_pressure(1.1, 1e4 / OERSTED) / 10
-    >>> round(pascal / magnetic_pressure(1.1, 1e4) - 1, 12)
-    0.0
+    H in oersted; `mu_r` is the same number in both systems.
     """
     return (mu_r - 1) * field * field / (8 * math.pi)
 
 
 def field_of(mu_r: Expression, pressure: Expression) -> Expression:
-    """Field of a given `magnetic_pressure`.
+    """Field H, in A/m, of a given `magnetic_pressure` in Pa; `mu_r` above 1.
 
-    Parameters
-    ----------
-    mu_r : float, ndarray or casadi.SX
-        Relative permeability, above 1.
-    pressure : float, ndarray or casadi.SX
-        In Pa, 0 or above.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        H in A/m; divided by `OERSTED`, in oersted.
-
-    Examples
-    --------
-    >>> round(field_of(1.1, magnetic_pressure(1.1, 1e4)), 6)
-    10000.0
+    Divided by `OERSTED`, it is in oersted.
     """
     return (2 * pressure / (MU0 * (mu_r - 1))) ** 0.5

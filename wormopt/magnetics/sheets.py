@@ -20,35 +20,16 @@ if TYPE_CHECKING:
 
     Expression = ca.SX | np.ndarray | float
 
-__all__ = ["loop_field", "sheet_field"]
 
 # Steps of the mean after the first: enough for distances from the wire of 1e-7 of its radius.
 _STEPS = 6
 
 
 def loop_field(radius: Expression, q: Expression, s: Expression) -> tuple[Any, Any]:
-    """Field of a loop of wire that carries one ampere.
+    """Field of a wire loop that carries one ampere: axial (A/m), radial / distance (A/m²).
 
-    Parameters
-    ----------
-    radius : float, ndarray or casadi.SX
-        Radius of the loop, in m.
-    q : float, ndarray or casadi.SX
-        Square of the distance from its axis, in m².
-    s : float, ndarray or casadi.SX
-        Distance from its plane along the axis, in m.
-
-    Returns
-    -------
-    axial : float, ndarray or casadi.SX
-        Component along the axis, in A/m.
-    radial : float, ndarray or casadi.SX
-        Component away from the axis over the distance from it, in A/m²; regular on the axis.
-
-    Examples
-    --------
-    >>> loop_field(0.5, 0.0, 0.0)
-    (1.0, 0.0)
+    `q`: squared distance from the axis, m²; `s`: distance from the loop's plane, m.
+    The radial component over the distance from the axis is regular on the axis.
     """
     a2 = radius * radius
     A, P, means, sigma = _means(a2, q, s)
@@ -59,30 +40,10 @@ def loop_field(radius: Expression, q: Expression, s: Expression) -> tuple[Any, A
 
 
 def sheet_field(radius: Expression, half: Expression, q: Expression, s: Expression) -> Any:
-    """Field of a thin solenoid that carries one ampere per metre, less what is uniform inside.
+    """Field of a thin solenoid with one ampere per metre, less what is uniform inside.
 
-    Parameters
-    ----------
-    radius, half : float, ndarray or casadi.SX
-        Radius and half the length, in m.
-    q, s : float, ndarray or casadi.SX
-        As for `loop_field`; ``s`` from the middle.
-
-    Returns
-    -------
-    axial : float, ndarray or casadi.SX
-        Component along the axis; 1 is to be added inside, for |s| < half and q < radius². Without
-        it the field is smooth through the continuation of the sheet beyond its ends.
-    radial : float, ndarray or casadi.SX
-        Component away from the axis over the distance from it, in 1/m.
-
-    Examples
-    --------
-    In the middle of a solenoid, 1 + axial is its length over its diagonal.
-
-    >>> axial, radial = sheet_field(3.0, 4.0, 0.0, 0.0)
-    >>> round(1 + axial, 12), radial
-    (0.8, 0.0)
+    Axial, and radial / distance (1/m); `q`, `s` as for `loop_field`, `s` from the middle.
+    Add 1 to axial where |s| < half, q < radius²; without it, smooth beyond the ends.
     """
     axial, radial = 0.0, 0.0
     for end, sign in ((s + half, -1), (s - half, 1)):

@@ -16,14 +16,6 @@ from wormopt.errors import ArgumentError
 from wormopt.magnetics.coils import CoilRow
 from wormopt.model.gait import Gait
 
-__all__ = [
-    "MovingProfile",
-    "harmonic_shares",
-    "moving_profile",
-    "shifted_course",
-    "switched_course",
-]
-
 
 def switched_course(
     count: int, ampere_turns: float, rate: float, *, on: int = 3, every: int | None = None
@@ -75,37 +67,10 @@ def switched_course(
 def shifted_course(
     nodes: ArrayLike, period: float, shift: float, count: int, *, alternating: bool = False
 ) -> Gait:
-    """Give every coil the course of its neighbour, later by a shift: a polyline in time.
+    """Give every coil the course of its neighbour, `shift` seconds later: a polyline in time.
 
-    Parameters
-    ----------
-    nodes : array_like, shape (m,)
-        Ampere-turns of coil 0 at equidistant times from 0 on, one period.
-    period : float
-        Of the wave, in s.
-    shift : float
-        By how much coil k is later than coil k - 1, in s.
-    count : int
-        Number of coils.
-    alternating : bool, optional
-        Whether currents change their sign after each period. H² does not, and has the period of
-        the wave all the same.
-
-    Returns
-    -------
-    Gait
-        Of the period of the wave, or twice that, and one row per coil.
-
-    Raises
-    ------
-    ArgumentError
-        If there are no nodes, or period or shift are not above 0.
-
-    Examples
-    --------
-    >>> course = shifted_course([0.0, 1.0, 0.0, -1.0], period=4.0, shift=1.0, count=2)
-    >>> course(np.array([1.0, 1.5])).tolist()
-    [[1.0, 0.5], [0.0, 0.5]]
+    `nodes` (m,): ampere-turns of coil 0 at equidistant times over one `period`, from 0 on.
+    `alternating`: currents change sign each period; the gait's doubles, that of H² does not.
     """
     values = np.asarray(nodes, dtype=float)
     if values.ndim != 1 or not values.size or not period > 0 or not shift > 0:
@@ -231,25 +196,9 @@ def moving_profile(
 
 
 def harmonic_shares(profile: ArrayLike, count: int = 8) -> np.ndarray:
-    """Shares of the harmonics in the variation of a periodic profile.
+    """Shares of harmonics 1, 2, ... in the variation of a periodic profile; 0 if constant.
 
-    Parameters
-    ----------
-    profile : array_like, shape (m,)
-        Values at equidistant points of one wavelength, its end left out.
-    count : int, optional
-        How many.
-
-    Returns
-    -------
-    ndarray, shape (count,)
-        Squared amplitude of harmonic 1, 2, ... over the sum of all; 0 of what does not vary.
-
-    Examples
-    --------
-    >>> x = 2 * np.pi * np.arange(32) / 32
-    >>> harmonic_shares(5 + 2 * np.cos(x) + np.sin(2 * x), 2).round(12).tolist()
-    [0.8, 0.2]
+    Squared amplitudes over their sum; `profile` (m,): equidistant on one wavelength, no end.
     """
     values = np.asarray(profile, dtype=float)
     power = np.abs(np.fft.rfft(values - values.mean())[1:]) ** 2

@@ -18,8 +18,6 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError
 from wormopt.magnetics.sheets import sheet_field
 
-__all__ = ["Coil"]
-
 # Nodes are chosen so that the quadrature is off by exp(-2 _DIGITS) of the field; the most of them
 # are enough as near to the winding as a tenth of its depth.
 _DIGITS, _MOST = 14.0, 150

@@ -16,8 +16,6 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.values import signal_values
 
-__all__ = ["Described", "Explicit", "import_control", "scalar_names"]
-
 Values = Mapping[str, ArrayLike]
 
 
@@ -51,14 +49,7 @@ class Described(Protocol):
 def import_control() -> Any:
     """Import python-control, which takes two seconds: only for what cannot do without.
 
-    Returns
-    -------
-    module
-
-    Raises
-    ------
-    ImportError
-        If it is not installed; the message says how to get it.
+    Raises ImportError, saying how to get it, if it is not installed.
     """
     try:
         return import_module("control")
@@ -68,22 +59,7 @@ def import_control() -> Any:
 
 
 def scalar_names(sizes: Mapping[str, int]) -> tuple[str, ...]:
-    """Name every scalar of named vectors, as python-control does.
-
-    Parameters
-    ----------
-    sizes : mapping of str to int
-        Number of scalars by name.
-
-    Returns
-    -------
-    tuple of str
-
-    Examples
-    --------
-    >>> scalar_names({"position": 2, "gain": 1})
-    ('position[0]', 'position[1]', 'gain[0]')
-    """
+    """Name every scalar of named vectors of these sizes, as python-control does."""
     return tuple(f"{name}[{i}]" for name, size in sizes.items() for i in range(size))
 
 
@@ -97,36 +73,12 @@ def _slices(sizes: Iterable[int]) -> list[slice]:
 class Explicit:
     """States' rates and chosen outputs of a Model whose contacts follow the smooth law.
 
-    Switches of the model are left out: it is what holds between two of them.
-
-    Parameters
-    ----------
-    model : Model
-        What moves.
-    output : str or sequence of str
-        Names of its outputs, in the order in which they are wanted; a name counts once.
-
-    Raises
-    ------
-    UnknownNameError
-        If the model has no output of that name.
-    ArgumentError
-        If the model has algebraic variables.
-
-    Examples
-    --------
-    >>> from wormopt.model.friction import Coulomb
-    >>> from wormopt.model.model import Contact, Model, Output, Signal
-    >>> v, f = ca.SX.sym("v"), ca.SX.sym("f")
-    >>> ground = Contact("block", v, f, Coulomb(1.0, 2.0))
-    >>> speed = Output("speed", v)
-    >>> block = Model("block", x=[Signal("v", v)], ode=f, outputs=[speed], contacts=[ground])
-    >>> Explicit(block, "speed").function("f", "rates")(0, 9.0, [], [], 0.1, [])
-    DM(-1)
+    Switches of the model are left out: it is what holds between two of them. Raises
+    UnknownNameError for an unknown output, ArgumentError if there are algebraic variables.
     """
 
     model: Described
-    output: str | Sequence[str]
+    output: str | Sequence[str]  # names in the order wanted; a name counts once
 
     def __post_init__(self) -> None:
         if len(self.model.z) > 0:
@@ -175,35 +127,15 @@ class Explicit:
         return self._smooth[1]
 
     def function(self, name: str, *wanted: ca.SX | str) -> ca.Function:
-        """Make a function of `symbols`, in their order.
+        """Make a function `name` of `symbols`, in their order.
 
-        Parameters
-        ----------
-        name : str
-            What it is called.
-        *wanted : casadi.SX or {"rates", "observed"}
-            What it gives.
-
-        Returns
-        -------
-        casadi.Function
+        `wanted`: expressions it gives, or "rates" or "observed".
         """
         results = [getattr(self, w) if isinstance(w, str) else w for w in wanted]
         return ca.Function(name, list(self.symbols.values()), [ca.densify(r) for r in results])
 
     def scheduled(self, t: float) -> np.ndarray:
-        """What schedules set at a time.
-
-        Parameters
-        ----------
-        t : float
-            Time; at a break the later piece counts.
-
-        Returns
-        -------
-        ndarray
-            Value of the symbols ``s``.
-        """
+        """Values that schedules give the symbols ``s`` at `t`; at a break the later piece."""
         columns = [np.zeros(0)]
         for schedule in self.model.schedules:
             begin, piece = schedule.locate(np.array([t]))
@@ -222,16 +154,7 @@ class Explicit:
     def to_control(self, v_reg: float, p: Values) -> Any:
         """Make a control.NonlinearIOSystem; see `Model.to_control`.
 
-        Parameters
-        ----------
-        v_reg : float
-            Width of the smooth law.
-        p : mapping of str to array_like
-            Parameters by name.
-
-        Returns
-        -------
-        control.NonlinearIOSystem
+        `v_reg` is the width of the smooth law.
         """
         model, control = self.model, import_control()
         if model.switches:

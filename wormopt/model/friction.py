@@ -16,8 +16,6 @@ import casadi as ca
 
 from wormopt.errors import ArgumentError
 
-__all__ = ["Coulomb", "Law", "Spike", "Stribeck", "Viscous"]
-
 Expression = ca.SX | float
 
 
@@ -94,20 +92,7 @@ class _TwoWay:
         return (1, -1)
 
     def smooth(self, v: Expression, v_reg: Expression) -> Expression:
-        """Blend of both sliding forces by tanh(v / v_reg), as in chapter 2.4; stiction is lost.
-
-        Parameters
-        ----------
-        v : casadi.SX or float
-            Velocity.
-        v_reg : float or casadi.SX
-            Width of the steep part, positive.
-
-        Returns
-        -------
-        casadi.SX or float
-            Force on the worm.
-        """
+        """Blend of both sliding forces by tanh(v / v_reg), as in chapter 2.4; stiction is lost."""
         ahead, behind = self.slip_force(v, 1), self.slip_force(v, -1)
         return (ahead + behind) / 2 + (ahead - behind) / 2 * ca.tanh(v / v_reg)
 

@@ -10,8 +10,6 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 
-__all__ = ["Gait"]
-
 
 @dataclass(frozen=True, eq=False)
 class Gait:
@@ -121,19 +119,9 @@ class Gait:
         return values + factor * (cosine * cos_d + sine * sin_d)
 
     def __call__(self, t: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Evaluate at any times, periodically; at a break the later piece counts.
+        """Evaluate at times (m,), periodically; at a break the later piece counts.
 
-        Parameters
-        ----------
-        t : ndarray, shape (m,)
-            Times.
-        derivative : int, optional
-            Order of the time derivative.
-
-        Returns
-        -------
-        ndarray, shape (n, m)
-            Lengths, rates, accelerations, ...
+        Gives lengths, rates, accelerations, ... (n, m), by the order of the time derivative.
         """
         t = np.mod(np.asarray(t, dtype=float), self.period)
         which = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, self.pieces - 1)

@@ -12,8 +12,6 @@ import casadi as ca
 
 from wormopt.model.model import TINY, Signal
 
-__all__ = ["lift"]
-
 T = TypeVar("T")
 
 _FRICTION = {
@@ -37,36 +35,10 @@ _LEAST = {
 def lift(
     laws: Sequence[T], prefix: str = "friction", units: Mapping[str, str] = _FRICTION
 ) -> tuple[tuple[T, ...], tuple[Signal, ...]]:
-    """Replace every number in the fields of laws by a symbol, which is a parameter.
+    """Replace every number in the fields of laws by a symbol: one compiled model serves all.
 
-    One compiled model then serves all numbers. Fields that are None or symbols stay.
-
-    Parameters
-    ----------
-    laws : sequence of dataclass
-        Laws, of one kind or several; their fields may be symbols.
-    prefix : str, optional
-        What the parameters' names begin with.
-    units : mapping, optional
-        Quantity that a field measures; those not in it are plain numbers.
-
-    Returns
-    -------
-    laws : tuple
-        The same laws with symbols as fields.
-    parameters : tuple of Signal
-        ``<prefix>_<field>`` for each field, one scalar for each law that has a number there, in
-        the order of the laws; ``value`` holds the numbers.
-
-    Examples
-    --------
-    >>> from wormopt.model.friction import Coulomb, Viscous
-    >>> laws, parameters = lift([Coulomb(1.0, 10.0), Viscous(0.5), Coulomb(1.0, 12.0)])
-    >>> laws[2].slip_force(-0.3, -1)
-    SX(friction_backward_1)
-    >>> {p.name: p.value for p in parameters}  # doctest: +NORMALIZE_WHITESPACE
-    {'friction_forward': (1.0, 1.0), 'friction_backward': (10.0, 12.0),
-     'friction_drag': (0.5,)}
+    Gives the laws with symbols, and parameters ``<prefix>_<field>`` with one scalar per law
+    that has a number there, in order. Fields that are None or symbols stay.
     """
     numbers: dict[str, list[float]] = {}
     for law in laws:

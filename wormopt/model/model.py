@@ -15,8 +15,6 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.friction import Law
 
-__all__ = ["TINY", "Contact", "Model", "Output", "Schedule", "Signal", "Switch"]
-
 TINY = math.ulp(0.0)
 """Smallest number above 0: the lower bound of what must be positive."""
 
@@ -476,22 +474,5 @@ class Model:
 
 
 def pack(signals: Sequence[Signal]) -> ca.SX:
-    """Stack the signals' symbols into one column.
-
-    Parameters
-    ----------
-    signals : sequence of Signal
-        In the order in which solvers shall see them.
-
-    Returns
-    -------
-    casadi.SX
-        Column, empty for no signals.
-
-    Examples
-    --------
-    >>> import casadi as ca
-    >>> pack([Signal("a", ca.SX.sym("a", 2)), Signal("b", ca.SX.sym("b"))]).shape
-    (3, 1)
-    """
+    """Stack the signals' symbols, in order, into one column; empty for no signals."""
     return ca.vertcat(ca.SX(0, 1), *(s.symbol for s in signals))

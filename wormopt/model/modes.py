@@ -9,8 +9,6 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 
-__all__ = ["ModeSequence"]
-
 
 @dataclass(frozen=True)
 class ModeSequence:

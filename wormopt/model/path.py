@@ -12,35 +12,17 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Schedule
 
-__all__ = ["ParameterPath", "ornstein_uhlenbeck", "piecewise_constant"]
-
 
 @dataclass(frozen=True, eq=False)
 class ParameterPath:
     """A column of parameters as polynomials in the time since each piece began.
 
-    Parameters
-    ----------
-    breaks : ndarray, shape (pieces + 1,)
-        Times at which pieces begin, from 0 on, ascending, and the end of the last. The last
-        piece goes on for ever, and so does the first one before 0.
-    coefficients : ndarray, shape (pieces, n, degree + 1)
-        By ascending power.
-
-    Raises
-    ------
-    ArgumentError
-        If shapes disagree or the breaks do not ascend from 0.
-
-    Examples
-    --------
-    >>> ramp = ParameterPath(np.array([0.0, 1.0, 2.0]), np.array([[[9.0, 2.0]], [[11.0, 0.0]]]))
-    >>> ramp(np.array([0.5, 1.5]))
-    array([[10., 11.]])
+    The first and last piece go on for ever. Raises ArgumentError if shapes disagree or
+    breaks do not ascend from 0.
     """
 
-    breaks: np.ndarray
-    coefficients: np.ndarray
+    breaks: np.ndarray  # (pieces + 1,) from 0, ascending, with the last end
+    coefficients: np.ndarray  # (pieces, n, degree + 1) by ascending power
 
     def __post_init__(self) -> None:
         if self.coefficients.ndim != 3 or self.breaks.shape != (len(self.coefficients) + 1,):
@@ -63,17 +45,7 @@ class ParameterPath:
         return self.coefficients.transpose(0, 2, 1).reshape(len(self.coefficients), -1)
 
     def __call__(self, t: np.ndarray) -> np.ndarray:
-        """Evaluate; at a break the later piece counts.
-
-        Parameters
-        ----------
-        t : ndarray, shape (m,)
-            Times.
-
-        Returns
-        -------
-        ndarray, shape (n, m)
-        """
+        """Evaluate at times (m,), as (n, m); at a break the later piece counts."""
         t = np.asarray(t, dtype=float)
         last = len(self.coefficients) - 1
         piece = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, last)
@@ -85,26 +57,8 @@ class ParameterPath:
     def schedule(self, name: str, time: ca.SX) -> tuple[ca.SX, Schedule]:
         """Turn the path into what a Model takes.
 
-        Parameters
-        ----------
-        name : str
-            What is scheduled, for instance ``"stiffness"``.
-        time : casadi.SX
-            The model's symbol of time.
-
-        Returns
-        -------
-        expression : casadi.SX, shape (n, 1)
-            The parameters.
-        schedule : Schedule
-            Gives the symbols in ``expression`` their values.
-
-        Examples
-        --------
-        >>> import casadi as ca
-        >>> steps = ParameterPath(np.array([0.0, 1.0]), np.full((1, 2, 1), 9.0))
-        >>> steps.schedule("stiffness", ca.SX.sym("t"))[0]
-        SX([stiffness_0, stiffness_1])
+        Gives the parameters (n, 1) and the Schedule of their symbols. `name` is what is
+        scheduled, "stiffness" say; `time` the model's symbol of time.
         """
         symbol, begin = ca.SX.sym(name, self.values.shape[1]), ca.SX.sym(f"{name}_begin")
         powers = ca.vertsplit(symbol, self.size)
@@ -121,36 +75,10 @@ def piecewise_constant(
     interval: float,
     horizon: float,
 ) -> ParameterPath:
-    """Draw parameters that take new values after every interval, independent of all others.
+    """Draw parameters that take new, independent values after every interval.
 
-    Values are uniform between mean - spread and mean + spread, so that they stay positive.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of chance; the same seed gives the same path.
-    mean, spread : array_like, shape (n,)
-        Middle and half width of the range of each parameter, 0 <= spread < mean. At least one of
-        both tells n.
-    interval : float
-        Time between two changes.
-    horizon : float
-        How long it goes on; afterwards the last value stays.
-
-    Returns
-    -------
-    ParameterPath
-
-    Raises
-    ------
-    ArgumentError
-        If a parameter might not be positive, or a time is not.
-
-    Examples
-    --------
-    >>> path = piecewise_constant(np.random.default_rng(1), [10.0, 10.0], 2.0, 0.5, 3.0)
-    >>> path.coefficients.shape
-    (6, 2, 1)
+    Uniform on mean ± spread, (n,), 0 <= spread < mean, so positive; the last stays after
+    `horizon`. Raises ArgumentError if a parameter might not be positive, or a time is not.
     """
     mean, spread = _columns(mean, spread)
     if not np.all((spread >= 0) & (spread < mean) & np.isfinite(mean)):
@@ -168,43 +96,10 @@ def ornstein_uhlenbeck(
     step: float,
     horizon: float,
 ) -> ParameterPath:
-    """Draw parameters whose logarithms are stationary Ornstein-Uhlenbeck processes.
+    """Draw mean exp(s z - s²/2), s² = log(1 + (deviation/mean)²), z a unit-variance OU process.
 
-    A parameter is mean exp(s z - s^2/2) with s^2 = log(1 + (deviation/mean)^2), where z is an
-    Ornstein-Uhlenbeck process of unit variance, so it is positive, has this mean and deviation at
-    any time, and mean^2 (exp(s^2 exp(-h/correlation_time)) - 1) as its covariance over a time h.
-    This is exact at the points of the grid (Gillespie, Phys. Rev. E 54, 2084, 1996); between them
-    the parameters are linear in time, so that they are continuous.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of chance; the same seed gives the same path.
-    mean, deviation : array_like, shape (n,)
-        Mean, positive, and standard deviation of each parameter. At least one of both tells n.
-    correlation_time : float
-        Time after which the correlation of the logarithms has fallen to 1/e.
-    step : float
-        Distance of the grid's points in time.
-    horizon : float
-        How long it goes on; afterwards the last value stays.
-
-    Returns
-    -------
-    ParameterPath
-        With one piece more than steps, constant, for all time after the horizon.
-
-    Raises
-    ------
-    ArgumentError
-        If a mean is not positive, a deviation negative, or a time not positive.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> path = ornstein_uhlenbeck(rng, [10.0, 10.0], 2.0, correlation_time=1, step=0.25, horizon=3)
-    >>> path.coefficients.shape
-    (13, 2, 2)
+    Covariance over a time h is mean² (exp(s² exp(-h/correlation_time)) - 1), exact on the
+    grid (Gillespie, Phys. Rev. E 54, 2084, 1996); linear between, constant after `horizon`.
     """
     mean, deviation = _columns(mean, deviation)
     if not np.all((mean > 0) & (deviation >= 0) & np.isfinite(mean + deviation)):

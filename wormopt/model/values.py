@@ -9,33 +9,9 @@ import numpy as np
 
 from wormopt.errors import ArgumentError, UnknownNameError
 
-__all__ = ["by_name", "check_names", "numbers", "signal_values"]
-
 
 def numbers(name: str, given: object) -> np.ndarray:
-    """Array of numbers from whatever a caller wrote.
-
-    Parameters
-    ----------
-    name : str
-        What it is, for the message.
-    given : array_like
-        A number, a list, an array.
-
-    Returns
-    -------
-    ndarray
-
-    Raises
-    ------
-    ArgumentError
-        If it is no number and no array of numbers.
-
-    Examples
-    --------
-    >>> numbers("mass", [1, 2])
-    array([1., 2.])
-    """
+    """Array of numbers from whatever a caller wrote; raises ArgumentError if it is none."""
     try:
         return np.asarray(given, dtype=float)
     except (TypeError, ValueError, RuntimeError):  # the last is CasADi's, of symbols
@@ -45,27 +21,9 @@ def numbers(name: str, given: object) -> np.ndarray:
 
 
 def check_names(given: object, known: Sequence[str], what: str) -> None:
-    """Refuse what is no mapping from names that are known.
+    """Refuse what is no mapping from names that are known; `what` they name, "state" say.
 
-    Parameters
-    ----------
-    given : object
-        From a caller.
-    known : sequence of str
-        The names there are.
-    what : str
-        What they are names of, "state" say.
-
-    Raises
-    ------
-    ArgumentError
-        If it is no mapping.
-    UnknownNameError
-        If it has other names.
-
-    Examples
-    --------
-    >>> check_names({"position": 1.0}, ["position", "velocity"], "state")
+    Raises ArgumentError if it is no mapping, UnknownNameError if it has other names.
     """
     if not isinstance(given, Mapping):
         example = f"{{{known[0] if known else 'name'!r}: ...}}"
@@ -76,27 +34,7 @@ def check_names(given: object, known: Sequence[str], what: str) -> None:
 
 
 def by_name(signals: Sequence[Any], values: np.ndarray) -> dict[str, np.ndarray]:
-    """Take a column apart; the inverse of `signal_values`.
-
-    Parameters
-    ----------
-    signals : sequence of Signal
-        What the column holds, in order.
-    values : ndarray
-        The column.
-
-    Returns
-    -------
-    dict of str to ndarray
-
-    Examples
-    --------
-    >>> import casadi as ca
-    >>> from wormopt.model.model import Signal
-    >>> signals = [Signal("x", ca.SX.sym("x", 2)), Signal("v", ca.SX.sym("v"))]
-    >>> by_name(signals, np.array([1.0, 2.0, 3.0]))
-    {'x': array([1., 2.]), 'v': array([3.])}
-    """
+    """Take a column apart; the inverse of `signal_values`."""
     ends = np.cumsum([s.size for s in signals], dtype=int).tolist()
     return {s.name: values[end - s.size : end] for s, end in zip(signals, ends, strict=True)}
 
@@ -107,36 +45,10 @@ def signal_values(
     what: str,
     fill: float | None = None,
 ) -> np.ndarray:
-    """Stack the values of signals, those given before those the model brings.
+    """Stack the values of signals: those given, else those the model brings, else `fill`.
 
-    Parameters
-    ----------
-    signals : sequence of Signal
-        What needs a value.
-    given : mapping of str to float or array, optional
-        Values by name; a number stands for all entries.
-    what : str
-        What they are called in messages.
-    fill : float, optional
-        Value of what has none.
-
-    Returns
-    -------
-    ndarray
-
-    Raises
-    ------
-    ArgumentError
-        If a name is unknown, a value is missing, no number, not of the signal's size or beyond its
-        bounds.
-
-    Examples
-    --------
-    >>> import casadi as ca
-    >>> from wormopt.model.model import Signal
-    >>> stiffness = Signal("stiffness", ca.SX.sym("c", 2), value=(10.0, 12.0))
-    >>> signal_values((stiffness,), {"stiffness": 9.0}, "parameter")
-    array([9., 9.])
+    A number stands for all entries. Raises ArgumentError if a name is unknown, or a value
+    is missing, no number, not of the signal's size or beyond its bounds.
     """
     given = {} if given is None else given
     check_names(given, [s.name for s in signals], what)

@@ -18,9 +18,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from wormopt.numerics.linearised import Excess, Linearised, Point
-
-__all__ = ["BilinearProgram", "Climb", "Excess", "Point"]
+from wormopt.numerics.linearised import Linearised, Point
 
 # Trust regions, as shares of each held factor.
 _FIRST, _SHRINK, _LARGEST, _SMALLEST = 0.5, 0.25, 1.0, 1e-7
@@ -31,52 +29,19 @@ _SHORTEST_STEP = 0.02
 
 @dataclass(frozen=True)
 class Climb:
-    """When a climb is over.
+    """When a climb is over."""
 
-    Parameters
-    ----------
-    tolerance : float
-        A linearised step that promises less than this share of the value ends it.
-    steps : int
-        Most steps.
-    enough : float
-        Give up where this value seems out of reach: at four times what a step promises.
-    """
-
-    tolerance: float = 1e-4
-    steps: int = 60
+    tolerance: float = 1e-4  # least share of the value that a linearised step must promise
+    steps: int = 60  # most steps
+    # give up where this value is out of reach at four times what a step promises
     enough: float = -np.inf
 
 
 class BilinearProgram(Linearised):
-    """Maximise the ratio of two rows, or one row, of a bilinear program.
+    """Maximise row `gain`, or its ratio to the positive row `per`, of a bilinear program.
 
-    Parameters
-    ----------
-    rows : BilinearRows
-        Rows and columns.
-    held : ndarray of int
-        Columns that are held in turn: one factor of every product at least.
-    gain : int
-        Row whose value is maximised,
-    per : int, optional
-        divided by that of this one, which is positive.
-    excess : Excess, optional
-        Costs that are products of columns not held.
-
-    Examples
-    --------
-    The largest x y on a line x + y <= 2, from x = 0.5.
-
-    >>> from wormopt.numerics.bilinear_rows import BilinearRows
-    >>> rows = BilinearRows()
-    >>> x = rows.columns(np.array([2.0, 2.0]))
-    >>> _ = rows.add([(x[0], 1.0), (x[1], 1.0)], [], -np.inf, 2.0)
-    >>> area = rows.add([], [(x[0], x[1], 1.0)], -np.inf, np.inf)
-    >>> program = BilinearProgram(rows, x[:1], int(area[0]))
-    >>> start = program.restore(np.array([0.5, 0.0]))
-    >>> program.climb(start, Climb(tolerance=1e-9)).value.__round__(6)
-    1.0
+    `held` are columns held in turn: at least one factor of every product.
+    `excess` are costs that are products of columns not held.
     """
 
     def climb(
@@ -84,19 +49,8 @@ class BilinearProgram(Linearised):
     ) -> Point:
         """Improve a feasible point until a linearised step promises nothing more.
 
-        Parameters
-        ----------
-        start : Point
-            From `restore`.
-        until : Climb
-            When to end.
-        stop : callable, optional
-            Asked after each step whether to give up.
-
-        Returns
-        -------
-        Point
-            Feasible to the solver's tolerance, never worse than the start.
+        Feasible to the solver's tolerance, never worse than `start`, which `restore` gives.
+        `stop` is asked after each step whether to give up.
         """
         best, radius = start, _FIRST
         for _ in range(until.steps):
@@ -129,19 +83,8 @@ class BilinearProgram(Linearised):
     def sharpen(self, point: Point, radius: float = 1e-3) -> tuple[Point, np.ndarray]:
         """Move onto the active rows and bounds by Newton's method, to rounding.
 
-        Parameters
-        ----------
-        point : Point
-            Near a local optimum.
-        radius : float, optional
-            Trust region of the step that finds what is active.
-
-        Returns
-        -------
-        point : Point
-            On its active rows to rounding, or as it was where that would leave the rest.
-        multipliers : ndarray, shape (rows,)
-            Gain in the objective per unit by which the side of each row is moved.
+        Gives the point, as it was where that would leave the rest, and multipliers (rows,):
+        gain per unit by which a side moves. `radius`: trust region of the active-set step.
         """
         multipliers = np.zeros(len(self.row_lower))
         for near in (radius, 1e-3 * radius):
@@ -178,21 +121,10 @@ class BilinearProgram(Linearised):
         return None
 
     def inside(self, point: Point, margin: float) -> Point | None:
-        """The best point nearby a little within all sides; equations exact.
+        """The best point nearby a little within all sides, equations exact; None if none.
 
-        Held columns stay as they are, or move a little where no such point is left.
-
-        Parameters
-        ----------
-        point : Point
-            Near which it is sought.
-        margin : float
-            Distance from the sides, more than the solver may be off.
-
-        Returns
-        -------
-        Point or None
-            None where there is none.
+        Held columns stay, or move a little where no such point is left. `margin` from the
+        sides must be more than the solver may be off.
         """
         for radius in (0.0, _INWARD * np.sqrt(margin)):
             found = self._within(point.x, margin, radius)
@@ -249,22 +181,8 @@ class BilinearProgram(Linearised):
     def gain(self, moved: BilinearProgram, x: np.ndarray, radius: float = 1e-3) -> float:
         """What a small change of sides, bounds and coefficients gains, to first order.
 
-        The program that has moved is linearised at the old optimum. Its multipliers there are
-        those of the direction of the move, also where those of the old program are not unique.
-
-        Parameters
-        ----------
-        moved : BilinearProgram
-            With the same unknowns, and the same rows in the same order.
-        x : ndarray
-            Local optimum of this program.
-        radius : float, optional
-            Trust region, as a share of each held factor.
-
-        Returns
-        -------
-        float
-            Change of the objective; NaN where no point is left near the optimum, or rows differ.
+        `moved` is linearised at the old optimum `x`: its multipliers fit the move even where
+        the old are not unique. NaN without a point nearby; `radius`: share of held factors.
         """
         if len(moved.row_lower) != len(self.row_lower):
             return np.nan

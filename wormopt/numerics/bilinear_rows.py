@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["BilinearRows", "Product", "Term"]
-
 # Columns, one per row or one for all, and the coefficient.
 Term = tuple["np.ndarray | int", "np.ndarray | float"]
 # First and second factor, one per row or one for all, and the coefficient.
@@ -18,43 +16,17 @@ Product = tuple["np.ndarray | int", "np.ndarray | int", "np.ndarray | float"]
 
 @dataclass
 class BilinearRows:
-    """Rows of a bilinear program in the making, added in blocks, and its columns.
+    """Rows of a bilinear program in the making, added in blocks, and its columns."""
 
-    Parameters
-    ----------
-    count : int
-        Rows so far.
-    lower, upper : list of float
-        Bounds of the columns so far.
-
-    Examples
-    --------
-    >>> rows = BilinearRows()
-    >>> x = rows.columns(np.array([2.0, 2.0]))
-    >>> rows.add([(x[0], 1.0)], [(x[0], x[1], 1.0)], -np.inf, 3.0)  # x0 + x0 x1 <= 3
-    array([0])
-    """
-
-    count: int = 0
-    lower: list[float] = field(default_factory=list)
-    upper: list[float] = field(default_factory=list)
+    count: int = 0  # rows so far
+    lower: list[float] = field(default_factory=list)  # bounds of the columns so far
+    upper: list[float] = field(default_factory=list)  # bounds of the columns so far
     _sides: list[tuple[int, Any, Any]] = field(default_factory=list)
     _linear: list[tuple[Any, ...]] = field(default_factory=list)
     _products: list[tuple[Any, ...]] = field(default_factory=list)
 
     def columns(self, upper: np.ndarray) -> np.ndarray:
-        """Number new columns from 0 to these bounds; -1 where the bound is 0: no column.
-
-        Parameters
-        ----------
-        upper : ndarray
-            Upper bounds, of any shape.
-
-        Returns
-        -------
-        ndarray of int
-            Of the same shape.
-        """
+        """Number new columns from 0 to these bounds; -1 where the bound is 0: no column."""
         kept = upper > 0.0
         number = np.where(kept, len(self.upper) - 1 + np.cumsum(kept).reshape(upper.shape), -1)
         self.upper.extend(upper[kept].tolist())
@@ -70,17 +42,8 @@ class BilinearRows:
     ) -> np.ndarray:
         """Add the rows lower <= linear terms + products <= upper; give their numbers.
 
-        Columns, factors and coefficients are broadcast against each other. Terms with a column
-        or factor -1 are left out: what they stand for is zero.
-
-        Parameters
-        ----------
-        linear : sequence of (columns, coefficients)
-            Linear terms.
-        products : sequence of (columns, columns, coefficients)
-            Products of two unknowns.
-        lower, upper : float or ndarray
-            Sides; infinite where there is none.
+        Terms (columns, coefficients) and products (columns, columns, coefficients) are
+        broadcast; those with a column -1 are zero and left out. Sides may be infinite.
         """
         terms = (*linear, *products)
         size = max((np.size(factor) for term in terms for factor in term[:-1]), default=1)

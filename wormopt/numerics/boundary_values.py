@@ -20,8 +20,6 @@ from wormopt.errors import SolveError
 from wormopt.model.boundary import BoundaryProblem
 from wormopt.numerics.collocation import Collocation
 
-__all__ = ["BoundarySolution", "solve_boundary"]
-
 Guess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 _LAST_STEP = 1e-12
 _LEAST_MOVE = 1e-4
@@ -29,47 +27,18 @@ _LEAST_MOVE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class BoundarySolution:
-    """States along [0, 1] and the numbers that were unknown.
+    """States along [0, 1] and the numbers that were unknown."""
 
-    Parameters
-    ----------
-    start : ndarray, shape (n_y,)
-        States at 0.
-    rates : ndarray, shape (degree, n_y)
-        Legendre coefficients of dy/ds, of the variable 2 s - 1.
-    p : ndarray, shape (n_p,)
-        Unknown numbers.
-    residual : float
-        Largest rest of the equations and conditions.
-    tail : float
-        Largest of the last coefficients over the largest of all: how well it is resolved.
-    defect : float
-        Largest rest of the equations between the points, over the largest of all
-        coefficients.
-    degree : int
-        Of the polynomials.
-    """
-
-    start: np.ndarray
-    rates: np.ndarray
-    p: np.ndarray
-    residual: float
-    tail: float
-    defect: float
-    degree: int
+    start: np.ndarray  # (n_y,) states at 0
+    rates: np.ndarray  # (degree, n_y) Legendre coefficients of dy/ds in 2 s - 1
+    p: np.ndarray  # (n_p,) unknown numbers
+    residual: float  # largest rest of the equations and conditions
+    tail: float  # largest last coefficient over the largest of all
+    defect: float  # largest rest between the points over the largest of all coefficients
+    degree: int  # of the polynomials
 
     def at(self, s: Any) -> np.ndarray:
-        """States anywhere.
-
-        Parameters
-        ----------
-        s : array_like, shape (m,)
-            Places from 0 to 1.
-
-        Returns
-        -------
-        ndarray, shape (n_y, m)
-        """
+        """States (n_y, m) at places `s` (m,) from 0 to 1."""
         series = legendre.legint(self.rates, lbnd=-1, axis=0) / 2
         return self.start[:, None] + legendre.legval(2 * np.asarray(s, dtype=float) - 1, series)
 
@@ -164,46 +133,10 @@ def solve_boundary(
     most: int = 256,
     tolerance: float = 1e-13,
 ) -> BoundarySolution:
-    """Solve a problem, following its solution from one set of given numbers to another.
+    """Solve a problem, following its solution along the sets of given numbers to the last.
 
-    Parameters
-    ----------
-    problem : BoundaryProblem
-        What to solve.
-    guess : callable
-        Of places (m,): states (n_y, m) and unknown numbers (n_p,), near a solution at the first
-        set of given numbers.
-    given : sequence of sequence of float
-        Sets of given numbers; the solution is wanted at the last, and followed on straight lines
-        from one to the next.
-    degree, most : int, optional
-        Of the polynomials: the first tried, and the largest; it is doubled.
-    tolerance : float, optional
-        Largest of the last coefficients over the largest.
-
-    Returns
-    -------
-    BoundarySolution
-        At the last set.
-
-    Raises
-    ------
-    SolveError
-        If Newton's method finds none at the first set ("no_start"), the solution cannot be
-        followed to the last ("lost"), or the largest degree does not resolve it ("unresolved").
-
-    Examples
-    --------
-    The least rate p of y'' = -p² y with y = 0 at both ends is pi:
-
-    >>> y, start, end = (ca.SX.sym(name, 2) for name in ("y", "start", "end"))
-    >>> p, given = ca.SX.sym("p"), ca.SX.sym("given", 0)
-    >>> zeros = ca.vertcat(start[0], end[0], start[1] - 1)
-    >>> ode = ca.vertcat(y[1], -(p**2) * y[0])
-    >>> swing = BoundaryProblem(y, p, given, ode, start, end, zeros, ("y", "slope"))
-    >>> near = lambda s: (np.array([s * (1 - s), 1 - 2 * s]), np.array([3.0]))
-    >>> bool(abs(solve_boundary(swing, near, [[]]).p[0] - np.pi) < 1e-13)
-    True
+    `guess` maps places (m,) to states (n_y, m) and p (n_p,); `degree` doubles up to `most`
+    until the tail is resolved. Raises SolveError: "no_start", "lost" or "unresolved".
     """
     path = [np.array(numbers, dtype=float) for numbers in given]
     equations = _Equations(problem, degree)

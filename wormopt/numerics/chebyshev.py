@@ -12,8 +12,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import chebyshev
 
-__all__ = ["Series", "resolve"]
-
 Vectorised = Callable[[np.ndarray], np.ndarray]
 
 
@@ -25,26 +23,11 @@ def _nodes_and_transform(degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Series:
-    """Several functions on [a, b] as Chebyshev series, one row of coefficients each.
+    """Several functions on [a, b] as Chebyshev series, one row of coefficients each."""
 
-    Parameters
-    ----------
-    a, b : float
-        Ends of the interval, a < b.
-    coefficients : ndarray, shape (rows, degree + 1)
-        Chebyshev coefficients of each function.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> s = resolve(lambda t: np.array([np.cos(t)]), 0.0, 4.0)
-    >>> [float(round(r, 12)) for r in s.roots(0)]
-    [1.570796326795]
-    """
-
-    a: float
+    a: float  # left end, a < b
     b: float
-    coefficients: np.ndarray
+    coefficients: np.ndarray  # (rows, degree + 1)
 
     def __call__(self, s: np.ndarray) -> np.ndarray:
         """Evaluate all rows at times ``s``; shape (rows, len(s))."""
@@ -65,20 +48,10 @@ class Series:
         return self.primitive()(np.array([self.b]))[:, 0]
 
     def roots(self, row: int, zero: float = 0.0) -> np.ndarray:
-        """Roots of one row in [a, b], ascending.
+        """Roots of one row in [a, b], ascending; none if all its coefficients are below `zero`.
 
-        Parameters
-        ----------
-        row : int
-            Which function.
-        zero : float, optional
-            A function whose coefficients are all below this size counts as zero: no roots.
-
-        Returns
-        -------
-        ndarray
-            A multiple root appears at most as often as its multiplicity, at least once where
-            the sign changes; a root at which it does not may be lost in round-off.
+        A multiple root appears at most as often as its multiplicity, at least once where the
+        sign changes; one where it does not may be lost in round-off.
         """
         c = self.coefficients[row]
         size = np.abs(c).max()
@@ -94,12 +67,7 @@ class Series:
         return np.sort(self.a + (real + 1) / 2 * (self.b - self.a))
 
     def extremes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest and largest value of every row on [a, b].
-
-        Returns
-        -------
-        low, high : ndarray, shape (rows,)
-        """
+        """Smallest and largest value of every row on [a, b], (rows,) each."""
         ends = self(np.array([self.a, self.b]))
         low, high = ends.min(axis=1), ends.max(axis=1)
         slope = self.derivative()
@@ -124,25 +92,8 @@ class Series:
 def resolve(function: Vectorised, a: float, b: float, degree: int | None = None) -> Series:
     """Interpolate a vector function on [a, b], to round-off where it is smooth.
 
-    Parameters
-    ----------
-    function : callable
-        Maps times (m,) to values (rows, m).
-    a, b : float
-        Ends of the interval.
-    degree : int, optional
-        Degree, where the function is known to be a polynomial; found by doubling otherwise.
-
-    Returns
-    -------
-    Series
-        With at most 257 coefficients a row.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> resolve(lambda t: np.array([t**2]), 0.0, 1.0, degree=2).integral().round(12)
-    array([0.33333333])
+    It maps times (m,) to (rows, m). Give `degree` of a polynomial; else it is doubled, up to
+    257 coefficients a row.
     """
     if degree is not None:
         return _interpolate(function, a, b, max(degree, 1))

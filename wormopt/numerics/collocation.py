@@ -10,8 +10,6 @@ from typing import Literal
 import numpy as np
 from numpy.polynomial import legendre
 
-__all__ = ["Collocation", "Scheme", "bernstein_matrix"]
-
 Scheme = Literal["legendre", "radau"]
 
 
@@ -81,26 +79,10 @@ class Collocation:
 
 
 def bernstein_matrix(nodes: np.ndarray) -> np.ndarray:
-    """Matrix from values at ``nodes`` to Bernstein coefficients of the interpolating polynomial.
+    """Matrix from values at nodes to Bernstein coefficients of the interpolating polynomial.
 
-    A polynomial on [0, 1] stays between its smallest and largest Bernstein coefficient, so
-    bounds on them hold at every instant, not only at nodes.
-
-    Parameters
-    ----------
-    nodes : ndarray, shape (d + 1,)
-        Distinct points in [0, 1].
-
-    Returns
-    -------
-    ndarray, shape (d + 1, d + 1)
-        Matrix M with coefficients = M @ values.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> bernstein_matrix(np.array([0.0, 0.5, 1.0])) @ np.array([0.0, 0.25, 1.0])
-    array([0., 0., 1.])
+    `nodes` (d + 1,) in [0, 1]. A polynomial stays between its smallest and largest
+    coefficient, so bounds on them hold at every instant, not only at nodes.
     """
     d = len(nodes) - 1
     k = np.arange(d + 1)

@@ -11,26 +11,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-__all__ = ["Look", "compass"]
-
 Point = dict[str, float]
 
 
 @dataclass(frozen=True)
 class Look:
-    """What was found at a point.
-
-    Parameters
-    ----------
-    point : dict of str to float
-        Where.
-    value, error : float
-        What, and how uncertain it is.
-    """
+    """What was found at a point."""
 
     point: Point
     value: float
-    error: float
+    error: float  # uncertainty of the value
 
 
 def compass(
@@ -40,31 +30,9 @@ def compass(
     bounds: Mapping[str, tuple[float, float]],
     rounds: int,
 ) -> list[Look]:
-    """Search for the largest value.
+    """Search for the largest value; gives the centres, from the start to the best.
 
-    Parameters
-    ----------
-    look : callable
-        Gives what is found at several points; they may be computed side by side.
-    start, steps : mapping of str to float
-        First centre, and first steps.
-    bounds : mapping of str to (float, float)
-        Between which the numbers must stay.
-    rounds : int
-        So many rounds of looks.
-
-    Returns
-    -------
-    list of Look
-        The centres, best last; the first is the start.
-
-    Examples
-    --------
-    >>> def look(points):
-    ...     return [Look(p, -((p["x"] - 0.3) ** 2), 0.0) for p in points]
-    >>> found = compass(look, {"x": 1.0}, {"x": 0.5}, {"x": (0.0, 1.0)}, 12)
-    >>> abs(found[-1].point["x"] - 0.3) < 1e-2
-    True
+    `look` is given several points at once, which may be computed side by side.
     """
     centres, seen = list(look([dict(start)])), {_key(start)}
     sizes = dict(steps)

@@ -15,8 +15,6 @@ from typing import Any
 import highspy
 import numpy as np
 
-__all__ = ["LinearProgram", "Maximum", "Rows", "Term"]
-
 # Columns, one per row or one for all, with their coefficients.
 Term = tuple["np.ndarray | int", "np.ndarray | float"]
 
@@ -30,21 +28,9 @@ _ULP = float(np.finfo(float).eps)
 
 @dataclass
 class Rows:
-    """Rows of a linear program in the making, added in blocks.
+    """Rows of a linear program in the making, added in blocks."""
 
-    Parameters
-    ----------
-    count : int
-        Rows so far.
-
-    Examples
-    --------
-    >>> rows = Rows()
-    >>> rows.add([(np.array([0, 1]), 1.0), (2, -1.0)], 0.0, np.inf)  # x0 >= x2 and x1 >= x2
-    array([0, 1])
-    """
-
-    count: int = 0
+    count: int = 0  # rows so far
     _entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)
     _sides: list[np.ndarray] = field(default_factory=list)
 
@@ -54,20 +40,10 @@ class Rows:
         lower: np.ndarray | float,
         upper: np.ndarray | float,
     ) -> np.ndarray:
-        """Add the rows lower <= sum of coefficient times column <= upper.
+        """Add the rows lower <= sum of coefficient times column <= upper; give their numbers.
 
-        Parameters
-        ----------
-        terms : sequence of Term
-            Columns and coefficients of all rows of the block, broadcast against each other.
-            Terms of column -1 are left out: what they stand for is zero.
-        lower, upper : float or ndarray
-            Sides, infinite where there is none.
-
-        Returns
-        -------
-        ndarray of int
-            Numbers of the rows.
+        Columns and coefficients are broadcast; terms of column -1 are zero and left out.
+        Sides are infinite where there is none.
         """
         size = max([p.size for term in terms for p in term if isinstance(p, np.ndarray)], default=1)
         rows = np.arange(self.count, self.count + size)
@@ -83,19 +59,9 @@ class Rows:
         return rows
 
     def assemble(self, columns: int) -> tuple[np.ndarray, ...]:
-        """Put the blocks together, row by row.
+        """Put the blocks together, row by row: starts (rows + 1,), column, value, lower, upper.
 
-        Parameters
-        ----------
-        columns : int
-            Number of columns.
-
-        Returns
-        -------
-        starts : ndarray of int, shape (rows + 1,)
-        column, value : ndarray
-            Entries of the rows in the order of columns; terms of one place are added up.
-        lower, upper : ndarray, shape (rows,)
+        Entries of a row are in the order of columns; terms of one place are added up.
         """
         row, column, value = (np.concatenate(part) for part in zip(*self._entries, strict=True))
         kept = column >= 0
@@ -112,46 +78,18 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Maximum:
-    """What is known of the maximum of a linear program.
+    """What is known of the maximum of a linear program."""
 
-    Parameters
-    ----------
-    bound : float
-        Proven: no feasible point has a larger value. Minus infinity where none exists.
-    x : ndarray
-        A solution to the solver's tolerances; empty where it found none.
-    row_duals : ndarray
-        Multipliers of the rows: gain per unit by which the side is moved.
-    """
-
-    bound: float
-    x: np.ndarray
-    row_duals: np.ndarray
+    bound: float  # proven upper bound; minus infinity if infeasible
+    x: np.ndarray  # solution to the solver's tolerances; empty if none
+    row_duals: np.ndarray  # gain per unit by which a side is moved
 
 
 class LinearProgram:
-    """Maximise a linear cost within rows and bounds, again and again with changed numbers.
+    """Maximise a linear cost (n,) within rows and bounds, again and again with changed numbers.
 
-    The solver keeps its basis, so that a program that differs little from the last one is solved
-    in a few steps of the dual simplex method. Every column must be bounded, which the proven
-    bound rests on. Not to be used by two threads at a time.
-
-    Parameters
-    ----------
-    cost : ndarray, shape (n,)
-        Maximised.
-    rows : Rows
-        The rows.
-    lower, upper : ndarray, shape (n,)
-        Finite bounds of the columns.
-
-    Examples
-    --------
-    >>> rows = Rows()
-    >>> _ = rows.add([(0, 1.0), (1, 2.0)], -np.inf, 3.0)
-    >>> program = LinearProgram(np.array([1.0, 1.0]), rows, np.zeros(2), np.array([2.0, 2.0]))
-    >>> round(program.maximise().bound, 12)
-    2.5
+    The basis is kept, so that a small change takes a few steps of the dual simplex method.
+    Column bounds must be finite: the proven bound rests on them. Not thread-safe.
     """
 
     def __init__(self, cost: np.ndarray, rows: Rows, lower: np.ndarray, upper: np.ndarray) -> None:
@@ -173,17 +111,7 @@ class LinearProgram:
         self.extend(rows)
 
     def extend(self, rows: Rows) -> np.ndarray:
-        """Add rows at the end.
-
-        Parameters
-        ----------
-        rows : Rows
-
-        Returns
-        -------
-        ndarray of int
-            Their numbers.
-        """
+        """Add rows at the end; give their numbers."""
         starts, column, value, lower, upper = rows.assemble(len(self._cost))
         self._highs.addRows(rows.count, lower, upper, len(value), starts[:-1], column, value)
         row = np.repeat(np.arange(rows.count), np.diff(starts)) + len(self._row_lower)
@@ -196,29 +124,15 @@ class LinearProgram:
         return np.arange(len(self._row_lower) - rows.count, len(self._row_lower))
 
     def places(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Find where coefficients are stored, to change them by.
+        """Find where coefficients, (m,) rows and columns, are stored, for `change`.
 
-        Parameters
-        ----------
-        rows, columns : ndarray of int, shape (m,)
-            The coefficients; they must be in the program.
-
-        Returns
-        -------
-        ndarray of int, shape (m,)
+        They must be in the program.
         """
         every = self._row.astype(int) * len(self._cost) + self._column
         return np.searchsorted(every, rows * len(self._cost) + columns)
 
     def change(self, places: np.ndarray, values: np.ndarray) -> None:
-        """Change coefficients.
-
-        Parameters
-        ----------
-        places : ndarray of int, shape (m,)
-            From `places`.
-        values : ndarray, shape (m,)
-        """
+        """Change the coefficients at `places` (m,), which the method of that name gives."""
         new = self._value[places] != values
         places, values = places[new], values[new]
         self._value[places] = values
@@ -227,35 +141,20 @@ class LinearProgram:
             self._highs.changeCoeff(row, column, value)
 
     def set_sides(self, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
-        """Change the sides of rows.
-
-        Parameters
-        ----------
-        rows : ndarray of int, shape (m,)
-        lower, upper : ndarray, shape (m,)
-        """
+        """Change the sides of rows, (m,) each."""
         self._row_lower[rows], self._row_upper[rows] = lower, upper
         self._highs.changeRowsBounds(len(rows), rows.astype(np.int32), lower, upper)
 
     def set_bounds(self, columns: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
-        """Change the bounds of columns.
-
-        Parameters
-        ----------
-        columns : ndarray of int, shape (m,)
-        lower, upper : ndarray, shape (m,)
-        """
+        """Change the bounds of columns, (m,) each."""
         self._lower[columns], self._upper[columns] = lower, upper
         self._highs.changeColsBounds(len(columns), columns.astype(np.int32), lower, upper)
 
     def maximise(self) -> Maximum:
         """Solve, and bound the maximum whatever the solver says of its success.
 
-        Returns
-        -------
-        Maximum
-            Where the solver finds no feasible point and the proof of that holds in spite of
-            rounding, the bound is minus infinity. Where it fails the bound is poor but true.
+        Minus infinity where infeasibility is proven in spite of rounding; where the solver
+        fails the bound is poor but true.
         """
         nothing = np.empty(0)
         self._highs.setOptionValue("time_limit", self._highs.getRunTime() + _LONGEST)
@@ -282,21 +181,10 @@ class LinearProgram:
         return float(ends.sum() + 2 * (len(ends) + _COEFFICIENT_ULPS) * _ULP * size)
 
     def bound(self, duals: np.ndarray) -> float:
-        """Bound the maximum from above by any multipliers, rounding included.
+        """Bound the maximum from above by any row multipliers y (rows,), rounding included.
 
-        For every feasible x the value c x = y A x + (c - y A) x is at most the sum of the
-        largest values of the two parts, row by row and column by column.
-
-        Parameters
-        ----------
-        duals : ndarray, shape (rows,)
-            Multipliers y of the rows. The better they are, the closer the bound.
-
-        Returns
-        -------
-        float
-            True for the program as stored, and for every one whose coefficients differ from it
-            by a few roundoffs.
+        c x = y A x + (c - y A) x is at most the sum of the largest values of both parts, row
+        and column wise. True even if coefficients are a few roundoffs off.
         """
         return self._bound(self._cost, duals)
 

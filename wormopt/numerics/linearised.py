@@ -12,52 +12,29 @@ from scipy import sparse
 
 from wormopt.numerics.bilinear_rows import BilinearRows
 
-__all__ = ["Excess", "Linearised", "Point"]
-
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A feasible point of a bilinear program.
+    """A feasible point of a bilinear program."""
 
-    Parameters
-    ----------
-    x : ndarray, shape (columns,)
-        Values of the unknowns.
-    value : float
-        The objective there.
-    """
-
-    x: np.ndarray
-    value: float
+    x: np.ndarray  # (columns,) values of the unknowns
+    value: float  # the objective there
 
 
 @dataclass(frozen=True, eq=False)
 class Excess:
     """Columns that stand for costs: each is at least what its row demands, and 0.
 
-    Parameters
-    ----------
-    columns, rows : ndarray of int
-        Column and row of each cost. The row has side 0 below, and knows products of the column
-        with held ones only.
-    factors : ndarray of int
-        Columns whose products with each other are in the rows. They are kept near where the
-        rows were linearised, and the costs are then set to what the rows say exactly.
+    A row has side 0 below, and products of its column with held ones only.
     """
 
-    columns: np.ndarray
-    rows: np.ndarray
-    factors: np.ndarray
+    columns: np.ndarray  # of each cost
+    rows: np.ndarray  # of each cost
+    factors: np.ndarray  # columns with mutual products in the rows, kept near the linearisation
 
 
 class Linearised:
-    """A bilinear program that can be linearised anywhere; see `BilinearProgram` for parameters.
-
-    Parameters
-    ----------
-    rows, held, gain, per, excess : optional
-        As for `BilinearProgram`.
-    """
+    """A bilinear program that can be linearised anywhere; see `BilinearProgram` for parameters."""
 
     def __init__(
         self,
@@ -95,13 +72,7 @@ class Linearised:
         self._excess_entries = np.searchsorted(places, excess.rows * n + excess.columns)
 
     def jacobian(self, x: np.ndarray) -> sparse.csr_array:
-        """Derivatives of all rows, shape (rows, columns).
-
-        Parameters
-        ----------
-        x : ndarray, shape (columns,)
-            Values of the unknowns.
-        """
+        """Derivatives of all rows, shape (rows, columns)."""
         return self._matrix(self._constant + self._slopes @ x)
 
     def _matrix(self, data: np.ndarray) -> sparse.csr_array:
@@ -109,48 +80,22 @@ class Linearised:
         return sparse.csr_array((data, self._indices, self._starts), shape)
 
     def values(self, x: np.ndarray) -> np.ndarray:
-        """Values of all rows.
-
-        Parameters
-        ----------
-        x : ndarray, shape (columns,)
-            Values of the unknowns.
-        """
+        """Values of all rows at `x` (columns,)."""
         return self._matrix(self._constant + 0.5 * (self._slopes @ x)) @ x
 
     def value(self, x: np.ndarray) -> float:
-        """Objective.
-
-        Parameters
-        ----------
-        x : ndarray, shape (columns,)
-            Values of the unknowns.
-        """
+        """Objective at `x` (columns,)."""
         values = self.values(x)
         return float(values[self._gain] / (1.0 if self._per is None else values[self._per]))
 
     def violation(self, x: np.ndarray) -> float:
-        """Largest excess over any side of a row or bound of a column.
-
-        Parameters
-        ----------
-        x : ndarray, shape (columns,)
-            Values of the unknowns.
-        """
+        """Largest excess over any side of a row or bound of a column."""
         values = self.values(x)
         rows = np.maximum(self.row_lower - values, values - self.row_upper)
         return float(max(rows.max(), np.maximum(self.lower - x, x - self.upper).max(), 0.0))
 
     def slope(self, x: np.ndarray, jacobian: sparse.csr_array) -> np.ndarray:
-        """Gradient of the objective.
-
-        Parameters
-        ----------
-        x : ndarray, shape (columns,)
-            Values of the unknowns.
-        jacobian : csr_array
-            Derivatives of all rows there.
-        """
+        """Gradient of the objective at `x`, from the derivatives of all rows there."""
         gain = self._dense(jacobian, self._gain)
         if self._per is None:
             return gain
@@ -164,13 +109,7 @@ class Linearised:
         return dense
 
     def repaired(self, x: np.ndarray) -> np.ndarray:
-        """The same point with every excess at the least that its row allows.
-
-        Parameters
-        ----------
-        x : ndarray, shape (columns,)
-            Values of the unknowns.
-        """
+        """The same point with every excess at the least that its row allows."""
         columns, rows = self._excess.columns, self._excess.rows
         if not len(columns):
             return x
@@ -224,16 +163,10 @@ class Linearised:
         return model
 
     def restore(self, x: np.ndarray, factors: float = np.inf) -> Point | None:
-        """Best point with the held columns of x; None where there is none.
+        """Best point with the held columns of `x`; None where there is none.
 
-        With an excess, the best to first order with its factors within a share of their bounds.
-
-        Parameters
-        ----------
-        x : ndarray, shape (columns,)
-            Values of the unknowns.
-        factors : float, optional
-            That share.
+        With an excess, best to first order with its factors within a share, `factors`, of
+        their bounds.
         """
         found = self._step(self.repaired(x), 0.0, factors)
         if found is None:
@@ -241,13 +174,7 @@ class Linearised:
         return self.point(np.array(found.col_value))
 
     def point(self, x: np.ndarray) -> Point:
-        """A feasible x with its value.
-
-        Parameters
-        ----------
-        x : ndarray, shape (columns,)
-            Values of the unknowns.
-        """
+        """A feasible `x` with its value."""
         x = self.repaired(x)
         return Point(x, self.value(x))
 

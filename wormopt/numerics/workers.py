@@ -16,8 +16,6 @@ from contextlib import contextmanager
 from multiprocessing import current_process
 from typing import Any, TypeVar
 
-__all__ = ["Workers"]
-
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")
 
@@ -28,21 +26,10 @@ _executors: dict[tuple[int, int], Any] = {}  # by the process that owns them, an
 
 
 class Workers:
-    """Processes that take jobs; they are started when first needed, and shared by all in turn.
+    """Processes that take jobs, started when first needed and shared by all in turn.
 
-    Until they are ready the work goes on here, and again if one of them is killed. A process that
-    is a worker, of this or another pool, has none of its own.
-
-    Parameters
-    ----------
-    count : int, optional
-        Number of processes, one per processor if left out; with 1 all is done here.
-
-    Examples
-    --------
-    >>> with Workers(1) as workers:
-    ...     list(workers.map(abs, [-1, 2]))
-    [1, 2]
+    Until they are ready, or once one is killed, work goes on here. A worker has none itself.
+    `count`: one per processor if left out; with 1 all is done here.
     """
 
     def __init__(self, count: int | None = None) -> None:
@@ -52,19 +39,9 @@ class Workers:
         self._asked = deque[Future]()
 
     def map(self, work: Callable[[Job], Answer], jobs: Sequence[Job]) -> Iterator[Answer]:
-        """Do the same with every job.
+        """Do the same with every job; yields the answers in the order of the jobs.
 
-        Parameters
-        ----------
-        work : callable
-            What is done; it is sent to the processes, as are the jobs.
-        jobs : sequence
-            With what.
-
-        Yields
-        ------
-        object
-            The answers, in the order of the jobs.
+        `work` and the jobs are sent to the processes.
         """
         if self.count == 1 or len(jobs) < 2:
             yield from map(work, jobs)

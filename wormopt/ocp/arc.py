@@ -15,25 +15,13 @@ from wormopt.ocp.contact import Prescribed, Treatment, never_rests
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.problem import Bound, Problem
 
-__all__ = ["Arc", "Layout", "limits_of"]
-
 
 def _nominals(signals: Sequence[Signal]) -> np.ndarray:
     return np.concatenate([np.zeros(0), *(np.full(s.size, s.nominal) for s in signals)])
 
 
 def limits_of(signals: Sequence[Signal]) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bounds of all scalars of the signals, scaled by their nominal sizes.
-
-    Parameters
-    ----------
-    signals : sequence of Signal
-        Signals in order.
-
-    Returns
-    -------
-    lower, upper : ndarray
-    """
+    """Lower and upper bounds of all scalars of the signals, scaled by their nominal sizes."""
     lower = [np.full(s.size, s.lower / s.nominal) for s in signals]
     upper = [np.full(s.size, s.upper / s.nominal) for s in signals]
     return np.concatenate([np.zeros(0), *lower]), np.concatenate([np.zeros(0), *upper])
@@ -44,44 +32,21 @@ class Layout:
     """Rows of one arc's column of variables, in order, all scaled by their nominal sizes.
 
     Row 0 is the duration.
-
-    Parameters
-    ----------
-    clock : slice
-        Time at the arc's start, where the model depends on it.
-    start : slice
-        State at the arc's start, after its impulses.
-    points : slice
-        States at the collocation points.
-    inputs : slice
-        Bernstein coefficients of the inputs.
-    slacks, algebraic, unknowns : slice
-        Slacks, algebraic variables and what contacts leave unknown, at the collocation points.
-    jumps : slice
-        Impulses of inputs and contacts at the arc's start.
-    size : int
-        Number of rows.
     """
 
-    clock: slice
-    start: slice
-    points: slice
-    inputs: slice
-    slacks: slice
-    algebraic: slice
-    unknowns: slice
-    jumps: slice
-    size: int
+    clock: slice  # time at the start, where the model depends on it
+    start: slice  # state at the start, after its impulses
+    points: slice  # states at the collocation points
+    inputs: slice  # Bernstein coefficients of the inputs
+    slacks: slice  # at the collocation points
+    algebraic: slice  # variables at the collocation points
+    unknowns: slice  # what contacts leave unknown, at collocation points
+    jumps: slice  # impulses of inputs and contacts at the start
+    size: int  # number of rows
 
     @classmethod
     def of(cls, sizes: dict[str, int]) -> Layout:
-        """Put blocks of the given sizes below the duration, in their order.
-
-        Parameters
-        ----------
-        sizes : dict of str to int
-            Number of rows by the name of the field.
-        """
+        """Put blocks of the given sizes, by field name, below the duration, in their order."""
         edges = np.cumsum([1, *sizes.values()])  # row 0 is the duration
         rows = {k: slice(int(a), int(b)) for k, a, b in zip(sizes, edges, edges[1:], strict=False)}
         return cls(**rows, size=int(edges[-1]))
@@ -90,19 +55,7 @@ class Layout:
 class Arc:
     """The piece from which a `Transcription` is built: one arc, any mode, all scaled.
 
-    Parameters
-    ----------
-    problem : Problem
-        What to optimise.
-    mesh : Mesh
-        Polynomials on each arc.
-    treatment : Treatment
-        How contacts are treated.
-
-    Raises
-    ------
-    ValueError
-        If impulses are asked for without prescribed modes.
+    Raises ValueError if impulses are asked for without prescribed modes.
     """
 
     def __init__(self, problem: Problem, mesh: Mesh, treatment: Treatment) -> None:
@@ -185,33 +138,16 @@ class Arc:
         return [*sizes, self.closure.nominal]
 
     def at_forces(self, expression: ca.SX) -> ca.SX:
-        """Express contact forces as the treatment has them.
-
-        Parameters
-        ----------
-        expression : casadi.SX
-            In the problem's symbols.
-
-        Returns
-        -------
-        casadi.SX
-        """
+        """Express contact forces in an expression as the treatment has them."""
         forces = self.problem.model.forces
         return (
             ca.substitute(expression, forces, self.closure.forces) if forces.numel() else expression
         )
 
     def unknown_limits(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of what contacts leave unknown, scaled.
+        """Scaled lower and upper bounds (n_unknowns,) of what contacts leave unknown.
 
-        Parameters
-        ----------
-        p : ndarray, shape (n_p,)
-            Parameters of the model.
-
-        Returns
-        -------
-        lower, upper : ndarray, shape (n_unknowns,)
+        `p` (n_p,) are the model's parameters.
         """
         closure = self.closure
         box = ca.Function("box", [self.constants[3]], [closure.lower, closure.upper])(p)
@@ -219,16 +155,9 @@ class Arc:
         return low / closure.nominal, high / closure.nominal
 
     def rests(self, p: np.ndarray) -> np.ndarray:
-        """Least and largest force of each contact at rest, scaled.
+        """Least and largest force of each contact at rest, (n_c, 2), scaled.
 
-        Parameters
-        ----------
-        p : ndarray, shape (n_p,)
-            Parameters of the model.
-
-        Returns
-        -------
-        ndarray, shape (n_c, 2)
+        `p` (n_p,) are the model's parameters.
         """
         ends = [ca.SX(e) for c in self.problem.model.contacts for e in c.law.stick_interval]
         values = ca.Function("rests", [self.constants[3]], [ca.vertcat(ca.SX(0, 1), *ends)])(p)
@@ -269,17 +198,8 @@ class Arc:
     def closure_start(self, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Guess what contacts leave unknown from states and forces; bounds are left aside.
 
-        Parameters
-        ----------
-        points : ndarray, shape (n_x, degree, N)
-            States at the collocation points.
-        forces : ndarray, shape (n_c, degree, N)
-            Contact forces there.
-
-        Returns
-        -------
-        ndarray, shape (n_unknowns, degree, N)
-            Forces, then each velocity's parts.
+        From (n_x, degree, N) and (n_c, degree, N) at the collocation points to
+        (n_unknowns, degree, N): forces, then each velocity's parts.
         """
         n, shape = len(self.closure.nominal), points.shape[1:]
         if n == 0:

@@ -13,8 +13,6 @@ from wormopt.model.friction import Law
 from wormopt.model.model import Contact, Model
 from wormopt.model.modes import ModeSequence
 
-__all__ = ["Closure", "Complementary", "Prescribed", "Smoothed", "Treatment", "never_rests"]
-
 
 def _column(*entries: ca.SX | float) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *entries)
@@ -22,51 +20,25 @@ def _column(*entries: ca.SX | float) -> ca.SX:
 
 @dataclass(frozen=True, eq=False)
 class Closure:
-    """Contact forces of a model at one instant, and the conditions that determine them.
+    """Contact forces of a model at one instant, and the conditions that determine them."""
 
-    Parameters
-    ----------
-    forces : casadi.SX, shape (n_c, 1)
-        Contact forces by states, ``unknowns`` and ``level``.
-    unknowns : casadi.SX, optional
-        What is unknown besides states and inputs.
-    nominal : ndarray, shape (n_unknowns,), optional
-        Usual sizes of the unknowns.
-    lower, upper : casadi.SX, shape (n_unknowns, 1), optional
-        Their bounds, by the model's parameters.
-    level : casadi.SX, optional
-        Parameters that may differ from arc to arc: a width, a relaxation, modes.
-    equal : casadi.SX, optional
-        Expressions that vanish, scaled; the model's own force symbols may not be in them.
-    small : casadi.SX, optional
-        Expressions, scaled, of which the size does not exceed ``level[0]``.
-    """
-
-    forces: ca.SX
-    unknowns: ca.SX = field(default_factory=_column)
-    nominal: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    lower: ca.SX = field(default_factory=_column)
-    upper: ca.SX = field(default_factory=_column)
+    forces: ca.SX  # (n_c, 1) by states, unknowns and level
+    unknowns: ca.SX = field(default_factory=_column)  # besides states and inputs
+    nominal: np.ndarray = field(default_factory=lambda: np.zeros(0))  # (n_unknowns,) usual sizes
+    lower: ca.SX = field(default_factory=_column)  # (n_unknowns, 1) by the model's parameters
+    upper: ca.SX = field(default_factory=_column)  # (n_unknowns, 1) by the model's parameters
+    # parameters that may differ from arc to arc: a width, a relaxation, modes
     level: ca.SX = field(default_factory=_column)
+    # vanish, scaled; without the model's own force symbols
     equal: ca.SX = field(default_factory=_column)
-    small: ca.SX = field(default_factory=_column)
+    small: ca.SX = field(default_factory=_column)  # scaled, of size at most level[0]
 
 
 class Treatment(Protocol):
     """How the contacts of a Model are put into a nonlinear program."""
 
     def close(self, model: Model) -> Closure:
-        """Say what determines the contact forces.
-
-        Parameters
-        ----------
-        model : Model
-            Any model.
-
-        Returns
-        -------
-        Closure
-        """
+        """Say what determines the contact forces of a model."""
         ...
 
 
@@ -250,23 +222,7 @@ class Complementary:
 
 
 def never_rests(law: Law) -> bool:
-    """Whether a law holds nothing at rest: viscous drag, which is smooth.
-
-    Parameters
-    ----------
-    law : Law
-        Friction law.
-
-    Returns
-    -------
-    bool
-
-    Examples
-    --------
-    >>> from wormopt.model.friction import Coulomb, Viscous
-    >>> never_rests(Viscous(1.0)), never_rests(Coulomb(1.0, 2.0))
-    (True, False)
-    """
+    """Whether a law holds nothing at rest: viscous drag, which is smooth."""
     return all(not isinstance(end, ca.SX) and end == 0.0 for end in law.stick_interval)
 
 

@@ -10,32 +10,12 @@ import numpy as np
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Motion
 
-__all__ = ["defects", "finer"]
-
 
 def defects(motion: Motion, places: int = 12) -> np.ndarray:
-    """Local error of every arc: the integral of |x' - f(x, u, ...)| over it, scaled.
+    """Local error (N,) of every arc: the integral of |x' - f(x, u, ...)| over it, scaled.
 
-    States, inputs and contact unknowns are polynomials on an arc and obey the equations at the
-    collocation points only; what is left between them, integrated, estimates by how much the
-    states at the arc's end are wrong. With prescribed modes a sliding contact has the force of its
-    law; forces of resting ones, and of complementary contact, are interpolated.
-
-    Parameters
-    ----------
-    motion : Motion
-        Found by collocation.
-    places : int, optional
-        Gauss points per arc at which the equations are tested.
-
-    Returns
-    -------
-    ndarray, shape (N,)
-        Largest entry over the states, in their nominal sizes.
-
-    References
-    ----------
-    J. T. Betts, Practical Methods for Optimal Control, section 4.7 (SIAM 2010).
+    Largest over the states. With prescribed modes a sliding force follows its law; others
+    are interpolated. J. T. Betts, Practical Methods for Optimal Control, 4.7 (SIAM 2010).
     """
     arc, mesh = motion.program.arc, motion.mesh
     nodes, weights = np.polynomial.legendre.leggauss(places)
@@ -60,34 +40,10 @@ def _slopes(nodes: np.ndarray, targets: np.ndarray) -> np.ndarray:
 
 
 def finer(mesh: Mesh, defect: np.ndarray, tolerance: float, most: int = 5) -> Mesh:
-    """Split the arcs that err by more than the tolerance.
+    """Split the arcs that err by more than the tolerance into at most `most` parts each.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        With shares.
-    defect : ndarray, shape (N,)
-        From `defects`.
-    tolerance : float
-        Error that an arc may have.
-    most : int, optional
-        Most parts into which an arc is split.
-
-    Returns
-    -------
-    Mesh
-        The same mesh where no arc errs.
-
-    Raises
-    ------
-    ValueError
-        If durations of arcs are free.
-
-    Examples
-    --------
-    >>> from wormopt.numerics.collocation import Collocation
-    >>> finer(Mesh.even(1, 2, Collocation(1)), np.array([1e-3, 1e-9]), 1e-4).shares
-    (0.125, 0.125, 0.125, 0.125, 0.5)
+    `defect` (N,) is from `defects`; the same mesh comes back where no arc errs.
+    Raises ValueError if durations of arcs are free.
     """
     if mesh.shares is None:
         raise ValueError("arcs of free duration are not split; use Mesh.even")

@@ -10,32 +10,11 @@ import numpy as np
 from wormopt.model.model import Signal
 from wormopt.ocp.problem import Bound, Problem
 
-__all__ = ["elastic", "with_input_limits"]
-
 
 def with_input_limits(problem: Problem) -> Problem:
     """Write the limits that inputs have by themselves as bounds, named like the inputs.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any.
-
-    Returns
-    -------
-    Problem
-        The same problem, of which `elastic` may loosen these limits too.
-
-    Examples
-    --------
-    >>> import casadi as ca
-    >>> from wormopt.model.model import Model
-    >>> from wormopt.ocp.problem import Ends
-    >>> u = Signal("drive", ca.SX.sym("u"), upper=2.0)
-    >>> model = Model("cart", x=[Signal("v", ca.SX.sym("v"))], ode=u.symbol, u=[u])
-    >>> written = with_input_limits(Problem(model, Ends.of(model), ca.SX(0), (1.0, 1.0)))
-    >>> [bound.name for bound in written.along], written.model.u[0].upper
-    (['drive'], inf)
+    So `elastic` may loosen these limits too.
     """
     free = [replace(s, lower=-np.inf, upper=np.inf) for s in problem.model.u]
     limits = [
@@ -49,30 +28,8 @@ def with_input_limits(problem: Problem) -> Problem:
 def elastic(problem: Problem) -> Problem:
     """Let every inequality give way at a price, and ask for the least giving way in all.
 
-    Parameters
-    ----------
-    problem : Problem
-        Possibly infeasible.
-
-    Returns
-    -------
-    Problem
-        With one design constant "slack <name>" per name of a bound, in units of its nominal
-        size; those that come out positive name the limits in conflict.
-
-    Examples
-    --------
-    >>> import casadi as ca
-    >>> from wormopt.model.model import Model
-    >>> from wormopt.ocp.problem import Ends
-    >>> v = ca.SX.sym("v")
-    >>> model = Model("cart", x=[Signal("position", ca.SX.sym("q"))], ode=v, u=[Signal("v", v)])
-    >>> ends = Ends.of(model)
-    >>> far = Bound("distance", ends.end - ends.start, 5.0)
-    >>> slow = Bound("speed", v, -1.0, 1.0)
-    >>> problem = Problem(model, ends, ca.SX(0), (1.0, 1.0), along=[slow], at_ends=[far])
-    >>> [s.name for s in elastic(problem).design]
-    ['slack distance', 'slack speed']
+    Adds a design constant "slack <name>" per name of a bound, in units of its nominal size;
+    those that come out positive name the limits in conflict.
     """
     names = sorted({b.name for b in (*problem.along, *problem.at_ends) if not _is_equality(b)})
     slack = {name: Signal(f"slack {name}", ca.SX.sym("slack"), "1", 1.0, 0.0) for name in names}

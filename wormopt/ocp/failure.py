@@ -15,8 +15,6 @@ from wormopt.ocp.motion import Motion
 from wormopt.ocp.nlp import Bounds, Ipopt, Solution
 from wormopt.ocp.transcription import Transcription
 
-__all__ = ["failure"]
-
 # Scaled variables this large mean that the objective falls for ever.
 _BEYOND = 1e6
 
@@ -31,25 +29,9 @@ def failure(
     start: np.ndarray,
     level: ModeSequence | float,
 ) -> SolveError:
-    """Explain a solve that failed.
+    """Explain a solve that failed, started at `start` (n_w,).
 
-    Parameters
-    ----------
-    program : Transcription
-        What was to be solved.
-    solution : Solution
-        What the solver left.
-    bounds : Bounds
-        With which it was called.
-    start : ndarray, shape (n_w,)
-        Where it started.
-    level : ModeSequence or float
-        Which level of the treatment of contact.
-
-    Returns
-    -------
-    SolveError
-        With the motion reached as ``partial``.
+    Gives the SolveError, with the motion reached as ``partial``.
     """
     partial = Motion.of(program, solution.w, bounds)
     if solution.status == "Invalid_Number_Detected" or not np.all(np.isfinite(start)):

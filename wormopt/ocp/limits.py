@@ -14,8 +14,6 @@ from wormopt.model.values import signal_values
 from wormopt.ocp.arc import Arc, limits_of
 from wormopt.ocp.nlp import Bounds
 
-__all__ = ["Limits"]
-
 # So far inside an arc, as a share of it, schedules are looked up: sums of durations miss breaks
 # by round-off.
 _WITHIN = 1e-9
@@ -24,14 +22,8 @@ _WITHIN = 1e-9
 class Limits:
     """What limits the nonlinear program of a `Transcription`, for any modes or level.
 
-    Parameters
-    ----------
-    arc : Arc
-        The arc of which the program is built.
-    sizes : mapping of str to int
-        Rows of each kind of constraint, per arc; of joints in all.
-    n_totals : int
-        Number of variables for ends, duration and integrals.
+    `sizes`: rows per arc of each kind of constraint, of joints in all; `n_totals`: number of
+    variables for ends, duration and integrals.
     """
 
     def __init__(self, arc: Arc, sizes: Mapping[str, int], n_totals: int) -> None:
@@ -47,25 +39,7 @@ class Limits:
     ) -> Bounds:
         """Bounds and parameters, see `Transcription.bounds`.
 
-        Parameters
-        ----------
-        level : ModeSequence or float
-            Modes, width or relaxation.
-        p : mapping of str to array_like, optional
-            Parameters of the model.
-        pins : mapping of int to float, optional
-            Times at which phases begin.
-        active : sequence of sequences of int, optional
-            Inputs held at their limits.
-
-        Returns
-        -------
-        Bounds
-
-        Raises
-        ------
-        ValueError
-            If modes or schedules do not fit the mesh.
+        Raises ValueError if modes or schedules do not fit the mesh.
         """
         n, at = self.mesh.total, self.arc.layout
         fixed = signal_values(self.problem.model.p, p, "parameter")
@@ -305,17 +279,7 @@ class Limits:
         )
 
     def name_of(self, row: int) -> str:
-        """What a row of the constraints is about, in words; see `Transcription.name_of`.
-
-        Parameters
-        ----------
-        row : int
-            Row of the program's constraints.
-
-        Returns
-        -------
-        str
-        """
+        """What a row of the constraints is about, in words; see `Transcription.name_of`."""
         n = self.mesh.total
         names = ["the equations of motion or of contact", "complementarity", "sharing of load"]
         sizes = [n * self._sizes[k] for k in ("equal", "small", "following")]

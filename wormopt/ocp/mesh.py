@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike
 
 from wormopt.numerics.collocation import Collocation, bernstein_matrix
 
-__all__ = ["Arcs", "Mesh", "interpolation", "on_finer_mesh"]
-
 
 @dataclass(frozen=True)
 class Mesh:
@@ -168,41 +166,18 @@ class Mesh:
 class Arcs:
     """A motion as it left the optimiser, arc by arc, in the model's own units.
 
-    Shapes are in the number of arcs N, of scalars in each group of signals and of the mesh's
-    degrees. Columns of points are the collocation points of an arc in order.
-
-    Parameters
-    ----------
-    duration : ndarray, shape (N,)
-        Duration of each arc, 0 allowed.
-    start : ndarray, shape (n_x, N)
-        States at the start of each arc, after its impulses.
-    points : ndarray, shape (n_x, degree, N)
-        States at the collocation points.
-    inputs : ndarray, shape (n_u, input_degree + 1, N)
-        Bernstein coefficients of the inputs.
-    slacks : ndarray, shape (n_s, degree, N)
-        Slacks at the collocation points.
-    algebraic : ndarray, shape (n_z, degree, N)
-        Algebraic variables at the collocation points.
-    unknowns : ndarray, shape (n_unknowns, degree, N)
-        What the treatment of contacts leaves unknown, at the collocation points: forces first.
-    jumps : ndarray, shape (n_u + contacts, N)
-        Impulses of inputs and contacts at the start of each arc, in nominal sizes times nominal
-        time; no rows where the problem allows none.
-    design : ndarray, shape (n_p,)
-        Design constants.
+    N is the number of arcs; points are the collocation points of an arc in order.
     """
 
-    duration: np.ndarray
-    start: np.ndarray
-    points: np.ndarray
-    inputs: np.ndarray
-    slacks: np.ndarray
-    algebraic: np.ndarray
-    unknowns: np.ndarray
-    jumps: np.ndarray
-    design: np.ndarray
+    duration: np.ndarray  # (N,) 0 allowed
+    start: np.ndarray  # (n_x, N) states at the start, after its impulses
+    points: np.ndarray  # (n_x, degree, N) states
+    inputs: np.ndarray  # (n_u, input_degree + 1, N) Bernstein coefficients
+    slacks: np.ndarray  # (n_s, degree, N)
+    algebraic: np.ndarray  # (n_z, degree, N)
+    unknowns: np.ndarray  # (n_unknowns, degree, N) of contacts, forces first
+    jumps: np.ndarray  # (n_u + contacts, N) impulses in nominal size times time; may have no rows
+    design: np.ndarray  # (n_p,) design constants
 
     @property
     def states(self) -> np.ndarray:
@@ -213,19 +188,8 @@ class Arcs:
 def on_finer_mesh(arcs: Arcs, coarse: Mesh, mesh: Mesh) -> Arcs:
     """Represent a motion of one mesh on a finer one: more arcs of equal parts, higher degrees.
 
-    Parameters
-    ----------
-    arcs : Arcs
-        Motion on the coarse mesh.
-    coarse : Mesh
-        Its mesh.
-    mesh : Mesh
-        As many phases, a multiple of the arcs, no lower degrees.
-
-    Returns
-    -------
-    Arcs
-        The same motion; impulses stay at the start of the first part of their arc.
+    `mesh` has as many phases, a multiple of the arcs, no lower degrees. Impulses stay at the
+    start of the first part of their arc.
     """
     split = mesh.total // coarse.total
     with_start, states = coarse.collocation.nodes, arcs.states
@@ -260,23 +224,9 @@ def on_finer_mesh(arcs: Arcs, coarse: Mesh, mesh: Mesh) -> Arcs:
 
 
 def interpolation(nodes: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """Matrix from values at nodes to values of the interpolating polynomial at targets.
+    """Matrix (m, n) from values at nodes (n,) to the interpolating polynomial at targets (m,).
 
-    Parameters
-    ----------
-    nodes : ndarray, shape (n,)
-        Distinct places in [0, 1].
-    targets : ndarray, shape (m,)
-        Places in [0, 1].
-
-    Returns
-    -------
-    ndarray, shape (m, n)
-
-    Examples
-    --------
-    >>> interpolation(np.array([0.0, 1.0]), np.array([0.25])).round(12)
-    array([[0.75, 0.25]])
+    Nodes are distinct; all places are in [0, 1].
     """
     degree = len(nodes) - 1
     basis = np.polynomial.legendre.legvander(2 * nodes - 1, degree)

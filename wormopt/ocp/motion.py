@@ -16,8 +16,6 @@ from wormopt.ocp.mesh import Arcs, Mesh, interpolation
 from wormopt.ocp.nlp import Bounds
 from wormopt.ocp.transcription import Transcription
 
-__all__ = ["Curve", "Guess", "Motion", "sample"]
-
 Curve = Callable[[np.ndarray], np.ndarray]
 """Times, shape (m,), in; values, shape (rows, m), out."""
 
@@ -296,27 +294,10 @@ class Motion:
 
 
 def sample(program: Transcription, guess: Guess, bounds: Bounds) -> np.ndarray:
-    """Variables of a program that follow a guess.
+    """Variables (n_w,) of a program that follow a guess; `bounds` has integrals' parameters.
 
-    Parameters
-    ----------
-    program : Transcription
-        The program to start.
-    guess : Guess
-        Curves, and how long phases take.
-    bounds : Bounds
-        With whose parameters integrals are evaluated.
-
-    Returns
-    -------
-    ndarray, shape (n_w,)
-        What curves do not tell is at its nominal size: slacks, design constants; algebraic
-        variables and impulses are zero.
-
-    Raises
-    ------
-    ArgumentError
-        If a curve does not give as many rows as it must.
+    Slacks and design constants are at nominal size, algebraic variables and impulses zero.
+    Raises ArgumentError if a curve gives a wrong number of rows.
     """
     mesh, arc = program.mesh, program.arc
     d, n = mesh.collocation.degree, mesh.total

@@ -19,8 +19,6 @@ from wormopt.errors import ArgumentError
 # CasADi takes an interrupt for a failed solve; these are its names for one.
 _STOPPED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
 
-__all__ = ["Bounds", "Ipopt", "NonlinearProgram", "Plugin", "Solution", "Solver"]
-
 
 class Solver(Hashable, Protocol):
     """Which of CasADi's NLP solvers, and its options."""
@@ -111,86 +109,37 @@ class Ipopt:
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds on variables and constraints, and the values of the program's parameters.
+    """Bounds on variables and constraints, and the values of the program's parameters."""
 
-    Parameters
-    ----------
-    lbw, ubw : ndarray, shape (n_w,)
-        Lower and upper bounds of the variables, infinite where there is none.
-    lbg, ubg : ndarray, shape (n_g,)
-        Lower and upper bounds of the constraints; equal ones make an equality.
-    p : ndarray, shape (n_p,)
-        Parameters.
-    """
-
-    lbw: np.ndarray
-    ubw: np.ndarray
-    lbg: np.ndarray
-    ubg: np.ndarray
-    p: np.ndarray
+    lbw: np.ndarray  # (n_w,) of the variables, infinite where there is none
+    ubw: np.ndarray  # (n_w,) of the variables, infinite where there is none
+    lbg: np.ndarray  # (n_g,) of the constraints; equal to ubg: an equality
+    ubg: np.ndarray  # (n_g,) of the constraints
+    p: np.ndarray  # (n_p,) parameters
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What a solver left: point, objective, violation as recomputed here, and how it ended.
+    """What a solver left: point, objective, violation as recomputed here, and how it ended."""
 
-    Parameters
-    ----------
-    w : ndarray, shape (n_w,)
-        The point, clipped to its bounds.
-    objective : float
-        Objective there.
-    violation : float
-        Largest violation of any bound, in the program's scaled units; never the solver's word.
-    status : str
-        The solver's return status, or "not solved".
-    success : bool
-        Whether the solver calls it solved. Judge by ``violation`` all the same.
-    iterations : int
-        Its iterations.
-    seconds : float
-        Wall-clock time.
-    functions_s : mapping of str to float
-        Seconds spent in the program's functions by their CasADi names, ``nlp_hess_l`` say.
-    build_s : float
-        Seconds to make the solver with its derivatives; 0 where it was there already.
-    multipliers : ndarray, shape (n_g,)
-        Of the constraints, as the solver left them: below 0 at lower bounds, above at upper ones.
-    """
-
-    w: np.ndarray
+    w: np.ndarray  # (n_w,) clipped to its bounds
     objective: float
-    violation: float
-    status: str
-    success: bool
+    violation: float  # largest of any bound, scaled; never the solver's word
+    status: str  # the solver's return status, or "not solved"
+    success: bool  # the solver's word; judge by violation all the same
     iterations: int
-    seconds: float
+    seconds: float  # wall-clock time
+    # s in functions by their CasADi names, nlp_hess_l say
     functions_s: Mapping[str, float] = field(default_factory=dict)
-    build_s: float = 0.0
+    build_s: float = 0.0  # s to make the solver; 0 where it was there already
+    # (n_g,) of the constraints: below 0 at lower bounds, above 0 at upper ones
     multipliers: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 class NonlinearProgram:
     """min f(w, p) subject to bounds on w and on g(w, p), built once and solved many times.
 
-    Parameters
-    ----------
-    w, p : casadi.MX
-        Variables and parameters, columns.
-    objective, constraints : casadi.MX
-        Scalar f and column g.
-
-    Examples
-    --------
-    The point nearest to the origin with w_0 + w_1 >= p, for p = 1.
-
-    >>> w, p = ca.MX.sym("w", 2), ca.MX.sym("p")
-    >>> nlp = NonlinearProgram(w, p, ca.sumsqr(w), ca.sum1(w) - p)
-    >>> one, free = np.ones(1), np.full(2, np.inf)
-    >>> bounds = Bounds(-free, free, 0 * one, np.inf * one, p=one)
-    >>> found = nlp.solve(np.zeros(2), bounds, Ipopt())
-    >>> found.w.round(6), found.violation < 1e-9
-    (array([0.5, 0.5]), True)
+    `w`, `p` and `constraints` g are columns, `objective` f a scalar.
     """
 
     def __init__(
@@ -211,49 +160,18 @@ class NonlinearProgram:
         return ca.Function("linearise", [w, p], [f, ca.gradient(f, w), g, ca.jacobian(g, w)])
 
     def violation(self, w: np.ndarray, bounds: Bounds) -> float:
-        """Largest violation of any bound on w or g, recomputed from the expressions.
-
-        Parameters
-        ----------
-        w : ndarray, shape (n_w,)
-            Point.
-        bounds : Bounds
-            Bounds of the program.
-
-        Returns
-        -------
-        float
-            Absolute; 0 where all hold.
-        """
+        """Largest absolute violation of any bound on w or g, recomputed from the expressions."""
         g = self.constraints(w, bounds)
         excess = (bounds.lbw - w, w - bounds.ubw, bounds.lbg - g, g - bounds.ubg)
         worst = max(float(np.max(e, initial=0.0)) for e in excess)
         return worst if np.all(np.isfinite(w)) and np.all(np.isfinite(g)) else np.inf
 
     def constraints(self, w: np.ndarray, bounds: Bounds) -> np.ndarray:
-        """Values of g.
-
-        Parameters
-        ----------
-        w : ndarray, shape (n_w,)
-            Point.
-        bounds : Bounds
-            For the parameters.
-
-        Returns
-        -------
-        ndarray, shape (n_g,)
-        """
+        """Values of g, (n_g,), with the parameters of `bounds`."""
         return np.asarray(self._evaluate(w, bounds.p)[1]).ravel()
 
     def prepare(self, options: Solver) -> None:
-        """Make a solver with all derivatives, as `solve` does where there is none yet.
-
-        Parameters
-        ----------
-        options : Solver
-            Which solver, and its options.
-        """
+        """Make a solver with all derivatives, as `solve` does where there is none yet."""
         self._prepared(options)
 
     def _prepared(self, options: Solver) -> ca.Function:
@@ -262,30 +180,10 @@ class NonlinearProgram:
         return self._solvers[options]
 
     def solve(self, w0: np.ndarray, bounds: Bounds, options: Solver) -> Solution:
-        """Run a solver from ``w0``; its answer counts only with the violation found here.
+        """Run a solver from `w0`; its answer counts only with the violation found here.
 
-        Nothing is raised where it fails. A solver is built on the first call with given
-        options, and kept.
-
-        Parameters
-        ----------
-        w0 : ndarray, shape (n_w,)
-            Start.
-        bounds : Bounds
-            Bounds and parameters.
-        options : Solver
-            Which solver, and its options.
-
-        Returns
-        -------
-        Solution
-
-        Raises
-        ------
-        ArgumentError
-            If CasADi comes without that solver.
-        KeyboardInterrupt
-            If the user stops it.
+        Nothing is raised where it fails; ArgumentError if CasADi comes without that solver,
+        KeyboardInterrupt if the user stops it. Solvers are kept by their options.
         """
         begin = time.perf_counter()
         solver = self._prepared(options)
@@ -317,24 +215,10 @@ class NonlinearProgram:
     def linear_step(
         self, w: np.ndarray, bounds: Bounds, radius: np.ndarray
     ) -> tuple[np.ndarray, float] | None:
-        """Take the best step of the program linearised at ``w`` within |step| <= radius.
+        """Best step of the program linearised at `w` within |step| <= radius (n_w,).
 
-        The program is scaled by the radius, so that HiGHS's tolerance of 1e-10 is relative to it.
-
-        Parameters
-        ----------
-        w : ndarray, shape (n_w,)
-            Where to linearise.
-        bounds : Bounds
-            Bounds of the program.
-        radius : ndarray, shape (n_w,)
-            Largest step of each variable; 0 fixes it, infinity leaves it to its bounds.
-
-        Returns
-        -------
-        (ndarray, float) or None
-            The new point and the change of the objective that the linear program promises, or
-            None where that has no solution.
+        Gives the new point and the promised change of the objective, or None. Scaled by the
+        radius (0 fixes, infinity frees), so HiGHS's tolerance 1e-10 is relative to it.
         """
         _, gradient, g, jacobian = self._linearise(w, bounds.p)
         finite = radius[np.isfinite(radius) & (radius > 0)]
@@ -360,19 +244,9 @@ class NonlinearProgram:
         return np.clip(w + scale * answer.x, bounds.lbw, bounds.ubw), scale * float(answer.fun)
 
     def start(self, w: np.ndarray, bounds: Bounds) -> Solution:
-        """Evaluate a point as if it were a solution.
+        """Evaluate a point as if it were a solution, with status "not solved".
 
-        Parameters
-        ----------
-        w : ndarray, shape (n_w,)
-            Point.
-        bounds : Bounds
-            Bounds of the program.
-
-        Returns
-        -------
-        Solution
-            With status "not solved", as `finish` and `restore` take it.
+        As `finish` and `restore` take it.
         """
         objective = float(self._evaluate(w, bounds.p)[0])
         return Solution(w, objective, self.violation(w, bounds), "not solved", False, 0, 0.0)
@@ -380,23 +254,8 @@ class NonlinearProgram:
     def finish(self, solution: Solution, bounds: Bounds, radius: float = 1e-3) -> Solution:
         """Take linear steps in shrinking boxes (SLP): exact active set, errors near round-off.
 
-        An interior point stays about its barrier parameter inside every active bound; the
-        vertices of these linear programs lie on them. Where the optimum is a vertex this
-        converges quadratically; elsewhere it removes the barrier's bias and no more.
-
-        Parameters
-        ----------
-        solution : Solution
-            Near an optimum.
-        bounds : Bounds
-            Bounds of the program.
-        radius : float, optional
-            First box, in scaled variables.
-
-        Returns
-        -------
-        Solution
-            No worse in ``objective + 10 violation``.
+        Removes the barrier's bias; converges quadratically where the optimum is a vertex.
+        No worse in ``objective + 10 violation``. `radius`: first box, in scaled variables.
         """
         start = time.perf_counter()
         best = solution
@@ -422,20 +281,8 @@ class NonlinearProgram:
     def restore(self, solution: Solution, bounds: Bounds) -> Solution:
         """Remove what violation an interior point left, by the shortest Newton steps.
 
-        At most three Gauss-Newton steps of least norm on the equalities and on the constraints
-        violated; unlike `finish` this leaves the active set as it is.
-
-        Parameters
-        ----------
-        solution : Solution
-            Close to feasible.
-        bounds : Bounds
-            Bounds of the program.
-
-        Returns
-        -------
-        Solution
-            Of no larger violation; its objective may be a little worse.
+        At most three Gauss-Newton steps of least norm; unlike `finish` keeps the active set.
+        The violation does not grow; the objective may be a little worse.
         """
         best = solution
         for _ in range(3):

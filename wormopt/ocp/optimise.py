@@ -22,8 +22,6 @@ from wormopt.ocp.problem import Problem
 from wormopt.ocp.transcription import Transcription
 from wormopt.progress import Report, silent
 
-__all__ = ["FEASIBLE", "Level", "Optimum", "best_of", "optimise", "refine"]
-
 Contacts = Smoothed | Complementary | Prescribed
 
 FEASIBLE = 1e-6
@@ -42,30 +40,15 @@ _WARM_BARRIER = 1e-3
 
 @dataclass(frozen=True)
 class Level:
-    """One solve of a homotopy.
+    """One solve of a homotopy."""
 
-    Parameters
-    ----------
-    level : float
-        Width of the smoothed law or relaxation of complementarity; 0 for prescribed modes.
-    objective, violation : float
-        Of the solution.
-    status : str
-        The solver's.
-    iterations : int
-        The solver's.
-    seconds : float
-        Wall-clock time.
-    functions_s : mapping of str to float
-        Seconds of it in the program's functions.
-    """
-
-    level: float
+    level: float  # width or relaxation; 0 for prescribed modes
     objective: float
     violation: float
-    status: str
-    iterations: int
-    seconds: float
+    status: str  # the solver's
+    iterations: int  # the solver's
+    seconds: float  # wall-clock time
+    # s of it in the program's functions
     functions_s: Mapping[str, float] = field(default_factory=dict)
 
 

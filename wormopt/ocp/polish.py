@@ -18,8 +18,6 @@ from wormopt.ocp.optimise import Optimum, optimise, refine
 from wormopt.ocp.sequence import Structure, structure_of
 from wormopt.progress import Report, silent
 
-__all__ = ["polish", "resting_speeds"]
-
 # An exact optimum worse than the relaxed one by more than the first part of the objective may come
 # from misread phases, so that others are tried; by more than the second it is none of its kind.
 _ALIKE, _FAMILIAR = 0.01, 0.1
@@ -115,14 +113,7 @@ def _readings(relaxed: Optimum) -> Iterator[Structure]:
 def resting_speeds(relaxed: Optimum) -> tuple[float, ...]:
     """Speeds below which a contact may be said to rest, the likeliest first.
 
-    Parameters
-    ----------
-    relaxed : Optimum
-        With smoothed or complementary contact.
-
-    Returns
-    -------
-    tuple of float
+    `relaxed` has smoothed or complementary contact.
     """
     motion = relaxed.motion
     t = np.linspace(0.0, motion.duration, 4 * motion.mesh.total)

@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, Signal
 
-__all__ = ["Bound", "Ends", "Problem"]
-
 
 @dataclass(frozen=True, eq=False)
 class Bound:

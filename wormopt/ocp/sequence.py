@@ -10,43 +10,21 @@ import numpy as np
 from wormopt.model.modes import ModeSequence
 from wormopt.ocp.motion import Motion
 
-__all__ = ["Structure", "structure_of"]
-
 
 @dataclass(frozen=True)
 class Structure:
-    """Phases of a motion: contact modes, and inputs at their limits.
+    """Phases of a motion: contact modes, and inputs at their limits."""
 
-    Parameters
-    ----------
-    modes : ModeSequence
-        Contact modes, phase after phase; neighbours may be alike and differ in inputs only.
-    durations : ndarray, shape (phases,)
-        How long each phase takes.
-    active : tuple of tuple of int
-        Per phase and input: -1 at its lower limit, +1 at its upper one, 0 between.
-    """
-
-    modes: ModeSequence
-    durations: np.ndarray
-    active: tuple[tuple[int, ...], ...]
+    modes: ModeSequence  # by phase; neighbours may differ in inputs only
+    durations: np.ndarray  # (phases,)
+    active: tuple[tuple[int, ...], ...]  # per phase and input: -1 lower limit, +1 upper, 0 else
 
 
 def structure_of(motion: Motion, *, speed: float | None, least: int = 1) -> Structure:
-    """Read the phases off a motion on a fine mesh.
+    """Read the phases off a motion with smoothed or complementary contact on a fine mesh.
 
-    Parameters
-    ----------
-    motion : Motion
-        Found with smoothed or complementary contact.
-    speed : float, optional
-        A contact slower than this rests. Without it contacts make no phases, inputs alone do.
-    least : int, optional
-        Runs of fewer arcs are taken for noise and given to their longer neighbour.
-
-    Returns
-    -------
-    Structure
+    A contact slower than `speed` rests; if None, inputs alone make phases. Runs of fewer
+    than `least` arcs are taken for noise and given to their longer neighbour.
     """
     modes = np.zeros((0, motion.mesh.total), dtype=int)
     if speed is not None:

@@ -26,57 +26,12 @@ from wormopt.ocp.mesh import Arcs, Mesh, interpolation
 from wormopt.ocp.nlp import Bounds, NonlinearProgram
 from wormopt.ocp.problem import Problem
 
-__all__ = ["Transcription"]
-
 
 class Transcription:
     """The nonlinear program of a problem on a mesh, with contacts treated in one of three ways.
 
-    Parameters
-    ----------
-    problem : Problem
-        What to optimise.
-    mesh : Mesh
-        Phases, arcs and polynomials.
-    treatment : Treatment, optional
-        How contacts are treated: prescribed modes where nothing is said.
-
-    Raises
-    ------
-    ValueError
-        If impulses are asked for without prescribed modes.
-
-    Notes
-    -----
-    Attributes ``problem`` and ``mesh`` are those given, ``nlp`` is the NonlinearProgram. Its
-    variables are scaled by nominal sizes: arc after arc the rows of `Layout`, then the design
-    constants.
-
-    Examples
-    --------
-    A cart of unit mass travels a unit way from rest to rest with forces up to 1. The fastest way
-    takes 2: full force forward, then full force back.
-
-    >>> from wormopt.model.model import Model, Signal
-    >>> from wormopt.numerics.collocation import Collocation
-    >>> from wormopt.ocp.nlp import Ipopt
-    >>> from wormopt.ocp.problem import Bound, Ends
-    >>> q, v, u = (ca.SX.sym(name) for name in "qvu")
-    >>> x = [Signal("position", q), Signal("velocity", v)]
-    >>> cart = Model("cart", x=x, ode=ca.vertcat(v, u), u=[Signal("force", u)])
-    >>> ends = Ends.of(cart)
-    >>> origin = Bound("start", ends.start, 0.0, 0.0)
-    >>> target = Bound("target", ends.end, [1.0, 0.0], [1.0, 0.0])
-    >>> force = Bound("force", u, -1.0, 1.0)
-    >>> problem = Problem(
-    ...     cart, ends, ends.duration, (0.1, 10.0), along=[force], at_ends=[origin, target]
-    ... )
-    >>> program = Transcription(problem, Mesh(phases=1, arcs=2, collocation=Collocation(2)))
-    >>> bounds = program.bounds(ModeSequence(((),)))  # one phase, no contacts
-    >>> start = program.rest(np.ones(2), np.zeros(2))
-    >>> arcs = program.unpack(program.nlp.solve(start, bounds, Ipopt()).w)
-    >>> arcs.duration.round(6), arcs.inputs.ravel().round(6)
-    (array([1., 1.]), array([ 1., -1.]))
+    Variables of ``nlp``, in nominal sizes: arc after arc the rows of `Layout`, then design
+    constants. Raises ValueError if impulses are asked for without prescribed modes.
     """
 
     def __init__(self, problem: Problem, mesh: Mesh, treatment: Treatment | None = None) -> None:
@@ -191,22 +146,7 @@ class Transcription:
         return objective, at_ends
 
     def rows_of(self, name: str) -> list[int]:
-        """Rows of the state called ``name`` among all scalar states.
-
-        Parameters
-        ----------
-        name : str
-            Name of a state.
-
-        Returns
-        -------
-        list of int
-
-        Raises
-        ------
-        ValueError
-            If there is no such state.
-        """
+        """Rows of the state called `name` among all scalar states; ValueError if there is none."""
         first = 0
         for signal in self.problem.model.x:
             if signal.name == name:
@@ -235,62 +175,20 @@ class Transcription:
     ) -> Bounds:
         """Bounds and parameters of the program for given modes, width or relaxation.
 
-        Parameters
-        ----------
-        level : ModeSequence or float, optional
-            What the treatment of contacts takes: modes, ``v_reg``, or the relaxation of
-            complementarity.
-        p : mapping of str to array_like, optional
-            Parameters of the model by name, where they are not its own.
-        pins : mapping of int to float, optional
-            Times at which phases begin, by their number. Each phase takes of the model's
-            schedules the piece that holds at the last of these times up to it; on a fixed grid
-            each arc takes its own.
-        active : sequence of sequences of int, optional
-            Per phase and input: -1 holds it at its lower limit, +1 at its upper one, 0 leaves it
-            free.
-
-        Returns
-        -------
-        Bounds
-            For ``nlp.solve``. With prescribed modes a contact that sticks keeps its force in the
-            law's interval, one that slides keeps its speed from changing sign.
-
-        Raises
-        ------
-        ValueError
-            If the number of phases differs from the mesh's, or a schedule breaks within an arc.
+        `pins`: start times by phase, which pick pieces of schedules. `active`, per phase and
+        input: -1 lower limit, +1 upper, 0 free. ValueError if phases or schedules misfit.
         """
         return self._limits.bounds(level, p, pins, active)
 
     def name_of(self, row: int) -> str:
-        """What a row of the constraints is about, in words.
-
-        Parameters
-        ----------
-        row : int
-            Row of the program's constraints.
-
-        Returns
-        -------
-        str
-        """
+        """What a row of the constraints is about, in words."""
         return self._limits.name_of(row)
 
     def guarded(self, bounds: Bounds) -> Bounds:
         """Say of every arc that its duration is not negative, where its phase says so already.
 
-        For an interior point that is not the same: its barrier keeps durations from collapsing
-        as many times as strongly. It takes more iterations, and finds motions from poorer starts.
-
-        Parameters
-        ----------
-        bounds : Bounds
-            From `bounds`.
-
-        Returns
-        -------
-        Bounds
+        The stronger barrier keeps durations from collapsing in an interior point: more
+        iterations, but motions are found from poorer starts.
         """
         rows = self.arc.layout.size * np.arange(self.mesh.total)
         lower, upper = bounds.lbw.copy(), bounds.ubw.copy()
@@ -301,17 +199,7 @@ class Transcription:
     # -- variables in and out --------------------------------------------------------------
 
     def unpack(self, w: np.ndarray) -> Arcs:
-        """Read the program's variables back in the model's units.
-
-        Parameters
-        ----------
-        w : ndarray, shape (n_w,)
-            Variables of ``nlp``.
-
-        Returns
-        -------
-        Arcs
-        """
+        """Read the program's variables (n_w,) back in the model's units."""
         arc, at, n, d = self.arc, self.arc.layout, self.mesh.total, self.mesh.collocation.degree
         y = w[: at.size * n].reshape((at.size, n), order="F")
 
@@ -332,18 +220,10 @@ class Transcription:
         )
 
     def pack(self, arcs: Arcs, bounds: Bounds | None = None) -> np.ndarray:
-        """Write a motion on this mesh into the program's variables; the inverse of `unpack`.
+        """Write a motion on this mesh into the program's variables (n_w,); inverse of `unpack`.
 
-        Parameters
-        ----------
-        arcs : Arcs
-            Motion on this program's mesh; `on_finer_mesh` brings it there from a coarser one.
-        bounds : Bounds, optional
-            With whose parameters integrals are evaluated; they are zero where nothing is said.
-
-        Returns
-        -------
-        ndarray, shape (n_w,)
+        Integrals are evaluated with the parameters of `bounds`, and zero without it.
+        `on_finer_mesh` brings a motion here from a coarser mesh.
         """
 
         def block(values: np.ndarray, nominal: np.ndarray) -> np.ndarray:
@@ -384,20 +264,10 @@ class Transcription:
         return w
 
     def rest(self, durations: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Variables of a worm that does not move, on arcs of given durations.
+        """Variables (n_w,) of a worm at rest at `start` (n_x,), on arcs of durations (arcs,).
 
-        Parameters
-        ----------
-        durations : ndarray, shape (arcs,)
-            Duration of every arc.
-        start : ndarray, shape (n_x,)
-            State at which it rests.
-
-        Returns
-        -------
-        ndarray, shape (n_w,)
-            A start from which `NonlinearProgram.linear_step` finds the best motion with these
-            durations, where the model is linear.
+        From there `NonlinearProgram.linear_step` finds the best motion with these durations,
+        where the model is linear.
         """
         at, n = self.arc.layout, self.mesh.total
         y = np.zeros((at.size, n))
@@ -410,10 +280,7 @@ class Transcription:
     def nominal_extras(self) -> dict[str, np.ndarray]:
         """Slacks and design constants at their nominal sizes: what a motion does not tell.
 
-        Returns
-        -------
-        dict of str to ndarray
-            ``slacks`` (n_s, degree, arcs) and ``design`` (n_p,), to put into `Arcs`.
+        ``slacks`` (n_s, degree, arcs) and ``design`` (n_p,), to put into `Arcs`.
         """
         shape = (1, self.mesh.collocation.degree, self.mesh.total)
         return {
@@ -422,17 +289,9 @@ class Transcription:
         }
 
     def hold_durations(self, free: float = np.inf) -> np.ndarray:
-        """Radius of `NonlinearProgram.linear_step` that fixes all durations.
+        """Radius (n_w,) of `NonlinearProgram.linear_step` that fixes all durations.
 
-        Parameters
-        ----------
-        free : float, optional
-            Radius of all other variables, scaled.
-
-        Returns
-        -------
-        ndarray, shape (n_w,)
-            0 for durations, ``free`` elsewhere.
+        0 for durations, `free`, scaled, for all other variables.
         """
         radius = np.full((self.arc.layout.size, self.mesh.total), free)
         radius[0] = 0.0

@@ -28,22 +28,11 @@ _FRAMES_PER_SECOND = 12
 
 @dataclass(frozen=True)
 class Picture:
-    """How to draw one kind of picture.
+    """How to draw one kind of picture."""
 
-    Parameters
-    ----------
-    source : str
-        "module:function" below ``wormopt.systems``, loaded on use; the function gives the Figure
-        of a Result, still without its title.
-    needs : tuple of str
-        Variables the Result must have.
-    animated : bool
-        Whether the module turns the Figure into that of another frame, one of ``FRAMES``, by
-        ``pose(figure, result, frame)``.
-    """
-
-    source: str
-    needs: tuple[str, ...]
+    source: str  # "module:function" below wormopt.systems: from a Result its untitled Figure
+    needs: tuple[str, ...]  # variables the Result must have
+    # whether the module has pose(figure, result, frame), frame one of FRAMES
     animated: bool = False
 
     def load(self) -> tuple[Any, Callable[[Result], Figure]]:
@@ -180,33 +169,8 @@ _BY_KIND["rod-motion", "animation"] = Picture(
 def figure(result: Result, picture: str) -> Figure:
     """Compose a picture, with the title of the result and a mark if the result failed.
 
-    Parameters
-    ----------
-    result : Result
-        What to show.
-    picture : str
-        A key of `PICTURES`; of an animation this is the first frame.
-
-    Returns
-    -------
-    Figure
-        Bound to no window.
-
-    Raises
-    ------
-    ValueError
-        If there is no such picture.
-    KeyError
-        Naming the variables that the picture needs and the result lacks.
-
-    Examples
-    --------
-    >>> from wormopt.result import Variable
-    >>> columns = {"front_speed": [0.5, 0.7], "front_value": [12.0, 20.0], "front_accepted": [1, 0]}
-    >>> points = [Variable(name, "1", ("point",), column) for name, column in columns.items()]
-    >>> front = Result("trade", "gait-pareto", variables=tuple(points))
-    >>> figure(front, "front").axes[0].get_xlabel()
-    'mean speed $v$'
+    `picture` is a key of `PICTURES`; an animation gives its first frame. ValueError if
+    there is no such picture, KeyError naming variables that the result lacks.
     """
     if picture not in PICTURES:
         raise ValueError(f"no picture {picture!r}; there are {', '.join(PICTURES)}")
@@ -224,37 +188,10 @@ def figure(result: Result, picture: str) -> Figure:
 
 
 def draw(result: Result, picture: str, path: str | Path) -> None:
-    """Write a picture to a file, which appears only when it is complete.
+    """Write a picture, a key of `PICTURES`, to a file, which appears only when it is complete.
 
-    Parameters
-    ----------
-    result : Result
-        What to show.
-    picture : str
-        A key of `PICTURES`.
-    path : path
-        A name in a folder that exists, with a suffix matplotlib knows; ``.gif`` for an animation.
-
-    Raises
-    ------
-    ValueError
-        If there is no such picture.
-    KeyError
-        Naming the variables that the picture needs and the result lacks.
-    OSError
-        If the file cannot be written.
-
-    Examples
-    --------
-    >>> from tempfile import TemporaryDirectory
-    >>> from wormopt.result import Variable
-    >>> columns = {"front_speed": [0.5, 0.7], "front_value": [12.0, 20.0], "front_accepted": [1, 0]}
-    >>> points = [Variable(name, "1", ("point",), column) for name, column in columns.items()]
-    >>> with TemporaryDirectory() as folder:
-    ...     path = Path(folder) / "front.png"
-    ...     draw(Result("trade", "gait-pareto", variables=tuple(points)), "front", path)
-    ...     path.stat().st_size > 10_000
-    True
+    Suffix: one matplotlib knows, ``.gif`` for an animation. ValueError if there is no such
+    picture, KeyError naming missing variables, OSError if the file cannot be written.
     """
     path = Path(path)
     unfinished = path.with_name(f".unfinished-{path.name}")

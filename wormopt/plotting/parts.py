@@ -48,16 +48,9 @@ STYLE: dict[RcKeyType, Any] = {
 def draw_limits(
     axes: Axes, limits: Sequence[tuple[float, ...]], colours: Sequence[str] = LINKS
 ) -> None:
-    """Thin dashed lines: grey where all share them, in their own colours otherwise.
+    """Thin dashed lines: grey where all curves share them, in their own colours otherwise.
 
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    limits : sequence of tuple of float
-        Levels, one tuple per curve; empty draws nothing.
-    colours : sequence of str, optional
-        Colours of the curves.
+    `limits`: levels, one tuple per curve; empty draws nothing.
     """
     shared = len(set(limits)) == 1
     for values, colour in zip(limits[:1] if shared else limits, colours, strict=False):
@@ -67,24 +60,9 @@ def draw_limits(
 
 
 def ranges(limits: Any, count: int) -> list[tuple[float, ...]]:
-    """Give the limits of a length as one pair per link.
+    """Give the limits of a length as one pair per link; empty without limits.
 
-    Parameters
-    ----------
-    limits : list or None
-        [low, high] for all, or one such pair per link.
-    count : int
-        Number of links.
-
-    Returns
-    -------
-    list of (float, float)
-        Empty without limits.
-
-    Examples
-    --------
-    >>> ranges([0.7, 1.3], 2)
-    [(0.7, 1.3), (0.7, 1.3)]
+    `limits`: [low, high] for all, or one such pair per link.
     """
     if limits is None:
         return []
@@ -95,21 +73,7 @@ def ranges(limits: Any, count: int) -> list[tuple[float, ...]]:
 def rate_ranges(limit: Any, count: int) -> list[tuple[float, ...]]:
     """Give the limits of a rate as one pair per link.
 
-    Parameters
-    ----------
-    limit : number, list or None
-        As for `symmetric`, or [contractions, extensions] with one list each.
-    count : int
-        Number of links.
-
-    Returns
-    -------
-    list of (float, float)
-
-    Examples
-    --------
-    >>> rate_ranges([[1.0, 2.0], [3.0, 4.0]], 2)
-    [(-1.0, 3.0), (-2.0, 4.0)]
+    `limit`: as for `symmetric`, or [contractions, extensions] with one list each.
     """
     if isinstance(limit, list) and isinstance(limit[0], list):
         return [(-contraction, extension) for contraction, extension in zip(*limit, strict=True)]
@@ -117,61 +81,21 @@ def rate_ranges(limit: Any, count: int) -> list[tuple[float, ...]]:
 
 
 def symmetric(limit: Any, count: int) -> list[tuple[float, ...]]:
-    """Give the limits of an absolute value as one pair each.
-
-    Parameters
-    ----------
-    limit : number, list or None
-        One for all, or one per curve.
-    count : int
-        Number of curves.
-
-    Returns
-    -------
-    list of (float, float)
-    """
+    """Give the limits of an absolute value, one for all or one per curve, as one pair each."""
     return [(-value, value) for (value,) in ceilings(limit, count)]
 
 
 def ceilings(limit: Any, count: int) -> list[tuple[float, ...]]:
-    """Give upper limits as one tuple each.
-
-    Parameters
-    ----------
-    limit : number, list or None
-        One for all, or one per curve.
-    count : int
-        Number of curves.
-
-    Returns
-    -------
-    list of (float,)
-        Empty without a limit.
-    """
+    """Give upper limits, one for all or one per curve, as 1-tuples; empty without a limit."""
     if limit is None:
         return []
     return [(value,) for value in (limit if isinstance(limit, list) else [limit] * count)]
 
 
 def stretches(time: np.ndarray, holds: np.ndarray) -> list[tuple[float, float]]:
-    """Intervals of time throughout which something holds.
+    """Intervals of time throughout which something holds; single instants are left out.
 
-    Parameters
-    ----------
-    time : ndarray, shape (m,)
-        Ascending; a time may stand twice, before and after a jump.
-    holds : ndarray of bool, shape (m,)
-        Whether it holds at each of them.
-
-    Returns
-    -------
-    list of (float, float)
-        Between neighbours at which it holds; single instants are left out.
-
-    Examples
-    --------
-    >>> stretches(np.array([0.0, 1.0, 1.0, 2.0]), np.array([True, True, False, False]))
-    [(0.0, 1.0)]
+    `time` (m,) ascends; a time may stand twice, before and after a jump.
     """
     steps = np.concatenate([[False], holds[:-1] & holds[1:], [False]])
     edges = np.flatnonzero(steps[:-1] != steps[1:])
@@ -179,37 +103,14 @@ def stretches(time: np.ndarray, holds: np.ndarray) -> list[tuple[float, float]]:
 
 
 def shades(palette: Sequence[str], count: int) -> Sequence[str]:
-    """Colours of a palette, or a ramp where there are not enough.
-
-    Parameters
-    ----------
-    palette : sequence of str
-        Colours that can be told apart.
-    count : int
-        How many are wanted.
-
-    Examples
-    --------
-    >>> shades(["red", "blue"], 1), len(shades(["red", "blue"], 5))
-    (['red'], 5)
-    """
+    """Colours of a palette, or a ramp where there are not enough."""
     if count <= len(palette):
         return palette[:count]
     return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.9, count))]
 
 
 def link_lines(count: int) -> list[Line2D]:
-    """How each link is drawn, dashed from the fifth on; a ramp of colours where there are many.
-
-    Parameters
-    ----------
-    count : int
-        Number of links.
-
-    Returns
-    -------
-    list of Line2D
-    """
+    """How each link is drawn, dashed from the fifth on; a ramp of colours where there are many."""
     solid = 4 if count <= len(LINKS) else count
     return [
         Line2D([], [], color=colour, linestyle="-" if j < solid else (0, (2, 1)), linewidth=1.8,
@@ -219,33 +120,12 @@ def link_lines(count: int) -> list[Line2D]:
 
 
 def link_handles(count: int) -> list[Line2D]:
-    """Lines for a legend of links; of many the ends and the middle only.
-
-    Parameters
-    ----------
-    count : int
-        Number of links.
-
-    Returns
-    -------
-    list of Line2D
-    """
+    """Lines for a legend of links; of many the ends and the middle only."""
     return _few(link_lines(count), len(LINKS))
 
 
 def mass_handles(count: int) -> list[Line2D]:
-    """Lines for a legend of masses.
-
-    Parameters
-    ----------
-    count : int
-        Number of masses; 0 is the head.
-
-    Returns
-    -------
-    list of Line2D
-        Of many the ends and the middle only.
-    """
+    """Lines for a legend of masses, 0 the head; of many the ends and the middle only."""
     ends = {0: " (head)", count - 1: " (tail)"}
     lines = [
         Line2D([], [], color=colour, linewidth=1.8, label=f"mass {i}{ends.get(i, '')}")
@@ -259,93 +139,29 @@ def _few(lines: list[Line2D], most: int) -> list[Line2D]:
 
 
 def legend(axes: Axes, handles: list[Line2D]) -> None:
-    """Put a legend beside the axes, where it covers nothing.
-
-    Parameters
-    ----------
-    axes : Axes
-        Whose legend it is.
-    handles : list of Line2D
-        Its entries.
-    """
+    """Put a legend beside the axes, where it covers nothing."""
     axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.01, 0.5))
 
 
 def label(text: str, unit: str) -> str:
-    """Axis label; 'm s-1' appears as m s with a raised -1, and '1' not at all.
-
-    Parameters
-    ----------
-    text : str
-        What the axis shows.
-    unit : str
-        UDUNITS text.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> label("speed", "m s-1"), label("ratio", "1")
-    ('speed (m s$^{-1}$)', 'ratio')
-    """
+    """Axis label with a UDUNITS unit; 'm s-1' appears as m s with a raised -1, '1' not at all."""
     return text if unit == "1" else f"{text} ({raised(unit)})"
 
 
 def raised(unit: str) -> str:
-    """Write a unit with its powers raised, and '1' as nothing.
-
-    Parameters
-    ----------
-    unit : str
-        UDUNITS text.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> raised("m s-2"), raised("1")
-    ('m s$^{-2}$', '')
-    """
+    """Write a UDUNITS unit with its powers raised, and '1' as nothing."""
     return re.sub(r"(?<=[A-Za-z])(-?[0-9]+)", r"$^{\1}$", "" if unit == "1" else unit)
 
 
 def scalar(result: Result, name: str) -> Any:
-    """Value of a scalar or attribute, None where the result has neither.
-
-    Parameters
-    ----------
-    result : Result
-        Where to look.
-    name : str
-        Its name.
-
-    Returns
-    -------
-    number, text, list or None
-    """
+    """Value of a scalar or attribute, None where the result has neither."""
     if name in result.scalars:
         return result.scalars[name].value
     return result.attributes.get(name)
 
 
 def facts(result: Result, *names: str) -> str:
-    """Give the scalars of those names that the result has, as one line.
-
-    Parameters
-    ----------
-    result : Result
-        Where to look.
-    *names : str
-        Scalars; those that are missing or no numbers are left out.
-
-    Returns
-    -------
-    str
-    """
+    """Give the named scalars as one line; those missing or no numbers are left out."""
     found = [(name.replace("_", " "), result.scalars.get(name)) for name in names]
     return "    ".join(
         f"{name} {number.value:.6g} {raised(number.unit)}".rstrip()
@@ -355,16 +171,6 @@ def facts(result: Result, *names: str) -> str:
 
 
 def sheet(width: float, height: float) -> Figure:
-    """Give an empty figure with some room at its edges, bound to no window.
-
-    Parameters
-    ----------
-    width, height : float
-        Size in inches.
-
-    Returns
-    -------
-    Figure
-    """
+    """Give an empty figure, in inches, with some room at its edges, bound to no window."""
     layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.1)
     return Figure(figsize=(width, height), layout=layout)

@@ -26,13 +26,7 @@ class Start(Table, frozen=True, kw_only=True):
     velocity: FinitePerMass = 0.0
 
     def faults(self, links: int) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links.
-
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        """
+        """Yield what does not fit a worm of so many links."""
         for name in ("position", "velocity"):
             yield from wrong_count(f"start.{name}", getattr(self, name), links + 1, "masses")
 

@@ -23,33 +23,8 @@ _SUFFIXES = (".nc", ".json", ".png", ".gif", ".md", ".csv", ".c")
 def check_output(folder: Path, scene: str, files: Sequence[str], force: bool) -> Path:
     """Make sure that results can be written, so that no work is done in vain.
 
-    Parameters
-    ----------
-    folder : Path
-        Where the results are to go.
-    scene : str
-        Name of the scene; an earlier result of the same scene may be replaced.
-    files : sequence of str
-        Names of the files to come.
-    force : bool
-        Write even over or beside what is in the way.
-
-    Returns
-    -------
-    Path
-        The folder, absolute and free of links.
-
-    Raises
-    ------
-    OutputError
-        If something is in the way or the folder cannot be written.
-
-    Examples
-    --------
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     check_output(Path(folder) / "walk", "walk", ["result.nc"], False).name
-    'walk'
+    Gives the folder, absolute and free of links. An earlier result of the same scene may be
+    replaced; else OutputError if something is in the way (unless `force`) or not writable.
     """
     try:
         folder = folder.resolve()
@@ -65,23 +40,8 @@ def check_output(folder: Path, scene: str, files: Sequence[str], force: bool) ->
 def output_folder(folder: Path) -> Iterator[Path]:
     """Give a temporary folder whose files appear in `folder` when the context ends.
 
-    They appear too when it ends by an error, as far as there are any: a picture that fails
-    must not cost the numbers.
-
-    Parameters
-    ----------
-    folder : Path
-        Where the results are to go, as `check_output` gave it.
-
-    Yields
-    ------
-    Path
-        The temporary folder.
-
-    Raises
-    ------
-    OutputError
-        If the files cannot be written after all.
+    Even by an error: a picture that fails must not cost the numbers.
+    `folder` is from `check_output`. Raises OutputError if files cannot be written after all.
     """
     try:
         with _staging(folder) as staging:

@@ -23,34 +23,9 @@ _WORDS: dict[Any, str] = {
 
 
 def read_table(raw: Mapping[str, Any], table: type[T], path: str, faults: list[Fault]) -> T | None:
-    """Convert a raw table.
+    """Convert a raw table to a struct; every fault is added to `faults`, and gives None.
 
-    Parameters
-    ----------
-    raw : mapping
-        What the file says.
-    table : type
-        Struct to convert to.
-    path : str
-        Key path of the table, "" for the whole scene.
-    faults : list of (str, str)
-        Every fault found is added here.
-
-    Returns
-    -------
-    Struct or None
-        None if there was a fault.
-
-    Examples
-    --------
-    >>> from wormopt.systems.spiked.scenes.worm import WormTable
-    >>> faults = []
-    >>> read_table({"links": 2, "mass": -1, "lode": 5}, WormTable, "worm", faults)
-    >>> for key, message in faults:
-    ...     print(key, "-", message)
-    worm.lode - unknown key; did you mean load?
-    worm.mass - -1 is not allowed; write a finite number above 0, or a list of such numbers, \
-one per mass
+    `path` is the key path of the table, "" for the whole scene.
     """
     known = {item.name: item for item in msgspec.structs.fields(table)}
     tag_key = table.__struct_config__.tag_field
@@ -108,20 +83,7 @@ def _chosen(
 
 
 def describe(kind: Any) -> str:
-    """Say in plain words what values a type allows.
-
-    Parameters
-    ----------
-    kind : type
-        Type of a field of a scene table.
-
-    Examples
-    --------
-    >>> describe(Literal["quick", "normal"])
-    '"quick" or "normal"'
-    >>> describe(bool | None)
-    'true or false'
-    """
+    """Say in plain words what values a type of a scene field allows."""
     origin, arguments = get_origin(kind), get_args(kind)
     if origin is Annotated:
         words = [meta.description for meta in arguments[1:] if getattr(meta, "description", None)]

@@ -102,13 +102,7 @@ def load_scene(source: str | Path, overrides: Iterable[str] = ()) -> Scene[Any]:
 
 
 def packaged_scenes() -> dict[str, Path]:
-    """Name and file of each scene that comes with the package.
-
-    Examples
-    --------
-    >>> "fast_gait" in packaged_scenes()
-    True
-    """
+    """Name and file of each scene that comes with the package."""
     package = Path(__file__).parents[1]
     inside = package / "problems"
     folder = inside if inside.is_dir() else package.parent / "problems"

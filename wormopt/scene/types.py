@@ -106,15 +106,7 @@ class SceneTable(Table, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows, once every key is right by itself.
 
-        Parameters
-        ----------
-        folder : Path
-            Where the scene lies; its file names are relative to this.
-
-        Yields
-        ------
-        (str, str)
-            Key path and message of each fault.
+        `folder` is where the scene lies; its file names are relative to this.
         """
         for word in sorted(set(self.want)):
             if self.want.count(word) > 1:
@@ -122,19 +114,9 @@ class SceneTable(Table, frozen=True, kw_only=True):
 
 
 def extreme_numbers(value: object, key: str = "") -> Iterator[Fault]:
-    """Yield a fault for each number so large or small that products of a few of them are none.
+    """Yield a fault for each number so extreme that products of a few of them are no numbers.
 
-    Parameters
-    ----------
-    value : object
-        A table, a list, or a value in one.
-    key : str
-        Its key path, "" for a whole scene.
-
-    Yields
-    ------
-    (str, str)
-        Key path and message.
+    `value` is a table, a list or a value in one, at key path `key`, "" for a whole scene.
     """
     if isinstance(value, Struct):
         for name in value.__struct_fields__:
@@ -159,23 +141,7 @@ def wrong_count(
 ) -> Iterator[Fault]:
     """Yield a fault if a list does not hold one entry per link or per mass.
 
-    Parameters
-    ----------
-    key : str
-        Key path of the value.
-    value : object
-        The value; whatever is no list is fine.
-    count : int
-        Number of things there are.
-    things : {"links", "masses"}
-        What there are so many of.
-    entry : {"number", "table"}, optional
-        What is written for each.
-
-    Examples
-    --------
-    >>> list(wrong_count("worm.mass", (1.0, 2.0), 3, "masses"))
-    [('worm.mass', '2 entries for 3 masses; write one number for all masses, or a list of 3')]
+    A value that is no list is fine.
     """
     if isinstance(value, tuple) and len(value) != count:
         yield (
@@ -190,14 +156,7 @@ def wrong_count(
 def wrong_order(key: str, pair: tuple[float, ...], *, may_be_equal: bool) -> Iterator[Fault]:
     """Yield a fault if a range [smallest, largest] is reversed or empty.
 
-    Parameters
-    ----------
-    key : str
-        Key path of the range.
-    pair : tuple of two floats
-        The range.
-    may_be_equal : bool
-        Whether a range of one point is fine.
+    With `may_be_equal` a range of one point is fine.
     """
     smallest, largest = pair
     if smallest > largest or (smallest == largest and not may_be_equal):

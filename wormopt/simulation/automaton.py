@@ -14,8 +14,6 @@ from wormopt.simulation.layer import Layer
 from wormopt.simulation.motion_task import KINDS, Outcome, Task
 from wormopt.simulation.steps import Call, GivenUp, Step, Stepper
 
-__all__ = ["integrate"]
-
 _SWITCH = KINDS.index("switch")
 _STEPS_PER_REPORT = 500
 _ROUND_OFF = 4 * float(np.finfo(float).eps)
@@ -24,28 +22,7 @@ _ROUND_OFF = 4 * float(np.finfo(float).eps)
 def integrate(task: Task, report: Report, *, stiff: bool = False) -> Outcome:
     """Integrate a task in Python.
 
-    Parameters
-    ----------
-    task : Task
-        What to integrate.
-    report : callable
-        Told how far it is.
-    stiff : bool, optional
-        Take implicit steps (Radau IIA of order 5) instead of explicit ones of order 8.
-
-    Returns
-    -------
-    Outcome
-
-    Examples
-    --------
-    >>> import casadi as ca
-    >>> from wormopt.model.model import Model, Signal
-    >>> from wormopt.simulation.simulate import simulate
-    >>> x = ca.SX.sym("x")
-    >>> decay = Model("decay", x=[Signal("x", x, value=1.0)], ode=-x)
-    >>> simulate(decay, 1.0, route="python").end.round(12)
-    array([0.36787944])
+    Explicit steps of order 8, or if `stiff` implicit ones (Radau IIA of order 5).
     """
     with np.errstate(all="ignore"):  # what is not finite is noticed where it matters
         motion = _Motion(task, stiff)

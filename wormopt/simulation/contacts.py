@@ -9,8 +9,6 @@ import numpy as np
 from wormopt.simulation.motion_task import KINDS, Task
 from wormopt.simulation.steps import Call, GivenUp
 
-__all__ = ["Change", "Contacts"]
-
 _REVERSAL, _STICK, _RELEASE, _IMPACT = (
     KINDS.index(kind) for kind in ("reversal", "stick", "release", "impact")
 )
@@ -18,21 +16,11 @@ _REVERSAL, _STICK, _RELEASE, _IMPACT = (
 
 @dataclass(frozen=True)
 class Change:
-    """What happened to a contact.
+    """What happened to a contact."""
 
-    Parameters
-    ----------
-    which : int
-        Contact.
-    kind : int
-        Index in `KINDS`.
-    mode : int
-        Mode from then on.
-    """
-
-    which: int
-    kind: int
-    mode: int
+    which: int  # contact
+    kind: int  # index in KINDS
+    mode: int  # from then on
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +47,7 @@ class _Probe:
 class Contacts:
     """Modes of the contacts that may rest.
 
-    Parameters
-    ----------
-    task : Task
-        What is integrated.
-    p, modes : ndarray
-        Parameters, and modes (+1, -1, 0), which are rewritten here and by nobody else.
+    `modes` (+1, -1, 0) are rewritten here and by nobody else.
     """
 
     def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
@@ -86,28 +69,8 @@ class Contacts:
     ) -> tuple[np.ndarray, list[Change], list[int]]:
         """Decide which contacts rest, from velocities and then from forces.
 
-        Parameters
-        ----------
-        t : float
-            Time.
-        x : ndarray, shape (n_x,)
-            State.
-        forced : int, optional
-            Contact of an event: moving, it is at rest now; resting, it is let go.
-
-        Returns
-        -------
-        x : ndarray, shape (n_x,)
-            State after the impulses that stop what may not move on.
-        changes : list of Change
-            What happened, by contacts.
-        stopped : list of int
-            Contacts of which the velocity is zero now.
-
-        Raises
-        ------
-        GivenUp
-            If no choice fits.
+        `forced`: contact of an event; moving, it rests now; resting, it is let go. Gives the
+        state after impulses, changes, contacts now at velocity 0. GivenUp if none fits.
         """
         before, probe = self._modes.copy(), self._look(t, x)
         velocity = probe.velocity

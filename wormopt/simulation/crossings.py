@@ -23,55 +23,30 @@ from wormopt.simulation.functions import System
 from wormopt.simulation.motion_task import Task
 from wormopt.simulation.steps import Call, GivenUp, Step, Stepper, floor_of_step
 
-__all__ = ["Crossing", "Located", "Watch"]
-
 _SAMPLES = np.array([0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0])
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """Where an event function falls through its level.
+    """Where an event function falls through its level."""
 
-    Parameters
-    ----------
-    which : int
-        Event function; switches are counted on from the contacts.
-    theta : float
-        Fraction of the step.
-    level : float
-        The level.
-    """
-
-    which: int
-    theta: float
+    which: int  # event function; switches count on from the contacts
+    theta: float  # fraction of the step
     level: float
 
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """Way to an event.
+    """Way to an event."""
 
-    Parameters
-    ----------
-    step : Step or None
-        The step that leads there; None if it is at the start already.
-    arrived : bool
-        Whether it leads all the way.
-    """
-
-    step: Step | None
-    arrived: bool
+    step: Step | None  # that leads there; None if it is at the start already
+    arrived: bool  # whether it leads all the way
 
 
 class Watch:
     """The event functions of a motion.
 
-    Parameters
-    ----------
-    task : Task
-        What is integrated.
-    p, modes : ndarray
-        Parameters and modes, which their owners rewrite.
+    `p` and `modes` are rewritten by their owners.
     """
 
     def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
@@ -89,21 +64,7 @@ class Watch:
     # -- values ----------------------------------------------------------------------------
 
     def value(self, which: int, t: float, x: np.ndarray) -> float:
-        """Value of one event function.
-
-        Parameters
-        ----------
-        which : int
-            Event function.
-        t : float
-            Time.
-        x : ndarray, shape (n_x,)
-            State.
-
-        Returns
-        -------
-        float
-        """
+        """Value of one event function."""
         return float(self._values(t, x)[0][which])
 
     def _within(self, which: int, step: Step, theta: float) -> float:
@@ -118,59 +79,25 @@ class Watch:
     # -- levels ----------------------------------------------------------------------------
 
     def start(self, t: float, x: np.ndarray) -> None:
-        """Set the levels with which a motion begins: those of guards above 0 are out of reach.
-
-        Parameters
-        ----------
-        t : float
-            Time.
-        x : ndarray, shape (n_x,)
-            State.
-        """
+        """Set the levels with which a motion begins: those of guards above 0 are out of reach."""
         if self.n:
             self._levels = -self._small()
             guards = self._values(t, x)[0][self.n_contacts :]
             self._levels[self.n_contacts :] = np.where(guards < 0, -np.inf, 0.0)
 
     def raise_levels(self, t: float, x: np.ndarray) -> None:
-        """Raise the levels of what is well above 0.
-
-        Parameters
-        ----------
-        t : float
-            Time.
-        x : ndarray, shape (n_x,)
-            State.
-        """
+        """Raise the levels of what is well above 0."""
         if self.n:
             self._levels[self._values(t, x)[0] > self._small()] = 0.0
 
     def note_change(self, contact: int) -> None:
-        """Lower the level of a contact whose mode has changed.
-
-        Parameters
-        ----------
-        contact : int
-            Its index.
-        """
+        """Lower the level of a contact whose mode has changed."""
         self._levels[contact] = -self._small()[contact]
 
     def error_of(self, k: int, t: float, x: np.ndarray) -> tuple[float, float]:
-        """How exactly the event of a switch has been found.
+        """How exactly the event of switch `k` has been found.
 
-        Parameters
-        ----------
-        k : int
-            Index of the switch.
-        t : float
-            Time of the event.
-        x : ndarray, shape (n_x,)
-            State then.
-
-        Returns
-        -------
-        (float, float)
-            How far from 0 its guard may be by rounding, and the time derivative of the guard.
+        Gives how far from 0 its guard may be by rounding, and the guard's time derivative.
         """
         rate = abs(float(self._rates(t, x)[0][k]))
         off = abs(self.value(self.n_contacts + k, t, x))
@@ -181,20 +108,8 @@ class Watch:
     ) -> None:
         """Lower the level of a switch that has fired.
 
-        It may fire again at once if its guard falls now, be it from a rounding error above 0: a
-        ball that bounces lower and lower must not fall through the floor. Otherwise the guard must
-        come back from below 0, by more than the rounding error with which it was found.
-
-        Parameters
-        ----------
-        k : int
-            Index of the switch.
-        t : float
-            Time.
-        x : ndarray, shape (n_x,)
-            State after it.
-        error : (float, float), optional
-            From `error_of`; left out where the guard has jumped.
+        It may fire again at once if its guard falls now, be it from a rounding error above 0
+        (bouncing ball), else once it was below 0 by more than `error` (0 where it jumped).
         """
         which, residual, rate = self.n_contacts + k, *error
         value = self.value(which, t, x)
@@ -204,20 +119,7 @@ class Watch:
             self._levels[which], self._passed[k] = -np.inf, residual
 
     def jumped_switch(self, t: float, x: np.ndarray) -> int | None:
-        """First switch of which the guard has jumped above 0.
-
-        Parameters
-        ----------
-        t : float
-            Time.
-        x : ndarray, shape (n_x,)
-            State.
-
-        Returns
-        -------
-        int or None
-            Its index.
-        """
+        """Index of the first switch whose guard has jumped above 0."""
         if self.n == self.n_contacts:
             return None
         jumped = self._values(t, x)[0] < self._levels
@@ -227,21 +129,9 @@ class Watch:
     # -- location --------------------------------------------------------------------------
 
     def find(self, step: Step) -> Crossing | None:
-        """First event of a step; without any, raises levels of what has been well above 0 in it.
+        """First event of an attempted step; without any, raises levels of what was well above 0.
 
-        Parameters
-        ----------
-        step : Step
-            An attempted step.
-
-        Returns
-        -------
-        Crossing or None
-
-        Raises
-        ------
-        GivenUp
-            If an event function is no number.
+        Raises GivenUp if an event function is not a number.
         """
         values = self._scan(step.t, step.h, step.rows.ravel())[0].reshape(len(_SAMPLES), self.n)
         if np.isnan(values).any():
@@ -291,23 +181,10 @@ class Watch:
         return change / ((high - low) * step.h)
 
     def locate(self, step: Step, crossing: Crossing, stepper: Stepper) -> Located:
-        """Step to an event.
+        """Step to an event found by `find`.
 
-        The polynomial is of a lower order than the steps, so that the step itself is taken and
-        corrected by Newton's method.
-
-        Parameters
-        ----------
-        step : Step
-            The attempted step with the event in it.
-        crossing : Crossing
-            From `find`.
-        stepper : Stepper
-            What took the step.
-
-        Returns
-        -------
-        Located
+        The step itself is taken and corrected by Newton's method: the polynomial is of lower
+        order than the steps.
         """
         which, length = crossing.which, crossing.theta * step.h
         if length <= floor_of_step(self._task, step.t):

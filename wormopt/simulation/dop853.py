@@ -16,21 +16,15 @@ from wormopt.simulation.functions import System
 from wormopt.simulation.motion_task import Task
 from wormopt.simulation.steps import Call, GivenUp, Step, floor_of_step
 
-__all__ = ["Explicit"]
-
 # Steps are given up where so many more would be needed for stability alone: some seconds.
 _STIFF_STEPS = 50_000
 
 
 class Explicit:
-    """Steps of DOP853: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.10.
+    """Steps of DOP853.
 
-    Parameters
-    ----------
-    task : Task
-        What to integrate.
-    p, modes : ndarray
-        Parameters and modes; who rewrites them must call `restart`.
+    Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.10.
+    Whoever rewrites the parameters `p` or the modes must call `restart`.
     """
 
     def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
@@ -49,36 +43,15 @@ class Explicit:
         return self._rhs(t, x)[0].copy()
 
     def restart(self, t: float, x: np.ndarray) -> None:
-        """Go on from another state, or with other parameters or modes.
-
-        Parameters
-        ----------
-        t : float
-            Time.
-        x : ndarray, shape (n_x,)
-            State.
-        """
+        """Go on from another state, or with other parameters or modes."""
         self._t, self._x, self._dx = t, x, self._derivative(t, x)
         if self.h == 0.0 and not (np.all(np.isfinite(x)) and np.all(np.isfinite(self._dx))):
             raise GivenUp("not_finite")
 
     def attempt(self, stop: float) -> Step | None:
-        """Try a step.
+        """Try a step not beyond `stop`; None if too inexact, and the next will be shorter.
 
-        Parameters
-        ----------
-        stop : float
-            Time that it must not pass.
-
-        Returns
-        -------
-        Step or None
-            None if it was too inexact; the next will be shorter.
-
-        Raises
-        ------
-        GivenUp
-            If it would have to be too short.
+        Raises GivenUp if it would have to be too short.
         """
         if self.h <= 0.0:
             self.h = self._first()
@@ -122,51 +95,21 @@ class Explicit:
             raise GivenUp(status or "step_too_small")
 
     def shorten(self, step: Step, factor: float) -> None:
-        """Reject a step.
+        """Reject the step just attempted; the next is `factor` times as long.
 
-        Parameters
-        ----------
-        step : Step
-            Just attempted.
-        factor : float
-            Length of the next one, relative to it.
-
-        Raises
-        ------
-        GivenUp
-            If that is too short.
+        Raises GivenUp if that is too short.
         """
         self._reject(step.h, factor)
 
     def redo(self, step: Step, length: float) -> Step:
-        """Take the beginning of a step that was too long.
-
-        Parameters
-        ----------
-        step : Step
-            Just attempted.
-        length : float
-            How far to go.
-
-        Returns
-        -------
-        Step
-        """
+        """Take only the first `length` of the step just attempted, which was too long."""
         x_new, stages, _, _ = self._stages(step.t, step.x, length, step.dx)
         return self._closed(length, min(step.t + length, step.end), x_new, stages)
 
     def accept(self, step: Step) -> None:
-        """Go on from the end of a step.
+        """Go on from the end of the step just attempted.
 
-        Parameters
-        ----------
-        step : Step
-            Just attempted.
-
-        Raises
-        ------
-        GivenUp
-            If the motion is too stiff to go on.
+        Raises GivenUp if the motion is too stiff to go on.
         """
         self.h = self._next
         self._t, self._x, self._dx = step.end, step.x_new, step.dx_new

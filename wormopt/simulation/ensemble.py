@@ -19,8 +19,6 @@ from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
 
-__all__ = ["Ensemble", "Member", "simulate_ensemble"]
-
 
 @dataclass(frozen=True)
 class Member:

@@ -19,8 +19,6 @@ from wormopt.model.model import Contact, Model, Schedule, Signal, pack
 from wormopt.model.values import signal_values
 from wormopt.simulation.options import Smooth, Treatment
 
-__all__ = ["System"]
-
 
 def _never_rests(contact: Contact) -> bool:
     """Whether a contact is no more than a force that depends smoothly on velocity."""
@@ -44,29 +42,10 @@ def _weighted(weight: ca.SX, a: ca.SX | float, b: ca.SX | float) -> ca.SX:
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """The functions that an integrator of a Model needs.
-
-    Parameters
-    ----------
-    model : Model
-        What moves.
-    treatment : Smooth or Exact
-        How its contacts are treated. Contacts that never rest are plain forces in either.
-
-    Examples
-    --------
-    >>> v, f = ca.SX.sym("v"), ca.SX.sym("f")
-    >>> from wormopt.model.friction import Coulomb
-    >>> from wormopt.simulation.options import Exact
-    >>> ground = Contact("block", v, f, Coulomb(1.0, 2.0))
-    >>> block = Model("block", x=[Signal("velocity", v)], ode=f, contacts=[ground])
-    >>> system = System(block, Exact())
-    >>> system.rhs(0, 3.0, [], 1.0)
-    DM(-1)
-    """
+    """The functions that an integrator of a Model needs."""
 
     model: Model
-    treatment: Treatment
+    treatment: Treatment  # of contacts; those that never rest are plain forces in either
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
@@ -284,17 +263,9 @@ class System:
         return ca.substitute(expression, old, ca.vertcat(new, self.forces))
 
     def observe(self, expression: ca.SX) -> ca.Function:
-        """Function of an expression of the model's symbols, contact forces included.
+        """Function of (t, x, p, s) for an expression of the model's symbols and contact forces.
 
-        Parameters
-        ----------
-        expression : casadi.SX
-            Whatever the model's symbols can say, an output for instance.
-
-        Returns
-        -------
-        casadi.Function
-            Of (t, x, p, s), x without what `n_pushes` counts.
+        Its x is without what `n_pushes` counts.
         """
         t, _, p, s = self.symbols
         observed = ca.densify(self._put(expression))
@@ -320,21 +291,9 @@ class System:
     # -- numbers ---------------------------------------------------------------------------
 
     def parameters(self, given: Mapping[str, object] | None) -> np.ndarray:
-        """Values of p, zeros for what schedules set.
+        """Values of p from those given by name, else the model's own; 0 for what schedules set.
 
-        Parameters
-        ----------
-        given : mapping of str to float or array, optional
-            Values of parameters and inputs by name; the model's own for the others.
-
-        Returns
-        -------
-        ndarray
-
-        Raises
-        ------
-        ArgumentError
-            As `signal_values`, or if a friction law refuses its numbers.
+        Raises ArgumentError as `signal_values`, or if a friction law refuses its numbers.
         """
         signals = (*self.model.p, *(self._input(u) for u in self.model.u))
         fixed = signal_values(signals, given, "parameter or input")
@@ -378,20 +337,9 @@ class System:
         return u if u.value is not None else replace(u, value=0.0)
 
     def scheduled(self, p: np.ndarray, schedules: Sequence[Schedule], t: np.ndarray) -> np.ndarray:
-        """Put the values that schedules have into p.
+        """Parameters (n_p, m) with the values that schedules have at the times `t` (m,).
 
-        Parameters
-        ----------
-        p : ndarray, shape (n_p,)
-            From `parameters`.
-        schedules : sequence of Schedule
-            Those of the model, perhaps with other values.
-        t : ndarray, shape (m,)
-            Times; at a break the later piece counts.
-
-        Returns
-        -------
-        ndarray, shape (n_p, m)
+        At a break the later piece counts.
         """
         p, at = np.repeat(p[:, None], len(t), axis=1), self.n_fixed
         for schedule in schedules:

@@ -19,29 +19,17 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Contact, Model, pack
 
-__all__ = ["Impulses"]
-
 
 @dataclass(frozen=True, eq=False)
 class Impulses:
     """How one step changes the rates of a model.
 
-    Parameters
-    ----------
-    model : Model
-        Its states are places and then their rates, and so many of each. All contacts have gaps
-        and normal forces. Time, schedules and algebraic variables do not occur in it.
-    integrals : sequence of str, optional
-        Outputs to integrate over the step.
-
-    Raises
-    ------
-    ArgumentError
-        If the model is not of this form.
+    States of the model: places, then their rates, as many of each. All contacts have gaps and
+    normal forces; no time, schedules or algebraic variables. Else raises ArgumentError.
     """
 
     model: Model
-    integrals: Sequence[str] = ()
+    integrals: Sequence[str] = ()  # outputs to integrate over the step
 
     def __post_init__(self) -> None:
         model = self.model
@@ -120,17 +108,7 @@ class Impulses:
     def check(self, x0: np.ndarray, numbers: np.ndarray) -> None:
         """Refuse contacts that act on one another and may be closed at the same time.
 
-        Parameters
-        ----------
-        x0 : ndarray, shape (n_x,)
-            State at which they are looked at.
-        numbers : ndarray
-            Parameters.
-
-        Raises
-        ------
-        ArgumentError
-            If there are two.
+        They are looked at in the state `x0`; raises ArgumentError if there are two.
         """
         contacts, x = self.model.contacts, pack(self.model.x)
         n_c, gaps = len(contacts), self._gaps

@@ -7,8 +7,6 @@ import numpy as np
 from wormopt.simulation.motion_task import Task
 from wormopt.simulation.steps import Call, Step
 
-__all__ = ["Layer"]
-
 _SAMPLES = np.linspace(0.0, 1.0, 17)
 # The law is flat to 2e-7 from so many widths on.
 _WIDTHS = 8.0
@@ -17,12 +15,7 @@ _WIDTHS = 8.0
 class Layer:
     """Speeds below which the smooth law of each contact is steep.
 
-    Parameters
-    ----------
-    task : Task
-        What is integrated.
-    p, modes : ndarray
-        Parameters and modes, which their owners rewrite.
+    The parameters `p` and the modes are rewritten by their owners.
     """
 
     def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
@@ -36,15 +29,6 @@ class Layer:
         """Whether a velocity enters the steep layer of the smooth law and leaves it again.
 
         The steep part would act between the stages and no error estimate would know.
-
-        Parameters
-        ----------
-        step : Step
-            An attempted step.
-
-        Returns
-        -------
-        bool
         """
         if not self._layers:
             return False

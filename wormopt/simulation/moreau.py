@@ -31,8 +31,6 @@ from wormopt.simulation.impulses import Impulses
 from wormopt.simulation.native.build import CompilerError
 from wormopt.simulation.native.function import compiled
 
-__all__ = ["Marcher", "Steps"]
-
 # Steps that are taken between two looks at the state, and looks between two reports.
 _STRIDE, _SPAN = 10, 500
 # Share of the longest stable step that is taken.
@@ -41,27 +39,13 @@ _SAFE = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """A motion, looked at every few steps.
+    """A motion, looked at every few steps."""
 
-    Parameters
-    ----------
-    time : ndarray, shape (m,)
-        When.
-    states : ndarray, shape (n_x, m)
-        States.
-    pressed, rubbed : ndarray, shape (contacts, m - 1)
-        Mean normal and tangential force of each contact from one look to the next.
-    work : dict of str to ndarray, shape (m,)
-        What has been done until then: by "walls" (impacts), by "friction", and the integrals of
-        the outputs that were asked for.
-    n_steps : int
-        Steps taken.
-    """
-
-    time: np.ndarray
-    states: np.ndarray
-    pressed: np.ndarray
-    rubbed: np.ndarray
+    time: np.ndarray  # (m,)
+    states: np.ndarray  # (n_x, m)
+    pressed: np.ndarray  # (contacts, m - 1) mean normal force between two looks
+    rubbed: np.ndarray  # (contacts, m - 1) mean tangential force, likewise
+    # (m,) each, done until then: by "walls" (impacts), by "friction", integrals of outputs
     work: dict[str, np.ndarray]
     n_steps: int
 

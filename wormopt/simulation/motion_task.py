@@ -12,44 +12,22 @@ from wormopt.model.model import Schedule, Signal
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Smooth, Tolerance
 
-__all__ = ["KINDS", "Outcome", "Task"]
-
 KINDS = ("reversal", "stick", "release", "impact", "switch")
 """Kinds of events by their numbers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """One motion to integrate.
-
-    Parameters
-    ----------
-    system : System
-        Functions of the model.
-    span : (float, float)
-        First and last time.
-    x0 : ndarray, shape (n_x,)
-        State at the first; the model's own states, then those that `System.n_pushes` counts.
-    p : ndarray
-        From `System.parameters`.
-    schedules : tuple of Schedule
-        Those of the model, perhaps with other values.
-    tolerance : Tolerance
-        How exact.
-    times : ndarray, shape (m,)
-        Ascending sample times within the span.
-    dense : bool
-        Whether to keep the polynomials of all steps.
-    """
+    """One motion to integrate."""
 
     system: System
-    span: tuple[float, float]
-    x0: np.ndarray
-    p: np.ndarray
-    schedules: tuple[Schedule, ...]
+    span: tuple[float, float]  # first and last time
+    x0: np.ndarray  # (n_x,) the model's states, then what `System.n_pushes` counts
+    p: np.ndarray  # from `System.parameters`
+    schedules: tuple[Schedule, ...]  # those of the model, perhaps with other values
     tolerance: Tolerance
-    times: np.ndarray
-    dense: bool = False
+    times: np.ndarray  # (m,) ascending sample times within the span
+    dense: bool = False  # keep the polynomials of all steps
 
     @cached_property
     def absolute(self) -> np.ndarray:
@@ -101,44 +79,25 @@ def _nominals(signals: Sequence[Signal]) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What an integrator found, as far as it came.
+    """What an integrator found, as far as it came; `status` is "done" or why it was given up.
 
-    Parameters
-    ----------
-    status : str
-        "done", or the reason for which it was given up: "step_too_small", "not_finite",
-        "too_many_steps", "stiff", "events_accumulate", "no_contact_mode", "no_memory",
-        "layer_not_resolved", "solver_failed", "interrupted".
-    route : str
-        Which integrator.
-    t : float
-        How far it came.
-    x : ndarray, shape (n_x,)
-        State there.
-    samples : ndarray, shape (reached, n_x)
-        States at the sample times reached.
-    n_steps, n_rejected, n_evaluations : int
-        Work done.
-    events : ndarray, shape (events, 4)
-        Time, index of the contact (of the switch, counted on from the contacts), index in `KINDS`,
-        mode from then on.
-    modes : ndarray, shape (1 + changes, 1 + contacts)
-        Time, and modes from then on.
-    dense_time : ndarray, shape (steps + 1,)
-        Ends of the steps, where kept.
-    dense : ndarray, shape (steps, 8, n_x)
-        Their polynomials.
+    Reasons: "step_too_small", "not_finite", "too_many_steps", "stiff", "events_accumulate",
+    "no_contact_mode", "no_memory", "layer_not_resolved", "solver_failed", "interrupted".
     """
 
     status: str
-    route: str
-    t: float
-    x: np.ndarray
-    samples: np.ndarray
+    route: str  # which integrator
+    t: float  # how far it came
+    x: np.ndarray  # (n_x,) at `t`
+    samples: np.ndarray  # (reached, n_x) at the sample times reached
     n_steps: int
     n_rejected: int
     n_evaluations: int
+    # rows: time, contact (switches counted on), index in `KINDS`, mode from then on
     events: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+    # (1 + changes, 1 + contacts) time, modes from then on
     modes: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
+    # (steps + 1,) ends of the steps, where kept
     dense_time: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    # (steps, 8, n_x) polynomials, see `Dense`
     dense: np.ndarray = field(default_factory=lambda: np.zeros((0, 8, 0)))

@@ -9,8 +9,6 @@ from typing import Literal
 
 from wormopt.errors import ArgumentError
 
-__all__ = ["Exact", "Route", "Smooth", "Tolerance", "Treatment"]
-
 
 @dataclass(frozen=True)
 class Smooth:

@@ -13,8 +13,6 @@ from wormopt.simulation.functions import System
 from wormopt.simulation.motion_task import Task
 from wormopt.simulation.steps import Call, GivenUp, Step, floor_of_step, powers
 
-__all__ = ["Stiff"]
-
 # Scipy refuses smaller relative tolerances, with a warning.
 _LEAST_RELATIVE = 100 * float(np.finfo(float).eps)
 # The dense output of Radau IIA is a cubic: these points tell its first four rows.
@@ -25,12 +23,7 @@ _ROWS = np.linalg.inv(powers(_POINTS)[:, :4])
 class Stiff:
     """Steps of scipy's Radau, for stiff motions; order 5, with the exact Jacobian.
 
-    Parameters
-    ----------
-    task : Task
-        What to integrate.
-    p, modes : ndarray
-        Parameters and modes; who rewrites them must call `restart`.
+    Whoever rewrites the parameters `p` or the modes must call `restart`.
     """
 
     def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
@@ -77,75 +70,34 @@ class Stiff:
         return Step(t, h, min(solver.t, stop), x, x_new, dx, dx_new, fit)
 
     def restart(self, t: float, x: np.ndarray) -> None:
-        """Go on from another state, or with other parameters or modes.
-
-        Parameters
-        ----------
-        t : float
-            Time.
-        x : ndarray, shape (n_x,)
-            State.
-        """
+        """Go on from another state, or with other parameters or modes."""
         self._t, self._x, self._solver = t, x, None
         self._derivative(t, x)
         if not (self._finite and np.all(np.isfinite(x))):
             raise GivenUp("not_finite")
 
     def attempt(self, stop: float) -> Step | None:
-        """Try a step.
+        """Try a step not beyond `stop`; never None, since scipy tries until it succeeds.
 
-        Parameters
-        ----------
-        stop : float
-            Time that it must not pass.
-
-        Returns
-        -------
-        Step or None
-            Never None: scipy tries until it succeeds.
-
-        Raises
-        ------
-        GivenUp
-            If it would have to be too short.
+        Raises GivenUp if it would have to be too short.
         """
         if self._solver is None or self._solver.t_bound != stop:
             self._solver = self._solver_from(self._t, self._x, stop, self.h)
         return self._advance(self._solver, stop)
 
     def redo(self, step: Step, length: float) -> Step:
-        """Take the beginning of a step that was too long.
+        """Take only the first `length` of the step just attempted, which was too long.
 
-        Parameters
-        ----------
-        step : Step
-            Just attempted.
-        length : float
-            How far to go.
-
-        Returns
-        -------
-        Step
-            It may end earlier if this is less exact than the whole.
+        It may end earlier if this is less exact than the whole.
         """
         stop = min(step.t + length, step.end)
         self._solver = None
         return self._advance(self._solver_from(step.t, step.x, stop, length), stop)
 
     def shorten(self, step: Step, factor: float) -> None:
-        """Reject a step.
+        """Reject the step just attempted; the next is `factor` times as long.
 
-        Parameters
-        ----------
-        step : Step
-            Just attempted.
-        factor : float
-            Length of the next one, relative to it.
-
-        Raises
-        ------
-        GivenUp
-            If that is too short.
+        Raises GivenUp if that is too short.
         """
         self.n_rejected += 1
         self.h, self._solver = step.h * factor, None
@@ -153,13 +105,7 @@ class Stiff:
             raise GivenUp("step_too_small")
 
     def accept(self, step: Step) -> None:
-        """Go on from the end of a step.
-
-        Parameters
-        ----------
-        step : Step
-            Just attempted.
-        """
+        """Go on from the end of the step just attempted."""
         self.h, self._t, self._x = step.h, step.end, step.x_new
 
 

@@ -6,31 +6,12 @@ from wormopt.progress import Report
 from wormopt.simulation.motion_task import Outcome, Task
 from wormopt.simulation.options import Route
 
-__all__ = ["integrate"]
-
 
 def integrate(task: Task, route: Route, report: Report) -> Outcome:
     """Integrate by the route asked for; "auto" is the first that can.
 
-    Parameters
-    ----------
-    task : Task
-        What to integrate.
-    route : {"auto", "native", "python", "cvodes"}
-        By what.
-    report : callable
-        Told how far it is.
-
-    Returns
-    -------
-    Outcome
-
-    Raises
-    ------
-    ValueError
-        If the route cannot take the task.
-    CompilerError
-        If the native route is asked for and there is no compiler.
+    Raises ValueError if the route cannot take the task, CompilerError if the native route is
+    asked for and there is no compiler.
     """
     if task.system.model.alg.numel() or route == "cvodes":
         return _implicitly(task, report)

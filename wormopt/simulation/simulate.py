@@ -20,8 +20,6 @@ from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatmen
 from wormopt.simulation.routes import integrate
 from wormopt.simulation.trajectory import Dense, Event, Trajectory
 
-__all__ = ["simulate"]
-
 Values = Mapping[str, ArrayLike]
 
 _REFUSALS = {

@@ -12,17 +12,9 @@ import numpy as np
 
 from wormopt.simulation.motion_task import Task
 
-__all__ = ["Call", "GivenUp", "Step", "Stepper", "floor_of_step", "powers"]
-
 
 class GivenUp(Exception):
-    """A motion cannot be followed any further.
-
-    Parameters
-    ----------
-    status : str
-        Why, see `Outcome`.
-    """
+    """A motion cannot be followed any further; for `status` see `Outcome`."""
 
     def __init__(self, status: str) -> None:
         self.status = status
@@ -32,21 +24,8 @@ class GivenUp(Exception):
 class Call:
     """A CasADi function called through its buffer, which costs a hundredth of an ordinary call.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        With dense arguments and results.
-    shared : sequence of (str, ndarray)
-        Arguments that are not passed but read from these arrays, which the caller may rewrite.
-
-    Examples
-    --------
-    >>> x, p = ca.SX.sym("x", 2), ca.SX.sym("p")
-    >>> scale = np.ones(1)
-    >>> call = Call(ca.Function("f", [x, p], [p * x], ["x", "p"], ["y"]), ("p", scale))
-    >>> scale[:] = 3.0
-    >>> call(np.array([1.0, 2.0]))[0]
-    array([3., 6.])
+    Its arguments and results must be dense. Those in `shared` are not passed but read from
+    these arrays, which the caller may rewrite.
     """
 
     def __init__(self, function: ca.Function, *shared: tuple[str, np.ndarray]) -> None:
@@ -74,21 +53,9 @@ class Call:
 
 
 def powers(s: float | np.ndarray) -> np.ndarray:
-    """What the rows of a polynomial are multiplied by, see `Dense`.
+    """Factors (8,) or (m, 8) of the rows of a polynomial, see `Dense`.
 
-    Parameters
-    ----------
-    s : float or ndarray, shape (m,)
-        Fraction of the step.
-
-    Returns
-    -------
-    ndarray, shape (8,) or (m, 8)
-
-    Examples
-    --------
-    >>> powers(1.0)
-    array([1., 1., 0., 0., 0., 0., 0., 0.])
+    `s` is the fraction of the step, a number or (m,).
     """
     r = 1 - s
     product = [np.ones_like(s)]
@@ -99,28 +66,16 @@ def powers(s: float | np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """An attempted step.
+    """An attempted step."""
 
-    Parameters
-    ----------
-    t, h, end : float
-        Its start, length and end.
-    x, x_new : ndarray, shape (n_x,)
-        States there.
-    dx, dx_new : ndarray, shape (n_x,)
-        Their time derivatives.
-    fit : callable
-        Gives the rows of its polynomial.
-    """
-
-    t: float
-    h: float
+    t: float  # start
+    h: float  # length
     end: float
-    x: np.ndarray
-    x_new: np.ndarray
-    dx: np.ndarray
-    dx_new: np.ndarray
-    fit: Callable[[], np.ndarray]
+    x: np.ndarray  # (n_x,) state at `t`
+    x_new: np.ndarray  # (n_x,) state at `end`
+    dx: np.ndarray  # (n_x,) time derivative at `t`
+    dx_new: np.ndarray  # (n_x,) time derivative at `end`
+    fit: Callable[[], np.ndarray]  # gives the rows of its polynomial
 
     @cached_property
     def rows(self) -> np.ndarray:
@@ -128,34 +83,12 @@ class Step:
         return self.fit()
 
     def states(self, s: float | np.ndarray) -> np.ndarray:
-        """States within the step.
-
-        Parameters
-        ----------
-        s : float or ndarray, shape (m,)
-            Fractions of it.
-
-        Returns
-        -------
-        ndarray, shape (n_x,) or (m, n_x)
-        """
+        """States (n_x,) or (m, n_x) at fractions of the step, a number or (m,)."""
         return powers(s) @ self.rows
 
 
 def floor_of_step(task: Task, t: float) -> float:
-    """Length below which a step is nothing but rounding.
-
-    Parameters
-    ----------
-    task : Task
-        What is integrated.
-    t : float
-        Time.
-
-    Returns
-    -------
-    float
-    """
+    """Length below which a step is nothing but rounding."""
     return 8 * float(np.finfo(float).eps) * max(abs(t), 1e-3 * (task.span[1] - task.span[0]))
 
 
@@ -170,82 +103,33 @@ class Stepper(Protocol):
     n_evaluations: int
 
     def restart(self, t: float, x: np.ndarray) -> None:
-        """Go on from another state, or with other parameters or modes.
-
-        Parameters
-        ----------
-        t : float
-            Time.
-        x : ndarray, shape (n_x,)
-            State.
-        """
+        """Go on from another state, or with other parameters or modes."""
         ...
 
     def attempt(self, stop: float) -> Step | None:
-        """Try a step.
+        """Try a step not beyond `stop`; None if too inexact, and the next will be shorter.
 
-        Parameters
-        ----------
-        stop : float
-            Time that it must not pass.
-
-        Returns
-        -------
-        Step or None
-            None if it was too inexact; the next will be shorter.
-
-        Raises
-        ------
-        GivenUp
-            If it would have to be too short.
+        Raises GivenUp if it would have to be too short.
         """
         ...
 
     def redo(self, step: Step, length: float) -> Step:
-        """Take the beginning of a step that was too long.
+        """Take only the first `length` of the step just attempted, which was too long.
 
-        Parameters
-        ----------
-        step : Step
-            Just attempted.
-        length : float
-            How far to go.
-
-        Returns
-        -------
-        Step
-            It may end earlier if this is less exact than the whole.
+        It may end earlier if this is less exact than the whole.
         """
         ...
 
     def shorten(self, step: Step, factor: float) -> None:
-        """Reject a step.
+        """Reject the step just attempted; the next is `factor` times as long.
 
-        Parameters
-        ----------
-        step : Step
-            Just attempted.
-        factor : float
-            Length of the next one, relative to it.
-
-        Raises
-        ------
-        GivenUp
-            If that is too short.
+        Raises GivenUp if that is too short.
         """
         ...
 
     def accept(self, step: Step) -> None:
-        """Go on from the end of a step.
+        """Go on from the end of the step just attempted.
 
-        Parameters
-        ----------
-        step : Step
-            Just attempted.
-
-        Raises
-        ------
-        GivenUp
-            If the motion is too stiff to go on.
+        Raises GivenUp if the motion is too stiff to go on.
         """
         ...

@@ -25,8 +25,6 @@ from wormopt.progress import Report
 from wormopt.simulation.motion_task import Outcome, Task
 from wormopt.simulation.options import Smooth
 
-__all__ = ["integrate"]
-
 # Runs agree if they differ by no more than so many tolerances of the first.
 _AGREE = 100.0
 _LOOSEST = 1e-7
@@ -40,36 +38,10 @@ _CHUNK = 200
 
 
 def integrate(task: Task, report: Report) -> Outcome:
-    """Integrate a task by CVODES or IDAS, with the exact Jacobian.
+    """Integrate a smooth task without switches by CVODES or IDAS, with the exact Jacobian.
 
-    Parameters
-    ----------
-    task : Task
-        What to integrate; smooth treatment, no switches.
-    report : callable
-        Told how far it is.
-
-    Returns
-    -------
-    Outcome
-        Of the run to the smallest tolerance. Its status is "layer_not_resolved" where runs
-        disagree.
-
-    Raises
-    ------
-    ValueError
-        If contact is exact, the model has switches, or the whole motion shall be kept.
-
-    Examples
-    --------
-    >>> from wormopt.model.model import Model, Signal
-    >>> from wormopt.simulation.simulate import simulate
-    >>> x, z = ca.SX.sym("x"), ca.SX.sym("z")
-    >>> states, twice = [Signal("x", x, value=1.0)], [Signal("z", z, value=0.0)]
-    >>> model = Model("decay", x=states, z=twice, ode=-z, alg=z - 2 * x)
-    >>> motion = simulate(model, 1.0)
-    >>> motion.route, motion.end.round(8)
-    ('idas', array([0.13533528]))
+    Gives the run to the smallest tolerance; status "layer_not_resolved" where runs disagree.
+    Raises ValueError if contact is exact, there are switches, or all shall be kept (`dense`).
     """
     _refuse(task)
     relative, grid = task.tolerance.relative, _Grid(task)

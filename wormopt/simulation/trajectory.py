@@ -12,8 +12,6 @@ from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.model import Schedule
 from wormopt.simulation.functions import System
 
-__all__ = ["Dense", "Event", "Trajectory"]
-
 
 @dataclass(frozen=True)
 class Event:
@@ -47,24 +45,12 @@ class Event:
 class Dense:
     """Polynomials of every step.
 
-    Parameters
-    ----------
-    time : ndarray, shape (steps + 1,)
-        Ends of the steps.
-    coefficients : ndarray, shape (steps, 8, n_x)
-        For step k with s = (t - time[k]) / (time[k+1] - time[k]), r = 1 - s, the state is
-        c0 + s (c1 + r (c2 + s (c3 + r (c4 + s (c5 + r (c6 + s c7)))))).
-
-    Examples
-    --------
-    >>> line = np.zeros((1, 8, 1))
-    >>> line[0, :2, 0] = 3.0, 2.0
-    >>> Dense(np.array([0.0, 4.0]), line)(np.array([1.0]))
-    array([[3.5]])
+    In step k, with s = (t - time[k]) / (time[k+1] - time[k]) and r = 1 - s, the state is
+    c0 + s (c1 + r (c2 + s (c3 + r (c4 + s (c5 + r (c6 + s c7)))))).
     """
 
-    time: np.ndarray
-    coefficients: np.ndarray
+    time: np.ndarray  # (steps + 1,) ends of the steps
+    coefficients: np.ndarray  # (steps, 8, n_x) c0 to c7 of each step
 
     def __call__(self, t: np.ndarray) -> np.ndarray:
         """States at times ``t`` (m,) within the motion; shape (n_x, m)."""

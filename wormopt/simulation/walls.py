@@ -26,8 +26,6 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.model.model import TINY, Contact, Model, Output, Signal, pack
 
-__all__ = ["smooth_walls"]
-
 
 def smooth_walls(model: Model, stiffness: float, *, smoothing: float, relaxation: float) -> Model:
     """Let the walls of a model give way.

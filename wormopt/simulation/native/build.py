@@ -22,8 +22,6 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
-__all__ = ["CompilerError", "cache_folder", "compiler", "library"]
-
 _DIGEST = 32
 _FLAGS = ("-std=c11", "-fPIC", "-shared", "-march=native", "-fno-math-errno")
 
@@ -34,13 +32,7 @@ class CompilerError(Exception):
 
 @cache
 def compiler() -> tuple[str, ...] | None:
-    """Command of the C compiler: ``$CC``, the system's, or that of the package ziglang.
-
-    Returns
-    -------
-    tuple of str or None
-        None where there is none.
-    """
+    """Command of the C compiler: ``$CC``, the system's, or that of the package ziglang."""
     named = os.environ.get("CC", "").split()
     if named:
         return tuple(named) if shutil.which(named[0]) else None
@@ -53,14 +45,7 @@ def compiler() -> tuple[str, ...] | None:
 def cache_folder() -> Path:
     """Folder of compiled code, open to this user only.
 
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    CompilerError
-        If it cannot be made or belongs to somebody else.
+    Raises CompilerError if it cannot be made or belongs to somebody else.
     """
     folder = user_cache_path("wormopt") / "native"
     try:
@@ -77,23 +62,8 @@ def cache_folder() -> Path:
 def library(name: str, sources: Sequence[tuple[str, str]], optimise: str = "-O2") -> ctypes.CDLL:
     """Load the shared library of some C sources, from the cache where it is there.
 
-    Parameters
-    ----------
-    name : str
-        What the file name begins with.
-    sources : sequence of (str, str)
-        File name and text of each source; headers too.
-    optimise : str, optional
-        Level of optimisation.
-
-    Returns
-    -------
-    ctypes.CDLL
-
-    Raises
-    ------
-    CompilerError
-        If it has to be compiled and cannot be, or cannot be loaded.
+    `sources` are (file name, text), headers too; `name` begins the library's file name.
+    Raises CompilerError if it must be compiled and cannot be, or cannot be loaded.
     """
     command = compiler()
     if command is None:

@@ -6,35 +6,14 @@ import casadi as ca
 
 from wormopt.simulation.native.build import library
 
-__all__ = ["compiled"]
-
 # Measured on the steps of a rod: -O2 compiles for longer and is no faster.
 _LEVEL = "-O1"
 
 
 def compiled(function: ca.Function) -> ca.Function:
-    """Compile a function with everything it calls.
+    """Compile a function with everything it calls; it must be one that can be written as C.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        Any that can be written as C.
-
-    Returns
-    -------
-    casadi.Function
-        The same, compiled.
-
-    Raises
-    ------
-    CompilerError
-        If there is no compiler or it fails.
-
-    Examples
-    --------
-    >>> x = ca.SX.sym("x")
-    >>> compiled(ca.Function("square", [x], [x * x]))(3.0)
-    DM(9)
+    Raises CompilerError if there is no compiler or it fails.
     """
     generator = ca.CodeGenerator("function.c")
     generator.add(function)

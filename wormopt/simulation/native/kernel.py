@@ -20,8 +20,6 @@ from wormopt.simulation.functions import System
 from wormopt.simulation.motion_task import Outcome, Task
 from wormopt.simulation.native.build import library
 
-__all__ = ["Compiled", "compiled", "integrate"]
-
 _FUNCTIONS = ("rhs", "velocities", "probe", "project", "guards", "resets")
 _STATUS = {
     1: "done",
@@ -158,40 +156,18 @@ def _library(text: str) -> ctypes.CDLL:
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """What the driver needs to know of a system, whatever its numbers.
+    """What the driver needs to know of a system, whatever its numbers."""
 
-    Parameters
-    ----------
-    fields : dict
-        Entries of the problem that are numbers and addresses.
-    arrays : dict of str to ndarray
-        Entries that are arrays.
-    library : ctypes.CDLL
-        Kept loaded as long as the addresses are in use.
-    """
-
-    fields: dict[str, int]
-    arrays: dict[str, np.ndarray]
-    library: ctypes.CDLL
+    fields: dict[str, int]  # entries of the problem: numbers and addresses
+    arrays: dict[str, np.ndarray]  # entries of the problem that are arrays
+    library: ctypes.CDLL  # kept loaded as long as the addresses are in use
 
 
 @lru_cache(maxsize=64)
 def compiled(system: System) -> Compiled:
     """Compile the functions of a system, or find them in the cache.
 
-    Parameters
-    ----------
-    system : System
-        Model and treatment.
-
-    Returns
-    -------
-    Compiled
-
-    Raises
-    ------
-    CompilerError
-        If there is no compiler or it fails.
+    Raises CompilerError if there is no compiler or it fails.
     """
     _driver()
     functions = system.functions
@@ -240,27 +216,9 @@ def _schedules(schedules: Sequence[Schedule], offset: int) -> tuple[ctypes.Array
 
 
 def integrate(task: Task, ready: Compiled, report: Progress, stiff_steps: int) -> Outcome:
-    """Integrate a task by the compiled driver.
+    """Integrate a task by the compiled driver; raises MemoryError if no memory is left.
 
-    Parameters
-    ----------
-    task : Task
-        What to integrate.
-    ready : Compiled
-        Its system, from `compiled`.
-    report : callable
-        Told how far it is.
-    stiff_steps : int
-        Give up a smooth motion where stability alone would need so many more steps.
-
-    Returns
-    -------
-    Outcome
-
-    Raises
-    ------
-    MemoryError
-        If there is no memory left.
+    A smooth motion is given up where stability alone would need `stiff_steps` more steps.
     """
     driver, n_x = _driver(), len(task.x0)
     schedules, kept = _schedules(task.schedules, task.system.n_fixed)

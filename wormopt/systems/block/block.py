@@ -9,8 +9,6 @@ from wormopt.model.friction import Law
 from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 
-__all__ = ["block"]
-
 
 def block(
     law: Law,
@@ -20,36 +18,10 @@ def block(
     length_nominal: float = 1.0,
     time_nominal: float = 1.0,
 ) -> Model:
-    """Build x' = v, m v' = u + friction, |u| <= force.
+    """Build x' = v, m v' = u + friction, |u| <= force, with one contact.
 
-    Parameters
-    ----------
-    law : Law
-        Friction of the ground.
-    mass : float, optional
-        Mass m, positive.
-    force : float, optional
-        Largest drive either way, positive; unlimited if left out.
-    length_nominal, time_nominal : float, optional
-        Usual way and time; solvers scale by them.
-
-    Returns
-    -------
-    Model
-        States ``position`` and ``velocity``, input ``force``, parameters ``mass`` and those of
-        the law, output ``energy``, one contact.
-
-    Raises
-    ------
-    ArgumentError
-        If mass or force is not positive.
-
-    Examples
-    --------
-    >>> from wormopt.model.friction import Coulomb
-    >>> slider = block(Coulomb(1.0, 2.0), force=3.0)
-    >>> slider.n_x, slider.u[0].upper, slider.contacts[0].name
-    (2, 3.0, 'block')
+    States ``position``, ``velocity``; input ``force``; output ``energy``; parameters ``mass``
+    and the law's. Solvers scale by `*_nominal`. ArgumentError if mass or force is not positive.
     """
     if not (mass > 0 and force > 0):
         raise ArgumentError(f"mass and force must be positive, not {mass:g} and {force:g}")

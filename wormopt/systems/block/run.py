@@ -40,8 +40,6 @@ from wormopt.systems.shared.optimum import (
 from wormopt.systems.shared.proof import warnings_of_contact
 from wormopt.systems.shared.signals import Kind, symbol
 
-__all__ = ["problem_of", "run"]
-
 _SIGNALS: dict[str, Kind] = {
     "position": ("length", (), "position of the block"),
     "velocity": ("speed", (), "velocity of the block"),
@@ -60,24 +58,9 @@ _LONGEST = 10.0
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
 def run(scene: Scene[SlideScene], report: Report) -> Result:
-    """Find the best way of a block.
+    """Find the best way of a block; "failed" where a simulation of the inputs ends elsewhere.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``slide``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where a simulation with the inputs found ends elsewhere.
-
-    Raises
-    ------
-    SolveError
-        If there is no such way, or it is not found.
+    Raises SolveError if there is no such way, or it is not found.
     """
     table, begin = scene.table, time.perf_counter()
     try:
@@ -137,17 +120,7 @@ def _switched(coarse: Optimum, tolerance: float, report: Report) -> Optimum:
 
 
 def problem_of(table: SlideScene) -> Problem:
-    """What to optimise; names of bounds are keys of the scene.
-
-    Parameters
-    ----------
-    table : SlideScene
-        What the scene says.
-
-    Returns
-    -------
-    Problem
-    """
+    """What to optimise; names of bounds are keys of the scene."""
     slow = _plain_time(table)
     model = _model(table, slow)
     effort = table.minimise == "effort"

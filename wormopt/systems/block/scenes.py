@@ -87,13 +87,7 @@ class SlideScene(SceneTable, frozen=True, kw_only=True):
     mesh: MeshTable = field(default_factory=MeshTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from faults_of_law("block.friction", self.block.friction, 1)

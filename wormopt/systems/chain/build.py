@@ -18,8 +18,6 @@ from wormopt.model.model import TINY, Contact, Model, Output, Schedule, Signal
 from wormopt.model.path import ParameterPath
 from wormopt.model.values import numbers
 
-__all__ = ["chain"]
-
 _LEAST = {"mass": TINY, "stiffness": 0.0, "damping": 0.0, "drag": 0.0}
 
 

@@ -14,8 +14,6 @@ from wormopt.model.friction import Law
 from wormopt.model.model import Contact, Model, Output, pack
 from wormopt.model.values import signal_values
 
-__all__ = ["copies"]
-
 
 def copies(model: Model, draws: Sequence[Mapping[str, ArrayLike]]) -> Model:
     """Put copies of a model side by side, driven by the same inputs.

@@ -11,54 +11,28 @@ from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, Signal
 from wormopt.ocp.problem import Bound, Ends, Problem
 
-__all__ = ["Aim", "CrawlLimits", "crawl_problem"]
-
 
 @dataclass(frozen=True)
 class CrawlLimits:
-    """What a crawl must keep to.
+    """What a crawl must keep to."""
 
-    Parameters
-    ----------
-    period : tuple of float
-        Shortest and longest period, positive; alike where it is given.
-    force : float
-        Largest size of every input.
-    length : tuple of float, optional
-        Least and largest length of every link.
-    """
-
-    period: tuple[float, float]
-    force: float
-    length: tuple[float, float] | None = None
+    period: tuple[float, float]  # shortest and longest, positive; alike: prescribed
+    force: float  # largest size of every input
+    length: tuple[float, float] | None = None  # least and largest length of every link
 
 
 @dataclass(frozen=True)
 class Aim:
-    """What a crawl is to be good at.
+    """What a crawl is to be good at: speed, or cost of transport if `maximise` is None.
 
-    Parameters
-    ----------
-    maximise : {"speed"}, optional
-        The mean speed, less ``effort`` times the mean of |u|^2.
-    effort : float, optional
-        Weight of the mean of |u|^2.
-    speed : float, optional
-        Least mean speed. With it and without ``maximise`` the cost of transport is minimised:
-        positive work of the actuators over mass and way.
-    judge : {"mean", "worst"}, optional
-        Of several copies of the worm, whether their mean or the worst one counts.
-
-    Raises
-    ------
-    ArgumentError
-        If the cost of transport is sought without a speed.
+    The latter is the positive work of the actuators over mass and way, at a mean speed of at
+    least `speed`; raises ArgumentError if that is missing.
     """
 
-    maximise: Literal["speed"] | None = "speed"
-    effort: float = 0.0
-    speed: float | None = None
-    judge: Literal["mean", "worst"] = "mean"
+    maximise: Literal["speed"] | None = "speed"  # mean speed less `effort` times the mean of |u|^2
+    effort: float = 0.0  # weight of the mean of |u|^2
+    speed: float | None = None  # least mean speed
+    judge: Literal["mean", "worst"] = "mean"  # which counts of several copies of the worm
 
     def __post_init__(self) -> None:
         if self.maximise is None and not (self.speed or 0.0) > 0:
@@ -68,36 +42,8 @@ class Aim:
 def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
     """State the periodic crawl of a chain: velocities return, positions up to the advance.
 
-    Parameters
-    ----------
-    plant : Model
-        From `chain`, or several of them from `copies`.
-    limits : CrawlLimits
-        What the crawl must keep to.
-    aim : Aim
-        What it is to be good at.
-
-    Returns
-    -------
-    Problem
-        The tail starts at 0. Its bounds have the names of the scene's keys.
-
-    Raises
-    ------
-    ArgumentError
-        If the cost of transport of a plant without the parameter ``mass`` is sought.
-
-    Examples
-    --------
-    >>> from wormopt.model.friction import Coulomb
-    >>> from wormopt.systems.chain.build import chain
-    >>> worm = chain(
-    ...     2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=Coulomb(1.0, 10.0)
-    ... )
-    >>> limits = CrawlLimits((1.0, 1.0), force=12.0, length=(1.4, 2.6))
-    >>> problem = crawl_problem(worm, limits, Aim(effort=1e-3))
-    >>> [bound.name for bound in (*problem.along, *problem.at_ends)]
-    ['limits.length', 'start']
+    `plant` is from `chain`, or several from `copies`. The tail starts at 0; bounds have the
+    names of scene keys. Raises ArgumentError for cost of transport without ``mass``.
     """
     plant = replace(plant, u=[replace(u, lower=-limits.force, upper=limits.force) for u in plant.u])
     costs = aim.maximise is None

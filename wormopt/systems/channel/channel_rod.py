@@ -18,8 +18,6 @@ from wormopt.model.friction import Coulomb
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.systems.channel.rod import Rod
 
-__all__ = ["channel_rod", "straight"]
-
 WALLS = (("upper", 1.0), ("lower", -1.0))
 """The walls, and the sign of y at which they are."""
 
@@ -111,16 +109,7 @@ def channel_rod(rod: Rod, channel: float, friction: float) -> Model:
 def straight(rod: Rod, along: float = 0.0) -> dict[str, np.ndarray]:
     """State of a straight rod at rest in the middle of the channel, by the names of its signals.
 
-    Parameters
-    ----------
-    rod : Rod
-        The rod.
-    along : float, optional
-        Where its first end lies, in m.
-
-    Returns
-    -------
-    dict of str to ndarray
+    Its first end lies at `along`, in m.
     """
     rest = np.zeros(rod.count)
     names = "across angle along_rate across_rate angle_rate".split()

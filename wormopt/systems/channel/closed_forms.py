@@ -22,11 +22,6 @@ import numpy as np
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.systems.channel.samples import SAMPLES
 
-__all__ = [
-    "CAPSULE", "DIRECTION", "SAMPLE_1", "SAMPLE_2", "SHAPES", "ChannelWorm", "CountRule", "Shape",
-    "arc_length", "center_line", "segment_count", "velocity_per_frequency",
-]  # fmt: skip
-
 Shape = Literal["sine", "beam", "line"]
 CountRule = Literal["nearest", "floor"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
@@ -42,28 +37,10 @@ _SMALLEST, _LARGEST = 1e-30, 1e30
 
 
 def center_line(shape: Shape, x: Any, pitch: Any, channel: Any, body: Any) -> Any:
-    """Height of the centre line of a segment above the wall it begins at.
+    """Height of a segment's centre line, (33) sine, (34) beam or (35) line, above its first wall.
 
-    Parameters
-    ----------
-    shape : {"sine", "beam", "line"}
-        (33), (34) or (35).
-    x : float, ndarray or casadi.SX
-        Place along the channel, 0 to `pitch`.
-    pitch : float or casadi.SX
-        Distance L of neighbouring coils.
-    channel, body : float or casadi.SX
-        Diameters d and d_w.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        From body / 2 to channel - body / 2.
-
-    Examples
-    --------
-    >>> center_line("beam", 5.0, 10.0, 11.0, 4.0)
-    5.5
+    `x` runs along the channel from 0 to `pitch`, the distance L of neighbouring coils; from
+    body / 2 to channel - body / 2, diameters d_w and d. Numbers, arrays or casadi.SX.
     """
     rise, share = channel - body, x / pitch
     _check_shape(shape)
@@ -78,36 +55,10 @@ def center_line(shape: Shape, x: Any, pitch: Any, channel: Any, body: Any) -> An
 
 
 def arc_length(shape: Shape, pitch: Any, rise: Any) -> Any:
-    """Length l_s of a segment's centre line.
+    """Length l_s of a segment's centre line (33), (34) or (35) of `rise` d - d_w over `pitch` L.
 
-    The line has a root. The sine is a quarter of an ellipse's circumference, a complete elliptic
-    integral of the second kind, by the arithmetic-geometric mean (DLMF 19.8). The beam, L times the
-    integral of sqrt(1 + (3 rise / (2 L))² (1 - t²)²) over 0 <= t <= 1, is summed at 128 points of
-    Gauss. Both are exact to rounding up to a rise of ten pitches.
-
-    Parameters
-    ----------
-    shape : {"sine", "beam", "line"}
-        (33), (34) or (35).
-    pitch : float, ndarray or casadi.SX
-        Distance L of neighbouring coils.
-    rise : float, ndarray or casadi.SX
-        d - d_w.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        In units of `pitch`.
-
-    Raises
-    ------
-    ArgumentError
-        If there is no such shape.
-
-    Examples
-    --------
-    >>> [round(arc_length(shape, 10.0, 7.0), 6) for shape in SHAPES]
-    [12.55057, 12.504597, 12.206556]
+    Sine: complete elliptic integral of the second kind by the AGM (DLMF 19.8); beam: L int_0^1
+    sqrt(1 + (3 rise/(2 L))² (1 - t²)²) dt, 128 Gauss points; exact to rounding to rise = 10 L.
     """
     _check_shape(shape)
     slope = rise / pitch
@@ -127,27 +78,10 @@ def _check_shape(shape: str) -> None:
 
 
 def segment_count(length: Any, segment: Any, rule: CountRule = "nearest") -> Any:
-    """Count k_s of segments.
+    """Count k_s of segments of arc length l_s in a body of length l_w; an int for two numbers.
 
-    Parameters
-    ----------
-    length : float, ndarray or casadi.SX
-        Of the body, l_w.
-    segment : float, ndarray or casadi.SX
-        Of the centre line of a segment, l_s.
-    rule : {"nearest", "floor"}, optional
-        The integer nearest to l_w / l_s, the larger one of two as near, which the velocities of
-        the chapter need; or the integral part, as (32) is printed.
-
-    Returns
-    -------
-    int, ndarray or casadi.SX
-        An int where both are numbers.
-
-    Examples
-    --------
-    >>> segment_count(48.0, 12.5), segment_count(48.0, 12.5, "floor")
-    (4, 3)
+    "nearest": integer nearest to l_w / l_s, the larger of two as near, as the chapter's
+    velocities need; "floor": integral part, as (32) is printed.
     """
     ratio = length / segment + (0.5 if rule == "nearest" else 0.0)
     if isinstance(ratio, Real):
@@ -158,25 +92,8 @@ def segment_count(length: Any, segment: Any, rule: CountRule = "nearest") -> Any
 def velocity_per_frequency(pitch: Any, segment: Any, count: Any) -> Any:
     """Size of the velocity (32) for one coil switch per second, k_s (l_s - L) / (k_s + 3).
 
-    Parameters
-    ----------
-    pitch : float, ndarray or casadi.SX
-        Distance L of neighbouring coils.
-    segment : float, ndarray or casadi.SX
-        l_s.
-    count : int, ndarray or casadi.SX
-        k_s.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        In units of `pitch`; times the switches per second it is a velocity, whose direction is
-        `DIRECTION`.
-
-    Examples
-    --------
-    >>> velocity_per_frequency(10.0, 12.5, 4)
-    1.4285714285714286
+    In units of `pitch` L, the distance of neighbouring coils; `segment` is l_s, `count` k_s.
+    Times the switches per second it is a velocity, whose direction is `DIRECTION`.
     """
     return count * (segment - pitch) / (count + 3)
 

@@ -10,26 +10,14 @@ import numpy as np
 
 from wormopt.numerics.chebyshev import Series, resolve
 
-__all__ = ["Curve", "distances", "graph_curve"]
-
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A curve by the share of its length, 0 to 1.
-
-    Parameters
-    ----------
-    length : float
-        Its length.
-    points : callable
-        Of shares (m,): x, y and the angle of its tangent, shape (3, m).
-    breaks : tuple of float, optional
-        Shares from 0 to 1 between which it is smooth.
-    """
+    """A curve by the share of its length, 0 to 1."""
 
     length: float
-    points: Callable[[np.ndarray], np.ndarray]
-    breaks: tuple[float, ...] = (0.0, 1.0)
+    points: Callable[[np.ndarray], np.ndarray]  # shares (m,) to x, y and angle of tangent (3, m)
+    breaks: tuple[float, ...] = (0.0, 1.0)  # shares from 0 to 1 between which it is smooth
 
     def steepest(self) -> float:
         """Largest angle of the tangent."""
@@ -40,24 +28,9 @@ class Curve:
 
 
 def graph_curve(height: Callable[[np.ndarray], np.ndarray], span: float) -> Curve:
-    """Curve of a smooth function y = height(x), 0 <= x <= span.
+    """Curve of a smooth function y = height(x), 0 <= x <= span, with span > 0.
 
-    Parameters
-    ----------
-    height : callable
-        Of places (m,) to heights (m,).
-    span : float
-        Above 0.
-
-    Returns
-    -------
-    Curve
-
-    Examples
-    --------
-    >>> ramp = graph_curve(lambda x: 0.75 * x, 4.0)
-    >>> round(ramp.length, 12), ramp.points(np.array([0.5]))[:2, 0].round(12).tolist()
-    (5.0, [2.0, 1.5])
+    `height` maps places (m,) to heights (m,).
     """
     slope = resolve(lambda x: height(x)[None], 0.0, span).derivative()
     stretch = resolve(lambda x: np.hypot(1.0, slope(x)), 0.0, span)
@@ -80,21 +53,7 @@ def graph_curve(height: Callable[[np.ndarray], np.ndarray], span: float) -> Curv
 def distances(one: Curve, other: Curve) -> tuple[float, float]:
     """Largest and root mean square distance of points at the same share of the length.
 
-    Parameters
-    ----------
-    one, other : Curve
-        In any order.
-
-    Returns
-    -------
-    largest, mean : float
-        No less than the distance of a point of one from the nearest point of the other.
-
-    Examples
-    --------
-    >>> flat, ramp = (graph_curve(lambda x, k=k: k * x, 1.0) for k in (0.0, 1.0))
-    >>> [round(d, 9) for d in distances(flat, ramp)]
-    [1.0, 0.577350269]
+    No less than the distance of a point of one from the nearest point of the other.
     """
 
     def squares(share: np.ndarray) -> np.ndarray:

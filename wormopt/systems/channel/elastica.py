@@ -25,36 +25,16 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.model.boundary import BoundaryProblem
 
-__all__ = ["CLOSINGS", "STATES", "Closing", "elastica", "slender_guess"]
-
 Closing = Literal["point_contact", "sleeve", "length"]
 CLOSINGS: tuple[Closing, ...] = get_args(Closing)
 STATES = ("theta", "curvature", "x", "y", "energy")
 
 
 def elastica(closing: Closing) -> BoundaryProblem:
-    """State the problem of one segment.
+    """State the problem of one segment, closed by an assumption.
 
-    Parameters
-    ----------
-    closing : {"point_contact", "sleeve", "length"}
-        Which assumption closes it.
-
-    Returns
-    -------
-    BoundaryProblem
-        States `STATES` over the share of the arc length; unknown numbers l_s, V and N; given is
-        the rise, and with "length" l_s after it.
-
-    Raises
-    ------
-    ArgumentError
-        If there is no such assumption.
-
-    Examples
-    --------
-    >>> elastica("length").conditions.numel()
-    8
+    States `STATES` over the share of the arc length; unknowns l_s, V and N; given is the rise,
+    and with "length" l_s after it. Raises ArgumentError if there is no such assumption.
     """
     if closing not in CLOSINGS:
         raise ArgumentError(f"closing must be one of {', '.join(CLOSINGS)}, not {closing!r}")
@@ -77,28 +57,9 @@ def elastica(closing: Closing) -> BoundaryProblem:
 
 
 def slender_guess(closing: Closing, rise: float, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Beam (34), which the elastica tends to as the rise tends to 0.
+    """Beam (34), which the elastica tends to as the rise over the span tends to 0.
 
-    Parameters
-    ----------
-    closing : {"point_contact", "sleeve", "length"}
-        Which assumption closes the problem.
-    rise : float
-        Over the span.
-    s : ndarray, shape (m,)
-        Shares of the length.
-
-    Returns
-    -------
-    y : ndarray, shape (5, m)
-        States.
-    p : ndarray, shape (3,)
-        l_s, V and N.
-
-    Examples
-    --------
-    >>> slender_guess("sleeve", 0.1, np.array([0.0, 1.0]))[0][3].round(12).tolist()
-    [0.0, 0.1]
+    Gives the states (5, m) at the shares `s` (m,) of the length, and the numbers l_s, V and N.
     """
     curvature = 6 * rise * (1 - 2 * s)
     energy = 3 * rise**2 * (1 - (1 - 2 * s) ** 3)

@@ -21,8 +21,6 @@ from scipy.special import ellipe, ellipeinc, ellipj, ellipk, ellipkinc, ellipkm1
 
 from wormopt.errors import ArgumentError
 
-__all__ = ["SLEEVE_RISE", "ExactElastica", "exact_elastica"]
-
 SLEEVE_RISE = float(np.sqrt(2) / (2 * ellipe(0.5) - ellipk(0.5)))
 """Rise over span, 1.669, at which a segment of free length no longer presses on the walls."""
 _LEAST_DELTA = 1e-15
@@ -30,18 +28,10 @@ _LEAST_DELTA = 1e-15
 
 @dataclass(frozen=True)
 class ExactElastica:
-    """One segment in closed form, scaled by its span and E I.
-
-    Parameters
-    ----------
-    closing : {"point_contact", "sleeve"}
-        Assumption.
-    delta : float
-        Right angle less the largest angle of the centre line.
-    """
+    """One segment in closed form, scaled by its span and E I."""
 
     closing: Literal["point_contact", "sleeve"]
-    delta: float
+    delta: float  # right angle less the largest angle of the centre line
 
     @property
     def _m(self) -> tuple[float, float]:
@@ -121,17 +111,9 @@ class ExactElastica:
         return float(np.sqrt(-2 * self.tension))
 
     def points(self, share: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Centre line by Jacobi's functions.
+        """Centre line x, y and angle, (m,) each, by Jacobi's functions at shares of the length.
 
-        Parameters
-        ----------
-        share : ndarray, shape (m,)
-            Of the length, 0 to 1.
-
-        Returns
-        -------
-        x, y, theta : ndarray, shape (m,)
-            Over the span; the angle in radians.
+        x and y are over the span, the angle is in radians.
         """
         share = np.asarray(share, dtype=float)
         second_half = share > 0.5
@@ -157,30 +139,10 @@ class ExactElastica:
 
 
 def exact_elastica(closing: Literal["point_contact", "sleeve"], rise: float) -> ExactElastica:
-    """Find the elastica of a given rise.
+    """Find the elastica of a given rise over the span.
 
-    Parameters
-    ----------
-    closing : {"point_contact", "sleeve"}
-        Assumption.
-    rise : float
-        Over the span, above 0.
-
-    Returns
-    -------
-    ExactElastica
-
-    Raises
-    ------
-    ArgumentError
-        If the rise is not above 0, or larger than the assumption allows: `SLEEVE_RISE` with a
-        sleeve, beyond which walls would have to pull; about 15 with point contact, where the
-        numbers can no longer be told from those of a right angle.
-
-    Examples
-    --------
-    >>> round(exact_elastica("point_contact", 0.7).length, 6)
-    1.263487
+    Raises ArgumentError if it is not above 0, above `SLEEVE_RISE` with a sleeve (walls would
+    have to pull) or about 15 with point contact (no longer told from a right angle).
     """
     most = SLEEVE_RISE if closing == "sleeve" else ExactElastica(closing, _LEAST_DELTA).rise
     if not 0 < rise <= most:

@@ -19,31 +19,14 @@ from wormopt.magnetics.material import MU0
 from wormopt.model.model import Schedule
 from wormopt.systems.channel.rod import Rod
 
-__all__ = [
-    "Blocks",
-    "block_energy",
-    "block_load",
-    "block_schedule",
-    "magnetic_strength",
-    "switched_blocks",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Which coils are on when: one block of neighbours, repeated along the row.
+    """Which coils are on when: one block of neighbours, repeated along the row."""
 
-    Parameters
-    ----------
-    breaks : ndarray, shape (pieces + 1,)
-        Times from 0 on, in s; the last is the period.
-    first, count : ndarray of int, shape (pieces,)
-        First coil of the block and number of its coils, on each piece.
-    """
-
-    breaks: np.ndarray
-    first: np.ndarray
-    count: np.ndarray
+    breaks: np.ndarray  # (pieces + 1,) times from 0 to the period, s
+    first: np.ndarray  # (pieces,) first coil of the block
+    count: np.ndarray  # (pieces,) number of its coils
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -52,37 +35,10 @@ class Blocks:
 
 
 def switched_blocks(every: int, rate: float, duration: float = 3.0, shift: float = 0.0) -> Blocks:
-    """Switch coils on in turn, each for so long.
+    """Switch coils on in turn, `rate` per second, each for `duration` >= 1 switches.
 
-    Parameters
-    ----------
-    every : int
-        The pattern repeats after so many coils along the row.
-    rate : float
-        Switches per second.
-    duration : float, optional
-        How long each coil is on, in switches, at least 1.
-    shift : float, optional
-        By how much every second switch comes late, in switches.
-
-    Returns
-    -------
-    Blocks
-        Of the period 2 ``every`` / rate, since the sides of the coils may have changed after one
-        repeat. Coil k lies at k pitches, on the positive side if k is even.
-
-    Raises
-    ------
-    ArgumentError
-        If numbers are out of range, or more coils would be on than the pattern has.
-
-    Examples
-    --------
-    >>> blocks = switched_blocks(7, rate=10.0)
-    >>> blocks.first[:3].tolist(), blocks.counts
-    ([-2, -1, 0], (3,))
-    >>> switched_blocks(7, rate=10.0, duration=2.5).counts
-    (2, 3)
+    Repeats after `every` coils, with period 2 every / rate as sides may alternate; coil k is at
+    k pitches, positive side if even. Every second switch is `shift` late. May ArgumentError.
     """
     if not (0 < rate < math.inf and duration >= 1 and abs(shift) < 1):
         raise ArgumentError("rate must be positive, duration at least 1, shift between -1 and 1")
@@ -99,41 +55,17 @@ def switched_blocks(every: int, rate: float, duration: float = 3.0, shift: float
 
 
 def magnetic_strength(rod: Rod, susceptibility: float, ampere_turns: float) -> float:
-    """Force along the rod over the gradient of H² per squared ampere-turn.
+    """Axial force on the rod over the gradient of H² per squared ampere-turn: mu0 chi A N² / 2.
 
-    Parameters
-    ----------
-    rod : Rod
-        For its cross section.
-    susceptibility : float
-        Magnetisation over the field without the rod.
-    ampere_turns : float
-        Of every coil that is on, in A.
-
-    Returns
-    -------
-    float
-        mu0 chi A N² / 2, in N m² (the gradient is in 1/m³, the force per length in N/m).
+    In N m² (gradient in 1/m³, force per length in N/m); `ampere_turns` of each coil on.
     """
     return MU0 * susceptibility / 2 * rod.area * ampere_turns**2
 
 
 def block_schedule(blocks: Blocks, pitch: float, strength: float) -> Schedule:
-    """Say when which block is on, for the function of `block_load`.
+    """Schedule of the blocks, as the function of `block_load` takes it.
 
-    Parameters
-    ----------
-    blocks : Blocks
-        Which coils are on.
-    pitch : float
-        Of the coils, in m.
-    strength : float
-        From `magnetic_strength`.
-
-    Returns
-    -------
-    Schedule
-        Middle of a block, side of its first coil, strength, and which of the fields.
+    Values: middle of the block, side of its first coil, `strength`, and index of the field.
     """
     which = np.searchsorted(blocks.counts, blocks.count)
     middle = pitch * (blocks.first + (blocks.count - 1) / 2)
@@ -145,20 +77,10 @@ def block_schedule(blocks: Blocks, pitch: float, strength: float) -> Schedule:
 
 
 def block_load(rod: Rod, fields: Sequence[BlockField]) -> ca.Function:
-    """Forces on the nodes of a rod.
+    """Forces along and across on the nodes of a rod, in N, as a CasADi function.
 
-    Parameters
-    ----------
-    rod : Rod
-        Whose nodes.
-    fields : sequence of BlockField
-        Of blocks of the numbers of coils that occur, in that order.
-
-    Returns
-    -------
-    casadi.Function
-        From the places of the nodes (x, y, angle) and the values of `block_schedule` to the
-        forces along and across, in N.
+    Takes the nodes' places (x, y, angle) and the values of `block_schedule`; `fields` are of
+    blocks of the numbers of coils that occur, in that order.
     """
     place, coils, weight = ca.MX.sym("place", 2), ca.MX.sym("coils", 4), ca.MX.sym("weight")
     seen = ca.vertcat(place[0] - coils[0], coils[1] * place[1])
@@ -176,21 +98,10 @@ def block_load(rod: Rod, fields: Sequence[BlockField]) -> ca.Function:
 
 
 def block_energy(rod: Rod, field: BlockField) -> ca.Function:
-    """Magnetic energy of a rod in the field of a block: the potential of `block_load`'s forces.
+    """Magnetic energy of a rod in a block's field, in J: potential of `block_load`'s forces.
 
-    Parameters
-    ----------
-    rod : Rod
-        Whose nodes.
-    field : BlockField
-        Of the block.
-
-    Returns
-    -------
-    casadi.Function
-        From the places of the nodes (x, y, angle) and a column of values as in `block_schedule`
-        (the last one is not looked at) to the energy -(mu0 chi A / 2) times the integral of H²
-        along the rod, by the lengths that the nodes stand for, in J.
+    From places (x, y, angle) and a column as in `block_schedule` (last value unused) to
+    -(mu0 chi A / 2) times the integral of H² along the rod, by the lengths of the nodes.
     """
     place = ca.SX.sym("place", 2)
     square = ca.Function("square", [place], [field.expression(place[0], place[1])], {"cse": True})

@@ -25,26 +25,16 @@ from numpy.polynomial import legendre
 
 from wormopt.errors import ArgumentError
 
-__all__ = ["Rod", "Stiffness"]
-
 _DIGITS = 1e-15
 
 
 @dataclass(frozen=True)
 class Stiffness:
-    """What resists the strains of a rod; numbers or expressions.
+    """Stiffnesses of a rod against its strains; numbers or CasADi expressions."""
 
-    Parameters
-    ----------
-    stretching, shearing : float or casadi.SX
-        E A and k G A, in N.
-    bending : float or casadi.SX
-        E I, in N m².
-    """
-
-    stretching: Any
-    shearing: Any
-    bending: Any
+    stretching: Any  # E A, N
+    shearing: Any  # k G A, N
+    bending: Any  # E I, N m²
 
 
 @dataclass(frozen=True)

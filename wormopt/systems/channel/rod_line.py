@@ -13,8 +13,6 @@ from wormopt.errors import ArgumentError
 from wormopt.systems.channel.curve import Curve
 from wormopt.systems.channel.rod import Rod
 
-__all__ = ["RodLine"]
-
 # Gauss points per element for lengths, steps of Newton's method, and what counts as rounding.
 _POINTS, _STEPS, _ROUNDING = 24, 60, 1e-15
 
@@ -23,29 +21,11 @@ _POINTS, _STEPS, _ROUNDING = 24, 60, 1e-15
 class RodLine:
     """Polynomials of places and angles on the elements of a rod.
 
-    Parameters
-    ----------
-    rod : Rod
-        The rod.
-    places : ndarray, shape (3 * count,)
-        x of the nodes, then y, then the angles of their cross sections.
-
-    Raises
-    ------
-    ArgumentError
-        If places are not as many, or not finite.
-
-    Examples
-    --------
-    >>> rod = Rod(1.0, 0.1, 1e6, 1000.0, elements=4)
-    >>> ramp = RodLine(rod, np.concatenate([0.6 * rod.nodes, 0.8 * rod.nodes, 0 * rod.nodes]))
-    >>> piece = ramp.between(0.15, 0.45)
-    >>> round(piece.length, 12), piece.points(np.array([1.0]))[:2, 0].round(12).tolist()
-    (0.5, [0.45, 0.6])
+    Raises ArgumentError if places are not as many as needed, or not finite.
     """
 
     rod: Rod
-    places: np.ndarray
+    places: np.ndarray  # (3 * count,) x of nodes, then y, then section angles
 
     def __post_init__(self) -> None:
         fits = np.shape(self.places) == (3 * self.rod.count,)
@@ -53,46 +33,18 @@ class RodLine:
             raise ArgumentError(f"places must be {3 * self.rod.count} finite numbers")
 
     def at(self, material: np.ndarray) -> np.ndarray:
-        """Places and angles.
+        """Places and angles (3, m) at distances `material` (m,) from the first end.
 
-        Parameters
-        ----------
-        material : ndarray, shape (m,)
-            Distances from the first end along the straight rod, in elements: 0 to ``elements``.
-
-        Returns
-        -------
-        ndarray, shape (3, m)
+        Distances are along the straight rod, in elements: 0 to ``elements``.
         """
         return self._evaluated(self._series, material)
 
     def slope(self, material: np.ndarray) -> np.ndarray:
-        """Derivatives of `at`, per element.
-
-        Parameters
-        ----------
-        material : ndarray, shape (m,)
-            As for `at`.
-
-        Returns
-        -------
-        ndarray, shape (3, m)
-        """
+        """Derivatives (3, m) of `at`, per element."""
         return self._evaluated(2 * legendre.legder(self._series), material)
 
     def crossings(self, x: float) -> np.ndarray:
-        """Where the centre line passes a place along the channel.
-
-        Parameters
-        ----------
-        x : float
-            The place.
-
-        Returns
-        -------
-        ndarray
-            As `at` takes them, ascending; empty where it does not.
-        """
+        """Where the centre line passes `x`, as `at` takes it, ascending; empty if nowhere."""
         found = []
         for k in range(self.rod.elements):
             series = self._series[:, 0, k].copy()
@@ -105,22 +57,10 @@ class RodLine:
         return ordered[apart]
 
     def between(self, first: float, last: float) -> Curve:
-        """Centre line from one place along the channel to another, by its own length.
+        """Centre line between two x, by its own length, from the end nearer to `first`.
 
-        Parameters
-        ----------
-        first, last : float
-            Places; if one is passed several times, all of what lies between is taken.
-
-        Returns
-        -------
-        Curve
-            Its angles are those of the cross sections. From the end that is nearer to ``first``.
-
-        Raises
-        ------
-        ArgumentError
-            If the rod does not reach from one to the other.
+        Angles are of the cross sections. If an x is passed several times, takes all between.
+        Raises ArgumentError if the rod does not reach from one to the other.
         """
         edges, forward = self._edges(first, last)
         lengths = np.array([self._length(*pair) for pair in pairwise(edges)])
@@ -137,22 +77,9 @@ class RodLine:
         return Curve(whole, points, (0.0, *shares[1:-1].tolist(), 1.0))
 
     def curvature(self, first: float, last: float) -> tuple[float, float]:
-        """Integral of half the squared curvature, and largest curvature, between two places.
+        """Integral of half the squared curvature, and largest curvature, between two x.
 
-        Parameters
-        ----------
-        first, last : float
-            As for `between`.
-
-        Returns
-        -------
-        energy, largest : float
-            In 1/m both; per length of the straight rod.
-
-        Raises
-        ------
-        ArgumentError
-            As for `between`.
+        Both in 1/m, per length of the straight rod; raises ArgumentError like `between`.
         """
         edges, _ = self._edges(first, last)
         size = self.rod.length / self.rod.elements
@@ -165,17 +92,9 @@ class RodLine:
         return energy, largest
 
     def unloaded(self, first: float, last: float) -> float:
-        """Length of the straight rod that lies between two places.
+        """Length of the straight rod that lies between two x.
 
-        Parameters
-        ----------
-        first, last : float
-            As for `between`.
-
-        Raises
-        ------
-        ArgumentError
-            As for `between`.
+        Raises ArgumentError like `between`.
         """
         edges, _ = self._edges(first, last)
         return float(edges[-1] - edges[0]) * self.rod.length / self.rod.elements

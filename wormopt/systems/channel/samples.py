@@ -4,53 +4,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["SAMPLES", "Mark", "Sample"]
-
 
 @dataclass(frozen=True)
 class Mark:
-    """A velocity that was measured.
+    """A measured velocity."""
 
-    Parameters
-    ----------
-    frequency : float
-        Coil switches per second.
-    velocity : float
-        In m/s, against the travel of the field.
-    text : str
-        Whose, and where it is said.
-    """
-
-    frequency: float
-    velocity: float
-    text: str
+    frequency: float  # coil switches per second
+    velocity: float  # m/s, against the travel of the field
+    text: str  # whose, and where it is said
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A body in its channel.
+    """A body in its channel."""
 
-    Parameters
-    ----------
-    pitch, channel, body, length : float
-        Distance of neighbouring coils, diameters of channel and body, length of the body, in m.
-    youngs_modulus : float, optional
-        In Pa, where the text tells it.
-    marks : tuple of Mark
-        What was measured.
-    valid_below : float, optional
-        Switches per second below which formula and experiment are said to agree.
-    stops_above : float, optional
-        Switches per second above which the body is said to stand still.
-    """
-
-    pitch: float
-    channel: float
-    body: float
-    length: float
-    youngs_modulus: float | None = None
-    marks: tuple[Mark, ...] = ()
+    pitch: float  # distance of neighbouring coils, m
+    channel: float  # diameter, m
+    body: float  # diameter, m
+    length: float  # of the body, m
+    youngs_modulus: float | None = None  # Pa, where the text tells it
+    marks: tuple[Mark, ...] = ()  # measured velocities
+    # switches per second below which formula and experiment are said to agree
     valid_below: float | None = None
+    # switches per second above which the body is said to stand still
     stops_above: float | None = None
 
 

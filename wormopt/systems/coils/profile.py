@@ -16,8 +16,6 @@ from numpy.polynomial import chebyshev
 
 from wormopt.errors import ArgumentError, UnknownNameError
 
-__all__ = ["Collocation", "Profile", "Walls", "nodes_of"]
-
 Walls = Literal["upright", "pinned"]
 
 
@@ -25,48 +23,20 @@ Walls = Literal["upright", "pinned"]
 class Profile:
     """A profile h(x) with balance(x, h, h', h'', level, load) = 0 and a given mean.
 
-    Parameters
-    ----------
-    x, h, slope, bend, level, load : casadi.SX
-        Symbols: place, h, h', h'', the constant that the area fixes, and the load that grows
-        from 0.
-    balance : casadi.SX
-        Expression of them, of the dimension of h, that is 0 where the profile rests.
-    ends : (float, float)
-        Interval, the left end first.
-    mean : float
-        Mean of h, above 0; the profile without load is h = level = mean.
-    walls : {"upright", "pinned"}, optional
-        At both ends, whether h' = 0 or h = mean.
-
-    Raises
-    ------
-    ArgumentError
-        If the interval is empty or the mean not above 0.
-
-    Examples
-    --------
-    A sheet under tension on an elastic bed, h'' / 4 = h - level - load cos(pi x):
-
-    >>> x, h, slope, bend, level, load = (ca.SX.sym(n) for n in "x h s b c f".split())
-    >>> rest = level - h + bend / 4 + load * ca.cos(ca.pi * x)
-    >>> sheet = Profile(x, h, slope, bend, level, load, rest, ends=(-1.0, 1.0), mean=1.0)
-    >>> equations = Collocation(sheet, 24)
-    >>> y, found = equations.newton(equations.flat(), 1.0)
-    >>> found, bool(abs(equations.at(y, [0.0])[0] - 1 - 1 / (1 + np.pi**2 / 4)) < 1e-10)
-    (True, True)
+    Without load h = level = mean. Raises ArgumentError if the interval is empty or the mean
+    not above 0.
     """
 
-    x: ca.SX
+    x: ca.SX  # symbol, as all up to `load`
     h: ca.SX
-    slope: ca.SX
-    bend: ca.SX
-    level: ca.SX
-    load: ca.SX
-    balance: ca.SX
-    ends: tuple[float, float]
-    mean: float
-    walls: Walls = "upright"
+    slope: ca.SX  # h'
+    bend: ca.SX  # h''
+    level: ca.SX  # constant that the area fixes
+    load: ca.SX  # grows from 0
+    balance: ca.SX  # of the dimension of h; 0 where the profile rests
+    ends: tuple[float, float]  # interval, left end first
+    mean: float  # of h, above 0
+    walls: Walls = "upright"  # at both ends: "upright" h' = 0, "pinned" h = mean
 
     def __post_init__(self) -> None:
         if not self.ends[0] < self.ends[1] or not self.mean > 0:
@@ -75,45 +45,17 @@ class Profile:
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Chebyshev points of [-1, 1] with their ends, and matrices for values at them.
+    """Chebyshev points of [-1, 1] with their ends, and matrices for values at them."""
 
-    Parameters
-    ----------
-    x : ndarray, shape (n + 1,)
-        Points, ascending.
-    to_series : ndarray, shape (n + 1, n + 1)
-        Values to coefficients of the Chebyshev series.
-    first, second : ndarray, shape (n + 1, n + 1)
-        Values to those of the derivatives.
-    weights : ndarray, shape (n + 1,)
-        Of Clenshaw and Curtis: values to the integral.
-    """
-
-    x: np.ndarray
-    to_series: np.ndarray
-    first: np.ndarray
-    second: np.ndarray
-    weights: np.ndarray
+    x: np.ndarray  # (n + 1,) points, ascending
+    to_series: np.ndarray  # (n + 1, n + 1) values to Chebyshev coefficients
+    first: np.ndarray  # (n + 1, n + 1) values to those of h'
+    second: np.ndarray  # (n + 1, n + 1) values to those of h''
+    weights: np.ndarray  # (n + 1,) Clenshaw-Curtis: values to the integral
 
 
 def nodes_of(n: int) -> Nodes:
-    """Chebyshev points of degree n.
-
-    Parameters
-    ----------
-    n : int
-        Degree.
-
-    Returns
-    -------
-    Nodes
-
-    Examples
-    --------
-    >>> nodes = nodes_of(8)
-    >>> bool(np.allclose(nodes.second @ nodes.x**3, 6 * nodes.x, atol=1e-12))
-    True
-    """
+    """Chebyshev points of degree n."""
     k = np.arange(n + 1)
     x = np.sin(np.pi * (2 * k - n) / (2 * n))
     # L. N. Trefethen, Spectral Methods in MATLAB, 2000, chapter 6; the differences of points by
@@ -132,17 +74,10 @@ def nodes_of(n: int) -> Nodes:
 
 
 class Collocation:
-    """Equations of a Profile, for `Walk` and for Newton's method.
+    """Equations of a `Profile`, for `Walk` and for Newton's method; degree `n` at least 4.
 
-    Unknowns are h at the points and the level, usual sizes such that the Euclidean norm of a flat
-    profile is about 1 whatever the number of points.
-
-    Parameters
-    ----------
-    profile : Profile
-        What shall rest.
-    n : int
-        Degree of the polynomial, at least 4.
+    Unknowns (n + 2,) are h at the points and the level, scaled such that a flat profile has
+    Euclidean norm about 1 whatever the number of points.
     """
 
     def __init__(self, profile: Profile, n: int) -> None:
@@ -167,35 +102,13 @@ class Collocation:
         return np.full(self.n + 2, self.profile.mean)
 
     def place(self, name: str) -> int:
-        """Row of a parameter; the load is the only one.
-
-        Parameters
-        ----------
-        name : str
-            "load".
-
-        Raises
-        ------
-        UnknownNameError
-            If it is called otherwise.
-        """
+        """Row of a parameter; "load" is the only one, others raise UnknownNameError."""
         if name != "load":
             raise UnknownNameError("a profile", "parameter", [name], ["load"])
         return 0
 
     def slope_by(self, name: str) -> Any:
-        """Derivative of the equations by the load.
-
-        Parameters
-        ----------
-        name : str
-            "load".
-
-        Returns
-        -------
-        callable
-            (unknowns, [load]) to a column.
-        """
+        """Derivative of the equations by "load", as a function (unknowns, [load]) to a column."""
         self.place(name)
 
         def by_load(y: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -205,35 +118,14 @@ class Collocation:
         return by_load
 
     def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """What is left of the equations, over the mean of the profile.
+        """Residuals (m, n + 2) at unknowns `x` (m, n + 2) and load `p` (1,), over the mean.
 
-        Parameters
-        ----------
-        x : ndarray, shape (m, n + 2)
-            Unknowns: wall, balance at inner points, wall, area.
-        p : ndarray, shape (1,)
-            Load.
-
-        Returns
-        -------
-        ndarray, shape (m, n + 2)
+        Columns: wall, balance at inner points, wall, area.
         """
         return np.array([self._residual(y, np.ravel(p)[0]) for y in x])
 
     def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Jacobians of the equations.
-
-        Parameters
-        ----------
-        x : ndarray, shape (m, n + 2)
-            Unknowns.
-        p : ndarray, shape (1,)
-            Load.
-
-        Returns
-        -------
-        ndarray, shape (m, n + 2, n + 2)
-        """
+        """Jacobians (m, n + 2, n + 2) at unknowns `x` (m, n + 2) and load `p` (1,)."""
         return np.array([self._jacobian(y, np.ravel(p)[0]) for y in x])
 
     def newton(
@@ -241,22 +133,8 @@ class Collocation:
     ) -> tuple[np.ndarray, bool]:
         """Newton's method at one load, each step shortened until the equations improve.
 
-        Parameters
-        ----------
-        y : ndarray, shape (n + 2,)
-            Where to begin.
-        load : float
-            Load.
-        steps : int, optional
-            Most steps.
-        tolerance : float, optional
-            Last step, over the mean.
-
-        Returns
-        -------
-        y : ndarray, shape (n + 2,)
-        found : bool
-            Whether the last step was as good as none.
+        Returns the unknowns (n + 2,) and whether the last step was below `tolerance`, over
+        the mean.
         """
         rest = self._residual(y, load)
         for _ in range(steps):
@@ -276,65 +154,27 @@ class Collocation:
         return y, False
 
     def at(self, y: np.ndarray, x: Any, order: int = 0) -> np.ndarray:
-        """Give h, or a derivative of it, anywhere in the interval.
-
-        Parameters
-        ----------
-        y : ndarray, shape (n + 2,)
-            Unknowns.
-        x : array_like, shape (m,)
-            Places.
-        order : int, optional
-            Of the derivative.
-
-        Returns
-        -------
-        ndarray, shape (m,)
-        """
+        """Values (m,) of h, or of a derivative of it, anywhere in the interval."""
         series = chebyshev.chebder(self.nodes.to_series @ y[:-1], order) / self.half**order
         left, right = self.profile.ends
         return chebyshev.chebval((2 * np.asarray(x) - left - right) / (right - left), series)
 
     def tail(self, y: np.ndarray) -> float:
-        """Largest of the last coefficients of h, over its mean: how well it is resolved.
-
-        Parameters
-        ----------
-        y : ndarray, shape (n + 2,)
-            Unknowns.
-        """
+        """Largest of the last coefficients of h, over its mean: how well it is resolved."""
         series = self.nodes.to_series @ y[:-1]
         return float(np.abs(series[-max(4, self.n // 16) :]).max() / self.profile.mean)
 
     def defect(self, y: np.ndarray, load: float) -> float:
-        """Largest rest of the balance between the points, over the mean.
-
-        Parameters
-        ----------
-        y : ndarray, shape (n + 2,)
-            Unknowns.
-        load : float
-            Load.
-        """
+        """Largest residual of the balance between the points, over the mean."""
         x = (self.x[:-1] + self.x[1:]) / 2
         h = [self.at(y, x, order) for order in range(3)]
         rest = self._evaluate(x, h, y[-1], load)[0]
         return float(np.abs(rest).max() / self.profile.mean)
 
     def rates_of_growth(self, y: np.ndarray, load: float) -> np.ndarray:
-        """Eigenvalues of deviations that keep the area, if the surface moved as the balance drives.
+        """Eigenvalues of area-keeping deviations if the surface moved as the balance drives.
 
-        Parameters
-        ----------
-        y : ndarray, shape (n + 2,)
-            Unknowns.
-        load : float
-            Load.
-
-        Returns
-        -------
-        ndarray of complex
-            That with the largest real part first; the profile is stable if this is below 0.
+        Largest real part first; the profile is stable if this is below 0.
         """
         from scipy.linalg import eigvals
 

@@ -23,8 +23,6 @@ from wormopt.model.gait import Gait
 from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram, Solution
 from wormopt.progress import Report
 
-__all__ = ["Polarity", "RowFit", "TravellingTarget", "fit_currents"]
-
 Polarity = Literal["any", "one", "alternating"]
 # Fields at the starts: H0² over the least possible.
 _OFFSETS = (1.02, 1.6, 2.5)
@@ -37,28 +35,14 @@ _ACCEPTED = 1e-7
 class TravellingTarget:
     """A travelling H² = H0² - D(xi), xi = 2 pi (t / period - x / wavelength).
 
-    Parameters
-    ----------
-    function : callable
-        D of an array of phases, in A²/m².
-    least_square : float
-        Least H0², in A²/m²: the largest D, or more.
-    wavelength, period : float
-        In m and s; the wave travels forward.
-    square : float, optional
-        H0² where it is given; otherwise it is sought, from ``least_square`` on.
-
-    Raises
-    ------
-    ArgumentError
-        If a number is not positive, or H0² below the least.
+    Raises ArgumentError if a number is not positive, or H0² below the least.
     """
 
-    function: Callable[[np.ndarray], np.ndarray]
-    least_square: float
-    wavelength: float
-    period: float
-    square: float | None = None
+    function: Callable[[np.ndarray], np.ndarray]  # D of an array of phases, A²/m²
+    least_square: float  # least H0², A²/m²: the largest D, or more
+    wavelength: float  # m
+    period: float  # s; the wave travels forward
+    square: float | None = None  # H0², A²/m²; None: sought, from `least_square` on
 
     def __post_init__(self) -> None:
         for name in ("least_square", "wavelength", "period"):
@@ -73,52 +57,25 @@ class TravellingTarget:
 
 @dataclass(frozen=True, eq=False)
 class RowFit:
-    """Currents found.
+    """Currents found."""
 
-    Parameters
-    ----------
-    nodes : ndarray, shape (m,)
-        Ampere-turns of coil 0 at equidistant times of one period of the wave.
-    course : Gait
-        Of all coils.
-    square : float
-        H0², in A²/m².
-    residual : float
-        Root mean square of the difference of H² over that of D, at the points of the program.
-    solution : Solution
-        Of the program.
-    starts : tuple of dict
-        Of each start: H0² over the least, status, iterations, residual (None where it failed).
-    """
-
-    nodes: np.ndarray
-    course: Gait
-    square: float
-    residual: float
-    solution: Solution
+    nodes: np.ndarray  # (m,) ampere-turns of coil 0 at equidistant times of one period of the wave
+    course: Gait  # of all coils
+    square: float  # H0², A²/m²
+    residual: float  # RMS of the difference of H² over that of D, at the points of the program
+    solution: Solution  # of the program
+    # each: H0² over the least, status, iterations, residual (None where it failed)
     starts: tuple[dict[str, object], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """The points of the program, and linear maps to them.
+    """The points of the program, and linear maps to them."""
 
-    Parameters
-    ----------
-    field : ndarray, shape (3 or less, points, m)
-        Field at the points, per ampere-turn at the nodes.
-    along : int
-        Which component is that along the coils' axes.
-    turns : ndarray, shape (points,)
-        Phase of the point in the course of its nearest coil, in turns.
-    D : ndarray, shape (points,)
-        The target's function there.
-    """
-
-    field: np.ndarray
-    along: int
-    turns: np.ndarray
-    D: np.ndarray
+    field: np.ndarray  # (3 or less, points, m) per ampere-turn at the nodes
+    along: int  # component along the coils' axes
+    turns: np.ndarray  # (points,) phase in course of the nearest coil, turns
+    D: np.ndarray  # (points,) the target's function
 
 
 def fit_currents(
@@ -135,54 +92,10 @@ def fit_currents(
     options: Ipopt | None = None,
     report: Report = lambda text, fraction: None,  # noqa: ARG005
 ) -> RowFit:
-    """Find the currents whose H² is nearest to the target in least squares over space and time.
+    """Currents whose H² is nearest to the target in least squares over space and time.
 
-    Parameters
-    ----------
-    row : CoilRow
-        The coils; |current| stays within their ampere-turns.
-    target : TravellingTarget
-        What is wanted.
-    places : array_like, shape (n,)
-        Where along x to compare, in m.
-    z : float
-        Height of the line, in m; y is 0.
-    nodes : int, optional
-        Corners of the course in one period, and phases at which to compare.
-    slew : float, optional
-        Largest change of a current, in ampere-turns per second.
-    polarity : {"any", "one", "alternating"}, optional
-        Currents of any sign with the period of the wave, of one sign only, or such that change
-        their sign after each period.
-    starts : int, optional
-        How many starts: three offsets, then random ones.
-    seed : int, optional
-        Of the random starts.
-    options : Ipopt, optional
-        Of the solver.
-    report : callable, optional
-        Told what goes on.
-
-    Returns
-    -------
-    RowFit
-        The best of all starts.
-
-    Raises
-    ------
-    ArgumentError
-        If an argument cannot be used, or a coil lies inside the fluid.
-    SolveError
-        If no start is solved.
-
-    Examples
-    --------
-    >>> from wormopt.magnetics.coils import Coil
-    >>> row = CoilRow(Coil(2e-3, 4.5e-3, 20e-3, 3000.0), count=12, pitch=10e-3, gap=15e-3)
-    >>> wave = TravellingTarget(lambda xi: -1e7 * np.cos(xi), 1e7, wavelength=60e-3, period=1.0)
-    >>> found = fit_currents(row, wave, np.linspace(40e-3, 70e-3, 12), 0.0, nodes=12, starts=1)
-    >>> round(found.residual, 3)
-    0.098
+    Compared at `places` (n,) and height `z`, in m, y = 0; `slew` in ampere-turns per second.
+    Best of all starts. Raises ArgumentError (also: coil in the fluid), SolveError if none.
     """
     if polarity not in get_args(Polarity):
         raise ArgumentError(f'no polarity "{polarity}"; there are {", ".join(get_args(Polarity))}')

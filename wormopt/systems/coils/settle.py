@@ -13,8 +13,6 @@ from wormopt.errors import ArgumentError
 from wormopt.progress import Report, silent
 from wormopt.systems.coils.profile import Collocation, Profile
 
-__all__ = ["Settled", "Stop", "settle"]
-
 _LADDER = (64, 96, 128, 192, 256, 384, 512)
 _FINE = 801  # places between which extremes are looked for
 _MOST_POINTS = 400
@@ -29,51 +27,26 @@ Why = Literal["fold", "unstable", "floor", "ceiling", "lost"]
 class Stop:
     """Why a profile does not settle at the full load.
 
-    Parameters
-    ----------
-    why : str
-        "fold": beyond it there is no profile near; "unstable": it gives way sideways; "floor",
-        "ceiling": it leaves its range; "lost": the steps became too short.
-    load : float
-        Share of the load at which it happens.
-    x : float
-        Where the profile is then farthest from flat, or leaves its range.
-    uncertainty : float
-        Change of ``load`` with the degree; NaN for a single degree.
+    `why`: "fold", beyond it no profile is near; "unstable", it gives way sideways; "floor",
+    "ceiling", it leaves its range; "lost", the steps became too short.
     """
 
     why: Why
-    load: float
-    x: float
-    uncertainty: float
+    load: float  # share of the load at which it happens
+    x: float  # where farthest from flat then, or leaving its range
+    uncertainty: float  # change of `load` with the degree; NaN: single degree
 
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """A profile that rests, or the last one that did.
+    """A profile that rests, or the last one that did."""
 
-    Parameters
-    ----------
-    equations : Collocation
-        Whose unknowns they are.
-    y : ndarray, shape (n + 2,)
-        Unknowns.
-    load : float
-        Share of the load.
-    path : ndarray, shape (m, 3)
-        Load, least and largest h along the branch.
-    stop : Stop or None
-        Why it went no further; None at the full load.
-    resolved : bool
-        Whether the last coefficients are as small as asked for.
-    """
-
-    equations: Collocation
-    y: np.ndarray
-    load: float
-    path: np.ndarray
-    stop: Stop | None
-    resolved: bool
+    equations: Collocation  # whose unknowns `y` are
+    y: np.ndarray  # (n + 2,) unknowns
+    load: float  # share of the full load
+    path: np.ndarray  # (m, 3) load, least and largest h along the branch
+    stop: Stop | None  # why it went no further; None: at the full load
+    resolved: bool  # last coefficients are as small as asked for
 
 
 def settle(
@@ -85,45 +58,10 @@ def settle(
     ceiling: float = np.inf,
     report: Report = silent,
 ) -> Settled:
-    """Follow a profile from no load to the full one, with as many points as it needs.
+    """Follow a profile from no load to the full one (1), with as many points as it needs.
 
-    The branch is followed by arc length with the fewest points; where it reaches the full load,
-    Newton's method goes on from there with more, until the last coefficients of h are small.
-
-    Parameters
-    ----------
-    profile : Profile
-        What shall rest; its load is 1.
-    tolerance : float, optional
-        Largest of the last coefficients, over the mean of h.
-    degree : int, optional
-        Largest degree, 64 to 512.
-    floor, ceiling : float, optional
-        Between which h must stay.
-    report : callable, optional
-        Told how far it is.
-
-    Returns
-    -------
-    Settled
-
-    Raises
-    ------
-    ArgumentError
-        If the degree is not between 64 and 512.
-
-    Examples
-    --------
-    A beam-like sheet whose bed gives way: h'' / 4 = h - level - 2 load exp(h) has a fold.
-
-    >>> import casadi as ca
-    >>> x, h, slope, bend, level, load = (ca.SX.sym(n) for n in "x h s b c f".split())
-    >>> push = 2 * load * ca.cos(ca.pi * x) * ca.exp(h)
-    >>> rest = level - h + bend / 4 + push
-    >>> sheet = Profile(x, h, slope, bend, level, load, rest, ends=(-1.0, 1.0), mean=1.0)
-    >>> settled = settle(sheet)
-    >>> settled.stop.why, 0.1 < settled.stop.load < 0.5
-    ('fold', True)
+    By arc length with the fewest points, then by Newton's method with more until the last
+    coefficients over mean h are below `tolerance`. ArgumentError: `degree` not in 64 to 512.
     """
     if not _LADDER[0] <= degree <= _LADDER[-1]:
         raise ArgumentError(f"a degree of {degree} is not within [{_LADDER[0]}, {_LADDER[-1]}]")

@@ -19,50 +19,18 @@ from wormopt.errors import ArgumentError
 from wormopt.systems.film.lubrication import (
     Expression,
     field_slope,
-    flow,
     library_of,
-    pressure_gradient,
-    stream_function,
-    surface_velocity,
     symbolic,
-    velocities,
 )
-
-__all__ = [
-    "CosineWave",
-    "Peak",
-    "field_slope",
-    "flow",
-    "peak_near",
-    "pressure_gradient",
-    "square_wave_flow",
-    "stream_function",
-    "surface_velocity",
-    "velocities",
-]
 
 _STEPS = 50
 
 
 def square_wave_flow(delta: Expression) -> Expression:
-    """Least upper bound of the mean flow of all shapes within 1 - delta and 1 + delta at W = 0.
+    """Least upper bound of the mean flow of all shapes within 1 ± delta at W = 0.
 
-    The square wave has it, which lubrication cannot describe at its jumps.
-
-    Parameters
-    ----------
-    delta : float, ndarray or casadi.SX
-        Half of the height of the wave, 0 to 1.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-        (3 delta² + delta⁴) / (1 + 3 delta²).
-
-    Examples
-    --------
-    >>> square_wave_flow(1.0)
-    1.0
+    (3 delta² + delta⁴) / (1 + 3 delta²), attained by the square wave, which lubrication
+    cannot describe at its jumps. `delta` is 0 to 1.
     """
     square = delta * delta
     return square * (3 + square) / (1 + 3 * square)
@@ -72,16 +40,11 @@ def square_wave_flow(delta: Expression) -> Expression:
 class Peak:
     """Where the field function D is largest.
 
-    Parameters
-    ----------
-    value : float
-        (mu - 1) D / (8 pi) there: the least (mu - 1) H0² / (8 pi) for which H² is nowhere negative.
-    xi : float
-        Where, from 0 to 2 pi.
+    `value` is the least (mu - 1) H0² / (8 pi) for which H² is nowhere negative.
     """
 
-    value: float
-    xi: float
+    value: float  # (mu - 1) D / (8 pi) there
+    xi: float  # phase, 0 to 2 pi
 
 
 @dataclass(frozen=True)
@@ -263,26 +226,9 @@ class CosineWave:
 
 
 def peak_near(wave: Any, xi: float, tension: float) -> Peak:
-    """Climb from near a maximum of the field function onto it, by Newton's method.
+    """Maximum of the field function near phase `xi`, by Newton's method, to round-off.
 
-    Parameters
-    ----------
-    wave : CosineWave or another shape
-        Which wave.
-    xi : float
-        Phase near the maximum.
-    tension : float
-        Number W.
-
-    Returns
-    -------
-    Peak
-        To round-off.
-
-    Examples
-    --------
-    >>> round(peak_near(CosineWave(0.5), 2.3, 0.0).xi - math.acos(-2 / 3), 12)
-    0.0
+    `tension` is the number W.
     """
     C = wave.constant
 

@@ -27,20 +27,6 @@ from wormopt.systems.film.lubrication import (
 )
 from wormopt.systems.film.shapes import FourierWave, grid
 
-__all__ = [
-    "CAPTURE_DELTA",
-    "Drift",
-    "Wave",
-    "body_velocity",
-    "capture_delta",
-    "check_heights",
-    "check_lengths",
-    "cosine_drift",
-    "finite",
-    "float_drift",
-    "tracer_drift",
-]
-
 Wave = CosineWave | FourierWave
 """A shape of the surface."""
 
@@ -54,22 +40,11 @@ _ROUND_OFF = 1e-15
 
 @dataclass(frozen=True)
 class Drift:
-    """How a wave carries something, once and for all.
+    """How a wave carries something in the long run."""
 
-    Parameters
-    ----------
-    velocity : float
-        Mean velocity over the wave's; 1 if it is captured.
-    turn : float
-        Time in which the wave overtakes it by a wavelength, in units of 1 / omega; infinite if
-        it is captured.
-    rests : tuple of float
-        Phases xi, 0 to 2 pi, at which it is held; empty unless it is captured.
-    """
-
-    velocity: float
-    turn: float
-    rests: tuple[float, ...] = ()
+    velocity: float  # mean, over the wave's; 1 if captured
+    turn: float  # time to be overtaken by a wavelength, in 1 / omega; infinite if captured
+    rests: tuple[float, ...] = ()  # phases xi, 0 to 2 pi, at which it is held
 
     @property
     def captured(self) -> bool:
@@ -78,25 +53,9 @@ class Drift:
 
 
 def body_velocity(wave: Wave, xi: Expression, length: float = 0.0) -> Expression:
-    """Mean surface velocity under a float, 3/2 (1 + C mean(1/h)): what it moves with.
+    """Mean surface velocity under a float, 3/2 (1 + C mean(1/h)), with which it moves.
 
-    Parameters
-    ----------
-    wave : CosineWave or FourierWave
-        Shape of the surface.
-    xi : float, ndarray or casadi.SX
-        Phase t - x of its middle.
-    length : float, optional
-        Of the float; 0 for a small one.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-
-    Examples
-    --------
-    >>> round(body_velocity(CosineWave(CAPTURE_DELTA), 0.0), 12)
-    1.0
+    `xi`: phase t - x of its middle; `length` 0: a small float.
     """
     if not length:
         return surface_velocity(wave.height(xi), wave.constant)
@@ -104,25 +63,10 @@ def body_velocity(wave: Wave, xi: Expression, length: float = 0.0) -> Expression
 
 
 def cosine_drift(delta: Expression) -> Expression:
-    """Mean velocity of a small float on a cosine wave that does not hold it.
+    """Mean velocity 1 - 2 pi / T_L of a small float on a cosine wave, 1 at `CAPTURE_DELTA`.
 
-    1 - 2 pi / T_L with T_L = int d xi / (1 - u_s) = 4 pi (6 y / S - 1), written without
-    cancellation: 3 delta² (28 - delta²) / (2 (4 y + S) (6 y - S)) with y² = 1 - delta² and
-    S² = (4 - delta²)² - 36 delta².
-
-    Parameters
-    ----------
-    delta : float, ndarray or casadi.SX
-        Amplitude, up to `CAPTURE_DELTA`, where it is 1.
-
-    Returns
-    -------
-    float, ndarray or casadi.SX
-
-    Examples
-    --------
-    >>> round(cosine_drift(0.5), 9), round(cosine_drift(1e-6) / 1e-12, 6)
-    (0.61814603, 2.625)
+    T_L = int d xi / (1 - u_s) = 4 pi (6 y / S - 1), y² = 1 - delta², S² = (4 - delta²)² -
+    36 delta²; without cancellation: 3 delta² (28 - delta²) / (2 (4 y + S) (6 y - S)).
     """
     square, library = delta * delta, library_of(delta)
     y = library.sqrt(1 - square)
@@ -132,29 +76,9 @@ def cosine_drift(delta: Expression) -> Expression:
 
 @lru_cache(maxsize=256)
 def capture_delta(length: float = 0.0) -> float:
-    """Amplitude from which on a cosine wave holds a float of some length.
+    """Amplitude from which a cosine wave holds a float of some length, below 2 pi.
 
-    The float is fastest with its middle on a crest; it is held where it is as fast as the wave
-    there, C mean(1/h) = -1/3. For a small one that is delta² + 6 delta = 4.
-
-    Parameters
-    ----------
-    length : float, optional
-        Below 2 pi, a wavelength.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ArgumentError
-        If the length is out of range.
-
-    Examples
-    --------
-    >>> round(capture_delta(), 12), round(capture_delta(3.0), 12)
-    (0.605551275464, 0.655258692207)
+    On a crest it is fastest, and held at C mean(1/h) = -1/3; if small: delta² + 6 delta = 4.
     """
     length = check_lengths(length).item()
     if not length:
@@ -232,38 +156,10 @@ def _rests(wave: Wave, length: float) -> tuple[float, ...]:
 
 
 def tracer_drift(wave: Wave, height: float, position: float = 0.0) -> Drift:
-    """How a wave carries a point of the fluid, by quadrature along its path.
+    """How a wave carries a point of the fluid, by quadrature along its streamline.
 
-    Seen from the wave a point stays on one line of the stream function. Where that line runs
-    through the whole wavelength the wave overtakes the point, else it holds it under a crest.
-
-    Parameters
-    ----------
-    wave : CosineWave or FourierWave
-        Shape of the surface.
-    height : float
-        Over the ground at time 0, up to the surface.
-    position : float, optional
-        Place at time 0.
-
-    Returns
-    -------
-    Drift
-        Without rests: a point that is held circles.
-
-    Raises
-    ------
-    ArgumentError
-        If the height is not within the film, or quadrature does not end.
-
-    Examples
-    --------
-    >>> wave = CosineWave(0.5)
-    >>> surface = tracer_drift(wave, wave.height(0.0))
-    >>> abs(surface.velocity - cosine_drift(0.5)) < 1e-13
-    True
-    >>> tracer_drift(wave, 0.0).velocity
-    0.0
+    Seen from the wave that runs through the wavelength, or closes under a crest (captured).
+    Held points circle: no rests. Raises ArgumentError outside the film or if quadrature fails.
     """
     (z,) = check_heights(wave, np.array([position]), np.array([height]))
     level = stream_function(z, wave.height(-position), wave.constant)
@@ -316,24 +212,7 @@ def _turn(per_phase: Callable[[np.ndarray], np.ndarray]) -> float:
 
 
 def finite(name: str, given: ArrayLike) -> np.ndarray:
-    """Refuse what is no list of finite numbers.
-
-    Parameters
-    ----------
-    name : str
-        What it is, for the message.
-    given : array_like
-        From a caller.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-
-    Raises
-    ------
-    ArgumentError
-        If it is none, or empty.
-    """
+    """Array (n,) of `given`; raises ArgumentError unless it is a list of finite numbers."""
     found = numbers(name, given).ravel()
     if not found.size or not np.all(np.isfinite(found)):
         raise ArgumentError(f"{name} must be a finite number or a list of them, not {given!r}")
@@ -341,22 +220,7 @@ def finite(name: str, given: ArrayLike) -> np.ndarray:
 
 
 def check_lengths(given: ArrayLike) -> np.ndarray:
-    """Refuse lengths of floats that are negative, or not below a wavelength.
-
-    Parameters
-    ----------
-    given : array_like
-        Lengths.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-
-    Raises
-    ------
-    ArgumentError
-        If one is out of range.
-    """
+    """Float lengths (n,); raises ArgumentError if one is negative or not below a wavelength."""
     found = finite("length", given)
     if not np.all((found >= 0) & (found < 2 * np.pi)):
         raise ArgumentError(
@@ -366,24 +230,9 @@ def check_lengths(given: ArrayLike) -> np.ndarray:
 
 
 def check_heights(wave: Wave, places: np.ndarray, heights: np.ndarray) -> np.ndarray:
-    """Refuse heights that are not within the film at time 0.
+    """Heights (n,) within the film at time 0, with round-off above the surface clipped.
 
-    Parameters
-    ----------
-    wave : CosineWave or FourierWave
-        Shape of the surface.
-    places, heights : ndarray, shape (n,)
-        Of points of the fluid.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Heights, those above the surface by round-off taken down to it.
-
-    Raises
-    ------
-    ArgumentError
-        If one is below the ground or above the surface.
+    Raises ArgumentError if one is below the ground or above the surface.
     """
     surface = np.asarray(wave.height(-places))
     above = (heights < 0) | (heights > surface * (1 + 1e-15))

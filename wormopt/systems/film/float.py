@@ -21,8 +21,6 @@ from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.drift import Wave, body_velocity, check_heights, check_lengths, finite
 from wormopt.systems.film.lubrication import stream_function, velocities
 
-__all__ = ["floating", "tracers"]
-
 _LARGEST_BELOW_1 = math.nextafter(1.0, 0.0)
 
 

@@ -18,15 +18,6 @@ from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.lubrication import field_slope
 from wormopt.systems.film.shapes import field_function, flow_constant, grid
 
-__all__ = [
-    "Sampled",
-    "check_thickness",
-    "field_needs",
-    "fitting_cosine",
-    "largest_flow",
-    "sampled",
-]
-
 _NODES = 4096
 # A wave that just holds a float misses it by no more than round-off and quadrature leave.
 _HELD = 1e-6
@@ -36,22 +27,7 @@ _LEAST, _TOP = 1e-7, 1 - 1e-12
 
 
 def check_thickness(thickness: tuple[float, float]) -> tuple[float, float]:
-    """Refuse bounds of the thickness between which there is no wave of mean 1.
-
-    Parameters
-    ----------
-    thickness : tuple of float
-        Least and largest h.
-
-    Returns
-    -------
-    tuple of float
-
-    Raises
-    ------
-    ArgumentError
-        If the least is not above 0 and below 1, or the largest not above 1.
-    """
+    """Return bounds (least, largest) of h; raises ArgumentError unless 0 < least < 1 < largest."""
     found = numbers("thickness", thickness).ravel()
     if found.size != 2 or not (0 < found[0] < 1 < found[1] < math.inf):
         raise ArgumentError(
@@ -62,33 +38,10 @@ def check_thickness(thickness: tuple[float, float]) -> tuple[float, float]:
 
 
 def largest_flow(thickness: tuple[float, float]) -> float:
-    """Least upper bound of the mean flow of all waves between two thicknesses, at any field.
+    """Least upper bound of the mean flow 1 + C of all waves with a ≤ h ≤ b, at any field.
 
-    C >= c means that the mean of h^-2 + c h^-3 is not positive. That function of h is first
-    concave, then convex, and falls at the larger thickness or is concave up to it, so that its
-    lower convex envelope is a chord: the mean is least for a square wave between both bounds.
-
-    Parameters
-    ----------
-    thickness : tuple of float
-        Least and largest h, around the mean 1.
-
-    Returns
-    -------
-    float
-        1 + C of the square wave, C = -(s b^-2 + (1 - s) a^-2) / (s b^-3 + (1 - s) a^-3) with
-        the share s = (1 - a) / (b - a) of the larger thickness b.
-
-    Raises
-    ------
-    ArgumentError
-        If the mean 1 is not between them.
-
-    Examples
-    --------
-    >>> from wormopt.systems.film.cosine import square_wave_flow
-    >>> abs(largest_flow((0.5, 1.5)) - square_wave_flow(0.5)) < 1e-15
-    True
+    A square wave is best: the lower convex envelope of h^-2 + c h^-3 is a chord. Its C is
+    -(s b^-2 + (1 - s) a^-2) / (s b^-3 + (1 - s) a^-3), s = (1 - a) / (b - a) the share of b.
     """
     a, b = check_thickness(thickness)
     thick = (1 - a) / (b - a)
@@ -98,25 +51,7 @@ def largest_flow(thickness: tuple[float, float]) -> float:
 
 
 def field_needs(delta: float, tension: float) -> tuple[float, float]:
-    """Range of the field that a cosine wave needs, and the steepest slope of it.
-
-    Parameters
-    ----------
-    delta : float
-        Amplitude.
-    tension : float
-        Number W of surface tension.
-
-    Returns
-    -------
-    range, slope : float
-        Of (mu - 1) H² / (8 pi).
-
-    Examples
-    --------
-    >>> [round(value, 6) for value in field_needs(0.5, 0.0)]
-    [3.72678, 4.0]
-    """
+    """Range and steepest slope of (mu - 1) H² / (8 pi) that a cosine wave needs."""
     wave, xi = CosineWave(delta), grid(_NODES)
     D = wave.field_function(xi, tension)
     h, third = wave.height(xi), wave.height(xi, 3)
@@ -130,34 +65,9 @@ def fitting_cosine(
     field: float,
     gradient: float = math.inf,
 ) -> float:
-    """Amplitude of the largest cosine wave within limits.
+    """Amplitude of the largest cosine wave within limits of thickness, field range and slope.
 
-    Parameters
-    ----------
-    tension : float
-        Number W of surface tension.
-    thickness : tuple of float
-        Least and largest h.
-    field : float
-        Largest range of the field, positive.
-    gradient : float, optional
-        Largest slope of the field by the phase.
-
-    Returns
-    -------
-    float
-        Its field and slope grow with the amplitude, so that there is one root; in proportion
-        where it is tiny.
-
-    Raises
-    ------
-    ArgumentError
-        If the mean 1 is not between the thicknesses, or a limit is not above 0.
-
-    Examples
-    --------
-    >>> round(fitting_cosine(0.1, (0.4, 2.0), field_needs(0.5, 0.1)[0]), 9)
-    0.5
+    Field and slope grow with the amplitude, so the root is unique; linear where it is tiny.
     """
     a, b = check_thickness(thickness)
     if not (field > 0 and gradient > 0):
@@ -182,55 +92,21 @@ def fitting_cosine(
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """A wave by values of its thickness alone.
+    """What a wave does, from values of its thickness alone."""
 
-    Parameters
-    ----------
-    thickness : ndarray, shape (nodes,)
-        On `grid`.
-    constant : float
-        C, by quadrature.
-    field : ndarray, shape (nodes,)
-        (mu - 1) H² / (8 pi), least 0, by quadrature of (30) and second differences.
-    mean : float
-        Mean thickness.
-    margin : float
-        Largest thickness + 3 C: a small float is held where it is not negative.
-    drift : float
-        Mean velocity of a small float over that of the wave; 1 if it is held.
-    """
-
-    thickness: np.ndarray
-    constant: float
+    thickness: np.ndarray  # (nodes,) on `grid`
+    constant: float  # C, by quadrature
+    # (nodes,) (mu - 1) H² / (8 pi), least 0, by quadrature of (30) and second differences
     field: np.ndarray
-    mean: float
-    margin: float
-    drift: float
+    mean: float  # mean thickness
+    margin: float  # largest thickness + 3 C; a small float is held if ≥ 0
+    drift: float  # of a small float over the wave's speed; 1 if held
 
 
 def sampled(h: np.ndarray, tension: float) -> Sampled:
-    """Tell what a wave does from its thickness on a grid, which may have corners in its slope.
+    """What a wave does, from its thickness `h` (nodes,) on `grid`; its slope may have corners.
 
-    Second differences blur a jump of the curvature over two points, and do not overshoot there as
-    harmonics would.
-
-    Parameters
-    ----------
-    h : ndarray, shape (nodes,)
-        Thickness on `grid`.
-    tension : float
-        Number W of surface tension.
-
-    Returns
-    -------
-    Sampled
-
-    Examples
-    --------
-    >>> wave = CosineWave(0.5)
-    >>> found = sampled(wave.height(grid(4096)), 0.1)
-    >>> round(found.constant, 9), round(float(np.ptp(found.field)), 5), round(found.drift, 9)
-    (-0.666666667, 3.72715, 0.61814603)
+    Second differences blur a curvature jump over two points, without harmonics' overshoot.
     """
     C, apart = float(flow_constant(h)), 2 * np.pi / len(h)
     bend = (np.roll(h, 1) - 2 * h + np.roll(h, -1)) / apart**2

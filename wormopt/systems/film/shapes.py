@@ -18,50 +18,20 @@ from wormopt.model.values import numbers
 from wormopt.systems.film.cosine import Peak, peak_near
 from wormopt.systems.film.lubrication import Expression, library_of, symbolic
 
-__all__ = ["FourierWave", "field_function", "flow_constant", "grid", "harmonics_of"]
-
 # Harmonics of 1 / h² and 1 / h³ beyond the grid shall be below this share of the largest.
 _RESOLVED, _LEAST, _MOST = 1e-16, 32, 1 << 16
 _CANDIDATES = 8
 
 
 def grid(nodes: int) -> np.ndarray:
-    """Equidistant phases from 0 on, the end of the period left out.
-
-    Parameters
-    ----------
-    nodes : int
-        How many.
-
-    Returns
-    -------
-    ndarray, shape (nodes,)
-
-    Examples
-    --------
-    >>> (grid(4) / np.pi).tolist()
-    [0.0, 0.5, 1.0, 1.5]
-    """
+    """Equidistant phases (nodes,) from 0 on, the end of the period left out."""
     return 2 * np.pi * np.arange(nodes) / nodes
 
 
 def flow_constant(h: Expression) -> Expression:
-    """C = -int h^-2 / int h^-3, for which alone the field is periodic.
+    """C = -int h^-2 / int h^-3, for which alone the field is periodic; -C lies within h.
 
-    Parameters
-    ----------
-    h : ndarray, shape (nodes,), or casadi.SX, shape (nodes, 1)
-        Thickness on `grid`, positive.
-
-    Returns
-    -------
-    float or casadi.SX
-        From minus the largest thickness up to minus the least.
-
-    Examples
-    --------
-    >>> round(float(flow_constant(1 + 0.5 * np.cos(grid(64)))), 12)
-    -0.666666666667
+    `h`: positive thickness on `grid`, (nodes,) or casadi (nodes, 1).
     """
     if isinstance(h, np.ndarray):
         return -np.sum(h**-2) / np.sum(h**-3)
@@ -71,28 +41,10 @@ def flow_constant(h: Expression) -> Expression:
 
 
 def field_function(h: Expression, tension: Expression = 0.0) -> Expression:
-    """(mu - 1) D / (8 pi) on the grid, with the mean 0: the field of (30) that holds a shape.
+    """Field (mu - 1) D / (8 pi) on the grid, of mean 0, that holds a shape h > 0, from (30).
 
-    Parameters
-    ----------
-    h : ndarray, shape (nodes,), or casadi.SX, shape (nodes, 1)
-        Thickness on `grid`, positive; best an odd number of nodes, or one of which the highest
-        harmonic is not in h.
-    tension : float or casadi.SX, optional
-        Number W of surface tension.
-
-    Returns
-    -------
-    ndarray or casadi.SX
-        On the same grid; W h'' + 3 int d xi (1 / h² + C / h³).
-
-    Examples
-    --------
-    >>> from wormopt.systems.film.cosine import CosineWave
-    >>> xi, wave = grid(64), CosineWave(0.5)
-    >>> gap = field_function(wave.height(xi), 0.3) - wave.field_function(xi, 0.3)
-    >>> bool(np.max(np.abs(gap)) < 1e-13)
-    True
+    W h'' + 3 int d xi (1 / h² + C / h³); `h` (nodes,) or casadi (nodes, 1) on `grid`, best
+    with an odd number of nodes, or one whose highest harmonic is not in h.
     """
     C = flow_constant(h)
     slope = 3 * (h + C) / (h * h * h)
@@ -103,23 +55,9 @@ def field_function(h: Expression, tension: Expression = 0.0) -> Expression:
 
 
 def harmonics_of(values: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Harmonics of values on `grid`, a mean aside: what `FourierWave` is made of.
+    """Cosines and sines ((nodes - 1) // 2,), over the mean, of thickness (nodes,) on `grid`.
 
-    Parameters
-    ----------
-    values : array_like, shape (nodes,)
-        Thickness on the grid.
-
-    Returns
-    -------
-    cosines, sines : ndarray, shape ((nodes - 1) // 2,)
-        Of the first harmonic and up, over the mean.
-
-    Examples
-    --------
-    >>> cosines, sines = harmonics_of(2 + np.sin(grid(8)))
-    >>> bool(abs(cosines).max() < 1e-15), float(sines[0].round(12))
-    (True, 0.5)
+    The first harmonic comes first, as for `FourierWave`.
     """
     found = np.fft.rfft(numbers("values", values))
     kept = 2 * found[1 : (np.size(values) + 1) // 2] / found[0].real

@@ -27,8 +27,6 @@ from wormopt.model.model import Model, Output, Signal
 from wormopt.model.values import numbers
 from wormopt.systems.film.lubrication import symbolic
 
-__all__ = ["film_thickness", "film_volume", "slope_on", "thin_film"]
-
 ORDERS = tuple(range(4, 15, 2))
 _MEAN = 1e-6
 # A step from the last sample to the first so many times the largest other one is a jump.
@@ -156,30 +154,9 @@ def _second(values: ca.SX) -> ca.SX:
 
 
 def film_volume(thickness: ArrayLike, *, order: int = 12) -> np.ndarray:
-    """State of the Model of `thin_film` that has a given thickness.
+    """State (points - 1,) of the Model of `thin_film` that has a given thickness (points,).
 
-    Parameters
-    ----------
-    thickness : array_like, shape (points,)
-        At equidistant points, of mean 1 to 1e-6; what is left is shared out.
-    order : int, optional
-        Of the Model.
-
-    Returns
-    -------
-    ndarray, shape (points - 1,)
-
-    Raises
-    ------
-    ArgumentError
-        If it is not finite or not of mean 1.
-
-    Examples
-    --------
-    >>> from wormopt.systems.film.shapes import grid
-    >>> v = film_volume(1 + 0.5 * np.cos(grid(64)))
-    >>> bool(np.abs(v - 0.5 * np.sin(grid(64))[1:]).max() < 1e-12)
-    True
+    Raises ArgumentError unless the mean is 1 to 1e-6; what is left of that is shared out.
     """
     h = numbers("thickness", thickness).ravel()
     if not (h.size and np.all(np.isfinite(h))):
@@ -196,23 +173,9 @@ def film_volume(thickness: ArrayLike, *, order: int = 12) -> np.ndarray:
 
 
 def film_thickness(volume: np.ndarray, *, order: int = 12) -> np.ndarray:
-    """Thickness at the points, from states of the Model of `thin_film`.
+    """Thickness at the points, (points,) or (points, m), from states of the `thin_film` Model.
 
-    Parameters
-    ----------
-    volume : ndarray, shape (points - 1,) or (points - 1, m)
-        States, one in each column.
-    order : int, optional
-        Of the Model.
-
-    Returns
-    -------
-    ndarray, shape (points,) or (points, m)
-
-    Examples
-    --------
-    >>> film_thickness(np.zeros(31))[:3]
-    array([1., 1., 1.])
+    `volume`: (points - 1,) or (points - 1, m), a state in each column.
     """
     whole = np.concatenate([np.zeros((1, *volume.shape[1:])), volume])
     weights, _ = _weights(order)
@@ -230,36 +193,10 @@ def _symbol(points: int, order: int) -> np.ndarray:
 
 
 def slope_on(points: int, samples: ArrayLike) -> np.ndarray:
-    """Slope of a periodic function at other points, from equidistant samples over its period.
+    """Slope (points,) of the trigonometric polynomial through samples (m,), m ≥ 4, of a period.
 
-    Parameters
-    ----------
-    points : int
-        At how many points, from 0 on.
-    samples : array_like, shape (m,)
-        Values from 0 on, the end of the period left out; 4 or more. Harmonics that the points
-        cannot hold are left out.
-
-    Returns
-    -------
-    ndarray, shape (points,)
-        Derivative of the trigonometric polynomial through the samples.
-
-    Raises
-    ------
-    ArgumentError
-        If samples are too few, not finite, or jump from the last one to the first.
-
-    Examples
-    --------
-    >>> from wormopt.systems.film.shapes import grid
-    >>> found = slope_on(50, 3 + np.sin(grid(16)))
-    >>> bool(np.abs(found - np.cos(grid(50))).max() < 1e-13)
-    True
-    >>> slope_on(50, [0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
-    Traceback (most recent call last):
-        ...
-    wormopt.errors.ArgumentError: the field does not repeat: from its last sample to its first ...
+    Harmonics that the points cannot hold are left out. Raises ArgumentError if samples are
+    too few, not finite, or jump from the last to the first.
     """
     values = numbers("samples", samples).ravel()
     if values.size < 4:

@@ -13,8 +13,6 @@ from wormopt.magnetics.material import check_number
 from wormopt.magnetics.pressure import OERSTED, field_of
 from wormopt.model.values import numbers
 
-__all__ = ["GRAVITY", "Fluid"]
-
 GRAVITY = 9.80665
 """Standard acceleration of free fall in m/s²."""
 # Numbers that shall be small against 1 are warned of above this.

@@ -14,8 +14,6 @@ from wormopt.model.model import Model
 from wormopt.systems.pair.pair_parts import pair_parts
 from wormopt.systems.pair.slow_pair import slow_outputs, slow_states
 
-__all__ = ["SteadyPair", "averaged_pair", "steady_pair"]
-
 
 def averaged_pair(
     *,
@@ -99,21 +97,11 @@ def averaged_pair(
 
 @dataclass(frozen=True)
 class SteadyPair:
-    """Steady motion (19) of the dimensionless pair.
+    """Steady motion (19) of the dimensionless pair."""
 
-    Parameters
-    ----------
-    velocity : float
-        V.
-    amplitude : float
-        a, of half the stretch.
-    lag : float
-        xi, from 0 to pi.
-    """
-
-    velocity: float
-    amplitude: float
-    lag: float
+    velocity: float  # V
+    amplitude: float  # a, of half the stretch
+    lag: float  # xi, from 0 to pi
 
 
 def steady_pair(forward: float, backward: float, detuning: float) -> SteadyPair:

@@ -15,8 +15,6 @@ from wormopt.model.friction import Law
 from wormopt.model.model import Model, Output, Signal
 from wormopt.systems.pair.pair_parts import pair_parts
 
-__all__ = ["magnetic_pair"]
-
 
 def magnetic_pair(
     *,

@@ -15,40 +15,22 @@ from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Contact, Signal
 from wormopt.model.values import numbers
 
-__all__ = ["PairParts", "pair_parts"]
-
 
 @dataclass(frozen=True, eq=False)
 class PairParts:
-    """What all forms of the pair share.
+    """What all forms of the pair share."""
 
-    Parameters
-    ----------
-    t, mass, stiffness, push, frequency : casadi.SX
-        Symbols of time and of the parameters.
-    field : casadi.SX
-        G(t), an expression or the symbol of an input.
-    harmonics : casadi.SX
-        Coefficients of its cosines, empty for an input.
-    inputs, parameters : tuple of Signal
-        Of the models.
-    laws : tuple of Law
-        Friction of both masses, with parameters for numbers.
-    forces : casadi.SX, shape (2, 1)
-        Friction forces.
-    """
-
-    t: ca.SX
+    t: ca.SX  # time
     mass: ca.SX
     stiffness: ca.SX
     push: ca.SX
     frequency: ca.SX
-    field: ca.SX
-    harmonics: ca.SX
+    field: ca.SX  # G(t), an expression or the symbol of an input
+    harmonics: ca.SX  # coefficients of its cosines, empty for an input
     inputs: tuple[Signal, ...]
     parameters: tuple[Signal, ...]
-    laws: tuple[Law, ...]
-    forces: ca.SX
+    laws: tuple[Law, ...]  # friction of both masses, with parameters for numbers
+    forces: ca.SX  # (2, 1) friction forces
 
     @property
     def natural_frequency(self) -> ca.SX:
@@ -56,18 +38,9 @@ class PairParts:
         return ca.sqrt(2 * self.stiffness / self.mass)
 
     def contacts(self, velocities: ca.SX, nominal_force: float) -> list[Contact]:
-        """Put both masses on the ground.
+        """Put both masses, of velocities (2, 1), on the ground.
 
-        Parameters
-        ----------
-        velocities : casadi.SX, shape (2, 1)
-            Of the masses.
-        nominal_force : float
-            Usual friction.
-
-        Returns
-        -------
-        list of Contact
+        `nominal_force`: usual friction.
         """
         return [
             Contact(f"mass {i + 1}", velocities[i], self.forces[i], law, nominal_force)
@@ -84,21 +57,9 @@ def pair_parts(
     frequency: float,
     cosines: Sequence[float] | None,
 ) -> PairParts:
-    """Make the symbols that all forms of the pair share, and refuse numbers that cannot be.
+    """Make the symbols that all forms of the pair share, from arguments of `magnetic_pair`.
 
-    Parameters
-    ----------
-    law, mass, stiffness, push, frequency, cosines : object
-        As for `magnetic_pair`.
-
-    Returns
-    -------
-    PairParts
-
-    Raises
-    ------
-    ArgumentError
-        As `magnetic_pair`.
+    Raises ArgumentError as `magnetic_pair` does.
     """
     t = ca.SX.sym("t")
     positive = [

@@ -18,8 +18,6 @@ from wormopt.model.friction import Law
 from wormopt.model.model import Model, Output, Signal
 from wormopt.systems.pair.pair_parts import pair_parts
 
-__all__ = ["from_slow", "slow_outputs", "slow_pair", "slow_states", "to_slow"]
-
 
 def slow_pair(
     *,
@@ -111,29 +109,10 @@ def to_slow(
     frequency: float,
     natural_frequency: float = math.sqrt(2),
 ) -> dict[str, np.ndarray]:
-    """Go from the states of `magnetic_pair` to those of `slow_pair`.
+    """Go from states of `magnetic_pair`, (2, m) at times t (m,), to those of `slow_pair`.
 
-    Parameters
-    ----------
-    t : array_like, shape (m,)
-        Times.
-    position, velocity : array_like, shape (2, m)
-        States then.
-    frequency : float
-        Frequency nu of the frame.
-    natural_frequency : float, optional
-        Omega.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``center_velocity`` (m,), ``swing`` (2, m) and, so that nothing is lost, ``center`` (m,).
-
-    Examples
-    --------
-    >>> slow = to_slow(0.0, [-0.1, 0.3], [0.0, 0.0], frequency=1.5)
-    >>> slow["swing"].round(12), float(slow["center"].round(12))
-    (array([0.2, 0. ]), 0.1)
+    Returns ``center_velocity`` (m,), ``swing`` (2, m), and ``center`` (m,) to lose nothing.
+    `frequency`: nu of the frame; `natural_frequency`: Omega.
     """
     x, v, psi = np.asarray(position), np.asarray(velocity), frequency * np.asarray(t)
     z, rate = (x[1] - x[0]) / 2, (v[1] - v[0]) / (2 * natural_frequency)
@@ -154,32 +133,10 @@ def from_slow(
     frequency: float,
     natural_frequency: float = math.sqrt(2),
 ) -> dict[str, np.ndarray]:
-    """Go back from the states of `slow_pair` to those of `magnetic_pair`.
+    """Go back from states of `slow_pair` to ``position`` and ``velocity`` (2, m) of the pair.
 
-    Parameters
-    ----------
-    t : array_like, shape (m,)
-        Times.
-    center_velocity : array_like, shape (m,)
-        V.
-    swing : array_like, shape (2, m)
-        a cos(xi), a sin(xi).
-    center : array_like, shape (m,), optional
-        Place of the center, which `slow_pair` does not know.
-    frequency : float
-        Frequency nu of the frame.
-    natural_frequency : float, optional
-        Omega.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``position`` and ``velocity``, shape (2, m).
-
-    Examples
-    --------
-    >>> from_slow(0.0, 0.0, [0.2, 0.0], center=0.1, frequency=1.5)["position"].round(12)
-    array([-0.1,  0.3])
+    `center_velocity` (m,): V; `swing` (2, m): a cos(xi), a sin(xi); `center`: unknown to
+    `slow_pair`; `frequency`: nu of the frame; `natural_frequency`: Omega.
     """
     V, (p, q), psi = np.asarray(center_velocity), np.asarray(swing), frequency * np.asarray(t)
     c, s = np.cos(psi), np.sin(psi)
@@ -191,19 +148,7 @@ def from_slow(
 
 
 def slow_states(V: ca.SX, swing: ca.SX) -> list[Signal]:
-    """List the states of `slow_pair` and of its averages.
-
-    Parameters
-    ----------
-    V : casadi.SX
-        Velocity of the center.
-    swing : casadi.SX, shape (2, 1)
-        a cos(xi), a sin(xi).
-
-    Returns
-    -------
-    list of Signal
-    """
+    """States of `slow_pair` and of its averages: V of the centre, swing (a cos(xi), a sin(xi))."""
     return [
         Signal("center_velocity", V, "speed", value=0.0),
         Signal("swing", swing, "length", value=(0.0, 0.0)),
@@ -213,18 +158,7 @@ def slow_states(V: ca.SX, swing: ca.SX) -> list[Signal]:
 def slow_outputs(V: ca.SX, swing: ca.SX, natural_frequency: ca.SX) -> list[Output]:
     """List the outputs of `slow_pair` and of its averages.
 
-    Parameters
-    ----------
-    V : casadi.SX
-        Velocity of the center.
-    swing : casadi.SX, shape (2, 1)
-        a cos(xi), a sin(xi).
-    natural_frequency : casadi.SX
-        Omega.
-
-    Returns
-    -------
-    list of Output
+    `V`: velocity of the centre; `swing` (2, 1): a cos(xi), a sin(xi).
     """
     a = ca.sqrt(ca.sumsqr(swing))
     return [

@@ -15,45 +15,18 @@ from wormopt.model.model import Model, Signal
 from wormopt.ocp.motion import Motion
 from wormopt.ocp.problem import Bound, Ends, Problem
 
-__all__ = [
-    "FieldAim",
-    "FieldLimits",
-    "chance_field",
-    "field_course",
-    "first_harmonic",
-    "ramped",
-    "waveform_problem",
-]
-
 # Fields by chance have so many harmonics and, as polylines, so many corners.
 _HARMONICS, _CORNERS = 3, 96
 
 
 @dataclass(frozen=True)
 class FieldLimits:
-    """What a waveform must keep to.
+    """What a waveform must keep to."""
 
-    Parameters
-    ----------
-    field : tuple of float
-        Least and largest G.
-    frequency : tuple of float
-        Least and largest angular frequency, positive; alike where it is given.
-    slope : float, optional
-        Largest |G'|; without it the field may jump.
-    strain : float, optional
-        Largest |x_2 - x_1|.
-
-    Raises
-    ------
-    ArgumentError
-        If a range is empty, or a number not positive that must be.
-    """
-
-    field: tuple[float, float]
-    frequency: tuple[float, float]
-    slope: float | None = None
-    strain: float | None = None
+    field: tuple[float, float]  # least and largest G
+    frequency: tuple[float, float]  # least and largest angular frequency; alike where given
+    slope: float | None = None  # largest |G'|; None: the field may jump
+    strain: float | None = None  # largest |x_2 - x_1|
 
     def __post_init__(self) -> None:
         if not self.field[0] < self.field[1]:
@@ -75,21 +48,12 @@ class FieldLimits:
 class FieldAim:
     """What a waveform is to be good at.
 
-    Parameters
-    ----------
-    maximise : {"speed"}, optional
-        The mean speed. Without it the work of the field per distance is minimised.
-    speed : float, optional
-        Least mean speed.
-
-    Raises
-    ------
-    ArgumentError
-        If the least work is sought without a speed: a pair at rest takes none.
+    Least work without a speed raises ArgumentError: a pair at rest takes none.
     """
 
+    # mean speed; None: least work of the field per distance
     maximise: Literal["speed"] | None = "speed"
-    speed: float | None = None
+    speed: float | None = None  # least mean speed
 
     def __post_init__(self) -> None:
         if self.maximise is None and not (self.speed or 0.0) > 0:
@@ -97,41 +61,10 @@ class FieldAim:
 
 
 def waveform_problem(pair: Model, limits: FieldLimits, aim: FieldAim) -> Problem:
-    """State the periodic motion of a pair under the best field.
+    """State the periodic motion of a pair under the best field, with mass 1 at 0 at the start.
 
-    Velocities return after a period, positions up to the advance. The work of the field is that
-    which the pair takes in, less what it gives back: over a period, what friction takes. When the
-    period begins is left open.
-
-    Parameters
-    ----------
-    pair : Model
-        From `magnetic_pair`, with the field as its input.
-    limits : FieldLimits
-        What the waveform must keep to.
-    aim : FieldAim
-        What it is to be good at.
-
-    Returns
-    -------
-    Problem
-        Mass 1 starts at 0. With a slope, the field is a state and its rate the input.
-
-    Raises
-    ------
-    ArgumentError
-        If the field is no input of the pair.
-
-    Examples
-    --------
-    >>> from wormopt.model.friction import Coulomb
-    >>> from wormopt.systems.pair.magnetic_pair import magnetic_pair
-    >>> law = Coulomb(0.005, 0.01)
-    >>> pair = magnetic_pair(law=law, push=0.01, frequency=1.42, cosines=None)
-    >>> limits = FieldLimits((0.0, 2.0), (1.42, 1.42), slope=3.0)
-    >>> problem = waveform_problem(pair, limits, FieldAim())
-    >>> [signal.name for signal in problem.model.x], problem.model.u[0].name
-    (['position', 'velocity', 'field'], 'field_rate')
+    Velocities return, positions up to the advance. Net work of the field: friction's loss.
+    The phase is free; with a slope the field is a state and its rate the input.
     """
     plant = _limited(pair, limits)
     ends = Ends.of(plant, 1)
@@ -171,32 +104,10 @@ def _limited(pair: Model, limits: FieldLimits) -> Model:
 
 
 def ramped(plant: Model, slope: float) -> Model:
-    """Make the only input of a plant a state, and its rate the input.
+    """Make the only scalar input of a plant its last state, and its rate (``_rate``) the input.
 
-    Parameters
-    ----------
-    plant : Model
-        With one scalar input, of which the bounds become those of the state.
-    slope : float
-        Largest size of the rate, positive.
-
-    Returns
-    -------
-    Model
-        The state comes last; the input has the same name and ``_rate`` behind it.
-
-    Raises
-    ------
-    ArgumentError
-        If the plant has another number of inputs.
-
-    Examples
-    --------
-    >>> v, u = ca.SX.sym("v"), ca.SX.sym("u")
-    >>> cart = Model("cart", x=[Signal("speed", v)], ode=u, u=[Signal("push", u, upper=1.0)])
-    >>> slow = ramped(cart, 3.0)
-    >>> [signal.name for signal in slow.x], slow.u[0].name, slow.u[0].upper
-    (['speed', 'push'], 'push_rate', 3.0)
+    The input's bounds become the state's; `slope`: largest size of the rate.
+    Raises ArgumentError if the plant has another number of inputs.
     """
     if sum(signal.size for signal in plant.u) != 1:
         raise ArgumentError(f"{plant.name} has not one scalar input")
@@ -207,18 +118,9 @@ def ramped(plant: Model, slope: float) -> Model:
 
 
 def field_course(motion: Motion) -> Gait:
-    """Give the field over one period as piecewise polynomials of time.
+    """The field over one period as piecewise polynomials of time, one row, for `drive`.
 
-    Parameters
-    ----------
-    motion : Motion
-        Of a problem from `waveform_problem`.
-
-    Returns
-    -------
-    Gait
-        One row, by which `drive` moves the pair. A field with a slope is its rate integrated
-        exactly, piece after piece.
+    A field with a slope is its rate integrated exactly, piece after piece.
     """
     course = motion.input_course()
     if motion.program.problem.model.u[0].name == "field":
@@ -235,28 +137,9 @@ def field_course(motion: Motion) -> Gait:
 def chance_field(
     limits: tuple[float, float], frequency: float, random: np.random.Generator
 ) -> Gait:
-    """Make a periodic field of some harmonics by chance, cut off where it leaves its range.
+    """Random periodic field of some harmonics, clipped to its range: a polyline in one row.
 
-    Parameters
-    ----------
-    limits : (float, float)
-        Least and largest G.
-    frequency : float
-        Angular frequency.
-    random : Generator
-        Where chance comes from.
-
-    Returns
-    -------
-    Gait
-        One row, a polyline over a period.
-
-    Examples
-    --------
-    >>> field = chance_field((0.5, 2.0), 1.4, np.random.default_rng(1))
-    >>> values = field(np.linspace(0, field.period, 50))
-    >>> bool(values.min() >= 0.5 and values.max() <= 2.0)
-    True
+    `limits`: least and largest G; `frequency`: angular.
     """
     low, high = limits
     t = np.linspace(0, 2 * math.pi / frequency, _CORNERS + 1)
@@ -270,27 +153,7 @@ def chance_field(
 
 
 def first_harmonic(field: Gait) -> tuple[float, float]:
-    """Amplitude and phase of the first harmonic of a waveform.
-
-    Parameters
-    ----------
-    field : Gait
-        One row.
-
-    Returns
-    -------
-    amplitude, phase : float
-        g_1 and phi: the field has the part g_1 cos(2 pi t / T - phi).
-
-    Examples
-    --------
-    A field that is 2 for one half of the period and 0 for the other has 4 / pi:
-
-    >>> square = Gait(np.array([0.0, 1.0, 2.0]), np.array([[[2.0]], [[0.0]]]))
-    >>> amplitude, phase = first_harmonic(square)
-    >>> round(amplitude * math.pi, 12), round(phase / math.pi, 12)
-    (4.0, 0.5)
-    """
+    """Amplitude g_1 and phase phi of a waveform's first harmonic, g_1 cos(2 pi t / T - phi)."""
     s, weights = np.polynomial.legendre.leggauss(24)
     total, turn = 0.0 + 0.0j, 2 * np.pi / field.period
     for piece, (begin, end) in enumerate(zip(field.breaks[:-1], field.breaks[1:], strict=True)):

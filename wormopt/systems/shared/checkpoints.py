@@ -10,22 +10,12 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
-__all__ = ["checkpoints", "forget", "keep"]
-
 
 @cache
 def checkpoints(what: str) -> Path:
     """Folder for what this very code has found: changed code has another one.
 
-    Parameters
-    ----------
-    what : str
-        The kind of work.
-
-    Returns
-    -------
-    Path
-        In the user's cache folder; it need not exist.
+    It is in the user's cache folder and need not exist; `what`: the kind of work.
     """
     code = hashlib.sha256()
     for file in sorted(Path(__file__).parents[1].rglob("*.py")):
@@ -34,19 +24,9 @@ def checkpoints(what: str) -> Path:
 
 
 def keep(file: Path, content: bytes) -> None:
-    """Write a file as a whole or not at all.
+    """Write a file as a whole or not at all, even if another process writes the same.
 
-    Parameters
-    ----------
-    file : Path
-        In a folder that need not exist; another process may write the same.
-    content : bytes
-        What to keep.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
+    Its folder need not exist; raises OSError if it cannot be written.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
     unfinished = file.with_suffix(f".{os.getpid()}")
@@ -58,13 +38,7 @@ def keep(file: Path, content: bytes) -> None:
 
 
 def forget(file: Path) -> None:
-    """Remove what was kept, and its folder if nothing else is in it.
-
-    Parameters
-    ----------
-    file : Path
-        The file, which need not exist.
-    """
+    """Remove what was kept, if it exists, and its folder if nothing else is in it."""
     with suppress(OSError):
         file.unlink()
     with suppress(OSError):

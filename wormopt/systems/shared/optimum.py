@@ -28,24 +28,6 @@ from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.shared.proof import Recheck
 from wormopt.systems.shared.signals import Kind, variable
 
-__all__ = [
-    "ACCEPTED",
-    "Sampled",
-    "conclude",
-    "faults_of_optimum",
-    "modes_of",
-    "optimum_scalars",
-    "optimum_timings",
-    "optimum_trust",
-    "recheck",
-    "refused",
-    "replay",
-    "sample_motion",
-    "statistics",
-    "warnings_of_optimum",
-    "warnings_of_reading",
-]
-
 ACCEPTED = 1e-7
 """Largest difference between the ends of an exact optimum and of its simulation that is accepted.
 """
@@ -75,33 +57,10 @@ def replay(
     dense: bool = False,
     report: Report = silent,
 ) -> list[Trajectory]:
-    """Simulate the plant open loop under the inputs that were found.
+    """Simulate the plant open loop under the inputs found, one trajectory between impulses each.
 
-    Nothing of the optimiser's states is used but where the motion starts, and by how much states
-    jump where there are impulses.
-
-    Parameters
-    ----------
-    motion : Motion
-        From an optimiser.
-    contact : Exact or Smooth, optional
-        How contacts are treated.
-    tolerance : Tolerance, optional
-        How exact.
-    dense : bool, optional
-        Keep the whole motion.
-    report : callable, optional
-        Told how far it is.
-
-    Returns
-    -------
-    list of Trajectory
-        One per stretch between impulses: one where there are none.
-
-    Raises
-    ------
-    SolveError
-        If the motion cannot be followed.
+    Of the optimiser's states only the start and the jumps at impulses are used.
+    `dense` keeps the whole motion. Raises SolveError if it cannot be followed.
     """
     course = motion.input_course()
     plant = drive(_plant(motion), course) if course.links else _plant(motion)
@@ -134,21 +93,7 @@ def recheck(
 ) -> Recheck:
     """Compare the end of a motion with that of its simulation.
 
-    Parameters
-    ----------
-    motion : Motion
-        From an optimiser.
-    contact : Exact or Smooth, optional
-        How contacts are treated in the simulation.
-    accepted : float, optional
-        Largest difference that is accepted.
-    report : callable, optional
-        Told how far it is.
-
-    Returns
-    -------
-    Recheck
-        Differences against the larger of a state's size and its nominal size.
+    Differences, up to `accepted`, are over the larger of a state's size and nominal size.
     """
     label = "simulation of the inputs found, contact " + type(contact).__name__.lower()
     try:
@@ -192,35 +137,16 @@ def _stretches(motion: Motion) -> Iterator[tuple[float, float, np.ndarray]]:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """A motion at many times; where arcs join, the instant stands twice, before and after.
+    """A motion at many times; where arcs join, the instant stands twice, before and after."""
 
-    Parameters
-    ----------
-    time : ndarray, shape (m,)
-        Times, ascending.
-    values : dict of str to ndarray, shape (entries, m)
-        Expressions by their names.
-    """
-
-    time: np.ndarray
-    values: dict[str, np.ndarray]
+    time: np.ndarray  # (m,), ascending
+    values: dict[str, np.ndarray]  # (entries, m) by name of the expression
 
     def variables(self, kinds: Mapping[str, Kind], units: str) -> list[Variable]:
         """Make variables of the samples over the coordinate ``instant``.
 
-        The scalar ``time`` of an optimal motion is how long it takes, so that its coordinate has
-        another name.
-
-        Parameters
-        ----------
-        kinds : mapping of str to Kind
-            Quantity, own dimensions and long name of every signal.
-        units : {"dimensionless", "SI"}
-            Units of the scene.
-
-        Returns
-        -------
-        list of Variable
+        That is not ``time``, since this scalar of an optimal motion is how long it takes.
+        `kinds`: quantity, own dimensions and long name of every signal.
         """
         coordinate = Variable("instant", unit_of("time", units), ("instant",), self.time, "time")
         named = (variable(k, kinds[k], (), v, units) for k, v in self.values.items())
@@ -228,19 +154,9 @@ class Sampled:
 
 
 def sample_motion(motion: Motion, expressions: Mapping[str, ca.SX]) -> Sampled:
-    """Values of expressions over a motion.
+    """Values of expressions over a motion, arcs without duration left out.
 
-    Parameters
-    ----------
-    motion : Motion
-        From an optimiser.
-    expressions : mapping of str to casadi.SX
-        Columns of the problem's symbols.
-
-    Returns
-    -------
-    Sampled
-        Arcs without duration are left out.
+    `expressions`: columns of the problem's symbols.
     """
     lasting = np.flatnonzero(motion.arcs.duration > _NOTHING * motion.duration)
     count = max(_PER_ARC, -(-_SAMPLES // len(lasting)) + 1)
@@ -254,20 +170,10 @@ def sample_motion(motion: Motion, expressions: Mapping[str, ca.SX]) -> Sampled:
 
 
 def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
-    """Contact modes phase after phase, and the times at which phases begin and end.
+    """Contact modes phase by phase (0 at rest, ±1 sliding), and the phase boundaries in time.
 
-    Parameters
-    ----------
-    optimum : Optimum
-        Any.
-
-    Returns
-    -------
-    modes : list of list of int
-        Per phase and contact 0 at rest, +1 and -1 sliding; phases without duration are left out.
-        With prescribed modes as they were, otherwise read off the motion.
-    times : list of float
-        One more than phases.
+    Prescribed modes are kept, others read off the motion; phases without duration are left
+    out. There is one more time than phases.
     """
     motion, treatment = optimum.motion, optimum.treatment
     if isinstance(treatment, Prescribed):
@@ -288,23 +194,9 @@ def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
 def optimum_scalars(
     stages: Mapping[str, Optimum], second: Recheck, units: str, *, objective: str
 ) -> dict[str, Scalar]:
-    """Scalars that every optimal motion carries.
+    """Scalars that every optimal motion carries; inputs are unknown where they act by impulses.
 
-    Parameters
-    ----------
-    stages : mapping of str to Optimum
-        All that were computed, the result last.
-    second : Recheck
-        Its simulation.
-    units : {"dimensionless", "SI"}
-        Units of the scene.
-    objective : str
-        Quantity of the objective.
-
-    Returns
-    -------
-    dict of str to Scalar
-        Inputs are unknown where they act by impulses.
+    The last of `stages` is the result, `second` its simulation, `objective` a quantity.
     """
     optimum = [*stages.values()][-1]
     modes, times = modes_of(optimum)
@@ -340,17 +232,9 @@ def _input_sizes(motion: Motion) -> tuple[float | None, float | None]:
 
 
 def statistics(optimum: Optimum) -> dict[str, Any]:
-    """What the nonlinear program was and what it cost.
+    """Statistics of the nonlinear program: sizes, status, violation, iterations and seconds.
 
-    Parameters
-    ----------
-    optimum : Optimum
-        Any.
-
-    Returns
-    -------
-    dict
-        Sizes, status, violation, iterations, and seconds: to build, to solve, in each function.
+    Seconds are those to build, to solve and in each function.
     """
     solution = optimum.solution
     return {
@@ -369,18 +253,7 @@ def statistics(optimum: Optimum) -> dict[str, Any]:
 
 
 def optimum_timings(stages: Mapping[str, Optimum]) -> dict[str, float]:
-    """Seconds to build and to solve the programs of all stages.
-
-    Parameters
-    ----------
-    stages : mapping of str to Optimum
-        All that were computed.
-
-    Returns
-    -------
-    dict of str to float
-        ``build`` and ``solve``.
-    """
+    """Seconds to ``build`` and to ``solve`` the programs of all stages."""
     return {
         "build": sum(o.build_s for o in stages.values()),
         "solve": sum(o.solve_s for o in stages.values()),
@@ -395,18 +268,7 @@ def optimum_trust(
 ) -> dict[str, Any]:
     """Trust report that all optimal motions share.
 
-    Parameters
-    ----------
-    stages : mapping of str to Optimum
-        All that were computed, by what they are; the result last.
-    second : Recheck
-        Its simulation.
-    warnings : sequence of str
-        In words.
-
-    Returns
-    -------
-    dict
+    The last of `stages` is the result, `second` its simulation.
     """
     optimum = [*stages.values()][-1]
     return {
@@ -437,19 +299,7 @@ def _treatment_in_words(optimum: Optimum) -> str:
 
 
 def warnings_of_optimum(optimum: Optimum, tolerance: float) -> Iterator[str]:
-    """Say where an optimum is not what was asked for.
-
-    Parameters
-    ----------
-    optimum : Optimum
-        The result.
-    tolerance : float
-        Defect that was asked for.
-
-    Yields
-    ------
-    str
-    """
+    """Warn where an optimum is not what was asked for; `tolerance` is the defect asked for."""
     worst, arcs = float(optimum.defects.max()), optimum.motion.mesh.total
     if worst > tolerance:
         yield (
@@ -491,16 +341,9 @@ def _has_stiction(motion: Motion) -> bool:
 
 
 def warnings_of_reading(relaxed: Optimum, exact: Optimum) -> Iterator[str]:
-    """Say where the phases of a relaxed motion may have been misread.
+    """Warn where the phases of a relaxed motion may have been misread.
 
-    Parameters
-    ----------
-    relaxed, exact : Optimum
-        The optimum from which phases were read, and that with those phases.
-
-    Yields
-    ------
-    str
+    `exact` is the optimum with the phases read from `relaxed`.
     """
     lost = exact.objective - relaxed.objective
     share = lost / max(abs(exact.objective), abs(relaxed.objective), 1e-300)
@@ -512,18 +355,7 @@ def warnings_of_reading(relaxed: Optimum, exact: Optimum) -> Iterator[str]:
 
 
 def faults_of_optimum(second: Recheck) -> list[str]:
-    """Say why an optimum is not to be trusted.
-
-    Parameters
-    ----------
-    second : Recheck
-        Its simulation.
-
-    Returns
-    -------
-    list of str
-        Empty where all agree.
-    """
+    """Reasons not to trust an optimum, from its simulation; empty where all agree."""
     if second.error is None:
         return [f"the inputs found cannot be simulated: {second.reason}"]
     if not second.error <= second.accepted:
@@ -547,35 +379,10 @@ def conclude(
     faults: Sequence[str] = (),
     shown: Sequence[str] | None = None,
 ) -> Result:
-    """Put an optimal motion into a Result.
+    """Put an optimal motion into a Result, "failed" if its simulation differs or with faults.
 
-    Parameters
-    ----------
-    scene : Scene
-        What was asked for.
-    stages : mapping of str to Optimum
-        All that were computed, by what they are; the result last.
-    second : Recheck
-        Its simulation.
-    objective : str
-        Quantity of the objective.
-    scalars : mapping of str to Scalar
-        What the kind says besides.
-    variables : sequence of Variable
-        Signals and what else there is.
-    warnings : sequence of str
-        In words.
-    timings : mapping of str to float
-        Seconds besides those to build and solve.
-    faults : sequence of str, optional
-        Why it is not to be trusted, besides the simulation.
-    shown : sequence of str, optional
-        Signals that pictures show, in their order; all variables where nothing is said.
-
-    Returns
-    -------
-    Result
-        Status "failed" where the simulation ends elsewhere, or there are other faults.
+    The last of `stages` is the result, `second` its simulation; `timings` add to those to
+    build and solve. `shown` lists the signals to plot, in order; None: all variables.
     """
     faults, motion = [*faults_of_optimum(second), *faults], [*stages.values()][-1].motion
     common = optimum_scalars(stages, second, scene.table.units, objective=objective)
@@ -598,20 +405,9 @@ def conclude(
 
 
 def refused(scene: Scene[Any], error: SolveError, variables: Sequence[Variable] = ()) -> SolveError:
-    """Say the same failure with a Result that can be saved.
+    """Restate an optimiser's failure with a Result that can be saved.
 
-    Parameters
-    ----------
-    scene : Scene
-        Which scene failed.
-    error : SolveError
-        From an optimiser.
-    variables : sequence of Variable, optional
-        What was found all the same.
-
-    Returns
-    -------
-    SolveError
+    `variables` hold what was found all the same.
     """
     partial = Result(
         scene.name,

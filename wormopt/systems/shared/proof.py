@@ -20,18 +20,6 @@ from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.shared.watch import Balance
 
-__all__ = [
-    "Recheck",
-    "accepted_error",
-    "count_events",
-    "faults_of_motion",
-    "one_or_all",
-    "recheck",
-    "trust",
-    "warnings_of_contact",
-    "warnings_of_motion",
-]
-
 # Both routes shall agree at the end, and energies balance, to this or to so many tolerances, but
 # at most to a hundredth.
 _AGREED, _TOLERANCES, _LARGEST = 1e-7, 1e3, 1e-2
@@ -46,28 +34,14 @@ _MORE_STEPS = 100
 
 @dataclass(frozen=True)
 class Recheck:
-    """What the second route found.
+    """What the second route found."""
 
-    Parameters
-    ----------
-    route : str
-        By what it went, empty if there was none.
-    error : float, optional
-        Largest difference of any state at the end, each against the larger of its size and its
-        nominal size; None if unknown.
-    accepted : float
-        Largest error that is accepted.
-    shared : str
-        What it has in common with the first route, so that errors there are not seen.
-    reason : str
-        Why the error is not known.
-    """
-
-    route: str
+    route: str  # by what it went; empty: there was none
+    # largest at the end, relative to max(state, its nominal size); None: unknown
     error: float | None
-    accepted: float
-    shared: str = ""
-    reason: str = ""
+    accepted: float  # largest error that is accepted
+    shared: str = ""  # in common with the first route: errors there go unseen
+    reason: str = ""  # why the error is not known
 
     @property
     def fault(self) -> str:
@@ -94,28 +68,10 @@ def recheck(
     schedules: Mapping[str, np.ndarray] | None = None,
     report: Report,
 ) -> Recheck:
-    """Simulate again by another route and compare the ends.
+    """Simulate again by another route and compare the ends; the model's states come first.
 
-    Smooth systems go to CasADi's implicit integrators, exact contact and models with switches of
-    their own to the event loop in Python; where that was the first route already, to the same
-    with a tenth of the tolerance.
-
-    Parameters
-    ----------
-    model : Model
-        What moves; its states come first in the motion's.
-    motion : Trajectory
-        By the first route.
-    tolerance : Tolerance
-        Of the first route.
-    p, schedules : mapping, optional
-        As for the first route.
-    report : callable
-        Told how far it is.
-
-    Returns
-    -------
-    Recheck
+    Smooth systems go to CasADi's implicit integrators, exact contact and switches to the
+    Python event loop; if that was the first route, again with a tenth of `tolerance`.
     """
     treatment, end = motion.system.treatment, motion.end_time
     route = _second_route(model, motion)
@@ -149,22 +105,7 @@ def recheck(
 
 
 def accepted_error(tolerance: Tolerance) -> float:
-    """Largest share by which ends and energies may disagree.
-
-    Parameters
-    ----------
-    tolerance : Tolerance
-        To which the motion was found.
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> accepted_error(Tolerance()), accepted_error(Tolerance(relative=1e-6))
-    (1e-07, 0.001)
-    """
+    """Largest relative error by which ends and energies may disagree."""
     several = _TOLERANCES * max(tolerance.relative, tolerance.absolute)
     return min(max(_AGREED, several), _LARGEST)
 
@@ -175,19 +116,7 @@ def _second_route(model: Model, motion: Trajectory) -> Route:
 
 
 def warnings_of_contact(treatment: Treatment, laws: Sequence[Law]) -> Iterator[str]:
-    """Say where the smooth law does what no ground does.
-
-    Parameters
-    ----------
-    treatment : Smooth or Exact
-        How contact is treated.
-    laws : sequence of Law
-        Friction laws of the contacts, as numbers.
-
-    Yields
-    ------
-    str
-    """
+    """Warn where the smooth law does what no ground does; `laws` hold numbers."""
     if not isinstance(treatment, Smooth):
         return
     for law in laws:
@@ -213,55 +142,18 @@ def _push(law: Law, force: float, v_reg: float) -> str:
 
 
 def count_events(motion: Trajectory) -> dict[str, int]:
-    """Count events by their kind; switches by their name.
-
-    Parameters
-    ----------
-    motion : Trajectory
-        The motion.
-
-    Returns
-    -------
-    dict of str to int
-    """
+    """Count events by their kind; switches by their name."""
     names = (e.name if e.kind == "switch" else e.kind for e in motion.events)
     return dict(sorted(Counter(names).items()))
 
 
 def one_or_all(values: Sequence[Any]) -> Any:
-    """Give the only value by itself, several as a list.
-
-    Parameters
-    ----------
-    values : sequence
-        One per tracker.
-
-    Returns
-    -------
-    object
-
-    Examples
-    --------
-    >>> one_or_all([1.5]), one_or_all([1.5, 2.5])
-    (1.5, [1.5, 2.5])
-    """
+    """The only value by itself, several (one per tracker) as a list."""
     return values[0] if len(values) == 1 else list(values)
 
 
 def warnings_of_motion(motion: Trajectory, second: Recheck | None) -> Iterator[str]:
-    """Say where a motion was not integrated the usual way.
-
-    Parameters
-    ----------
-    motion : Trajectory
-        The motion.
-    second : Recheck or None
-        The second route.
-
-    Yields
-    ------
-    str
-    """
+    """Warn where a motion was not integrated the usual way."""
     from wormopt.simulation.native.build import compiler
 
     if second is None:
@@ -275,22 +167,7 @@ def warnings_of_motion(motion: Trajectory, second: Recheck | None) -> Iterator[s
 def faults_of_motion(
     second: Recheck | None, energies: Balance | None, tolerance: Tolerance
 ) -> list[str]:
-    """Say why a motion is not to be trusted.
-
-    Parameters
-    ----------
-    second : Recheck or None
-        The second route.
-    energies : Balance or None
-        Energy balance.
-    tolerance : Tolerance
-        To which the motion was found.
-
-    Returns
-    -------
-    list of str
-        Empty where all agree.
-    """
+    """Reasons not to trust a motion found to `tolerance`; empty where all agree."""
     found = [second.fault] if second and second.fault else []
     if energies and not abs(energies.residual) <= accepted_error(tolerance):
         found.append(f"energies do not balance, by {energies.residual:.2g} of their size")
@@ -304,24 +181,9 @@ def trust(
     energies: Sequence[Balance | None],
     warnings: Sequence[str],
 ) -> dict[str, Any]:
-    """Trust report that all simulations share.
+    """Trust report that all simulations share; sequences have one entry per tracker.
 
-    Parameters
-    ----------
-    motions : sequence of Trajectory
-        One per tracker.
-    rechecks : sequence of Recheck or None
-        Theirs; None where none was wanted.
-    tolerance : Tolerance
-        Of the first route.
-    energies : sequence of Balance or None
-        Theirs; empty where the model is no chain.
-    warnings : sequence of str
-        In words.
-
-    Returns
-    -------
-    dict
+    `rechecks` hold None where none was wanted; `energies` is empty if the model is no chain.
     """
     treatment = motions[0].system.treatment
     smooth = isinstance(treatment, Smooth)

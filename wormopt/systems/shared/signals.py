@@ -18,20 +18,6 @@ from wormopt.simulation.options import Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
 
-__all__ = [
-    "CHAIN_SIGNALS",
-    "at_ends",
-    "chain_expressions",
-    "event_variables",
-    "inputs",
-    "largest",
-    "rests",
-    "sample",
-    "simulate_whole",
-    "symbol",
-    "variable",
-]
-
 # Within a step, where a largest value is sought first; then its neighbourhood, so many times.
 _WITHIN = np.array([0.0, 0.25, 0.5, 0.75])
 _ZOOMS, _ZOOM_POINTS = 4, 41
@@ -56,23 +42,9 @@ CHAIN_SIGNALS: dict[str, Kind] = {
 
 
 def symbol(model: Model, name: str) -> ca.SX:
-    """Symbol of a signal of a model.
+    """Symbol of a state, an input or a parameter of a model.
 
-    Parameters
-    ----------
-    model : Model
-        Where to look.
-    name : str
-        Name of a state, an input or a parameter.
-
-    Returns
-    -------
-    casadi.SX
-
-    Raises
-    ------
-    KeyError
-        If there is none.
+    Raises KeyError if there is none.
     """
     for signal in (*model.x, *model.u, *model.p):
         if signal.name == name:
@@ -81,33 +53,15 @@ def symbol(model: Model, name: str) -> ca.SX:
 
 
 def inputs(model: Model) -> ca.SX:
-    """Forces of a chain's actuators, whether a controller gives them or they are held.
-
-    Parameters
-    ----------
-    model : Model
-        A chain.
-
-    Returns
-    -------
-    casadi.SX
-    """
+    """Forces of a chain's actuators, whether a controller gives them or they are held."""
     closed = any(output.name == "input" for output in model.outputs)
     return model.output("input") if closed else symbol(model, "input")
 
 
 def chain_expressions(model: Model) -> dict[str, ca.SX]:
-    """Expressions of the signals of a chain, by the names that `CHAIN_SIGNALS` describes.
+    """Expressions of a chain's signals, by the names that `CHAIN_SIGNALS` describes.
 
-    Parameters
-    ----------
-    model : Model
-        A chain, with or without a controller.
-
-    Returns
-    -------
-    dict of str to casadi.SX
-        Without ``contact_force`` where nothing touches the ground.
+    Without ``contact_force`` where nothing touches the ground.
     """
     found = {
         "position": symbol(model, "position"),
@@ -130,34 +84,10 @@ def simulate_whole(
     report: Report,
     p: Values | None = None,
 ) -> Trajectory:
-    """Simulate from time 0 and keep the whole motion as long as it fits into memory.
+    """Simulate from time 0 at equidistant samples; keep the whole motion if it fits in memory.
 
-    Parameters
-    ----------
-    model : Model
-        What moves.
-    end : float
-        Last time.
-    samples : int
-        Number of equidistant sample times.
-    contact : Exact or Smooth
-        How contacts are treated.
-    tolerance : Tolerance
-        How exact.
-    report : callable
-        Told how far it is.
-    p : mapping, optional
-        Parameters and inputs, where they are not the model's own.
-
-    Returns
-    -------
-    Trajectory
-        Without `dense` where it took too many steps.
-
-    Raises
-    ------
-    SolveError
-        As `simulate`.
+    Without `dense` where it took too many steps. `p` overrides the model's parameters and
+    inputs. Raises SolveError as `simulate`.
     """
     times = np.linspace(0.0, end, samples)
     room = max(int(_MEMORY / (64 * model.n_x)), 1)
@@ -177,34 +107,12 @@ def simulate_whole(
 
 
 def at_ends(motion: Trajectory) -> Trajectory:
-    """Keep the first and the last sample of a motion.
-
-    Parameters
-    ----------
-    motion : Trajectory
-        The motion.
-
-    Returns
-    -------
-    Trajectory
-    """
+    """Keep only the first and the last sample of a motion."""
     return replace(motion, time=motion.time[[0, -1]], states=motion.states[:, [0, -1]])
 
 
 def sample(motion: Trajectory, expressions: Mapping[str, ca.SX]) -> dict[str, np.ndarray]:
-    """Values of several expressions at the sample times of a motion.
-
-    Parameters
-    ----------
-    motion : Trajectory
-        The motion.
-    expressions : mapping of str to casadi.SX
-        Columns of its model's symbols.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (entries, m)
-    """
+    """Values (entries, m) of several column expressions at the m sample times of a motion."""
     sizes = [e.numel() for e in expressions.values()]
     rows = motion.observe(ca.vertcat(ca.SX(0, 1), *expressions.values()))
     parts = np.split(rows, np.cumsum(sizes)[:-1]) if sizes else []
@@ -212,27 +120,9 @@ def sample(motion: Trajectory, expressions: Mapping[str, ca.SX]) -> dict[str, np
 
 
 def largest(motion: Trajectory, expression: ca.SX) -> float:
-    """Largest absolute value of an expression's entries over all time.
+    """Largest absolute value of a column expression's entries over all time.
 
-    Parameters
-    ----------
-    motion : Trajectory
-        The motion. Where it was not kept whole, samples decide.
-    expression : casadi.SX
-        Column of the model's symbols.
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> from wormopt.model.model import Signal
-    >>> from wormopt.simulation.simulate import simulate
-    >>> x = ca.SX.sym("x", 2)
-    >>> circle = Model("circle", x=[Signal("x", x, value=[1.0, 0.2])], ode=ca.vertcat(x[1], -x[0]))
-    >>> round(largest(simulate(circle, 6.0, dense=True), x[1]), 9) == round(1.04**0.5, 9)
-    True
+    Samples decide where the motion was not kept whole.
     """
     if motion.dense is None:
         return float(np.max(np.abs(motion.observe(expression))))
@@ -257,17 +147,9 @@ def largest(motion: Trajectory, expression: ca.SX) -> float:
 
 
 def rests(motion: Trajectory) -> list[tuple[int, float, float]]:
-    """When contacts rest.
+    """When contacts rest: (index among all contacts of the model, begin, end).
 
-    Parameters
-    ----------
-    motion : Trajectory
-        Of exact contact; otherwise nothing is known.
-
-    Returns
-    -------
-    list of (int, float, float)
-        Index of the contact among all of the model, begin and end.
+    Known only for motions with exact contact.
     """
     names = [contact.name for contact in motion.system.model.contacts]
     found = []
@@ -288,25 +170,10 @@ def rests(motion: Trajectory) -> list[tuple[int, float, float]]:
 def variable(
     name: str, kind: Kind, dims: tuple[str, ...], values: ArrayLike, units: str
 ) -> Variable:
-    """Make a variable of samples.
+    """Make a variable of samples; `kind` is quantity, own dimensions and description.
 
-    Parameters
-    ----------
-    name : str
-        Its name.
-    kind : (str, tuple of str, str)
-        Quantity, own dimensions, and what it is.
-    dims : tuple of str
-        Dimensions before its own; time comes last.
-    values : array_like
-        Of these dimensions; a signal of one entry without dimensions of its own may still have
-        its axis of length 1.
-    units : {"dimensionless", "SI"}
-        Units of the scene.
-
-    Returns
-    -------
-    Variable
+    `dims` come before its own dimensions, time comes last; a one-entry signal without
+    dimensions of its own may still have its axis of length 1.
     """
     quantity, own, long_name = kind
     array = np.asarray(values)
@@ -316,21 +183,9 @@ def variable(
 
 
 def event_variables(motions: Sequence[Trajectory], units: str, *, several: bool) -> list[Variable]:
-    """Events and rests of motions as variables.
+    """Events and rests of motions (one per tracker), over dimensions ``event`` and ``rest``.
 
-    Parameters
-    ----------
-    motions : sequence of Trajectory
-        One per tracker.
-    units : {"dimensionless", "SI"}
-        Units of the scene.
-    several : bool
-        Whether it is said which motion an entry belongs to.
-
-    Returns
-    -------
-    list of Variable
-        Over the dimensions ``event`` and ``rest``; none where there are none.
+    With `several`, each entry tells which motion it belongs to. Empty if there are none.
     """
     time, variables = unit_of("time", units), []
     events = [(k, e) for k, motion in enumerate(motions) for e in motion.events]

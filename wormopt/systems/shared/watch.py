@@ -16,20 +16,6 @@ from wormopt.model.model import Model, Signal, Switch, pack
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.shared.signals import at_ends, inputs, largest, symbol
 
-__all__ = [
-    "ENTERS",
-    "LEAVES",
-    "Balance",
-    "balance",
-    "chain_numbers",
-    "input_rms",
-    "measure_power",
-    "measure_tracking",
-    "outside_between",
-    "time_in_tube",
-    "watch_tube",
-]
-
 ENTERS, LEAVES = "enters the tube", "leaves the tube"
 """Names of the crossings of the tube, which are events."""
 _TUBE = ("tube_time", "tube_entered")
@@ -54,16 +40,8 @@ def _add_states(model: Model, states: Sequence[Signal], rates: Sequence[ca.SX]) 
 def measure_power(model: Model) -> Model:
     """Add states that integrate power and the square of the inputs of a chain.
 
-    Parameters
-    ----------
-    model : Model
-        A chain, with or without a controller.
-
-    Returns
-    -------
-    Model
-        With the states ``input_square`` (integral of |u|^2), ``input_work``, ``spring_work`` (what
-        the springs take up) and ``losses`` (what dashpots, ground, drag and load take).
+    ``input_square`` (integral of |u|^2), ``input_work``, ``spring_work`` (taken up by
+    springs) and ``losses`` (to dashpots, ground, drag and load).
     """
     u, rate, v = inputs(model), model.output("rate"), symbol(model, "velocity")
     spring, links = model.output("spring_force"), rate.numel()
@@ -89,18 +67,10 @@ def measure_power(model: Model) -> Model:
 
 
 def measure_tracking(model: Model) -> Model:
-    """Add states that integrate the square of the error, and the power that actuators spend.
+    """Add integrals of the squared output ``error`` and of the power that actuators spend.
 
-    Parameters
-    ----------
-    model : Model
-        A chain with the output ``error``.
-
-    Returns
-    -------
-    Model
-        With the states ``error_square`` (integral of |e|^2) and ``positive_work`` (integral of
-        the positive part of each actuator's power: nothing is recovered).
+    ``error_square`` (integral of |e|^2) and ``positive_work`` (integral of the positive part
+    of each actuator's power: nothing is recovered).
     """
     error, power = model.output("error"), inputs(model) * model.output("rate")
     force, length = np.float64(_nominal(model, "input")), _nominal(model, "position")
@@ -121,17 +91,9 @@ def _nominal(model: Model, name: str) -> float:
 
 
 def chain_numbers(motion: Trajectory) -> dict[str, tuple[Any, str]]:
-    """What is said of every motion of a chain in numbers.
+    """Scalars reported for every motion of a chain, name to (value, quantity).
 
-    Parameters
-    ----------
-    motion : Trajectory
-        Of a model of `measure_power`, sampled at start and end.
-
-    Returns
-    -------
-    dict of str to (value, quantity)
-        By the names of the scalars in a Result.
+    The motion is of a model of `measure_power`, sampled at start and end.
     """
     center = at_ends(motion).output("center_of_mass")[0]
     distance = float(center[-1] - center[0])
@@ -150,14 +112,7 @@ def chain_numbers(motion: Trajectory) -> dict[str, tuple[Any, str]]:
 def input_rms(motion: Trajectory) -> float:
     """Root of the mean over time of |u|^2, the Euclidean norm over the links.
 
-    Parameters
-    ----------
-    motion : Trajectory
-        Of a model of `measure_power`.
-
-    Returns
-    -------
-    float
+    The motion is of a model of `measure_power`.
     """
     square = motion.state("input_square")[0]
     return float(np.sqrt((square[-1] - square[0]) / (motion.time[-1] - motion.time[0])))
@@ -167,43 +122,20 @@ def input_rms(motion: Trajectory) -> float:
 class Balance:
     """Where the actuators' energy went.
 
-    Parameters
-    ----------
-    input_work : float
-        Work of the inputs.
-    losses : float
-        What dashpots, ground, drag and load took.
-    stored : float
-        Change of kinetic and elastic energy.
-    residual : float
-        Input work less losses and stored energy, against the largest of these energies, or a
-        thousandth of a force of usual size times a length, where that is more.
-
-    Examples
-    --------
-    >>> Balance(3.0, 2.0, 1.0, 0.0).stored
-    1.0
+    The residual is input work less losses and stored energy, relative to the largest of them
+    or to a thousandth of (force of usual size) times (length), where that is more.
     """
 
     input_work: float
-    losses: float
-    stored: float
-    residual: float
+    losses: float  # to dashpots, ground, drag and load
+    stored: float  # change of kinetic and elastic energy
+    residual: float  # relative
 
 
 def balance(motion: Trajectory) -> Balance | None:
-    """Energy balance from the first sample to the last.
+    """Energy balance from the first sample to the last, of a motion of `measure_power`.
 
-    Parameters
-    ----------
-    motion : Trajectory
-        Of a model of `measure_power`, sampled at start and end.
-
-    Returns
-    -------
-    Balance or None
-        None where a contact stops a mass by an impact on the way, the energy of which no
-        integral sees.
+    None where a contact stops a mass by an impact, whose energy no integral sees.
     """
     if any(event.kind == "impact" and event.time > motion.time[0] for event in motion.events):
         return None
@@ -230,20 +162,10 @@ def _change(values: np.ndarray) -> float:
 
 
 def watch_tube(model: Model, radius: float) -> Model:
-    """Make crossings of a tube events of a closed loop, and sum the time outside.
+    """Make crossings of a tube events of a closed loop with output ``error``; sum time outside.
 
-    Parameters
-    ----------
-    model : Model
-        With the output ``error``. Crossings that are events of it already are not added.
-    radius : float
-        Radius of the tube where the model has no parameter ``tube_radius``.
-
-    Returns
-    -------
-    Model
-        With the states ``tube_time`` and ``tube_entered`` for `time_in_tube`, which are constant
-        between crossings.
+    Adds ``tube_time`` and ``tube_entered`` for `time_in_tube`, constant between crossings.
+    `radius` counts without a parameter ``tube_radius``; existing crossing events are kept.
     """
     own = [p.symbol for p in model.p if p.name == "tube_radius"]
     width = own[0] if own else ca.SX(radius)
@@ -270,20 +192,9 @@ def watch_tube(model: Model, radius: float) -> Model:
 
 
 def outside_between(motion: Trajectory, outside: bool, since: float) -> float:
-    """How long the error was outside of the tube from some time on.
+    """How long the error was outside of the tube from time `since` on.
 
-    Parameters
-    ----------
-    motion : Trajectory
-        Of a model of `watch_tube`, from time 0.
-    outside : bool
-        Whether it starts outside.
-    since : float
-        From when on it counts.
-
-    Returns
-    -------
-    float
+    The motion is of a model of `watch_tube`, from time 0; `outside`: it starts outside.
     """
     total, before = 0.0, since
     for event in motion.events:
@@ -295,20 +206,10 @@ def outside_between(motion: Trajectory, outside: bool, since: float) -> float:
 
 
 def time_in_tube(motion: Trajectory) -> tuple[float, float | None]:
-    """How long the error was outside of the tube, and since when it is inside for good.
+    """Time the error was outside of the tube, and the time of its last entry.
 
-    Parameters
-    ----------
-    motion : Trajectory
-        Of a model of `watch_tube`, sampled at start and end.
-
-    Returns
-    -------
-    outside : float
-        Time outside.
-    captured : float or None
-        Time of the last entry, the first sample's if the error never left, None where the motion
-        ends outside.
+    The latter is the first sample's time if the error never left, None if the motion ends
+    outside. The motion is of a model of `watch_tube`, sampled at start and end.
     """
     motion = at_ends(motion)
     guard = next(s.guard for s in motion.system.model.switches if s.name == LEAVES)

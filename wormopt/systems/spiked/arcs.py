@@ -16,8 +16,6 @@ import numpy as np
 
 from wormopt.model.gait import Gait
 
-__all__ = ["TIE", "Arc", "DrivenWorm", "Spell", "Vectorised", "cut_piece"]
-
 Vectorised = Callable[[np.ndarray], np.ndarray]
 """Maps times (m,) to values (m,) or (rows, m)."""
 
@@ -32,120 +30,39 @@ _SAMPLES = 129  # per smooth interval; extrema between samples are found from th
 
 @dataclass(frozen=True, eq=False)
 class DrivenWorm:
-    """Gait and worm as functions of the time s since a piece of the gait began.
+    """Gait and worm as functions of the time s since a piece of the gait began."""
 
-    Parameters
-    ----------
-    gait : Gait
-        Link lengths.
-    mass : ndarray, shape (n+1,)
-        Point masses, head first.
-    drag, load : float
-        Viscous drag k and load Gamma of every mass.
-
-    Examples
-    --------
-    Both links shrink at rate 1 and then grow again. The head rests first: at w = 0 the masses
-    behind it follow at 1 and 2.
-
-    >>> gait = Gait(np.array([0.0, 1.0, 2.0]), np.array([[[2, -1]] * 2, [[1, 1]] * 2], float))
-    >>> worm = DrivenWorm(gait, np.ones(3), drag=0.0, load=5.0)
-    >>> worm.velocities(0, np.array([0.5])).ravel()
-    array([0., 1., 2.])
-    """
-
-    gait: Gait
-    mass: np.ndarray
-    drag: float
-    load: float
+    gait: Gait  # link lengths
+    mass: np.ndarray  # (n+1,) point masses, head first
+    drag: float  # viscous drag k of every mass
+    load: float  # load Γ of every mass
 
     def spans(self, piece: int, s: np.ndarray, derivative: int) -> np.ndarray:
-        """S_i = x_0 - x_i of (2) or its derivative.
-
-        Parameters
-        ----------
-        piece : int
-            Piece of the gait.
-        s : ndarray, shape (m,)
-            Times since it began.
-        derivative : int
-            0, 1 or 2.
-
-        Returns
-        -------
-        ndarray, shape (n+1, m)
-        """
+        """S_i = x_0 - x_i of (2), or its `derivative` (0 to 2), (n+1, m) at times `s` (m,)."""
         links = self.gait.on_piece(piece, s, derivative)
         return np.vstack([np.zeros(links.shape[1]), np.cumsum(links, axis=0)])
 
     def velocities(self, piece: int, s: np.ndarray) -> np.ndarray:
-        """Velocity of every mass at w = 0, that is max_j S_j' - S_i'.
+        """Velocity of every mass at w = 0, that is max_j S_j' - S_i', shape (n+1, m).
 
-        Parameters
-        ----------
-        piece : int
-            Piece of the gait.
-        s : ndarray, shape (m,)
-            Times since it began.
-
-        Returns
-        -------
-        ndarray, shape (n+1, m)
-            0 for the masses that rest, positive for the others.
+        0 for the masses that rest, positive for the others; `s` (m,) are times in the piece.
         """
         rates = self.spans(piece, s, 1)
         return rates.max(axis=0) - rates
 
     def held(self, piece: int, leader: int, s: np.ndarray) -> np.ndarray:
-        """Velocity of the head and sigma of (7) while mass `leader` rests.
-
-        Parameters
-        ----------
-        piece : int
-            Piece of the gait.
-        leader : int
-            A mass that rests.
-        s : ndarray, shape (m,)
-            Times since the piece began.
-
-        Returns
-        -------
-        ndarray, shape (2, m)
-            Velocity of the head, then sigma.
-        """
+        """Velocity of the head and sigma of (7) while mass `leader` rests, shape (2, m)."""
         rates, accelerations = self.spans(piece, s, 1), self.spans(piece, s, 2)
         momentum_rate = self.mass @ (accelerations[leader] - accelerations) / len(self.mass)
         drag = self.drag * (rates[leader] - rates.mean(axis=0))
         return np.array([rates[leader], momentum_rate + drag + self.load])
 
     def momentum(self, piece: int, s: float) -> float:
-        """Mean of m_i v_i over the masses at w = 0; it jumps at corners of the gait.
-
-        Parameters
-        ----------
-        piece : int
-            Piece of the gait.
-        s : float
-            Time since it began.
-
-        Returns
-        -------
-        float
-        """
+        """Mean of m_i v_i over the masses at w = 0; it jumps at corners of the gait."""
         return float(self.mass @ self.velocities(piece, np.array([s]))[:, 0]) / len(self.mass)
 
     def duration(self, piece: int) -> float:
-        """How long a piece lasts.
-
-        Parameters
-        ----------
-        piece : int
-            Piece of the gait.
-
-        Returns
-        -------
-        float
-        """
+        """Duration of a piece of the gait."""
         return float(self.gait.breaks[piece + 1] - self.gait.breaks[piece])
 
     @cached_property
@@ -166,24 +83,12 @@ class DrivenWorm:
 
 @dataclass(frozen=True)
 class Arc:
-    """Interval of a piece on which the same mass leads and sigma keeps its sign.
+    """Interval of a piece on which the same mass leads and sigma keeps its sign."""
 
-    Parameters
-    ----------
-    piece : int
-        Piece of the gait.
-    start, end : float
-        Times since it began.
-    resting : tuple of int
-        Masses that rest at w = 0, ascending.
-    pulls : bool
-        Whether sigma < 0: the spikes cannot hold the worm back, so that it glides.
-    """
-
-    piece: int
-    start: float
-    end: float
-    resting: tuple[int, ...]
+    piece: int  # index of the piece of the gait
+    start: float  # since the piece began
+    end: float  # since the piece began
+    resting: tuple[int, ...]  # masses that rest at w = 0, ascending
     pulls: bool  # sigma < 0: only gliding is possible
 
     @property
@@ -195,24 +100,7 @@ class Arc:
 def cut_piece(worm: DrivenWorm, piece: int) -> Iterator[Arc]:
     """Cut a piece where the resting mass changes and where sigma changes its sign.
 
-    Parameters
-    ----------
-    worm : DrivenWorm
-        Gait and worm.
-    piece : int
-        Piece of the gait.
-
-    Yields
-    ------
-    Arc
-        In order of time; together they are the piece.
-
-    Examples
-    --------
-    >>> gait = Gait(np.array([0.0, 1.0, 2.0]), np.array([[[2, -1]] * 2, [[1, 1]] * 2], float))
-    >>> worm = DrivenWorm(gait, np.ones(3), drag=0.0, load=5.0)
-    >>> list(cut_piece(worm, 1))
-    [Arc(piece=1, start=0.0, end=1.0, resting=(2,), pulls=False)]
+    Arcs come in order of time and together make up the piece.
     """
     end, shortest = worm.duration(piece), 1e-13 * worm.gait.period
     samples = _samples(lambda s: worm.velocities(piece, s), 0.0, end)

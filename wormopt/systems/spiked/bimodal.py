@@ -17,51 +17,28 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.systems.spiked.arcs import TIE, Arc, DrivenWorm, Spell, Vectorised, cut_piece
 
-__all__ = ["BimodalMotion", "integrate"]
-
 _QUADRATURE = 1e-14  # relative to the integral of the largest value
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
 @dataclass(frozen=True, eq=False)
 class BimodalMotion:
-    """Periodic motion of a worm with spikes.
+    """Periodic motion of a worm with spikes."""
 
-    Parameters
-    ----------
-    advance, speed : float
-        Way per period, and the same per time.
-    glides : tuple of (float, float)
-        Start and end of each glide, in [0, T); a glide past the end of the period ends before
-        it starts, and (0, T) is one that never ends.
-    switches : tuple of (float, frozenset of int)
-        When the set of resting masses changes, and the set from then on; the first entry, at 0,
-        tells with which masses the period begins.
-    lambda_min, lambda_max : float
-        Extremes of lambda of (7), the mean spike load over the masses, without impulses.
-    lambda_mean : float
-        Its mean over the period, impulses included.
-    impulses : tuple of (float, float)
-        Time and size of each impulse on the spikes, summed over the masses.
-    resting_min : int
-        The smallest number of masses that rest together on any interval.
-    time, position, glide : ndarray, shape (events,)
-        Times of one period at which something changes, the head's position and the common
-        velocity w then (after a jump).
-    """
-
-    advance: float
-    speed: float
+    advance: float  # distance per period
+    speed: float  # advance / period
+    # start, end in [0, T); past T it ends before it starts; (0, T): never ends
     glides: tuple[tuple[float, float], ...]
+    # (time, masses resting from then on); the first at 0
     switches: tuple[tuple[float, frozenset[int]], ...]
-    lambda_min: float
-    lambda_max: float
-    lambda_mean: float
-    impulses: tuple[tuple[float, float], ...]
-    resting_min: int
-    time: np.ndarray
-    position: np.ndarray
-    glide: np.ndarray
+    lambda_min: float  # of (7), mean spike load over masses, no impulses
+    lambda_max: float  # as lambda_min
+    lambda_mean: float  # over the period, impulses included
+    impulses: tuple[tuple[float, float], ...]  # (time, size) on the spikes, summed over the masses
+    resting_min: int  # fewest masses at rest together on any interval
+    time: np.ndarray  # (events,) times of one period when something changes
+    position: np.ndarray  # (events,) of the head
+    glide: np.ndarray  # (events,) common velocity w, after a jump
 
 
 def integrate(
@@ -73,48 +50,10 @@ def integrate(
     rtol: float = 1e-13,
     max_periods: int = 50,
 ) -> BimodalMotion:
-    """Integrate (7) from w = 0 until the motion is periodic.
+    """Integrate (7) from w = 0 until periodic; return the last period. Raises SolveError.
 
-    For masses that differ, with p the mean of m_i v_i over the masses at w = 0,
-    mean(m) w' + k w + sigma = lambda and sigma = p' + k W0 + Gamma. Without load and drag every
-    w + constant is a motion too; the one found then is that which starts from w = 0.
-
-    Parameters
-    ----------
-    gait : Gait
-        Link lengths over a period; corners are allowed.
-    mass : sequence of float, shape (n+1,)
-        Point masses, head first.
-    drag : float
-        Viscous drag k of every mass, 0 or above.
-    load : float
-        Load Gamma on every mass, 0 or above.
-    rtol : float, optional
-        Relative error allowed per step of a glide, at least 3e-14.
-    max_periods : int, optional
-        Give up after so many periods.
-
-    Returns
-    -------
-    BimodalMotion
-        The last period.
-
-    Raises
-    ------
-    ArgumentError
-        If the number of masses does not fit the gait.
-    SolveError
-        If a glide cannot be integrated, or the motion does not become periodic.
-
-    Examples
-    --------
-    Both links of the accordion shrink at rate 1 while the head rests, then grow again.
-
-    >>> import numpy as np
-    >>> gait = Gait(np.array([0.0, 1.0, 2.0]), np.array([[[2, -1]] * 2, [[1, 1]] * 2], float))
-    >>> motion = integrate(gait, [1.0, 1.0, 1.0], drag=0.0, load=5.0)
-    >>> round(motion.advance, 12), motion.resting_min
-    (2.0, 1)
+    Unequal masses: mean(m) w' + k w + sigma = lambda, sigma = p' + k W0 + Γ, p the mean of
+    m_i v_i at w = 0. Without load and drag w + const is a motion too. `rtol` ≥ 3e-14.
     """
     if len(mass) != gait.links + 1:
         raise ArgumentError(f"{len(mass)} masses on {gait.links} links")

@@ -18,8 +18,6 @@ import numpy as np
 
 from wormopt.systems.spiked.fastest import Chain, longest_paths, offer_of
 
-__all__ = ["ModeMix", "best_modes", "ceiling"]
-
 # Of the speed: by so much a pattern must beat the mix to be worth adding, and so far from the
 # best may a mix be that counts as best. The solver's tolerance must be below the first.
 _WORTHWHILE = 2e-10
@@ -37,31 +35,18 @@ _DRAWS = 4
 
 @dataclass(frozen=True)
 class ModeMix:
-    """Modes that together reach the ceiling.
+    """Modes that together reach the ceiling; a length is periodic if modes take turns.
 
-    Parameters
-    ----------
-    ceiling : float
-        Upper bound on the mean speed, see `ceiling`.
-    speed : float
-        Mean speed of this mix, the ceiling to within about 1e-9 of it.
-    sets : tuple of tuple of int
-        Resting masses of each mode, sorted.
-    shares : tuple of float
-        Shares of time of the modes.
-    velocities : tuple of tuple of float
-        Velocities of all masses in each mode. A length is periodic if modes take turns.
-    weights : tuple of float
-        Multipliers of the masses, with sum 1: no motion within the limits has a larger weighted
-        sum of velocities than the ceiling, which proves it.
+    No motion within the limits has a larger weighted sum of velocities than the ceiling,
+    which proves it.
     """
 
-    ceiling: float
-    speed: float
-    sets: tuple[tuple[int, ...], ...]
-    shares: tuple[float, ...]
-    velocities: tuple[tuple[float, ...], ...]
-    weights: tuple[float, ...]
+    ceiling: float  # upper bound on the mean speed, see `ceiling`
+    speed: float  # mean speed of this mix, the ceiling to about 1e-9
+    sets: tuple[tuple[int, ...], ...]  # resting masses of each mode, sorted
+    shares: tuple[float, ...]  # of time, by mode
+    velocities: tuple[tuple[float, ...], ...]  # of all masses, by mode
+    weights: tuple[float, ...]  # multipliers of the masses, with sum 1
 
 
 def ceiling(
@@ -70,45 +55,10 @@ def ceiling(
     resting: int,
     sets: Iterable[Iterable[int]] | None = None,
 ) -> float:
-    """Upper bound on the mean speed that link-rate limits and resting masses alone allow.
+    """Upper bound on the mean speed that link rates -l_j', l_j' (n,) and resting masses allow.
 
-    The mode linear program: each mode (which masses rest) has a share of the period and a
-    distance for every moving mass; all masses advance alike and no link changes faster than its
-    rate. It holds for any period, any order of modes and any further limit.
-
-    Parameters
-    ----------
-    contraction, extension : sequence of float, shape (n,)
-        Largest rates -l_j' and l_j'.
-    resting : int
-        Masses at rest at any time, 1 <= a <= n.
-    sets : iterable of iterables of int, optional
-        Resting sets that may occur; by default all of ``resting`` masses.
-
-    Returns
-    -------
-    float
-        Distance per time, never below the speed of a gait within these limits: a bound by
-        multipliers, true but for rounding, and at most about 1e-9 of it above the optimum. Links
-        slower than 1e-6 of the fastest rate count as if they had that rate.
-
-    Raises
-    ------
-    ArithmeticError
-        If a linear program is not solved, which it always can be: rest is feasible.
-
-    Notes
-    -----
-    For equal rates r and n links it is (n/2 - a + 1) r if 3 a <= n + 2, 2 r/n for a = n - 1 and
-    r/(n + 1) for a = n; with n + 2 <= 3 a and 2 a <= n + 1 it is ((n + 2)/3 - a/2) r, checked up
-    to n = 59. No closed form is known otherwise. See section 7 of the page on kinematic theory.
-
-    Examples
-    --------
-    >>> round(ceiling([1.0, 1.0], [1.0, 1.0], resting=1), 12)
-    1.0
-    >>> round(ceiling([1.0] * 32, [1.0] * 32, resting=8), 9)
-    9.0
+    Mode linear program, for any period and order of modes; at most about 1e-9 above optimum.
+    Rates count as ≥ 1e-6 of the fastest. See section 7 of the page on kinematic theory.
     """
     return _generate(contraction, extension, resting, _as_sets(sets)).ceiling
 
@@ -120,39 +70,10 @@ def best_modes(
     count: int = 1,
     seed: int = 0,
 ) -> tuple[ModeMix, ...]:
-    """Find mixes of few modes that reach the ceiling; their orders are candidates for gaits.
+    """Find up to `count` mixes of few modes that reach the ceiling, fewest resting sets first.
 
-    Optima are many. In every try, sets that can be part of one are drawn at random and taken out
-    again as long as those left still reach the ceiling. So no set can be left out of a mix
-    returned, but a mix of entirely different and fewer sets may exist: more tries help.
-
-    Parameters
-    ----------
-    contraction, extension : sequence of float, shape (n,)
-        Largest rates -l_j' and l_j'.
-    resting : int
-        Masses at rest at any time, 1 <= a <= n.
-    count : int
-        Most mixes to return, and tries to find them.
-    seed : int
-        Start of the random order.
-
-    Returns
-    -------
-    tuple of ModeMix
-        Different in their sets, fewest sets first; at least one.
-
-    Raises
-    ------
-    ArithmeticError
-        If no mix is found that reaches the ceiling to 1e-8 of it, as can happen where rates differ
-        by many powers of ten.
-
-    Examples
-    --------
-    >>> (mix,) = best_modes([1.0] * 4, [1.0] * 4, resting=1)
-    >>> mix.sets, [round(share, 9) for share in mix.shares]
-    (((0,), (4,)), [0.5, 0.5])
+    Sets are left out in random order; none of a mix returned can be spared, yet smaller
+    mixes may exist. Raises ArithmeticError where none reaches the ceiling to 1e-8 of it.
     """
     whole = _generate(contraction, extension, resting, None)
     if whole.speed < whole.ceiling * (1 - _SAME):
@@ -261,12 +182,7 @@ def _block(start: int, size: int, masses: int) -> tuple[int, ...]:
 class _Mixer:
     """Mixes of velocity patterns in which all masses advance alike, as fast as possible.
 
-    Parameters
-    ----------
-    chain : Chain
-        The worm.
-    sets : list of tuple of int
-        Resting sets whose fastest motion is there from the start.
+    The fastest motions of the resting sets `sets` are there from the start.
     """
 
     def __init__(self, chain: Chain, sets: list[tuple[int, ...]]) -> None:

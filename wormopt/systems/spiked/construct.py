@@ -9,15 +9,6 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 
-__all__ = [
-    "Profile",
-    "accordion",
-    "block_wave",
-    "block_wave_sequence",
-    "fast_gait",
-    "travelling_sine",
-]
-
 Profile = Literal["cosine", "quintic", "trapezoid"]
 
 
@@ -111,22 +102,7 @@ def travelling_sine(
 def block_wave_sequence(links: int, resting: int) -> list[tuple[int, ...]]:
     """Resting masses of the block-rest wave: a block of neighbours runs from tail to head.
 
-    Parameters
-    ----------
-    links : int
-        Number of links n.
-    resting : int
-        Masses in the block, a <= n; where it reaches over an end it wraps round.
-
-    Returns
-    -------
-    list of tuple of int
-        n+1 phases, ascending indices.
-
-    Examples
-    --------
-    >>> block_wave_sequence(2, 2)
-    [(1, 2), (0, 1), (0, 2)]
+    n+1 phases of ascending indices for n links; a block of `resting` ≤ n masses wraps round.
     """
     masses = links + 1
     tails = range(links, -1, -1)
@@ -141,34 +117,10 @@ def block_wave(
     profile: Profile = "cosine",
     ramp: float = 0.25,
 ) -> Gait:
-    """Block-rest wave: every link goes between two lengths, ``resting`` masses rest at any time.
+    """Block-rest wave in n + 1 equal phases: links go between two lengths, a masses rest.
 
-    Speed is (n + 1 - a) (difference of the lengths) / period, for a masses at rest.
-
-    Parameters
-    ----------
-    links, resting : int
-        Number of links n and of resting masses a, 1 <= a <= n.
-    period : float
-        Period T, split into n + 1 equal phases.
-    length : tuple of float
-        Short and long length of every link.
-    profile : {"cosine", "quintic", "trapezoid"}, optional
-        How a length changes within a phase.
-    ramp : float, optional
-        For "trapezoid": share of the phase in which the rate rises, and again in which it falls,
-        0 to 0.5; 0 leaves corners in the lengths.
-
-    Returns
-    -------
-    Gait
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> block_wave(2, 1, 1.0, (1.4, 2.0))(np.array([0.0, 1 / 3, 2 / 3])).round(12)
-    array([[1.4, 1.4, 2. ],
-           [1.4, 2. , 1.4]])
+    Speed is (n + 1 - a) (difference of the lengths) / period, 1 ≤ a ≤ n. For "trapezoid",
+    `ramp` is the share of a phase in which the rate rises, and falls: 0 (corners) to 0.5.
     """
     short, long = length
     # A mass that moves in a phase gains, relative to one that rests, one stroke.
@@ -188,29 +140,8 @@ def accordion(
 ) -> Gait:
     """All links contract while the head rests, then all extend while the tail rests.
 
-    Parameters
-    ----------
-    links : int
-        Number of links n.
-    period : float
-        Period T, split into halves.
-    length : tuple of float
-        Short and long length of every link.
-    profile : {"cosine", "quintic", "trapezoid"}, optional
-        How a length changes within a phase.
-    ramp : float, optional
-        As for `block_wave`.
-
-    Returns
-    -------
-    Gait
-        Speed n (difference of the lengths) / period.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> accordion(1, 1.0, (1.0, 2.0))(np.array([0.0, 0.25, 0.5])).round(12)
-    array([[2. , 1.5, 1. ]])
+    Each takes half a period; speed is n (difference of the lengths) / period.
+    `length` is (short, long); `profile` and `ramp` are those of `block_wave`.
     """
     changes = np.array([[-1.0] * links, [1.0] * links]) * (length[1] - length[0])
     return _strokes(changes, period, length, profile, ramp)

@@ -19,32 +19,17 @@ from wormopt.numerics.chebyshev import Series, resolve
 from wormopt.systems.spiked.sharing import Sharing, share_load
 from wormopt.systems.spiked.stretches import Drive, Stretch, periodic_stretches
 
-__all__ = ["Crawl", "crawl"]
-
 
 @dataclass(frozen=True, eq=False)
 class Crawl:
-    """Periodic motion of a worm with spikes under a rigidly prescribed gait.
-
-    Parameters
-    ----------
-    gait : Gait
-        What the links do.
-    stretches : tuple of Stretch
-        The whole period in order.
-    impulses : tuple of (float, float)
-        Times and sizes of spike impulses at corners of the gait.
-    drops : tuple of float
-        Times at which the kinematic velocity W0 jumps down, so that the worm is thrown forward.
-    drive : object
-        The functions of time behind it.
-    """
+    """Periodic motion of a worm with spikes under a rigidly prescribed gait."""
 
     gait: Gait
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[Stretch, ...]  # the whole period in order
+    # (time, size) of spike impulses at corners of the gait
     impulses: tuple[tuple[float, float], ...]
-    drops: tuple[float, ...]
-    drive: Drive = field(repr=False)
+    drops: tuple[float, ...]  # times when W0 jumps down: the worm is thrown forward
+    drive: Drive = field(repr=False)  # the functions of time behind it
 
     # Rows of a stretch's quantities.
     def _rows(self) -> dict[str, slice]:
@@ -66,18 +51,9 @@ class Crawl:
         return {k: slice(int(a), int(b)) for k, a, b in zip(sizes, edges, edges[1:], strict=False)}
 
     def quantities(self, stretch: Stretch, s: np.ndarray) -> np.ndarray:
-        """All signals of a stretch, stacked in the order of _rows.
+        """All signals of a stretch at times `s` (m,) since its piece began, shape (rows, m).
 
-        Parameters
-        ----------
-        stretch : Stretch
-            One of ``stretches``.
-        s : ndarray, shape (m,)
-            Times since its piece began.
-
-        Returns
-        -------
-        ndarray, shape (rows, m)
+        Stacked in the order of _rows.
         """
         drive, gait = self.drive, self.gait
         v, a = drive.kinematic(stretch.piece, stretch.leader, s)
@@ -139,17 +115,10 @@ class Crawl:
         yield from self._resolve(replace(stretch, start=middle))
 
     def extremes(self, signal: str) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest and largest value of every row of a signal over the period.
+        """Smallest and largest value (rows,) of every row of a signal over the period.
 
-        Parameters
-        ----------
-        signal : str
-            ``length``, ``rate``, ``acceleration``, ``velocity``, ``reaction``,
-            ``reaction_mean``, ``actuator_force``, ``power``, ``sigma``, ``glide`` or ``closure``.
-
-        Returns
-        -------
-        low, high : ndarray, shape (rows,)
+        ``length``, ``rate``, ``acceleration``, ``velocity``, ``reaction``, ``sigma``,
+        ``reaction_mean``, ``actuator_force``, ``power``, ``glide`` or ``closure``.
         """
         rows = self._rows()[signal]
         found = [Series(s.a, s.b, s.coefficients[rows]).extremes() for _, s in self.parts]
@@ -157,17 +126,7 @@ class Crawl:
         return np.min(low, axis=0), np.max(high, axis=0)
 
     def integral(self, signal: str) -> np.ndarray:
-        """Integral of every row of a signal over the period.
-
-        Parameters
-        ----------
-        signal : str
-            As for `extremes`.
-
-        Returns
-        -------
-        ndarray, shape (rows,)
-        """
+        """Integral (rows,) of every row of a signal of `extremes` over the period."""
         rows = self._rows()[signal]
         return np.sum([s.integral()[rows] for _, s in self.parts], axis=0)
 
@@ -313,18 +272,10 @@ class Crawl:
             yield float(series.extremes()[0][0])
 
     def sample(self, points: int = 600) -> dict[str, np.ndarray]:
-        """Signals on a time grid in which both sides of every jump appear.
+        """Signals on a grid of about `points` times in which both sides of every jump appear.
 
-        Parameters
-        ----------
-        points : int, optional
-            About how many instants over the period.
-
-        Returns
-        -------
-        dict of ndarray
-            ``time`` (m,), ``resting`` (n+1, m), ``position`` (n+1, m) and the signals of
-            `extremes`, each with shape (rows, m).
+        ``time`` (m,), ``resting`` (n+1, m), ``position`` (n+1, m) and the signals of
+        `extremes`, each (rows, m).
         """
         times, values, resting, head, travelled = [], [], [], [], 0.0
         rows = self._rows()

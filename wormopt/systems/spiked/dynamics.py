@@ -9,8 +9,6 @@ import casadi as ca
 from wormopt.model.friction import Spike
 from wormopt.model.model import Contact, Model, Output, Signal
 
-__all__ = ["spiked_worm"]
-
 
 def spiked_worm(
     mass: Sequence[float],
@@ -20,34 +18,10 @@ def spiked_worm(
     length_nominal: float = 1.0,
     time_nominal: float = 1.0,
 ) -> Model:
-    """Build the chain of n+1 point masses whose n link lengths are prescribed, (1)-(7).
+    """Build the chain of n+1 point masses (head first), n link lengths prescribed, (1)-(7).
 
-    The inputs are the link accelerations l_j''; the one remaining degree of freedom is the
-    common motion, on which the spikes' reactions act. Masses are numbered from the head (0).
-
-    Parameters
-    ----------
-    mass : sequence of float, shape (n+1,)
-        Point masses m_i.
-    drag : float
-        Viscous drag k on every mass, force per velocity.
-    load : float
-        Slope or load Gamma on every mass, a force against the direction of motion.
-    length_nominal, time_nominal : float, optional
-        Usual size of a link length and of a period; solvers scale by them.
-
-    Returns
-    -------
-    Model
-        States ``position`` (of the head), ``length`` (n), ``velocity`` (of the head), ``rate``
-        (n); inputs ``acceleration`` (n); one ``Spike`` contact per mass; outputs
-        ``reaction_mean`` (lambda of (7)), ``actuator_force`` (mu_1..mu_n), ``power`` (n).
-
-    Examples
-    --------
-    >>> worm = spiked_worm([1.0, 1.0, 1.0], drag=0.0, load=5.0)
-    >>> worm.n_x, len(worm.contacts)
-    (6, 3)
+    States: ``position``, ``velocity`` of the head, ``length``, ``rate``; inputs l_j'';
+    outputs ``reaction_mean`` (lambda of (7)), ``actuator_force``, ``power``; a spike each.
     """
     n = len(mass) - 1
     speed = length_nominal / time_nominal

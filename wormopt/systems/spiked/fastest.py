@@ -11,19 +11,12 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Chain", "longest_paths", "offer_of"]
-
 
 class Chain:
-    """Velocities that link rates allow.
+    """Velocities that link rates allow; `rates` (2, n) are of contraction and extension.
 
-    Nodes are the masses, numbered from 1, and an imagined one at rest at either end whose link is
-    too fast to matter; so everything lies between two nodes at rest.
-
-    Parameters
-    ----------
-    rates : ndarray, shape (2, n)
-        Contraction and extension.
+    Nodes are the masses, numbered from 1, and an imagined one at rest at either end, whose
+    link is too fast to matter; so everything lies between two nodes at rest.
     """
 
     def __init__(self, rates: np.ndarray) -> None:
@@ -39,29 +32,14 @@ class Chain:
         self._reach = np.maximum(behind - behind[:, None], ahead[:, None] - ahead)
 
     def fastest_of_all(self, resting: tuple[int, ...]) -> np.ndarray:
-        """Give the largest velocity of every mass; all are possible at the same time.
-
-        Parameters
-        ----------
-        resting : tuple of int
-            Masses at rest.
-        """
+        """Largest velocity of every mass; all are possible at the same time."""
         return self._reach[list(resting)].min(axis=0)
 
     def fastest(self, weights: np.ndarray, resting: tuple[int, ...]) -> np.ndarray:
-        """Give velocities with the largest weighted sum.
+        """Velocities with the largest sum, weighted by `weights` (n + 1,), head first.
 
         Dynamic programming from the head: the largest sum over a mass and those ahead is a
-        concave function of its velocity, from 0 on, kept as segments in order of slope. A link
-        adds a level segment as long as its two rates together and takes its extension off the
-        steep end; a mass adds its weight to all slopes, which the levels stand still under.
-
-        Parameters
-        ----------
-        weights : ndarray, shape (n + 1,)
-            Of the masses, head first.
-        resting : tuple of int
-            Masses at rest.
+        concave function of its velocity, from 0 on, kept as segments in order of slope.
         """
         ahead = np.concatenate([[0.0], np.cumsum(weights)]).tolist()
         levels: list[float] = []  # slope = sum of weights so far - level
@@ -86,23 +64,10 @@ class Chain:
         return velocities
 
     def gains(self, weights: np.ndarray) -> np.ndarray:
-        """Give the largest weighted sum of velocities between any two nodes at rest.
+        """Largest weighted velocity sums between nodes ahead and behind, both at rest, or -inf.
 
-        The dual problem has a flow g_j through every link, with cost c_j [g]+ + e_j [-g]+ of
-        contraction and extension, that falls by at least the weight at every mass. In terms of
-        u_j = g_j + (sum of weights ahead of link j) it is an isotonic regression, u must not
-        rise, and some solution takes no values but those sums. So it is solved for all pairs at
-        once, link by link, with the lowest cost for every value of the last u.
-
-        Parameters
-        ----------
-        weights : ndarray, shape (n + 1,)
-            Of the masses, head first.
-
-        Returns
-        -------
-        ndarray, shape (n + 3, n + 3)
-            By the node ahead and the node behind; minus infinity where there are none.
+        (n + 3, n + 3). The dual, flows g_j of cost c_j [g]+ + e_j [-g]+, is an isotonic
+        regression in u_j = g_j + (weights ahead of link j), solved for all pairs by link.
         """
         ahead = np.concatenate([[0.0], np.cumsum(weights)])
         levels = np.sort(ahead)
@@ -127,21 +92,9 @@ def _shorten(levels: list[float], lengths: list[float], by: float) -> None:
 
 
 def offer_of(chain: Chain, resting: int, sets: list[tuple[int, ...]] | None) -> Any:
-    """Give what finds resting sets with the largest weighted sums from gains between them.
+    """Callable that turns `Chain.gains` into the largest sums and their resting sets.
 
-    Parameters
-    ----------
-    chain : Chain
-        The worm.
-    resting : int
-        Masses at rest.
-    sets : list of tuple of int, optional
-        Sets that may rest; the best of all if left out.
-
-    Returns
-    -------
-    callable
-        Takes what `Chain.gains` gives; gives sums and their sets.
+    `sets` are those that may rest; None: the best of all.
     """
     if sets is None:
         return lambda gains: _best_sets(gains, resting)
@@ -182,20 +135,10 @@ def _best_sets(gains: np.ndarray, resting: int) -> tuple[np.ndarray, list[tuple[
 
 
 def longest_paths(gains: np.ndarray, resting: int) -> tuple[np.ndarray, np.ndarray]:
-    """Find the best choice of resting masses up to every node.
+    """Best choice of at most `resting` resting masses up to every node, from `Chain.gains`.
 
-    Parameters
-    ----------
-    gains : ndarray, shape (n + 3, n + 3)
-        From `Chain.gains`.
-    resting : int
-        Most masses at rest.
-
-    Returns
-    -------
-    value, before : ndarray, shape (resting + 1, n + 3)
-        Largest sum of gains by the number of masses at rest and the last of them, and the one
-        before that.
+    Returns the largest sums by number at rest and last of them, and the one before; both
+    of shape (resting + 1, n + 3).
     """
     value = np.full((resting + 1, len(gains)), -np.inf)
     value[0, 0] = 0.0

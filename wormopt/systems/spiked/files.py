@@ -8,8 +8,6 @@ from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.result import Result, Variable, unit_of
 
-__all__ = ["gait_of_result", "gait_variables", "load_gait"]
-
 _DIMS = {
     "breaks": ("gait_break",),
     "polynomial": ("gait_piece", "link", "gait_power"),
@@ -22,17 +20,7 @@ _DIMS = {
 def gait_variables(gait: Gait, units: str) -> list[Variable]:
     """Variables of a Result from which `gait_of_result` reads the gait back exactly.
 
-    Parameters
-    ----------
-    gait : Gait
-        The gait.
-    units : {"dimensionless", "SI"}
-        Units of the scene.
-
-    Returns
-    -------
-    list of Variable
-        ``gait_breaks``, ``gait_polynomial`` and, where there are harmonics, three more.
+    ``gait_breaks``, ``gait_polynomial`` and, where there are harmonics, three more.
     """
     long_names = {
         "breaks": ("time", "times at which pieces of the gait begin"),
@@ -49,22 +37,7 @@ def gait_variables(gait: Gait, units: str) -> list[Variable]:
 
 
 def gait_of_result(result: Result) -> Gait:
-    """Read the gait out of a Result.
-
-    Parameters
-    ----------
-    result : Result
-        Of any kind of scene that has a gait.
-
-    Returns
-    -------
-    Gait
-
-    Raises
-    ------
-    ArgumentError
-        If the result holds no gait.
-    """
+    """Read the gait out of a Result; raises ArgumentError if it holds none."""
     if "gait_polynomial" not in result:
         raise ArgumentError(f"the result of scene {result.scene!r} holds no gait")
     return Gait(**{k: result[f"gait_{k}"].values for k in _DIMS if f"gait_{k}" in result})

@@ -19,8 +19,6 @@ from wormopt.model.given import (
     wrong_order,
 )
 
-__all__ = ["Limits", "Rates", "Sharing"]
-
 Sharing = Literal["equal", "least_actuation"]
 
 

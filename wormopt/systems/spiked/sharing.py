@@ -8,8 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-__all__ = ["Sharing", "share_load"]
-
 Sharing = Literal["equal", "least_actuation"]
 
 
@@ -20,38 +18,10 @@ def share_load(
     sharing: Sharing,
     most: Sequence[float] | np.ndarray | float | None = None,
 ) -> np.ndarray:
-    """Split the total spike load over the resting masses.
+    """Split the total spike load (m,) over the resting masses: (n+1, m), 0 for those that move.
 
-    Parameters
-    ----------
-    total : ndarray, shape (m,)
-        Sum of all spike loads at each instant.
-    unloaded : ndarray, shape (n+1, m)
-        Actuator forces mu_1..mu_{n+1} by the recursion from the head if no spike carried anything.
-    resting : sequence of int
-        Resting masses, ascending.
-    sharing : {"equal", "least_actuation"}
-        Same load on each, or the split with loads from 0 to ``most`` that minimises the sum of
-        squared actuator forces.
-    most : float or sequence of float, shape (n+1,), optional
-        What each spike can carry; anything if left out. Where the resting spikes together cannot
-        carry the total, all are overloaded alike. Equal loads do not heed it.
-
-    Returns
-    -------
-    ndarray, shape (n+1, m)
-        Load of every mass, 0 for those that move.
-
-    Examples
-    --------
-    Masses 0 and 2 rest. Least actuation would leave all to the head, which can carry 4.
-
-    >>> import numpy as np
-    >>> total, unloaded = np.array([6.0]), np.array([[-9.0], [-9.0], [-6.0]])
-    >>> share_load(total, unloaded, [0, 2], "equal").ravel()
-    array([3., 0., 3.])
-    >>> share_load(total, unloaded, [0, 2], "least_actuation", most=4.0).ravel()
-    array([4., 0., 2.])
+    `unloaded`: mu_1..mu_{n+1} (n+1, m) from the head without loads. Least actuation: least
+    sum of mu², loads 0 to `most`, or all overloaded alike; "equal" does not heed `most`.
     """
     loads, masses = np.zeros_like(unloaded), list(resting)
     if sharing == "equal" or len(masses) == 1:

@@ -14,32 +14,17 @@ from wormopt.model.gait import Gait
 from wormopt.numerics.chebyshev import Series, resolve
 from wormopt.systems.spiked.sharing import Sharing
 
-__all__ = ["Drive", "Stretch", "periodic_stretches"]
-
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A gait drives a worm: the explicit functions of time on each piece of the gait.
-
-    Parameters
-    ----------
-    gait : Gait
-        Link lengths over time.
-    mass : ndarray, shape (n+1,)
-        Point masses.
-    drag, load : float
-        Viscous drag k and load Gamma on every mass.
-    sharing : {"equal", "least_actuation"}
-        How resting masses share the load.
-    spike_load : float or sequence of float, optional
-        What each spike can carry, which the second rule heeds.
-    """
+    """A gait drives a worm: the explicit functions of time on each piece of the gait."""
 
     gait: Gait
-    mass: np.ndarray
-    drag: float
-    load: float
-    sharing: Sharing
+    mass: np.ndarray  # (n+1,)
+    drag: float  # viscous drag k of every mass
+    load: float  # Gamma on every mass
+    sharing: Sharing  # how resting masses share the load
+    # what each spike can carry; for "least_actuation"
     spike_load: float | Sequence[float] | None = None
 
     @property
@@ -63,31 +48,14 @@ class Drive:
         return max(float(np.abs(v).max()) for v in values) or 1.0
 
     def spans(self, piece: int, s: np.ndarray, derivative: int) -> np.ndarray:
-        """Derivatives of S_i = x_0 - x_i, shape (n+1, m).
-
-        Parameters
-        ----------
-        piece : int
-            Piece of the gait.
-        s : ndarray, shape (m,)
-            Times since the piece began.
-        derivative : int
-            Order of the derivative.
-        """
+        """Derivatives of S_i = x_0 - x_i, shape (n+1, m), at times `s` since the piece began."""
         links = self.gait.on_piece(piece, s, derivative)
         return np.vstack([np.zeros(len(s)), np.cumsum(links, axis=0)])
 
     def kinematic(self, piece: int, leader: int, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities and accelerations of the masses while ``leader`` rests.
+        """Velocities and accelerations of the masses while mass `leader` rests.
 
-        Parameters
-        ----------
-        piece : int
-            Piece of the gait.
-        leader : int
-            Mass at rest.
-        s : ndarray, shape (m,)
-            Times since the piece began.
+        `s` (m,) are times since the piece began.
         """
         first, second = self.spans(piece, s, 1), self.spans(piece, s, 2)
         return first[leader] - first, second[leader] - second
@@ -95,38 +63,21 @@ class Drive:
     def sigma(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Driving term of (7), for masses that may differ.
 
-        Parameters
-        ----------
-        v, a : ndarray, shape (n+1, m)
-            Velocities and accelerations while a mass rests.
+        `v` and `a` (n+1, m) are velocities and accelerations while a mass rests.
         """
         return self.mass @ a / len(self.mass) + self.drag * v.mean(axis=0) + self.load
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """An interval on which the same masses rest, or all glide, and everything is smooth.
+    """An interval on which the same masses rest, or all glide, and everything is smooth."""
 
-    Parameters
-    ----------
-    piece : int
-        Piece of the gait.
-    start, stop : float
-        Times since the piece began.
-    resting : tuple of int
-        Masses at rest, ascending; empty in a glide.
-    leader : int
-        Mass that rests in mode 2, and would rest if the worm did not glide.
-    common : Series, optional
-        Velocity w in a glide; None in mode 2.
-    """
-
-    piece: int
-    start: float
-    stop: float
-    resting: tuple[int, ...]
-    leader: int
-    common: Series | None = None
+    piece: int  # of the gait
+    start: float  # since the piece began
+    stop: float  # since the piece began
+    resting: tuple[int, ...]  # masses at rest, ascending; empty in a glide
+    leader: int  # rests in mode 2, or would if the worm did not glide
+    common: Series | None = None  # velocity w in a glide; None in mode 2
 
 
 def periodic_stretches(
@@ -134,24 +85,8 @@ def periodic_stretches(
 ) -> tuple[tuple[Stretch, ...], tuple[tuple[float, float], ...], tuple[float, ...]]:
     """Follow the worm from w = 0 until its motion repeats.
 
-    Parameters
-    ----------
-    drive : Drive
-        A gait that drives a worm.
-
-    Returns
-    -------
-    stretches : tuple of Stretch
-        One period in order.
-    impulses : tuple of (float, float)
-        Times and sizes of spike impulses.
-    drops : tuple of float
-        Times at which the kinematic velocity W0 jumps down.
-
-    Raises
-    ------
-    SolveError
-        If the worm glides faster from period to period.
+    Returns one period's stretches, times and sizes of spike impulses, and times at which the
+    kinematic velocity W0 jumps down. Raises SolveError if it glides faster period by period.
     """
     cells = [cell for piece in range(drive.gait.pieces) for cell in _cells(drive, piece)]
     w = 0.0

@@ -22,8 +22,6 @@ from wormopt.model.given import (
 )
 from wormopt.systems.spiked.limits import Limits
 
-__all__ = ["MOST_LINKS", "Certify", "Cost", "Effort", "Objective", "Search", "Task", "Worm"]
-
 MOST_LINKS = 32
 # Words of resting sets in a proof, before rotations and mirror images are counted as one.
 _MOST_ORDERS = 1_000_000
@@ -177,37 +175,19 @@ class Objective(Frozen):
 
 @dataclass(frozen=True)
 class Certify(Frozen):
-    """Proof of how much better any gait could be.
+    """Proof of how much better any gait could be."""
 
-    Parameters
-    ----------
-    phases : int, optional
-        It speaks of all gaits with at most so many phases a cycle, 2 to 8.
-    gap : float, optional
-        How much better a gait might still be when it is enough, as a share.
-    time_limit : float, optional
-        Seconds after which it stops with the gap it has.
-    sequence : sequence of sequences of int, optional
-        The resting masses of each phase of a cycle in turn; it speaks of this order alone then.
-    workers : int, optional
-        Number of processes; one per processor if left out.
-    """
-
-    phases: int = 4
-    gap: float = 1e-3
-    time_limit: float = 300.0
+    phases: int = 4  # covers all gaits with at most so many a cycle, 2 to 8
+    gap: float = 1e-3  # as a share: enough when no gait can be better by more
+    time_limit: float = 300.0  # s; then it stops with the gap it has
+    # resting masses per phase; covers this order alone then
     sequence: tuple[tuple[int, ...], ...] | None = None
-    workers: int | None = None
+    workers: int | None = None  # processes; None: one per processor
 
     def faults(self, links: int, resting: int) -> Iterator[Fault]:
         """Yield field and message of what is wrong.
 
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        resting : int
-            At least so many masses rest at any time.
+        `resting`: at least so many masses rest at any time.
         """
         yield from faults_of_whole("phases", self.phases, 2, 8)
         if not is_number(self.gap, 1e-5, 0.5):
@@ -217,13 +197,7 @@ class Certify(Frozen):
         yield from _faults_of_sequence(self.sequence, links, resting)
 
     def faults_of_orders(self, task: Task) -> Iterator[Fault]:
-        """Yield a fault if a task has more orders of rest than can be looked at.
-
-        Parameters
-        ----------
-        task : Task
-            What was designed.
-        """
+        """Yield a fault if a task has more orders of rest than can be looked at."""
         if self.sequence is not None:
             return
         sets = task.count_of_sets

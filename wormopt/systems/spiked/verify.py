@@ -7,8 +7,6 @@ import numpy as np
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.limits import Limits
 
-__all__ = ["violations"]
-
 
 def violations(motion: Crawl, limits: Limits, cycles: int = 1) -> dict[str, float]:
     """Excess over every limit, relative to the limit's own size; not positive where it holds.

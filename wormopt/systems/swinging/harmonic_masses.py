@@ -21,8 +21,6 @@ from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.model.values import numbers
 
-__all__ = ["harmonic_masses", "imbalance", "steady_masses"]
-
 # Of the largest relative momentum of a mass: so much may be left of their sum.
 _BALANCED = 1e-12
 
@@ -37,52 +35,10 @@ def harmonic_masses(
     velocity: float = 0.0,
     place: bool = False,
 ) -> Model:
-    """Build M V' = sum of contact forces for masses with v_i = V + w_i(t).
+    """Build M V' = sum of contact forces for masses with v_i = V + w_i(t), sum m_i w_i = 0.
 
-    w_i(t) = scale sum_k (cosines[i, k] cos((k + 1) omega t) + sines[i, k] sin((k + 1) omega t)).
-    M is the whole mass. Which forces hold the w_i does not matter: they are internal.
-
-    Parameters
-    ----------
-    cosines, sines : array_like, shape (N,) or (N, K)
-        Harmonics of the velocities relative to the centre; column 0 is the first. The sum over
-        masses of m_i w_i must vanish.
-    law : Law or sequence of Law
-        Friction of all masses, or of each.
-    frequency : float, optional
-        Angular frequency omega of the first harmonic, positive.
-    mass : float or array_like, shape (N,), optional
-        Masses m_i, positive.
-    velocity : float, optional
-        V at the start.
-    place : bool, optional
-        Whether the place of the centre is a state too. `average` wants the Model without it,
-        because it does not change slowly.
-
-    Returns
-    -------
-    Model
-        State ``center_velocity`` V, and ``center`` where asked for; parameters ``scale``, a
-        common factor of the prescribed velocities, ``frequency``, ``total_mass`` M and those of
-        the laws; outputs ``velocity`` v_i, ``relative_velocity`` w_i, ``total_force`` and
-        ``power`` of the actuators while V is what friction makes of it; with the place also
-        ``displacement`` of every mass, that of the centre and the integral of w_i.
-
-    Raises
-    ------
-    ArgumentError
-        If shapes disagree, a number is not finite, a mass or the frequency not positive, the
-        relative momentum does not vanish (the message says how much is left), or the law is no
-        friction law.
-
-    Examples
-    --------
-    Three masses, a third of a period behind each other:
-
-    >>> turn = 2 * np.pi * np.arange(3) / 3
-    >>> model = harmonic_masses(np.cos(turn), np.sin(turn), law=Coulomb(0.005, 0.01))
-    >>> [signal.name for signal in model.x], [contact.name for contact in model.contacts]
-    (['center_velocity'], ['mass 0', 'mass 1', 'mass 2'])
+    w_i = scale sum_k (cosines[i, k] cos((k+1) omega t) + sines[i, k] sin((k+1) omega t)),
+    (N,) or (N, K). `place`: the centre is a state too; not for `average`, as it is not slow.
     """
     cosines, sines = _harmonics(cosines, sines)
     masses = _masses(mass, len(cosines))
@@ -128,29 +84,9 @@ def harmonic_masses(
 
 
 def imbalance(cosines: ArrayLike, sines: ArrayLike, mass: ArrayLike = 1.0) -> np.ndarray:
-    """Give the relative momentum that is left over, which must be none.
+    """Relative momentum left over, (K, 2), which must vanish.
 
-    Parameters
-    ----------
-    cosines, sines : array_like, shape (N,) or (N, K)
-        Harmonics of the relative velocities.
-    mass : float or array_like, shape (N,), optional
-        Masses.
-
-    Returns
-    -------
-    ndarray, shape (K, 2)
-        Sum over masses of m_i times cosines and sines, of every harmonic.
-
-    Raises
-    ------
-    ArgumentError
-        If shapes disagree, a number is not finite or a mass not positive.
-
-    Examples
-    --------
-    >>> imbalance([1.0, -1.0, 0.0], [0.0, 0.5, 0.0])
-    array([[0. , 0.5]])
+    Sum over masses of m_i times cosines and sines, (N,) or (N, K), of every harmonic.
     """
     cosines, sines = _harmonics(cosines, sines)
     masses = _masses(mass, len(cosines))
@@ -158,36 +94,10 @@ def imbalance(cosines: ArrayLike, sines: ArrayLike, mass: ArrayLike = 1.0) -> np
 
 
 def steady_masses(amplitude: ArrayLike, law: Coulomb | Sequence[Coulomb]) -> float:
-    """Give the steady mean velocity under small dry friction, of one harmonic.
+    """Steady mean velocity V under small dry friction, of one harmonic, to first order.
 
-    The mean friction of a mass with the velocity V + A_i cos(...) is
-    (F- - F+) / 2 - (F- + F+) asin(V / A_i) / pi while |V| < A_i, and constant beyond; V is where
-    the sum vanishes, which falls with V. Masses alike have V = A sin(Phi) with
-    Phi = (pi / 2) (F- - F+) / (F- + F+). Phases and masses do not matter.
-
-    Parameters
-    ----------
-    amplitude : array_like, shape (N,)
-        Amplitudes A_i, positive.
-    law : Coulomb or sequence of Coulomb
-        Friction of all masses, or of each. There must be some both ways; stiction does not
-        matter, because masses pass through 0 at once.
-
-    Returns
-    -------
-    float
-        V, to first order in the friction.
-
-    Raises
-    ------
-    ArgumentError
-        If an amplitude is not positive, the law not Coulomb's, or all masses rub one way only, so
-        that any velocity beyond the largest amplitude is steady.
-
-    Examples
-    --------
-    >>> round(steady_masses([2.0, 2.0, 2.0], Coulomb(0.5, 1.0)), 12)
-    1.0
+    V is where the sum of (F- - F+) / 2 - (F- + F+) asin(V / A_i) / pi vanishes, with terms
+    constant for |V| >= A_i. Raises ArgumentError if all masses rub one way only.
     """
     sizes = numbers("amplitude", amplitude).ravel()
     if not (sizes.size and np.all((sizes > 0) & (sizes < math.inf))):

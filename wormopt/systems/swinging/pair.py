@@ -8,8 +8,6 @@ from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 
-__all__ = ["pair"]
-
 
 def pair(
     *,
@@ -21,43 +19,8 @@ def pair(
 ) -> Model:
     """Build M X'' = -u + M g c_0, m x'' = u + m g c_1 with m = ratio M.
 
-    Contact forces are told per weight, c = force / (mass g), so that their law is the same number,
-    the coefficient of friction, for both masses whatever their ratio: that may be a constant still
-    to be chosen.
-
-    Parameters
-    ----------
-    friction : float
-        Coefficient of dry friction, alike both ways, positive.
-    ratio : float or casadi.SX
-        Mass of the small one over that of the big one; a symbol where it is to be designed.
-    mass : float, optional
-        Mass M of the big one, positive.
-    gravity : float, optional
-        Weight per mass, positive.
-    length_nominal : float, optional
-        Usual distance; solvers scale by it.
-
-    Returns
-    -------
-    Model
-        States ``position`` and ``velocity`` of the big and the small mass, input ``force``,
-        outputs ``distance`` of the small mass from the big one and ``center_of_mass``.
-
-    Raises
-    ------
-    ArgumentError
-        If a number is not positive.
-
-    References
-    ----------
-    F. L. Chernousko, Doklady Physics 47 (2002) 49-52.
-
-    Examples
-    --------
-    >>> two = pair(friction=0.5, ratio=0.4)
-    >>> two.n_x, [contact.name for contact in two.contacts]
-    (4, ['big mass', 'small mass'])
+    Contact forces are per weight, c = force / (mass g): one law for both, whatever `ratio`,
+    which may be a symbol. F. L. Chernousko, Doklady Physics 47 (2002) 49-52.
     """
     numbers = [friction, mass, gravity, *([] if isinstance(ratio, ca.SX) else [ratio])]
     if not min(numbers) > 0:

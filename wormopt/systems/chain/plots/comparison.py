@@ -12,8 +12,6 @@ from matplotlib.lines import Line2D
 from wormopt.plotting.parts import GREY, LINKS, label, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["comparison", "draws"]
-
 _DOTTED = " + LQR"  # what stands around a plan
 # What box plots show of the plants drawn.
 _BOXES = {
@@ -27,15 +25,7 @@ _BOXES = {
 def comparison(result: Result) -> Figure:
     """Errors in time, and largest error against input, one column per reference.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``compare-tracking``.
-
-    Returns
-    -------
-    Figure
-        Small dots are plants that are not as believed.
+    Small dots are plants that are not as believed.
     """
     names, references = result.attributes["rivals"], result.attributes["references"]
     drawn = sheet(5.4 * len(references), 9.2)
@@ -107,15 +97,7 @@ def _number(value: float | None) -> float:
 def draws(result: Result) -> Figure:
     """Box plots over the plants that are not as believed, one row per reference.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``compare-tracking``.
-
-    Returns
-    -------
-    Figure
-        Boxes hold half of the plants, whiskers 90 %; a cross is the worm as it is believed.
+    Boxes hold half of the plants, whiskers 90 %; a cross is the worm as it is believed.
     """
     references, names = result.attributes["references"], result.attributes["rivals"]
     drawn = sheet(13.0, 2.0 + (1.0 + 0.32 * len(names)) * len(references))

@@ -12,21 +12,9 @@ from wormopt.plotting.parts import GREY, facts, label, scalar, sheet
 from wormopt.result import Result, Variable
 from wormopt.systems.chain.plots import simulation
 
-__all__ = ["convergence", "over_time", "signals"]
-
 
 def signals(result: Result) -> Figure:
-    """Signals against time, one below the other, with the instants at which phases change.
-
-    Parameters
-    ----------
-    result : Result
-        Of optimal control.
-
-    Returns
-    -------
-    Figure
-    """
+    """Signals of optimal control against time, one below the other, with the phase changes."""
     drawn = simulation.signals(over_time(result))
     for axes in drawn.axes:
         for instant in (scalar(result, "phase_times") or [])[1:-1]:
@@ -38,15 +26,7 @@ def signals(result: Result) -> Figure:
 def over_time(result: Result) -> Result:
     """Call the coordinate ``instant`` of an optimal motion ``time``, as other pictures know it.
 
-    Parameters
-    ----------
-    result : Result
-        Of optimal control; its scalar ``time`` is how long the motion takes.
-
-    Returns
-    -------
-    Result
-        Without that scalar.
+    The scalar ``time``, how long the motion takes, is left out.
     """
 
     def called(name: str) -> str:
@@ -61,18 +41,10 @@ def over_time(result: Result) -> Result:
 
 
 def convergence(result: Result) -> Figure:
-    """Errors of relaxed contact against the width of the law and the number of arcs.
+    """Errors of relaxed contact against width of the law and number of arcs, both logarithmic.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``optimal-crawl`` with ``want`` "convergence".
-
-    Returns
-    -------
-    Figure
-        Both axes logarithmic; the dotted lines have the slope of order 1, the bars at the last
-        points are the error bars stated without knowing the exact answer.
+    Dotted lines have the slope of order 1; the bars at the last points are the error bars
+    stated without knowing the exact answer.
     """
     drawn = sheet(9, 4)
     left, right = drawn.subplots(1, 2, sharey=True)

@@ -26,8 +26,6 @@ from wormopt.plotting.parts import (
 )
 from wormopt.result import Result
 
-__all__ = ["bands", "motion", "signals", "trackers"]
-
 _STRIP, _REFERENCE = 0.16, (0, (1, 1.2))
 # Widths of the bars that show rests, and the length of the shortest shown, in points.
 _REST, _THIN_REST, _SHORTEST_REST = 5.0, 2.5, 1.5
@@ -46,16 +44,7 @@ _HEIGHTS = (3, 1.6, 1.6, 2, 3)
 def trackers(result: Result) -> Figure:
     """Outputs with the tube, error, gain, inputs and motion, one column per tracker.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``track``.
-
-    Returns
-    -------
-    Figure
-        The chapter's figures 5 to 8 in one; rows share their scales. Without a gain there is no
-        row for it.
+    The chapter's figures 5 to 8 in one. Rows share their scales; none for a missing gain.
     """
     names = result.attributes["trackers"]
     time = result["time"].values
@@ -189,17 +178,9 @@ def _rests(result: Result, column: int) -> Iterator[tuple[int, float, float]]:
 
 
 def motion(result: Result) -> Figure:
-    """Way of every mass, time upward, one column per tracker.
+    """Way of every mass, time upward, one column per tracker; heavy lines where a mass rests.
 
-    Parameters
-    ----------
-    result : Result
-        With the variables ``time`` and ``position``.
-
-    Returns
-    -------
-    Figure
-        Heavy lines where a mass rests.
+    Needs the variables ``time`` and ``position``.
     """
     names = result.attributes.get("trackers", [""])
     several = result["position"].values.ndim == 3
@@ -224,17 +205,9 @@ def motion(result: Result) -> Figure:
 
 
 def bands(result: Result) -> Figure:
-    """Quantile bands of an ensemble, one column per tracker.
+    """Quantile bands of an ensemble, one column per tracker, rows as in `trackers`.
 
-    Parameters
-    ----------
-    result : Result
-        Of an ensemble of kind ``track``.
-
-    Returns
-    -------
-    Figure
-        Rows as in `trackers`: half of the members lie in the dark band, 90 % in the light one.
+    Half of the members lie in the dark band, 90 % in the light one.
     """
     names = result.attributes["trackers"]
     drawn = sheet(3.4 + 4.2 * len(names), 11.5)
@@ -279,17 +252,9 @@ def _draw_band(axes: Axes, result: Result, name: str, column: int, palette: Sequ
 
 
 def signals(result: Result) -> Figure:
-    """Signals against time, one below the other.
+    """Signals listed in the attribute ``signals`` against time, one below the other.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``simulate``; its attribute ``signals`` says which, in which order.
-
-    Returns
-    -------
-    Figure
-        Rests of a single contact shaded, of several in a band of their own below.
+    Rests of a single contact are shaded, those of several in a band of their own below.
     """
     names = [name for name in result.attributes["signals"] if name in result][:_MOST_SIGNALS]
     contacts = result.attributes["contacts"]

@@ -24,28 +24,12 @@ from wormopt.systems.chain.scenes.chain import (
     StribeckFriction,
 )
 
-__all__ = [
-    "Links",
-    "build_chain",
-    "draw_links",
-    "law_of",
-    "laws_of",
-    "tolerance_of",
-    "treatment_of",
-]
-
 _RANDOM = ("stiffness", "damping", "rest_length")
 
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """Parameters of the links, as chance made them.
-
-    Parameters
-    ----------
-    stiffness, damping, rest_length : ndarray or ParameterPath
-        One number for each link, or their course in time.
-    """
+    """Parameters of the links, as chance made them: one number per link, or a course in time."""
 
     stiffness: np.ndarray | ParameterPath
     damping: np.ndarray | ParameterPath
@@ -65,26 +49,9 @@ class Links:
 
 
 def draw_links(worm: ChainTable, horizon: float, member: int = 0) -> Links:
-    """Draw the parameters of the links.
+    """Draw the parameters of the links of one member of an ensemble, over the time `horizon`.
 
-    Parameters
-    ----------
-    worm : ChainTable
-        What the scene says.
-    horizon : float
-        How long the motion goes on.
-    member : int, optional
-        Which worm of an ensemble. Members do not depend on how many there are.
-
-    Returns
-    -------
-    Links
-
-    Examples
-    --------
-    >>> worm = ChainTable(links=2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0)
-    >>> draw_links(worm, 10.0).stiffness
-    array([10., 10.])
+    Members do not depend on how many there are.
     """
     processes = worm.random.processes if worm.random else {}
     seed = worm.random.seed if worm.random else 0
@@ -113,23 +80,10 @@ def _course(
 def build_chain(
     worm: ChainTable, start: Start, links: Links, length_nominal: float, time_nominal: float
 ) -> Model:
-    """Make the Model of a chain.
+    """Make the Model of a chain; `*_nominal` are usual sizes of a link length and of a period.
 
-    Parameters
-    ----------
-    worm : ChainTable
-        What the scene says.
-    start : Start
-        Where it starts. Without positions, links have the rest length that the scene says, also
-        where chance makes it another.
-    links : Links
-        From `draw_links`.
-    length_nominal, time_nominal : float
-        Usual size of a link length and of a period.
-
-    Returns
-    -------
-    Model
+    Without start positions, links have the rest length that the scene says, even where chance
+    makes it another.
     """
     position = start.position
     if position is None:
@@ -152,36 +106,13 @@ def build_chain(
 
 
 def laws_of(worm: ChainTable) -> list[Law]:
-    """Friction law of every mass.
-
-    Parameters
-    ----------
-    worm : ChainTable
-        What the scene says.
-
-    Returns
-    -------
-    list of Law
-        Empty where nothing rubs.
-    """
+    """Friction law of every mass; empty where nothing rubs."""
     one_each = isinstance(worm.friction, tuple)
     return [law_of(table, 0 if one_each else i) for i, table in enumerate(worm.ground)]
 
 
 def law_of(table: Friction, mass: int = 0) -> Law:
-    """Law of one mass; the table's numbers are alike for all masses or listed one per mass.
-
-    Parameters
-    ----------
-    table : Friction
-        What the scene says.
-    mass : int, optional
-        Which mass.
-
-    Returns
-    -------
-    Law
-    """
+    """Law of one mass; the table's numbers are alike for all masses or listed one per mass."""
 
     def number(value: float | tuple[float, ...]) -> float:
         return value[mass] if isinstance(value, tuple) else value
@@ -199,30 +130,10 @@ def law_of(table: Friction, mass: int = 0) -> Law:
 
 
 def treatment_of(contact: ContactTable) -> Treatment:
-    """Treatment of contact that a scene asks for.
-
-    Parameters
-    ----------
-    contact : SmoothContact or ExactContact
-        What the scene says.
-
-    Returns
-    -------
-    Smooth or Exact
-    """
+    """Treatment of contact that a scene asks for."""
     return Smooth(contact.v_reg) if isinstance(contact, SmoothContact) else Exact()
 
 
 def tolerance_of(table: ToleranceTable) -> Tolerance:
-    """Tolerance that a scene asks for.
-
-    Parameters
-    ----------
-    table : ToleranceTable
-        What the scene says.
-
-    Returns
-    -------
-    Tolerance
-    """
+    """Tolerance that a scene asks for."""
     return Tolerance(table.relative, table.absolute, table.max_steps, table.max_step)

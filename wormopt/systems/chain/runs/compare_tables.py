@@ -9,23 +9,13 @@ import numpy as np
 
 from wormopt.systems.chain.scenes.compare_tracking import CompareScene
 
-__all__ = ["Drawn", "Known", "table_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """Numbers of one rival on plants that are not as believed.
+    """Numbers of one rival on plants that are not as believed."""
 
-    Parameters
-    ----------
-    values : dict of str to ndarray, shape (members,)
-        By their names; not a number where a plant could not be simulated or nothing happens.
-    failed : int
-        How many could not be simulated.
-    """
-
-    values: dict[str, np.ndarray]
-    failed: int
+    values: dict[str, np.ndarray]  # (members,) by name; NaN: not simulated or nothing happens
+    failed: int  # how many could not be simulated
 
     @property
     def outside(self) -> int:
@@ -34,33 +24,17 @@ class Drawn:
         return len(stays) - int(np.sum(stays))
 
     def quantiles(self, name: str, *shares: float) -> list[float]:
-        """Quantiles of a number over the plants that could be simulated.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-        *shares : float
-            Shares of the plants below, 0 to 1.
-        """
+        """Quantiles of a number over the plants that could be simulated, at `shares` of 0 to 1."""
         values = self.values[name][np.isfinite(self.values[name])]
         return [float(np.quantile(values, s)) if values.size else np.nan for s in shares]
 
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """A plan made anew for plants that are known.
+    """A plan made anew for plants that are known."""
 
-    Parameters
-    ----------
-    name : str
-        Which plan.
-    drawn : Drawn
-        Numbers of the plants in question; ``failed`` are those for which none was found.
-    """
-
-    name: str
-    drawn: Drawn
+    name: str  # which plan
+    drawn: Drawn  # of these plants; ``failed``: for which none was found
 
 
 _COLUMNS = {
@@ -87,22 +61,8 @@ def table_of(
 ) -> str:
     """Write all figures as Markdown.
 
-    Parameters
-    ----------
-    table : CompareScene
-        The scene.
-    references : sequence of str
-        Names of the references.
-    numbers : sequence of mapping
-        By reference and rival, the numbers of the worm as it is believed.
-    drawn : sequence of mapping
-        By reference and rival, the numbers of the other plants.
-    known : sequence of Known
-        Plans made anew, for the first reference.
-
-    Returns
-    -------
-    str
+    By reference and rival, `numbers` are of the worm as it is believed and `drawn` of the
+    other plants; `known` are plans made anew for the first reference.
     """
     lines: list[str] = []
     for name, row, plants in zip(references, numbers, drawn, strict=True):

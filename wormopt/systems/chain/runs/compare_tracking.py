@@ -34,8 +34,6 @@ from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.runs.reference import gait_of_shape
 from wormopt.systems.spiked.task import Search, Worm
 
-__all__ = ["run"]
-
 # Plants that are not as believed are simulated less exactly: they differ by far more.
 _LOOSE = Tolerance(relative=1e-8, absolute=1e-9)
 _SAMPLES = 501
@@ -52,52 +50,21 @@ Numbers = dict[str, tuple[Any, str]]
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """One rival on the worm as it is believed, and on the others.
-
-    Parameters
-    ----------
-    rival : Rival
-        Which.
-    motion : Trajectory
-        On the worm as it is believed.
-    second : Recheck or None
-        Its second route.
-    numbers : dict
-        What is said of the motion.
-    drawn : Drawn
-        What is said of the others.
-    """
+    """One rival on the worm as it is believed, and on the others."""
 
     rival: Rival
-    motion: Trajectory
-    second: Recheck | None
-    numbers: Numbers
-    drawn: Drawn
+    motion: Trajectory  # of the worm as it is believed
+    second: Recheck | None  # its second route
+    numbers: Numbers  # of `motion`
+    drawn: Drawn  # of the other plants
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
 def run(scene: Scene[CompareScene], report: Report) -> Result:
-    """Plan, close the loops, simulate all, and put the figures side by side.
+    """Plan, close the loops, simulate all exactly, and put the figures side by side.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``compare-tracking``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        All figures are of one exact simulator. Status "failed" where a motion of the worm as it
-        is believed is not confirmed by a second route or its energies do not balance.
-
-    Raises
-    ------
-    SceneError
-        If a gait's file cannot be used.
-    SolveError
-        If a reference cannot be designed, or a worm as it is believed not be simulated.
+    "failed" where a motion as believed lacks confirmation by a second route or energy balance.
+    Raises SceneError for a gait's file; SolveError if a design or nominal motion fails.
     """
     table, clock = scene.table, time.perf_counter()
     report("designing the references", 0.0)

@@ -21,45 +21,23 @@ from wormopt.systems.shared.watch import (
     watch_tube,
 )
 
-__all__ = ["judged", "judged_numbers"]
-
 # Times at which the largest error is sought where a motion was kept whole.
 _INSTANTS = 20_001
 
 
 def judged(model: Model, tube: TubeTable) -> Model:
-    """Add to a chain what is measured along its motion.
+    """Add to a chain, driven or controlled, what is measured along its motion.
 
-    Parameters
-    ----------
-    model : Model
-        With the output ``error``, controlled or driven.
-    tube : TubeTable
-        Tube around the reference.
-
-    Returns
-    -------
-    Model
+    It must have the output ``error``.
     """
     return watch_tube(measure_tracking(measure_power(model)), tube.radius)
 
 
 def judged_numbers(motion: Trajectory, tube: TubeTable) -> dict[str, tuple[Any, str]]:
-    """What is said of a motion in numbers.
+    """(Value, quantity) of each scalar of a `judged` motion, by its name in a Result.
 
-    Parameters
-    ----------
-    motion : Trajectory
-        Of a model of `judged`, sampled from time 0 to its end.
-    tube : TubeTable
-        Tube around the reference.
-
-    Returns
-    -------
-    dict of str to (value, quantity)
-        By the names of the scalars in a Result. Work and cost of transport count the positive
-        power of each actuator, nothing recovered; ``net_work`` counts what flows back too.
-        ``error_peak`` and ``input_peak`` are of the samples where the motion was not kept whole.
+    Work and cost of transport count the positive power of each actuator, ``net_work`` all of
+    it. Peaks are of the samples where the motion, from time 0 on, was not kept whole.
     """
     seen = _seen(motion)
     end, outside = motion.end_time, bool(seen["outside"][0] > 0)

@@ -29,31 +29,11 @@ from wormopt.systems.chain.scenes.track import (
     TrackScene,
 )
 
-__all__ = ["build_loop", "labels", "tube_radius"]
-
 
 def build_loop(scene: Scene[TrackScene], index: int, gait: Gait, links: Links) -> Model:
-    """Close the loop of one tracker.
+    """Close the loop of the tracker `index` around links that shall follow a gait.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``track``.
-    index : int
-        Which tracker.
-    gait : Gait
-        What the links shall do.
-    links : Links
-        Their parameters.
-
-    Returns
-    -------
-    Model
-
-    Raises
-    ------
-    SceneError
-        If the tracker cannot start there.
+    Raises SceneError if the tracker cannot start there.
     """
     table = scene.table
     length = float(np.mean(np.abs(gait(gait.breaks[:-1])))) or 1.0
@@ -113,39 +93,14 @@ def _feedforward(tracker: Tracker, table: TrackScene) -> FeedForward | None:
 
 
 def tube_radius(tracker: Tracker) -> float:
-    """Radius of the tube that a tracker is judged by.
-
-    Parameters
-    ----------
-    tracker : FilterTracker, DerivativeTracker or FunnelTracker
-        The tracker.
-
-    Returns
-    -------
-    float
-    """
+    """Radius of the tube that a tracker is judged by."""
     if isinstance(tracker, FunnelTracker):
         return tracker.funnel.end if tracker.tube_radius is None else tracker.tube_radius
     return tracker.tube_radius
 
 
 def labels(trackers: Sequence[Tracker]) -> list[str]:
-    """Name of each tracker, no two alike.
-
-    Parameters
-    ----------
-    trackers : sequence of FilterTracker, DerivativeTracker or FunnelTracker
-        The trackers.
-
-    Returns
-    -------
-    list of str
-
-    Examples
-    --------
-    >>> labels([FilterTracker(tube_radius=0.2), FilterTracker(tube_radius=0.1, name="narrow")])
-    ['tracker (14)', 'narrow']
-    """
+    """Name of each tracker, no two alike."""
     found = [tracker.name or _default_name(tracker) for tracker in trackers]
     counts = Counter(found)
     return [

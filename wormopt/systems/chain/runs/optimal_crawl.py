@@ -43,8 +43,6 @@ from wormopt.systems.shared.optimum import (
 )
 from wormopt.systems.shared.signals import CHAIN_SIGNALS, chain_expressions
 
-__all__ = ["run"]
-
 _SHOWN = ("length", "velocity", "contact_force", "input")
 # Relaxation of complementarity, in usual speeds times usual forces: the last one only has to show
 # the phases, that of the convergence study has to be small against the error of the grid.
@@ -64,27 +62,10 @@ _DRAWN = ("mass", "stiffness", "damping", "friction_forward", "friction_backward
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
 def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
-    """Find the best periodic crawl of a chain.
+    """Find the best periodic crawl: relaxed contact from several starts, then phases, then replay.
 
-    Relaxed contact first, from several starts; then its phases with free switching times, unless
-    several worms share the inputs; then a simulation with the inputs found.
-
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``optimal-crawl``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where a simulation with the inputs found ends elsewhere.
-
-    Raises
-    ------
-    SolveError
-        If there is no such crawl, or it is not found.
+    Phases have free switching times; none if several worms share the inputs. "failed" where
+    the simulation ends elsewhere; raises SolveError if there is no crawl or none is found.
     """
     table, begin = scene.table, time.perf_counter()
     plant = _plant(table)
@@ -229,26 +210,14 @@ def _guess(table: OptimalCrawlScene, plant: Model, worms: int, start: int) -> Gu
 
 @dataclass(frozen=True, eq=False)
 class _Convergence:
-    """Objectives of relaxed contact on the way to the exact one.
+    """Objectives of relaxed contact on the way to the exact one."""
 
-    Parameters
-    ----------
-    exact : float
-        Objective with prescribed modes.
-    widths, smoothed : ndarray
-        Widths of the smoothed law, and the objective at each.
-    arcs, relaxed : ndarray
-        Numbers of arcs, and the objective with complementarity on each grid.
-    alike : bool
-        Whether both show the contact modes of the exact one.
-    """
-
-    exact: float
-    widths: np.ndarray
-    smoothed: np.ndarray
-    arcs: np.ndarray
-    relaxed: np.ndarray
-    alike: bool
+    exact: float  # objective with prescribed modes
+    widths: np.ndarray  # of the smoothed law
+    smoothed: np.ndarray  # objective at each width
+    arcs: np.ndarray  # numbers of arcs
+    relaxed: np.ndarray  # objective with complementarity on each grid
+    alike: bool  # both show the contact modes of the exact one
 
     @property
     def orders(self) -> tuple[float, float]:

@@ -32,8 +32,6 @@ from wormopt.systems.chain.scenes.track_optimal import (
     TubeTable,
 )
 
-__all__ = ["first_guess", "knowing", "lengths_of", "optimal_input", "tracking_problem"]
-
 # Of the error in the LQR from which solves start, where no other weight is given.
 _STIFF = 1e3
 _SOLVER = Ipopt(tolerance=1e-7, iterations=300)
@@ -48,25 +46,10 @@ def tracking_problem(
     objective: LeastError | LeastInput,
     tube: TubeTable,
 ) -> Problem:
-    """State optimal tracking from where the plant starts.
+    """State optimal tracking from where the plant starts to the time `end`.
 
-    Parameters
-    ----------
-    plant : Model
-        With the input ``input`` and the output ``length``.
-    reference : Reference
-        What the output shall follow.
-    end : float
-        Duration.
-    objective : LeastError or LeastInput
-        What is minimised.
-    tube : TubeTable
-        Tube that the error keeps to, under `LeastInput`.
-
-    Returns
-    -------
-    Problem
-        Its integrals are those of |e|^2 and |u|^2.
+    The plant has the input ``input`` and the output ``length``; the tube holds under
+    `LeastInput`. Integrals of the problem are those of |e|^2 and |u|^2.
     """
     error = TrackingError.of(plant, reference)
     model = with_reference(plant, reference)
@@ -105,20 +88,7 @@ def _asked_from(capture: float, end: float) -> Schedule:
 def first_guess(plant: Model, reference: Reference, end: float, error_weight: float) -> Guess:
     """Simulate an LQR with feed-forward exactly: a motion near the reference, forces included.
 
-    Parameters
-    ----------
-    plant : Model
-        What moves.
-    reference : Reference
-        What its output shall follow.
-    end : float
-        Duration.
-    error_weight : float
-        Weight of |e|^2 against that of the square of what is added to the feed-forward.
-
-    Returns
-    -------
-    Guess
+    `error_weight` is that of |e|^2 against the square of what is added to the feed-forward.
     """
     loop = lqr(plant, reference, error_weight=error_weight)
     motion = simulate(loop, end, dense=True)
@@ -147,29 +117,9 @@ def optimal_input(
     period: float,
     report: Report = silent,
 ) -> Optimum:
-    """Find the optimal input with contact as a complementarity.
+    """Find the optimal input of `tracking_problem` with contact as a complementarity.
 
-    Parameters
-    ----------
-    plant, reference, end, objective, tube : object
-        As for `tracking_problem`.
-    grid : GridTable
-        How fine.
-    relaxation : RelaxationTable
-        How exact contact is.
-    period : float
-        Period of the reference, by which the grid is measured.
-    report : callable, optional
-        Told how far it is.
-
-    Returns
-    -------
-    Optimum
-
-    Raises
-    ------
-    SolveError
-        If none is found.
+    The grid is measured by `period`, that of the reference. Raises SolveError if none is found.
     """
     problem = tracking_problem(plant, reference, end, objective, tube)
     breaks = problem.model.breaks(end)
@@ -183,19 +133,9 @@ def optimal_input(
 
 
 def knowing(optimum: Optimum, p: Mapping[str, ArrayLike]) -> Motion | None:
-    """Find the optimal motion of a plant with other parameters, from that of another.
+    """Find the optimal motion of a plant with other parameters, from that of the believed one.
 
-    Parameters
-    ----------
-    optimum : Optimum
-        Of the plant as it was believed, with complementarity.
-    p : mapping of str to array_like
-        Parameters of the model by name.
-
-    Returns
-    -------
-    Motion or None
-        None where there is none, or none is found in reasonable time.
+    `optimum` is with complementarity. None where there is none, or none in reasonable time.
     """
     program, w = optimum.motion.program, optimum.solution.w
     solution = optimum.solution
@@ -210,19 +150,9 @@ def knowing(optimum: Optimum, p: Mapping[str, ArrayLike]) -> Motion | None:
 
 
 def lengths_of(motion: Motion, parts: int = 1) -> Gait:
-    """Link lengths of an optimal motion as a course of time.
+    """Link lengths of an optimal motion of a chain as a course of time, `parts` cubics per arc.
 
-    Parameters
-    ----------
-    motion : Motion
-        Of a chain.
-    parts : int, optional
-        Cubics on each arc.
-
-    Returns
-    -------
-    Gait
-        With the lengths and rates of the motion where cubics meet.
+    Lengths and rates are those of the motion where cubics meet.
     """
     model, breaks = motion.program.problem.model, motion.breaks
     kept = breaks[np.append(np.diff(breaks) > 1e-9 * motion.duration, True)]

@@ -22,8 +22,6 @@ from wormopt.result import UNITS
 from wormopt.scene.scene import Scene
 from wormopt.systems.chain.scenes.simulate import SimulateScene
 
-__all__ = ["load_model"]
-
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Names that the Result uses itself.
 _TAKEN = {
@@ -35,22 +33,10 @@ _TAKEN = {
 
 
 def load_model(scene: Scene[SimulateScene]) -> Model:
-    """Run the user's file and the function in it.
+    """Run the user's file and the function in it, as the scene's key ``model`` says.
 
-    Parameters
-    ----------
-    scene : Scene
-        With the key ``model``.
-
-    Returns
-    -------
-    Model
-
-    Raises
-    ------
-    SceneError
-        If the file does not run, has no such function, the function fails or returns no Model, or
-        the Model cannot be simulated and saved; the message says what to write.
+    Raises SceneError if file or function is missing or fails, or its result is no Model that can
+    be simulated and saved; the message says what to write.
     """
     table, path = scene.table, scene.folder / scene.table.model_file
     try:

@@ -28,8 +28,6 @@ from wormopt.systems.chain.runs.optimal_tracking import knowing, lengths_of, opt
 from wormopt.systems.chain.scenes.compare_tracking import CompareScene
 from wormopt.systems.chain.scenes.track_optimal import LeastError, LeastInput
 
-__all__ = ["PLANS", "Answer", "Draw", "Job", "Plan", "answers", "plant_of", "solve"]
-
 Draw = Mapping[str, np.ndarray]
 """Parameters of a plant by name."""
 
@@ -47,37 +45,17 @@ _PARTS = 6
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What one process computes.
+    """What one process computes."""
 
-    Parameters
-    ----------
-    kind : {"optimal tracking", "optimal tube", "fastest crawl"}
-        What is planned.
-    table : CompareScene
-        The scene.
-    gait : Gait
-        The reference.
-    draws : tuple of Draw, optional
-        Plants for which the plan is made anew.
-    """
-
-    kind: str
+    kind: str  # "optimal tracking", "optimal tube" or "fastest crawl"
     table: CompareScene
-    gait: Gait
-    draws: Sequence[Draw] = ()
+    gait: Gait  # the reference
+    draws: Sequence[Draw] = ()  # plants for which the plan is made anew
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """An input and the link lengths that go with it, as courses of time.
-
-    Parameters
-    ----------
-    inputs, lengths : Gait
-        One row per link.
-    periodic : bool
-        Whether they repeat.
-    """
+    """An input and the link lengths that go with it, as courses of time, one row per link."""
 
     inputs: Gait
     lengths: Gait
@@ -86,40 +64,19 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What came of a job.
+    """What came of a job; a plan is None where none was found."""
 
-    Parameters
-    ----------
-    plan : Plan or None
-        For the plant as it is believed; None where none was found.
-    known : tuple of Plan or None
-        For the plants of the job's draws; None where none was found.
-    iterations : int
-        Of the first's solves.
-    numbers : dict
-        How the first's solves went, and how long all took; why there is none.
-    """
-
-    plan: Plan | None
-    known: tuple[Plan | None, ...] = ()
-    iterations: int = 0
+    plan: Plan | None  # for the plant as it is believed
+    known: tuple[Plan | None, ...] = ()  # for the plants of the job's draws
+    iterations: int = 0  # of the solves for `plan`
+    # how these solves went, time taken by all, or why there is no plan
     numbers: dict[str, float | str] = field(default_factory=dict)
 
 
 def answers(jobs: Sequence[Job], workers: int) -> Iterator[Answer]:
-    """Do jobs in several processes.
+    """Do jobs in several processes; the answers come in the order of the jobs.
 
-    Parameters
-    ----------
-    jobs : sequence of Job
-        In the order in which they begin.
-    workers : int
-        Number of processes; 1 does them here.
-
-    Yields
-    ------
-    Answer
-        In the order of the jobs.
+    With one worker they are done in this process.
     """
     if workers == 1 or len(jobs) <= 1:
         yield from map(solve, jobs)
@@ -138,15 +95,7 @@ def answers(jobs: Sequence[Job], workers: int) -> Iterator[Answer]:
 def solve(job: Job) -> Answer:
     """Plan for the plant as it is believed, then anew for each plant that is known.
 
-    Parameters
-    ----------
-    job : Job
-        What is to be planned.
-
-    Returns
-    -------
-    Answer
-        A plan that is not found is none, and counted: nothing is raised.
+    A plan that is not found is None, and counted: nothing is raised.
     """
     begin = time.perf_counter()
     periodic = job.kind == "fastest crawl"
@@ -178,19 +127,7 @@ def solve(job: Job) -> Answer:
 
 
 def plant_of(table: CompareScene, gait: Gait) -> Model:
-    """Plant of a scene as it is believed.
-
-    Parameters
-    ----------
-    table : CompareScene
-        The scene.
-    gait : Gait
-        The reference, by which it is scaled.
-
-    Returns
-    -------
-    Model
-    """
+    """Plant of a scene as it is believed, scaled by the reference `gait`."""
     length = float(np.mean(np.abs(gait(gait.breaks[:-1])))) or 1.0
     links = draw_links(table.worm, table.time.end)
     return build_chain(table.worm, table.start, links, length, gait.period)

@@ -20,25 +20,15 @@ from wormopt.systems.chain.runs.plans import Draw, Plan, plant_of
 from wormopt.systems.chain.scenes.compare_tracking import CompareScene
 from wormopt.systems.chain.scenes.track import Reference, TrackScene
 
-__all__ = ["LQR", "Rival", "draw_plants", "driven", "rivals"]
-
 LQR = "LQR, feed-forward"
 
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """One way of moving the worm.
+    """One way of moving the worm."""
 
-    Parameters
-    ----------
-    name : str
-        What tables and pictures call it.
-    model : Model
-        Without inputs, with the output ``error`` against the reference.
-    """
-
-    name: str
-    model: Model
+    name: str  # for tables and pictures
+    model: Model  # without inputs; output ``error`` against the reference
 
 
 def rivals(
@@ -46,18 +36,7 @@ def rivals(
 ) -> Iterator[Rival]:
     """Close the loops and put in the plans, first as they are, then with LQR around them.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``compare-tracking``.
-    gait : Gait
-        The reference.
-    plans : mapping of str to Plan
-        By their names; those that were not found are left out.
-
-    Yields
-    ------
-    Rival
+    Plans that were not found are left out.
     """
     table = scene.table
     loops = _as_track_scene(scene)
@@ -89,21 +68,7 @@ def _as_track_scene(scene: Scene[CompareScene]) -> Scene[TrackScene]:
 
 
 def driven(table: CompareScene, gait: Gait, plan: Plan) -> Model:
-    """Plant under a plan, open loop.
-
-    Parameters
-    ----------
-    table : CompareScene
-        The scene.
-    gait : Gait
-        The reference by which it is judged.
-    plan : Plan
-        The plan.
-
-    Returns
-    -------
-    Model
-    """
+    """Plant under a plan, open loop, judged by the reference `gait`."""
     plant = plant_of(table, gait)
     compared = with_reference(plant, follow(gait, plant.t))
     return drive(compared, plan.inputs, periodic=plan.periodic)
@@ -128,20 +93,10 @@ def _lqr(table: CompareScene, gait: Gait, plan: Plan | None) -> Model:
 
 
 def draw_plants(table: CompareScene, gait: Gait) -> list[Draw]:
-    """Parameters of plants that are not as believed.
+    """Parameters of plants that are not as believed, one draw per member.
 
-    Parameters
-    ----------
-    table : CompareScene
-        The scene.
-    gait : Gait
-        A reference; the numbers do not depend on it.
-
-    Returns
-    -------
-    list of Draw
-        One per member; the members do not depend on how many there are. Stiction varies with the
-        sliding force of its direction.
+    They depend neither on `gait` nor on how many members there are. Stiction varies with the
+    sliding force of its direction.
     """
     own = {s.name: np.array(s.value, dtype=float) for s in plant_of(table, gait).p}
     spread = table.draws.spread

@@ -51,36 +51,16 @@ from wormopt.systems.shared.signals import (
 from wormopt.systems.shared.watch import balance, chain_numbers, measure_power
 from wormopt.systems.spiked.runs.reference import gait_of_shape
 
-__all__ = ["run"]
-
 # Signals of a chain that the picture shows, in this order.
 _SHOWN = ("length", "velocity", "contact_force", "input")
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
 def run(scene: Scene[SimulateScene], report: Report) -> Result:
-    """Simulate a chain or the user's model.
+    """Simulate a chain or the user's model; "failed" if second route or energy balance disagrees.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``simulate``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where the second route or, of a chain, the energy balance disagrees.
-
-    Raises
-    ------
-    SceneError
-        If a gait's file or the user's model cannot be used.
-    SolveError
-        If the motion cannot be followed to its end; the partial result holds it up to there.
-    Interrupted
-        If the user stops it; the partial result holds the motion as far as it came.
+    Raises SceneError for an unusable gait file or model; SolveError if the motion stops short,
+    Interrupted if the user stops it, both with the motion so far as partial result.
     """
     table = scene.table
     clock = time.perf_counter()

@@ -42,35 +42,13 @@ from wormopt.systems.shared.watch import ENTERS, balance, time_in_tube
 from wormopt.systems.spiked.files import gait_variables
 from wormopt.systems.spiked.runs.reference import gait_of_shape
 
-__all__ = ["run"]
-
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
 def run(scene: Scene[TrackScene], report: Report) -> Result:
-    """Simulate the worm under each tracker, or an ensemble of worms.
+    """Simulate the worm under each tracker, or an ensemble; "failed" where checks disagree.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``track``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where the second route or the energy balance disagrees, or an error left
-        its funnel.
-
-    Raises
-    ------
-    SceneError
-        If a gait's file cannot be used, or a tracker cannot start.
-    SolveError
-        If a motion cannot be followed to its end; the partial result holds it up to there.
-    Interrupted
-        If the user stops it; the partial result holds the motions that are done, or the first as
-        far as it came.
+    These are second route, energy balance, funnels. Raises SceneError for a gait file or start,
+    SolveError if a motion stops short, Interrupted by the user; these two with partial results.
     """
     if scene.table.ensemble is not None:
         from wormopt.systems.chain.runs.track_ensemble import run_ensemble

@@ -41,8 +41,6 @@ from wormopt.systems.shared.watch import balance
 from wormopt.systems.spiked.files import gait_variables
 from wormopt.systems.spiked.runs.reference import gait_of_shape
 
-__all__ = ["QUANTILES", "run_ensemble"]
-
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Shares of the members that lie below the lines of a band."""
 
@@ -54,24 +52,13 @@ _EACH = ("distance", "mean_speed", "time_outside_tube", "capture_time", "input_r
 
 @dataclass(frozen=True, eq=False)
 class _Herd:
-    """An ensemble under one tracker.
+    """An ensemble under one tracker."""
 
-    Parameters
-    ----------
-    first : Tracked
-        The first member's motion.
-    ensemble : Ensemble
-        All motions.
-    numbers : list of dict
-        What each motion that came to its end comes to, with quantities.
-    whole : list of int
-        The members of these motions.
-    """
-
-    first: Tracked
+    first: Tracked  # motion of the first member
     ensemble: Ensemble
+    # (value, quantity) of each motion that came to its end
     numbers: list[dict[str, tuple[Any, str]]]
-    whole: list[int]
+    whole: list[int]  # members of these motions
 
     def values(self, name: str) -> list[Any]:
         """One number of every member that came to its end."""
@@ -83,29 +70,10 @@ class _Herd:
 
 
 def run_ensemble(scene: Scene[TrackScene], report: Report) -> Result:
-    """Simulate every member under each tracker.
+    """Simulate every member under each tracker; scalars are medians over the members.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``track`` with an ensemble.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Scalars are medians over the members. Status "failed" where a member was given up, or the
-        second route disagrees at the first, the slowest or the fastest member.
-
-    Raises
-    ------
-    SceneError
-        If a gait's file cannot be used, or a tracker cannot start.
-    SolveError
-        If no member came to its end.
-    Interrupted
-        If the user stops it; the partial result holds the members that came to their end.
+    "failed" where one was given up, or the second route disagrees (first, slowest, fastest).
+    Raises SceneError for gait file or start; SolveError if none ends; Interrupted, partial.
     """
     clock = time.perf_counter()
     table = scene.table

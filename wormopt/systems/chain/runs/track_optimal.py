@@ -38,8 +38,6 @@ from wormopt.systems.shared.watch import balance
 from wormopt.systems.spiked.files import gait_variables
 from wormopt.systems.spiked.runs.reference import gait_of_shape
 
-__all__ = ["run"]
-
 # Largest difference of any state, at any time, between the optimiser's motion and the exact
 # simulation of its input that is accepted: open loop, errors of the grid add up.
 _ACCEPTED = 0.05
@@ -48,49 +46,20 @@ _NAME = "optimal input"
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """The optimiser's motion and the exact one.
+    """The optimiser's motion and the exact one."""
 
-    Parameters
-    ----------
-    optimum : Optimum
-        From complementarity.
-    plant : Model
-        Driven by its input, nothing measured.
-    motion : Trajectory
-        Exact, judged.
-    replay : Recheck
-        How far both are apart.
-    """
-
-    optimum: Optimum
-    plant: Model
-    motion: Trajectory
-    replay: Recheck
+    optimum: Optimum  # from complementarity
+    plant: Model  # driven by its input, nothing measured
+    motion: Trajectory  # exact, judged
+    replay: Recheck  # how far both are apart
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
 def run(scene: Scene[TrackOptimalScene], report: Report) -> Result:
     """Find the best input and simulate it exactly, open loop.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``track-optimal``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        All scalars but ``objective_found`` are of the exact simulation. Status "failed" where it
-        is not near the optimiser's motion, or is itself not confirmed by a second route.
-
-    Raises
-    ------
-    SceneError
-        If the gait's file cannot be used.
-    SolveError
-        If no input is found, or its motion cannot be simulated.
+    Scalars but ``objective_found`` are of that simulation; "failed" if it is not near the optimum
+    or not confirmed. Raises SceneError for a gait's file, SolveError without input or motion.
     """
     table = scene.table
     gait = gait_of_shape(table.reference.gait, scene, "reference.gait")

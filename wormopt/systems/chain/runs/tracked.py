@@ -22,15 +22,6 @@ from wormopt.systems.shared.signals import (
 )
 from wormopt.systems.shared.watch import chain_numbers, measure_power, time_in_tube, watch_tube
 
-__all__ = [
-    "LOOP_SIGNALS",
-    "Tracked",
-    "faults_of_funnel",
-    "loop_expressions",
-    "loop_numbers",
-    "watched",
-]
-
 LOOP_SIGNALS: dict[str, Kind] = CHAIN_SIGNALS | {
     "error_norm": ("length", (), "norm of the error e"),
     "tube": ("length", (), "radius of the tube around the reference"),
@@ -42,56 +33,21 @@ LOOP_SIGNALS: dict[str, Kind] = CHAIN_SIGNALS | {
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """One tracker's motion.
-
-    Parameters
-    ----------
-    label : str
-        What it is called.
-    tracker : FilterTracker, DerivativeTracker or FunnelTracker
-        What the scene says.
-    loop : Model
-        The closed loop, without what is measured.
-    motion : Trajectory
-        What it did.
-    """
+    """One tracker's motion."""
 
     label: str
-    tracker: Tracker
-    loop: Model
+    tracker: Tracker  # what the scene says
+    loop: Model  # closed loop, without what is measured
     motion: Trajectory
 
 
 def watched(loop: Model, tracker: Tracker) -> Model:
-    """Add to a closed loop what is measured along its motion.
-
-    Parameters
-    ----------
-    loop : Model
-        The closed loop.
-    tracker : FilterTracker, DerivativeTracker or FunnelTracker
-        Its tracker.
-
-    Returns
-    -------
-    Model
-    """
+    """Add to a closed loop what is measured along its motion."""
     return watch_tube(measure_power(loop), tube_radius(tracker))
 
 
 def loop_numbers(each: Tracked) -> dict[str, tuple[Any, str]]:
-    """What is said of a tracker's motion in numbers.
-
-    Parameters
-    ----------
-    each : Tracked
-        The motion.
-
-    Returns
-    -------
-    dict of str to (value, quantity)
-        By the names of the scalars in a Result.
-    """
+    """(Value, quantity) of each scalar of a tracker's motion, by its name in a Result."""
     motion = each.motion
     chain = chain_numbers(motion)
     outside, captured = time_in_tube(motion)
@@ -118,17 +74,7 @@ def _gain(each: Tracked) -> ca.SX:
 
 
 def loop_expressions(each: Tracked) -> dict[str, ca.SX]:
-    """Signals of a tracker's motion.
-
-    Parameters
-    ----------
-    each : Tracked
-        The motion.
-
-    Returns
-    -------
-    dict of str to casadi.SX
-    """
+    """Signals of a tracker's motion, by name."""
     return chain_expressions(each.motion.system.model) | {
         "error_norm": each.loop.output("error_norm"),
         "tube": ca.SX(tube_radius(each.tracker)),
@@ -137,17 +83,7 @@ def loop_expressions(each: Tracked) -> dict[str, ca.SX]:
 
 
 def faults_of_funnel(each: Tracked) -> Iterator[str]:
-    """Say where an error left its funnel.
-
-    Parameters
-    ----------
-    each : Tracked
-        The motion.
-
-    Yields
-    ------
-    str
-    """
+    """Say where an error left its funnel."""
     if not isinstance(each.tracker, FunnelTracker):
         return
     loop = each.loop

@@ -212,13 +212,7 @@ class ChainTable(Table, frozen=True, kw_only=True):
         return (self.friction,) * (self.links + 1)
 
     def faults(self, horizon: float) -> Iterator[Fault]:
-        """Yield what is wrong between the keys of this table.
-
-        Parameters
-        ----------
-        horizon : float
-            How long the motion goes on.
-        """
+        """Yield what is wrong between the keys of this table, for a motion as long as `horizon`."""
         for name in ("mass", "drag", "load"):
             yield from wrong_count(f"worm.{name}", getattr(self, name), self.links + 1, "masses")
         for name in ("stiffness", "damping", "rest_length"):
@@ -263,16 +257,9 @@ class ChainTable(Table, frozen=True, kw_only=True):
 
 
 def faults_of_law(key: str, law: Friction, masses: int) -> Iterator[Fault]:
-    """Yield what is wrong between the numbers of a friction law.
+    """Yield what is wrong between the numbers of a friction law for so many masses.
 
-    Parameters
-    ----------
-    key : str
-        Key path of its table.
-    law : Friction
-        The table.
-    masses : int
-        How many masses it is for.
+    `key` is the key path of its table.
     """
     wrong = [
         fault

@@ -51,17 +51,7 @@ class DesignedShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="de
     load: NonNegative = 0.0
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
-        """Yield what is wrong between the keys.
-
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        folder : Path
-            Folder of the scene.
-        key : str
-            Key path of this table.
-        """
+        """Yield what is wrong between the keys; `key` is the key path of this table."""
         yield from wrong_order(f"{key}.length", self.length, may_be_equal=False)
 
 
@@ -217,13 +207,7 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
     tolerance: ToleranceTable = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         links = self.worm.links

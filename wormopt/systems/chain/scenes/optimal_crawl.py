@@ -80,10 +80,7 @@ class AimTable(Table, frozen=True, kw_only=True):
     def faults(self, robust: bool) -> Iterator[Fault]:
         """Yield what does not fit together.
 
-        Parameters
-        ----------
-        robust : bool
-            Whether several draws of the worm are optimised for.
+        `robust`: several draws of the worm are optimised for.
         """
         if (self.maximise is None) == (self.minimise is None):
             yield "aim", 'write maximise = "speed" or minimise = "cost_of_transport", one of both'
@@ -114,14 +111,9 @@ class SearchTable(Table, frozen=True, kw_only=True):
     result: Annotated[str, Meta(pattern=r"\.nc$", description='text ending in ".nc"')] | None = None
 
     def faults(self, folder: Path, robust: bool) -> Iterator[Fault]:
-        """Yield what does not fit together, or cannot be read.
+        """Yield what does not fit together, or cannot be read; `folder` is the scene's.
 
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        robust : bool
-            Whether several draws of the worm are optimised for.
+        `robust`: several draws of the worm are optimised for.
         """
         if self.result is None:
             return
@@ -194,13 +186,7 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
     robust: RobustTable | None = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from self.worm.faults(1.0)

@@ -38,15 +38,7 @@ class ConstantForce(Table, frozen=True, kw_only=True, tag_field="law", tag="cons
     force: FinitePerLink
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links.
-
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield what does not fit a worm of so many links; `folder` is the scene's."""
         yield from wrong_count("actuation.force", self.force, links, "links")
 
 
@@ -69,15 +61,7 @@ class HarmonicChange(Table, frozen=True, kw_only=True, tag_field="law", tag="har
     lag: Finite = 0.0
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links.
-
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield what does not fit a worm of so many links; `folder` is the scene's."""
         yield from wrong_count("actuation.amplitude", self.amplitude, links, "links")
 
 
@@ -96,15 +80,7 @@ class CommandedGait(Table, frozen=True, kw_only=True, tag_field="law", tag="gait
     shift: Finite = 0.0
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links.
-
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield what does not fit a worm of so many links; `folder` is the scene's."""
         yield from self.gait.faults(links, folder, "actuation.gait")
 
 
@@ -174,13 +150,7 @@ class SimulateScene(SceneTable, frozen=True, kw_only=True):
         return (self.model or "").rpartition(":")[2]
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         if self.worm is not None and self.model is not None:

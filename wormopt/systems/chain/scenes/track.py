@@ -112,15 +112,7 @@ class LambdaTracker(Table, frozen=True, kw_only=True, tag_field="feedback"):
     feedforward: FeedForwardTable | None = None
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links.
-
-        Parameters
-        ----------
-        key : str
-            Key path of this table.
-        links : int
-            Number of links.
-        """
+        """Yield what does not fit a worm of so many links; `key` is the path of this table."""
         yield from _faults_of_feedforward(key, self.feedforward, links)
 
 
@@ -148,15 +140,7 @@ class FilterTracker(LambdaTracker, frozen=True, kw_only=True, tag="filter"):
     filter_start: FinitePerLink = 1.0
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links.
-
-        Parameters
-        ----------
-        key : str
-            Key path of this table.
-        links : int
-            Number of links.
-        """
+        """Yield what does not fit a worm of so many links; `key` is the path of this table."""
         yield from super().faults(key, links)
         yield from wrong_count(f"{key}.filter_start", self.filter_start, links, "links")
 
@@ -202,15 +186,7 @@ class FunnelTracker(Table, frozen=True, kw_only=True, tag_field="feedback", tag=
     feedforward: FeedForwardTable | None = None
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links.
-
-        Parameters
-        ----------
-        key : str
-            Key path of this table.
-        links : int
-            Number of links.
-        """
+        """Yield what does not fit a worm of so many links; `key` is the path of this table."""
         yield from _faults_of_feedforward(key, self.feedforward, links)
 
 
@@ -279,23 +255,11 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
         return self.tracker if isinstance(self.tracker, tuple) else (self.tracker,)
 
     def tracker_key(self, index: int) -> str:
-        """Key path of a tracker.
-
-        Parameters
-        ----------
-        index : int
-            Which one.
-        """
+        """Key path of a tracker."""
         return f"tracker[{index}]" if isinstance(self.tracker, tuple) else "tracker"
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         links = self.worm.links

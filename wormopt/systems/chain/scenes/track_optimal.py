@@ -137,13 +137,7 @@ class TrackOptimalScene(SceneTable, frozen=True, kw_only=True):
     tolerance: ToleranceTable = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         links = self.worm.links

@@ -11,8 +11,6 @@ from matplotlib.patches import Rectangle
 from wormopt.plotting.parts import GREY, LINKS, RED, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["channel_velocity", "segment_shapes"]
-
 # Shapes by their order.
 _COLOURS = (*LINKS[:3], "#CC79A7", "#56B4E9", "#882255")
 _MARKERS = "osD^v"
@@ -21,17 +19,9 @@ _COIL = "#F1D9BF"
 
 
 def channel_velocity(result: Result) -> Figure:
-    """Velocity over the frequency of the coils, by (32) and as measured.
+    """Velocity over coil frequency, by (32) and as measured; both axes logarithmic.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``channel-worm``.
-
-    Returns
-    -------
-    Figure
-        Both axes logarithmic; grey where the formula is not claimed to hold.
+    Grey where the formula is not claimed to hold. `result` is of kind ``channel-worm``.
     """
     drawn = sheet(9.0, 5.6)
     axes = drawn.subplots()
@@ -75,16 +65,8 @@ def _limits(axes: Axes, result: Result) -> None:
 def segment_shapes(result: Result) -> Figure:
     """Centre lines of a segment between the walls, and how far apart they are.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``segment-shapes``.
-
-    Returns
-    -------
-    Figure
-        The channel above, at equal scales; distances from one exact shape below: that of the rod
-        where there is one, which is then drawn as a whole too.
+    Channel above, at equal scales; below, distances from one exact shape: that of the rod
+    where there is one, which is then drawn as a whole too.
     """
     names, exact = scalar(result, "shapes"), result["exact"].values == 1
     rod = "rod_x" in result

@@ -13,8 +13,6 @@ from matplotlib.patches import Rectangle
 from wormopt.plotting.parts import GREY, LINKS, RED, facts, label, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["FRAMES", "first_frame", "pose", "rod_frequency", "rod_motion"]
-
 FRAMES = 144
 _SNAPSHOTS = 7
 _COIL, _LIT = "#EADFCF", "#D98C3F"
@@ -33,17 +31,7 @@ _NAMES = {
 
 
 def rod_motion(result: Result) -> Figure:
-    """Shapes over one repeat of the pattern on the left, the way and the balance on the right.
-
-    Parameters
-    ----------
-    result : Result
-        Of kind ``rod-motion``.
-
-    Returns
-    -------
-    Figure
-    """
+    """Shapes over one repeat of the pattern (left), displacement and energy balance (right)."""
     drawn = sheet(11.5, 8.5)
     grid = drawn.add_gridspec(2, 2, width_ratios=(1, 1.05))
     shapes = drawn.add_subplot(grid[:, 0])
@@ -142,18 +130,7 @@ def _forces(axes: Axes, result: Result, frame: int, height: float, half: float) 
 
 
 def first_frame(result: Result) -> Figure:
-    """Give the rod in its channel as the animation begins.
-
-    Parameters
-    ----------
-    result : Result
-        Of kind ``rod-motion``.
-
-    Returns
-    -------
-    Figure
-        What `pose` changes from frame to frame.
-    """
+    """First frame of the animation: the rod in its channel, to be changed by `pose`."""
     drawn = sheet(9, 2.9)
     drawn.subplots()
     pose(drawn, result, 0)
@@ -161,17 +138,7 @@ def first_frame(result: Result) -> Figure:
 
 
 def pose(drawn: Figure, result: Result, frame: int) -> None:
-    """Show the rod of a frame.
-
-    Parameters
-    ----------
-    drawn : Figure
-        From `first_frame`; it is changed.
-    result : Result
-        The same as there.
-    frame : int
-        0 to ``FRAMES - 1``.
-    """
+    """Change the figure of `first_frame` to show a frame, 0 to ``FRAMES - 1``."""
     axes = drawn.axes[0]
     axes.clear()
     time = result["frame"].values
@@ -189,17 +156,7 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
 
 
 def rod_frequency(result: Result) -> Figure:
-    """Velocity over frequency with natural frequencies and marks; below, what it hangs on.
-
-    Parameters
-    ----------
-    result : Result
-        Of kind ``rod-frequency``.
-
-    Returns
-    -------
-    Figure
-    """
+    """Velocity over frequency with natural frequencies and marks; below, what it depends on."""
     known = "changed_velocity" in result
     drawn = sheet(10, 9 if known else 5)
     if not known:

@@ -16,8 +16,6 @@ from wormopt.systems.channel.curve import Curve, graph_curve
 from wormopt.systems.channel.samples import Mark
 from wormopt.systems.channel.scenes.channel import ChannelBodyTable, ChannelWormScene
 
-__all__ = ["assumed_curve", "body_of", "run", "warnings_of_count"]
-
 _FREQUENCIES = 101
 # Lengths of the formulas against those of centre lines as Chebyshev series.
 _ACCEPTED = 1e-10
@@ -30,19 +28,9 @@ _ASSUMED = {
 
 
 def run(scene: Scene[ChannelWormScene], report: Report) -> Result:
-    """Tell lengths, counts and velocities of segments.
+    """Lengths, counts and velocities of segments.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``channel-worm``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where a length is not found again from its centre line.
+    Status "failed" where a length is not found again from its centre line.
     """
     table, begin = scene.table, time.perf_counter()
     report("evaluating", None)
@@ -73,56 +61,18 @@ def run(scene: Scene[ChannelWormScene], report: Report) -> Result:
 
 
 def body_of(table: ChannelBodyTable) -> ChannelWorm:
-    """Make the body of a scene.
-
-    Parameters
-    ----------
-    table : ChannelBodyTable
-        Where the scene says it; checked.
-
-    Returns
-    -------
-    ChannelWorm
-    """
+    """Make the body of a scene from its checked table."""
     names = ("pitch", "channel", "body", "length", "youngs_modulus")
     return ChannelWorm(*(table.size(name) for name in names), rule=table.count)
 
 
 def assumed_curve(worm: ChannelWorm, shape: Shape) -> Curve:
-    """Centre line of an assumed shape by its length, in m.
-
-    Parameters
-    ----------
-    worm : ChannelWorm
-        The body.
-    shape : {"sine", "beam", "line"}
-        Which one.
-
-    Returns
-    -------
-    Curve
-    """
+    """Centre line of an assumed shape ("sine", "beam" or "line") by its length, in m."""
     return graph_curve(lambda x: worm.center_line(shape, x), worm.pitch)
 
 
 def warnings_of_count(name: str, worm: ChannelWorm, count: int, length: float) -> Iterator[str]:
-    """Say where segments and body do not fit.
-
-    Parameters
-    ----------
-    name : str
-        Of the shape.
-    worm : ChannelWorm
-        The body.
-    count : int
-        Segments k_s.
-    length : float
-        l_s in m.
-
-    Yields
-    ------
-    str
-    """
+    """Yield warnings where `count` segments k_s of `length` l_s, in m, do not fit the body."""
     if not count:
         yield (
             f"{name}: the body is too short to count one segment of {1e3 * length:.4g} mm; by (32) "

@@ -33,21 +33,6 @@ from wormopt.systems.channel.scenes.rod import (
     ZigzagTable,
 )
 
-__all__ = [
-    "ASSUMED",
-    "RodCase",
-    "assumed_scalars",
-    "blocks_of",
-    "fields_of",
-    "marcher_of",
-    "numbers_of",
-    "rod_of",
-    "schedule_of",
-    "start_of",
-    "step_of",
-    "warnings_of_case",
-]
-
 _POWERS = ("damping_power", "load_power")
 
 ASSUMED = {
@@ -61,15 +46,7 @@ ASSUMED = {
 
 @dataclass(frozen=True)
 class RodCase:
-    """One motion of a rod in a channel, by the tables of its scene.
-
-    Parameters
-    ----------
-    worm, channel, coils, pattern, mesh, course : Table
-        Of the scene.
-    rate : float
-        Switches per second.
-    """
+    """One motion of a rod in a channel, by the tables of its scene."""
 
     worm: WormTable
     channel: ChannelTable
@@ -77,16 +54,10 @@ class RodCase:
     pattern: PatternTable
     mesh: MeshTable
     course: CourseTable
-    rate: float
+    rate: float  # coil switches per second
 
     def varied(self, **tables: dict[str, Any]) -> RodCase:
-        """Change numbers of some tables.
-
-        Parameters
-        ----------
-        **tables : dict
-            New numbers by key, for each table.
-        """
+        """Copy with new numbers by key, for each table named."""
         changed = {
             name: msgspec.structs.replace(getattr(self, name), **numbers)
             for name, numbers in tables.items()
@@ -121,13 +92,7 @@ class RodCase:
 
 
 def rod_of(worm: WormTable, mesh: MeshTable) -> Rod:
-    """Make the rod of a scene.
-
-    Parameters
-    ----------
-    worm, mesh : Table
-        Of the scene.
-    """
+    """Make the rod of a scene."""
     return Rod(
         worm.length,
         worm.diameter,
@@ -141,25 +106,13 @@ def rod_of(worm: WormTable, mesh: MeshTable) -> Rod:
 
 
 def blocks_of(case: RodCase) -> Blocks:
-    """Tell which coils are on when.
-
-    Parameters
-    ----------
-    case : RodCase
-        How they are switched.
-    """
+    """Which coils are on when."""
     pattern = case.pattern
     return switched_blocks(pattern.every, case.rate, pattern.duration, pattern.shift)
 
 
 def numbers_of(case: RodCase) -> dict[str, float]:
-    """Parameters of the model of a rod.
-
-    Parameters
-    ----------
-    case : RodCase
-        Which has them.
-    """
+    """Parameters of the model of a rod, by name."""
     return {
         "youngs_modulus": case.worm.youngs_modulus,
         "density": case.worm.density,
@@ -169,17 +122,7 @@ def numbers_of(case: RodCase) -> dict[str, float]:
 
 
 def warnings_of_case(case: RodCase) -> Iterator[str]:
-    """Say where assumptions are stretched.
-
-    Parameters
-    ----------
-    case : RodCase
-        The motion.
-
-    Yields
-    ------
-    str
-    """
+    """Yield warnings where assumptions are stretched."""
     if case.worm.susceptibility > 1:
         yield (
             f"a susceptibility of {case.worm.susceptibility:g} changes the field in and near the "
@@ -188,13 +131,7 @@ def warnings_of_case(case: RodCase) -> Iterator[str]:
 
 
 def fields_of(case: RodCase) -> tuple[BlockField, ...]:
-    """Fields of the blocks that occur.
-
-    Parameters
-    ----------
-    case : RodCase
-        Whose coils.
-    """
+    """Fields of the blocks that occur."""
     coils = case.coils
     coil = Coil(coils.inner, coils.outer, coils.length)
     return tuple(
@@ -207,27 +144,16 @@ def fields_of(case: RodCase) -> tuple[BlockField, ...]:
 
 
 def schedule_of(case: RodCase) -> Schedule:
-    """Say when which block is on, and how strongly it pulls.
-
-    Parameters
-    ----------
-    case : RodCase
-        How coils are switched.
-    """
+    """When which block is on, and how strongly it pulls."""
     rod = rod_of(case.worm, case.mesh)
     strength = magnetic_strength(rod, case.worm.susceptibility, case.coils.ampere_turns)
     return block_schedule(blocks_of(case), case.coils.pitch, strength)
 
 
 def start_of(case: RodCase, marcher: Marcher) -> np.ndarray:
-    """A straight rod at rest, one repeat of the pattern away from the first coil.
+    """State of a straight rod at rest, one repeat of the pattern away from the first coil.
 
-    Parameters
-    ----------
-    case : RodCase
-        What moves.
-    marcher : Marcher
-        For the order of its states.
+    In the order of the states of `marcher`.
     """
     rod = rod_of(case.worm, case.mesh)
     state = straight(rod, along=case.pattern.every * case.coils.pitch)
@@ -235,13 +161,7 @@ def start_of(case: RodCase, marcher: Marcher) -> np.ndarray:
 
 
 def step_of(case: RodCase) -> float:
-    """Longest time step that is taken, in s.
-
-    Parameters
-    ----------
-    case : RodCase
-        What moves.
-    """
+    """Longest time step that is taken, in s."""
     if case.mesh.step is not None:
         return case.mesh.step
     marcher, numbers = marcher_of(case), numbers_of(case)
@@ -250,30 +170,14 @@ def step_of(case: RodCase) -> float:
 
 
 def marcher_of(case: RodCase) -> Marcher:
-    """Make the steps of a rod, compiled once for all materials, frictions and frequencies.
-
-    Parameters
-    ----------
-    case : RodCase
-        What moves.
-    """
+    """Time stepper of a rod, compiled once for all materials, frictions and frequencies."""
     rod = rod_of(case.worm, case.mesh)
     sizes = rod.length, rod.diameter, rod.poisson_ratio, rod.elements, rod.degree
     return _marcher(*sizes, case.channel.diameter, fields_of(case))
 
 
 def assumed_scalars(case: RodCase) -> dict[str, Scalar]:
-    """Numbers that are assumptions, so that results show them.
-
-    Parameters
-    ----------
-    case : RodCase
-        Which has them.
-
-    Returns
-    -------
-    dict of str to Scalar
-    """
+    """Numbers that are assumptions, so that results show them."""
     found = {
         "density": (case.worm.density, "density"),
         "damping_time": (case.worm.damping_time, "time"),

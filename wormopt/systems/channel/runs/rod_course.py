@@ -26,16 +26,6 @@ from wormopt.systems.channel.runs.rod_case import (
 )
 from wormopt.systems.channel.runs.rod_means import Mean, differ, mean_velocity
 
-__all__ = [
-    "RodCourse",
-    "RodPoint",
-    "change_of",
-    "faults_of_motion",
-    "faults_of_recheck",
-    "finer",
-    "follow",
-]
-
 # What of the field's work may be lost to rounding and steps, and how deep walls may be entered.
 _ENERGY, _DEPTH = 0.01, 0.05
 # Velocities are compared with no less than this share of the field's: a rod may stand still. What
@@ -47,53 +37,23 @@ _MOST_STEPS = 2e7
 
 @dataclass(frozen=True)
 class RodPoint:
-    """What one motion comes to.
+    """Outcome of one motion."""
 
-    Parameters
-    ----------
-    rate : float
-        Switches per second.
-    velocity, error : float
-        Mean velocity, positive with the field, and half the width of its 95 % interval, in m/s;
-        NaN where the motion was lost.
-    settled : bool
-        Whether both halves of the time that counts have the same mean.
-    energy_error : float
-        Largest error of the balance of energy, over all that the field has done.
-    penetration : float
-        Deepest into a wall, over the room of the centre line.
-    field_error : float
-        Largest error of the series of H², over the largest H².
-    arc_length : float
-        Of a segment just before coils change, in m; NaN where the rod never lay over a block.
-    seconds : float
-        Spent.
-    reason : str
-        Why the motion was lost; empty otherwise.
-    """
-
-    rate: float
-    velocity: float
-    error: float
-    settled: bool
-    energy_error: float
-    penetration: float
-    field_error: float
+    rate: float  # coil switches per second
+    velocity: float  # mean, m/s, positive with the field; NaN: motion lost
+    error: float  # half the width of its 95 % interval, m/s; NaN: lost
+    settled: bool  # both halves of the time that counts agree in mean
+    energy_error: float  # largest error of the energy balance, over all work of the field
+    penetration: float  # deepest into a wall, over room of the centre line
+    field_error: float  # largest error of the series of H², over largest H²
+    # of a segment just before coils change, m; NaN where the rod never lay over a block
     arc_length: float
-    seconds: float
-    reason: str = ""
+    seconds: float  # computing time spent
+    reason: str = ""  # why the motion was lost; empty otherwise
 
     @classmethod
     def lost(cls, rate: float, reason: str) -> RodPoint:
-        """Point of a motion that was lost.
-
-        Parameters
-        ----------
-        rate : float
-            Switches per second.
-        reason : str
-            Why.
-        """
+        """Point of a motion that was lost at `rate` switches per second."""
         unknown = math.nan
         return cls(rate, unknown, unknown, False, unknown, unknown, unknown, unknown, 0.0, reason)
 
@@ -105,46 +65,18 @@ class RodPoint:
 
 @dataclass(frozen=True, eq=False)
 class RodCourse:
-    """A motion.
-
-    Parameters
-    ----------
-    steps : Steps
-        The motion.
-    centre : ndarray, shape (m,)
-        Mean place of the rod, in m.
-    count : int
-        Number of nodes.
-    point : RodPoint
-        What it comes to.
-    """
+    """A motion and its outcome."""
 
     steps: Steps
-    centre: np.ndarray
-    count: int
+    centre: np.ndarray  # (m,) mean place of the rod, m
+    count: int  # number of nodes
     point: RodPoint
 
 
 def follow(case: RodCase, report: Report = silent) -> RodCourse:
     """Follow a straight rod in the middle of the channel as the coils are switched.
 
-    Parameters
-    ----------
-    case : RodCase
-        What moves, where and how.
-    report : callable, optional
-        Told how far it is.
-
-    Returns
-    -------
-    RodCourse
-
-    Raises
-    ------
-    SolveError
-        If the motion is no longer a number, or takes too many steps.
-    Interrupted
-        If the user stopped it.
+    Raises SolveError if states are no longer numbers or steps too many, and Interrupted.
     """
     begin, rod, marcher = perf_counter(), rod_of(case.worm, case.mesh), marcher_of(case)
     numbers, step = numbers_of(case), step_of(case)
@@ -191,16 +123,9 @@ def _check_steps(case: RodCase, step: float) -> None:
 
 
 def finer(case: RodCase, elements: int | None = None, share: float = 0.5) -> RodCase:
-    """Give the same motion on another mesh, or with shorter steps.
+    """The same motion on another mesh, or with shorter steps.
 
-    Parameters
-    ----------
-    case : RodCase
-        The motion.
-    elements : int, optional
-        Number of elements; steps are then as long as they may be on this mesh.
-    share : float, optional
-        Of the step, if the mesh stays.
+    With `elements`, steps are the longest this mesh allows; else they shrink by `share`.
     """
     if elements is not None:
         return case.varied(mesh={"elements": elements, "step": None})
@@ -208,17 +133,7 @@ def finer(case: RodCase, elements: int | None = None, share: float = 0.5) -> Rod
 
 
 def faults_of_motion(point: RodPoint) -> Iterator[str]:
-    """Say what is wrong with a motion by itself.
-
-    Parameters
-    ----------
-    point : RodPoint
-        What it comes to.
-
-    Yields
-    ------
-    str
-    """
+    """Yield what is wrong with a motion by itself."""
     where = f"at {point.rate:g} switches a second"
     if point.reason:
         yield f"{where} {point.reason}"
@@ -236,16 +151,9 @@ def faults_of_motion(point: RodPoint) -> Iterator[str]:
 
 
 def change_of(case: RodCase, point: RodPoint, others: Iterable[RodPoint]) -> float | None:
-    """Largest change of a mean velocity, errors not taken off, over what it is compared with.
+    """Largest change of a mean velocity with other steps and meshes, over its reference value.
 
-    Parameters
-    ----------
-    case : RodCase
-        The motion.
-    point : RodPoint
-        What it comes to.
-    others : iterable of RodPoint
-        What it comes to with other steps and meshes; None is told where there are none.
+    Errors are not taken off; None where there are no `others`.
     """
     changes = [abs(other.velocity - point.velocity) for other in others]
     return max(changes) / _compared_with(case, point) if changes else None
@@ -258,22 +166,10 @@ def _compared_with(case: RodCase, point: RodPoint) -> float:
 def faults_of_recheck(
     case: RodCase, point: RodPoint, other: RodPoint, accepted: float, what: str
 ) -> Iterator[str]:
-    """Say whether a mean velocity changes with step or mesh.
+    """Yield a fault if the mean velocity changes with step or mesh; `what` says which.
 
-    Parameters
-    ----------
-    case : RodCase
-        The motion.
-    point, other : RodPoint
-        What it comes to, and what it comes to with another step or mesh.
-    accepted : float
-        Largest change beyond the errors, over the velocity, or over a hundredth of the field's.
-    what : str
-        What is different.
-
-    Yields
-    ------
-    str
+    `accepted`: largest change beyond the errors, over the velocity, or over a hundredth of
+    the field's.
     """
     size = _compared_with(case, point)
     errors = math.hypot(point.error, other.error)
@@ -306,21 +202,10 @@ def _energy_error(model: Model, steps: Steps, numbers: dict[str, float]) -> floa
 
 
 def _segment_length(case: RodCase, count_of_nodes: int, steps: Steps) -> float:
-    """Mean length of the rod from coil to coil of a block, just before the coils change.
+    """Mean length of the rod from coil to coil of a block just before the coils change, in m.
 
-    Parameters
-    ----------
-    case : RodCase
-        Coils are on for whole switches; other durations are rounded.
-    count_of_nodes : int
-        Of the rod.
-    steps : Steps
-        Its motion.
-
-    Returns
-    -------
-    float
-        In m; NaN where the rod never reached over a block.
+    NaN where the rod never reached over a block. Durations that coils are on are rounded to
+    whole switches.
     """
     found = []
     n, pitch = count_of_nodes, case.coils.pitch

@@ -28,8 +28,6 @@ from wormopt.systems.channel.runs.rod_runs import forget, kept, rod_points
 from wormopt.systems.channel.scenes.rod_frequency import RodFrequencyScene
 from wormopt.systems.shared.checkpoints import checkpoints
 
-__all__ = ["run"]
-
 _STEPS = {"rate": 0.25, "duration": 0.5, "shift": 0.3}
 _TABLES = {
     "youngs_modulus": "worm",
@@ -43,30 +41,10 @@ _TABLES = {
 
 
 def run(scene: Scene[RodFrequencyScene], report: Report) -> Result:
-    """Follow the rod at all frequencies, seek the best one, and see what all of it hangs on.
+    """Follow the rod at all frequencies, seek the best one, and see what it all depends on.
 
-    Every motion is kept in the user's cache folder as soon as it is done, so that a run that was
-    stopped goes on where it was.
-
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``rod-frequency``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where a motion is lost, does not balance its energy or enters walls, or
-        where the best velocity depends on step or mesh.
-
-    Raises
-    ------
-    SolveError
-        If no motion could be followed.
-    Interrupted
-        If the user stops it; what has been found is its partial result.
+    Motions are cached, so a stopped run resumes. Status "failed": a motion lost or faulty,
+    or the best velocity depends on step or mesh. Raises SolveError if all are lost.
     """
     table, begin = scene.table, perf_counter()
     case = RodCase(

@@ -14,28 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-__all__ = ["Mean", "differ", "mean_velocity"]
-
 _BATCHES, _CONFIDENCE = 8, 0.95
 
 
 @dataclass(frozen=True)
 class Mean:
-    """A mean velocity.
+    """A mean velocity, positive with the field."""
 
-    Parameters
-    ----------
-    value : float
-        In m/s, positive with the field.
-    error : float
-        Half the width of its 95 % interval, in m/s.
-    settled : bool
-        Whether both halves of what counts agree within their errors.
-    """
-
-    value: float
-    error: float
-    settled: bool
+    value: float  # m/s
+    error: float  # half the width of its 95 % interval, m/s
+    settled: bool  # both halves of what counts agree within errors
 
     @property
     def direction(self) -> int:
@@ -44,27 +32,10 @@ class Mean:
 
 
 def mean_velocity(time: np.ndarray, centre: np.ndarray, cycle: float, settle: float) -> Mean:
-    """Mean velocity over whole repeats.
+    """Mean velocity over whole repeats, of `time` and `centre` (m,).
 
-    Parameters
-    ----------
-    time, centre : ndarray, shape (m,)
-        The motion; at least four repeats are left after settling.
-    cycle : float
-        Time of a repeat.
-    settle : float
-        Share of the time at the beginning that does not count.
-
-    Returns
-    -------
-    Mean
-
-    Examples
-    --------
-    >>> t = np.linspace(0.0, 20.0, 2001)
-    >>> mean = mean_velocity(t, 0.3 * t + np.sin(2 * np.pi * t), 1.0, 0.5)
-    >>> round(mean.value, 9), mean.error < 1e-9, mean.settled, mean.direction
-    (0.3, True, True, 1)
+    Skips the share `settle` of the time at the beginning; at least four repeats of duration
+    `cycle` must be left.
     """
     repeats = math.floor((1 - settle) * time[-1] / cycle * (1 + 1e-9))
     batches = max(min(_BATCHES, repeats), 2)
@@ -84,21 +55,5 @@ def _interval(parts: np.ndarray) -> tuple[float, float]:
 
 
 def differ(one: float, one_error: float, other: float, other_error: float) -> float:
-    """How much two means differ beyond what their errors explain.
-
-    Parameters
-    ----------
-    one, one_error, other, other_error : float
-        Both means.
-
-    Returns
-    -------
-    float
-        0 where they need not differ.
-
-    Examples
-    --------
-    >>> differ(1.0, 0.3, 1.4, 0.4), differ(1.0, 0.3, 2.0, 0.4)
-    (0.0, 0.5)
-    """
+    """Difference of two means beyond what their errors explain; 0 where they need not differ."""
     return max(abs(one - other) - math.hypot(one_error, other_error), 0.0)

@@ -31,8 +31,6 @@ from wormopt.systems.channel.runs.rod_course import (
 )
 from wormopt.systems.channel.scenes.rod_motion import ConvergenceTable, RodMotionScene
 
-__all__ = ["run"]
-
 _FRAMES, _SAMPLES = 144, 1200
 _Again = tuple[str, float, RodPoint]
 
@@ -40,25 +38,8 @@ _Again = tuple[str, float, RodPoint]
 def run(scene: Scene[RodMotionScene], report: Report) -> Result:
     """Follow the rod, and again with other steps and meshes.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``rod-motion``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where energy is not balanced, walls are entered too far, or the mean
-        velocity depends on steps or mesh.
-
-    Raises
-    ------
-    SolveError
-        If the motion is no longer a number.
-    Interrupted
-        If the user stops it; once the motion has been found, it is the partial result.
+    Status "failed": energy not balanced, walls entered too far, or velocity depends on steps
+    or mesh. Raises SolveError if states are no longer numbers, or Interrupted.
     """
     table, begin = scene.table, perf_counter()
     case = RodCase(

@@ -18,8 +18,6 @@ from wormopt.systems.channel.runs.rod_case import RodCase, assumed_scalars, rod_
 from wormopt.systems.channel.runs.rod_course import RodPoint
 from wormopt.systems.channel.scenes.rod_frequency import RodFrequencyScene
 
-__all__ = ["Response", "response_scalars", "response_variables"]
-
 _MODES = 4
 # The velocity has rolled off where it is below this share of what the slowest switching promises;
 # the rod stands still where it is slower than this share of the best velocity, errors included.
@@ -28,28 +26,16 @@ _ROLLED, _STILL = 0.5, 0.02
 
 @dataclass(eq=False)
 class Response:
-    """Motions of a rod, stage by stage.
+    """Motions of a rod, stage by stage."""
 
-    Parameters
-    ----------
-    case : RodCase
-        The rod, at any frequency.
-    curve, refined, patterns : list of RodPoint
-        Over the frequencies of the scene, near the best of these, and with other patterns.
-    centres : list of Look
-        Of the search for a pattern.
-    changed : dict
-        For a number, a factor and a frequency the factor taken, and the motion.
-    again : dict
-        The best motion on another mesh, and with another step.
-    """
-
-    case: RodCase
-    curve: list[RodPoint]
-    refined: list[RodPoint] = field(default_factory=list)
-    patterns: list[RodPoint] = field(default_factory=list)
-    centres: list[Look] = field(default_factory=list)
+    case: RodCase  # the rod, at any frequency
+    curve: list[RodPoint]  # over the frequencies of the scene
+    refined: list[RodPoint] = field(default_factory=list)  # near the best of these
+    patterns: list[RodPoint] = field(default_factory=list)  # with other patterns
+    centres: list[Look] = field(default_factory=list)  # of the search for a pattern
+    # by (number, factor, frequency): factor taken, motion
     changed: dict[tuple[str, float, float], tuple[float, RodPoint]] = field(default_factory=dict)
+    # the best motion on another mesh, and with another step
     again: dict[str, RodPoint] = field(default_factory=dict)
 
     @property
@@ -65,27 +51,13 @@ class Response:
         return min(known, key=lambda point: point.velocity)
 
     def stands(self, point: RodPoint) -> bool:
-        """Whether a motion is none, for sure.
-
-        Parameters
-        ----------
-        point : RodPoint
-            A motion.
-        """
+        """Whether the rod certainly stands still, error included."""
         slow = _STILL * abs(self.best.velocity)
         return not point.direction and abs(point.velocity) + point.error <= slow
 
 
 def response_scalars(table: RodFrequencyScene, found: Response) -> dict[str, Scalar]:
-    """Scalars of the result.
-
-    Parameters
-    ----------
-    table : RodFrequencyScene
-        What was asked for.
-    found : Response
-        What was found.
-    """
+    """Scalars of the result."""
     curve, best, case = found.curve, found.best, found.case
     first = curve[0] if curve[0].rate == table.rates[0] else RodPoint.lost(table.rates[0], "")
     slope = first.velocity / first.rate
@@ -182,19 +154,7 @@ def _largest_change(found: Response, rate: float) -> str | None:
 
 
 def response_variables(table: RodFrequencyScene, found: Response) -> Iterator[Variable]:
-    """Signals of the result.
-
-    Parameters
-    ----------
-    table : RodFrequencyScene
-        What was asked for.
-    found : Response
-        What was found.
-
-    Yields
-    ------
-    Variable
-    """
+    """Yield the signals of the result."""
     for name, points in (("curve", found.curve), ("refined", found.refined)):
         if points:
             columns = {

@@ -23,8 +23,6 @@ from wormopt.systems.channel.rod import Rod
 from wormopt.systems.channel.rod_line import RodLine
 from wormopt.systems.channel.scenes.channel import RestTable
 
-__all__ = ["ASSUMED", "RodAtRest", "rest_of", "sweep_of"]
-
 # Where forces count as balanced, and by how much two thirds of the elements may change the length.
 _BALANCED, _MESH = 1e-6, 5e-3
 # Shares of the field by which a rod on one wall is followed to the whole field.
@@ -44,51 +42,21 @@ ASSUMED = {
 
 @dataclass(frozen=True, eq=False)
 class RodAtRest:
-    """Where the rod rests; lengths in m, forces in N.
-
-    Parameters
-    ----------
-    table : RestTable
-        Of the scene.
-    worm : ChannelWorm
-        The body.
-    rod : Rod
-        The body on elements.
-    rest : Rest
-        Its places and forces; x from the middle of the block.
-    curve : Curve
-        The middle segment, from the lower to the upper wall as `SegmentShape` has it.
-    lengths : tuple of float
-        Of all segments.
-    reached : bool
-        Whether the walls are touched at both ends of the segment.
-    bending : tuple of float
-        Bending energy over E I and largest curvature of the segment, in 1/m.
-    stretch : float
-        Share by which the segment is longer than when it is not loaded.
-    other_energy : float or None
-        Energy of the rod along one wall; None where it does not stay there.
-    compression : float
-        Share by which fibres are shortened at most.
-    mesh_change : float
-        Change of the length with two thirds of the elements, over the length.
-    field_error : float
-        Largest error of the series of H², over the largest H².
-    """
+    """Where the rod rests; lengths in m, forces in N."""
 
     table: RestTable
     worm: ChannelWorm
-    rod: Rod
-    rest: Rest
-    curve: Curve
-    lengths: tuple[float, ...]
-    reached: bool
-    bending: tuple[float, float]
-    stretch: float
-    other_energy: float | None
-    compression: float
-    mesh_change: float
-    field_error: float
+    rod: Rod  # the body on elements
+    rest: Rest  # places and forces; x from the middle of the block
+    curve: Curve  # middle segment, lower to upper wall as `SegmentShape`
+    lengths: tuple[float, ...]  # of all segments
+    reached: bool  # walls are touched at both ends of the segment
+    bending: tuple[float, float]  # bending energy over E I and largest curvature, 1/m
+    stretch: float  # share by which load lengthens the segment
+    other_energy: float | None  # of the rod along one wall; None: does not stay there
+    compression: float  # largest share by which fibres are shortened
+    mesh_change: float  # change of the length with two thirds of the elements, over the length
+    field_error: float  # largest error of the series of H², over largest H²
 
     @property
     def walls(self) -> tuple[np.ndarray, np.ndarray]:
@@ -278,23 +246,8 @@ class _Bench:
 def rest_of(worm: ChannelWorm, table: RestTable, report: Report) -> RodAtRest:
     """Find where the body rests over a block of coils, and what lies between two of them.
 
-    Parameters
-    ----------
-    worm : ChannelWorm
-        The body; its modulus is known.
-    table : RestTable
-        Coils and mesh.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    RodAtRest
-
-    Raises
-    ------
-    SolveError
-        If there is no rest, or the body does not reach over the coils ("no_segment").
+    The modulus of `worm` must be known. Raises SolveError if there is no rest, or the body
+    does not reach over the coils ("no_segment").
     """
     report("rod: field of the coils", 0.65)
     bench = _Bench(worm, table, table.elements)
@@ -335,29 +288,10 @@ def _on_one_wall(bench: _Bench, table: RestTable) -> float | None:
 def sweep_of(
     worm: ChannelWorm, table: RestTable, assumed: dict[str, Curve], report: Report
 ) -> tuple[dict[str, tuple[Any, str]], tuple[Variable, ...], list[str]]:
-    """Length and closest assumed shape over the ampere-turns, each from the rest before.
+    """Length and closest `assumed` shape over ampere-turns, each from the rest before.
 
-    Parameters
-    ----------
-    worm : ChannelWorm
-        The body.
-    table : RestTable
-        Coils and mesh.
-    assumed : dict of str to Curve
-        Shapes to compare with.
-    report : callable
-        Told how far it is.
-
-    Returns
-    -------
-    scalars, variables, warnings : dict, tuple of Variable, list of str
-        Nothing where no sweep is asked for. NaN where the segment does not go from wall to wall,
-        and with a warning where the rest is not stable or not in balance.
-
-    Raises
-    ------
-    SolveError
-        If there is no rest at one of them.
+    Scalars, variables, warnings (rest unstable or unbalanced); empty without a sweep.
+    NaN where the segment does not span the walls. Raises SolveError where there is no rest.
     """
     if not table.sweep:
         return {}, (), []

@@ -18,32 +18,11 @@ from wormopt.systems.channel.runs.rod_course import RodPoint, follow
 from wormopt.systems.shared.checkpoints import forget as forget_file
 from wormopt.systems.shared.checkpoints import keep
 
-__all__ = ["forget", "kept", "rod_points"]
-
 
 def rod_points(cases: Sequence[RodCase], folder: Path, report: Report, text: str) -> list[RodPoint]:
-    """Follow several rods, on all cores, and keep what is done.
+    """Follow several rods on all cores, in the order of `cases`; `text` says what for.
 
-    Parameters
-    ----------
-    cases : sequence of RodCase
-        What moves.
-    folder : Path
-        Where to keep what is done, and where it may be already.
-    report : callable
-        Told how far it is.
-    text : str
-        What it is for.
-
-    Returns
-    -------
-    list of RodPoint
-        One for each case, in their order.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If the user stops it; what is done is in the folder.
+    Motions in `folder` are reused and new ones kept there, also on KeyboardInterrupt.
     """
     found = {case: point for case in cases if (point := kept(case, folder))}
     # the slowest switching takes longest
@@ -68,35 +47,14 @@ def rod_points(cases: Sequence[RodCase], folder: Path, report: Report, text: str
 
 
 def kept(case: RodCase, folder: Path) -> RodPoint | None:
-    """Read what a motion came to.
-
-    Parameters
-    ----------
-    case : RodCase
-        What moved.
-    folder : Path
-        Where motions are kept.
-
-    Returns
-    -------
-    RodPoint or None
-        None where it is not there, or damaged.
-    """
+    """Read the outcome of a motion from `folder`; None if missing or damaged."""
     with suppress(OSError, ValueError, TypeError):
         return RodPoint(**json.loads(_file(case, folder).read_text(encoding="utf-8")))
     return None
 
 
 def forget(cases: Sequence[RodCase], folder: Path) -> None:
-    """Remove what has been kept of some motions, because it stands in a result now.
-
-    Parameters
-    ----------
-    cases : sequence of RodCase
-        What moved.
-    folder : Path
-        Where motions are kept.
-    """
+    """Remove kept motions from `folder`, because they stand in a result now."""
     for case in cases:
         forget_file(_file(case, folder))
 

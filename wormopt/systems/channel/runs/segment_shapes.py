@@ -34,8 +34,6 @@ from wormopt.systems.channel.runs.channel_worm import assumed_curve, body_of, wa
 from wormopt.systems.channel.runs.rod_rest import RodAtRest
 from wormopt.systems.channel.scenes.channel import SegmentShapesScene
 
-__all__ = ["SegmentShape", "run"]
-
 # The elastica is followed from the slender beam of this rise over the span.
 _SLENDER = 0.2
 # Two routes to the elastica may differ by so much of length, force, energy and place.
@@ -51,61 +49,25 @@ _ASSUMED = {
 
 @dataclass(frozen=True, eq=False)
 class SegmentShape:
-    """What is known of one shape; lengths in m.
-
-    Parameters
-    ----------
-    name : str
-        Of the shape.
-    exact : bool
-        Whether it is computed from forces.
-    curve : Curve
-        Its centre line, from (0, body / 2).
-    energy : float, optional
-        Bending energy over E I, in 1/m; None where it is not finite.
-    curvature : float, optional
-        Largest, in 1/m.
-    reaction, tension : float, optional
-        Force of a wall across the channel and tension along it, over E I, in 1/m².
-    spans : bool
-        Whether it goes from wall to wall; what does not is no segment.
-    trust : dict
-        How it was found.
-    fault : str
-        Why it is not to be trusted; empty if it is.
-    """
+    """What is known of one shape; lengths in m."""
 
     name: str
-    exact: bool
-    curve: Curve
-    energy: float | None = None
-    curvature: float | None = None
-    reaction: float | None = None
-    tension: float | None = None
-    spans: bool = True
-    trust: dict[str, Any] = field(default_factory=dict)
-    fault: str = ""
+    exact: bool  # computed from forces
+    curve: Curve  # centre line, from (0, body / 2)
+    energy: float | None = None  # bending energy over E I, 1/m; None: not finite
+    curvature: float | None = None  # largest, 1/m
+    reaction: float | None = None  # wall force across the channel, over E I, 1/m²
+    tension: float | None = None  # along the channel, over E I, 1/m²
+    spans: bool = True  # goes from wall to wall; else it is no segment
+    trust: dict[str, Any] = field(default_factory=dict)  # how it was found
+    fault: str = ""  # why it is not to be trusted; empty if it is
 
 
 def run(scene: Scene[SegmentShapesScene], report: Report) -> Result:
     """Compare shapes of a segment.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``segment-shapes``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where two routes to an elastica differ.
-
-    Raises
-    ------
-    SolveError
-        If there is no elastica under an assumption, or it is not resolved.
+    Status "failed" where two routes to an elastica differ. Raises SolveError if there is no
+    elastica under an assumption, or it is not resolved.
     """
     table, begin = scene.table, time.perf_counter()
     worm = body_of(table.worm)

@@ -72,40 +72,12 @@ class ChannelBodyTable(Table, frozen=True, kw_only=True):
         return None if self.sample is None or changed else SAMPLES[self.sample]
 
     def size(self, name: str) -> float | None:
-        """A size or the modulus, of the named body where the scene does not give it.
-
-        Parameters
-        ----------
-        name : str
-            Key of this table.
-
-        Examples
-        --------
-        >>> ChannelBodyTable(sample="capsule", body=5e-3).size("channel")
-        0.01
-        """
+        """Size or modulus by its key, of the named body where the scene does not give it."""
         given = getattr(self, name)
         return getattr(SAMPLES[self.sample], name) if given is None and self.sample else given
 
     def faults_of_body(self, key: str) -> Iterator[Fault]:
-        """Yield what is wrong between the keys of this table.
-
-        Parameters
-        ----------
-        key : str
-            Key path of the table.
-
-        Yields
-        ------
-        (str, str)
-            Key path and message.
-
-        Examples
-        --------
-        >>> table = ChannelBodyTable(sample="capsule", body=11e-3)
-        >>> [where for where, _ in table.faults_of_body("worm")]
-        ['worm.body']
-        """
+        """Yield what is wrong between the keys of this table, whose key path is `key`."""
         sizes = [self.size(name) for name in _SIZES]
         missing = [name for name, size in zip(_SIZES, sizes, strict=True) if size is None]
         for name in missing:
@@ -192,13 +164,7 @@ class ChannelWormScene(SceneTable, frozen=True, kw_only=True):
     stops_above: Positive | None = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield faults that no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from _faults_of_units(self.units)
@@ -246,24 +212,7 @@ class RestTable(Table, frozen=True, kw_only=True):
     sweep: Sweep = ()
 
     def faults_of_rod(self, worm: ChannelBodyTable) -> Iterator[Fault]:
-        """Yield what cannot be built.
-
-        Parameters
-        ----------
-        worm : ChannelBodyTable
-            The body.
-
-        Yields
-        ------
-        (str, str)
-            Key path and message.
-
-        Examples
-        --------
-        >>> worm = ChannelBodyTable(sample="sample-1")
-        >>> [where for where, _ in RestTable(outer=12e-3, every=3).faults_of_rod(worm)]
-        ['rod.outer', 'rod.every']
-        """
+        """Yield what cannot be built, as key path and message."""
         if self.inner >= self.outer:
             yield "rod.inner", f"{self.inner:g} is not below rod.outer = {self.outer:g}; write less"
         pitch, body = worm.size("pitch"), worm.size("length")
@@ -326,13 +275,7 @@ class SegmentShapesScene(SceneTable, frozen=True, kw_only=True):
     rod: RestTable | None = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield faults that no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from _faults_of_units(self.units)

@@ -128,13 +128,7 @@ class PatternTable(Table, frozen=True, kw_only=True):
     shift: Shift = 0.0
 
     def faults(self, key: str = "switching") -> Iterator[Fault]:
-        """Yield what does not fit into the pattern.
-
-        Parameters
-        ----------
-        key : str, optional
-            Name of the table in the scene.
-        """
+        """Yield what does not fit into the pattern; `key` names the table in the scene."""
         most = self.duration + abs(self.shift) + 1
         if most > self.every:
             yield (
@@ -184,24 +178,7 @@ class CourseTable(Table, frozen=True, kw_only=True):
 def faults_of_rod(
     worm: WormTable, channel: ChannelTable, coils: ZigzagTable, mesh: MeshTable
 ) -> Iterator[Fault]:
-    """Yield what no single table shows.
-
-    Parameters
-    ----------
-    worm, channel, coils, mesh : Table
-        Of the scene.
-
-    Yields
-    ------
-    (str, str)
-        Key path and message.
-
-    Examples
-    --------
-    >>> thick = WormTable(diameter=12e-3)
-    >>> [key for key, _ in faults_of_rod(thick, ChannelTable(), ZigzagTable(), MeshTable())]
-    ['worm.diameter']
-    """
+    """Yield what no single table shows, as key path and message."""
     yield from coils.faults()
     if worm.diameter >= channel.diameter:
         yield (

@@ -9,23 +9,13 @@ from matplotlib.figure import Figure
 from wormopt.plotting.parts import GREY, LINKS, facts, label, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["row_currents", "travelling_field"]
-
 _SNAPSHOTS = 3
 
 
 def travelling_field(result: Result) -> Figure:
-    """Field along the row over time, at some instants, and as the wave sees it.
+    """Field along the row over time, at some instants, and in the frame of the wave.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``coil-row``.
-
-    Returns
-    -------
-    Figure
-        Places in mm; of H² in the frame of the wave mean and range over the places.
+    Places in mm; in the frame of the wave, mean and range of H² over the places.
     """
     drawn = sheet(9, 9.5)
     rows = drawn.add_gridspec(3, 1, height_ratios=(4, 3, 3))
@@ -60,15 +50,7 @@ def travelling_field(result: Result) -> Figure:
 def row_currents(result: Result) -> Figure:
     """H² wanted and found in the frame of the wave, and the currents of a few neighbours.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``coil-inverse``.
-
-    Returns
-    -------
-    Figure
-        Found is drawn with its mean and its range over the places.
+    H² found is drawn with its mean and its range over the places.
     """
     drawn = sheet(9, 7)
     above, below = drawn.subplots(2, 1)

@@ -11,21 +11,11 @@ from matplotlib.patches import Rectangle
 from wormopt.plotting.parts import GREY, LINKS, RED, facts, label, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["coil_pressure", "membrane"]
-
 
 def coil_pressure(result: Result) -> Figure:
     """Induction around the coil, surface of the fluid, pressure on the bottom: figure 25.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``coil-pressure``.
-
-    Returns
-    -------
-    Figure
-        Coil and field at one scale above; the surface, its height stretched, in the middle.
+    Coil and field at one scale above; the surface, its height stretched, in the middle.
     """
     drawn = sheet(9, 9.5)
     top, middle, bottom = drawn.subplots(3, 1, height_ratios=(5, 3, 3), sharex=True)
@@ -95,15 +85,7 @@ def _surface(drawn: Figure, axes: Axes, result: Result) -> None:
 def membrane(result: Result) -> Figure:
     """Strain against loss of fluid over all thicknesses, and both over the thickness.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``membrane``.
-
-    Returns
-    -------
-    Figure
-        Front on the left, dashed beyond a limit; the pressure left for the ground on the right.
+    Front on the left, dashed beyond a limit; pressure left for the ground on the right.
     """
     drawn = sheet(10.5, 4.8)
     left, right = drawn.subplots(1, 2)

@@ -9,21 +9,11 @@ from matplotlib.figure import Figure
 from wormopt.plotting.parts import GLIDE, GREY, LINKS, RED, facts, label, legend, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["resonance", "stress_strain", "velocity"]
-
 
 def stress_strain(result: Result) -> Figure:
-    """Stress against strain, with the field and without: the chapter's figure 12.
+    """Stress against strain (%), with the field and without: the chapter's figure 12.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``material``.
-
-    Returns
-    -------
-    Figure
-        Strain in per cent; shaded where strains are no longer small.
+    Shaded where strains are no longer small.
     """
     drawn = sheet(7.5, 5)
     axes = drawn.subplots()
@@ -64,15 +54,7 @@ def _mark(axes: Axes, result: Result, percent: np.ndarray) -> None:
 def velocity(result: Result) -> Figure:
     """Velocity of the pair over time, exactly and on average: the chapter's figure 13.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``magnetic-pair``.
-
-    Returns
-    -------
-    Figure
-        The whole time above, the last periods of the field, in which it is steady, below.
+    The whole time above; below, the last periods of the field, in which it is steady.
     """
     drawn = sheet(9, 6.5)
     whole, late = drawn.subplots(2, 1, height_ratios=(3, 2))
@@ -125,15 +107,7 @@ def _steady(result: Result) -> float:
 def resonance(result: Result) -> Figure:
     """Steady velocity and amplitude of the pair over the detuning of its field.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``resonance``.
-
-    Returns
-    -------
-    Figure
-        On logarithmic axes where all are of one sign; unstable states dashed, folds marked.
+    Logarithmic axes where all are of one sign; unstable states dashed, folds marked.
     """
     drawn = sheet(9, 6.5)
     above, below = drawn.subplots(2, 1, sharex=True)

@@ -18,8 +18,6 @@ from wormopt.magnetics.placed import Placed
 from wormopt.systems.coils.scenes.coil_pressure import CoilPressureScene
 from wormopt.systems.coils.settle import Settled
 
-__all__ = ["ACCEPTED", "Rested", "checks_of", "field_of_pressure"]
-
 ACCEPTED = {"defect": 1e-4, "volume_error": 1e-9, "force_imbalance": 1e-6, "field_error": 1e-7}
 """Largest values of what the trust report holds, for a result that is trusted."""
 _DEMAGNETISED = 0.1
@@ -29,24 +27,12 @@ _PANELS, _IN_PANEL, _UP = 24, 8, 14  # Gauss points along a panel of x, and over
 
 @dataclass(frozen=True, eq=False)
 class Rested:
-    """A fluid at rest.
-
-    Parameters
-    ----------
-    fluid : Fluid
-        The fluid.
-    placed : Placed
-        The coil and where it is.
-    settled : Settled
-        The surface.
-    current : float
-        Ampere-turns at which it rests.
-    """
+    """A fluid at rest."""
 
     fluid: Fluid
-    placed: Placed
-    settled: Settled
-    current: float
+    placed: Placed  # the coil and where it is
+    settled: Settled  # the surface
+    current: float  # ampere-turns at which it rests, A
 
     @property
     def level(self) -> float:
@@ -54,62 +40,21 @@ class Rested:
         return float(self.settled.y[-1])
 
     def surface(self, x: np.ndarray, order: int = 0) -> np.ndarray:
-        """Height of the surface, or a derivative of it.
-
-        Parameters
-        ----------
-        x : ndarray, shape (m,)
-            Places, in m.
-        order : int, optional
-            Of the derivative.
-        """
+        """Height of the surface at places (m,), in m, or a derivative of it."""
         return self.settled.equations.at(self.settled.y, x, order)
 
     def field(self, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Components of H.
-
-        Parameters
-        ----------
-        x, z : ndarray
-            Places off the winding, in m.
-
-        Returns
-        -------
-        Hx, Hz : ndarray
-            In A/m.
-        """
+        """Components Hx and Hz, in A/m, at places off the winding, in m."""
         Hx, Hz = self.placed.field(x, z)
         return self.current * Hx, self.current * Hz
 
     def magnetisation(self, Hx: np.ndarray, Hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Components of M, which is along H.
-
-        Parameters
-        ----------
-        Hx, Hz : ndarray
-            Components of H, in A/m.
-
-        Returns
-        -------
-        Mx, Mz : ndarray
-            In A/m.
-        """
+        """Components Mx and Mz of M, which is along H; all in A/m."""
         ratio = np.asarray(self.fluid.magnetisation.ratio(Hx**2 + Hz**2))
         return ratio * Hx, ratio * Hz
 
     def pressure(self, x: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Pressure in the fluid.
-
-        Parameters
-        ----------
-        x, z : ndarray
-            Places, in m.
-
-        Returns
-        -------
-        ndarray
-            In Pa.
-        """
+        """Pressure in the fluid, in Pa, at places in m."""
         Hx, Hz = self.field(x, z)
         return np.asarray(pressure(self.fluid, z, Hx**2 + Hz**2, self.level))
 
@@ -150,17 +95,7 @@ class Rested:
 def checks_of(rested: Rested, table: CoilPressureScene) -> dict[str, Any]:
     """Trust report of a fluid at rest.
 
-    Parameters
-    ----------
-    rested : Rested
-        The fluid.
-    table : CoilPressureScene
-        The scene.
-
-    Returns
-    -------
-    dict
-        Numbers that shall be small, ``growth_rate`` that shall be below 0, warnings in words.
+    Numbers that shall be small, ``growth_rate`` that shall be below 0, warnings in words.
     """
     settled, fluid = rested.settled, rested.fluid
     x, weights = rested.quadrature
@@ -184,29 +119,7 @@ def checks_of(rested: Rested, table: CoilPressureScene) -> dict[str, Any]:
 
 
 def field_of_pressure(fluid: Fluid, pressure: float) -> float:
-    """Field in which mu0 times the integral of M over H is a given pressure.
-
-    Parameters
-    ----------
-    fluid : Fluid
-        The fluid.
-    pressure : float
-        In Pa, above 0.
-
-    Returns
-    -------
-    float
-        H in A/m.
-
-    Examples
-    --------
-    The chapter's 2200, in Pa and in MPa; the second is a field of 126 T.
-
-    >>> from wormopt.magnetics.hydrostatics import Linear
-    >>> fluid = Fluid(1200.0, 0.03, Linear(0.35))
-    >>> [round(field_of_pressure(fluid, p), -3) for p in (2200.0, 2.2e9)]
-    [100000.0, 100020000.0]
-    """
+    """H, in A/m, at which mu0 times the integral of M over H is `pressure` > 0, in Pa."""
 
     def excess(size: float) -> float:
         return math.log(MU0 * float(fluid.magnetisation.energy(math.exp(2 * size))) / pressure)

@@ -31,8 +31,6 @@ from wormopt.systems.film.runs.coil_film import CarriedFilm, carried_film
 from wormopt.systems.film.units import Fluid
 from wormopt.systems.shared.optimum import refused
 
-__all__ = ["CurrentsFound", "find_currents", "run"]
-
 # The grid of the check is so many times finer, in places and in phases.
 _FINER = 4
 _POINTS, _SAMPLES = 3, 201
@@ -47,30 +45,14 @@ _POOR, _WORSE = 0.5, 1.0
 
 @dataclass(frozen=True, eq=False)
 class CurrentsFound:
-    """What a scene of kind ``coil-inverse`` leads to.
-
-    Parameters
-    ----------
-    row : CoilRow
-        The coils.
-    fluid : Fluid
-        The film.
-    wave : CosineWave
-        The wave it shall have.
-    target : TravellingTarget
-        The field it needs.
-    fit : RowFit
-        Currents found.
-    profile : MovingProfile
-        The field that results, on a finer grid.
-    """
+    """What a scene of kind ``coil-inverse`` leads to."""
 
     row: CoilRow
-    fluid: Fluid
-    wave: CosineWave
-    target: TravellingTarget
-    fit: RowFit
-    profile: MovingProfile
+    fluid: Fluid  # the film
+    wave: CosineWave  # wanted of the film
+    target: TravellingTarget  # field the wave needs
+    fit: RowFit  # currents found
+    profile: MovingProfile  # field that results, on a finer grid
 
     @property
     def pressure(self) -> np.ndarray:
@@ -86,24 +68,8 @@ class CurrentsFound:
 def run(scene: Scene[CoilInverseScene], report: Report) -> Result:
     """Find currents, look at the field that results, and check it by a second route.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``coil-inverse``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where the field found by quadrature is another one, or a bound is broken.
-
-    Raises
-    ------
-    SceneError
-        If the field given is below the least the wave needs.
-    SolveError
-        If no start leads to currents.
+    Status "failed" where quadrature finds another field, or a bound is broken. Raises
+    SceneError if the given field is below the least needed, SolveError if no start succeeds.
     """
     table, begin = scene.table, time.perf_counter()
     try:
@@ -148,26 +114,10 @@ def run(scene: Scene[CoilInverseScene], report: Report) -> Result:
 
 
 def find_currents(scene: Scene[CoilInverseScene], report: Report) -> CurrentsFound:
-    """Do what the scene says, without a Result.
+    """Currents of a scene and the field as the film meets it, without a `Result`.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``coil-inverse``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    CurrentsFound
-        With the field as the film meets it: `CurrentsFound.pressure`, its ripple in the profile.
-
-    Raises
-    ------
-    SceneError
-        If the field given is below the least the wave needs.
-    SolveError
-        If no start leads to currents.
+    `CurrentsFound.pressure` has the field, its profile the ripple. Raises SceneError if the
+    given field is below the least needed, SolveError if no start succeeds.
     """
     table = scene.table
     row, film = row_of(table.coils), table.film

@@ -11,29 +11,13 @@ from wormopt.result import Scalar, Variable, unit_of
 from wormopt.systems.coils.runs.coil_forces import Rested, field_of_pressure
 from wormopt.systems.coils.scenes.coil_pressure import CoilPressureScene
 
-__all__ = ["scalars_of", "variables_of"]
-
 _ALONG, _DEEP, _WIDE, _HIGH = 401, 13, 97, 61
 
 
 def scalars_of(
     rested: Rested, table: CoilPressureScene, trust: dict[str, Any]
 ) -> dict[str, Scalar]:
-    """Scalars of the result.
-
-    Parameters
-    ----------
-    rested : Rested
-        The fluid.
-    table : CoilPressureScene
-        The scene.
-    trust : dict
-        Its trust report.
-
-    Returns
-    -------
-    dict of str to Scalar
-    """
+    """Scalars of the result; `trust` is from `checks_of`."""
     x, thickness = _places(rested), table.layer.thickness
     h, bottom = rested.surface(x), rested.pressure(x, np.zeros_like(x))
     below, above = (np.hypot(*rested.field(x, z)) for z in (np.zeros_like(x), h))
@@ -65,19 +49,7 @@ def scalars_of(
 
 
 def variables_of(rested: Rested, table: CoilPressureScene) -> tuple[Variable, ...]:
-    """Variables of the result: along the bottom, in the fluid, and around the coil.
-
-    Parameters
-    ----------
-    rested : Rested
-        The fluid.
-    table : CoilPressureScene
-        The scene.
-
-    Returns
-    -------
-    tuple of Variable
-    """
+    """Variables of the result: along the bottom, in the fluid, and around the coil."""
     x = _places(rested)
     h, flat = rested.surface(x), np.zeros_like(x)
     along = {

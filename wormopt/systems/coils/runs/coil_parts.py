@@ -12,16 +12,6 @@ from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.result import Scalar, unit_of
 from wormopt.systems.coils.scenes.coil_row import CoilsTable, LineTable
 
-__all__ = [
-    "ACCEPTED",
-    "coil_scalars",
-    "field_by_quadrature",
-    "interior",
-    "recheck",
-    "row_of",
-    "warnings_of_coils",
-]
-
 ACCEPTED = 1e-8
 """Largest relative difference of fields by formula and by quadrature that is accepted."""
 # Angles over half a turn times the clearance over the radius: sums over all of them are then off
@@ -33,40 +23,16 @@ _DENSITY = 5e6
 
 
 def row_of(table: CoilsTable) -> CoilRow:
-    """Make the row of a scene.
-
-    Parameters
-    ----------
-    table : CoilsTable
-        As the scene says it.
-
-    Returns
-    -------
-    CoilRow
-    """
+    """Make the row of a scene."""
     coil = Coil(table.inner, table.outer, table.length, table.ampere_turns)
     return CoilRow(coil, table.count, table.pitch, table.axis, table.gap)
 
 
 def interior(row: CoilRow, line: LineTable, per_pitch: int) -> np.ndarray:
-    """Places along the row far enough from its ends, evenly over whole pitches.
+    """Places along the row, in m, far from its ends and evenly over whole pitches.
 
-    One more than so many per pitch, so that no two stand alike towards their nearest coil and all
-    together are even over a pitch too.
-
-    Parameters
-    ----------
-    row : CoilRow
-        The row.
-    line : LineTable
-        How many coils to leave out.
-    per_pitch : int
-        Places per pitch.
-
-    Returns
-    -------
-    ndarray
-        Along x, in m.
+    One more in all than `per_pitch` gives, so that no two lie alike towards their nearest
+    coil and all together are even over a pitch too.
     """
     pitches = row.count - 1 - 2 * line.margin
     count = pitches * per_pitch + 1
@@ -74,25 +40,10 @@ def interior(row: CoilRow, line: LineTable, per_pitch: int) -> np.ndarray:
 
 
 def field_by_quadrature(row: CoilRow, x: np.ndarray, z: float, currents: np.ndarray) -> np.ndarray:
-    """Field at points of the line by Biot and Savart's law, integrated over the windings.
+    """Field (3, m), in A/m, at points of the line by Biot-Savart, integrated over the windings.
 
-    No elliptic integral is used: sums over the angle, adaptive quadrature over radius and length.
-
-    Parameters
-    ----------
-    row : CoilRow
-        The row.
-    x : ndarray, shape (m,)
-        Points along x.
-    z : float
-        Height of the line.
-    currents : ndarray, shape (count, m)
-        Ampere-turns of the coils at each point.
-
-    Returns
-    -------
-    ndarray, shape (3, m)
-        In A/m.
+    `currents` (count, m): ampere-turns at each point. No elliptic integral: sums over
+    the angle, adaptive quadrature over radius and length.
     """
     from scipy.integrate import quad_vec
 
@@ -134,23 +85,9 @@ def field_by_quadrature(row: CoilRow, x: np.ndarray, z: float, currents: np.ndar
 
 
 def recheck(row: CoilRow, x: np.ndarray, z: float, currents: np.ndarray) -> dict[str, Any]:
-    """Compare the field by formula with that by quadrature.
+    """Compare the field by formula with that of `field_by_quadrature`.
 
-    Parameters
-    ----------
-    row : CoilRow
-        The row.
-    x : ndarray, shape (m,)
-        Points along x.
-    z : float
-        Height of the line.
-    currents : ndarray, shape (count, m)
-        Ampere-turns of the coils at each point.
-
-    Returns
-    -------
-    dict
-        ``error``: largest difference over the largest field; ``accepted``; ``points``.
+    Returns ``error`` (largest difference over the largest field), ``accepted``, ``points``.
     """
     formula = np.einsum("cmk,km->cm", row.influence(x, z), currents)
     second = field_by_quadrature(row, x, z, currents)
@@ -160,19 +97,7 @@ def recheck(row: CoilRow, x: np.ndarray, z: float, currents: np.ndarray) -> dict
 
 
 def coil_scalars(table: CoilsTable, line: LineTable) -> dict[str, Scalar]:
-    """Sizes of the row, most of them assumptions of the scene.
-
-    Parameters
-    ----------
-    table : CoilsTable
-        The row.
-    line : LineTable
-        The line of the fluid.
-
-    Returns
-    -------
-    dict of str to Scalar
-    """
+    """Sizes of the row, most of them assumptions of the scene."""
     section = table.length * (table.outer - table.inner)
     found: dict[str, tuple[Any, str]] = {
         "coils": (table.count, "count"),
@@ -189,19 +114,7 @@ def coil_scalars(table: CoilsTable, line: LineTable) -> dict[str, Scalar]:
 
 
 def warnings_of_coils(table: CoilsTable, largest: float) -> Iterator[str]:
-    """Say what the formulas do not know about the coils.
-
-    Parameters
-    ----------
-    table : CoilsTable
-        The row.
-    largest : float
-        Largest ampere-turns of a coil.
-
-    Yields
-    ------
-    str
-    """
+    """Yield what the formulas neglect of coils at `largest` ampere-turns."""
     density = largest / (table.length * (table.outer - table.inner))
     if density > _DENSITY:
         yield (

@@ -24,8 +24,6 @@ from wormopt.systems.coils.runs.coil_maps import scalars_of, variables_of
 from wormopt.systems.coils.scenes.coil_pressure import CoilPressureScene
 from wormopt.systems.coils.settle import Settled, settle
 
-__all__ = ["Setup", "run", "setup_of"]
-
 # The field's quadrature is off by exp(-2 _DIGITS) of it at the nearest point.
 _DIGITS = 10.0
 # Of the gap under a coil above, so much may be filled: the field is resolved that far.
@@ -35,47 +33,19 @@ _UNRESOLVED = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What a scene says, as objects.
-
-    Parameters
-    ----------
-    fluid : Fluid
-        The fluid.
-    placed : Placed
-        The coil and where it is.
-    profile : Profile
-        The surface, with the current as its load.
-    ceiling : float
-        Height up to which the field is resolved, in m; infinite over a coil.
-    """
+    """What a scene says, as objects."""
 
     fluid: Fluid
-    placed: Placed
-    profile: Profile
-    ceiling: float
+    placed: Placed  # the coil and where it is
+    profile: Profile  # the surface, with the current as its load
+    ceiling: float  # height up to which the field is resolved, m; infinite over a coil
 
 
 def run(scene: Scene[CoilPressureScene], report: Report) -> Result:
-    """Raise the current from 0, and tell surface, pressure and field at its full value.
+    """Raise the current from 0; give surface, pressure and field at its full value.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``coil-pressure``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where its checks do not hold.
-
-    Raises
-    ------
-    SceneError
-        If the coil cannot be.
-    SolveError
-        If the surface does not rest at the full current; it names the current up to which.
+    Status "failed" where checks do not hold. Raises SceneError if the coil cannot be, and
+    SolveError, naming the current reached, if the surface does not rest at the full one.
     """
     table, begin = scene.table, time.perf_counter()
     setup = setup_of(scene)
@@ -99,22 +69,7 @@ def run(scene: Scene[CoilPressureScene], report: Report) -> Result:
 
 
 def setup_of(scene: Scene[CoilPressureScene]) -> Setup:
-    """Make fluid, coil and surface of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``coil-pressure``.
-
-    Returns
-    -------
-    Setup
-
-    Raises
-    ------
-    SceneError
-        If the coil cannot be.
-    """
+    """Make fluid, coil and surface of a scene; SceneError if the coil cannot be."""
     table = scene.table
     magnet, layer = table.fluid, table.layer
     law: Linear | Langevin = Linear(magnet.chi)

@@ -29,27 +29,15 @@ from wormopt.systems.coils.runs.coil_parts import (
 )
 from wormopt.systems.coils.scenes.coil_row import CoilRowScene
 
-__all__ = ["run"]
-
 _PER_PITCH, _PHASES_PER_STEP, _MOST_PHASES = 16, 16, 1024
 _WAVELENGTH_POINTS = 256
 _CHECKED = 3
 
 
 def run(scene: Scene[CoilRowScene], report: Report) -> Result:
-    """Tell the field along the row over time, and how evenly it travels.
+    """Field along the row over time, and how evenly it travels.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``coil-row``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where the field found by quadrature is another one.
+    Status "failed" where the field found by quadrature is another one.
     """
     table = scene.table
     row = row_of(table.coils)

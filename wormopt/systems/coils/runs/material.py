@@ -22,8 +22,6 @@ from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scene.scene import Scene
 from wormopt.systems.coils.scenes.material import MaterialScene, MaterialTable, SampleTable
 
-__all__ = ["MaterialFound", "material_of", "run"]
-
 _POINTS = 201
 # The material found again from u0 and E_eff may differ by so much of mu_r - 1 and of eta.
 _FOUND_AGAIN = 1e-9
@@ -31,45 +29,19 @@ _FOUND_AGAIN = 1e-9
 
 @dataclass(frozen=True)
 class MaterialFound:
-    """The material of a scene.
+    """The material of a scene."""
 
-    Parameters
-    ----------
-    material : MagnetoElastic
-        Given, or identified.
-    trust : dict
-        How it was identified, or found again from its own u0 and E_eff.
-    warnings : tuple of str
-        In words.
-    fault : str
-        Why it is not to be trusted; empty if it is.
-    """
-
-    material: MagnetoElastic
-    trust: dict[str, Any]
+    material: MagnetoElastic  # given, or identified
+    trust: dict[str, Any]  # how it was identified, or found again from its own u0 and E_eff
     warnings: tuple[str, ...] = ()
-    fault: str = ""
+    fault: str = ""  # why it is not to be trusted; empty if it is
 
 
 def run(scene: Scene[MaterialScene], report: Report) -> Result:
-    """Tell strain, modulus and lines of stress over strain, with the field and without.
+    """Strain, modulus and lines of stress over strain, with the field and without.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``material``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where the material is not found again from its own strain and modulus.
-
-    Raises
-    ------
-    SceneError
-        If the formulas do not hold in the field, or no material has what was measured.
+    Status "failed" where the material is not found again from its strain and modulus. Raises
+    SceneError like `material_of`.
     """
     table, begin = scene.table, time.perf_counter()
     report("identifying" if table.material.measured else "evaluating", None)
@@ -93,25 +65,10 @@ def run(scene: Scene[MaterialScene], report: Report) -> Result:
 
 
 def material_of(scene: Scene[Any], table: MaterialTable, key: str = "material") -> MaterialFound:
-    """Make the material of a scene, or identify it.
+    """Make the material of a scene, or identify it; `key` is the key path of its table.
 
-    Parameters
-    ----------
-    scene : Scene
-        For messages.
-    table : MaterialTable
-        Where the scene says it.
-    key : str, optional
-        Key path of that table.
-
-    Returns
-    -------
-    MaterialFound
-
-    Raises
-    ------
-    SceneError
-        If the formulas do not hold in the field, or no material has what was measured.
+    Raises SceneError if the formulas do not hold in the field, or no material has what was
+    measured.
     """
     try:
         if table.u0 is not None and table.youngs_modulus_eff is not None:

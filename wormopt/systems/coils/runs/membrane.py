@@ -21,8 +21,6 @@ from wormopt.result import Result, Scalar, Variable, unit_of
 from wormopt.scene.scene import Scene
 from wormopt.systems.coils.scenes.membrane import MembraneScene
 
-__all__ = ["Choice", "run"]
-
 _THIN = 0.1  # wall over radius up to which the stress counts as even over the wall
 # Logarithms of thicknesses are found to this; limits may be off by as much of themselves.
 _ACCEPTED = 1e-7
@@ -35,38 +33,16 @@ _ASSUMED = {
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Programs over the logarithm of the thickness; IPOPT solves them.
+    """Programs over the logarithm of the thickness; IPOPT solves them."""
 
-    Parameters
-    ----------
-    membrane : Membrane
-        The tube.
-    lifetime : float
-        In s.
-    limits : mapping of str to float
-        Largest "loss", "stress" and "strain".
-    """
-
-    membrane: Membrane
-    lifetime: float
-    limits: Mapping[str, float]
+    membrane: Membrane  # the tube
+    lifetime: float  # s
+    limits: Mapping[str, float]  # largest "loss", "stress" and "strain"
 
     def widest(self, span: tuple[float, float], **limits: float) -> tuple[float, float]:
-        """Find the thickness with the most strain within limits.
+        """Thickness in m of most strain within limits, and largest relative excess over one.
 
-        Parameters
-        ----------
-        span : (float, float)
-            Least and largest logarithm of the thickness.
-        **limits : float
-            Largest "loss", "stress", "strain"; those left out do not count.
-
-        Returns
-        -------
-        thickness : float
-            In m.
-        violation : float
-            Largest excess over a limit, as a share of it.
+        `span` is of the thickness's logarithm; limits left out do not count.
         """
         measured = ("loss", "stress", "strain")
         logs = np.array([np.log(limits[name]) if name in limits else np.inf for name in measured])
@@ -77,13 +53,7 @@ class Choice:
         return float(np.exp(found.w[0])), found.violation
 
     def measures(self, thickness: Any) -> tuple[Any, Any, Any]:
-        """Loss, stress and strain, of numbers and expressions.
-
-        Parameters
-        ----------
-        thickness : float, ndarray or casadi.MX
-            In m.
-        """
+        """Loss, stress and strain at a thickness in m, of numbers and expressions."""
         tube = self.membrane
         loss = tube.loss_share(thickness, self.lifetime)
         return loss, tube.stress(thickness), tube.strain(thickness)
@@ -101,22 +71,8 @@ class Choice:
 def run(scene: Scene[MembraneScene], report: Report) -> Result:
     """Find the best thickness, and the front of strain and loss.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``membrane``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where the best thickness is not that of its strictest limit.
-
-    Raises
-    ------
-    SolveError
-        If no thickness meets all limits; it says what each asks for.
+    Status "failed" where the best thickness is not that of its strictest limit. Raises
+    SolveError if no thickness meets all limits; it says what each asks for.
     """
     table, begin = scene.table, time.perf_counter()
     tube, fluid = table.membrane, table.fluid

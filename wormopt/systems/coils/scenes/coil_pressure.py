@@ -135,13 +135,7 @@ class CoilPressureScene(SceneTable, frozen=True, kw_only=True):
     stated_pressure: Positive | None = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield faults that no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from faults_of_units(self.units)

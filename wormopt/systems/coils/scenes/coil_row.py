@@ -88,23 +88,7 @@ class LineTable(Table, frozen=True, kw_only=True):
     margin: Margin = 3
 
     def faults(self, coils: CoilsTable) -> Iterator[Fault]:
-        """Yield a fault if the line goes through a winding, or nothing is left of it.
-
-        Parameters
-        ----------
-        coils : CoilsTable
-            The row.
-
-        Yields
-        ------
-        (str, str)
-            Key path and message.
-
-        Examples
-        --------
-        >>> [key for key, _ in LineTable(height=1e-3).faults(CoilsTable())]
-        ['line.height']
-        """
+        """Yield a fault if the line goes through a winding, or nothing is left of it."""
         low, high = _taken(coils)
         if low <= abs(self.height) <= high:
             inside = f", or nearer to the middle than {low:g}" if low else ""
@@ -153,18 +137,7 @@ class SwitchingTable(Table, frozen=True, kw_only=True):
     ampere_turns: NonNegative | None = None
 
     def faults(self, coils: CoilsTable) -> Iterator[Fault]:
-        """Yield what the row cannot do.
-
-        Parameters
-        ----------
-        coils : CoilsTable
-            The row.
-
-        Yields
-        ------
-        (str, str)
-            Key path and message.
-        """
+        """Yield what the row cannot do, as key path and message."""
         every = coils.count if self.every is None else self.every
         if every > coils.count:
             yield (
@@ -214,13 +187,7 @@ class CoilRowScene(SceneTable, frozen=True, kw_only=True):
     switching: SwitchingTable
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield faults that no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from faults_of_units(self.units)

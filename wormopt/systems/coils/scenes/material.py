@@ -56,23 +56,7 @@ class MaterialTable(Table, frozen=True, kw_only=True):
         return self.u0 is not None
 
     def faults_of_material(self, key: str) -> Iterator[Fault]:
-        """Yield a fault unless the material is said in one way, and whole.
-
-        Parameters
-        ----------
-        key : str
-            Key path of the table.
-
-        Yields
-        ------
-        (str, str)
-            Key path and message.
-
-        Examples
-        --------
-        >>> list(MaterialTable(field=1e5, mu_r=1.1).faults_of_material("material"))
-        [('material.lame_eta', 'missing; write it, or u0 and youngs_modulus_eff instead')]
-        """
+        """Yield a fault unless the material is given in exactly one way, and completely."""
         given, measured = (
             [name for name in names if getattr(self, name) is not None]
             for names in (_GIVEN, _MEASURED)
@@ -137,13 +121,7 @@ class MaterialScene(SceneTable, frozen=True, kw_only=True):
     strain: Range | None = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield faults that no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from faults_of_units(self.units)
@@ -155,23 +133,7 @@ class MaterialScene(SceneTable, frozen=True, kw_only=True):
 
 
 def faults_of_units(units: str) -> Iterator[Fault]:
-    """Yield a fault where a scene with a magnetic field is not in SI units.
-
-    Parameters
-    ----------
-    units : str
-        What the scene says.
-
-    Yields
-    ------
-    (str, str)
-        Key path and message.
-
-    Examples
-    --------
-    >>> [key for key, _ in faults_of_units("dimensionless")]
-    ['units']
-    """
+    """Yield a fault where a scene with a magnetic field is not in SI units."""
     if units != "SI":
         yield (
             "units",

@@ -106,13 +106,7 @@ class MembraneScene(SceneTable, frozen=True, kw_only=True):
     points: Count = 41
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield faults that no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from faults_of_units(self.units)

@@ -17,8 +17,6 @@ from wormopt.ocp.optimise import Optimum, optimise, refine
 from wormopt.ocp.sequence import structure_of
 from wormopt.progress import Report
 
-__all__ = ["WIDTH", "exact_phases"]
-
 WIDTH = 1.0
 """There is no contact; its treatment only tells which inputs are at their limits."""
 # Local error at which the mesh shows where the field switches.
@@ -34,24 +32,10 @@ _TIGHT = Ipopt(tolerance=1e-10, mu_init=1e-2)
 
 
 def exact_phases(first: Optimum, tolerance: float, report: Report) -> dict[str, Optimum]:
-    """Find phases between switches of the field, which end anywhere, and fine enough polynomials.
+    """Find phases between field switches, which end anywhere, with fine enough polynomials.
 
-    Under a limited slope the field switches without end before the film rests at a thickness, so
-    that no phases are as good as many arcs; those are taken then, or where phases are not found.
-
-    Parameters
-    ----------
-    first : Optimum
-        On an even mesh.
-    tolerance : float
-        Local error allowed on each arc.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    dict of str to Optimum
-        All solves by what they are, the best last.
+    Many arcs serve where phases fail: under a limited slope the field switches without end
+    before the film rests at a thickness. Returns all solves by name, the best last.
     """
     near = replace(_TIGHT, warm=True, mu_init=1e-5)
     shown = refine(first, _SHOWN, rounds=_ROUNDS, solver=near)

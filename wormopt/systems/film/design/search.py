@@ -27,8 +27,6 @@ from wormopt.systems.film.design.wave import (
     wave_problem,
 )
 
-__all__ = ["DesignedWave", "Try", "best_wave"]
-
 # Waves of the same number of crests are alike if their objectives differ by less.
 _ALIKE = 1e-3
 _PLAIN = Mesh.even(1, 60, Collocation(3, "radau"))
@@ -42,47 +40,23 @@ _FINE = 8192
 
 @dataclass(frozen=True)
 class Try:
-    """How a start ended.
+    """How a start ended."""
 
-    Parameters
-    ----------
-    start : str
-        From what.
-    repeats : int
-        How often the wave that was optimised stands in 2 pi.
-    crests : int
-        Crests that were found in 2 pi, 0 where nothing was.
-    reached : float
-        What was sought, NaN where nothing was found.
-    """
-
-    start: str
-    repeats: int
-    crests: int = 0
-    reached: float = math.nan
+    start: str  # from what
+    repeats: int  # of the optimised wave in 2 pi
+    crests: int = 0  # found in 2 pi; 0: nothing found
+    reached: float = math.nan  # what was sought; NaN: nothing found
 
 
 @dataclass(frozen=True, eq=False)
 class DesignedWave:
-    """An optimal wave.
+    """An optimal wave."""
 
-    Parameters
-    ----------
-    stages : dict of str to Optimum
-        All solves that led to it, the last one of the wave itself, as a single wave, see
-        `wormopt.systems.film.design.wave`.
-    limits : WaveLimits
-        What it keeps to.
-    repeats : int
-        How often the wave that was optimised stands in 2 pi.
-    tries : tuple of Try
-        All starts.
-    """
-
+    # all solves, the last of the single wave itself, see wormopt.systems.film.design.wave
     stages: dict[str, Optimum]
-    limits: WaveLimits
-    repeats: int
-    tries: tuple[Try, ...]
+    limits: WaveLimits  # what it keeps to
+    repeats: int  # of the optimised wave in 2 pi
+    tries: tuple[Try, ...]  # all starts
 
     @property
     def optimum(self) -> Optimum:
@@ -133,44 +107,17 @@ class DesignedWave:
         return self.repeats * int(np.sum((h <= 1) & (np.roll(h, -1) > 1)))
 
     def thickness(self, xi: np.ndarray) -> np.ndarray:
-        """Thickness h at some phases; a crest is at 0.
-
-        Parameters
-        ----------
-        xi : ndarray, shape (m,)
-            Phases.
-
-        Returns
-        -------
-        ndarray, shape (m,)
-        """
+        """Thickness h at phases (m,); a crest is at 0."""
         return self.motion.state("thickness", self._inner(xi))[0]
 
     def slope(self, xi: np.ndarray) -> np.ndarray:
-        """Slope of the thickness at some phases.
-
-        Parameters
-        ----------
-        xi : ndarray, shape (m,)
-            Phases.
-
-        Returns
-        -------
-        ndarray, shape (m,)
-        """
+        """Slope of the thickness at phases (m,)."""
         return self.motion.state("slope", self._inner(xi))[0] * self.repeats
 
     def field(self, xi: np.ndarray) -> np.ndarray:
-        """Field (mu - 1) H² / (8 pi), as the optimiser has it, least 0; the later one at a jump.
+        """Field (mu - 1) H² / (8 pi) at phases (m,), as the optimiser has it, least 0.
 
-        Parameters
-        ----------
-        xi : ndarray, shape (m,)
-            Phases.
-
-        Returns
-        -------
-        ndarray, shape (m,)
+        At a jump, the later value.
         """
         t = self._inner(xi)
         if self.limits.gradient is not None:
@@ -178,17 +125,7 @@ class DesignedWave:
         return self.motion.inputs(t)[0] * self.field_range
 
     def guess(self, *, on_crest: bool) -> Guess:
-        """The single wave as a start for another aim within the same limits.
-
-        Parameters
-        ----------
-        on_crest : bool
-            Whether it is to start on a crest.
-
-        Returns
-        -------
-        Guess
-        """
+        """The single wave as a start for another aim within the same limits."""
         motion, first = self.motion, self.start if on_crest else 0.0
         return Guess(
             TURN,
@@ -200,18 +137,7 @@ class DesignedWave:
         return np.mod(self.repeats * np.asarray(xi) + self.start, TURN)
 
     def instants(self, least: int = 400) -> np.ndarray:
-        """Phases from 0 to 2 pi that show every jump of the field: just before it and after.
-
-        Parameters
-        ----------
-        least : int, optional
-            How many, at least.
-
-        Returns
-        -------
-        ndarray, shape (m,)
-            Ascending.
-        """
+        """Ascending phases from 0 to 2 pi that show every jump of the field, before and after."""
         arcs = self.motion.arcs.duration > 1e-9
         each = max(4, -(-least // (int(np.sum(arcs)) * self.repeats)))
         begin, spans = self.motion.breaks[:-1][arcs], self.motion.arcs.duration[arcs]
@@ -231,37 +157,10 @@ def best_wave(
     tolerance: float = 1e-9,
     report: Report = silent,
 ) -> DesignedWave:
-    """Optimise waves of 1, 2, ... crests, and make the best one exact.
+    """Optimise waves from 1 to `crests` crests, and solve the best (a local optimum) exactly.
 
-    Starts are cosine waves of 1, 2, ... crests alike, and where a crest itself is asked about
-    also such waves with one crest higher than the others.
-
-    Parameters
-    ----------
-    limits : WaveLimits
-        What the wave must keep to.
-    aim : WaveAim
-        What it is to be good at.
-    crests : int, optional
-        Most crests to start from.
-    near : DesignedWave, optional
-        Another start: the best wave for another aim within the same limits.
-    mesh : Mesh, optional
-        Of the first solves.
-    tolerance : float, optional
-        Local error allowed on each arc in the end.
-    report : callable, optional
-        Told how far it is.
-
-    Returns
-    -------
-    DesignedWave
-        A local optimum, the best of those found.
-
-    Raises
-    ------
-    SolveError
-        If no start leads to a wave.
+    Starts: cosine waves, also with one crest higher where a crest is asked about, and `near`.
+    `tolerance`: final local error on each arc. Raises SolveError if no start leads to one.
     """
     waves: list[DesignedWave] = []
     tries: list[Try] = []

@@ -31,8 +31,6 @@ from wormopt.systems.film.lubrication import field_slope
 from wormopt.systems.film.shapes import FourierWave
 from wormopt.systems.pair.waveform import ramped
 
-__all__ = ["TURN", "Seek", "WaveAim", "WaveLimits", "field_size", "wave_guess", "wave_problem"]
-
 Seek = Literal["mean_flow", "margin", "drift", "field"]
 """What is made as large, or of the field as small, as possible."""
 
@@ -47,35 +45,13 @@ _INSIDE = 0.98
 
 @dataclass(frozen=True)
 class WaveLimits:
-    """What a wave must keep to.
+    """What a wave must keep to."""
 
-    Parameters
-    ----------
-    tension : float
-        Number W of surface tension, positive.
-    thickness : tuple of float
-        Least and largest h, around the mean 1.
-    field : float, optional
-        Largest range of (mu - 1) H² / (8 pi), from least to largest; without it the range is what
-        is sought.
-    gradient : float, optional
-        Largest size of its slope by the phase; without it the field may jump.
-
-    Raises
-    ------
-    ArgumentError
-        If a number is not positive, or the mean 1 is not between the thicknesses.
-
-    Examples
-    --------
-    >>> WaveLimits(0.1, (0.5, 1.5), 4.0).single(2)
-    WaveLimits(tension=0.8, thickness=(0.5, 1.5), field=8.0, gradient=None)
-    """
-
-    tension: float
-    thickness: tuple[float, float]
+    tension: float  # number W of surface tension, positive
+    thickness: tuple[float, float]  # least and largest h, around the mean 1
+    # largest range of (mu - 1) H² / (8 pi); None: the range is what is sought
     field: float | None = None
-    gradient: float | None = None
+    gradient: float | None = None  # its largest slope by the phase; None: it may jump
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "thickness", check_thickness(self.thickness))
@@ -88,17 +64,7 @@ class WaveLimits:
                 raise ArgumentError(f"{name} must be a number above 0, not {value!r}")
 
     def single(self, crests: int) -> WaveLimits:
-        """Limits within which one crest is what a number of crests alike is within these.
-
-        Parameters
-        ----------
-        crests : int
-            Crests in 2 pi.
-
-        Returns
-        -------
-        WaveLimits
-        """
+        """Limits for one crest that amount to these for `crests` equal crests in 2 pi."""
         field = None if self.field is None else crests * self.field
         return WaveLimits(self.tension * crests**3, self.thickness, field, self.gradient)
 
@@ -107,29 +73,14 @@ class WaveLimits:
 class WaveAim:
     """What a wave is to be good at.
 
-    Parameters
-    ----------
-    seek : {"mean_flow", "margin", "drift", "field"}
-        The largest mean flow; the largest thickness + 3 C at a crest, which is not negative where
-        a small float is held; the largest drift of a float that is not held; the least range of
-        the field.
-    mean_flow : float, optional
-        With "field": least mean flow.
-    capture : bool, optional
-        With "field": whether a small float is to be held.
-    margin : float, optional
-        With "drift": a margin below 0 that no wave within the limits exceeds.
-
-    Raises
-    ------
-    ArgumentError
-        If a flow is not from 0 to 1, a margin not negative, or nothing is asked of a wave of the
-        least field.
+    `seek`: largest mean flow; largest thickness + 3 C at a crest (≥ 0 holds a small float);
+    largest drift of a float that is not held; or least range of the field.
     """
 
     seek: Seek = "mean_flow"
-    mean_flow: float | None = None
-    capture: bool = False
+    mean_flow: float | None = None  # with "field": least mean flow, 0 to 1
+    capture: bool = False  # with "field": whether a small float is to be held
+    # with "drift": a margin below 0 that no wave within the limits exceeds
     margin: float | None = None
 
     def __post_init__(self) -> None:
@@ -146,24 +97,7 @@ class WaveAim:
         return self.seek == "margin" or self.capture
 
     def out_of_reach(self, thickness: tuple[float, float]) -> str | None:
-        """Say what no wave between two thicknesses does, however strong its field.
-
-        Parameters
-        ----------
-        thickness : tuple of float
-            Least and largest h.
-
-        Returns
-        -------
-        str or None
-            What to do about it, None where nothing is.
-
-        Examples
-        --------
-        >>> WaveAim("field", mean_flow=0.3).out_of_reach((0.5, 1.5))
-        >>> WaveAim("field", capture=True).out_of_reach((0.9, 1.1))[:37]
-        'no wave between these thicknesses hol'
-        """
+        """Advice where no wave between two thicknesses can do this at any field, else None."""
         most = largest_flow(thickness)
         if self.mean_flow is not None and self.mean_flow >= most:
             return (
@@ -180,35 +114,10 @@ class WaveAim:
 
 
 def wave_problem(limits: WaveLimits, aim: WaveAim) -> Problem:
-    """State the best wave of one crest, or of as many as it takes.
+    """State the best wave over the phase, 0 to 2 pi, from a mean crossing upward or a crest.
 
-    The wave starts where it rises through the mean thickness, or on a crest if that is asked
-    about. The largest field is ``field_range``, the least 0.
-
-    Parameters
-    ----------
-    limits : WaveLimits
-        What it must keep to.
-    aim : WaveAim
-        What it is to be good at.
-
-    Returns
-    -------
-    Problem
-        Over the phase, from 0 to 2 pi. States ``thickness``, ``slope`` and ``pressure`` m; the
-        input ``field``, 0 to 1, is B over its range. With a gradient B itself is a state, and its
-        slope ``field_rate`` the input.
-
-    Raises
-    ------
-    ArgumentError
-        If a range of the field is neither given nor sought.
-
-    Examples
-    --------
-    >>> problem = wave_problem(WaveLimits(0.1, (0.5, 1.5), 3.7), WaveAim())
-    >>> [signal.name for signal in problem.model.x], [bound.name for bound in problem.at_ends]
-    (['thickness', 'slope', 'pressure'], ['volume', 'phase', 'front'])
+    States: thickness, slope, pressure m; input ``field``, B over ``field_range``, 0 to 1.
+    With a gradient B is a state and its slope ``field_rate`` the input.
     """
     if (limits.field is None) != (aim.seek == "field"):
         raise ArgumentError("give the largest range of the field, unless the least is sought")
@@ -295,44 +204,14 @@ def _nearby(limits: WaveLimits, aim: WaveAim) -> tuple[float, float]:
 
 
 def field_size(limits: WaveLimits, aim: WaveAim) -> float:
-    """Range of the field that is allowed, or that may be needed where it is sought.
-
-    Parameters
-    ----------
-    limits : WaveLimits
-        What the wave must keep to.
-    aim : WaveAim
-        What it is to be good at.
-
-    Returns
-    -------
-    float
-    """
+    """Range of the field that is allowed, or that may be needed where it is sought."""
     return _nearby(limits, aim)[1]
 
 
 def wave_guess(limits: WaveLimits, aim: WaveAim, second: int = 1) -> Guess:
     """Start from the largest cosine wave within the limits, or one near to what is asked for.
 
-    Parameters
-    ----------
-    limits : WaveLimits
-        What the wave must keep to.
-    aim : WaveAim
-        What it is to be good at.
-    second : int, optional
-        Harmonic that has half of the amplitude, for crests that are not alike; 1 for the cosine.
-
-    Returns
-    -------
-    Guess
-        For `wave_problem` of the same.
-
-    Examples
-    --------
-    >>> guess = wave_guess(WaveLimits(0.1, (0.5, 1.5), 3.8), WaveAim())
-    >>> guess.states(np.zeros(1)).shape, round(float(guess.states(np.zeros(1))[1, 0]), 3)
-    ((3, 1), 0.49)
+    `second`: harmonic of half the amplitude, for unequal crests; 1 for the cosine alone.
     """
     delta, size = _nearby(limits, aim)
     harmonics = np.zeros(second)

@@ -14,25 +14,15 @@ from numpy.typing import ArrayLike
 from wormopt.plotting.parts import GREY, LINKS, MASSES, RED, facts, label, legend, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["film", "ride"]
-
 _PHASES = ("0", "π/2", "π", "3π/2", "2π")
 _PERIODS = 8
 _BELOW: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.2), "ncols": 2}
 
 
 def film(result: Result) -> Figure:
-    """Mean flow against amplitude (the chapter's figure 15), and the square of the field by phase.
+    """Mean flow against amplitude (the chapter's figure 15), and the squared field by phase.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``film-flow``.
-
-    Returns
-    -------
-    Figure
-        Fields over their largest least H0², because those differ a hundredfold.
+    Fields are over their largest least H0², because those differ a hundredfold.
     """
     drawn = sheet(10.5, 7.6)
     (flow, shape), (fields, own) = drawn.subplots(2, 2)
@@ -117,16 +107,8 @@ def _phases(axes: Axes) -> None:
 def ride(result: Result) -> Figure:
     """Paths of floats over the travelling wave, and of points of the fluid below them.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``float``.
-
-    Returns
-    -------
-    Figure
-        Above time by place, dark where the film is thick: crests are stripes. Below paths in the
-        film as seen from the wave, if there are tracers, otherwise velocities by phase.
+    Above: time by place, dark where the film is thick. Below: tracer paths seen from the
+    wave, or velocities by phase if there are no tracers.
     """
     drawn = sheet(9.5, 8.2)
     over, below = drawn.subplots(2, 1, height_ratios=(3, 2))

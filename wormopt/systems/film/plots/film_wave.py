@@ -11,8 +11,6 @@ from matplotlib.figure import Figure
 from wormopt.plotting.parts import GREY, LINKS, RED, draw_limits, facts, legend, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["film_wave"]
-
 _PHASES = ("0", "π/2", "π", "3π/2", "2π")
 _OTHER = (0, (4, 2))
 
@@ -20,15 +18,7 @@ _OTHER = (0, (4, 2))
 def film_wave(result: Result) -> Figure:
     """Thickness, field and surface velocity over one wavelength; below, other films if swept.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``film-wave``.
-
-    Returns
-    -------
-    Figure
-        Dashed in colour: the cosine wave within the same limits.
+    Dashed in colour: the cosine wave within the same limits.
     """
     swept = "sweep_mean_flow" in result
     drawn = sheet(9, 10.5 if swept else 8.2)

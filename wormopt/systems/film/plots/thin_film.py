@@ -15,8 +15,6 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 from wormopt.plotting.parts import GREY, LINKS, RED, facts, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["basins", "forward"]
-
 _TURN = 2 * math.pi
 # Outcomes in the order of their numbers: name, colour, words.
 _OUTCOMES = (
@@ -30,18 +28,7 @@ _FEW = 12
 
 
 def forward(result: Result) -> Figure:
-    """Course of a film, its end, the field, and the eigenvalues.
-
-    Parameters
-    ----------
-    result : Result
-        Of kind ``film-forward``.
-
-    Returns
-    -------
-    Figure
-        Steady films along the amplitude too, where they were followed.
-    """
+    """Course of a film, its end, the field, and the eigenvalues; steady branches if followed."""
     drawn = sheet(10.5, 8.2)
     branches = "branch_delta" in result
     places = drawn.add_gridspec(3, 2, height_ratios=(5, 4, 5))
@@ -158,15 +145,7 @@ def _branches(axes: Axes, result: Result) -> None:
 def basins(result: Result) -> Figure:
     """Where flat films go, over the amplitude and the number of surface tension.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``film-forward`` with a map.
-
-    Returns
-    -------
-    Figure
-        A cell for each film, with the largest rate of growth on the prescribed wave.
+    A cell for each film, with the largest rate of growth on the prescribed wave.
     """
     delta, tension = result["map_delta"].values, result["map_tension"].values
     outcome, growth = result["map_outcome"].values, result["map_growth"].values

@@ -12,53 +12,25 @@ from wormopt.systems.film.runs.film_fields import GivenField
 from wormopt.systems.film.scenes.film_forward import CourseTable, GridTable, StepsTable
 from wormopt.systems.film.shapes import grid
 
-__all__ = ["CarriedFilm", "carried_film"]
-
 _POINTS = 256
 
 
 @dataclass(frozen=True, eq=False)
 class CarriedFilm:
-    """A steady film that travels with the mean field of a row.
+    """A steady film that travels with the mean field of a row."""
 
-    Parameters
-    ----------
-    xi, thickness : ndarray, shape (points,)
-        Phases and thickness over the mean.
-    distance : float
-        Largest difference of the thickness from the wave wanted.
-    mean_flow : float
-        That it carries, 1 + C.
-    growth : float
-        Largest rate at which a small deviation grows.
-    residual : float
-        Of Newton's method.
-    """
-
-    xi: np.ndarray
-    thickness: np.ndarray
-    distance: float
-    mean_flow: float
-    growth: float
-    residual: float
+    xi: np.ndarray  # (points,) phases
+    thickness: np.ndarray  # (points,) over the mean
+    distance: float  # largest difference of thickness from the wave wanted
+    mean_flow: float  # 1 + C
+    growth: float  # largest growth rate of a small deviation
+    residual: float  # of Newton's method
 
 
 def carried_film(wave: CosineWave, pressure: np.ndarray, tension: float) -> CarriedFilm | None:
-    """Find the steady film next to a wave under a field that is not quite the wave's own.
+    """Steady film near `wave` under a field that is not quite the wave's own; None without one.
 
-    Parameters
-    ----------
-    wave : CosineWave
-        Wanted.
-    pressure : ndarray, shape (m,)
-        (mu - 1) H² / (8 pi) over one wavelength, in units of the film.
-    tension : float
-        Number W of surface tension, above 0.
-
-    Returns
-    -------
-    CarriedFilm or None
-        None if there is none near the wave.
+    `pressure` (m,): (mu - 1) H² / (8 pi) over one wavelength, in units of the film.
     """
     setting = Setting(
         slope=GivenField(pressure).slope,

@@ -16,35 +16,19 @@ from wormopt.systems.film.runs.film_fields import WaveField
 from wormopt.systems.film.runs.film_resolution import resolved
 from wormopt.systems.film.scenes.film_forward import MapTable
 
-__all__ = ["Basins", "basins", "basins_scalars", "basins_variables"]
-
 
 @dataclass(frozen=True, eq=False)
 class Basins:
-    """Outcomes over a grid.
-
-    Parameters
-    ----------
-    table : MapTable
-        The grid.
-    courses : list of list of Course or None
-        By amplitude, then by tension; None where the allowed steps did not suffice.
-    """
+    """Outcomes over a grid of amplitudes and tensions."""
 
     table: MapTable
+    # by amplitude, then tension; None where the allowed steps did not suffice
     courses: list[list[Course | None]]
 
     def each(self, name: str) -> np.ndarray:
-        """An attribute of all courses, NaN where it is unknown.
+        """An attribute of all courses (amplitudes, tensions), NaN where it is unknown.
 
-        Parameters
-        ----------
-        name : str
-            "distance", "points", "growth", "growth_end", "outcome", "crest", "least" or "time".
-
-        Returns
-        -------
-        ndarray, shape (amplitudes, tensions)
+        `name`: distance, points, growth, growth_end, outcome, crest, least or time.
         """
         return np.array([[_number(course, name) for course in row] for row in self.courses])
 
@@ -66,21 +50,7 @@ def _number(course: Course | None, name: str) -> float:
 
 
 def basins(table: MapTable, setting: Setting, report: Report) -> Basins:
-    """Follow a flat film under every field.
-
-    Parameters
-    ----------
-    table : MapTable
-        Which fields.
-    setting : Setting
-        Course, points and tolerances.
-    report : callable
-        Told how far it is.
-
-    Returns
-    -------
-    Basins
-    """
+    """Follow a flat film under every field of the map."""
     courses: list[list[Course | None]] = []
     done, count = 0, len(table.delta) * len(table.tension)
     for delta in table.delta:
@@ -113,17 +83,7 @@ def _course(setting: Setting) -> Course | None:
 
 
 def basins_scalars(found: Basins) -> dict[str, Scalar]:
-    """How often each outcome is.
-
-    Parameters
-    ----------
-    found : Basins
-        The map.
-
-    Returns
-    -------
-    dict of str to Scalar
-    """
+    """How often each outcome is."""
     outcome, growth = found.each("outcome"), found.each("growth")
     counts = {f"map_{name}": Scalar(int(np.sum(outcome == k))) for k, name in enumerate(OUTCOMES)}
     # a wave that is stable and yet not where the film goes
@@ -135,17 +95,7 @@ def basins_scalars(found: Basins) -> dict[str, Scalar]:
 
 
 def basins_variables(found: Basins) -> Iterator[Variable]:
-    """Signals of the map.
-
-    Parameters
-    ----------
-    found : Basins
-        The map.
-
-    Yields
-    ------
-    Variable
-    """
+    """Signals of the map."""
     dims = ("map_delta", "map_tension")
     yield Variable(dims[0], "1", dims[:1], np.array(found.table.delta), "amplitude of the wave")
     yield Variable(dims[1], "1", dims[1:], np.array(found.table.tension), "surface tension W")

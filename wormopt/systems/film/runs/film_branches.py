@@ -20,8 +20,6 @@ from wormopt.systems.film.scenes.film_forward import BranchTable
 from wormopt.systems.film.shapes import grid
 from wormopt.systems.film.thin_film import film_thickness, film_volume, thin_film
 
-__all__ = ["Waves", "branch_scalars", "branch_variables", "follow_waves"]
-
 _MOST = 400
 # Films that differ by less are the same.
 _SAME = 1e-6
@@ -29,41 +27,18 @@ _SAME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Waves:
-    """Branches of steady films.
+    """Branches of steady films."""
 
-    Parameters
-    ----------
-    branches : tuple of Branch
-        That of the prescribed wave first, that of the film's end where it is another.
-    order : int
-        Of the differences.
-    """
-
-    branches: tuple[Branch, ...]
-    order: int
+    branches: tuple[Branch, ...]  # prescribed wave's first; that of the end if another
+    order: int  # of the differences
 
 
 def follow_waves(
     table: BranchTable, order: int, tension: float, course: Course, report: Report
 ) -> Waves:
-    """Follow the prescribed wave, and the steady film at the end of a course.
+    """Follow the prescribed wave, and the steady film at the end of a course, by amplitude.
 
-    Parameters
-    ----------
-    table : BranchTable
-        Along which amplitudes.
-    order : int
-        Of the differences.
-    tension : float
-        Number W.
-    course : Course
-        Under the field of a cosine wave.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Waves
+    `order`: of the differences; `tension`: number W; `course`: under a cosine wave's field.
     """
     assert course.wave is not None
     delta, xi = ca.SX.sym("delta"), ca.DM(grid(table.points))
@@ -105,17 +80,7 @@ def _on(thickness: np.ndarray, points: int) -> np.ndarray:
 
 
 def branch_scalars(waves: Waves) -> dict[str, Scalar]:
-    """Numbers about branches.
-
-    Parameters
-    ----------
-    waves : Waves
-        The branches.
-
-    Returns
-    -------
-    dict of str to Scalar
-    """
+    """Numbers about branches."""
     folds = sorted(fold.parameter for branch in waves.branches for fold in branch.folds)
     lost = [c for branch in waves.branches for c in _crossings(branch)]
     return {
@@ -134,17 +99,7 @@ def _crossings(branch: Branch) -> list[float]:
 
 
 def branch_variables(waves: Waves) -> Iterator[Variable]:
-    """Signals of branches, one after the other.
-
-    Parameters
-    ----------
-    waves : Waves
-        The branches.
-
-    Yields
-    ------
-    Variable
-    """
+    """Signals of branches, one after the other."""
     if not waves.branches:
         return
     parts: dict[str, list[np.ndarray]] = {}

@@ -21,8 +21,6 @@ from wormopt.systems.film.scenes.film_forward import CourseTable, GridTable, Ste
 from wormopt.systems.film.shapes import grid
 from wormopt.systems.film.thin_film import film_thickness, film_volume, thin_film
 
-__all__ = ["OUTCOMES", "Course", "Setting", "Steady", "film_model", "flow", "follow", "steady"]
-
 Outcome = Literal["wave", "other", "moving", "breaks", "unresolved"]
 OUTCOMES: tuple[Outcome, ...] = ("wave", "other", "moving", "breaks", "unresolved")
 """What may become of a film, by the numbers that stand for it in results."""
@@ -38,63 +36,28 @@ _GIVEN_UP = ("solver_failed", "not_finite", "step_too_small")
 
 @dataclass(frozen=True)
 class Setting:
-    """A film, its field and what is asked, on any number of points.
+    """A film, its field and what is asked, on any number of points."""
 
-    Parameters
-    ----------
-    slope : callable
-        Number of points to the slope of the field there.
-    tension : float
-        Number W.
-    start : callable
-        Phases to the thickness at time 0.
-    wave : callable, optional
-        Phases to the thickness of the prescribed wave.
-    course : CourseTable
-        How long, and what counts as settled and as broken.
-    grid : GridTable
-        How finely.
-    tolerance : StepsTable
-        How exactly.
-    """
-
-    slope: Callable[[int], np.ndarray]
-    tension: float
-    start: Callable[[np.ndarray], np.ndarray]
+    slope: Callable[[int], np.ndarray]  # number of points to the slope of the field there
+    tension: float  # number W
+    start: Callable[[np.ndarray], np.ndarray]  # phases to the thickness at time 0
+    # phases to the thickness of the prescribed wave
     wave: Callable[[np.ndarray], np.ndarray] | None
-    course: CourseTable
+    course: CourseTable  # how long, and what counts as settled or broken
     grid: GridTable
     tolerance: StepsTable
 
     def given(self, points: int) -> dict[str, Any]:
-        """Parameters of `film_model` by name.
-
-        Parameters
-        ----------
-        points : int
-            Of the model.
-
-        Returns
-        -------
-        dict
-        """
+        """Parameters of `film_model` by name."""
         return {"field_slope": self.slope(points), "tension": self.tension}
 
 
 @dataclass(frozen=True, eq=False)
 class Steady:
-    """A steady film.
+    """A steady film."""
 
-    Parameters
-    ----------
-    state : SteadyState
-        With eigenvalues.
-    thickness : ndarray, shape (points,)
-        Of it.
-    """
-
-    state: SteadyState
-    thickness: np.ndarray
+    state: SteadyState  # with eigenvalues
+    thickness: np.ndarray  # (points,)
 
     @property
     def growth(self) -> float:
@@ -106,40 +69,21 @@ class Steady:
 class Course:
     """A film followed in time on given points.
 
-    Parameters
-    ----------
-    points : int
-        How many.
-    outcome : {"wave", "other", "moving", "breaks", "unresolved"}
-        Whether it comes to the prescribed wave, to another steady one, still moves at the end,
-        becomes thinner than the rupture thickness, or leaves what the points can hold.
-    time : ndarray, shape (m,)
-        Until its end, or until it broke.
-    thickness : ndarray, shape (points, m)
-        At these times.
-    steps : int
-        Of the integrator.
-    broke : (float, float), optional
-        When and where it broke.
-    wave, end : Steady, optional
-        The steady film next to the prescribed wave, which is that wave but for round-off where
-        the field is its own; the steady film next to the end.
-    distance : float, optional
-        From the prescribed wave, at the end.
-    settled_to : float, optional
-        From the steady film next to the end.
+    `outcome`: it comes to the prescribed wave or to another steady one, still moves at the
+    end, gets thinner than the rupture thickness, or leaves what the points can hold.
     """
 
     points: int
     outcome: Outcome
-    time: np.ndarray
-    thickness: np.ndarray
-    steps: int
-    broke: tuple[float, float] | None
+    time: np.ndarray  # (m,), until its end or until it broke
+    thickness: np.ndarray  # (points, m)
+    steps: int  # of the integrator
+    broke: tuple[float, float] | None  # when and where
+    # steady film next to the prescribed wave; that wave itself under its own field
     wave: Steady | None
-    end: Steady | None
-    distance: float | None
-    settled_to: float | None
+    end: Steady | None  # steady film next to the end
+    distance: float | None  # from the prescribed wave, at the end
+    settled_to: float | None  # distance from the steady film next to the end
 
     @property
     def tail(self) -> float:
@@ -156,19 +100,9 @@ class Course:
 
 @lru_cache(maxsize=8)
 def film_model(points: int, order: int) -> Model:
-    """Model whose field and surface tension are parameters.
+    """Model whose parameters are ``field_slope`` (points) and ``tension``.
 
-    Parameters
-    ----------
-    points : int
-        How many.
-    order : int
-        Of the differences.
-
-    Returns
-    -------
-    Model
-        Parameters ``field_slope`` (points) and ``tension``.
+    `order`: of the differences.
     """
     slope, tension = ca.SX.sym("field_slope", points), ca.SX.sym("tension")
     parameters = [Signal("field_slope", slope), Signal("tension", tension)]
@@ -181,22 +115,7 @@ def _rates(points: int, order: int) -> Rates:
 
 
 def steady(setting: Setting, points: int, thickness: np.ndarray) -> Steady | None:
-    """Find the steady film next to a given one.
-
-    Parameters
-    ----------
-    setting : Setting
-        Of the film.
-    points : int
-        How many.
-    thickness : ndarray, shape (points,)
-        Where Newton's method begins.
-
-    Returns
-    -------
-    Steady or None
-        None if it finds none, or none of positive thickness.
-    """
+    """Steady film of positive thickness next to `thickness` (points,), by Newton; None without."""
     order, rates = setting.grid.order, _rates(points, setting.grid.order)
     p = rates.parameters(setting.given(points))
     x, found = rates.newton(film_volume(thickness, order=order)[None], p)
@@ -209,19 +128,7 @@ def steady(setting: Setting, points: int, thickness: np.ndarray) -> Steady | Non
 
 
 def flow(setting: Setting, thickness: np.ndarray) -> np.ndarray:
-    """Flow Q of a film of given thickness.
-
-    Parameters
-    ----------
-    setting : Setting
-        Its field and tension.
-    thickness : ndarray, shape (points,)
-        Of it.
-
-    Returns
-    -------
-    ndarray, shape (points,)
-    """
+    """Flow Q (points,) of a film of given thickness (points,)."""
     points, order = len(thickness), setting.grid.order
     model, rates = film_model(points, order), _rates(points, order)
     at = ca.Function("flow", [pack(model.x), pack(model.p)], [model.output("flow")])
@@ -230,26 +137,7 @@ def flow(setting: Setting, thickness: np.ndarray) -> np.ndarray:
 
 
 def follow(setting: Setting, points: int, report: Report = silent) -> Course:
-    """Follow a film in time on given points.
-
-    Parameters
-    ----------
-    setting : Setting
-        What is asked.
-    points : int
-        How many.
-    report : callable, optional
-        Told how far it is.
-
-    Returns
-    -------
-    Course
-
-    Raises
-    ------
-    SolveError
-        If the allowed steps do not suffice.
-    """
+    """Follow a film in time on given points; raises SolveError if the allowed steps run out."""
     time, h, steps, failed = _integrated(setting, points, report)
     broke = None
     if h.min() < setting.course.rupture:

@@ -21,110 +21,43 @@ from wormopt.systems.film.shapes import grid
 from wormopt.systems.film.thin_film import slope_on
 from wormopt.systems.film.units import Fluid
 
-__all__ = ["GivenField", "WaveField", "field_of_scene"]
-
 
 class WaveField:
-    """Least field that holds a prescribed wave, as (mu - 1) H² / (8 pi).
-
-    Parameters
-    ----------
-    wave : CosineWave or FourierWave
-        The wave.
-    tension : float
-        Number W.
-    """
+    """Least field that holds a prescribed wave at number W, as (mu - 1) H² / (8 pi)."""
 
     def __init__(self, wave: Wave, tension: float) -> None:
         self.wave, self.tension = wave, tension
 
     def slope(self, points: int) -> np.ndarray:
-        """Slope at equidistant points.
-
-        Parameters
-        ----------
-        points : int
-            How many.
-
-        Returns
-        -------
-        ndarray, shape (points,)
-        """
+        """Slope at equidistant points (points,)."""
         xi, wave = grid(points), self.wave
         return field_slope(wave.height(xi), wave.height(xi, 3), wave.constant, self.tension)
 
     def values(self, points: int) -> np.ndarray:
-        """Values at equidistant points.
-
-        Parameters
-        ----------
-        points : int
-            How many.
-
-        Returns
-        -------
-        ndarray, shape (points,)
-        """
+        """Values at equidistant points (points,)."""
         wave, tension = self.wave, self.tension
         return wave.peak(tension).value - wave.field_function(grid(points), tension)
 
 
 class GivenField:
-    """A field by its samples over a wavelength, as (mu - 1) H² / (8 pi).
-
-    Parameters
-    ----------
-    samples : ndarray, shape (m,)
-        At equidistant phases.
-    """
+    """A field (mu - 1) H² / (8 pi) by samples (m,) at equidistant phases over a wavelength."""
 
     def __init__(self, samples: np.ndarray) -> None:
         self.samples = samples
 
     def slope(self, points: int) -> np.ndarray:
-        """Slope at equidistant points.
-
-        Parameters
-        ----------
-        points : int
-            How many.
-
-        Returns
-        -------
-        ndarray, shape (points,)
-        """
+        """Slope at equidistant points (points,)."""
         return slope_on(points, self.samples)
 
     def values(self, points: int) -> np.ndarray:
-        """Values at equidistant points, of the same trigonometric polynomial.
-
-        Parameters
-        ----------
-        points : int
-            How many.
-
-        Returns
-        -------
-        ndarray, shape (points,)
-        """
+        """Values (points,) at equidistant points, of the same trigonometric polynomial."""
         slope = np.fft.rfft(self.slope(points))
         slope[1:] /= 1j * np.arange(1, len(slope))
         slope[0] = 0.0
         return float(self.samples.mean()) + np.fft.irfft(slope, points)
 
     def left_out(self, points: int) -> float:
-        """Share of the field that so many points cannot hold.
-
-        Parameters
-        ----------
-        points : int
-            How many.
-
-        Returns
-        -------
-        float
-            Root mean square of harmonics left out, over that of all.
-        """
+        """Root mean square of the harmonics so many points cannot hold, over that of all."""
         size = np.abs(np.fft.rfft(self.samples))[1:]
         kept = min((len(self.samples) - 1) // 2, (points - 1) // 2)
         whole = float(np.linalg.norm(size))
@@ -134,25 +67,9 @@ class GivenField:
 def field_of_scene(
     scene: Scene[FilmForwardScene], wave: Wave | None, tension: float
 ) -> WaveField | GivenField:
-    """Make the field of a scene.
+    """Make the field of a scene: the prescribed wave's own unless another is given.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``film-forward``.
-    wave : CosineWave or FourierWave, optional
-        The prescribed wave, whose field acts unless another is given.
-    tension : float
-        Number W.
-
-    Returns
-    -------
-    WaveField or GivenField
-
-    Raises
-    ------
-    SceneError
-        If a file holds no field, or the field does not repeat.
+    Raises SceneError if a file holds no field, or the field does not repeat.
     """
     given = scene.table.field
     if given is None:

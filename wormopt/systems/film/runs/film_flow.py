@@ -20,8 +20,6 @@ from wormopt.systems.film.scenes.film import FilmFlowScene, FilmTable
 from wormopt.systems.film.shapes import FourierWave, flow_constant, grid
 from wormopt.systems.film.units import Fluid
 
-__all__ = ["fluid_of", "run", "wave_of"]
-
 # Checks are accepted up to this share of the largest value.
 _ACCEPTED = 1e-9
 _GAUSS = 3
@@ -30,22 +28,7 @@ _GAUSS = 3
 def run(scene: Scene[FilmFlowScene], report: Report) -> Result:
     """Tell mean flow and field of a wave, and of cosine waves of other amplitudes.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``film-flow``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where fluid is not conserved, or the field does not hold the shape.
-
-    Raises
-    ------
-    SceneError
-        If the shape is no film.
+    Status "failed" where fluid is not conserved, or the field does not hold the shape.
     """
     table, begin = scene.table, time.perf_counter()
     report("evaluating", None)
@@ -75,24 +58,7 @@ def run(scene: Scene[FilmFlowScene], report: Report) -> Result:
 
 
 def wave_of(scene: Scene[Any], table: FilmTable) -> Wave:
-    """Make the wave of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        For messages.
-    table : FilmTable
-        Where it says the wave.
-
-    Returns
-    -------
-    CosineWave or FourierWave
-
-    Raises
-    ------
-    SceneError
-        If the thickness is not positive everywhere.
-    """
+    """Make the wave of a scene; raises SceneError if its thickness is not positive everywhere."""
     if table.delta is not None:
         return CosineWave(table.delta)
     key = "film.cosines" if table.cosines else "film.sines"
@@ -105,17 +71,7 @@ def wave_of(scene: Scene[Any], table: FilmTable) -> Wave:
 
 
 def fluid_of(table: FilmTable) -> Fluid | None:
-    """Make the fluid of a scene, None for a scene without units.
-
-    Parameters
-    ----------
-    table : FilmTable
-        Where it is.
-
-    Returns
-    -------
-    Fluid or None
-    """
+    """Make the fluid of a scene, None for a scene without units."""
     given = table.fluid
     if given is None:
         return None

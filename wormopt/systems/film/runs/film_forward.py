@@ -30,8 +30,6 @@ from wormopt.systems.film.scenes.film_forward import FilmForwardScene, StartTabl
 from wormopt.systems.film.shapes import grid
 from wormopt.systems.film.thin_film import film_volume
 
-__all__ = ["run"]
-
 # Volume that may be lost, residual of steady films, what a tighter integrator may change.
 _VOLUME, _RESIDUAL, _STEPS = 1e-12, 1e-6, 1e-5
 # Shares of the field that the points may leave out before it is told.
@@ -71,24 +69,8 @@ class _Found:
 def run(scene: Scene[FilmForwardScene], report: Report) -> Result:
     """Follow a film in time, tell where it goes and what is stable.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``film-forward``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where points do not suffice, or a check fails.
-
-    Raises
-    ------
-    SceneError
-        If the field, the wave or the start cannot be.
-    SolveError
-        If the allowed steps do not suffice.
+    Status "failed" where points do not suffice, or a check fails. Raises SceneError for an
+    impossible field, wave or start, SolveError if the allowed steps do not suffice.
     """
     table, begin = scene.table, time.perf_counter()
     fluid = fluid_of(table.film)

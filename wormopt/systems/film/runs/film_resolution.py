@@ -10,62 +10,28 @@ import numpy as np
 from wormopt.progress import Report, silent
 from wormopt.systems.film.runs.film_courses import Course, Setting, follow
 
-__all__ = ["Resolved", "resolved"]
-
 # A film whose highest harmonics are below this share is resolved by itself.
 _ENOUGH = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Resolved:
-    """A course and the one on half as many points with which it was compared.
+    """A course and the one on half as many points with which it was compared."""
 
-    Parameters
-    ----------
-    course : Course
-        On the most points.
-    coarser : Course, optional
-        On half as many.
-    difference : float, optional
-        Of their last thickness, at the points that both have; None where they end otherwise, or
-        at times that differ.
-    """
-
-    course: Course
-    coarser: Course | None
+    course: Course  # on the most points
+    coarser: Course | None  # on half as many points
+    # of last thicknesses at common points; None if outcomes or end times differ
     difference: float | None
 
     def agrees(self, agreement: float) -> bool:
-        """Whether both come to the same.
-
-        Parameters
-        ----------
-        agreement : float
-            By how much they may differ.
-
-        Returns
-        -------
-        bool
-        """
+        """Whether both courses end alike, to within `agreement`."""
         return self.difference is not None and self.difference <= agreement
 
 
 def resolved(setting: Setting, report: Report = silent, *, once: bool = False) -> Resolved:
-    """Follow a film on more and more points until two resolutions agree.
+    """Follow a film on more and more points until two resolutions agree; callers check that.
 
-    Parameters
-    ----------
-    setting : Setting
-        What is asked.
-    report : callable, optional
-        Told how far it is.
-    once : bool, optional
-        Be content with one resolution where its harmonics have died out.
-
-    Returns
-    -------
-    Resolved
-        Whether they agree is for the caller to see.
+    `once`: be content with one resolution where its harmonics have died out.
     """
     points = setting.grid.points
     found = Resolved(follow(setting, points, report), None, None)

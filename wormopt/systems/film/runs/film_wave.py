@@ -35,8 +35,6 @@ from wormopt.systems.shared.optimum import (
 )
 from wormopt.systems.shared.proof import Recheck
 
-__all__ = ["run"]
-
 _OTHERS = 401
 
 
@@ -44,25 +42,8 @@ _OTHERS = 401
 def run(scene: Scene[FilmWaveScene], report: Report) -> Result:
     """Find the best wave, and say what its shape does by quadrature alone.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``film-wave``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where the shape does not do, or takes another field than, what the
-        optimiser says.
-
-    Raises
-    ------
-    SceneError
-        If no wave between the thicknesses does what is asked, however strong its field.
-    SolveError
-        If no wave is found.
+    Status "failed" where that differs from what the optimiser says. Raises SceneError if the
+    aim is out of reach of any field, SolveError if no wave is found.
     """
     table, begin = scene.table, time.perf_counter()
     given = table.limits

@@ -15,8 +15,6 @@ from wormopt.systems.film.drift import CAPTURE_DELTA, cosine_drift
 from wormopt.systems.film.limits import Sampled, field_needs, fitting_cosine, sampled
 from wormopt.systems.film.shapes import grid
 
-__all__ = ["CosineBeside", "check_wave", "cosine_beside", "faults_of_checks"]
-
 # Phases at which the thickness is taken. Where the field jumps, differences blur it over two.
 _NODES = 16384
 # Slopes of the field are taken over so many of them: they are third differences of the thickness.
@@ -26,21 +24,10 @@ _NUMBER, _FIELD, _SLOPE = 1e-6, 1e-3, 1e-2
 
 
 def check_wave(wave: DesignedWave, aim: WaveAim) -> tuple[Sampled, dict[str, tuple[float, float]]]:
-    """Find flow, field and float of a wave again, from values of its thickness and nothing else.
+    """Find flow, field and float of a wave again, from values of its thickness alone.
 
-    Parameters
-    ----------
-    wave : DesignedWave
-        From the optimiser.
-    aim : WaveAim
-        What was asked for.
-
-    Returns
-    -------
-    shape : Sampled
-        What the thickness says.
-    checks : dict of str to (float, float)
-        By how much the optimiser's numbers and limits are missed, and what is accepted.
+    Returns that, and by check name how far the optimiser's numbers and limits are missed and
+    how far is accepted.
     """
     xi, limits = grid(_NODES), wave.limits
     h = wave.thickness(xi)
@@ -70,17 +57,7 @@ def check_wave(wave: DesignedWave, aim: WaveAim) -> tuple[Sampled, dict[str, tup
 
 
 def faults_of_checks(checks: Mapping[str, tuple[float, float]]) -> list[str]:
-    """Say which checks do not hold.
-
-    Parameters
-    ----------
-    checks : mapping of str to (float, float)
-        From `check_wave`.
-
-    Returns
-    -------
-    list of str
-    """
+    """Say which checks of `check_wave` do not hold."""
     return [
         f"{name} is off by {value:.2g} where {accepted:g} is accepted"
         for name, (value, accepted) in checks.items()
@@ -90,36 +67,16 @@ def faults_of_checks(checks: Mapping[str, tuple[float, float]]) -> list[str]:
 
 @dataclass(frozen=True)
 class CosineBeside:
-    """The cosine wave within the same limits; all NaN where none does what is asked.
+    """The cosine wave within the same limits; all NaN where none does what is asked."""
 
-    Parameters
-    ----------
-    delta : float
-        Its amplitude.
-    mean_flow, field_range, drift : float
-        What it does and takes; drift of a small float over the speed of the wave.
-    """
-
-    delta: float = math.nan
+    delta: float = math.nan  # amplitude
     mean_flow: float = math.nan
     field_range: float = math.nan
-    drift: float = math.nan
+    drift: float = math.nan  # of a small float over the speed of the wave
 
 
 def cosine_beside(limits: WaveLimits, aim: WaveAim) -> CosineBeside:
-    """Find the largest cosine wave within the limits, or the smallest that does what is asked.
-
-    Parameters
-    ----------
-    limits : WaveLimits
-        What waves must keep to.
-    aim : WaveAim
-        What is sought.
-
-    Returns
-    -------
-    CosineBeside
-    """
+    """Find the largest cosine wave within the limits, or the smallest that does what is asked."""
     gradient = math.inf if limits.gradient is None else limits.gradient
     if limits.field is not None:
         delta = fitting_cosine(limits.tension, limits.thickness, limits.field, gradient)

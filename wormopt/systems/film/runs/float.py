@@ -39,8 +39,6 @@ from wormopt.systems.shared.proof import (
     warnings_of_motion,
 )
 
-__all__ = ["run"]
-
 _TURN = 2 * math.pi
 # How often a body shall be overtaken, how many periods are simulated at least and at most.
 _OVERTAKEN, _LEAST, _MOST = 4, 20.0, 20_000.0
@@ -119,24 +117,8 @@ class _Ride:
 def run(scene: Scene[FloatScene], report: Report) -> Result:
     """Simulate floats and tracers, and compare their drift with the formulas.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``float``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where simulation and formula disagree, or a tracer leaves the film.
-
-    Raises
-    ------
-    SceneError
-        If the shape is no film, or so near to holding a body that its drift is not to be told.
-    SolveError
-        If a motion cannot be followed.
+    Status "failed" where both disagree, or a tracer leaves the film. Raises SceneError also
+    for a wave so near to holding a body that its drift cannot be told.
     """
     table, begin = scene.table, time.perf_counter()
     wave, fluid = wave_of(scene, table.film), fluid_of(table.film)

@@ -99,23 +99,7 @@ class FilmTable(Table, frozen=True, kw_only=True):
     fluid: FluidTable | None = None
 
     def faults(self, units: str) -> Iterator[Fault]:
-        """Yield what is wrong between the keys of this table.
-
-        Parameters
-        ----------
-        units : str
-            Of the scene.
-
-        Yields
-        ------
-        (str, str)
-            Key path and message.
-
-        Examples
-        --------
-        >>> list(FilmTable().faults("dimensionless"))
-        [('film.delta', 'missing; write the amplitude, or harmonics in cosines and sines')]
-        """
+        """Yield key path and message of what is wrong between the keys of this table."""
         harmonics = [name for name in ("cosines", "sines") if getattr(self, name) is not None]
         if self.delta is None and not harmonics:
             yield "film.delta", "missing; write the amplitude, or harmonics in cosines and sines"
@@ -179,13 +163,7 @@ class FilmFlowScene(SceneTable, frozen=True, kw_only=True):
     samples: Points = 401
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Check what no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from self.film.faults(self.units)
@@ -273,13 +251,7 @@ class FloatScene(SceneTable, frozen=True, kw_only=True):
     tolerance: ToleranceTable = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Check what no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from self.film.faults(self.units)

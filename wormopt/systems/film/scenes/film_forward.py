@@ -64,25 +64,7 @@ class FieldTable(Table, frozen=True, kw_only=True):
     mu_r: Permeability | None = None
 
     def faults(self, units: str, folder: Path) -> Iterator[Fault]:
-        """Yield what is wrong between the keys of this table.
-
-        Parameters
-        ----------
-        units : str
-            Of the scene.
-        folder : Path
-            Of the scene.
-
-        Yields
-        ------
-        (str, str)
-            Key path and message.
-
-        Examples
-        --------
-        >>> list(FieldTable().faults("dimensionless", Path()))
-        [('field.samples', 'missing; write the values over a wavelength, or file')]
-        """
+        """Yield key path and message of what is wrong between the keys of this table."""
         if self.samples is None and self.file is None:
             yield "field.samples", "missing; write the values over a wavelength, or file"
         if self.samples is not None and self.file is not None:
@@ -273,13 +255,7 @@ class FilmForwardScene(SceneTable, frozen=True, kw_only=True):
     map: MapTable | None = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Check what no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         for key, message in self.film.faults(self.units):

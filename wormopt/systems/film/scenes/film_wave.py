@@ -159,13 +159,7 @@ class FilmWaveScene(SceneTable, frozen=True, kw_only=True):
     sweep: WaveSweepTable | None = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Check what no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         wrong = list(wrong_order("limits.thickness", self.limits.thickness, may_be_equal=False))

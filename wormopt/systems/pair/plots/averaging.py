@@ -10,23 +10,12 @@ from matplotlib.lines import Line2D
 from wormopt.plotting.parts import GREY, LINKS, MASSES, RED, facts, label, legend, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["reversals"]
-
 
 def reversals(result: Result) -> Figure:
     """Prescribed velocities over a period with their reversals, and the course of the centre.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``harmonic-masses``.
-
-    Returns
-    -------
-    Figure
-        Above, masses slide backward below the line at -V; dots mark where they reverse in the
-        exact motion. Below, the exact velocity of the centre and the averaged one, with the
-        steady velocities.
+    Above: masses slide backward below the line at -V; dots: reversals of the exact motion.
+    Below: exact and averaged velocity of the centre, with the steady velocities.
     """
     drawn = sheet(9, 7)
     above, below = drawn.subplots(2, 1)

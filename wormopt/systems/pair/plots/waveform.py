@@ -10,8 +10,6 @@ from matplotlib.patches import Patch
 from wormopt.plotting.parts import GREY, MASSES, facts, label, legend, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["waveform"]
-
 _OTHER = (0, (4, 2))
 # Below the curves: what each mass does; forward is left white.
 _DOES = {0: ("rests", "#E9C46A"), -1: ("slides back", "#C9A7B8")}
@@ -20,15 +18,7 @@ _DOES = {0: ("rests", "#E9C46A"), -1: ("slides back", "#C9A7B8")}
 def waveform(result: Result) -> Figure:
     """Field, stretch and velocities over one period, and when masses rest and slide back.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``pair-waveform``.
-
-    Returns
-    -------
-    Figure
-        Dashed: the harmonic field, and the stretch under it.
+    Dashed: the harmonic field, and the stretch under it.
     """
     drawn = sheet(9, 8)
     rows = drawn.subplots(4, sharex=True, height_ratios=(2, 2, 2, 0.5))

@@ -20,18 +20,6 @@ from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.pair.waveform import FieldAim, FieldLimits
 from wormopt.systems.shared.signals import largest
 
-__all__ = [
-    "FADED",
-    "MOST_PERIODS",
-    "Harmonic",
-    "Orbit",
-    "best_harmonic",
-    "orbit_from",
-    "push_left",
-    "relative",
-    "settle",
-]
-
 FADED = 0.5
 """Share of a small push of which at most so much must be left."""
 
@@ -55,33 +43,15 @@ _FREQUENCIES, _ROUNDS, _NEARER = 9, 4, 4
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """One period of a motion, from exact simulation.
+    """One period of a motion, from exact simulation."""
 
-    Parameters
-    ----------
-    start : ndarray, shape (4,)
-        Positions and velocities at its beginning; mass 1 is at 0.
-    speed : float
-        Advance over period.
-    strain : float
-        Largest |x_2 - x_1|.
-    work : float
-        Work of the field, what flows back taken off.
-    drift : float
-        Change of stretch and velocities over the last block of periods, in their largest size.
-    periods : int
-        Periods simulated before.
-    motion : Trajectory
-        The period.
-    """
-
-    start: np.ndarray
-    speed: float
-    strain: float
-    work: float
-    drift: float
-    periods: int
-    motion: Trajectory
+    start: np.ndarray  # (4,) positions and velocities; mass 1 is at 0
+    speed: float  # advance over period
+    strain: float  # largest |x_2 - x_1|
+    work: float  # net work of the field
+    drift: float  # largest change of stretch and velocities over the last block of periods
+    periods: int  # simulated before
+    motion: Trajectory  # the period
 
     @property
     def settled(self) -> bool:
@@ -104,26 +74,14 @@ class Orbit:
 
 @dataclass(frozen=True, eq=False)
 class Harmonic:
-    """A field mean + amplitude cos(frequency t), and what the pair does under it.
-
-    Parameters
-    ----------
-    frequency, mean, amplitude : float
-        The field.
-    orbit : Orbit
-        The motion.
-    reached : bool
-        Whether it has the speed that was asked for, if any was.
-    kept : bool
-        Whether it keeps to the strain allowed. Where it does not, its mean alone does not.
-    """
+    """A field mean + amplitude cos(frequency t), and what the pair does under it."""
 
     frequency: float
     mean: float
     amplitude: float
-    orbit: Orbit
-    reached: bool = True
-    kept: bool = True
+    orbit: Orbit  # the motion
+    reached: bool = True  # has the speed that was asked for, if any was
+    kept: bool = True  # within the strain; if not, its mean alone exceeds it
 
     @property
     def course(self) -> Gait:
@@ -134,17 +92,7 @@ class Harmonic:
 
 
 def relative(state: np.ndarray) -> np.ndarray:
-    """Stretch and velocities: what returns after a period.
-
-    Parameters
-    ----------
-    state : ndarray, shape (4, ...)
-        Positions and velocities.
-
-    Returns
-    -------
-    ndarray, shape (3, ...)
-    """
+    """Stretch and velocities (3, ...), which return after a period, of states (4, ...)."""
     return np.array([state[1] - state[0], state[2], state[3]])
 
 
@@ -157,29 +105,9 @@ def orbit_from(
     drift: float = 0.0,
     periods: int = 0,
 ) -> Orbit:
-    """Simulate one period and measure it.
+    """Simulate one period of a driven `magnetic_pair` from `start` (4,), and measure it.
 
-    Parameters
-    ----------
-    plant : Model
-        From `magnetic_pair`, driven.
-    period : float
-        Of its field.
-    start : ndarray, shape (4,)
-        State at the beginning.
-    p : mapping, optional
-        Parameters, where they are not the model's own.
-    drift, periods : optional
-        What is known of the way there.
-
-    Returns
-    -------
-    Orbit
-
-    Raises
-    ------
-    SolveError
-        If it cannot be simulated.
+    `p`: parameters other than the model's own; `drift`, `periods`: known of the way there.
     """
     motion = simulate(plant, period, contact=Exact(), x0=_named(start), p=p, dense=True)
     assert motion.dense is not None
@@ -208,32 +136,9 @@ def settle(
     strain: float | None = None,
     soon: bool = False,
 ) -> Orbit:
-    """Simulate until the motion repeats itself from period to period.
+    """Simulate a driven `magnetic_pair` until its motion repeats; the orbit's ``drift`` tells.
 
-    Parameters
-    ----------
-    plant : Model
-        From `magnetic_pair`, driven with this period.
-    period : float
-        Of its field.
-    start : ndarray, shape (4,)
-        State to begin with.
-    p : mapping, optional
-        Parameters, where they are not the model's own.
-    strain : float, optional
-        Given up where the stretch is far beyond it.
-    soon : bool, optional
-        Settle for less, as in a search.
-
-    Returns
-    -------
-    Orbit
-        Its ``drift`` tells whether it repeats itself.
-
-    Raises
-    ------
-    SolveError
-        If it cannot be simulated.
+    `strain`: given up where the stretch is far beyond it; `soon`: settle for less.
     """
     total, block, drift = 0, _BLOCK, math.inf
     enough, most = (_SOON, _MOST_SOON) if soon else (_SETTLED, _MOST)
@@ -250,28 +155,9 @@ def settle(
 
 
 def push_left(driven: Model, period: float, start: np.ndarray, size: float) -> float:
-    """Push the pair off a periodic motion, and see what is left of it later.
+    """Push the pair off a periodic motion, and return the least share of the push left later.
 
-    Parameters
-    ----------
-    driven : Model
-        From `magnetic_pair`, driven.
-    period : float
-        Of its field.
-    start : ndarray, shape (4,)
-        State of the periodic motion at the beginning of a period.
-    size : float
-        Size of its stretch and velocities.
-
-    Returns
-    -------
-    float
-        Least share left, ending once it is below `FADED`.
-
-    Raises
-    ------
-    SolveError
-        If it cannot be simulated.
+    Ends once that is below `FADED`; `size`: of the motion's stretch and velocities.
     """
     push = _PUSH * size * _DIRECTION
     state, least = start + np.concatenate([[0.0], push]), math.inf
@@ -285,32 +171,10 @@ def push_left(driven: Model, period: float, start: np.ndarray, size: float) -> f
 
 
 def best_harmonic(pair: Model, limits: FieldLimits, aim: FieldAim, report: Report) -> Harmonic:
-    """Find the harmonic field that keeps to the same limits as a waveform and serves its aim best.
+    """Harmonic field that keeps to a waveform's limits and serves its aim best.
 
-    It goes about the middle of the field's range, with the largest amplitude that range, slope
-    and strain allow, or the smallest that reaches the speed asked for, at the best frequency.
-
-    Parameters
-    ----------
-    pair : Model
-        From `magnetic_pair` with two cosines.
-    limits : FieldLimits
-        What the field must keep to.
-    aim : FieldAim
-        What it is to be good at.
-    report : callable
-        Told how far it is.
-
-    Returns
-    -------
-    Harmonic
-        With ``kept`` false and amplitude 0 where the middle of the range alone, put on at rest,
-        stretches the link beyond the strain allowed.
-
-    Raises
-    ------
-    SolveError
-        If a motion cannot be simulated.
+    Mean: mid-range; amplitude: largest allowed, or smallest of the speed asked; frequency:
+    best. Not ``kept``, amplitude 0 where the mean put on at rest exceeds the strain.
     """
     least, most = limits.frequency
     grid = [least] if least == most else np.linspace(least, most, _FREQUENCIES)

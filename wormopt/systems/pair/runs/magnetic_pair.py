@@ -21,8 +21,6 @@ from wormopt.systems.pair.runs.pair import Pair, Scales, no_steady_motion, warni
 from wormopt.systems.pair.scenes.magnetic_pair import MagneticPairScene
 from wormopt.systems.shared.proof import Recheck, recheck
 
-__all__ = ["run"]
-
 # The average of first order shall settle, and agree with (19), to this.
 _SETTLED = 1e-9
 # Velocities of consecutive means that differ by more, of their size, have not settled.
@@ -67,22 +65,8 @@ class _Found:
 def run(scene: Scene[MagneticPairScene], report: Report) -> Result:
     """Simulate the pair from rest and compare with its averages.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``magnetic-pair``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where the averages do not settle or the second route ends elsewhere.
-
-    Raises
-    ------
-    SolveError
-        If there is no steady motion, or a motion cannot be followed.
+    Status "failed" where averages do not settle or the second route ends elsewhere. Raises
+    SolveError without a steady motion, or where a motion cannot be followed.
     """
     table, begin = scene.table, time.perf_counter()
     pair, scales = Pair(table.pair, table.averaging.nodes), Scales.of(table.pair)

@@ -29,8 +29,6 @@ from wormopt.systems.pair.scenes.pair_waveform import NATURAL
 from wormopt.systems.pair.slow_pair import from_slow, slow_pair
 from wormopt.systems.shared.signals import symbol
 
-__all__ = ["NATURAL", "Pair", "Scales", "no_steady_motion", "warnings_of_pair"]
-
 # Swings beyond which averages are not asked for, and friction forces per push from which a small
 # parameter is none.
 _LARGEST, _SMALL = 100.0, 0.1
@@ -41,32 +39,14 @@ _SWUNG = 4.0
 
 @dataclass(frozen=True)
 class Scales:
-    """Units of the dimensionless pair, in units of the scene.
+    """Units of the dimensionless pair, in units of the scene."""
 
-    Parameters
-    ----------
-    length : float
-        Length l0 of the link.
-    time : float
-        Natural time sqrt(m / c).
-    """
-
-    length: float = 1.0
-    time: float = 1.0
+    length: float = 1.0  # l0 of the link
+    time: float = 1.0  # natural time sqrt(m / c)
 
     @classmethod
     def of(cls, table: MagneticPairTable) -> Scales:
-        """Take them from a sample; 1 without.
-
-        Parameters
-        ----------
-        table : MagneticPairTable
-            What the scene says.
-
-        Returns
-        -------
-        Scales
-        """
+        """Take them from a sample; 1 without."""
         return cls(table.sample.length if table.sample else 1.0, table.natural_time)
 
     @property
@@ -77,18 +57,10 @@ class Scales:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """The dimensionless pair of a scene: exact, slow, averaged.
-
-    Parameters
-    ----------
-    table : MagneticPairTable
-        What the scene says.
-    nodes : int
-        Points of quadrature.
-    """
+    """The dimensionless pair of a scene: exact, slow, averaged."""
 
     table: MagneticPairTable
-    nodes: int
+    nodes: int  # points of quadrature
 
     @property
     def eps(self) -> float:
@@ -129,33 +101,14 @@ class Pair:
         return average(self.slow, period, order=order, nodes=nodes)
 
     def frequency(self, detuning: float) -> float:
-        """Frequency of the field, in natural rates.
-
-        Parameters
-        ----------
-        detuning : float
-            Delta.
-
-        Returns
-        -------
-        float
-        """
+        """Frequency of the field at detuning Delta, in natural rates."""
         return NATURAL + self.eps * detuning
 
     def steady(self, detuning: float) -> tuple[SteadyState, ...]:
-        """Steady states of the first average, the stable ones first.
+        """Steady states of the first average at detuning Delta, the stable ones first.
 
-        A steady swing is at most as large as the field makes it without friction,
-        |G_1| / (2 sqrt(2) |Delta|), since friction has no part in phase with it.
-
-        Parameters
-        ----------
-        detuning : float
-            Delta.
-
-        Returns
-        -------
-        tuple of SteadyState
+        Their swing is at most the frictionless |G_1| / (2 sqrt(2) |Delta|), since friction
+        has no part in phase with it.
         """
         bound = abs(self.drive) / (2 * NATURAL * max(abs(detuning), 1e-12))
         size = 1.05 * min(bound, _LARGEST)
@@ -169,15 +122,7 @@ class Pair:
     def refined(self, state: SteadyState) -> SteadyState | None:
         """Steady state of the second average next to one of the first.
 
-        Parameters
-        ----------
-        state : SteadyState
-            Of the first average.
-
-        Returns
-        -------
-        SteadyState or None
-            None where there is none, or the swing is too small for a second order.
+        None without one, or where the swing is too small for a second order.
         """
         if np.hypot(*state.states["swing"]) < _SWUNG * self.eps:
             return None
@@ -186,51 +131,20 @@ class Pair:
         return rates.steady(x, state.p) if found else None
 
     def swung(self, swing: np.ndarray) -> np.ndarray:
-        """Whether swings are large enough for an average of second order.
-
-        Parameters
-        ----------
-        swing : ndarray, shape (2, m)
-            Of motions of the first average.
-
-        Returns
-        -------
-        ndarray of bool, shape (m,)
-        """
+        """Whether (m,) swings (2, m) of the first average are large enough for second order."""
         return np.hypot(*swing) >= _SWUNG * self.eps
 
     def start(self, x: np.ndarray, frequency: float) -> dict[str, np.ndarray]:
-        """Positions and velocities at time 0 of a state of an average.
+        """Positions and velocities at time 0 of a state (3,) of an average.
 
-        Parameters
-        ----------
-        x : ndarray, shape (3,)
-            State.
-        frequency : float
-            Of the field, in natural rates.
-
-        Returns
-        -------
-        dict of str to ndarray
+        `frequency`: of the field, in natural rates.
         """
         return from_slow(0.0, x[0], x[1:], frequency=frequency)
 
     def closed_form(self, detuning: float) -> SteadyPair | None:
-        """Steady motion by (19), None where the friction is not dry and alike for both.
+        """Steady motion by (19); None unless the friction is dry and alike for both.
 
-        Parameters
-        ----------
-        detuning : float
-            Delta.
-
-        Returns
-        -------
-        SteadyPair or None
-
-        Raises
-        ------
-        ArgumentError
-            If there is no steady motion.
+        Raises ArgumentError if there is no steady motion; `detuning`: Delta.
         """
         law = self.table.friction
         if not isinstance(law, CoulombFriction):
@@ -243,20 +157,9 @@ class Pair:
         return closed if self.drive > 0 else replace(closed, lag=closed.lag - math.pi)
 
     def closed_form_difference(self, x: np.ndarray, detuning: float) -> float | None:
-        """How far a steady state of the first average is from (19).
+        """Distance of a steady state (3,) of the first average from (19); None if inapplicable.
 
-        Parameters
-        ----------
-        x : ndarray, shape (3,)
-            State.
-        detuning : float
-            Delta.
-
-        Returns
-        -------
-        float or None
-            Of velocity and swing, over the larger of both; infinite where (19) has no such state,
-            None where it does not apply.
+        In velocity and swing, over the larger of both; infinite if (19) has no such state.
         """
         try:
             closed = self.closed_form(detuning)
@@ -269,17 +172,7 @@ class Pair:
         return float(np.abs(x - known).max() / np.abs(known).max())
 
     def why_none(self, detuning: float) -> str:
-        """Say why there is no steady motion.
-
-        Parameters
-        ----------
-        detuning : float
-            Delta.
-
-        Returns
-        -------
-        str
-        """
+        """Say why there is no steady motion at detuning Delta."""
         try:
             self.closed_form(detuning)
         except ArgumentError as error:
@@ -287,17 +180,7 @@ class Pair:
         return "the averaged pair has no steady motion with a swing up to 100 lengths of the link"
 
     def quadrature_error(self, state: SteadyState) -> float:
-        """How much the mean rates change with twice the points of quadrature, over eps.
-
-        Parameters
-        ----------
-        state : SteadyState
-            Where to look.
-
-        Returns
-        -------
-        float
-        """
+        """Change of the mean rates at a state with twice the points of quadrature, over eps."""
         finer = rates_of(self._average(1, 2 * self.nodes))
         rates = rates_of(self.averages[0])
         change = finer(state.x[None], state.p) - rates(state.x[None], state.p)
@@ -305,20 +188,7 @@ class Pair:
 
 
 def no_steady_motion(scene: Scene[Any], reason: str) -> SolveError:
-    """Refuse a pair that never moves steadily.
-
-    Parameters
-    ----------
-    scene : Scene
-        What was asked for.
-    reason : str
-        Why.
-
-    Returns
-    -------
-    SolveError
-        To be raised; with a failed Result.
-    """
+    """Error, to be raised, for a pair that never moves steadily; it has a failed Result."""
     partial = Result(
         scene=scene.name,
         kind=scene.table.kind,
@@ -342,19 +212,7 @@ def _scaled(law: Law, eps: float) -> Law:
 
 
 def warnings_of_pair(pair: Pair, state: SteadyState | None) -> Iterator[str]:
-    """Say where the pair leaves what its theory assumes.
-
-    Parameters
-    ----------
-    pair : Pair
-        The pair.
-    state : SteadyState, optional
-        Where it settles.
-
-    Yields
-    ------
-    str
-    """
+    """Say where the pair, settled at `state`, leaves what its theory assumes."""
     if pair.eps > _SMALL:
         yield (
             f"eps = {pair.eps:.4g} is not small: averages are right to about eps in first and "

@@ -60,8 +60,6 @@ from wormopt.systems.shared.optimum import (
 )
 from wormopt.systems.shared.signals import Kind, symbol
 
-__all__ = ["run"]
-
 _SIGNALS: dict[str, Kind] = {
     "position": ("length", ("mass",), "position of the mass"),
     "velocity": ("speed", ("mass",), "velocity of the mass"),
@@ -87,43 +85,19 @@ _WIDE = 1.0
 
 @dataclass(frozen=True, eq=False)
 class _Proof:
-    """What exact simulation says of the waveform found.
+    """What exact simulation says of the waveform found."""
 
-    Parameters
-    ----------
-    orbit : Orbit
-        Its last period.
-    speed : float
-        Over all periods simulated.
-    left : float
-        Share of a push that is left, the least over the blocks simulated.
-    """
-
-    orbit: Orbit
-    speed: float
-    left: float
+    orbit: Orbit  # its last period
+    speed: float  # over all periods simulated
+    left: float  # share of a push left, the least over blocks simulated
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
 def run(scene: Scene[PairWaveformScene], report: Report) -> Result:
     """Find the best periodic field, and simulate it beside the harmonic one.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``pair-waveform``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where a simulation with the field found ends elsewhere.
-
-    Raises
-    ------
-    SolveError
-        If there is no such field, or it is not found.
+    Status "failed" where a simulation with the field found ends elsewhere. Raises SolveError
+    if there is no such field, or it is not found.
     """
     table, begin = scene.table, time.perf_counter()
     limits, aim = _limits(table), FieldAim(table.aim.maximise, table.aim.speed)

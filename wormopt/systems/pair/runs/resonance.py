@@ -22,8 +22,6 @@ from wormopt.systems.pair.runs.pair import Pair, Scales, no_steady_motion, warni
 from wormopt.systems.pair.scenes.magnetic_pair import ConfirmTable, ResonanceScene
 from wormopt.systems.pair.scenes.pair_waveform import NATURAL
 
-__all__ = ["run"]
-
 # Detunings at which steady states are searched to begin branches, as shares of the sweep.
 _BEGINNINGS = (0.0, 0.13, 0.37, 0.63, 0.87, 1.0)
 # Steady states that differ by less from those of a branch are on it.
@@ -73,23 +71,8 @@ class _Exact:
 def run(scene: Scene[ResonanceScene], report: Report) -> Result:
     """Follow the steady motions of the averaged pair, and confirm them.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``resonance``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-
-    Raises
-    ------
-    SolveError
-        If there is no steady motion.
-    Interrupted
-        If the user stopped the exact motions; `partial` has the branches.
+    Raises SolveError without a steady motion; Interrupted, with the branches in `partial`,
+    if the user stops the exact motions.
     """
     table, begin = scene.table, time.perf_counter()
     pair = Pair(table.pair, table.averaging.nodes)

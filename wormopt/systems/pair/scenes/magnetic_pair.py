@@ -93,13 +93,7 @@ class MagneticPairTable(Table, frozen=True, kw_only=True):
         return math.sqrt(s.mass * s.length / (s.youngs_modulus * s.area)) if s else 1.0
 
     def faults(self, units: str) -> Iterator[Fault]:
-        """Yield what is wrong between the keys of this table.
-
-        Parameters
-        ----------
-        units : str
-            Of the scene.
-        """
+        """Yield what is wrong between the keys of this table."""
         if units == "SI" and self.sample is None:
             yield "pair.sample", 'missing; with units = "SI" describe the link: [pair.sample]'
         if units == "SI" and self.eps is not None:
@@ -189,13 +183,7 @@ class MagneticPairScene(SceneTable, frozen=True, kw_only=True):
     tolerance: ToleranceTable = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Check what no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from self.pair.faults(self.units)
@@ -281,13 +269,7 @@ class ResonanceScene(SceneTable, frozen=True, kw_only=True):
     tolerance: ToleranceTable = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Check what no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from self.pair.faults(self.units)

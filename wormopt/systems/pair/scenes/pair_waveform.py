@@ -186,13 +186,7 @@ class PairWaveformScene(SceneTable, frozen=True, kw_only=True):
     search: WaveformSearchTable = field(default_factory=WaveformSearchTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Check what no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from self.pair.faults()

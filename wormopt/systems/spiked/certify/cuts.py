@@ -19,8 +19,6 @@ import numpy as np
 from wormopt.numerics.linear_program import LinearProgram
 from wormopt.systems.spiked.programs.scaled_limits import Slope
 
-__all__ = ["Cut", "Cuts", "Drawn"]
-
 # Decays and areas are taken so much to the safe side.
 _ROUNDING = 1e-12
 # Steps of Newton's method; where it ends is no matter of truth.
@@ -33,34 +31,18 @@ _SMALL = 5e-3
 class Cut:
     """A weighted sum of velocities in a phase, its slopes and its largest value.
 
-    Parameters
-    ----------
-    phase : int
-        Number of the phase.
-    weights : ndarray, shape (n + 1,)
-        Weights of the masses' velocities. Where slopes decay all are of one sign.
-    rise, fall : Slope
-        Largest slopes: the sum's derivative is at most the rate of ``rise`` less its decay times
-        the sum, and no less than minus the rate of ``fall`` less its decay times the sum.
-    most : float
-        Largest value.
+    The sum s obeys s' ≤ rate - decay s with ``rise`` and s' ≥ -rate - decay s with ``fall``.
     """
 
     phase: int
-    weights: np.ndarray
-    rise: Slope
-    fall: Slope
-    most: float
+    weights: np.ndarray  # (n+1,) of the velocities; one sign where slopes decay
+    rise: Slope  # largest slope upward
+    fall: Slope  # largest slope downward
+    most: float  # largest value
 
 
 class Cuts:
-    """Many weighted sums, looked at together.
-
-    Parameters
-    ----------
-    cuts : sequence of Cut
-        The sums.
-    """
+    """Many weighted sums of velocities, handled together."""
 
     def __init__(self, cuts: Sequence[Cut]) -> None:
         self.phase = np.array([cut.phase for cut in cuts], int)
@@ -77,13 +59,7 @@ class Cuts:
         self.exponents = 0.0 * self._decay
 
     def set_durations(self, shortest: np.ndarray, longest: np.ndarray) -> None:
-        """Tell how long cells last, from which exponents of decay follow.
-
-        Parameters
-        ----------
-        shortest, longest : ndarray
-            By phase.
-        """
+        """Set how long cells last, by phase; exponents of decay follow from it."""
         low, high = shortest * (1 - _ROUNDING), longest * (1 + _ROUNDING)
         self.exponents = self._decay * np.where(self._longest, high[self.phase], low[self.phase])
         self.exponents[1] *= -1.0  # what decays grows as seen from the end
@@ -93,12 +69,8 @@ class Cuts:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Weights of the values at both ends of a cell in the area that is passed over.
 
-        Parameters
-        ----------
-        which : ndarray of int
-            Numbers of the sums.
-        before, after : ndarray
-            Shares of the cell, from its start and to its end.
+        `which` numbers the sums; `before`, `after`: shares of the cell from its start, to
+        its end.
         """
         if not self._decays:
             return before, after
@@ -108,12 +80,8 @@ class Cuts:
     def reach(self, which: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         """Twice the area that slopes add, run along for two shares of a cell.
 
-        Parameters
-        ----------
-        which : ndarray of int
-            Numbers of the sums.
-        before, after : ndarray
-            Shares of the cell, from its start and to its end.
+        `which` numbers the sums; `before`, `after`: shares of the cell from its start, to
+        its end.
         """
         up, down = _square(before, self.rise[which]), _square(after, self.fall[which])
         if not self._decays:
@@ -124,20 +92,10 @@ class Cuts:
     def shares(
         self, start: np.ndarray, end: np.ndarray, level: np.ndarray, reach: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Shares of cells that bound their averages best.
+        """Shares (before, after) of cells that bound their averages best, shape (sums, cells).
 
-        Parameters
-        ----------
-        start, end : ndarray, shape (sums, cells)
-            Values at the ends.
-        level : ndarray, shape (sums, 1)
-            Largest values, where values are multiplied by the duration.
-        reach : ndarray, shape (sums, 1)
-            What turns a slope into a change over a cell.
-
-        Returns
-        -------
-        before, after : ndarray, shape (sums, cells)
+        `start`, `end` (sums, cells): values at the ends; `level` (sums, 1): largest values
+        times duration; `reach` (sums, 1) turns a slope into a change over a cell.
         """
         x, z = self.exponents[:, :, None]
         with np.errstate(all="ignore"):
@@ -159,15 +117,7 @@ class Cuts:
 
 
 class Drawn:
-    """Cuts made so far whose numbers change with the box.
-
-    Parameters
-    ----------
-    cuts : Cuts
-        The sums.
-    width : float
-        Width of a cell.
-    """
+    """Cuts made so far whose numbers change with the box; `width` is that of a cell."""
 
     def __init__(self, cuts: Cuts, width: float) -> None:
         self._cuts, self._width = cuts, width
@@ -185,18 +135,10 @@ class Drawn:
         which: np.ndarray,
         shares: tuple[np.ndarray, np.ndarray],
     ) -> None:
-        """Remember cuts.
+        """Remember m cuts that the program holds, by their rows and the numbers of their sums.
 
-        Parameters
-        ----------
-        program : LinearProgram
-            Holds them.
-        rows, which : ndarray of int, shape (m,)
-            Their rows, and the numbers of their sums.
-        columns : ndarray of int, shape (m, 2 n + 3)
-            Columns of g and of velocities at both ends of a cell; -1 for none.
-        shares : tuple of ndarray, shape (m,)
-            Shares of the cell, from its start and to its end.
+        `columns` (m, 2 n + 3): of g and of velocities at both ends of a cell, -1 for none;
+        `shares` (m,) of the cell: from its start, to its end.
         """
         own = np.flatnonzero(self._cuts.decaying[which])
         if not own.size:
@@ -211,13 +153,7 @@ class Drawn:
         self._all = [np.concatenate(pair) for pair in zip(self._all, parts, strict=True)]
 
     def change(self, program: LinearProgram) -> None:
-        """Change numbers to those of the box that was told last.
-
-        Parameters
-        ----------
-        program : LinearProgram
-            Holds the cuts.
-        """
+        """Change the program's cuts to the numbers of the box that was set last."""
         which, before, after, weights, there, at = self._all
         if which.size:
             held = self._cuts.holds(which, before, after)

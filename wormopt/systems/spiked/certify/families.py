@@ -12,29 +12,14 @@ from itertools import combinations, product
 
 from wormopt.systems.spiked.search.sequences import Sequence_, canonical
 
-__all__ = ["Family", "families", "parts"]
-
 # Sequences of as many phases, in phases of one order.
 Family = tuple[Sequence_, ...]
 
 
 def families(words: Sequence[Sequence_]) -> dict[Sequence_, Family]:
-    """Sort sequences by smallest sets of masses that rest in their phases.
+    """Sort sequences by the smallest sets of masses that rest in their phases.
 
-    Parameters
-    ----------
-    words : sequence of sequences
-        Resting masses, phase after phase.
-
-    Returns
-    -------
-    dict
-        Every sequence once, in some rotation, with those that have the same sets in common.
-
-    Examples
-    --------
-    >>> families([((0,), (1,)), ((0,), (1, 2))])
-    {((0,), (1,)): (((0,), (1,)), ((0,), (1, 2)))}
+    Each sequence occurs once, in some rotation, with those that share the same sets.
     """
     size = min((len(resting) for word in words for resting in word), default=0)
     found: dict[Sequence_, list[Sequence_]] = defaultdict(list)
@@ -55,18 +40,7 @@ def _common(word: Sequence_, size: int) -> Sequence_:
 
 
 def parts(family: Family, phase: int) -> list[Family]:
-    """Divide a family by what rests in a phase.
-
-    Parameters
-    ----------
-    family : tuple of sequences
-    phase : int
-        Number of the phase.
-
-    Returns
-    -------
-    list of tuple of sequences
-    """
+    """Divide a family by what rests in a phase."""
     found: dict[tuple[int, ...], list[Sequence_]] = defaultdict(list)
     for word in family:
         found[word[phase]].append(word)

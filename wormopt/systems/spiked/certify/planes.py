@@ -7,67 +7,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Plane", "Sides", "of_drags", "of_meetings", "of_shares"]
-
 Values = tuple["np.ndarray | float", ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """The sides of a box.
+    """The sides of a box."""
 
-    Parameters
-    ----------
-    low, high : ndarray
-        Smallest and largest share of the period of each phase.
-    a, b : float
-        Shortest and longest period.
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    a: float
-    b: float
+    low: np.ndarray  # smallest share of the period, by phase
+    high: np.ndarray  # largest share of the period, by phase
+    a: float  # shortest period
+    b: float  # longest period
 
     def of(self, phase: np.ndarray) -> Sides:
-        """Give the sides for things that belong to phases.
-
-        Parameters
-        ----------
-        phase : ndarray of int
-            Phases of the things.
-        """
+        """The sides for things that belong to the phases `phase`."""
         return Sides(self.low[phase], self.high[phase], self.a, self.b)
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """Rows sum of coefficients times columns <= side, both of which depend on the box.
+    """Rows sum(coefficients · columns) ≤ side, where coefficients and side depend on the box."""
 
-    Parameters
-    ----------
-    phase : ndarray of int
-        To which phase each row belongs.
-    columns : tuple of ndarray of int
-        Columns of the rows.
-    of : callable
-        Coefficients, as many as columns, and side, for sides of a box.
-    """
-
-    phase: np.ndarray
-    columns: tuple[np.ndarray, ...]
+    phase: np.ndarray  # of each row
+    columns: tuple[np.ndarray, ...]  # of the rows
+    # coefficients (as many as columns) and side, for a box
     of: Callable[[Sides], tuple[Values, np.ndarray | float]]
 
 
 def of_shares(g: np.ndarray, h: np.ndarray, e: np.ndarray, period: int, room: int) -> list[Plane]:
-    """Bound g = e² T, h = e T and the room 1 / T from above.
+    """Bound g = e² T, h = e T and the room 1 / T from above; all arguments are columns.
 
-    Parameters
-    ----------
-    g, h, e : ndarray of int
-        Columns, one of each phase.
-    period, room : int
-        Columns.
+    `g`, `h` and `e` have one column per phase.
     """
     phase, t = np.arange(len(e)), np.full(len(e), period)
     chord = Plane(phase[:1], (t[:1], np.array([room])), lambda s: ((1.0, s.a * s.b), s.a + s.b))
@@ -83,17 +53,7 @@ def of_shares(g: np.ndarray, h: np.ndarray, e: np.ndarray, period: int, room: in
 def of_meetings(
     phase: np.ndarray, y: np.ndarray, c: np.ndarray, e: np.ndarray, most: np.ndarray
 ) -> list[Plane]:
-    """Enclose y = e c.
-
-    Parameters
-    ----------
-    phase : ndarray of int
-        Phases of the products.
-    y, c, e : ndarray of int
-        Columns.
-    most : ndarray
-        Largest values of c.
-    """
+    """Enclose the products y = e c (columns) in their phases; `most` are largest values of c."""
     return [
         Plane(phase, (y, c), lambda s: ((1.0, -s.high), 0.0)),
         Plane(phase, (y, c), lambda s: ((-1.0, s.low), 0.0)),
@@ -110,16 +70,9 @@ def of_drags(
     e: np.ndarray,
     most: np.ndarray,
 ) -> list[Plane]:
-    """Enclose z = h q: h, which is in the box, multiplies 0 <= q <= e v_max; h e is g.
+    """Enclose z = h q: h, which is in the box, multiplies 0 ≤ q ≤ e v_max; h e is g.
 
-    Parameters
-    ----------
-    phase : ndarray of int
-        Phases of the products.
-    z, q, g, e : ndarray of int
-        Columns.
-    most : ndarray
-        Largest velocities v_max.
+    `z`, `q`, `g`, `e` are columns, `phase` their phases, `most` the largest v_max.
     """
     columns = (z, g, e, q)
     return [

@@ -19,8 +19,6 @@ from wormopt.systems.spiked.search.sequences import Sequence_
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.task import Certify
 
-__all__ = ["Certified", "certified", "certify"]
-
 
 @dataclass(frozen=True, eq=False)
 class Certified:
@@ -120,19 +118,7 @@ def certified(
     begun: Progress | None = None,
     save: Callable[[Progress], None] = lambda _: None,
 ) -> Certified:
-    """Prove as `prove`; relaxed gaits are starts from which the design may become better.
-
-    Parameters
-    ----------
-    design : Design
-        The design.
-    wanted : Certify
-        The proof that is wanted.
-    report : callable
-        Told the gap.
-    begun, save : optional
-        As for `prove`.
-    """
+    """Prove as `prove`; relaxed gaits are starts from which the design may become better."""
     task, trier = design.task, Trier(design.task)
     cost = task.objective.minimise is not None
     best: list[Trial] = []

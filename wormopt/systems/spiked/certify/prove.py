@@ -24,8 +24,6 @@ from wormopt.systems.spiked.search.sequences import Sequence_
 from wormopt.systems.spiked.search.space import all_sequences
 from wormopt.systems.spiked.task import Certify, Objective, Task
 
-__all__ = ["Certificate", "Progress", "gap_of", "prove"]
-
 Improve = Callable[[Sequence_, tuple[float, ...]], float]
 Ending = Literal["gap reached", "time limit", "finest cells", "interrupted"]
 
@@ -41,33 +39,15 @@ _SHORTEST = 1e-6
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a certificate has come; another run can go on from it.
+    """How far a certificate has come; another run can go on from it."""
 
-    Parameters
-    ----------
-    bound : float
-        No gait is faster, or cheaper. Infinite, or 0 for a cost, before anything is proven.
-    tree : Tree, optional
-        What is known of all gaits, at the step at hand.
-    step : int
-        Number of the step; a cost takes several.
-    boxes : int
-        Linear programs solved.
-    seconds : float
-        Time spent.
-    history : tuple of (float, float)
-        Seconds and bound, whenever the bound became better.
-    found : float
-        Speed of the best gait made on the way, see ``improve`` of `prove`.
-    """
-
-    bound: float
-    tree: Tree | None = None
-    step: int = 0
-    boxes: int = 0
-    seconds: float = 0.0
-    history: tuple[tuple[float, float], ...] = ()
-    found: float = -np.inf
+    bound: float  # no gait is faster (first: inf) or cheaper (first: 0)
+    tree: Tree | None = None  # what is known of all gaits, at this step
+    step: int = 0  # number of the step; a cost takes several
+    boxes: int = 0  # linear programs solved
+    seconds: float = 0.0  # time spent
+    history: tuple[tuple[float, float], ...] = ()  # (seconds, bound) whenever the bound improved
+    found: float = -np.inf  # speed of the best gait made so far, see `prove`
 
 
 @dataclass(frozen=True)
@@ -104,45 +84,10 @@ def prove(
     save: Callable[[Progress], None] = lambda _: None,
     improve: Improve | None = None,
 ) -> Certificate:
-    """Prove how much better than a gait any gait could be.
+    """Prove how much better than one of objective `value` any gait could be, unless stopped.
 
-    Parameters
-    ----------
-    task : Task
-        Worm, limits and objective: the speed, the peak spike load or the peak actuator force.
-    value : float
-        The gait's objective.
-    wanted : Certify
-        The proof that is wanted.
-    report : callable
-        Told the gap.
-    begun : Progress, optional
-        What an earlier run has proven of the same task and value.
-    save : callable, optional
-        Given the progress now and then, and at the end where the gap is not reached.
-    improve : callable, optional
-        Told the resting masses and the durations of one cycle of a relaxed gait of large bound;
-        so many cycles as fit make an allowed period.
-        Gives the speed of a true gait made from it, minus infinity without one. Where that is
-        faster than ``value``, the certificate speaks of it. Not called for costs.
-
-    Returns
-    -------
-    Certificate
-        With whatever gap was reached, also if the user stops it.
-
-    Examples
-    --------
-    Two masses that rest in turn.
-
-    >>> from wormopt.progress import silent
-    >>> from wormopt.systems.spiked.limits import Limits
-    >>> from wormopt.systems.spiked.task import Worm
-    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> task = Task(Worm(links=1, mass=1.0, load=5.0), limits, Objective())
-    >>> proof = prove(task, 0.45, Certify(phases=2, gap=0.01), silent)
-    >>> proof.gap <= 0.01, proof.ending
-    (True, 'gap reached')
+    `begun`: earlier progress on this task and value; `save` gets it too if the gap is open
+    at the end. `improve`: a relaxed cycle to a true gait's speed (-inf: none); not for costs.
     """
     cost = task.objective.minimise is not None
     progress = begun = begun or Progress(0.0 if cost else np.inf)
@@ -268,16 +213,9 @@ def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float | Non
 
 
 def gap_of(value: float, bound: float, cost: bool) -> float:
-    """By which share of its own value a gait could still be better.
+    """By which share of its own value a gait could still be better, given a proven bound.
 
-    Parameters
-    ----------
-    value : float
-        Of the gait.
-    bound : float
-        No gait is better.
-    cost : bool
-        Whether small values are good.
+    `cost`: small values are good.
     """
     if not value > 0.0:  # a worm that stands still can be better by any share
         return np.inf

@@ -30,8 +30,6 @@ from wormopt.systems.spiked.programs.scaled_limits import Form, scaled
 from wormopt.systems.spiked.search.sequences import Sequence_
 from wormopt.systems.spiked.task import Task
 
-__all__ = ["Box", "Relaxation", "Relaxed"]
-
 # Averages above what cuts allow are worth a row if they are so by this share of what the bound is
 # above the cutoff; then by shares of the speed from the second to the third.
 _MISSED, _LEAST_MISSED, _MOST_MISSED = 0.5, 1e-5, 5e-3
@@ -45,58 +43,21 @@ Box = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, eq=False)
 class Relaxed:
-    """What the relaxation says of a box.
+    """What the relaxation says of a box; arrays have shape (phases + 1,), the period last."""
 
-    Parameters
-    ----------
-    bound : float
-        Proven: no gait of the sequence in the box is faster. Minus infinity where there is none.
-    point : ndarray, shape (phases + 1,)
-        The phases' shares of the period and the period, as a share of the longest, in the
-        relaxed optimum; empty where there is none.
-    losses : ndarray, shape (phases + 1,)
-        Part of the bound that relaxed products account for, to first order, by the side of the
-        box that is to blame.
-    slack : ndarray, shape (phases + 1,)
-        Product of the distances from both ends of each side of the box.
-    loads : float
-        Part of the bound that loads on masses that perhaps do not rest account for.
-    """
-
-    bound: float
-    point: np.ndarray
+    bound: float  # proven: no gait in the box is faster; -inf: no gait
+    point: np.ndarray  # relaxed optimum: shares of the period, then period / longest; empty if none
+    # of the bound, due to relaxed products, to first order, by side of the box to blame
     losses: np.ndarray
-    slack: np.ndarray
-    loads: float = 0.0
+    slack: np.ndarray  # product of distances from both ends, by side
+    loads: float = 0.0  # of the bound, due to loads on masses that may not rest
 
 
 class Relaxation:
-    """The linear program of one sequence of resting masses, for any box of shares and periods.
+    """Linear program of one resting sequence, for any box of shares and periods.
 
-    Parameters
-    ----------
-    task : Task
-        Worm and limits; the speed is what is bounded, whatever the objective.
-    sequence : tuple of tuple of int
-        Resting masses, phase after phase; neighbours differ.
-    cells : int
-        Cells per phase.
-    more : tuple of int, optional
-        So many others may rest in each phase besides; none if left out.
-
-    Examples
-    --------
-    Two masses that rest in turn: the best speed is 0.425, half the rate less the time that ramps
-    take. The narrower the box, the closer the bound.
-
-    >>> from wormopt.systems.spiked.limits import Limits
-    >>> from wormopt.systems.spiked.task import Objective, Worm
-    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> worm = Worm(links=1, mass=1.0, load=5.0)
-    >>> relaxation = Relaxation(Task(worm, limits, Objective()), ((0,), (1,)), 10)
-    >>> narrow = relaxation.solve(((0.49, 0.51), (0.49, 0.51), (1.0, 1.0))).bound
-    >>> 0.425 < narrow < relaxation.solve(((0.0, 1.0), (0.0, 1.0), (1.0, 1.0))).bound <= 0.5
-    True
+    It bounds the speed, whatever the objective. Neighbouring phases of `sequence` differ;
+    `cells` is per phase; `more` others may rest in each phase (default: none).
     """
 
     def __init__(
@@ -288,20 +249,10 @@ class Relaxation:
         return program
 
     def solve(self, box: Box, cutoff: float | None = None) -> Relaxed:
-        """Bound the speed of all gaits in a box.
+        """Bound the speed of all gaits in a box; bounds below `cutoff` are not wanted.
 
-        Parameters
-        ----------
-        box : tuple of (float, float)
-            Smallest and largest share of the period of every phase, then the shortest and longest
-            period as shares of the longest allowed.
-        cutoff : float, optional
-            Lower bounds are not wanted, and less work is done for bounds far above. All that
-            can be done is done if left out.
-
-        Returns
-        -------
-        Relaxed
+        `box`: (smallest, largest) share of the period per phase, then (shortest, longest)
+        period as shares of the longest allowed. Less work if far above `cutoff`.
         """
         sides = self._tighten(np.array(box))
         if np.any(sides.low > sides.high) or sides.a > sides.b:

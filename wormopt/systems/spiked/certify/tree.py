@@ -25,8 +25,6 @@ from wormopt.systems.spiked.certify.relaxation import Box, Relaxation, Relaxed
 from wormopt.systems.spiked.search.sequences import Sequence_
 from wormopt.systems.spiked.task import Task
 
-__all__ = ["Branch", "Solver", "Tree", "grow", "periods", "plant"]
-
 CELLS = 2  # per phase, to begin with
 _MOST_CELLS = 128
 # Products count as tight where they explain less than this share of what is above the cutoff.
@@ -51,31 +49,14 @@ _SENT, _BOXES, _JOBS = 4, 16, 2
 
 
 class Branch(NamedTuple):
-    """All gaits of a sequence in a box.
+    """All gaits of a sequence in a box."""
 
-    Parameters
-    ----------
-    bound : float
-        Proven: none of them is faster.
-    sequence : tuple of tuple of int
-        Resting masses, phase after phase.
-    box : tuple of (float, float)
-        Smallest and largest share of the period of each phase, then shortest and longest period
-        of the cycle as shares of the longest allowed.
-    cells : int
-        Cells per phase with which it is looked at next.
-    refined : bool
-        Whether that is a finer look at what was looked at before.
-    family : tuple of sequences
-        All the sequences of the branch. Where they are several, others may rest besides.
-    """
-
-    bound: float
-    sequence: Sequence_
-    box: Box
-    cells: int = CELLS
-    refined: bool = False
-    family: Family = ()
+    bound: float  # proven: none of them is faster
+    sequence: Sequence_  # resting masses, phase by phase
+    box: Box  # (min, max) share of the period per phase, then cycle period / longest allowed
+    cells: int = CELLS  # per phase, at the next look
+    refined: bool = False  # the next look is finer than one before
+    family: Family = ()  # all sequences; where several, others may rest besides
 
     @property
     def more(self) -> tuple[int, ...]:
@@ -92,30 +73,14 @@ class Branch(NamedTuple):
 
 @dataclass(frozen=True)
 class Tree:
-    """What is known of all gaits, as branches that together contain every one of them.
+    """What is known of all gaits, as branches that together contain every one of them."""
 
-    Parameters
-    ----------
-    open : tuple of Branch
-        Not yet done with, as a heap would have them: the largest bound first.
-    done : float
-        Largest bound of the branches that are done with.
-    leaves : tuple of Branch
-        Branches done with, of the sequences in ``watched``.
-    boxes : int
-        Linear programs solved.
-    watched : tuple of sequences
-        Sequences whose leaves are kept, for a picture.
-    shortest : float
-        Shortest period, as a share of the longest; cycles last a whole part of a period.
-    """
-
-    open: tuple[Branch, ...]
-    done: float = -np.inf
-    leaves: tuple[Branch, ...] = ()
-    boxes: int = 0
-    watched: tuple[Sequence_, ...] = ()
-    shortest: float = 1.0
+    open: tuple[Branch, ...]  # in heap order: the largest bound first
+    done: float = -np.inf  # largest bound of the branches that are done with
+    leaves: tuple[Branch, ...] = ()  # branches done with, of sequences in `watched`
+    boxes: int = 0  # linear programs solved
+    watched: tuple[Sequence_, ...] = ()  # sequences whose leaves are kept, for a picture
+    shortest: float = 1.0  # shortest period / longest; cycles last a whole part of a period
 
     @property
     def bound(self) -> float:
@@ -126,20 +91,9 @@ class Tree:
 def plant(
     sequences: Sequence[Sequence_], watched: Sequence[Sequence_] = (), shortest: float = 1.0
 ) -> Tree:
-    """Begin a tree of which nothing is known yet.
+    """Begin a tree of which nothing is known yet, from resting masses phase by phase.
 
-    Parameters
-    ----------
-    sequences : sequence of sequences
-        Resting masses, phase after phase.
-    watched : sequence of sequences, optional
-        Those whose leaves are wanted.
-    shortest : float, optional
-        Shortest period, as a share of the longest.
-
-    Returns
-    -------
-    Tree
+    Leaves of `watched` sequences are kept; `shortest` period is a share of the longest.
     """
     halves = (periods(shortest, 0.0, 1 / _WIDEST), periods(shortest, 1 / _WIDEST, 1.0))
     roots = [
@@ -153,12 +107,7 @@ def plant(
 class Solver:
     """Grows a tree in several processes, each of which keeps the programs that it needs.
 
-    Parameters
-    ----------
-    task : Task
-        Worm and limits.
-    workers : int, optional
-        Number of processes; as many as there are processors if left out.
+    `workers` defaults to the number of processors.
     """
 
     def __init__(self, task: Task, workers: int | None = None) -> None:
@@ -172,24 +121,10 @@ class Solver:
         found: float | None = None,
         look: Look = lambda *_: None,
     ) -> Tree:
-        """Look at the most promising branches.
+        """Look at the most promising branches; the old tree stays as it was, safe to interrupt.
 
-        Parameters
-        ----------
-        tree : Tree
-            With open branches above the cutoff.
-        cutoff : float
-            Branches proven to hold nothing faster are done with.
-        found : float, optional
-            Speed of a gait that is the best or nearly so, if one is known.
-        look : callable, optional
-            Told branches that are not done with, and their relaxations: all of them, or of each
-            process the most promising of some.
-
-        Returns
-        -------
-        Tree
-            A new one; the old one stays as it was, so that nothing is lost if this is interrupted.
+        Branches below `cutoff` are done with; some must be above. `found`: speed of a
+        (nearly) best gait. `look` is told branches not done with, or only the most promising.
         """
         if self._workers.count == 1:
             return grow(tree, cutoff, self._programs, found, look)
@@ -224,31 +159,14 @@ _NOTHING_DONE: dict[str, Any] = {"done": -np.inf, "leaves": (), "boxes": 0}
 
 
 class Programs:
-    """Relaxations of a task; those used last are kept, with their bases and cuts.
-
-    Parameters
-    ----------
-    task : Task
-        Worm and limits.
-    """
+    """Relaxations of a task; those used last are kept, with their bases and cuts."""
 
     def __init__(self, task: Task) -> None:
         self._task = task
         self._kept = OrderedDict[tuple, Relaxation]()
 
     def solve(self, branch: Branch, cutoff: float) -> Relaxed:
-        """Solve the relaxation of a branch.
-
-        Parameters
-        ----------
-        branch : Branch
-        cutoff : float
-            Lower bounds are not wanted.
-
-        Returns
-        -------
-        Relaxed
-        """
+        """Solve the relaxation of a branch; bounds below `cutoff` are not wanted."""
         key = (branch.sequence, branch.cells, branch.more)
         relaxation = self._kept.pop(key, None) or Relaxation(self._task, *key)
         self._kept[key] = relaxation
@@ -300,19 +218,7 @@ def grow(
     found: float | None = None,
     look: Look = lambda *_: None,
 ) -> Tree:
-    """Look at the two most promising branches; see `Solver.grow`.
-
-    Parameters
-    ----------
-    tree, cutoff, found, look : optional
-        As there.
-    programs : Programs
-        Solves the relaxations.
-
-    Returns
-    -------
-    Tree
-    """
+    """Look at the two most promising branches; see `Solver.grow`."""
     heap = [(-branch.bound, branch) for branch in tree.open]
     batch: list[Branch] = []
     while heap and len(batch) < 2 and -heap[0][0] > cutoff:
@@ -407,24 +313,9 @@ def _ordered(branch: Branch) -> Branch:
 
 
 def periods(shortest: float, low: float, high: float) -> tuple[float, float]:
-    """Find the shortest and longest period of a cycle in a range.
+    """Shortest and longest period of a cycle in a range; the first is larger if there is none.
 
-    Parameters
-    ----------
-    shortest : float
-        Shortest period of which a cycle lasts a whole part; the longest is 1.
-    low, high : float
-        The range.
-
-    Returns
-    -------
-    least, most : float
-        The first above the second where there is none.
-
-    Examples
-    --------
-    >>> [round(period, 9) for period in periods(0.9, 0.35, 0.8)]
-    [0.45, 0.5]
+    A cycle lasts a whole part of a period between `shortest` and 1.
     """
     fewest = max(1, math.ceil(shortest / high * (1 - _ROUNDING)))
     most = math.floor(1 / low * (1 + _ROUNDING)) if low > 0.0 else math.inf

@@ -18,8 +18,6 @@ from wormopt.systems.spiked.design.smooth import mesh_of, resting_state
 from wormopt.systems.spiked.search.sequences import Sequence_
 from wormopt.systems.spiked.task import Task
 
-__all__ = ["conflict"]
-
 # Orders that are tried: what stands against each other is mostly the same in all.
 _MOST = 8
 
@@ -27,23 +25,9 @@ _MOST = 8
 def conflict(
     task: Task, sequences: Sequence[Sequence_], report: Report = silent, seconds: float = np.inf
 ) -> SolveError:
-    """Say which limits stand against each other, by the least slack that lets a gait exist.
+    """Explain which limits conflict, by the least slack that lets a gait exist; to be raised.
 
-    Parameters
-    ----------
-    task : Task
-        What no gait was found for.
-    sequences : sequence of sequences
-        Resting masses, phase after phase; typical ones are tried.
-    report : callable, optional
-        Told what goes on.
-    seconds : float, optional
-        When these are over, no further sequence is tried.
-
-    Returns
-    -------
-    SolveError
-        To be raised.
+    Typical `sequences` are tried; none is begun once `seconds` are over.
     """
     rigid = gait_problem(task.worm, task.limits, task.objective)
     problem = elastic(rigid)

@@ -15,8 +15,6 @@ from wormopt.systems.spiked.search.trial import Trial
 from wormopt.systems.spiked.task import Cost, Task
 from wormopt.systems.spiked.verify import violations
 
-__all__ = ["Design", "objective_of", "of_trial"]
-
 
 @dataclass(frozen=True, eq=False)
 class Design:
@@ -122,15 +120,7 @@ class Design:
 
 
 def objective_of(motion: Crawl, minimise: Cost | None) -> float:
-    """Speed of a motion, or what it costs.
-
-    Parameters
-    ----------
-    motion : Crawl
-        The motion.
-    minimise : str, optional
-        The cost; None for the speed.
-    """
+    """Speed of a motion, or the cost `minimise` if one is given."""
     match minimise:
         case None:
             return motion.speed
@@ -147,17 +137,7 @@ def objective_of(motion: Crawl, minimise: Cost | None) -> float:
 def of_trial(
     task: Task, trial: Trial, error: float, ceiling: float, survey: Survey, ended: str
 ) -> Design:
-    """Make a design of a trial as it is.
-
-    Parameters
-    ----------
-    task : Task
-        What was asked for.
-    trial : Trial
-        The gait.
-    error, ceiling, survey, ended : optional
-        As for `Design`.
-    """
+    """Make a design of a trial as it is; the other parameters are those of `Design`."""
     sequence, durations = lasting(trial.sequence, trial.durations.tolist())
     return Design(
         task=task,

@@ -23,8 +23,6 @@ from wormopt.systems.spiked.search.sequences import Sequence_
 from wormopt.systems.spiked.search.trial import Trial
 from wormopt.systems.spiked.task import Cost, Objective, Search, Task, Worm
 
-__all__ = ["design", "designed"]
-
 _SEARCH = Search()
 # Limits of a design are exceeded by no more than this share of their size.
 _ACCEPTED = 1e-9
@@ -106,22 +104,7 @@ def designed(
 ) -> Design:
     """Design the best gait of a task, as `design`.
 
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    settings : Search
-        How to search.
-    report : callable
-        Told what goes on.
-    hints : iterable of sequences, optional
-        Orders of rest that are tried first.
-    better : callable, optional
-        Given every trial that is better than all before it.
-
-    Returns
-    -------
-    Design
+    `hints` are orders of rest to try first; `better` gets every trial that beats all before.
     """
     bound = _ceiling(task)
     required = task.objective.speed

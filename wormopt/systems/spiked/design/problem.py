@@ -14,8 +14,6 @@ from wormopt.systems.spiked.dynamics import spiked_worm
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.task import Objective, Task, Worm
 
-__all__ = ["gait_problem"]
-
 
 @dataclass(frozen=True, eq=False)
 class _Terms:
@@ -44,34 +42,10 @@ class _Cost:
 
 
 def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
-    """State the design of a kinematic gait as an optimal-control problem.
+    """Kinematic gait design as an optimal-control problem, periodic up to the advance, (1)-(7).
 
-    Costs are scaled to about 1: a speed by the largest rate, forces by the worm's inertia over a
-    period. A peak becomes a design constant that bounds the force from above at all times; the
-    positive part of a power becomes a slack (epigraph form), so that all stays smooth.
-
-    Parameters
-    ----------
-    worm : Worm
-        Masses, drag, load.
-    limits : Limits
-        What the gait must keep to; the number of resting masses is left to the mode sequence.
-    objective : Objective
-        What to seek.
-
-    Returns
-    -------
-    Problem
-        Periodic up to the advance; its model is that of (1)-(7). Its bounds have the names of
-        the scene's keys, by which `elastic` explains a conflict.
-
-    Examples
-    --------
-    >>> worm = Worm(links=2, mass=1.0, load=5.0)
-    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> problem = gait_problem(worm, limits, Objective())
-    >>> [bound.name for bound in problem.along]
-    ['limits.length', 'limits.rate', 'limits.acceleration']
+    Costs are scaled to about 1; peaks become bounding constants, positive powers slacks
+    (epigraph form). Bounds bear the scene's keys, by which `elastic` explains a conflict.
     """
     n, period_range = worm.links, limits.period_range
     ranges = np.array(limits.length_ranges(n))

@@ -24,8 +24,6 @@ from wormopt.systems.spiked.programs.program import GaitProgram
 from wormopt.systems.spiked.search.trial import Trial
 from wormopt.systems.spiked.task import Objective, Task
 
-__all__ = ["Limit", "Sensitivity", "limits_of", "scaling_error", "sensitivities"]
-
 # Limits are moved by this share; what they gain is evaluated by multipliers, without rounding.
 _SHARE = 1e-5
 # Derivatives to both sides count as one where they differ by no more than this share.
@@ -40,24 +38,12 @@ _MOST_AGAIN = 400
 
 @dataclass(frozen=True)
 class Limit:
-    """A number of a task that may be moved.
+    """A number of a task that may be moved."""
 
-    Parameters
-    ----------
-    name : str
-        Where it stands in the task: "limits.acceleration[1]", "limits.length.longest".
-    value : float
-        What it is.
-    quantity : str
-        What it measures, as `unit_of` takes it.
-    moved : callable
-        The task with another number in its place.
-    """
-
-    name: str
+    name: str  # in the task: "limits.acceleration[1]"
     value: float
-    quantity: str
-    moved: Callable[[float], Task]
+    quantity: str  # what it measures, as `unit_of` takes it
+    moved: Callable[[float], Task]  # the task with another number in its place
 
 
 @dataclass(frozen=True)
@@ -136,22 +122,10 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
 
 
 def scaling_error(known: Iterable[Sensitivity], objective: Objective) -> float:
-    """How far elasticities are from what a change of units of mass, length and time tells.
+    """Largest error of elasticities against a change of units of mass, length and time; near 0.
 
-    Numbers in other units describe the same worm. So the elasticities, each times the power of a
-    unit that its limit has, add up to the power that the objective has.
-
-    Parameters
-    ----------
-    known : iterable of Sensitivity
-        Of all limits.
-    objective : Objective
-        What is sought.
-
-    Returns
-    -------
-    float
-        Largest error; near 0 unless the limits count differently to both sides.
+    Elasticities of all limits, times their powers of a unit, sum to the objective's power;
+    not so where the limits count differently to both sides.
     """
     sums = sum((s.elasticity * np.array(_POWERS[s.quantity]) for s in known), np.zeros(3))
     return float(np.abs(sums - _POWERS[objective.quantity]).max())
@@ -215,23 +189,7 @@ def _moved(trial: Trial, task: Task) -> GaitProgram:
 def limits_of(task: Task) -> Iterator[Limit]:
     """All numbers of a task that may be moved a little: limits, worm, required speed.
 
-    Parameters
-    ----------
-    task : Task
-        The task.
-
-    Yields
-    ------
-    Limit
-        One for each number as it is written; a drag or limit left out is none.
-
-    Examples
-    --------
-    >>> from wormopt.systems.spiked.limits import Limits
-    >>> from wormopt.systems.spiked.task import Worm
-    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=(1.0, 2.0), impulses=True)
-    >>> [limit.name for limit in limits_of(Task(Worm(2), limits))][:4]
-    ['limits.period', 'limits.length.shortest', 'limits.length.longest', 'limits.rate[0]']
+    One for each number as it is written; a drag or limit left out is none.
     """
     for part, key, quantity, ends in _KEYS:
         value = getattr(getattr(task, part), key)

@@ -14,8 +14,6 @@ from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.task import Search, Task
 from wormopt.systems.spiked.verify import violations
 
-__all__ = ["finished", "sharpest"]
-
 # Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
 _RESOLVED, _RESOLVED_DRAGGED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 1e-7, 1000, 5
 # Degree of velocities where drag bends them, and most steps of a climb between two halvings.
@@ -35,22 +33,7 @@ _MARGINS = (4e-9, 4e-8, 4e-7, 4e-6)
 def sharpest(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
     """Halve the arcs of the best trials until that gains nothing, and take the best vertex.
 
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    settings : Search
-        The effort.
-    survey : Survey
-        From the search, with trials.
-    bound : float
-        The ceiling.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Design
+    `survey` holds the trials of the search; `bound` is the ceiling.
     """
     ended, solved = survey.ended, list[tuple[Trial, float, bool]]()
     trier, most = Trier(task), effort_of(settings).width
@@ -82,15 +65,7 @@ def _hopeful(best: Trial, sharp: Trial) -> float:
 
 
 def finished(design: Design, trial: Trial) -> Design:
-    """Make a design of a trial of the same task, sharpened.
-
-    Parameters
-    ----------
-    design : Design
-        Of the same task.
-    trial : Trial
-        A better gait.
-    """
+    """Make a design of a better, sharpened trial of the same task."""
     sharp, error, _ = _sharpen(Trier(design.task), trial, quickly=False)
     found = of_trial(design.task, sharp, error, design.ceiling, design.survey, design.ended)
     return replace(found, timings_s=design.timings_s)

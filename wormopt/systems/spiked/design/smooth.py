@@ -24,8 +24,6 @@ from wormopt.systems.spiked.search.sequences import Sequence_
 from wormopt.systems.spiked.search.trial import Trial
 from wormopt.systems.spiked.task import Objective, Task
 
-__all__ = ["Solved", "gait_of_arcs", "mesh_of", "refine_cost", "resting_state", "solve_cost"]
-
 # Refinement stops when halving every arc changes the cost by less than this, relatively.
 _RESOLVED = 1e-6
 # A solution is as feasible as its start if its scaled constraints are violated by no more, and is
@@ -37,23 +35,11 @@ _POLISH = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=120)
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """An order of rest solved for a cost on some mesh.
+    """An order of rest solved for a cost on some mesh."""
 
-    Parameters
-    ----------
-    trial : Trial
-        Where it was started from: a gait of the same order and number of cycles.
-    program : Transcription
-        The program solved.
-    bounds : Bounds
-        Its bounds for this order.
-    solution : Solution
-        What was found.
-    """
-
-    trial: Trial
+    trial: Trial  # the start: a gait of the same order and cycle count
     program: Transcription
-    bounds: Bounds
+    bounds: Bounds  # of the program, for this order
     solution: Solution
 
     @property
@@ -68,31 +54,12 @@ class Solved:
 
 
 def mesh_of(sequence: Sequence_, arcs: int) -> Mesh:
-    """Mesh with as many phases as the sequence, on which rates are linear along an arc.
-
-    Parameters
-    ----------
-    sequence : tuple of tuple of int
-        Resting masses, phase after phase.
-    arcs : int
-        Arcs per phase.
-
-    Examples
-    --------
-    >>> mesh_of(((0,), (2,), (1,)), arcs=6).total
-    18
-    """
+    """Mesh with a sequence's phases, `arcs` in each, on which rates are linear along an arc."""
     return Mesh(len(sequence), arcs, Collocation(2), 0)
 
 
 def resting_state(task: Task) -> np.ndarray:
-    """State of `spiked_worm` at rest, links in the middle of their ranges, shape (2n + 2,).
-
-    Parameters
-    ----------
-    task : Task
-        Worm and limits.
-    """
+    """State of `spiked_worm` at rest, links in the middle of their ranges, shape (2n + 2,)."""
     lengths = np.mean(task.limits.length_ranges(task.worm.links), axis=1)
     return np.concatenate([[0.0], lengths, [0.0], 0.0 * lengths])
 
@@ -103,15 +70,7 @@ def _program(task: Task, mesh: Mesh) -> Transcription:
 
 
 def solve_cost(task: Task, trial: Trial) -> Solved | None:
-    """Solve for the cost, started from a trial; None where no motion is found.
-
-    Parameters
-    ----------
-    task : Task
-        With a smooth cost.
-    trial : Trial
-        A gait that is fast enough.
-    """
+    """Solve for a smooth cost, started from a trial that is fast enough; None: no motion found."""
     cycle = replace(task, limits=replace(task.limits, period=trial.program.period))
     mesh = replace(mesh_of(trial.sequence, _ARCS), arcs=tuple(trial.program.arcs.tolist()))
     program = _program(cycle, mesh)
@@ -146,14 +105,9 @@ def _fast(task: Task, trial: Trial, mesh: Mesh) -> Arcs | None:
 
 
 def arcs_of(trial: Trial, program: Transcription) -> Arcs:
-    """The motion of a trial on the mesh of a program with as many arcs.
+    """Motion of a trial, velocities linear on its arcs, on a program's mesh of as many arcs.
 
-    Parameters
-    ----------
-    trial : Trial
-        Velocities are linear on its arcs.
-    program : Transcription
-        Of `gait_problem`, with states of degree 2 and inputs of degree 0.
+    The program is that of `gait_problem`, with states of degree 2 and inputs of degree 0.
     """
     of, worm = trial.program, trial.program.task.worm
     widths, v, first = of.motion(trial.point)
@@ -213,18 +167,8 @@ def _loads(
 def refine_cost(solved: Solved) -> tuple[Solved, float]:
     """Raise the degree until halving every arc gains less than 1e-6, or costs no longer fall.
 
-    Parameters
-    ----------
-    solved : Solved
-        What to refine.
-
-    Returns
-    -------
-    solved : Solved
-        On the last mesh.
-    error : float
-        Relative gain that is left, to first order, when every arc is halved; infinite where the
-        linear program that tells has no solution.
+    Also returns the relative gain left, to first order, when every arc is halved; infinite
+    where the linear program that tells has no solution.
     """
     error = _left_by_halving(solved)
     for mesh in _finer(solved.program.mesh):
@@ -266,17 +210,7 @@ def _carry(solved: Solved, mesh: Mesh) -> tuple[Transcription, Bounds, Solution]
 
 
 def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
-    """Integrate link accelerations twice, arc by arc; arcs without duration are left out.
-
-    Parameters
-    ----------
-    arcs : Arcs
-        The motion.
-    mesh : Mesh
-        On which it was found.
-    links : int
-        Number of links.
-    """
+    """Integrate link accelerations twice, arc by arc; arcs without duration are left out."""
     kept = np.flatnonzero(arcs.duration > 1e-15 * arcs.duration.sum())
     nodes, m = mesh.input_nodes, mesh.input_degree
     to_powers = np.linalg.inv(nodes[:, None] ** np.arange(m + 1)) @ np.linalg.inv(

@@ -18,7 +18,6 @@ from wormopt.systems.spiked.task import Search, Task
 if TYPE_CHECKING:
     from wormopt.systems.spiked.design.smooth import Solved
 
-__all__ = ["smoothest"]
 
 # Halving the arcs ends where they become too many.
 _MOST_UNKNOWNS, _MOST_HALVINGS = 1000, 5
@@ -30,23 +29,10 @@ _GAINED, _KEPT = 3e-7, 1e-9
 
 
 def smoothest(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
-    """Resolve the best trials of a smooth cost, solve for it from the best, and take the best gait.
+    """Resolve the best trials of a smooth cost, solve for it from the best; take the best gait.
 
-    What is compared in the end are costs of gaits, in closed form.
-
-    Parameters
-    ----------
-    task, settings, survey, bound, report : various
-        As for `sharpest`.
-
-    Returns
-    -------
-    Design
-
-    Raises
-    ------
-    SolveError
-        If no motion is found.
+    Parameters are those of `sharpest`. Costs of gaits are compared at last, in closed form.
+    Raises SolveError if no motion is found.
     """
     known = has_cost_columns(task)  # else trials are merely fast
     trials, ended, error = list(survey.trials), survey.ended, np.nan

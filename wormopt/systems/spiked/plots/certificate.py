@@ -11,22 +11,12 @@ from matplotlib.patches import Polygon
 from wormopt.plotting.parts import GREY, LINKS, RED, facts, label, scalar, sheet
 from wormopt.result import Result
 
-__all__ = ["certificate"]
-
 
 def certificate(result: Result) -> Figure:
-    """Proven bound over time beside the gait's own value, and the boxes of durations behind it.
+    """Proven bound over time with the gait's own value; right, the boxes over two durations.
 
-    Parameters
-    ----------
-    result : Result
-        With the variables ``proof_time``, ``proof_bound`` and ``proof_value``; where a sequence
-        of three phases was looked at also ``leaf_shortest``, ``leaf_longest``, ``leaf_bound``.
-
-    Returns
-    -------
-    Figure
-        Left the bound, right the boxes over two durations.
+    Needs ``proof_time``, ``proof_bound``, ``proof_value``; for sequences of three phases
+    also ``leaf_shortest``, ``leaf_longest``, ``leaf_bound``.
     """
     leaves = "leaf_bound" in {variable.name for variable in result.variables}
     drawn = sheet(11 if leaves else 6.5, 4.8)

@@ -39,8 +39,6 @@ from wormopt.plotting.parts import (
 )
 from wormopt.result import Result
 
-__all__ = ["FRAMES", "first_frame", "front", "gait", "limits", "motion", "pose", "spikes"]
-
 _PERIODS = 2  # shown of a motion
 _FRAMES_PER_PERIOD = 36
 FRAMES = _PERIODS * _FRAMES_PER_PERIOD
@@ -56,15 +54,7 @@ _OBJECTIVES = {
 def gait(result: Result) -> Figure:
     """Link lengths and rates over a period with their limits, and which mass rests when.
 
-    Parameters
-    ----------
-    result : Result
-        With the variables ``time``, ``resting``, ``length`` and ``rate``.
-
-    Returns
-    -------
-    Figure
-        Rows from above: lengths, rates, resting masses; glides shaded. No title yet.
+    Needs ``time``, ``resting``, ``length``, ``rate``. Glides are shaded; no title yet.
     """
     masses = len(result["resting"].values)
     heights = (3.0, 2.0, 0.25 + 0.17 * masses)
@@ -96,17 +86,9 @@ def _facts(result: Result, *names: str) -> str:
 
 
 def motion(result: Result) -> Figure:
-    """Way of every mass over two periods, time upward as in figure 3 of the chapter.
+    """Path of every mass over two periods, time upward as in figure 3 of the chapter.
 
-    Parameters
-    ----------
-    result : Result
-        With the variables ``time``, ``resting`` and ``position``.
-
-    Returns
-    -------
-    Figure
-        Heavy lines where a mass rests; glides of the whole worm shaded.
+    Needs ``time``, ``resting``, ``position``. Heavy lines: a mass rests; shaded: glides.
     """
     time, position = result["time"].values, result["position"].values
     period, advance = time[-1], position[0, -1] - position[0, 0]
@@ -144,18 +126,10 @@ def _heavy(x: np.ndarray, t: np.ndarray, rests: np.ndarray, colour: str) -> Line
 
 
 def spikes(result: Result) -> Figure:
-    """Spike loads and actuator forces over a period with their limits.
+    """Spike loads, lambda and sigma of (7), and actuator forces over a period with limits.
 
-    Parameters
-    ----------
-    result : Result
-        With the variables ``time``, ``resting``, ``reaction``, ``reaction_mean``, ``sigma`` and
-        ``actuator_force``.
-
-    Returns
-    -------
-    Figure
-        Rows from above: load of each spike, lambda and sigma of (7), actuator forces.
+    Needs ``time``, ``resting``, ``reaction``, ``reaction_mean``, ``sigma`` and
+    ``actuator_force``.
     """
     masses, links = len(result["reaction"].values), len(result["actuator_force"].values)
     time = result["time"].values
@@ -187,17 +161,9 @@ def spikes(result: Result) -> Figure:
 
 
 def front(result: Result) -> Figure:
-    """Pareto front of speed and a cost.
+    """Pareto front of speed and a cost; accepted points joined by a line, the others hollow.
 
-    Parameters
-    ----------
-    result : Result
-        With the variables ``front_speed``, ``front_value`` and ``front_accepted``.
-
-    Returns
-    -------
-    Figure
-        Accepted points joined by a line, the others hollow.
+    Needs ``front_speed``, ``front_value`` and ``front_accepted``.
     """
     speed, value = result["front_speed"], result["front_value"]
     accepted = result["front_accepted"].values.astype(bool)
@@ -225,17 +191,10 @@ def front(result: Result) -> Figure:
 
 
 def limits(result: Result) -> Figure:
-    """What each limit is worth: per cent of the objective per per cent of the limit.
+    """Bars of what each limit is worth: per cent of the objective per per cent of the limit.
 
-    Parameters
-    ----------
-    result : Result
-        With the variable ``limit_elasticity`` and the attribute ``limits``.
-
-    Returns
-    -------
-    Figure
-        Bars, the longest on top; limits that do not bind are named below.
+    Needs ``limit_elasticity`` and the attribute ``limits``. The longest is on top; limits
+    that do not bind are named below.
     """
     elasticity, known = result["limit_elasticity"].values, result.attributes["limits"]
     binding = [k for k in np.argsort(-abs(elasticity)) if abs(elasticity[k]) > _NO_INFLUENCE]
@@ -297,17 +256,9 @@ def _limit_notes(known: dict[str, Any], elasticity: np.ndarray, hidden: int) -> 
 
 
 def first_frame(result: Result) -> Figure:
-    """Give the worm on the ground as the animation begins.
+    """The worm on the ground as the animation begins, for `pose` to change.
 
-    Parameters
-    ----------
-    result : Result
-        With the variables ``time``, ``resting`` and ``position``.
-
-    Returns
-    -------
-    Figure
-        What `pose` changes from frame to frame.
+    Needs ``time``, ``resting`` and ``position``.
     """
     drawn = sheet(8, 2.6)
     _stage(drawn.subplots(), result)
@@ -330,16 +281,9 @@ def _stage(axes: Axes, result: Result) -> None:
 
 
 def pose(drawn: Figure, result: Result, frame: int) -> None:
-    """Put the worm where it is in a frame; what rests is filled and has its spikes out.
+    """Move the worm of `first_frame` to a frame (0 to ``FRAMES - 1``), in place.
 
-    Parameters
-    ----------
-    drawn : Figure
-        From `first_frame`; it is changed.
-    result : Result
-        The same as there.
-    frame : int
-        0 to ``FRAMES - 1``.
+    Masses at rest are filled and have their spikes out.
     """
     axes = drawn.axes[0]
     for old in [*axes.lines[1:], *axes.texts]:  # the first line is the ground

@@ -21,21 +21,11 @@ from wormopt.plotting.parts import (
 )
 from wormopt.result import Result
 
-__all__ = ["steps"]
-
 
 def steps(result: Result) -> Figure:
-    """Commanded and ideal lengths with a close-up, rates with their limits, the worm's motion.
+    """Commanded and ideal lengths, close-up of a turn, motor rates with limits, mass positions.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``stepper``.
-
-    Returns
-    -------
-    Figure
-        Rows from above: lengths, close-up of a turn, rates of the motors, places of the masses.
+    The result is of kind ``stepper``.
     """
     drawn = sheet(8.5, 11)
     lengths, turn, rates, places = drawn.subplots(4, height_ratios=(2.4, 2.4, 2, 3))

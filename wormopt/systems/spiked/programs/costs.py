@@ -14,12 +14,10 @@ from typing import Protocol
 
 import numpy as np
 
-from wormopt.numerics.bilinear import Excess
 from wormopt.numerics.bilinear_rows import BilinearRows
+from wormopt.numerics.linearised import Excess
 from wormopt.systems.spiked.programs.scaled_limits import Form, ScaledLimits
 from wormopt.systems.spiked.task import Task
-
-__all__ = ["CostColumns", "has_cost_columns", "is_energy"]
 
 # A cost of an arc is less than this, in units of force times way or of rate squared over time.
 _MOST = 1e6
@@ -39,41 +37,22 @@ class _Motion(Protocol):
 
 
 def has_cost_columns(task: Task) -> bool:
-    """Whether the cost of a task is part of its bilinear program.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    """
+    """Whether the cost of a task is part of its bilinear program."""
     return task.objective.is_smooth and task.limits.acceleration is not None
 
 
 def is_energy(task: Task) -> bool:
-    """Whether this cost is what actuators absorb.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    """
+    """Whether the cost of a task is what actuators absorb."""
     return has_cost_columns(task) and task.objective.minimise == "energy_per_distance"
 
 
 @dataclass(eq=False)
 class CostColumns:
-    """Columns and rows of the cost of a gait program, added phase after phase.
+    """Columns and rows of the cost of a gait program, added phase by phase."""
 
-    Parameters
-    ----------
-    program : object
-        A gait program, whose columns are there already.
-    columns, rows : list of ndarray
-        Columns of costs, and the rows that bound them from below.
-    """
-
-    program: _Motion
-    columns: list[np.ndarray] = field(default_factory=list, init=False)
+    program: _Motion  # has its own columns already
+    columns: list[np.ndarray] = field(default_factory=list, init=False)  # of costs
+    # that bound the costs from below
     rows: list[np.ndarray] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
@@ -93,15 +72,7 @@ class CostColumns:
             program.rows.add([(self.ways[there], 1.0)], [product], 0.0, 0.0)
 
     def add_phase(self, resting: tuple[int, ...], at: slice) -> None:
-        """Add what the arcs of a phase cost.
-
-        Parameters
-        ----------
-        resting : tuple of int
-            Masses at rest.
-        at : slice
-            The arcs.
-        """
+        """Add the cost of the arcs `at` of a phase."""
         if not self.energy:
             self._add_effort(at)
             return
@@ -172,13 +143,7 @@ class CostColumns:
         return int(self.program.rows.add(total, work, -np.inf, np.inf)[0])
 
     def complete(self, x: np.ndarray) -> None:
-        """Set the ways of a point to what its durations and velocities say.
-
-        Parameters
-        ----------
-        x : ndarray, shape (columns,)
-            Changed in place.
-        """
+        """Set the distances in a point `x` from its durations and velocities, in place."""
         there = self.ways >= 0
         h = np.broadcast_to(self.program.h[:, None, None], self.ways.shape)
         x[self.ways[there]] = x[h[there]] * x[self.program.v[there]]

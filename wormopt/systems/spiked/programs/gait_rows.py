@@ -16,17 +16,9 @@ from wormopt.systems.spiked.programs.split import Pattern, SplitRows, split_matt
 from wormopt.systems.spiked.search.sequences import Resting, Sequence_
 from wormopt.systems.spiked.task import Task
 
-__all__ = ["GaitRows"]
-
 
 class GaitRows:
-    """Unknowns and limits of a cycle; the parameters are those of `GaitProgram`.
-
-    Parameters
-    ----------
-    task, sequence, period, arcs, degree, patterns, like : optional
-        As for `GaitProgram`.
-    """
+    """Unknowns and limits of a cycle; the parameters are those of `GaitProgram`."""
 
     def __init__(
         self,

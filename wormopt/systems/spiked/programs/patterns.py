@@ -12,20 +12,12 @@ from wormopt.systems.spiked.programs.split import Pattern, split_matters
 from wormopt.systems.spiked.search.sequences import Resting
 from wormopt.systems.spiked.sharing import share_load
 
-__all__ = ["patterns_of", "simple_patterns"]
-
 # Loads and sums of forces below this share of the forces at play count as zero.
 _TIE = 1e-7
 
 
 def simple_patterns(program: GaitProgram) -> list[tuple[Pattern | None, ...]]:
-    """All resting spikes loaded at all times; or only the first of them, or only the last.
-
-    Parameters
-    ----------
-    program : GaitProgram
-        Of any split, or with patterns.
-    """
+    """All resting spikes loaded at all times; or only the first of them, or only the last."""
     found = []
     for loaded in (slice(None), slice(0, 1), slice(-1, None)):
         patterns: list[Pattern | None] = []
@@ -41,21 +33,9 @@ def simple_patterns(program: GaitProgram) -> list[tuple[Pattern | None, ...]]:
 def patterns_of(
     program: GaitProgram, point: Point, *, other: bool = False
 ) -> tuple[Pattern | None, ...]:
-    """Patterns of the least split at the middle of every arc of a motion.
+    """Patterns of the least split at the middle of every arc; None where it does not matter.
 
-    Parameters
-    ----------
-    program : GaitProgram
-        Of any split, or with patterns.
-    point : Point
-        The motion.
-    other : bool, optional
-        Where two patterns hold, take the one that the program has not.
-
-    Returns
-    -------
-    tuple of patterns
-        One for each arc; None where the split does not matter.
+    `other`: where two patterns hold, take the one that the program has not.
     """
     needed, olds = _needed(program, point), program.patterns or (None,) * program.total
     tie = _TIE * float(np.abs(needed).max())

@@ -21,46 +21,15 @@ from wormopt.systems.spiked.programs.split import Pattern
 from wormopt.systems.spiked.search.sequences import Sequence_, is_gait
 from wormopt.systems.spiked.task import Task
 
-__all__ = ["GaitProgram"]
-
 # Arcs of a smaller share of the cycle count as having no duration.
 _SHORT = 1e-6
 
 
 class GaitProgram(GaitRows):
-    """The bilinear program of one cyclic order of rest.
+    """Bilinear program of one cyclic order of rest; `period` (min, max) overrides the limits.
 
-    Parameters
-    ----------
-    task : Task
-        Worm, limits and objective; where velocities may jump, smooth costs are left out and the
-        speed is sought.
-    sequence : tuple of tuple of int
-        Resting masses, phase after phase.
-    period : tuple of float
-        Shortest and longest duration of the cycle, whatever the limits say of the period.
-    arcs : int or sequence of int, optional
-        Arcs per phase, alike for all or one number for each.
-    degree : int, optional
-        Degree of the velocities on an arc.
-    patterns : tuple, optional
-        Which spikes are unloaded or full, arc after arc, where that matters (`gaits.split`); any
-        split of the load is allowed if left out.
-    like : ScaledLimits, optional
-        Whose units are taken instead of the task's own.
-
-    Examples
-    --------
-    Two masses that rest in turn: without the time for ramps the speed would be half the rate.
-
-    >>> from wormopt.numerics.bilinear import Climb
-    >>> from wormopt.systems.spiked.limits import Limits
-    >>> from wormopt.systems.spiked.task import Task, Worm
-    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> program = GaitProgram(Task(Worm(1, load=5.0), limits), ((0,), (1,)), (1.0, 1.0))
-    >>> point = program.bilinear.climb(program.start([0.5, 0.5]), Climb(1e-9))
-    >>> round(program.speed(point), 9)
-    0.425
+    `patterns`: spikes unloaded or full, by arc (`gaits.split`), default any; `like` gives
+    units. Where velocities may jump, smooth costs are left out and the speed is sought.
     """
 
     # -- points ----------------------------------------------------------------------------------
@@ -68,19 +37,9 @@ class GaitProgram(GaitRows):
     def start(
         self, durations: Sequence[float] | np.ndarray, random: np.random.Generator | None = None
     ) -> Point | None:
-        """Best motion with given durations of the phases.
+        """Best motion with given phase durations, in the task's units; None: infeasible.
 
-        Parameters
-        ----------
-        durations : sequence of float
-            In the task's units.
-        random : Generator, optional
-            Draws durations of their arcs, equal if left out.
-
-        Returns
-        -------
-        Point or None
-            None where no motion meets the limits.
+        `random` draws the durations of their arcs, equal by default.
         """
         shares = np.ones(self.total)
         if random is not None:
@@ -89,35 +48,15 @@ class GaitProgram(GaitRows):
         return self.start_arcs(shares * np.repeat(np.asarray(durations) / sums, self.arcs))
 
     def moved(self, task: Task, period: tuple[float, float]) -> GaitProgram:
-        """Give the same unknowns and rows in the same units, with the numbers of another task.
+        """The same unknowns, rows and units with the numbers of another task of the same form.
 
-        Parameters
-        ----------
-        task : Task
-            Of the same worm and limits but for their numbers.
-        period : tuple of float
-            Shortest and longest duration of its cycle.
-
-        Returns
-        -------
-        GaitProgram
+        `period` is the shortest and longest duration of its cycle.
         """
         same = (self.arcs, self.degree, self.patterns, self.limits)
         return type(self)(task, self.sequence, period, *same)
 
     def start_arcs(self, widths: np.ndarray) -> Point | None:
-        """Best motion with given durations of the arcs.
-
-        Parameters
-        ----------
-        widths : ndarray
-            Durations of the arcs, in the task's units.
-
-        Returns
-        -------
-        Point or None
-            None where no motion meets the limits.
-        """
+        """Best motion with given durations of the arcs, in the task's units; None: infeasible."""
         x = np.zeros(len(self.bilinear.upper))
         x[self.h] = widths / self.limits.time
         return self.bilinear.restore(x)
@@ -125,24 +64,10 @@ class GaitProgram(GaitRows):
     def finer(
         self, point: Point, degree: int | None = None, parts: int = 2
     ) -> tuple[GaitProgram, Point | None]:
-        """The same cycle with every arc cut in parts, once those that only repeat are joined.
+        """The same cycle with every arc cut in `parts`, once those that only repeat are joined.
 
-        Phases that last no time are left out.
-
-        Parameters
-        ----------
-        point : Point
-            Of this program.
-        degree : int, optional
-            Degree of the velocities; the same if left out.
-        parts : int, optional
-            Parts of each arc.
-
-        Returns
-        -------
-        program : GaitProgram
-        point : Point or None
-            Never worse; None where the solver fails.
+        Phases of no duration are left out. The point is never worse, None if the solver
+        fails; `degree` of the velocities is kept by default.
         """
         sequence, lasts = self._lasting(point)
         begins = self._joined(point) & np.repeat(lasts, self.arcs)
@@ -157,16 +82,10 @@ class GaitProgram(GaitRows):
         return finer, finer.start_arcs(np.repeat(widths, parts))
 
     def moving(self, widths: np.ndarray, v: np.ndarray, first: np.ndarray) -> Point:
-        """A motion that is known to be feasible: durations of arcs, velocities, first lengths.
+        """Point of a motion that is known to be feasible, all in scaled units.
 
-        Parameters
-        ----------
-        widths : ndarray, shape (arcs,)
-            In scaled units, as are all others.
-        v : ndarray, shape (arcs, 2, masses)
-            Velocities at both ends of each arc.
-        first : ndarray, shape (links,)
-            Lengths at the start, above the shortest.
+        `widths` (arcs,): durations; `v` (arcs, 2, masses): velocities at both ends of each
+        arc; `first` (links,): lengths at the start, above the shortest.
         """
         x = np.zeros(len(self.bilinear.upper))
         x[self.h] = widths
@@ -178,13 +97,7 @@ class GaitProgram(GaitRows):
         return self.bilinear.point(x)
 
     def motion(self, point: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Durations of arcs, velocities and first lengths of a point, as `moving` takes them.
-
-        Parameters
-        ----------
-        point : Point
-            Of this program.
-        """
+        """Durations of arcs, velocities and first lengths of a point, as `moving` takes them."""
         v = np.where(self.v >= 0, point.x[self.v], 0.0)
         return point.x[self.h], v, point.x[self.length[0]]
 
@@ -237,33 +150,15 @@ class GaitProgram(GaitRows):
         return begins
 
     def with_patterns(self, patterns: tuple[Pattern | None, ...]) -> GaitProgram:
-        """The same with other patterns.
-
-        Parameters
-        ----------
-        patterns : tuple
-            As for the class.
-        """
+        """The same program with other patterns."""
         return GaitProgram(self.task, self.sequence, self.period, self.arcs, self.degree, patterns)
 
     def durations(self, point: Point) -> np.ndarray:
-        """Duration of each phase, in the task's units.
-
-        Parameters
-        ----------
-        point : Point
-            Of this program.
-        """
+        """Duration of each phase, in the task's units."""
         return np.add.reduceat(point.x[self.h], self._edges[:-1]) * self.limits.time
 
     def widths(self, point: Point) -> np.ndarray:
-        """Duration of each arc, in the task's units.
-
-        Parameters
-        ----------
-        point : Point
-            Of this program.
-        """
+        """Duration of each arc, in the task's units."""
         return point.x[self.h] * self.limits.time
 
     @property
@@ -278,14 +173,9 @@ class GaitProgram(GaitRows):
         return self._peak is None and self._costs is None
 
     def objective(self, point: Point) -> float:
-        """What is made large, in the task's units: the speed, or a cost with its sign changed.
+        """What is maximised, in the task's units: the speed, or a cost with its sign changed.
 
-        Of the energy per distance the part that gaits differ in: without the work against loads.
-
-        Parameters
-        ----------
-        point : Point
-            Of this program.
+        Energy per distance excludes the work against loads, in which gaits do not differ.
         """
         return self.speed(point) if self._is_speed else point.value * self.unit
 
@@ -296,24 +186,12 @@ class GaitProgram(GaitRows):
         return (self.limits.links + 1) * self.task.worm.load_range[1]
 
     def speed(self, point: Point) -> float:
-        """Mean speed, in the task's units.
-
-        Parameters
-        ----------
-        point : Point
-            Of this program.
-        """
+        """Mean speed, in the task's units."""
         values = self.bilinear.values(point.x)
         return float(values[self._advance] / values[self._period]) * self.limits.speed
 
     def gait(self, point: Point) -> Gait:
-        """The cycle as link lengths over time; arcs without duration are left out.
-
-        Parameters
-        ----------
-        point : Point
-            Of this program.
-        """
+        """The cycle as link lengths over time; arcs without duration are left out."""
         from math import comb
 
         limits, degree = self.limits, self.degree

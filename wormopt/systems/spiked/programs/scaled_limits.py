@@ -13,89 +13,46 @@ import numpy as np
 from wormopt.systems.spiked.search.sequences import Resting
 from wormopt.systems.spiked.task import Task
 
-__all__ = ["Bounds", "Form", "ScaledLimits", "Slope", "scaled"]
-
-
 # Limits are widened by this share of the numbers that they are the difference of.
 _ROUNDING = 1e-14
 
 
 class Slope(NamedTuple):
-    """How fast a sum changes at most: at a rate, less a decay in proportion to the sum.
+    """How fast a sum changes at most: at a rate, less a decay in proportion to the sum."""
 
-    Parameters
-    ----------
-    rate : float
-        Infinite where nothing limits it.
-    decay : float
-        Per duration of the phase.
-    longest : bool
-        Whether the largest duration in a box is the safe one, not the smallest.
-    """
-
-    rate: float
-    decay: float = 0.0
-    longest: bool = False
+    rate: float  # infinite where nothing limits it
+    decay: float = 0.0  # per duration of the phase
+    longest: bool = False  # the largest duration in a box is safe, not the smallest
 
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """A limit -below <= alpha a + k beta v <= above on accelerations a and velocities v.
+    """A limit -below ≤ alpha a + k beta v ≤ above on accelerations a and velocities v."""
 
-    Parameters
-    ----------
-    alpha, beta : ndarray, shape (n + 1,)
-        Weights of the masses' accelerations, and of their drags k v.
-    below, above : float
-        What is left to either side of the value at rest; infinite without a limit.
-    shared : float
-        Part of ``above`` that masses bear which perhaps do not rest.
-    """
-
-    alpha: np.ndarray
-    beta: np.ndarray
-    below: float
-    above: float
-    shared: float = 0.0
+    alpha: np.ndarray  # (n+1,) weights of the masses' accelerations
+    beta: np.ndarray  # (n+1,) weights of the masses' drags k v
+    below: float  # left below the value at rest; infinite: no limit
+    above: float  # left above the value at rest; infinite: no limit
+    shared: float = 0.0  # part of `above` borne by masses that may not rest
 
 
 class Bounds(NamedTuple):
-    """What limits say of a form's weighted sum of velocities, alpha v.
+    """What limits say of a form's weighted sum of velocities, alpha v."""
 
-    Parameters
-    ----------
-    form : Form
-        The limits.
-    least, largest : float
-        Of the sum.
-    fall, rise : float
-        Its largest slopes.
-    courses : list of (Slope, Slope)
-        Pairs of laws for its fall and rise.
-    """
-
-    form: Form
-    least: float
-    largest: float
-    fall: float
-    rise: float
-    courses: list[tuple[Slope, Slope]]
+    form: Form  # the limits
+    least: float  # of the sum
+    largest: float  # of the sum
+    fall: float  # largest downward slope
+    rise: float  # largest upward slope
+    courses: list[tuple[Slope, Slope]]  # pairs of laws for its fall and rise
 
 
 @dataclass(frozen=True, eq=False)
 class ScaledLimits:
-    """A task in units of its largest link rate, longest period and mean mass.
-
-    Parameters
-    ----------
-    task : Task
-        Worm and limits.
-    like : ScaledLimits, optional
-        Whose units are taken instead of the task's own, to compare the two.
-    """
+    """A task in units of its largest link rate, longest period and mean mass."""
 
     task: Task
-    like: ScaledLimits | None = None
+    like: ScaledLimits | None = None  # whose units are taken instead, to compare the two
 
     @property
     def links(self) -> int:
@@ -173,17 +130,7 @@ class ScaledLimits:
         return _spread(self.task.limits.actuator_force, self.links) / self.force
 
     def fastest(self, resting: Resting) -> np.ndarray:
-        """Largest velocity of each mass: links let it run from any that rests only so fast.
-
-        Parameters
-        ----------
-        resting : tuple of int
-            Masses at rest.
-
-        Returns
-        -------
-        ndarray, shape (n + 1,)
-        """
+        """Largest velocity (n + 1,) of each mass that link rates allow from those at rest."""
         contraction, extension = self.rates
         masses = range(self.links + 1)
         return np.array(
@@ -191,19 +138,9 @@ class ScaledLimits:
         )
 
     def forms(self, resting: Resting, more: int = 0) -> list[Form]:
-        """List all limits on accelerations and forces.
+        """All limits on link accelerations, the sum of the spikes' loads and actuator forces.
 
-        Parameters
-        ----------
-        resting : tuple of int
-            Masses at rest.
-        more : int, optional
-            So many others may rest as well.
-
-        Returns
-        -------
-        list of Form
-            Link accelerations, the sum of the spikes' loads, actuator forces.
+        `more` others may rest as well.
         """
         given = self.acceleration
         most_of_each = np.full(self.links, np.inf) if given is None else given
@@ -216,13 +153,7 @@ class ScaledLimits:
         return [*links, self._momentum(resting, more), *([] if more else self._actuators(resting))]
 
     def admits_rest(self, resting: Resting) -> bool:
-        """Whether the worm may stand still on the spikes of these masses.
-
-        Parameters
-        ----------
-        resting : tuple of int
-            Masses at rest.
-        """
+        """Whether the worm may stand still on the spikes of these masses."""
         return all(form.below >= 0.0 and form.above >= 0.0 for form in self.forms(resting))
 
     def _momentum(self, resting: Resting, more: int) -> Form:
@@ -258,17 +189,9 @@ class ScaledLimits:
             )
 
     def actuators(self, resting: Resting) -> Iterator[tuple[np.ndarray, float]]:
-        """Weights of the masses' forces in each actuator's, and its force at rest per load.
+        """Weights (n + 1,) of masses' forces in each actuator's, its force at rest per load.
 
-        Parameters
-        ----------
-        resting : tuple of int
-            Masses at rest, which share the load equally.
-
-        Yields
-        ------
-        weight : ndarray, shape (n + 1,)
-        at_rest : float
+        The resting masses share the load equally.
         """
         count, rest = self.links + 1, len(resting)
         for j in range(1, count):
@@ -282,14 +205,9 @@ class ScaledLimits:
         return (high - low + _ROUNDING * size) / self.force if size < np.inf else np.inf
 
     def bounds(self, resting: Resting, more: int = 0) -> list[Bounds]:
-        """List `forms` with what they say of velocities; known from the second time on.
+        """`forms` with what they say of velocities; cached.
 
-        Parameters
-        ----------
-        resting : tuple of int
-            Masses at rest.
-        more : int, optional
-            So many others may rest as well.
+        `more` others may rest as well.
         """
         if (resting, more) not in self._known:
             self._known[resting, more] = [
@@ -310,17 +228,7 @@ class ScaledLimits:
     def slopes(self, form: Form, resting: Resting) -> tuple[float, float]:
         """Largest fall and rise per time of alpha v, a form's weighted sum of velocities.
 
-        Parameters
-        ----------
-        form : Form
-            One of `forms`.
-        resting : tuple of int
-            Masses at rest.
-
-        Returns
-        -------
-        fall, rise : float
-            Not negative; infinite where velocities may jump and nothing holds them.
+        Not negative; infinite where velocities may jump and nothing holds them.
         """
         v_max = self.fastest(resting)
         fastest_drag = self.drag * float(np.maximum(form.beta, 0.0) @ v_max)
@@ -335,19 +243,9 @@ class ScaledLimits:
         return max(fall, 0.0), max(rise, 0.0)
 
     def courses(self, form: Form, resting: Resting) -> list[tuple[Slope, Slope]]:
-        """List pairs of laws for the fall and rise of alpha v: constant, or decaying with drag.
+        """Pairs of laws for the fall and rise of alpha v: constant, or decaying with drag.
 
-        Parameters
-        ----------
-        form : Form
-            One of `forms`.
-        resting : tuple of int
-            Masses at rest.
-
-        Returns
-        -------
-        list of (Slope, Slope)
-            Laws that another one always beats are left out.
+        Laws that another one always beats are left out.
         """
         fall, rise = ([Slope(rate)] for rate in self.slopes(form, resting))
         v_max = self.fastest(resting)
@@ -368,19 +266,7 @@ class ScaledLimits:
         return list(product(fall, rise))
 
     def span(self, alpha: np.ndarray, resting: Resting) -> tuple[float, float]:
-        """Least and largest weighted sum of velocities, by the rates of the links.
-
-        Parameters
-        ----------
-        alpha : ndarray, shape (n + 1,)
-            Weights of the masses.
-        resting : tuple of int
-            Masses at rest.
-
-        Returns
-        -------
-        least, largest : float
-        """
+        """Least and largest velocity sum weighted by `alpha` (n + 1,), by the link rates."""
         contraction, extension = self.rates
         fastest = self.fastest(resting)
         least, largest = [np.minimum(alpha, 0.0) @ fastest], [np.maximum(alpha, 0.0) @ fastest]

@@ -20,23 +20,13 @@ from wormopt.systems.spiked.programs.scaled_limits import Form, ScaledLimits
 from wormopt.systems.spiked.search.sequences import Resting
 from wormopt.systems.spiked.task import Task
 
-__all__ = ["Pattern", "SplitRows", "split_matters"]
-
 # For each resting mass, ascending: -1 where its spike is unloaded, 1 where it is full, else 0.
 Pattern = tuple[int, ...]
 ScaledForce = Callable[[Form, np.ndarray, int], tuple[list[Term], list[Product]]]
 
 
 def split_matters(task: Task, resting: Resting) -> bool:
-    """Whether limits or cost depend on a split that statics leaves open.
-
-    Parameters
-    ----------
-    task : Task
-        Limits and objective.
-    resting : tuple of int
-        Masses at rest.
-    """
+    """Whether limits or cost depend on a split of the load that statics leaves open."""
     peaks = ("peak_spike_load", "peak_actuator_force")
     asked = task.limits.actuator_force is not None or task.objective.minimise in peaks
     return asked and len(resting) > 1 and task.limits.sharing == "least_actuation"
@@ -46,49 +36,23 @@ def split_matters(task: Task, resting: Resting) -> bool:
 class SplitRows:
     """Adds rows for some arcs on which the same masses rest, under one load.
 
-    Every force is a line: weights of what must act on each mass (m a + k v + load), then of what
-    the first resting masses carry together, the first alone, the first two, and so on.
-
-    Parameters
-    ----------
-    rows : BilinearRows
-        The program in the making.
-    limits : ScaledLimits
-        Its task.
-    force : callable
-        Terms of a coefficient of h times a form without the load, on arcs.
-    h : ndarray of int
-        Columns of the durations of these arcs.
-    arcs : ndarray of int
-        Numbers of these arcs.
-    degree : int
-        Degree of the forces.
-    resting : tuple of int
-        Masses at rest.
-    load : float
-        Load on each mass, in units of force.
+    Every force is a line: weights of what must act on each mass (m a + k v + load), then of
+    what the first resting masses carry together, the first alone, the first two, and so on.
     """
 
-    rows: BilinearRows
-    limits: ScaledLimits
-    force: ScaledForce
-    h: np.ndarray
-    arcs: np.ndarray
-    degree: int
+    rows: BilinearRows  # the program in the making
+    limits: ScaledLimits  # its task
+    force: ScaledForce  # terms of a coefficient of h times a form without load
+    h: np.ndarray  # columns of the durations of these arcs
+    arcs: np.ndarray  # numbers of these arcs
+    degree: int  # of the forces
     resting: Resting
-    load: float
+    load: float  # on each mass, in units of force
 
     def add(self, pattern: Pattern | None, peak: int | None, minimise: str | None) -> None:
-        """Add what holds with this pattern, or with any split; bound a peak by its column.
+        """Add what holds with this pattern, or any split (None); bound a peak by its column.
 
-        Parameters
-        ----------
-        pattern : tuple of int, optional
-            Which spikes are unloaded or full; any split if None.
-        peak : int, optional
-            Column of the peak that is minimised.
-        minimise : str, optional
-            Which peak that is.
+        `peak` is the column of the peak that is minimised, `minimise` says which peak.
         """
         shape = (len(self.arcs), self.degree + 1, len(self.resting) - 1)
         columns = self.rows.columns(np.full(shape, np.inf))

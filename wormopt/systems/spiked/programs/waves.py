@@ -15,23 +15,11 @@ import numpy as np
 from wormopt.systems.spiked.programs.program import GaitProgram
 from wormopt.systems.spiked.search.sequences import Sequence_
 
-__all__ = ["WaveProgram", "wave_direction", "wave_orders"]
-
 
 def wave_orders(links: int, resting: int) -> list[Sequence_]:
     """Orders in which blocks of resting masses, equally far apart, run from tail to head.
 
-    One for each number of phases q, with the shortest blocks that leave enough masses at rest.
-
-    Parameters
-    ----------
-    links, resting : int
-        Number of links, and of masses that rest at any time.
-
-    Examples
-    --------
-    >>> wave_orders(2, 1)
-    [((0, 2), (1,)), ((0,), (2,), (1,))]
+    One for each number of phases q, with the shortest blocks that leave `resting` at rest.
     """
     masses, found = links + 1, []
     for phases in range(2, masses + 1):
@@ -46,24 +34,9 @@ def wave_orders(links: int, resting: int) -> list[Sequence_]:
 
 
 def wave_direction(sequence: Sequence_, masses: int) -> int:
-    """Which way masses rest in turn: each a phase after the one behind it, or ahead of it.
+    """Direction in which masses rest in turn, each a phase after its neighbour.
 
-    Parameters
-    ----------
-    sequence : tuple of tuple of int
-        Resting masses, phase after phase.
-    masses : int
-        Number of masses.
-
-    Returns
-    -------
-    int
-        1 from tail to head, -1 from head to tail, 0 where it is no wave.
-
-    Examples
-    --------
-    >>> wave_direction(((0,), (2,), (1,)), 3), wave_direction(((0,), (1,), (2,)), 3)
-    (1, -1)
+    1 from tail to head, -1 from head to tail, 0 where it is no wave.
     """
     phases = len(sequence)
     for direction in (1, -1):
@@ -77,25 +50,10 @@ def wave_direction(sequence: Sequence_, masses: int) -> int:
 
 
 class WaveProgram(GaitProgram):
-    """The program of a cycle whose phases are alike: a travelling wave.
+    """Program of a cycle whose phases are alike: a travelling wave.
 
-    The limits of every link and mass hold, unequal ones too.
-
-    Parameters
-    ----------
-    task, sequence, period, arcs, degree, patterns, like : optional
-        As for `GaitProgram`; the sequence must be a wave, see `wave_direction`, and all phases
-        have as many arcs.
-
-    Examples
-    --------
-    >>> from wormopt.systems.spiked.limits import Limits
-    >>> from wormopt.systems.spiked.task import Task, Worm
-    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> order = wave_orders(31, 4)[6]
-    >>> program = WaveProgram(Task(Worm(31, load=5.0), limits), order, (0.1, 1.0))
-    >>> len(order), len(program.bilinear.upper) < 100
-    (8, True)
+    Parameters as for `GaitProgram`; `sequence` must be a wave (`wave_direction`), with equal
+    numbers of arcs in all phases. Limits of every link and mass hold, unequal ones too.
     """
 
     @cached_property

@@ -18,31 +18,11 @@ from wormopt.systems.spiked.runs.motion import (
 from wormopt.systems.spiked.runs.reference import gait_of_shape
 from wormopt.systems.spiked.scenes.gait import GaitScene
 
-__all__ = ["run"]
-
 
 def run(scene: Scene[GaitScene], report: Report) -> Result:
     """Crawl with the scene's gait and check the motion by a second route.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``gait``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        With signals over one period where pictures are wanted. Status "failed" where the two
-        routes differ in speed by more than 1e-9.
-
-    Raises
-    ------
-    SceneError
-        If the gait's file cannot be used.
-    SolveError
-        If no periodic motion exists.
+    Signals cover one period. "failed" where the two routes' speeds differ by more than 1e-9.
     """
     table = scene.table
     worm = table.worm

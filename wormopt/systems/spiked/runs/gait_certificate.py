@@ -22,8 +22,6 @@ from wormopt.systems.spiked.search.sequences import Sequence_, mirrored
 from wormopt.systems.spiked.search.space import is_mirror_symmetric
 from wormopt.systems.spiked.task import Certify, Task
 
-__all__ = ["add_certificate"]
-
 # Rounding of the certificate and of the gait's own value, relative.
 _ROUNDING = 1e-12
 
@@ -36,33 +34,10 @@ def add_certificate(
     report: Report,
     restate: Callable[[Design], Result],
 ) -> tuple[Result, bool]:
-    """Add a certificate to the result of a design.
+    """Add a certificate to the result of a design; the flag tells whether the user stopped it.
 
-    What is proven is kept in the user's cache folder until the gap that is wanted is reached, so
-    that another run of the same design goes on.
-
-    Parameters
-    ----------
-    result : Result
-        Of the design.
-    found : Design
-        The design.
-    wanted : Certify
-        The proof that is wanted.
-    units : {"dimensionless", "SI"}
-        The units of the scene.
-    report : callable
-        Told the gap.
-    restate : callable
-        Makes the result of a better design, where the proof comes upon one.
-
-    Returns
-    -------
-    result : Result
-        With ``bound``, ``gap_certified`` and what else is known; failed where the gait is better
-        than its bound, which cannot be.
-    interrupted : bool
-        Whether the user stopped it.
+    What is proven is cached until the wanted gap is reached, so that a rerun goes on. Failed
+    where the gait beats its bound. `restate` makes the result of a better design come upon.
     """
     task = found.task
     file = _file(task, found.value, wanted)

@@ -33,33 +33,14 @@ from wormopt.systems.spiked.scenes.gait_design import DesignTable, GaitDesignSce
 from wormopt.systems.spiked.scenes.gait_search import in_scene
 from wormopt.systems.spiked.task import Cost, Objective
 
-__all__ = ["cost_scalar", "design_result", "refused", "run"]
-
 # A gait is accepted if no limit is exceeded by more, and the second route agrees to this.
 _ACCEPTED = 1e-9
 
 
 def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
-    """Design the scene's gait.
+    """Design the scene's gait; "failed" where the trust report does not hold.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``gait-design``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where the trust report does not hold.
-
-    Raises
-    ------
-    SolveError
-        If no gait meets the limits; its partial result says so.
-    Interrupted
-        If the user stops it; the best gait so far is its partial result.
+    Raises SolveError where no gait meets the limits, Interrupted with the best gait so far.
     """
     table = scene.table
     task, settings = table.task(table.objective.objective), table.search.search
@@ -87,18 +68,9 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
 
 
 def refused(error: SolveError, scene: Scene[Any]) -> SolveError:
-    """What a design refuses in the words of its scene, with a partial result that says so.
+    """A design's refusal in the words of its scene, with a partial result that says so.
 
-    Parameters
-    ----------
-    error : SolveError
-        From the design.
-    scene : Scene
-        Whose table is a DesignTable.
-
-    Returns
-    -------
-    SolveError
+    The scene's table is a DesignTable.
     """
     told, kind = say_whose(error, scene.table), scene.table.kind
     nothing = Result(
@@ -108,23 +80,10 @@ def refused(error: SolveError, scene: Scene[Any]) -> SolveError:
 
 
 def design_result(scene: Scene[Any], found: Design, cost: Cost | None = None) -> Result:
-    """Result of a designed gait with its trust report.
+    """Result of a designed gait, computed anew in closed form and rechecked by integration.
 
-    Parameters
-    ----------
-    scene : Scene
-        Whose table is a DesignTable.
-    found : Design
-        The designed gait.
-    cost : str, optional
-        A cost to state besides.
-
-    Returns
-    -------
-    Result
-        Everything in it is computed anew from the gait alone, in closed form, and rechecked by
-        integration; signals show one cycle. Status "failed" where a limit is exceeded by more
-        than 1e-9 of its size, or the two routes differ in speed by more than that.
+    "failed" where a limit is exceeded by over 1e-9 of its size, or the two routes differ in
+    speed by more than that. Signals show one cycle; `cost` is stated besides.
     """
     table: DesignTable = scene.table
     clock = time.perf_counter()
@@ -173,22 +132,7 @@ def _faults_under_loads(found: Design) -> list[str]:
 
 
 def cost_scalar(cost: Cost) -> str:
-    """Name of the scalar that holds a cost.
-
-    Parameters
-    ----------
-    cost : str
-        As written in a scene.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> cost_scalar("peak_spike_load")
-    'spike_load_max'
-    """
+    """Name of the scalar that holds a cost."""
     return {
         "peak_spike_load": "spike_load_max",
         "peak_actuator_force": "actuator_force_max",

@@ -15,29 +15,14 @@ from wormopt.systems.spiked.design.sensitivity import Sensitivity, scaling_error
 from wormopt.systems.spiked.scenes.gait_design import GaitDesignScene
 from wormopt.systems.spiked.scenes.gait_search import in_scene
 
-__all__ = ["add_limits"]
-
 # Programs with more unknowns take seconds; they are asked only if the picture is wanted.
 _MOST_UNKNOWNS = 3000
 
 
 def add_limits(result: Result, found: Design, table: GaitDesignScene) -> Result:
-    """Add what every limit is worth to the result of a design, where that is known.
+    """Add what every limit is worth (scalars ``sensitivity.*``), where that is known.
 
-    Parameters
-    ----------
-    result : Result
-        Of the design.
-    found : Design
-        The design.
-    table : GaitDesignScene
-        What was asked for.
-
-    Returns
-    -------
-    Result
-        With the scalars ``sensitivity.*`` and what the picture ``limits`` is drawn from; the
-        trust report says how they were found, or why not.
+    Also adds the data of the picture ``limits``; the trust report says how, or why not.
     """
     reason = _reason_against(found, "limits" in table.want)
     if reason:

@@ -22,35 +22,12 @@ from wormopt.systems.spiked.search.sequences import Sequence_
 from wormopt.systems.spiked.task import Objective
 from wormopt.version import VERSION
 
-__all__ = ["run"]
-
 
 def run(scene: Scene[GaitParetoScene], report: Report) -> Result:
     """Find the fastest gait, then the cheapest one at each of several lower speeds.
 
-    The search at lower speeds starts from the sequence of the next faster gait.
-
-    Every point is saved in the user's cache folder as soon as it is found, under the scene's
-    content, so that a run that was stopped goes on where it was.
-
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``gait-pareto``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        The front, with the gait at its knee.
-
-    Raises
-    ------
-    SolveError
-        If not even a fastest gait is found; its partial result says so.
-    Interrupted
-        If the user stops it; the points so far are its partial result.
+    Each search starts from the next faster gait's sequence; points are cached for reruns.
+    Raises SolveError where no fastest gait is found, Interrupted with the points so far.
     """
     clock = perf_counter()
     saved = user_cache_path("wormopt") / "checkpoints" / f"{VERSION}-{scene.key}"

@@ -12,8 +12,6 @@ from wormopt.systems.spiked.bimodal import BimodalMotion, integrate
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.files import gait_variables
 
-__all__ = ["disagreements", "motion_scalars", "motion_trust", "motion_variables", "recheck"]
-
 _SIGNALS = {
     "time": ("time", ("time",), "time"),
     "length": ("length", ("link", "time"), "link length"),
@@ -31,20 +29,9 @@ _SIGNALS = {
 
 
 def motion_scalars(motion: Crawl, units: str) -> dict[str, Scalar]:
-    """Scalars that every gait result carries.
+    """Scalars that every gait result carries; extremes are over all time, not over samples.
 
-    Parameters
-    ----------
-    motion : Crawl
-        The motion.
-    units : {"dimensionless", "SI"}
-        Units of the scene.
-
-    Returns
-    -------
-    dict of str to Scalar
-        Extremes are over all time, not over samples. Energies are None, unknown, where a
-        velocity jumps or the worm does not advance.
+    Energies are None, unknown, where a velocity jumps or the worm does not advance.
     """
 
     def scalar(value: Any, quantity: str) -> Scalar:
@@ -88,20 +75,7 @@ def _lambda_mean(motion: Crawl) -> float:
 
 
 def motion_variables(motion: Crawl, units: str) -> list[Variable]:
-    """Signals over one period and the gait itself.
-
-    Parameters
-    ----------
-    motion : Crawl
-        The motion.
-    units : {"dimensionless", "SI"}
-        Units of the scene.
-
-    Returns
-    -------
-    list of Variable
-        Times at which a signal jumps stand twice.
-    """
+    """Signals over one period and the gait itself; times at which a signal jumps stand twice."""
     sampled = motion.sample()
     signals = [
         Variable(
@@ -119,40 +93,17 @@ def motion_variables(motion: Crawl, units: str) -> list[Variable]:
 def recheck(motion: Crawl) -> BimodalMotion:
     """Integrate (7) for the same gait by the second, event-located route.
 
-    Parameters
-    ----------
-    motion : Crawl
-        The motion to check.
-
-    Returns
-    -------
-    BimodalMotion
-
-    Raises
-    ------
-    SolveError
-        If that route finds no periodic motion.
+    Raises SolveError where that route finds no periodic motion.
     """
     drive = motion.drive
     return integrate(motion.gait, drive.mass.tolist(), drive.drag, drive.load)
 
 
 def motion_trust(motion: Crawl, again: BimodalMotion) -> Mapping[str, Any]:
-    """Residuals of a motion and its agreement with the second route.
+    """Residuals of a motion, and what the second route (`recheck`) found.
 
-    Parameters
-    ----------
-    motion : Crawl
-        The motion.
-    again : BimodalMotion
-        From `recheck`.
-
-    Returns
-    -------
-    mapping
-        ``force_balance`` mu_{n+1} = 0 of the recursion (largest over time), ``impulse_balance``
-        mean lambda - k speed - Gamma, ``energy_balance`` (net work - dissipation) / force scale
-        and distance, and what the second route found.
+    ``force_balance``: largest mu_{n+1}; ``impulse_balance``: mean lambda - k speed - Gamma;
+    ``energy_balance``: (net work - dissipation) / (force scale × distance).
     """
     low, high = motion.extremes("closure")
     # drag acts on the mean velocity of the masses, which over a period is the speed
@@ -180,18 +131,7 @@ def motion_trust(motion: Crawl, again: BimodalMotion) -> Mapping[str, Any]:
 def disagreements(motion: Crawl, again: BimodalMotion) -> list[str]:
     """Say where the second route finds something else, and which balance does not close.
 
-    Parameters
-    ----------
-    motion : Crawl
-        The motion.
-    again : BimodalMotion
-        From `recheck`.
-
-    Returns
-    -------
-    list of str
-        Empty where all agree: speeds to 1e-9 of the link rates, loads to 1e-7 and balances to
-        1e-9 of the forces at play.
+    Tolerances: speeds 1e-9 of the link rates, loads 1e-7 and balances 1e-9 of the forces.
     """
     rate, force = motion.drive.rate_scale, motion.force_scale
     low, high = motion.extremes("reaction_mean")

@@ -17,8 +17,6 @@ from wormopt.systems.spiked.scenes.gait_search import in_scene
 from wormopt.systems.spiked.scenes.motor import MotorTable
 from wormopt.systems.spiked.stepper.stepper import Stepper, demand
 
-__all__ = ["motor_faults", "motor_scalars", "motor_trust", "say_whose"]
-
 _ACCEPTED = 1e-9
 _ASSUMED = (
     "one motor per link turns a threaded rod: |l'| <= lead rate_max and |l''| <= lead "
@@ -28,20 +26,7 @@ _ASSUMED = (
 
 
 def motor_scalars(table: DesignTable, gait: Gait) -> dict[str, Scalar]:
-    """Which limits are the motor's, and how much of its own a gait uses.
-
-    Parameters
-    ----------
-    table : DesignTable
-        The scene.
-    gait : Gait
-        The designed gait.
-
-    Returns
-    -------
-    dict of str to Scalar
-        Empty without a motor.
-    """
+    """Which limits are the motor's, and how much of its own a gait uses; empty without a motor."""
     if table.motor is None:
         return {}
     motor, asked = table.motor, demand(gait, _always_ramped(table.motor))
@@ -55,35 +40,14 @@ def motor_scalars(table: DesignTable, gait: Gait) -> dict[str, Scalar]:
 
 
 def motor_trust(table: DesignTable) -> dict[str, Any]:
-    """What is assumed of the motors, for the trust report.
-
-    Parameters
-    ----------
-    table : DesignTable
-        The scene.
-
-    Returns
-    -------
-    dict
-        Empty without a motor.
-    """
+    """What is assumed of the motors, for the trust report; empty without a motor."""
     return {} if table.motor is None else {"assumptions": {"motors": _ASSUMED}}
 
 
 def motor_faults(table: DesignTable, gait: Gait) -> list[str]:
     """Say where a gait asks more of the motors than they can do.
 
-    Parameters
-    ----------
-    table : DesignTable
-        The scene.
-    gait : Gait
-        The designed gait.
-
-    Returns
-    -------
-    list of str
-        Found from the gait alone, by other means than the design's own check of its limits.
+    Found from the gait alone, independently of the design's own check of its limits.
     """
     if table.motor is None:
         return []
@@ -95,20 +59,7 @@ def motor_faults(table: DesignTable, gait: Gait) -> list[str]:
 
 
 def say_whose(error: SolveError, table: DesignTable) -> SolveError:
-    """Name the motor where a refusal names a limit that is the motor's.
-
-    Parameters
-    ----------
-    error : SolveError
-        From the design.
-    table : DesignTable
-        The scene.
-
-    Returns
-    -------
-    SolveError
-        The same without a motor.
-    """
+    """Name the motor where a refusal names a limit that is the motor's."""
     reason, suggestion = in_scene(error.reason), in_scene(error.suggestion)
     notes = [
         f"gait.{name} is here the motor's, motor.lead * motor.{name}_max"

@@ -18,29 +18,11 @@ from wormopt.systems.spiked.scenes.shapes import (
     SineShape,
 )
 
-__all__ = ["gait_of_shape"]
-
 
 def gait_of_shape(shape: Shape, scene: Scene[Any], key: str = "gait") -> Gait:
-    """Make the gait that a scene names.
+    """Make the gait that a scene names; `key` is the key path of the shape.
 
-    Parameters
-    ----------
-    shape : FastShape, BlockWaveShape, AccordionShape, SineShape or FileShape
-        What the scene says.
-    scene : Scene
-        The scene, which has a worm; files lie in its folder.
-    key : str, optional
-        Key path of the shape.
-
-    Returns
-    -------
-    Gait
-
-    Raises
-    ------
-    SceneError
-        If the gait's file cannot be used.
+    Files lie in the scene's folder. Raises SceneError where the gait's file cannot be used.
     """
     links = scene.table.worm.links
     if isinstance(shape, FastShape):

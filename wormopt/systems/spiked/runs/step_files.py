@@ -6,21 +6,11 @@ from wormopt.result import Result, Variable, unit_of
 from wormopt.systems.spiked.stepper.step_tables import c_text, csv_text
 from wormopt.systems.spiked.stepper.steps import Steps
 
-__all__ = ["as_c", "as_csv", "step_variables", "steps_of_result"]
-
 
 def step_variables(steps: Steps) -> list[Variable]:
-    """Variables from which `steps_of_result` reads the commands back.
+    """Variables from which `steps_of_result` reads the commands back; motors count from 1.
 
-    Parameters
-    ----------
-    steps : Steps
-        At least one step.
-
-    Returns
-    -------
-    list of Variable
-        Motors are counted from 1, as links are.
+    Needs at least one step.
     """
     return [
         Variable("step_time", unit_of("time", "SI"), ("step",), steps.time, "time of the step"),
@@ -31,18 +21,7 @@ def step_variables(steps: Steps) -> list[Variable]:
 
 
 def steps_of_result(result: Result) -> Steps | None:
-    """Read the commands out of a Result.
-
-    Parameters
-    ----------
-    result : Result
-        Of kind ``stepper``.
-
-    Returns
-    -------
-    Steps or None
-        None where the study did not come so far.
-    """
+    """Commands in a ``stepper`` result; None where the study did not come so far."""
     if "step_time" not in result:
         return None
     return Steps(
@@ -56,34 +35,18 @@ def steps_of_result(result: Result) -> Steps | None:
 
 
 def as_csv(result: Result) -> str | None:
-    """Text of ``steps.csv``.
+    """Text of ``steps.csv``; None without steps.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``stepper``.
-
-    Returns
-    -------
-    str or None
-        None where there are no steps, or the result failed: no motor is to run by it.
+    Also None where the result failed: no motor is to run by it.
     """
     steps = _trusted(result)
     return None if steps is None else csv_text(steps)
 
 
 def as_c(result: Result) -> str | None:
-    """Text of ``steps.c``.
+    """Text of ``steps.c``; None without steps.
 
-    Parameters
-    ----------
-    result : Result
-        Of kind ``stepper``.
-
-    Returns
-    -------
-    str or None
-        None where there are no steps, or the result failed: no motor is to run by it.
+    Also None where the result failed: no motor is to run by it.
     """
     steps = _trusted(result)
     return None if steps is None else c_text(steps, result.scalars["tick"].value)

@@ -31,8 +31,6 @@ from wormopt.systems.spiked.stepper.steps import (
     turning_times,
 )
 
-__all__ = ["run"]
-
 _ACCEPTED = 1e-9  # of the way (motion) or of the links' rates (speeds)
 _ROUNDING = 1e-6  # of a microstep: lengths are up to a million of them
 _SHOWN = 8  # steps before and after a turn, in the picture's close-up
@@ -50,25 +48,8 @@ _ASSUMED = {
 def run(scene: Scene[StepperScene], report: Report) -> Result:
     """Turn the scene's gait into steps, replay them, and move the worm by them.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``stepper``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where the replayed table leaves the gait by more than rounding allows, or
-        a second route disagrees.
-
-    Raises
-    ------
-    SceneError
-        If the gait's file cannot be used, or a length in it jumps.
-    SolveError
-        If the gait is too fast for the motors, moves none, or does not fit the timer.
+    "failed" where the replay leaves the gait beyond rounding, or a second route disagrees.
+    SolveError: too fast, moves no motor, or misfits the timer; SceneError: bad file or jump.
     """
     table = scene.table
     begin = time.perf_counter()

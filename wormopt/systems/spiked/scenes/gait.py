@@ -101,13 +101,7 @@ class GaitScene(SceneTable, frozen=True, kw_only=True):
     gait: FastGait | BlockWave | Accordion | GaitFile
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield the faults that no single key shows."""
         yield from super().faults(folder)
         yield from self.worm.faults()
         yield from self.gait.faults(self.worm.links, folder)

@@ -166,23 +166,11 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
         return own.within(motor.length_rate, motor.length_acceleration, self.worm.links)
 
     def task(self, objective: Objective) -> Task:
-        """The problem of design with some objective.
-
-        Parameters
-        ----------
-        objective : Objective
-            What to seek.
-        """
+        """The problem of design with the given objective."""
         return Task(self.worm.worm, self.limits, objective)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield the faults that no single key shows."""
         yield from super().faults(folder)
         yield from self.worm.faults(loads=True)
         yield from self._faults_of_limits()
@@ -202,15 +190,7 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
             yield f"gait.{key}".removesuffix("."), message
 
     def faults_of_cost(self, key: str, cost: Cost | None) -> Iterator[Fault]:
-        """Yield a fault if a cost cannot be sought in this scene.
-
-        Parameters
-        ----------
-        key : str
-            Where the cost stands.
-        cost : str, optional
-            The cost.
-        """
+        """Yield a fault if the cost at `key` cannot be sought in this scene."""
         for message in Objective(cost).faults_within(self.worm.worm, self.gait.limits):
             yield key, in_scene(message)
 
@@ -247,13 +227,7 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     objective: ObjectiveTable
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield the faults that no single key shows."""
         yield from super().faults(folder)
         yield from self.objective.faults()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)

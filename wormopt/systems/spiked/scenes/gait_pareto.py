@@ -60,13 +60,7 @@ class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
     pareto: ParetoTable
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield the faults that no single key shows."""
         yield from super().faults(folder)
         yield from self.faults_of_cost("pareto.against", self.pareto.against)
         if self.search.certify is not None:

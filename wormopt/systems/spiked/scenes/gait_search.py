@@ -92,12 +92,7 @@ class SearchTable(Table, frozen=True, kw_only=True):
     def faults(self, links: int, resting: int) -> Iterator[Fault]:
         """Yield what is wrong with the designer's own sequence.
 
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        resting : int
-            At least so many masses rest at any time.
+        `resting`: at least so many masses rest at any time.
         """
         for key, message in self.search.faults(links, resting):
             yield f"search.{key}", in_scene(message)
@@ -106,16 +101,6 @@ class SearchTable(Table, frozen=True, kw_only=True):
 def in_scene(told: str) -> str:
     """What an engine says of a task in the words of its scene, where limits stand in [gait].
 
-    Parameters
-    ----------
-    told : str
-        A name, "limits.rate" say, or a sentence with such names.
-
-    Examples
-    --------
-    >>> in_scene("limits.rate")
-    'gait.rate'
-    >>> in_scene("beyond its limits.")
-    'beyond its limits.'
+    `told` is a name, "limits.rate" say, or a sentence with such names.
     """
     return re.sub(r"\blimits\.(?=[a-z])", "gait.", told)

@@ -32,17 +32,7 @@ class FastShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="fast")
     ] = 0.15
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links.
-
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        folder : Path
-            Folder of the scene.
-        key : str
-            Key path of this table.
-        """
+        """Yield what does not fit a worm of so many links; `key` is this table's key path."""
         if links != 2:
             yield f"{key}.shape", f'"fast" has 2 links, the worm {links}; set worm.links = 2'
 
@@ -72,14 +62,7 @@ class WaveShape(Table, frozen=True, kw_only=True, tag_field="shape"):
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
         """Yield what is wrong between the keys, or does not fit a worm of so many links.
 
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        folder : Path
-            Folder of the scene.
-        key : str
-            Key path of this table.
+        `key` is the key path of this table.
         """
         yield from wrong_order(f"{key}.length", self.length, may_be_equal=False)
         if self.profile == "trapezoid" and self.ramp is None:
@@ -110,14 +93,7 @@ class BlockWaveShape(WaveShape, frozen=True, kw_only=True, tag="block_wave"):
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
         """Yield what is wrong between the keys, or does not fit a worm of so many links.
 
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        folder : Path
-            Folder of the scene.
-        key : str
-            Key path of this table.
+        `key` is the key path of this table.
         """
         yield from super().faults(links, folder, key)
         yield from too_many_resting(self.resting, links, key)
@@ -161,17 +137,7 @@ class SineShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="sine")
     lag: Finite = 1 / 3
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
-        """Yield nothing: a sine fits every worm.
-
-        Parameters
-        ----------
-        links : int
-            Number of links.
-        folder : Path
-            Folder of the scene.
-        key : str
-            Key path of this table.
-        """
+        """Yield nothing: a sine fits every worm."""
         yield from ()
 
 
@@ -193,14 +159,7 @@ class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file")
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
         """Yield a fault if the file is of no known form or cannot be read.
 
-        Parameters
-        ----------
-        links : int
-            Number of links; whether the file has so many shows when it is read.
-        folder : Path
-            Folder of the scene.
-        key : str
-            Key path of this table.
+        Whether it has `links` links shows only when it is read.
         """
         path = folder / self.file
         if path.suffix.lower() not in (".csv", ".nc"):
@@ -217,14 +176,7 @@ Shape = FastShape | BlockWaveShape | AccordionShape | SineShape | FileShape
 def too_many_resting(resting: int, links: int, key: str = "gait") -> Iterator[Fault]:
     """Yield a fault if more masses are to rest than can while the worm moves.
 
-    Parameters
-    ----------
-    resting : int
-        Number of masses that rest at any time.
-    links : int
-        Number of links.
-    key : str
-        Key path of the table that says so.
+    `key` is the key path of the table that says so.
     """
     if resting > links:
         yield (
@@ -235,18 +187,7 @@ def too_many_resting(resting: int, links: int, key: str = "gait") -> Iterator[Fa
 
 
 def why_unreadable(path: Path) -> str:
-    """Say why a file cannot be read.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    str
-        Empty if it can be read.
-    """
+    """Say why a file cannot be read; empty if it can."""
     try:
         with path.open("rb"):
             return ""

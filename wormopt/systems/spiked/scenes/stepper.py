@@ -68,13 +68,7 @@ class StepperScene(SceneTable, frozen=True, kw_only=True):
     ] = 1e-6
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield the faults that no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         if self.units != "SI":

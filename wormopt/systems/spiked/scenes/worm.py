@@ -51,13 +51,7 @@ class WormTable(Table, frozen=True, kw_only=True):
         return self.worm.masses
 
     def faults(self, loads: bool = False) -> Iterator[Fault]:
-        """Yield what is wrong between the keys of this table.
-
-        Parameters
-        ----------
-        loads : bool
-            Whether the load may be a range.
-        """
+        """Yield what is wrong between the keys; `loads`: whether the load may be a range."""
         if isinstance(self.load, tuple) and not loads:
             yield "worm.load", "a range of loads is for gaits that are designed; write one number"
         for key, message in self.worm.faults():

@@ -13,8 +13,6 @@ from wormopt.systems.spiked.search.sequences import Resting, Sequence_, is_gait,
 from wormopt.systems.spiked.search.space import ceiling_of, is_mirror_symmetric
 from wormopt.systems.spiked.task import Task
 
-__all__ = ["first_orders", "plain_orders", "search_letters"]
-
 # Sets are all listed up to so many, words of them up to so many.
 _MOST_SETS, _MOST_WORDS = 64, 4000
 # Solutions of the ceiling's linear program that are looked at.
@@ -24,22 +22,8 @@ _MIXES = 3
 def first_orders(task: Task) -> list[Sequence_]:
     """Orders that no search should fall behind, whatever the number of links.
 
-    Head and tail in turn, without and with a block between; the resting sets of the ceiling's
-    solutions in every order; travelling waves, of more resting masses too where those share a
-    load.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-
-    Examples
-    --------
-    >>> from wormopt.systems.spiked.limits import Limits
-    >>> from wormopt.systems.spiked.task import Worm
-    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> first_orders(Task(Worm(links=1), limits))[0]
-    ((0,), (1,))
+    Head and tail in turn, with and without a block between; the ceiling's resting sets in
+    every order; travelling waves, of more resting masses too where those share a load.
     """
     n, fewest = task.worm.links, task.limits.resting
     found = [*_ends_in_turn(n, fewest), *_best_sets_in_turn(task)]
@@ -73,11 +57,6 @@ def search_letters(task: Task) -> list[Resting]:
     """Sets of resting masses that orders are made of.
 
     All sets, where they are few; else blocks of neighbours round the ends.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
     """
     masses, sizes = task.worm.links + 1, task.resting_sizes
     if task.count_of_sets <= _MOST_SETS:
@@ -89,16 +68,9 @@ def search_letters(task: Task) -> list[Resting]:
 
 
 def plain_orders(task: Task, phases: int | None = None) -> list[Sequence_]:
-    """Orders of few phases, the highest ceilings first, then the shortest.
+    """Orders of at most `phases` phases, the highest ceilings first, then the shortest.
 
     Of exactly as many resting masses as asked for, and of more in short orders only.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    phases : int, optional
-        Most phases of a cycle.
     """
     masses, mirror = task.worm.links + 1, is_mirror_symmetric(task)
     letters = search_letters(task)

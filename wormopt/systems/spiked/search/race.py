@@ -19,8 +19,6 @@ from wormopt.systems.spiked.search.space import ceiling_of, is_mirror_symmetric
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.task import Task
 
-__all__ = ["Better", "Race", "Start", "rank"]
-
 Better = Callable[[Trial], None]
 
 # What is within this share of the best of its level is looked at with more arcs; of the energy
@@ -36,55 +34,27 @@ _CHEAP_CEILINGS = 8
 
 
 class Start(NamedTuple):
-    """An order of rest with what to begin with.
+    """An order of rest with what to begin with."""
 
-    Parameters
-    ----------
-    sequence : tuple of tuple of int
-        Resting masses of a cycle.
-    durations : ndarray, optional
-        Of its phases; short ones if left out.
-    cycles : int, optional
-        How many such cycles nearly fill a period; 0 where that is not known.
-    """
-
-    sequence: Sequence_
-    durations: np.ndarray | None = None
-    cycles: int = 0
+    sequence: Sequence_  # resting masses of a cycle
+    durations: np.ndarray | None = None  # of its phases; None: short ones
+    cycles: int = 0  # how many nearly fill a period; 0: not known
 
 
 @dataclass(eq=False)
 class Race:
-    """Best trial of every order so far, others that may end higher, and each level's best value.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    trier : Trier
-        Tries orders.
-    workers : int
-        Processes.
-    report : callable
-        Told what goes on.
-    better : callable
-        Given every trial that is better than all before it.
-    trials : dict, optional
-        Best trial of each canonical order, None where it has none.
-    others : list of Trial, optional
-        Local optima next to the best of their order.
-    varied : int, optional
-        How many of the orders are variations of others.
-    """
+    """Best trial of every order so far, others that may end higher, each level's best value."""
 
     task: Task
     trier: Trier
-    workers: int
+    workers: int  # processes
     report: Report
-    better: Better
+    better: Better  # given every trial better than all before it
+    # best of each canonical order; None: it has none
     trials: dict[Sequence_, Trial | None] = field(default_factory=dict)
+    # local optima next to the best of their order
     others: list[Trial] = field(default_factory=list)
-    varied: int = 0
+    varied: int = 0  # how many orders are variations of others
 
     def __post_init__(self) -> None:
         self._best: Trial | None = None
@@ -101,25 +71,14 @@ class Race:
     def tell(self, stage: str, fraction: float) -> str:
         """Say what is done next, and the best so far; give the stage back.
 
-        Parameters
-        ----------
-        stage : str
-            What is done.
-        fraction : float
-            How much of the search is done.
+        `fraction` is how much of the search is done.
         """
         best = f", best so far {self.ranking[0].cost:.6g}" if self._records else ""
         self.report(stage + best, fraction)
         return stage
 
     def canonical(self, sequence: Sequence_) -> Sequence_:
-        """The order that stands for all that are the same.
-
-        Parameters
-        ----------
-        sequence : tuple of tuple of int
-            Resting masses of a cycle.
-        """
+        """The order that stands for all that are the same."""
         return canonical(sequence, self.task.worm.links + 1, mirror=self.mirror)
 
     def _each(self, work: Callable[[Trier, Any], Trial | None], jobs: Sequence) -> Iterator:
@@ -130,13 +89,7 @@ class Race:
             yield found
 
     def enter(self, starts: Iterable[Start]) -> None:
-        """Try orders for the first time.
-
-        Parameters
-        ----------
-        starts : iterable of Start
-            The orders.
-        """
+        """Try orders for the first time."""
         starts = [start for start in starts if self.can_win(start.sequence)]
         usual = None if self._best is None else self._best.durations
         first = partial(_first, enough=self._close(0), usual=usual)
@@ -146,25 +99,13 @@ class Race:
                 self.keep(fitted)
 
     def can_win(self, sequence: Sequence_) -> bool:
-        """Whether the ceiling of an order is above the best.
-
-        Parameters
-        ----------
-        sequence : tuple of tuple of int
-            Resting masses of a cycle.
-        """
+        """Whether the ceiling of an order is above the best."""
         required = self.task.objective.speed
         bound = self.value if required is None else required
         return self.task.worm.links > _CHEAP_CEILINGS or ceiling_of(self.task, sequence) > bound
 
     def keep(self, trial: Trial) -> None:
-        """Enter a trial if it is the best of its order.
-
-        Parameters
-        ----------
-        trial : Trial
-            Fitted to a period.
-        """
+        """Enter a trial, fitted to a period, if it is the best of its order."""
         if trial.value > self.value:
             self._best = trial
             self.better(trial)
@@ -185,13 +126,7 @@ class Race:
         return self._energy and self.value >= -_NONE * self._force
 
     def record(self, level: int) -> float:
-        """Best value at a level, minus infinity before there is one.
-
-        Parameters
-        ----------
-        level : int
-            How often arcs have been halved.
-        """
+        """Best value at a level (number of halvings of arcs), -inf before there is one."""
         return self._records.get(level, -np.inf)
 
     def _close(self, level: int) -> float:
@@ -206,14 +141,7 @@ class Race:
     def restart(self, width: int, random: Sequence[int], share: float = 1e9) -> None:
         """Try the best orders with arcs drawn at random, as fine as they are.
 
-        Parameters
-        ----------
-        width : int
-            How many orders.
-        random : sequence of int
-            Seed.
-        share : float, optional
-            They are within this share of the best.
+        At most `width` orders, within `share` of the best; `random` is the seed.
         """
         enough = self.value - share * abs(self.value)
         best = [t for t in self.ranking[:width] if t.value >= enough]
@@ -226,14 +154,9 @@ class Race:
                     self.others.append(lower)
 
     def promote(self, level: int, most: int) -> None:
-        """Look at what is close to the best of its level with more arcs.
+        """Try with more arcs up to `most` orders that are close to the best of their level.
 
-        Parameters
-        ----------
-        level : int
-            How often arcs have been halved.
-        most : int
-            How many orders.
+        `level` is how often arcs have been halved.
         """
         while most > 0:
             close = [t for t in self.ranking if t.level == level]
@@ -287,13 +210,7 @@ def _again(trier: Trier, trial: Trial, seed: Sequence[int]) -> Trial | None:
 
 
 def rank(trial: Trial) -> tuple[float, int, Sequence_]:
-    """Sorts the best first, and of those that tie but for rounding short cycles.
-
-    Parameters
-    ----------
-    trial : Trial
-        To be sorted.
-    """
+    """Key that sorts the best first, and of those that tie but for rounding, short cycles."""
     return -float(f"{trial.value:.11g}"), len(trial.sequence), trial.sequence
 
 

@@ -24,37 +24,18 @@ from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.search.variations import variations
 from wormopt.systems.spiked.task import Search, Task
 
-__all__ = ["Effort", "Survey", "effort_of", "search"]
-
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is tried.
+    """How much is tried."""
 
-    Parameters
-    ----------
-    enumerated : int
-        Most orders tried in the systematic part, best ceilings first.
-    width : int
-        Orders that are varied at a time, twice as many after a round in vain; share of what is
-        promoted.
-    varied : int
-        Most variations tried in a round.
-    patience : int
-        Rounds of variations that bring nothing, one after the other, after which they end.
-    work : float
-        Pivots times rows and columns after which no more variations are tried; long worms need
-        more for each.
-    starts : int
-        Random starts of the best orders where a cost is sought.
-    """
-
-    enumerated: int
-    width: int
-    varied: int
-    patience: int
+    enumerated: int  # most orders of the systematic part, best ceilings first
+    width: int  # orders varied at a time, doubled after a round in vain; share of what is promoted
+    varied: int  # most variations tried in a round
+    patience: int  # rounds in a row that bring nothing before they end
+    # pivots × rows and columns after which no more are varied; long worms need more each
     work: float
-    starts: int
+    starts: int  # random starts of the best orders, for a cost
 
 
 _EFFORTS = {
@@ -72,47 +53,20 @@ _BATCH = 8
 
 
 def effort_of(settings: Search) -> Effort:
-    """Effort that is asked for.
-
-    Parameters
-    ----------
-    settings : Search
-        How to search.
-
-    Examples
-    --------
-    >>> effort_of(Search(effort="quick")).width
-    1
-    """
+    """Effort that the settings ask for."""
     return _EFFORTS[settings.effort]
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What a search found and how much it saw.
+    """What a search found and how much it saw."""
 
-    Parameters
-    ----------
-    trials : tuple of Trial
-        Best of each order, and what other optima of an order are close; best first.
-    tried : int
-        Orders tried.
-    varied : int
-        Of these, variations of others.
-    programs : int
-        Linear programs solved.
-    ended : str
-        "searched", "time limit" or "interrupted".
-    seconds : dict of str to float
-        Seconds of each stage.
-    """
-
-    trials: tuple[Trial, ...]
-    tried: int
-    varied: int
-    programs: int
-    ended: str
-    seconds: dict[str, float] = field(default_factory=dict)
+    trials: tuple[Trial, ...]  # best of each order and its close optima, best first
+    tried: int  # orders
+    varied: int  # of these, variations of others
+    programs: int  # linear programs solved
+    ended: str  # "searched", "time limit" or "interrupted"
+    seconds: dict[str, float] = field(default_factory=dict)  # of each stage
 
 
 def search(
@@ -124,40 +78,8 @@ def search(
 ) -> Survey:
     """Search the orders of rest, and the number of cycles, that give the best gait.
 
-    Constructed orders come first, then plain ones by the ceilings that their resting sets put on
-    the speed, then variations of the best: a set of resting masses inserted, dropped or
-    exchanged, two cycles joined.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    settings : Search
-        Effort, phases, the user's own sequence, time limit, processes.
-    report : callable
-        Told what goes on: text and the fraction done.
-    hints : iterable of sequences, optional
-        Tried first, with those of the constructed gaits.
-    better : callable, optional
-        Given every trial that is better than all before it.
-
-    Returns
-    -------
-    Survey
-        The same for any number of processes, but for time limits.
-
-    Examples
-    --------
-    One link and two masses that rest in turn. Without the time that acceleration takes the speed
-    would be half the rate.
-
-    >>> from wormopt.systems.spiked.limits import Limits
-    >>> from wormopt.systems.spiked.task import Worm
-    >>> from wormopt.progress import silent
-    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> survey = search(Task(Worm(1, load=5.0), limits), Search(), silent)
-    >>> round(survey.trials[0].value, 3), survey.trials[0].sequence
-    (0.425, ((0,), (1,)))
+    First `hints` and constructed orders, then plain ones by their ceilings, then variations.
+    The same for any number of processes, but for time limits; `better` gets each new best.
     """
     until = np.inf if settings.time_limit is None else monotonic() + settings.time_limit
     work = effort_of(settings).work * _OF_ONE_CLIMB

@@ -9,17 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import product
 
-__all__ = [
-    "Resting",
-    "Sequence_",
-    "canonical",
-    "is_gait",
-    "lasting",
-    "mirrored",
-    "neighbours",
-    "sequences",
-]
-
 # Phases of a smaller share of the cycle last no time.
 _NOTHING = 1e-9
 
@@ -30,28 +19,9 @@ Sequence_ = tuple[Resting, ...]
 def sequences(
     masses: int, letters: Sequence[Resting], phases: int, *, mirror: bool
 ) -> list[Sequence_]:
-    """List the cyclic sequences of resting sets, each class once.
+    """List the cyclic sequences of `phases` resting sets (`letters`), each class once.
 
-    Parameters
-    ----------
-    masses : int
-        Number of masses.
-    letters : sequence of tuple of int
-        Resting sets that may occur.
-    phases : int
-        Length of the sequences.
-    mirror : bool
-        Whether i -> n - i gives the same gait.
-
-    Returns
-    -------
-    list of tuple of tuple of int
-        Neighbouring sets differ, and no mass rests for ever.
-
-    Examples
-    --------
-    >>> sequences(3, [(0,), (1,), (2,)], 3, mirror=True)
-    [((0,), (1,), (2,))]
+    Neighbouring sets differ, and no mass rests for ever; `mirror`: i -> n - i is the same.
     """
     found = set()
     for word in product(letters, repeat=phases):
@@ -61,13 +31,7 @@ def sequences(
 
 
 def is_gait(word: Sequence_) -> bool:
-    """Whether neighbouring sets differ and no mass rests for ever.
-
-    Parameters
-    ----------
-    word : tuple of tuple of int
-        Resting masses, phase after phase.
-    """
+    """Whether neighbouring sets differ and no mass rests for ever."""
     changes = all(word[i] != word[i - 1] for i in range(len(word)))
     return changes and not set.intersection(*(set(s) for s in word))
 
@@ -75,19 +39,7 @@ def is_gait(word: Sequence_) -> bool:
 def canonical(word: Sequence_, masses: int, *, mirror: bool) -> Sequence_:
     """Pick the one sequence that stands for all its rotations, and mirror images if asked.
 
-    Parameters
-    ----------
-    word : tuple of tuple of int
-        Resting masses, phase after phase.
-    masses : int
-        Number of masses.
-    mirror : bool
-        Whether i -> n - i gives the same gait.
-
-    Examples
-    --------
-    >>> canonical(((2,), (1,), (0,)), 3, mirror=True)
-    ((0,), (1,), (2,))
+    `mirror`: whether i -> n - i gives the same gait.
     """
     images = [word]
     if mirror:
@@ -96,20 +48,7 @@ def canonical(word: Sequence_, masses: int, *, mirror: bool) -> Sequence_:
 
 
 def mirrored(word: Sequence_, masses: int) -> Sequence_:
-    """Exchange head and tail.
-
-    Parameters
-    ----------
-    word : tuple of tuple of int
-        Resting masses, phase after phase.
-    masses : int
-        Number of masses.
-
-    Examples
-    --------
-    >>> mirrored(((0,), (0, 1)), 3)
-    ((2,), (1, 2))
-    """
+    """Exchange head and tail."""
     return tuple(tuple(sorted(masses - 1 - i for i in s)) for s in word)
 
 
@@ -118,25 +57,8 @@ def neighbours(
 ) -> Iterator[tuple[int, Sequence_, list[int | None]]]:
     """Drop, exchange or insert one resting set, also amid a phase, or exchange two neighbours.
 
-    Parameters
-    ----------
-    word : tuple of tuple of int
-        Resting masses, phase after phase.
-    letters : sequence of tuple of int
-        Resting sets that may come in.
-
-    Yields
-    ------
-    change : int
-        By how many masses what comes in differs from the likest of its place.
-    word : tuple of tuple of int
-    origin : list of (int or None)
-        Which phase of the given word each of its phases is; None for what came in.
-
-    Examples
-    --------
-    >>> next(neighbours(((0,), (2,)), [(1,)]))
-    (2, ((1,), (0,), (2,)), [None, 0, 1])
+    Yields by how many masses what comes in differs from the likest of its place, the word,
+    and which phase of the given word each of its phases is, None for what came in.
     """
     every: list[int | None] = list(range(len(word)))
     for k, here in enumerate(word):
@@ -154,19 +76,9 @@ def neighbours(
 
 
 def lasting(sequence: Sequence_, durations: Sequence[float]) -> tuple[Sequence_, tuple[float, ...]]:
-    """Phases that last; what rests in the one before and the one after a gap is one phase.
+    """Phases that last, and how long; equal phases on either side of a gap become one.
 
-    Parameters
-    ----------
-    sequence : tuple of tuple of int
-        Resting masses of a cycle, phase after phase.
-    durations : sequence of float
-        How long each phase is, perhaps not at all.
-
-    Examples
-    --------
-    >>> lasting(((0,), (2,), (1,), (2,)), [0.5, 0.2, 0.0, 0.3])
-    (((0,), (2,)), (0.5, 0.5))
+    Some of `durations` may be 0.
     """
     found: list[tuple[Resting, float]] = []
     for resting, duration in zip(sequence, durations, strict=True):

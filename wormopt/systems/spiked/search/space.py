@@ -12,31 +12,12 @@ from wormopt.systems.spiked.programs.scaled_limits import scaled
 from wormopt.systems.spiked.search.sequences import Resting, Sequence_, sequences
 from wormopt.systems.spiked.task import Task
 
-__all__ = [
-    "all_sequences",
-    "ceiling_of",
-    "is_mirror_symmetric",
-    "letters_of",
-]
-
 
 def all_sequences(task: Task, phases: int) -> list[Sequence_]:
-    """List sequences of 2 to so many phases such that every gait has one of them.
+    """List sequences of 2 to `phases` phases such that every gait has one of them, short first.
 
-    A pause of all masses counts as a rest of some of them, unless no smaller set of spikes can
-    hold the worm: only then it is a set of its own.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    phases : int
-        Most phases.
-
-    Returns
-    -------
-    list of sequences
-        Short ones first; of mirror images one only where limits are symmetric.
+    A pause of all masses is a set of its own only where no fewer spikes can hold the worm.
+    Of mirror images there is one only where limits are symmetric.
     """
     letters, limits = letters_of(task), scaled(task)
     if task.loads_matter and not any(map(limits.admits_rest, letters)):
@@ -46,13 +27,7 @@ def all_sequences(task: Task, phases: int) -> list[Sequence_]:
 
 
 def is_mirror_symmetric(task: Task) -> bool:
-    """Whether i -> n - i with l_j -> shortest + longest - l_{n+1-j} maps gaits on gaits.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    """
+    """Whether i -> n - i with l_j -> shortest + longest - l_{n+1-j} maps gaits on gaits."""
     n, limits = task.worm.links, task.limits
     contraction, extension = limits.rate_bounds(n)
     per_thing = [
@@ -69,15 +44,7 @@ def is_mirror_symmetric(task: Task) -> bool:
 
 
 def ceiling_of(task: Task, sequence: Sequence_) -> float:
-    """Bound on the speed by rates and the resting sets of a sequence, see `ceiling`.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    sequence : tuple of tuple of int
-        Resting masses, phase after phase.
-    """
+    """Bound on the speed by rates and the resting sets of a sequence, see `ceiling`."""
     return _ceiling_of_sets(task, frozenset(sequence))
 
 
@@ -88,12 +55,6 @@ def _ceiling_of_sets(task: Task, sets: frozenset[Resting]) -> float:
 
 
 def letters_of(task: Task) -> list[Resting]:
-    """Sets of resting masses that may occur.
-
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    """
+    """Sets of resting masses that may occur."""
     masses = range(task.worm.links + 1)
     return [s for size in task.resting_sizes for s in combinations(masses, size)]

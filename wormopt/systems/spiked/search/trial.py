@@ -19,29 +19,15 @@ from wormopt.systems.spiked.programs.waves import WaveProgram, wave_direction
 from wormopt.systems.spiked.search.sequences import Sequence_
 from wormopt.systems.spiked.task import Objective, Task
 
-__all__ = ["Trial", "Trier"]
-
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A gait found for an order of rest.
+    """A gait found for an order of rest."""
 
-    Parameters
-    ----------
-    program : GaitProgram
-        The program of one cycle.
-    point : Point
-        What was found.
-    cycles : int
-        How many such cycles fill a period; 0 where it has not been fitted to one.
-    level : int
-        How often its arcs have been halved.
-    """
-
-    program: GaitProgram
-    point: Point
-    cycles: int = 0
-    level: int = 0
+    program: GaitProgram  # of one cycle
+    point: Point  # what was found
+    cycles: int = 0  # that fill a period; 0: not fitted to one
+    level: int = 0  # how often its arcs have been halved
 
     @property
     def sequence(self) -> Sequence_:
@@ -65,18 +51,10 @@ class Trial:
 
 
 class Trier:
-    """Tries orders of rest of one task.
+    """Tries orders of rest of one task, with `arcs` arcs per phase at level 0.
 
-    Parameters
-    ----------
-    task : Task
-        Worm, limits, objective.
-    arcs : int, optional
-        Arcs per phase at level 0.
-    until : float, optional
-        When climbs end where they are, by the monotonic clock.
-    work : float, optional
-        Pivots times rows and columns after which a climb ends where it is.
+    Climbs end where they are at `until` (monotonic clock), each one after `work`:
+    pivots times rows and columns.
     """
 
     def __init__(
@@ -100,18 +78,9 @@ class Trier:
     def program(
         self, sequence: Sequence_, period: tuple[float, float], arcs: Any, degree: int = 1
     ) -> GaitProgram:
-        """The program of an order; that of a travelling wave where it is one and would be large.
+        """The program of an order; a travelling wave's where it is one and would be large.
 
-        Parameters
-        ----------
-        sequence : tuple of tuple of int
-            Resting masses of a cycle.
-        period : (float, float)
-            Shortest and longest duration of the cycle.
-        arcs : int or sequence of int
-            Per phase.
-        degree : int, optional
-            Of the velocities.
+        `period`: shortest and longest of a cycle; `arcs` per phase; `degree` of velocities.
         """
         masses = self.task.worm.links + 1
         large = int(np.broadcast_to(arcs, len(sequence)).sum()) * 2 * masses > _LARGE
@@ -125,18 +94,9 @@ class Trier:
         enough: float = -np.inf,
         random: np.random.Generator | None = None,
     ) -> Trial | None:
-        """Climb with a period as short as may be, up to the longest; give up below ``enough``.
+        """Climb with a period as short as may be, up to the longest; give up below `enough`.
 
-        Parameters
-        ----------
-        sequence : tuple of tuple of int
-            Resting masses of a cycle.
-        durations : ndarray, optional
-            Of its phases, to begin with.
-        enough : float, optional
-            What is worth going on for.
-        random : Generator, optional
-            Draws the arcs of a phase; they are alike to begin with if left out.
+        Begins with phases of `durations`; `random` draws their arcs, which else are alike.
         """
         if durations is None:
             durations = np.full(len(sequence), self.phase_guess())
@@ -147,18 +107,9 @@ class Trier:
     def near(
         self, sequence: Sequence_, durations: np.ndarray, cycles: int, enough: float = -np.inf
     ) -> Trial | None:
-        """Climb from durations near those of a gait of which so many cycles fill a period.
+        """Climb from durations near those of a gait of which `cycles` cycles fill a period.
 
-        Parameters
-        ----------
-        sequence : tuple of tuple of int
-            Resting masses of a cycle.
-        durations : ndarray
-            Of its phases, to begin with.
-        cycles : int
-            In a period.
-        enough : float, optional
-            What is worth going on for.
+        `enough` is what is worth going on for.
         """
         period = self.shortest / cycles, self.longest / cycles
         total = float(durations.sum())
@@ -167,17 +118,9 @@ class Trier:
         return trial and self.settled(replace(trial, cycles=cycles))
 
     def fit(self, trial: Trial) -> Trial | None:
-        """The best whole number of cycles in a period.
+        """Fit a trial with a free period to the best whole number of cycles in a period.
 
-        Parameters
-        ----------
-        trial : Trial
-            With a free period.
-
-        Returns
-        -------
-        Trial or None
-            None where no number of cycles has a gait.
+        None where no number of cycles has a gait.
         """
         period = float(trial.durations.sum())
         counts = {floor(self.longest / period * _UP), ceil(self.shortest / period / _UP)}
@@ -268,19 +211,9 @@ class Trier:
     def climbed(
         self, trial: Trial, tolerance: float = 1e-3, steps: int = 25, enough: float = -np.inf
     ) -> Trial:
-        """Climb on from where a trial is.
+        """Climb on from where a trial is; never worse.
 
-        Parameters
-        ----------
-        trial : Trial
-            Where to begin.
-        tolerance, steps, enough : float, int, float
-            See `Climb`; ``enough`` in the task's units.
-
-        Returns
-        -------
-        Trial
-            Never worse.
+        Settings as of `Climb`, but `enough` in the task's units.
         """
         bilinear = trial.program.bilinear
         until = Climb(tolerance, steps, enough=enough / trial.program.unit)
@@ -295,13 +228,7 @@ class Trier:
         self.work += bilinear.work - work
 
     def settled(self, trial: Trial) -> Trial | None:
-        """With the split of least actuation instead of any split; None where none is found.
-
-        Parameters
-        ----------
-        trial : Trial
-            Found with any split.
-        """
+        """The trial with the split of least actuation instead of any split; None where none is."""
         if not any(split_matters(self.task, resting) for resting in trial.sequence):
             return trial
         widths = trial.program.widths(trial.point)
@@ -338,20 +265,9 @@ class Trier:
         parts: int = 2,
         steps: int = 40,
     ) -> Trial:
-        """Cut the arcs in parts, or raise the degree, and climb on; never worse.
+        """Cut each arc in `parts`, or raise the degree, and climb on; never worse.
 
-        Parameters
-        ----------
-        trial : Trial
-            Where to begin.
-        tolerance : float, optional
-            Of the climb.
-        degree : int, optional
-            Of the velocities; the same if left out.
-        parts : int, optional
-            Parts of each arc.
-        steps : int, optional
-            Most steps of the climb.
+        `degree` of the velocities, kept if None; `tolerance` and `steps` are the climb's.
         """
         program, start = trial.program.finer(trial.point, degree, parts)
         level = trial.level + 1

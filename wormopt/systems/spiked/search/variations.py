@@ -18,8 +18,6 @@ from wormopt.systems.spiked.search.sequences import (
 )
 from wormopt.systems.spiked.task import Search
 
-__all__ = ["variations"]
-
 # Most joined cycles in a round.
 _JOINED = 100
 # Masses of change that outweigh being the next better parent.
@@ -31,14 +29,7 @@ _MOST_PHASES = 12
 def variations(race: Race, settings: Search, width: int) -> Iterator[Start]:
     """Neighbours and joined cycles of the best orders, each once.
 
-    Parameters
-    ----------
-    race : Race
-        With the orders tried so far.
-    settings : Search
-        Most phases of a cycle.
-    width : int
-        How many orders are varied, and twice as many of other lengths and numbers of cycles.
+    Of `width` orders, and twice as many of other lengths and numbers of cycles.
     """
     seen, most = set(race.trials), settings.phases or _MOST_PHASES
     parents = _parents(race, width)

@@ -20,35 +20,19 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.systems.spiked.stepper.steps import Steps
 
-__all__ = ["BristleMotion", "ratchet"]
-
 _TOGETHER = 1e-9  # of the period: steps closer than this are one move
 _BATCH = 4096
 
 
 @dataclass(frozen=True, eq=False)
 class BristleMotion:
-    """Periodic motion of a stepped worm, apart from its advance.
+    """Periodic motion of a stepped worm, apart from its advance."""
 
-    Parameters
-    ----------
-    time : ndarray, shape (m,)
-        Instants from 0 to the period: after every move, and the start.
-    position : ndarray, shape (n+1, m)
-        Places of the masses then; the head starts at 0.
-    holding : ndarray of bool, shape (n+1, m)
-        Which bristles hold then.
-    speed : float
-        Mean speed, by the largest cycle mean.
-    period_error : float
-        How far the motion is from its own advance by ``speed`` after one period.
-    """
-
-    time: np.ndarray
-    position: np.ndarray
-    holding: np.ndarray
-    speed: float
-    period_error: float
+    time: np.ndarray  # (m,) from 0 to the period: the start, after each move
+    position: np.ndarray  # (n+1, m) of the masses; the head starts at 0
+    holding: np.ndarray  # (n+1, m) bool, which bristles hold
+    speed: float  # mean, by the largest cycle mean
+    period_error: float  # of the motion from its advance by speed in a period
 
     @property
     def advance(self) -> float:

@@ -10,36 +10,13 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.systems.spiked.stepper.steps import Steps
 
-__all__ = ["c_text", "csv_text", "in_ticks", "read_csv"]
-
 _LARGEST = 2**32 - 1
 
 
 def csv_text(steps: Steps) -> str:
     """Table ``time_s,motor,direction`` under lines that begin with ``#`` and say what it needs.
 
-    Parameters
-    ----------
-    steps : Steps
-        Commands of one period.
-
-    Returns
-    -------
-    str
-        Motors are counted from 1, as links are. Numbers read back as they were.
-
-    Examples
-    --------
-    >>> steps = Steps(1.0, 1e-5, np.array([0.1]), np.array([0.25, 0.75]), np.zeros(2, int),
-    ...               np.array([1, -1]))
-    >>> print(csv_text(steps), end="")
-    # period_s: 1.0
-    # travel_m: 1e-05
-    # length_at_start_m: 0.1
-    # step_count: 2
-    time_s,motor,direction
-    0.25,1,1
-    0.75,1,-1
+    Motors are counted from 1, as links are. Numbers read back as they were.
     """
     head = {
         "period_s": repr(float(steps.period)),
@@ -58,29 +35,7 @@ def csv_text(steps: Steps) -> str:
 
 
 def read_csv(text: str) -> Steps:
-    """Read back what `csv_text` wrote.
-
-    Parameters
-    ----------
-    text : str
-        The table.
-
-    Returns
-    -------
-    Steps
-
-    Raises
-    ------
-    ArgumentError
-        If it is no such table.
-
-    Examples
-    --------
-    >>> steps = Steps(1.0, 1e-5, np.array([0.1]), np.array([0.25, 0.75]), np.zeros(2, int),
-    ...               np.array([1, -1]))
-    >>> read_csv(csv_text(steps)).time
-    array([0.25, 0.75])
-    """
+    """Read back what `csv_text` wrote; raises ArgumentError if it is no such table."""
     lines = text.splitlines()
     head = dict(line[1:].split(":", 1) for line in lines if line.startswith("#") and ":" in line)
     about = {name.strip(): value for name, value in head.items()}
@@ -102,36 +57,10 @@ def read_csv(text: str) -> Steps:
 
 
 def in_ticks(steps: Steps, tick: float) -> tuple[int, list[np.ndarray]]:
-    """Delays of each motor in ticks of a timer.
+    """Period and each motor's delays (its steps + 1,), start to end of the period, in ticks.
 
-    Every instant is rounded to a tick by itself, and delays are differences of rounded instants:
-    errors of rounding do not add up, and all motors have a period of the same number of ticks.
-
-    Parameters
-    ----------
-    steps : Steps
-        Commands of one period.
-    tick : float
-        Length of a tick, in the unit of the period.
-
-    Returns
-    -------
-    period : int
-        In ticks.
-    delays : list of ndarray of int, shape (steps of the motor + 1,)
-        From the step before, the first from the start of the period; the last to its end.
-
-    Raises
-    ------
-    ArgumentError
-        If two steps of a motor fall on one tick, or the period is too long for 32 bits.
-
-    Examples
-    --------
-    >>> steps = Steps(1.0, 1e-5, np.array([0.1]), np.array([0.24, 0.77]), np.zeros(2, int),
-    ...               np.array([1, -1]))
-    >>> in_ticks(steps, 0.1)
-    (10, [array([2, 6, 2])])
+    Delays are differences of rounded instants: errors do not add up. Raises ArgumentError
+    if two steps of a motor fall on one tick, or the period is too long for 32 bits.
     """
     whole = round(steps.period / tick)
     if whole > _LARGEST:
@@ -155,43 +84,9 @@ def in_ticks(steps: Steps, tick: float) -> tuple[int, list[np.ndarray]]:
 
 
 def c_text(steps: Steps, tick: float) -> str:
-    """C99 source with delays and directions of every motor.
+    """C99 source, a translation unit of its own, with delays and directions of every motor.
 
-    Parameters
-    ----------
-    steps : Steps
-        Commands of one period.
-    tick : float
-        Length of a timer tick, s.
-
-    Returns
-    -------
-    str
-        Definitions, for a translation unit of its own.
-
-    Raises
-    ------
-    ArgumentError
-        As `in_ticks`.
-
-    Examples
-    --------
-    >>> steps = Steps(1.0, 1e-5, np.array([0.1]), np.array([0.24, 0.77]), np.zeros(2, int),
-    ...               np.array([1, -1]))
-    >>> print(c_text(steps, 0.1).split("*/")[1], end="")
-    <BLANKLINE>
-    #include <stdint.h>
-    <BLANKLINE>
-    const uint32_t period_ticks = 10u;
-    <BLANKLINE>
-    const uint32_t motor_1_count = 2u;
-    const uint32_t motor_1_rest = 2u;
-    const uint32_t motor_1_delay[2] = {
-        2, 6
-    };
-    const int8_t motor_1_direction[2] = {
-        1, -1
-    };
+    `tick` is in s. Raises ArgumentError as `in_ticks`.
     """
     whole, delays = in_ticks(steps, tick)
     parts = [

@@ -15,8 +15,6 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.numerics.chebyshev import Series, resolve
 
-__all__ = ["Demand", "Limit", "Stepper", "demand"]
-
 _JUMP = 1e-9  # of the largest length or rate: smaller jumps between pieces are round-off
 _ACCEPTED = 1e-9  # by so much of itself a period may be below the smallest
 
@@ -97,47 +95,23 @@ class Stepper:
 
 @dataclass(frozen=True)
 class Limit:
-    """What one limit of the motors says of the period.
+    """What one limit of the motors says of the period."""
 
-    Parameters
-    ----------
-    name : str
-        ``rate_max``, ``acceleration_max`` or ``start_rate`` (for jumps of the rate).
-    period_min : float
-        Smallest period at which the gait's shape keeps it; infinite where none does.
-    link : int
-        Link, from 0, that decides.
-    time : float
-        When it does, in the gait as it is.
-    """
-
-    name: str
-    period_min: float
-    link: int
-    time: float
+    name: str  # rate_max, acceleration_max or start_rate (rate jumps)
+    period_min: float  # at which the gait's shape keeps it; inf: none does
+    link: int  # that decides, from 0
+    time: float  # when it does, in the gait as it is
 
 
 @dataclass(frozen=True, eq=False)
 class Demand:
-    """What a gait asks of its motors.
+    """What a gait asks of its motors."""
 
-    Parameters
-    ----------
-    rate : ndarray, shape (n,)
-        Largest rate of each motor, turns/s.
-    acceleration : ndarray, shape (n,)
-        Largest change of it above ``start_rate``, turns/s²; infinite where the rate jumps
-        and ``start_rate`` does not cover it.
-    limits : tuple of Limit
-        One for each of `Stepper`'s limits that says something.
-    period : float
-        Period of the gait.
-    """
-
-    rate: np.ndarray
+    rate: np.ndarray  # (n,) largest, turns/s
+    # (n,) largest above start_rate, turns/s²; inf where the rate jumps beyond start_rate
     acceleration: np.ndarray
-    limits: tuple[Limit, ...]
-    period: float
+    limits: tuple[Limit, ...]  # one per limit of `Stepper` that says something
+    period: float  # of the gait
 
     @property
     def strictest(self) -> Limit:
@@ -155,17 +129,9 @@ class Demand:
         return self.period >= self.period_min * (1 - _ACCEPTED)
 
     def refuse(self, stepper: Stepper) -> None:
-        """Say why the motors cannot follow, if they cannot.
+        """Raise SolveError if the motors cannot follow.
 
-        Parameters
-        ----------
-        stepper : Stepper
-            The motor this was found for.
-
-        Raises
-        ------
-        SolveError
-            Naming the limit, the link, the time and the smallest period.
+        It names the limit, the link, the time and the smallest period.
         """
         if self.feasible:
             return
@@ -198,35 +164,8 @@ def _rounded_up(period: float) -> float:
 def demand(gait: Gait, stepper: Stepper) -> Demand:
     """Find what a gait asks of the motors, and the smallest period they can follow.
 
-    Rates scale as 1/T and accelerations as 1/T². Up to ``start_rate`` any change is followed, so
-    at every instant either |l''| or |l'| has to be small enough: the least factor on the period
-    is max over t of min(sqrt(|l''|/a_max), |l'|/start), which is found from the extremes of both
-    and the instants at which they are alike.
-
-    Parameters
-    ----------
-    gait : Gait
-        Lengths of the links.
-    stepper : Stepper
-        The motor.
-
-    Returns
-    -------
-    Demand
-
-    Raises
-    ------
-    ArgumentError
-        If a length jumps: no motor follows that, however slow.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> gait = Gait(np.array([0.0, 2.0, 4.0]), np.array([[[1.0, 1, -0.5]], [[1.0, -1, 0.5]]]))
-    >>> motor = Stepper(lead=0.1, steps_per_turn=200, rate_max=20.0, acceleration_max=40.0)
-    >>> found = demand(gait, motor)
-    >>> found.rate, found.acceleration, found.period_min
-    (array([10.]), array([10.]), 2.0)
+    Up to start_rate any change is followed: the least factor on the period is max over t of
+    min(sqrt(|l''|/a_max), |l'|/start). Raises ArgumentError if a length jumps.
     """
     _refuse_jumps(gait)
     n = gait.links

@@ -13,8 +13,6 @@ from wormopt.model.gait import Gait
 from wormopt.numerics.chebyshev import resolve
 from wormopt.systems.spiked.stepper.stepper import Stepper, demand
 
-__all__ = ["Steps", "quantisation_error", "step_times", "turning_times"]
-
 # A level counts as crossed when passed by so much of a microstep: a length that only touches it
 # is not answered by a step to and fro at one instant.
 _TOUCH = 1e-9
@@ -25,33 +23,15 @@ _MOST = 2_000_000
 class Steps:
     """Steps of all motors over one period, in order of time.
 
-    Parameters
-    ----------
-    period : float
-        Period.
-    travel : float
-        Way per (micro)step.
-    start : ndarray, shape (n,)
-        Length of each link at time 0, where every motor's count is 0.
-    time : ndarray, shape (m,)
-        When, within 0 and the period, ascending.
-    motor : ndarray of int, shape (m,)
-        Which link's motor, from 0.
-    direction : ndarray of int, shape (m,)
-        +1 lengthens the link by one travel, -1 shortens it.
-
-    Raises
-    ------
-    ArgumentError
-        If the arrays do not fit together, or a motor does not return within the period.
+    Raises ArgumentError if arrays do not fit together or a motor does not return.
     """
 
     period: float
-    travel: float
-    start: np.ndarray
-    time: np.ndarray
-    motor: np.ndarray
-    direction: np.ndarray
+    travel: float  # way per (micro)step
+    start: np.ndarray  # (n,) link lengths at time 0, where counts are 0
+    time: np.ndarray  # (m,) from 0 to the period, ascending
+    motor: np.ndarray  # (m,) int, which link's motor, from 0
+    direction: np.ndarray  # (m,) int, by one travel: +1 lengthens, -1 shortens
 
     def __post_init__(self) -> None:
         shapes = {self.time.shape, self.motor.shape, self.direction.shape}
@@ -82,32 +62,12 @@ class Steps:
         return np.bincount(self.motor, minlength=self.links)
 
     def of_motor(self, motor: int) -> tuple[np.ndarray, np.ndarray]:
-        """Times and directions of one motor's steps.
-
-        Parameters
-        ----------
-        motor : int
-            From 0.
-
-        Returns
-        -------
-        time, direction : ndarray
-        """
+        """Times and directions of the steps of one motor, counted from 0."""
         own = self.motor == motor
         return self.time[own], self.direction[own]
 
     def lengths(self, t: np.ndarray) -> np.ndarray:
-        """Commanded lengths; at a step the new one.
-
-        Parameters
-        ----------
-        t : ndarray, shape (m,)
-            Times within 0 and the period.
-
-        Returns
-        -------
-        ndarray, shape (n, m)
-        """
+        """Commanded lengths (n, m) at times (m,) in the period; at a step the new one."""
         rows = []
         for j in range(self.links):
             time, direction = self.of_motor(j)
@@ -187,17 +147,7 @@ def step_times(gait: Gait, stepper: Stepper) -> Steps:
 def turning_times(gait: Gait, link: int) -> np.ndarray:
     """Breaks of the gait and instants at which a length turns; it is monotone between.
 
-    Parameters
-    ----------
-    gait : Gait
-        Lengths of the links.
-    link : int
-        From 0.
-
-    Returns
-    -------
-    ndarray
-        Ascending, from 0 to the period.
+    Ascending, from 0 to the period; links count from 0.
     """
     found = [gait.breaks[:1]]
     for piece, a, b in _runs(gait, link):
@@ -206,21 +156,9 @@ def turning_times(gait: Gait, link: int) -> np.ndarray:
 
 
 def quantisation_error(gait: Gait, steps: Steps) -> np.ndarray:
-    """Largest distance of the commanded length from the gait's, over all time.
+    """Largest distance (n,) of the commanded length from the gait's, over all time.
 
-    Between two neighbours of steps and turning points both are monotone, so it is largest on
-    either side of one of them.
-
-    Parameters
-    ----------
-    gait : Gait
-        Lengths of the links.
-    steps : Steps
-        Commands.
-
-    Returns
-    -------
-    ndarray, shape (n,)
+    Both are monotone between steps and turning points, so it is largest beside one of them.
     """
     worst = []
     for j in range(gait.links):

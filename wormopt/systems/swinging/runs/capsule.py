@@ -32,8 +32,6 @@ from wormopt.systems.shared.signals import Kind, symbol
 from wormopt.systems.swinging.capsule import capsule
 from wormopt.systems.swinging.scenes.internal_mass import CapsuleScene, CapsuleTable
 
-__all__ = ["problem_of", "run"]
-
 _SIGNALS: dict[str, Kind] = {
     "position": ("length", (), "position of the body"),
     "velocity": ("speed", (), "velocity of the body"),
@@ -48,25 +46,7 @@ _DEFECT = 1e-9
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
 def run(scene: Scene[CapsuleScene], report: Report) -> Result:
-    """Find the fastest cycle.
-
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``capsule``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Of one cycle.
-
-    Raises
-    ------
-    SolveError
-        If no cycle is found.
-    """
+    """Find the fastest cycle of a capsule; raises SolveError if none is found."""
     table, begin = scene.table.capsule, time.perf_counter()
     problem, solver = problem_of(table), Ipopt(tolerance=1e-10)
     mesh = Mesh.even(2, 1, Collocation(2))
@@ -99,16 +79,8 @@ def run(scene: Scene[CapsuleScene], report: Report) -> Result:
 def problem_of(table: CapsuleTable) -> Problem:
     """What to optimise: the mean speed of a cycle after which all is as before.
 
-    Parameters
-    ----------
-    table : CapsuleTable
-        What the scene says.
-
-    Returns
-    -------
-    Problem
-        Without relative acceleration but by impulses. The momentum vanishes at the cycle's ends:
-        the body is at rest where the inner mass is.
+    Relative acceleration is by impulses only. The momentum vanishes at the cycle's ends: the
+    body is at rest where the inner mass is.
     """
     model, slow = _coasting(table), _slow(table)
     ends = Ends.of(model)

@@ -21,8 +21,6 @@ from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.shared.proof import Recheck, recheck
 from wormopt.systems.shared.signals import rests
 
-__all__ = ["NUDGE", "Orbit", "Runner", "measured", "nudged"]
-
 # Periods in which the end is compared with the start, and simulations to find the start.
 _PERIODS, _TRIALS = 10, 60
 # Of the usual velocity: what may come again otherwise, and the size of the first trial.
@@ -33,56 +31,24 @@ NUDGE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """A periodic motion.
+    """A periodic motion."""
 
-    Parameters
-    ----------
-    velocity : float
-        Displacement of the centre over several periods, divided by their time.
-    start : float
-        Velocity at the start of a period.
-    drift : float
-        By how much it differs after these periods.
-    ripple : float
-        Largest less smallest velocity within a period.
-    force : ndarray, shape (N,)
-        Mean friction force of every contact.
-    power : float
-        Mean power of the actuators.
-    rest_share : float
-        Largest share of the period during which one contact rests.
-    motion : Trajectory
-        Over several periods.
-    second : Recheck or None
-        Of the motion, by another route; None where none was wanted.
-    trials : int
-        Simulations to find it.
-    """
-
-    velocity: float
-    start: float
-    drift: float
-    ripple: float
-    force: np.ndarray
-    power: float
-    rest_share: float
-    motion: Trajectory
-    second: Recheck | None
-    trials: int
+    velocity: float  # mean, of the centre over several periods
+    start: float  # velocity at the start of a period
+    drift: float  # change of velocity after these periods
+    ripple: float  # largest less smallest velocity within a period
+    force: np.ndarray  # (N,) mean friction of every contact
+    power: float  # mean, of the actuators
+    rest_share: float  # largest share of the period one contact rests
+    motion: Trajectory  # over several periods
+    second: Recheck | None  # check by another route; None: not wanted
+    trials: int  # simulations to find it
 
 
 def measured(model: Model) -> Model:
-    """Add the impulses of the contacts and the work of the actuators to the states.
+    """Append the states ``impulse`` (of the contacts) and ``work`` (of the actuators).
 
-    Parameters
-    ----------
-    model : Model
-        With contacts and the output ``power``.
-
-    Returns
-    -------
-    Model
-        With the states ``impulse`` and ``work``, at the end of the others.
+    The model needs contacts and the output ``power``.
     """
     impulse, work = ca.SX.sym("impulse", len(model.contacts)), ca.SX.sym("work")
     size = model.x[-1].nominal
@@ -98,22 +64,10 @@ def measured(model: Model) -> Model:
 
 
 def nudged(model: Model) -> dict[str, np.ndarray]:
-    """Give friction backward that is larger by a billionth, and forward that is smaller.
+    """Parameters with friction larger by a billionth backward, and smaller forward.
 
-    Where two masses reverse at the same instant, exact simulation would have to tell what both
-    do at rest, and gives up. All masses are changed alike; what changes is the velocity of the
-    centre, by a share of the same order. Where reversals fall together at one velocity only, as of
-    three equal swings at half their amplitude, they then no longer do.
-
-    Parameters
-    ----------
-    model : Model
-        With friction laws of which the numbers are parameters.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Parameters for `simulate`.
+    Exact simulation gives up where two masses reverse at once; this parts such reversals
+    if they coincide at one velocity only. The centre's velocity changes by a like share.
     """
     share = {"backward": 1 + NUDGE, "forward": 1 - NUDGE}
     found = {}
@@ -126,48 +80,18 @@ def nudged(model: Model) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Runner:
-    """Simulates a worm from a velocity.
+    """Simulates a worm from a velocity."""
 
-    Parameters
-    ----------
-    model : Model
-        From `measured`; with the states ``center`` and ``center_velocity``.
-    period : float
-        Its period.
-    tolerance : Tolerance
-        How exact.
-    p : mapping
-        Parameters that are not the model's own.
-    report : callable
-        Told how far it is.
-    """
-
-    model: Model
+    model: Model  # from `measured`, with center and center_velocity
     period: float
     tolerance: Tolerance
-    p: Mapping[str, np.ndarray]
+    p: Mapping[str, np.ndarray]  # parameters that are not the model's own
     report: Report
 
     def run(self, velocity: float, periods: int, samples: int = 2) -> Trajectory:
-        """Simulate with exact contact.
+        """Simulate with exact contact from a velocity of the centre.
 
-        Parameters
-        ----------
-        velocity : float
-            Of the centre, at the start.
-        periods : int
-            How many.
-        samples : int, optional
-            How many equidistant instants to keep, both ends included.
-
-        Returns
-        -------
-        Trajectory
-
-        Raises
-        ------
-        SolveError
-            As `simulate`.
+        Keeps `samples` equidistant instants, ends included. Raises SolveError as `simulate`.
         """
         end = periods * self.period
         return simulate(
@@ -182,23 +106,10 @@ class Runner:
         )
 
     def orbit(self, guess: float, *, check: bool = True) -> Orbit:
-        """Find the periodic motion near a velocity.
+        """Find the periodic motion near a velocity of the centre.
 
-        Parameters
-        ----------
-        guess : float
-            Velocity of the centre.
-        check : bool, optional
-            Whether to simulate it by a second route.
-
-        Returns
-        -------
-        Orbit
-
-        Raises
-        ------
-        SolveError
-            If a simulation gives up, or the velocity does not come again.
+        `check` simulates it by a second route too. Raises SolveError if a simulation gives
+        up, or the velocity does not come again.
         """
         start, trials = self._start(guess)
         samples = 400 * _PERIODS + 1

@@ -36,8 +36,6 @@ from wormopt.systems.swinging.runs.harmonic_trust import (
 from wormopt.systems.swinging.runs.slow_velocity import SlowVelocity, Steady
 from wormopt.systems.swinging.scenes.harmonic_masses import HarmonicMassesScene, SwingingTable
 
-__all__ = ["model_of", "run"]
-
 _T = TypeVar("_T")
 
 # Instants of the period for the picture.
@@ -51,23 +49,8 @@ _ON = 1e-9
 def run(scene: Scene[HarmonicMassesScene], report: Report) -> Result:
     """Find the steady velocities by averaging, in closed form and exactly.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``harmonic-masses``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Status "failed" where the routes disagree though friction is small, or the exact motion
-        is not to be had.
-
-    Raises
-    ------
-    SolveError
-        If no velocity is steady.
+    "failed" where the routes disagree though friction is small, or no exact motion is found.
+    Raises SolveError if no velocity is steady.
     """
     table, begin = scene.table, time.perf_counter()
     report("averaging", None)
@@ -114,19 +97,7 @@ def run(scene: Scene[HarmonicMassesScene], report: Report) -> Result:
 
 
 def model_of(worm: SwingingTable, *, place: bool) -> Model:
-    """Make the Model of a scene.
-
-    Parameters
-    ----------
-    worm : SwingingTable
-        What the scene says.
-    place : bool
-        Whether the place of the centre is a state.
-
-    Returns
-    -------
-    Model
-    """
+    """Make the Model of a scene; `place`: whether the place of the centre is a state."""
     coefficients = np.array(worm.coefficients)
     return harmonic_masses(
         coefficients[:, :, 0],

@@ -17,18 +17,6 @@ from wormopt.systems.swinging.runs.exact_orbit import NUDGE, Orbit
 from wormopt.systems.swinging.runs.slow_velocity import Steady
 from wormopt.systems.swinging.scenes.harmonic_masses import HarmonicMassesScene, SwingingTable
 
-__all__ = [
-    "Found",
-    "difference",
-    "faults_of",
-    "known_velocity",
-    "laws_of",
-    "period_of",
-    "relative_velocities",
-    "smallness_of",
-    "trust",
-]
-
 # Friction's impulse in a period against the momentum of the smallest amplitude: beyond this it is
 # not small.
 _SMALL = 0.2
@@ -44,117 +32,47 @@ _NUDGED = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What the routes found.
+    """What the routes found."""
 
-    Parameters
-    ----------
-    first, second : list of Steady
-        Steady velocities by averages of first and second order.
-    finer : list of Steady
-        The first order on twice as many nodes.
-    chosen : int
-        Which of ``first`` the course tends to.
-    closed : float or None
-        Of dry friction and one harmonic, in closed form.
-    orbits : list of Orbit or None
-        Exact periodic motions, one per entry of ``first``; None where simulation gave up.
-    course, averaged : Trajectory or None
-        From the velocity given, exact, and averaged to first order.
-    nudged : bool
-        Whether simulation needed friction a little different, see `nudged`.
-    lost : str
-        Why the chosen orbit, or the course, is missing.
-    """
-
-    first: Sequence[Steady]
-    second: Sequence[Steady | None]
-    finer: Sequence[Steady]
-    chosen: int
-    closed: float | None
-    orbits: Sequence[Orbit | None]
-    course: Trajectory | None
-    averaged: Trajectory
-    nudged: bool
-    lost: str
+    first: Sequence[Steady]  # steady velocities, average of first order
+    second: Sequence[Steady | None]  # steady velocities, average of second order
+    finer: Sequence[Steady]  # the first order on twice as many nodes
+    chosen: int  # which of first the course tends to
+    closed: float | None  # closed form, of dry friction and one harmonic
+    orbits: Sequence[Orbit | None]  # exact, one per entry of first; None: gave up
+    course: Trajectory | None  # exact, from the velocity given
+    averaged: Trajectory  # course averaged to first order
+    nudged: bool  # friction had to be changed a little, see `nudged`
+    lost: str  # why the chosen orbit, or the course, is missing
 
 
 def laws_of(worm: SwingingTable) -> list[Law]:
-    """Friction law of every mass.
-
-    Parameters
-    ----------
-    worm : SwingingTable
-        What the scene says.
-
-    Returns
-    -------
-    list of Law
-    """
+    """Friction law of every mass."""
     one_each = isinstance(worm.friction, tuple)
     return [law_of(table, 0 if one_each else i) for i, table in enumerate(worm.ground)]
 
 
 def relative_velocities(worm: SwingingTable, theta: np.ndarray) -> np.ndarray:
-    """Velocities relative to the centre.
-
-    Parameters
-    ----------
-    worm : SwingingTable
-        What the scene says.
-    theta : ndarray, shape (m,)
-        Shares of the period.
-
-    Returns
-    -------
-    ndarray, shape (N, m)
-    """
+    """Velocities relative to the centre, (N, m), at shares `theta` (m,) of the period."""
     coefficients = np.array(worm.coefficients)
     turn = 2 * np.pi * np.outer(np.arange(1, coefficients.shape[1] + 1), theta)
     return coefficients[:, :, 0] @ np.cos(turn) + coefficients[:, :, 1] @ np.sin(turn)
 
 
 def period_of(table: HarmonicMassesScene) -> float:
-    """Period of the first harmonic.
-
-    Parameters
-    ----------
-    table : HarmonicMassesScene
-        What the scene says.
-
-    Returns
-    -------
-    float
-    """
+    """Period of the first harmonic."""
     return 2 * np.pi / table.worm.frequency
 
 
 def difference(exact: float | None, other: float | None) -> float | None:
-    """How far two numbers are apart, if both are known.
-
-    Parameters
-    ----------
-    exact, other : float or None
-        The numbers.
-
-    Returns
-    -------
-    float or None
-    """
+    """How far two numbers are apart, if both are known."""
     return None if exact is None or other is None else abs(exact - other)
 
 
 def smallness_of(worm: SwingingTable) -> float:
     """Impulse of the largest sliding forces in a period against the smallest swing's momentum.
 
-    Parameters
-    ----------
-    worm : SwingingTable
-        What the scene says.
-
-    Returns
-    -------
-    float
-        Averaging is for values far below 1.
+    Averaging is for values far below 1.
     """
     speeds = np.abs(relative_velocities(worm, np.linspace(0, 1, 257)))
     forces = sum(
@@ -166,21 +84,7 @@ def smallness_of(worm: SwingingTable) -> float:
 
 
 def trust(found: Found, table: HarmonicMassesScene, size: float) -> dict[str, Any]:
-    """Trust report.
-
-    Parameters
-    ----------
-    found : Found
-        By all routes.
-    table : HarmonicMassesScene
-        What the scene says.
-    size : float
-        Largest velocity relative to the centre.
-
-    Returns
-    -------
-    dict
-    """
+    """Trust report; `size` is the largest velocity relative to the centre."""
     orbit = found.orbits[found.chosen]
     first, second = found.first[found.chosen], found.second[found.chosen]
     exact = orbit and orbit.velocity
@@ -243,22 +147,10 @@ def _accepted(orbit: Orbit, worm: SwingingTable) -> float:
 
 
 def known_velocity(found: Found, table: HarmonicMassesScene, size: float) -> float | None:
-    """Exact mean velocity of the chosen motion, where it is told from rest.
+    """Exact mean velocity of the chosen motion; None where it cannot be told from rest.
 
-    Parameters
-    ----------
-    found : Found
-        By all routes.
-    table : HarmonicMassesScene
-        What the scene says.
-    size : float
-        Largest velocity relative to the centre.
-
-    Returns
-    -------
-    float or None
-        None where its size is not above the accepted error, or above what the change of friction
-        by `nudged` makes of it.
+    That is, not above the accepted error, or above what `nudged` makes of it. `size` is the
+    largest velocity relative to the centre.
     """
     orbit = found.orbits[found.chosen]
     if orbit is None:
@@ -272,18 +164,7 @@ def known_velocity(found: Found, table: HarmonicMassesScene, size: float) -> flo
 def faults_of(found: Found, table: HarmonicMassesScene, size: float) -> Iterator[str]:
     """Say why the result is not to be trusted.
 
-    Parameters
-    ----------
-    found : Found
-        By all routes.
-    table : HarmonicMassesScene
-        What the scene says.
-    size : float
-        Largest velocity relative to the centre.
-
-    Yields
-    ------
-    str
+    `size` is the largest velocity relative to the centre.
     """
     orbit, first = found.orbits[found.chosen], found.first[found.chosen]
     second, change = found.second[found.chosen], _quadrature(found)

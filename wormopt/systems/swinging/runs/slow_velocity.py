@@ -16,8 +16,6 @@ from wormopt.analysis.average import average
 from wormopt.model.model import Model, pack
 from wormopt.model.values import signal_values
 
-__all__ = ["SlowVelocity", "Steady", "sign_changes"]
-
 # Points between two velocities at which a mass begins or ceases to reverse, and the distance kept
 # from these, of the largest velocity: the second order has poles there.
 _POINTS, _AWAY = 200, 1e-7
@@ -27,18 +25,10 @@ _ROOT = 1e-6
 
 @dataclass(frozen=True)
 class Steady:
-    """A velocity at which mean friction vanishes.
+    """A velocity at which mean friction vanishes."""
 
-    Parameters
-    ----------
-    velocity : float
-        Velocity of the centre.
-    slope : float
-        Derivative of the mean acceleration by it: negative where the motion is stable.
-    """
-
-    velocity: float
-    slope: float
+    velocity: float  # of the centre
+    slope: float  # of the mean acceleration by it; negative: stable
 
     @property
     def stable(self) -> bool:
@@ -48,24 +38,12 @@ class Steady:
 
 @dataclass(frozen=True, eq=False)
 class SlowVelocity:
-    """A model with one slow state, averaged.
+    """A model with one slow state, averaged."""
 
-    Parameters
-    ----------
-    model : Model
-        With the state ``center_velocity`` alone.
-    period : casadi.SX
-        Its period, an expression of its parameters.
-    order : {1, 2}
-        Of the average.
-    nodes : int
-        Points of quadrature on a piece.
-    """
-
-    model: Model
-    period: ca.SX
-    order: Literal[1, 2]
-    nodes: int
+    model: Model  # with the state center_velocity alone
+    period: ca.SX  # an expression of the model's parameters
+    order: Literal[1, 2]  # of the average
+    nodes: int  # points of quadrature on a piece
 
     @cached_property
     def averaged(self) -> Model:
@@ -83,71 +61,26 @@ class SlowVelocity:
         return signal_values(self.averaged.p, None, "parameter")
 
     def rate(self, V: float) -> float:
-        """Mean acceleration at a velocity.
-
-        Parameters
-        ----------
-        V : float
-            Velocity of the centre.
-
-        Returns
-        -------
-        float
-        """
+        """Mean acceleration at velocity V of the centre."""
         return float(self._function(V, self._p)[0])
 
     def slope(self, V: float) -> float:
-        """Its derivative.
-
-        Parameters
-        ----------
-        V : float
-            Velocity of the centre.
-
-        Returns
-        -------
-        float
-        """
+        """Derivative of the mean acceleration by the velocity V of the centre."""
         return float(self._function(V, self._p)[1])
 
     def steady(self, bends: Sequence[float]) -> list[Steady]:
-        """Find all steady velocities.
+        """Find all steady velocities, ascending.
 
-        Parameters
-        ----------
-        bends : sequence of float
-            Velocities at which a mass begins or ceases to reverse; beyond the outermost ones no
-            velocity is steady.
-
-        Returns
-        -------
-        list of Steady
-            Ascending.
+        At `bends` a mass begins or ceases to reverse; none is steady beyond the outermost.
         """
         found = sign_changes(self.rate, _grid(bends))
         return [Steady(V, self.slope(V)) for V in found]
 
 
 def sign_changes(rate: Callable[[float], float], grid: np.ndarray) -> list[float]:
-    """Find where a function passes through 0, poles left out.
+    """Find where a function passes through 0, poles left out; ascending.
 
-    Parameters
-    ----------
-    rate : callable
-        The function, of one number.
-    grid : ndarray, shape (m,)
-        Where to look first, ascending: between two points it is taken to have one zero at most.
-
-    Returns
-    -------
-    list of float
-        Ascending.
-
-    Examples
-    --------
-    >>> found = sign_changes(lambda x: x * (x - 1), np.linspace(-2, 2, 8))
-    >>> [round(x, 12) for x in found]
-    [0.0, 1.0]
+    Between two points of the ascending `grid` it is taken to have one zero at most.
     """
     values = np.array([rate(V) for V in grid])
     usual = np.median(np.abs(values[np.isfinite(values)]))

@@ -33,8 +33,6 @@ from wormopt.systems.shared.signals import Kind, symbol
 from wormopt.systems.swinging.pair import pair
 from wormopt.systems.swinging.scenes.internal_mass import PairTable, TwoMassScene
 
-__all__ = ["problem_of", "run"]
-
 _SIGNALS: dict[str, Kind] = {
     "position": ("length", ("mass",), "position of the mass"),
     "velocity": ("speed", ("mass",), "velocity of the mass"),
@@ -48,24 +46,9 @@ _DEFECT = 1e-9
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
 def run(scene: Scene[TwoMassScene], report: Report) -> Result:
-    """Find the fastest cycle and ratio of masses.
+    """Find the fastest cycle and ratio of masses; raises SolveError if no cycle is found.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of kind ``two-mass``.
-    report : callable
-        Told what goes on.
-
-    Returns
-    -------
-    Result
-        Of the slow stroke; the fast return takes no time.
-
-    Raises
-    ------
-    SolveError
-        If no cycle is found.
+    The result covers the slow stroke; the fast return takes no time.
     """
     table, begin = scene.table.pair, time.perf_counter()
     slow = 2 * math.sqrt(table.stroke / (table.friction * table.gravity))
@@ -107,17 +90,7 @@ def run(scene: Scene[TwoMassScene], report: Report) -> Result:
 def problem_of(table: PairTable, slow: float) -> Problem:
     """What to optimise: the mean speed of slow stroke and instantaneous return.
 
-    Parameters
-    ----------
-    table : PairTable
-        What the scene says.
-    slow : float
-        Usual time of a stroke.
-
-    Returns
-    -------
-    Problem
-        Over the slow stroke. That the big mass starts and stays at rest its mode says.
+    Over the slow stroke, of usual time `slow`; the mode keeps the big mass at rest.
     """
     ratio, (low, high) = ca.SX.sym("ratio"), table.ratios
     model = pair(

@@ -227,13 +227,7 @@ class HarmonicMassesScene(SceneTable, frozen=True, kw_only=True):
     tolerance: ToleranceTable = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield the faults that no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from self.worm.faults()

@@ -75,13 +75,7 @@ class TwoMassScene(SceneTable, frozen=True, kw_only=True):
     pair: PairTable
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield the faults that no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from wrong_order("pair.ratio", self.pair.ratios, may_be_equal=True)
@@ -134,12 +128,6 @@ class CapsuleScene(SceneTable, frozen=True, kw_only=True):
     capsule: CapsuleTable
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows.
-
-        Parameters
-        ----------
-        folder : Path
-            Folder of the scene.
-        """
+        """Yield the faults that no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
