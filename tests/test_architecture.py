@@ -15,7 +15,7 @@ PACKAGE = Path(wormopt.__file__).parent
 # as long as no circle arises.
 GROUPS = {
     "ground": {"version", "errors", "files", "kinds", "progress"},
-    "base": {"model", "numerics", "result"},
+    "base": {"model", "numerics", "quantities", "saving", "result"},
     "engine": {"simulation", "control", "ocp", "analysis", "magnetics"},
     "scene": {"scene"},
     "plotting": {"plotting"},

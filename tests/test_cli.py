@@ -17,7 +17,8 @@ from wormopt.cli import main
 from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.kinds import KINDS
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable
+from wormopt.quantities import Scalar, Variable
+from wormopt.result import Result
 from wormopt.scene import Scene
 
 Study = Callable[[Scene[Any], Report], Result]

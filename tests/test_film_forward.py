@@ -12,7 +12,8 @@ import pytest
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
-from wormopt.result import Result, Variable
+from wormopt.quantities import Variable
+from wormopt.result import Result
 from wormopt.scene import load_scene
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.shapes import grid

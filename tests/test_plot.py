@@ -16,7 +16,8 @@ from PIL import Image
 
 from wormopt.plotting import PICTURES, draw, figure
 from wormopt.plotting.parts import LINKS, stretches
-from wormopt.result import Result, Scalar, Variable
+from wormopt.quantities import Scalar, Variable
+from wormopt.result import Result
 from wormopt.systems.channel.plots import rod
 
 UNITS = {

@@ -11,7 +11,8 @@ import pytest
 import xarray
 from hypothesis import given, settings
 
-from wormopt.result import UNITS, Result, Scalar, Variable, unit_of
+from wormopt.quantities import UNITS, Scalar, Variable, unit_of
+from wormopt.result import Result
 
 TITLE = "Größe λ — 1"
 

@@ -53,7 +53,8 @@ if TYPE_CHECKING:
     from wormopt.ocp.optimise import Optimum, best_of, optimise, refine
     from wormopt.ocp.polish import polish
     from wormopt.ocp.problem import Bound, Ends, Problem
-    from wormopt.result import Result, Scalar, Variable
+    from wormopt.quantities import Scalar, Variable
+    from wormopt.result import Result
     from wormopt.runner import run
     from wormopt.scene import Scene, load_scene
     from wormopt.simulation.ensemble import Ensemble, Member, simulate_ensemble
@@ -147,7 +148,7 @@ _HOMES = {
     "Reference": "wormopt.control.reference",
     "Result": "wormopt.result",
     "Rod": "wormopt.systems.channel.rod",
-    "Scalar": "wormopt.result",
+    "Scalar": "wormopt.quantities",
     "Scene": "wormopt.scene",
     "SceneError": "wormopt.errors",
     "Schedule": "wormopt.model.model",
@@ -166,7 +167,7 @@ _HOMES = {
     "Tolerance": "wormopt.simulation.options",
     "Trajectory": "wormopt.simulation.trajectory",
     "UnknownNameError": "wormopt.errors",
-    "Variable": "wormopt.result",
+    "Variable": "wormopt.quantities",
     "Viscous": "wormopt.model.friction",
     "Worm": "wormopt.systems.spiked.task",
     "WormoptError": "wormopt.errors",

@@ -7,7 +7,6 @@ Results go to stdout, everything else to stderr.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import io
 import json
 import os
@@ -29,7 +28,7 @@ from wormopt.scene.output import check_output, output_folder
 from wormopt.version import VERSION
 
 if TYPE_CHECKING:
-    from wormopt.result import Result
+    from wormopt.result import Check, Result
 
 DONE, BAD_INPUT, NOT_SOLVED, INTERRUPTED = 0, 2, 3, 130
 
@@ -84,6 +83,18 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser("check", help="check scenes without computing them")
     command.set_defaults(command=_check)
     command.add_argument("scenes", metavar="SCENE", nargs="+")
+
+    command = commands.add_parser(
+        "schema",
+        help="print the keys of a kind of scene as JSON Schema",
+        description="Print the keys of a kind of scene as JSON Schema, for editors and scripts.",
+        allow_abbrev=False,
+    )
+    command.set_defaults(command=_schema)
+    command.add_argument("kind", metavar="KIND", choices=KINDS, help="see `wormopt list`")
+    command.add_argument(
+        "--markdown", action="store_true", help="as a page to read, with scalars and variables"
+    )
 
     command = commands.add_parser(
         "bench",
@@ -167,6 +178,14 @@ def _check(options: argparse.Namespace) -> int:
     return code
 
 
+def _schema(options: argparse.Namespace) -> int:
+    from wormopt.scene.reference import page, schema
+
+    kind = options.kind
+    print(page(kind).rstrip() if options.markdown else json.dumps(schema(kind), indent=2))
+    return DONE
+
+
 def _run(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene, options.set)
     pictures = {} if options.no_plots else _pictures(scene)
@@ -247,11 +266,9 @@ def _attempt(scene: Scene[Any], report: Report) -> tuple[Result, int]:
 
 
 def _failed(scene: Scene[Any], partial: Result | None, reason: str) -> Result:
-    from wormopt.result import Result
+    from wormopt.result import conclude
 
-    if partial is None:
-        partial = Result(scene.name, scene.table.kind, scene.title, scene_text=scene.text)
-    return dataclasses.replace(partial, status="failed", reason=reason)
+    return (partial or conclude(scene, {})).failed(reason)
 
 
 def _pictures(scene: Scene[Any]) -> dict[str, str]:
@@ -281,10 +298,19 @@ def _print_result(result: Result, folder: Path) -> None:
     print(result.title)
     units = {name: s.unit for name, s in result.scalars.items() if s.unit != "1"}
     _print_values({name: s.value for name, s in result.scalars.items()}, units)
-    if result.trust:
+    facts = {name: value for name, value in result.trust.items() if name != "checks"}
+    if facts:
         print("Trust:")
-        _print_values(result.trust, {})
+        _print_values(facts, {})
+    if result.checks:
+        print("Checks:")
+        _print_table([_line_of(check) for check in result.checks])
     print(f"Saved in {folder}")
+
+
+def _line_of(check: Check) -> tuple[str, ...]:
+    verdict = f"accepted up to {check.limit:.3g}" if check.passed else f"FAILED: {check.advice}"
+    return check.name, "unknown" if check.value is None else f"{check.value:.3g}", verdict
 
 
 def _print_values(values: Mapping[str, Any], units: Mapping[str, str]) -> None:

@@ -45,7 +45,8 @@ def read_table(raw: Mapping[str, Any], table: type[T], path: str, faults: list[F
 
 
 def _read_value(raw: Any, kind: Any, path: str, faults: list[Fault]) -> Any:
-    tables = _tables_in(kind)
+    kind = bare(kind)
+    tables = tables_in(kind)
     if isinstance(raw, Mapping) and tables:
         table = _chosen(raw, tables, path, faults)
         return table and read_table(raw, table, path, faults)
@@ -101,11 +102,21 @@ def describe(kind: Any) -> str:
     return _WORDS[kind]
 
 
-def _tables_in(kind: Any) -> list[type[msgspec.Struct]]:
+def bare(kind: Any) -> Any:
+    """Type without what `wormopt.scene.types.says` says of it."""
+    if get_origin(kind) is not Annotated:
+        return kind
+    inner, *metas = get_args(kind)
+    kept = [meta for meta in metas if not meta.extra]
+    return Annotated[inner, *kept] if kept else inner
+
+
+def tables_in(kind: Any) -> list[type[msgspec.Struct]]:
+    """Tables that a value of a type may be."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         return [kind]
     if get_origin(kind) in (Union, UnionType):
-        return [table for part in get_args(kind) for table in _tables_in(part)]
+        return [table for part in get_args(kind) for table in tables_in(part)]
     return []
 
 
@@ -113,7 +124,7 @@ def _listed_in(kind: Any) -> Any:
     """Type of the tables in a list, None where there is no list of tables."""
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else [kind]
     for part in parts:
-        if get_origin(part) is tuple and _tables_in(get_args(part)[0]):
+        if get_origin(part) is tuple and tables_in(get_args(part)[0]):
             return get_args(part)[0]
     return None
 

@@ -7,9 +7,9 @@ No number may be NaN or infinite, which the bounds of `_LARGEST` see to.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta, Struct
 
@@ -22,6 +22,11 @@ _SMALL = 1e-30
 
 def _words(description: str) -> Meta:
     return Meta(description=description)
+
+
+def says(quantity: str, meaning: str) -> Meta:
+    """What a key means, in Markdown, and its quantity: a name of `wormopt.quantities`, or ""."""
+    return Meta(extra={"quantity": quantity, "meaning": meaning})
 
 
 Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST), _words("a finite number")]
@@ -81,27 +86,21 @@ class Table(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class SceneTable(Table, frozen=True, kw_only=True):
-    """Keys that every scene shares.
+    """Keys that every scene shares, and the numbers that its results hold."""
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : str
-        What the scene computes, see `wormopt.kinds`.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether numbers are in SI units or in units of the scene's own.
-    want : tuple of str
-        Pictures to draw; what is not wanted is not computed.
-    """
+    scalars: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    """Name: quantity, meaning."""
+    variables: ClassVar[Mapping[str, tuple[str, tuple[str, ...], str]]] = {}
+    """Name: quantity, dimensions, long name."""
 
-    schema: Literal[1]
-    kind: str
-    title: Title = ""
-    units: Literal["dimensionless", "SI"] = "dimensionless"
-    want: tuple[str, ...] = ()
+    schema: Annotated[Literal[1], says("", "version of the scene form")]
+    kind: Annotated[str, says("", "what the scene computes")]
+    title: Annotated[Title, says("", "title of pictures and reports; its name if left out")] = ""
+    units: Annotated[
+        Literal["dimensionless", "SI"],
+        says("", "names of the units in the results; nothing is converted"),
+    ] = "dimensionless"
+    want: Annotated[tuple[str, ...], says("", "pictures to draw, each once")] = ()
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows, once every key is right by itself.

@@ -22,7 +22,8 @@ from wormopt.ocp.polish import polish
 from wormopt.ocp.problem import Bound, Ends, Problem
 from wormopt.ocp.sequence import structure_of
 from wormopt.progress import Report
-from wormopt.result import Result, Variable
+from wormopt.quantities import Variable
+from wormopt.result import Result
 from wormopt.scene.numerics import SmoothContact
 from wormopt.scene.scene import Scene
 from wormopt.systems.block.block import block

@@ -20,7 +20,8 @@ from wormopt.ocp.optimise import Optimum
 from wormopt.ocp.polish import resting_speeds
 from wormopt.ocp.sequence import structure_of
 from wormopt.progress import Report, silent
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Exact, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from wormopt.errors import SolveError
 from wormopt.model.model import Model
 from wormopt.progress import Report
-from wormopt.result import Variable, unit_of
+from wormopt.quantities import Variable, unit_of
 from wormopt.simulation.motion_task import KINDS
 from wormopt.simulation.options import Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
-from wormopt.result import Result, Variable, unit_of
+from wormopt.quantities import Variable, unit_of
+from wormopt.result import Result
 
 _DIMS = {
     "breaks": ("gait_break",),

@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from wormopt.plotting.parts import GREY, facts, label, scalar, sheet
-from wormopt.result import Result, Variable
+from wormopt.quantities import Variable
+from wormopt.result import Result
 from wormopt.systems.chain.plots import simulation
 
 

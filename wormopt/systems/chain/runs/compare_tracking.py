@@ -13,7 +13,8 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.progress import Report, silent
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.simulation.ensemble import Member, simulate_ensemble
 from wormopt.simulation.options import Exact, Tolerance

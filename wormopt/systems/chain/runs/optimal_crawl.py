@@ -21,7 +21,8 @@ from wormopt.ocp.optimise import Optimum, best_of, optimise
 from wormopt.ocp.polish import polish
 from wormopt.ocp.problem import Problem
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.numerics import Start
 from wormopt.scene.scene import Scene
 from wormopt.scene.types import per

@@ -18,7 +18,7 @@ import casadi as ca
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.model import Model, pack
 from wormopt.model.values import signal_values
-from wormopt.result import UNITS
+from wormopt.quantities import UNITS
 from wormopt.scene.scene import Scene
 from wormopt.systems.chain.scenes.simulate import SimulateScene
 

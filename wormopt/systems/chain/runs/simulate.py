@@ -16,7 +16,8 @@ from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output
 from wormopt.progress import Report
-from wormopt.result import UNITS, Result, Scalar, Variable, unit_of
+from wormopt.quantities import UNITS, Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.numerics import Start
 from wormopt.scene.scene import Scene
 from wormopt.scene.types import per

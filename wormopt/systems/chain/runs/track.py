@@ -10,7 +10,8 @@ import numpy as np
 from wormopt.errors import Interrupted, SolveError
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.chain.runs.chains import draw_links, laws_of, tolerance_of, treatment_of
 from wormopt.systems.chain.runs.loops import build_loop, labels

@@ -13,7 +13,8 @@ from wormopt.errors import Interrupted, SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.simulation.ensemble import Ensemble, Member, simulate_ensemble
 from wormopt.systems.chain.runs.chains import draw_links, laws_of, tolerance_of, treatment_of

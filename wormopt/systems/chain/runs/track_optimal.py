@@ -16,7 +16,8 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.ocp.optimise import Optimum
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Exact
 from wormopt.simulation.trajectory import Trajectory

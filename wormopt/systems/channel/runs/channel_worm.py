@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.channel.closed_forms import DIRECTION, SHAPES, ChannelWorm, Shape
 from wormopt.systems.channel.curve import Curve, graph_curve

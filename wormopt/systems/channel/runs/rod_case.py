@@ -13,7 +13,7 @@ import numpy as np
 from wormopt.magnetics.blocks import BlockField, channel_field
 from wormopt.magnetics.coils import Coil
 from wormopt.model.model import Schedule
-from wormopt.result import Scalar, unit_of
+from wormopt.quantities import Scalar, unit_of
 from wormopt.simulation.moreau import Marcher
 from wormopt.systems.channel.channel_rod import channel_rod, straight
 from wormopt.systems.channel.magnetic_rod import (

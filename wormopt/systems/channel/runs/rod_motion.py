@@ -11,7 +11,8 @@ import numpy as np
 
 from wormopt.errors import Interrupted
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.channel.runs.rod_case import (
     ASSUMED,

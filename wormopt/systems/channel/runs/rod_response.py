@@ -11,7 +11,7 @@ import numpy as np
 
 from wormopt.analysis.vibration import Modes, vibration_modes
 from wormopt.numerics.compass import Look
-from wormopt.result import Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.systems.channel.channel_rod import channel_rod
 from wormopt.systems.channel.closed_forms import SHAPES, ChannelWorm
 from wormopt.systems.channel.runs.rod_case import RodCase, assumed_scalars, rod_of

@@ -14,7 +14,7 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.magnetics.blocks import BlockField, channel_field
 from wormopt.magnetics.coils import Coil
 from wormopt.progress import Report
-from wormopt.result import Variable, unit_of
+from wormopt.quantities import Variable, unit_of
 from wormopt.systems.channel.channel_rod import channel_rod
 from wormopt.systems.channel.closed_forms import ChannelWorm
 from wormopt.systems.channel.curve import Curve, distances

@@ -18,7 +18,8 @@ from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.numerics.boundary_values import BoundarySolution, solve_boundary
 from wormopt.numerics.chebyshev import resolve
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.channel.closed_forms import (
     SHAPES,

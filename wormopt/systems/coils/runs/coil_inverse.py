@@ -14,7 +14,8 @@ from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.magnetics.coils import CoilRow
 from wormopt.magnetics.travelling import MovingProfile, moving_profile
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.coils.row_currents import RowFit, TravellingTarget, fit_currents
 from wormopt.systems.coils.runs.coil_parts import (

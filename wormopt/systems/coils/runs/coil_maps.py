@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.magnetics.material import MU0
-from wormopt.result import Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.systems.coils.runs.coil_forces import Rested, field_of_pressure
 from wormopt.systems.coils.scenes.coil_pressure import CoilPressureScene
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.magnetics.coils import Coil, CoilRow
-from wormopt.result import Scalar, unit_of
+from wormopt.quantities import Scalar, unit_of
 from wormopt.systems.coils.scenes.coil_row import CoilsTable, LineTable
 
 ACCEPTED = 1e-8

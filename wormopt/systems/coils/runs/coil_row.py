@@ -17,7 +17,8 @@ from wormopt.magnetics.travelling import (
 )
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.coils.runs.coil_parts import (
     ACCEPTED,

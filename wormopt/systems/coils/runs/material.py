@@ -18,7 +18,8 @@ from wormopt.magnetics.identify import (
 )
 from wormopt.magnetics.material import SMALL_STRAIN, MagnetoElastic
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.coils.scenes.material import MaterialScene, MaterialTable, SampleTable
 

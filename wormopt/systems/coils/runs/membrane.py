@@ -17,7 +17,8 @@ from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.magnetics.membrane import Membrane
 from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.coils.scenes.membrane import MembraneScene
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from wormopt.errors import SolveError
 from wormopt.progress import Report
-from wormopt.result import Scalar, Variable
+from wormopt.quantities import Scalar, Variable
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.runs.film_courses import OUTCOMES, Course, Setting
 from wormopt.systems.film.runs.film_fields import WaveField

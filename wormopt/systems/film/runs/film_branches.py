@@ -12,7 +12,7 @@ from wormopt.analysis.continuation import Branch, follow_branch
 from wormopt.analysis.steady import rates_of
 from wormopt.model.model import Signal
 from wormopt.progress import Report
-from wormopt.result import Scalar, Variable
+from wormopt.quantities import Scalar, Variable
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.lubrication import field_slope
 from wormopt.systems.film.runs.film_courses import Course

@@ -11,7 +11,7 @@ import numpy as np
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.pressure import OERSTED, gaussian_pressure, magnetic_pressure
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
 from wormopt.systems.film.drift import Wave
@@ -34,26 +34,15 @@ def run(scene: Scene[FilmFlowScene], report: Report) -> Result:
     report("evaluating", None)
     wave, fluid = wave_of(scene, table.film), fluid_of(table.film)
     tension = fluid.tension if fluid else table.film.tension or 0.0
-    checks = _checks(wave, tension)
-    faults = [
-        f"{name} is off by {value:.2g} of its size, where {_ACCEPTED:g} is accepted"
-        for name, value in checks.items()
-        if not value <= _ACCEPTED
-    ]
-    trust: dict[str, Any] = {"checks": checks, "accepted": _ACCEPTED}
-    if fluid:
-        trust["validity"] = _validity(fluid)
-    return Result(
-        scene=scene.name,
-        kind=table.kind,
-        title=table.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=_scalars(table.film, wave, tension, fluid),
-        variables=(*_signals(table, wave, tension, fluid), *_curves(table, tension, fluid)),
-        trust=trust | {"warnings": [*(fluid.warnings() if fluid else ())]},
-        timings_s={"evaluate": time.perf_counter() - begin},
-        scene_text=scene.text,
+    facts = {"validity": _validity(fluid)} if fluid else {}
+    return conclude(
+        scene,
+        _scalars(table.film, wave, tension, fluid),
+        _signals(table, wave, tension, fluid) | _curves(table, tension, fluid),
+        checks=_checks(wave, tension),
+        facts=facts,
+        warnings=fluid.warnings() if fluid else (),
+        timings={"evaluate": time.perf_counter() - begin},
     )
 
 
@@ -78,8 +67,8 @@ def fluid_of(table: FilmTable) -> Fluid | None:
     return Fluid(**{name: getattr(given, name) for name in given.__struct_fields__})
 
 
-def _checks(wave: Wave, tension: float) -> dict[str, float]:
-    """Laws the solution must obey, each by another way than it was found; shares of their size."""
+def _checks(wave: Wave, tension: float) -> Iterator[Check]:
+    """What does not hold, each as a share of its size, by ways that found nothing."""
     harmonics = FourierWave([wave.delta]) if isinstance(wave, CosineWave) else wave
     xi = grid(2 * harmonics.nodes) + 0.1  # nowhere on the grid of the quadrature
     h, slope, C = wave.height(xi), wave.height(xi, 1), wave.constant
@@ -93,7 +82,7 @@ def _checks(wave: Wave, tension: float) -> dict[str, float]:
     carried = h / 2 * (weights @ u)
     top, lift = velocities(h, h, slope, C)
     peak = wave.peak(tension)
-    return {
+    found = {
         "field slope (29)": _share(by_transform - right, right),
         "periodicity of the field": _share(np.mean(right), right),
         "volume flow (28)": _share(carried - flow(h, C), flow(h, C)),
@@ -101,6 +90,9 @@ def _checks(wave: Wave, tension: float) -> dict[str, float]:
         "largest of D": max(0.0, float(np.max(field)) / peak.value - 1),
         "C by quadrature": abs(flow_constant(h) / C - 1),
     }
+    for name, off in found.items():
+        advice = f"{name} is off by {off:.2g} of its size, where {_ACCEPTED:g} is accepted"
+        yield Check(name, off, _ACCEPTED, advice)
 
 
 def _share(error: Any, size: np.ndarray) -> float:
@@ -120,91 +112,68 @@ def _validity(fluid: Fluid) -> dict[str, float]:
     }
 
 
-def _scalars(film: FilmTable, wave: Wave, tension: float, fluid: Fluid | None) -> dict[str, Scalar]:
+def _scalars(film: FilmTable, wave: Wave, tension: float, fluid: Fluid | None) -> dict[str, Any]:
     peak = wave.peak(tension)
-    xi = grid(4096)
-    h = wave.height(xi)
+    h = wave.height(grid(4096))
     half = (float(np.max(h)) - float(np.min(h))) / 2 if film.delta is None else film.delta
     found = {
-        "delta": Scalar(half),
-        "tension_number": Scalar(tension),
-        "c_constant": Scalar(wave.constant),
-        "mean_flow": Scalar(wave.mean_flow),
-        "d_max": Scalar(peak.value),
-        "xi_at_d_max": Scalar(peak.xi, "rad"),
-        "surface_speed_max": Scalar(float(np.max(surface_velocity(h, wave.constant)))),
+        "delta": half,
+        "tension_number": tension,
+        "c_constant": wave.constant,
+        "mean_flow": wave.mean_flow,
+        "d_max": peak.value,
+        "xi_at_d_max": peak.xi,
+        "surface_speed_max": float(np.max(surface_velocity(h, wave.constant))),
     }
     if film.delta is not None:
-        found["mean_flow_square_wave"] = Scalar(square_wave_flow(film.delta))
+        found["mean_flow_square_wave"] = square_wave_flow(film.delta)
     if fluid is None:
         return found
-    SI: dict[str, tuple[float, str]] = {
-        "field_h0": (float(fluid.field(peak.value)), "magnetic_field"),
-        "field_max": (
-            float(fluid.field(peak.value - np.min(wave.field_function(xi, tension)))),
-            "magnetic_field",
-        ),
-        "wave_speed": (fluid.speed, "speed"),
-        "pressure_scale": (fluid.pressure, "stress"),
-        "flow_rate": (wave.mean_flow * fluid.speed * fluid.depth, "flow_per_width"),
-        "eps": (fluid.eps, "share"),
-        "reynolds": (fluid.reynolds, "share"),
+    lowest = np.min(wave.field_function(grid(4096), tension))
+    return found | {
+        "field_h0": float(fluid.field(peak.value)),
+        "field_max": float(fluid.field(peak.value - lowest)),
+        "wave_speed": fluid.speed,
+        "pressure_scale": fluid.pressure,
+        "flow_rate": wave.mean_flow * fluid.speed * fluid.depth,
+        "eps": fluid.eps,
+        "reynolds": fluid.reynolds,
+        "field_h0_gaussian": float(fluid.gaussian_field(peak.value)),
     }
-    found |= {name: Scalar(value, unit_of(kind, "SI")) for name, (value, kind) in SI.items()}
-    found["field_h0_gaussian"] = Scalar(float(fluid.gaussian_field(peak.value)), "Oe")
-    return found
 
 
 def _signals(
     table: FilmFlowScene, wave: Wave, tension: float, fluid: Fluid | None
-) -> Iterator[Variable]:
+) -> dict[str, np.ndarray]:
     xi = np.linspace(0.0, 2 * np.pi, table.samples)
     h = wave.height(xi)
-    peak = wave.peak(tension)
-    squared = np.maximum(peak.value - wave.field_function(xi, tension), 0.0)
-    rows = {
-        "height": (h, "thickness over its mean"),
-        "surface_velocity": (surface_velocity(h, wave.constant), "over the speed of the wave"),
-        "film_pressure": (wave.pressure(xi), "pressure in the film less its mean, over P"),
-        "field_squared": (squared, "(mu - 1) H^2 / (8 pi) over P, least field"),
+    squared = np.maximum(wave.peak(tension).value - wave.field_function(xi, tension), 0.0)
+    found = {
+        "xi": xi,
+        "height": h,
+        "surface_velocity": surface_velocity(h, wave.constant),
+        "film_pressure": wave.pressure(xi),
+        "field_squared": squared,
     }
-    yield Variable("xi", "rad", ("xi",), xi, "phase t - x of the wave")
-    for name, (values, what) in rows.items():
-        yield Variable(name, "1", ("xi",), values, what)
-    if fluid:
-        yield Variable("field", "A m-1", ("xi",), fluid.field(squared), "least field H")
+    return found | ({"field": fluid.field(squared)} if fluid else {})
 
 
-def _curves(table: FilmFlowScene, tension: float, fluid: Fluid | None) -> Iterator[Variable]:
-    """Cosine waves of other amplitudes."""
+def _curves(table: FilmFlowScene, tension: float, fluid: Fluid | None) -> dict[str, np.ndarray]:
     least, largest = table.curves.range
     delta = np.linspace(least, largest, table.curves.points)
     waves = [CosineWave(each) for each in delta]
-    peaks = [wave.peak(tension) for wave in waves]
-    rows = {
-        "curve_mean_flow": (
-            np.array([wave.mean_flow for wave in waves]),
-            "mean flow of a cosine wave",
-        ),
-        "curve_square_wave": (square_wave_flow(delta), "least upper bound of all waves at W = 0"),
-        "curve_d_max": (np.array([peak.value for peak in peaks]), "(mu - 1) D_max / (8 pi)"),
-    }
-    yield Variable("curve_delta", "1", ("curve_delta",), delta, "amplitude over mean thickness")
-    for name, (values, what) in rows.items():
-        yield Variable(name, "1", ("curve_delta",), values, what)
-    if fluid:
-        h0 = fluid.field(rows["curve_d_max"][0])
-        yield Variable("curve_field_h0", "A m-1", ("curve_delta",), h0, "least H0")
+    peaks = np.array([wave.peak(tension).value for wave in waves])
     xi = np.linspace(0.0, 2 * np.pi, table.samples)
-    waves = [CosineWave(each) for each in table.curves.delta]
     shapes = [
         np.maximum(wave.peak(tension).value - wave.field_function(xi, tension), 0.0)
-        for wave in waves
+        for wave in map(CosineWave, table.curves.delta)
     ]
-    yield Variable(
-        "field_delta", "1", ("field_delta",), np.array(table.curves.delta), "amplitude of a field"
-    )
-    yield Variable(
-        "field_curves", "1", ("field_delta", "xi"), np.array(shapes),
-        "(mu - 1) H^2 / (8 pi) over P, least field",
-    )  # fmt: skip
+    found = {
+        "curve_delta": delta,
+        "curve_mean_flow": np.array([wave.mean_flow for wave in waves]),
+        "curve_square_wave": square_wave_flow(delta),
+        "curve_d_max": peaks,
+        "field_delta": np.array(table.curves.delta),
+        "field_curves": np.array(shapes),
+    }
+    return found | ({"curve_field_h0": fluid.field(peaks)} if fluid else {})

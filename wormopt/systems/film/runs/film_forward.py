@@ -12,7 +12,8 @@ import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable
+from wormopt.quantities import Scalar, Variable
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.film.drift import Wave
 from wormopt.systems.film.runs.film_basins import Basins, basins, basins_scalars, basins_variables

@@ -13,7 +13,8 @@ from wormopt.errors import SceneError, SolveError
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable
+from wormopt.quantities import Scalar, Variable
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.design.search import DesignedWave, best_wave

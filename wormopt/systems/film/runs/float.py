@@ -12,7 +12,8 @@ import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate

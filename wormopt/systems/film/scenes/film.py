@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta, field
 
@@ -17,6 +17,7 @@ from wormopt.scene.types import (
     SceneTable,
     Table,
     extreme_numbers,
+    says,
     wrong_order,
 )
 
@@ -48,55 +49,34 @@ Points = Annotated[int, Meta(ge=2, le=100_000, description="a whole number, 2 to
 
 
 class FluidTable(Table, frozen=True, kw_only=True):
-    """Fluid, film and wave in SI units.
+    """Fluid, film and wave, with `units = "SI"` only."""
 
-    Parameters
-    ----------
-    mu_r : float
-        Relative permeability.
-    viscosity : float
-        Dynamic viscosity, Pa s.
-    density : float
-        kg/m³.
-    surface_tension : float
-        N/m.
-    depth : float
-        Mean thickness of the film, m.
-    wavelength : float
-        m.
-    frequency : float
-        Angular frequency of the wave, rad/s.
-    """
-
-    mu_r: Permeability
-    viscosity: Positive
-    density: Positive
-    surface_tension: NonNegative
-    depth: Positive
-    wavelength: Positive
-    frequency: Positive
+    mu_r: Annotated[Permeability, says("1", "relative permeability")]
+    viscosity: Annotated[Positive, says("viscosity", "dynamic viscosity")]
+    density: Annotated[Positive, says("density", "of the fluid")]
+    surface_tension: Annotated[NonNegative, says("surface_tension", "0 leaves it out")]
+    depth: Annotated[Positive, says("length", "mean thickness of the film")]
+    wavelength: Annotated[Positive, says("length", "of the wave")]
+    frequency: Annotated[Positive, says("angular_frequency", "of the wave")]
 
 
 class FilmTable(Table, frozen=True, kw_only=True):
-    """A film and the shape of its wave.
+    """A film and the shape of its wave, over the mean thickness: `delta`, or harmonics.
 
-    Parameters
-    ----------
-    delta : float, optional
-        Amplitude of a cosine wave over the mean thickness.
-    cosines, sines : tuple of float, optional
-        Harmonics of any other wave, over the mean thickness, the first harmonic first.
-    tension : float, optional
-        Number W of surface tension, for scenes without units; 0 if left out.
-    fluid : FluidTable, optional
-        The fluid, for scenes in SI units; W follows from it.
+    Scenes without units count in the scales of (25).
     """
 
-    delta: Share | None = None
-    cosines: Harmonics | None = None
-    sines: Harmonics | None = None
-    tension: NonNegative | None = None
-    fluid: FluidTable | None = None
+    delta: Annotated[Share | None, says("1", "amplitude of a cosine wave")] = None
+    cosines: Annotated[
+        Harmonics | None,
+        says("1", "harmonics of any other wave, the first one first; the film must not tear"),
+    ] = None
+    sines: Annotated[Harmonics | None, says("1", "the same, of its sines")] = None
+    tension: Annotated[
+        NonNegative | None,
+        says("1", "*W* of (25), 0 if left out; in SI scenes it follows from the fluid"),
+    ] = None
+    fluid: Annotated[FluidTable | None, says("", "what the film is made of, in SI scenes")] = None
 
     def faults(self, units: str) -> Iterator[Fault]:
         """Yield key path and message of what is wrong between the keys of this table."""
@@ -116,51 +96,75 @@ class FilmTable(Table, frozen=True, kw_only=True):
 
 
 class CurvesTable(Table, frozen=True, kw_only=True):
-    """Cosine waves of other amplitudes to compare with.
+    """Cosine waves of other amplitudes to compare with."""
 
-    Parameters
-    ----------
-    delta : tuple of float
-        Amplitudes whose fields are drawn.
-    range : (float, float)
-        Least and largest amplitude of the curve of mean flow.
-    points : int
-        Amplitudes on it.
-    """
-
-    delta: Shares = (0.1, 0.3, 0.5, 0.7, 0.9)
-    range: SharePair = (0.005, 0.995)
-    points: Points = 199
+    delta: Annotated[Shares, says("1", "amplitudes whose fields are drawn")] = (
+        0.1,
+        0.3,
+        0.5,
+        0.7,
+        0.9,
+    )
+    range: Annotated[SharePair, says("1", "amplitudes of the curve of mean flow")] = (0.005, 0.995)
+    points: Annotated[Points, says("count", "amplitudes on that curve")] = 199
 
 
 class FilmFlowScene(SceneTable, frozen=True, kw_only=True):
     """Flow in a film, and the field that holds its shape.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"film-flow"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether the fluid is given in SI units.
-    want : tuple of str
-        Pictures to draw.
-    film : FilmTable
-        The film.
-    curves : CurvesTable
-        Other amplitudes.
-    samples : int
-        Phases of the wave at which signals are kept.
+    The least field that makes a travelling wave, and what the wave pumps, beside cosine waves of
+    other amplitudes. Theory: [theory-film.md](../theory-film.md#1-the-film). The trust report
+    checks laws by another way than the solution was found; its `validity` (SI) holds *ε*, *ε Re*,
+    *μ*<sub>r</sub> − 1 and the weight of the film over *P*, warned of above 0.1.
     """
 
+    scalars: ClassVar = {
+        "c_constant": ("1", "*C*"),
+        "mean_flow": ("1", "mean flow 1 + *C*"),
+        "d_max": ("1", "largest (*μ* − 1)*D*/(8π); (*μ* − 1)*H*<sub>0</sub>²/(8π) is no less"),
+        "xi_at_d_max": ("rad", "where that is"),
+        "delta": ("1", "amplitude; of other waves half of largest less least thickness"),
+        "tension_number": ("1", "*W*"),
+        "surface_speed_max": (
+            "1",
+            "largest on the surface, over the wave's; holds floats from 1 on",
+        ),
+        "mean_flow_square_wave": ("1", "what no wave of this amplitude exceeds (cosine wave)"),
+        "field_h0": ("magnetic_field", "least *H*<sub>0</sub> (SI)"),
+        "field_h0_gaussian": ("Oe", "the same in Gaussian units (SI)"),
+        "field_max": ("magnetic_field", "largest field then (SI)"),
+        "wave_speed": ("speed", "speed of the wave (SI)"),
+        "flow_rate": ("flow_per_width", "mean flow per width (SI)"),
+        "pressure_scale": ("stress", "*P* (SI)"),
+        "eps": ("1", "*ε* (SI)"),
+        "reynolds": ("1", "*Re* (SI)"),
+    }
+    variables: ClassVar = {
+        "xi": ("rad", ("xi",), "phase t - x of the wave"),
+        "height": ("1", ("xi",), "thickness over its mean"),
+        "surface_velocity": ("1", ("xi",), "over the speed of the wave"),
+        "film_pressure": ("1", ("xi",), "pressure in the film less its mean, over P"),
+        "field_squared": ("1", ("xi",), "(mu - 1) H^2 / (8 pi) over P, least field"),
+        "field": ("magnetic_field", ("xi",), "least field H"),
+        "curve_delta": ("1", ("curve_delta",), "amplitude over mean thickness"),
+        "curve_mean_flow": ("1", ("curve_delta",), "mean flow of a cosine wave"),
+        "curve_square_wave": ("1", ("curve_delta",), "least upper bound of all waves at W = 0"),
+        "curve_d_max": ("1", ("curve_delta",), "(mu - 1) D_max / (8 pi)"),
+        "curve_field_h0": ("magnetic_field", ("curve_delta",), "least H0"),
+        "field_delta": ("1", ("field_delta",), "amplitude of a field"),
+        "field_curves": ("1", ("field_delta", "xi"), "(mu - 1) H^2 / (8 pi) over P, least field"),
+    }
+
     kind: Literal["film-flow"]
-    want: tuple[Literal["film"], ...] = ()
-    film: FilmTable
-    curves: CurvesTable = field(default_factory=CurvesTable)
-    samples: Points = 401
+    want: Annotated[
+        tuple[Literal["film"], ...],
+        says("", "`film`: mean flow over amplitude (figure 15), shape, surface velocity, fields"),
+    ] = ()
+    film: Annotated[FilmTable, says("", "film and wave")]
+    curves: Annotated[CurvesTable, says("", "other amplitudes")] = field(
+        default_factory=CurvesTable
+    )
+    samples: Annotated[Points, says("count", "phases that are kept")] = 401
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""

@@ -12,7 +12,8 @@ import numpy as np
 from wormopt.analysis.steady import SteadyState
 from wormopt.errors import SolveError
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory

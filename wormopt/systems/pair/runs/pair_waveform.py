@@ -23,7 +23,8 @@ from wormopt.ocp.optimise import Optimum, best_of
 from wormopt.ocp.polish import polish
 from wormopt.ocp.problem import Problem
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable
+from wormopt.quantities import Scalar, Variable
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Exact
 from wormopt.simulation.simulate import simulate

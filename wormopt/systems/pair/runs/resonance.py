@@ -14,7 +14,8 @@ from wormopt.analysis.steady import SteadyState, rates_of
 from wormopt.errors import Interrupted
 from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.simulation.ensemble import Ensemble, Member, simulate_ensemble
 from wormopt.systems.chain.runs.chains import tolerance_of

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, unit_of
+from wormopt.quantities import Scalar, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.runs.motion import (

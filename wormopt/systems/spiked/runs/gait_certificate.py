@@ -13,7 +13,8 @@ import msgspec
 import numpy as np
 
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.systems.shared.checkpoints import checkpoints, forget, keep
 from wormopt.systems.spiked.certify.proof import certified
 from wormopt.systems.spiked.certify.prove import Certificate, Progress

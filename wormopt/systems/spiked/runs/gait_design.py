@@ -10,7 +10,8 @@ import numpy as np
 
 from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, unit_of
+from wormopt.quantities import Scalar, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.design.design import Design, objective_of

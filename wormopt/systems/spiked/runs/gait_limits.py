@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.result import Result, Scalar, Variable, unit_of, unit_ratio
+from wormopt.quantities import Scalar, Variable, unit_of, unit_ratio
+from wormopt.result import Result
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.sensitivity import Sensitivity, scaling_error, sensitivities
 from wormopt.systems.spiked.scenes.gait_design import GaitDesignScene

@@ -13,7 +13,8 @@ from platformdirs import user_cache_path
 
 from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.runs.gait_design import cost_scalar, design_result, refused

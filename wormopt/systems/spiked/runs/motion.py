@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.result import Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.systems.spiked.bimodal import BimodalMotion, integrate
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.files import gait_variables

@@ -10,7 +10,7 @@ import numpy as np
 
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
-from wormopt.result import Scalar
+from wormopt.quantities import Scalar
 from wormopt.scene.types import per
 from wormopt.systems.spiked.scenes.gait_design import DesignTable
 from wormopt.systems.spiked.scenes.gait_search import in_scene

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from wormopt.result import Result, Variable, unit_of
+from wormopt.quantities import Variable, unit_of
+from wormopt.result import Result
 from wormopt.systems.spiked.stepper.step_tables import c_text, csv_text
 from wormopt.systems.spiked.stepper.steps import Steps
 

@@ -13,7 +13,8 @@ import numpy as np
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.files import gait_variables

@@ -13,7 +13,8 @@ from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.scene.types import per
 from wormopt.simulation.simulate import simulate

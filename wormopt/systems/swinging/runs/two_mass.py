@@ -20,7 +20,8 @@ from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import optimise
 from wormopt.ocp.problem import Bound, Ends, Problem
 from wormopt.progress import Report
-from wormopt.result import Result, Scalar, unit_of
+from wormopt.quantities import Scalar, unit_of
+from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.shared.optimum import (
     conclude,

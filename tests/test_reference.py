@@ -1,0 +1,62 @@
+"""Pages of docs/scenes and JSON Schemas say what the tables say."""
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import msgspec
+import pytest
+
+from wormopt.cli import main
+from wormopt.kinds import KINDS
+from wormopt.quantities import unit_of
+from wormopt.scene import packaged_scenes
+from wormopt.scene.reference import meaning, page, schema, tables_below
+
+PAGES = Path(__file__).parents[1] / "docs" / "scenes"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_page_of_a_kind_is_up_to_date(kind: str):
+    file = PAGES / f"{kind}.md"
+    assert file.read_text(encoding="utf-8") == page(kind), (
+        f"make it anew: wormopt schema {kind} --markdown > docs/scenes/{kind}.md"
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_key_says_what_it_means(kind: str):
+    for table in tables_below(KINDS[kind].load_table()):
+        for field in msgspec.structs.fields(table):
+            if field.name != "kind":
+                quantity, what = meaning(field.type) or ("", "")
+                assert what, f"{table.__name__}.{field.name}"
+                assert not quantity or unit_of(quantity, "SI")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_quantity_of_a_result_has_a_unit_and_a_meaning(kind: str):
+    table = KINDS[kind].load_table()
+    declared = [*table.scalars.values(), *((q, what) for q, _, what in table.variables.values())]
+    assert declared
+    for quantity, what in declared:
+        assert unit_of(quantity, "SI")
+        assert what
+
+
+@pytest.mark.parametrize("name", packaged_scenes())
+def test_packaged_scenes_keep_to_the_schema(name: str):
+    raw = tomllib.loads(packaged_scenes()[name].read_text(encoding="utf-8"))
+    jsonschema.validate(raw, schema(raw["kind"]))
+    wrong: dict[str, Any] = {**raw, "no_such_key": 1}
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(wrong, schema(raw["kind"]))
+
+
+def test_the_command_prints_the_schema(capsys: pytest.CaptureFixture[str]):
+    assert main(["schema", "film-flow"]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(schema("film-flow")))
+    assert main(["schema", "film-flow", "--markdown"]) == 0
+    assert capsys.readouterr().out.strip() == page("film-flow").strip()

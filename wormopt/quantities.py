@@ -1,0 +1,182 @@
+"""Numbers and arrays with units, and the units of quantities."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+# Quantity -> unit of a scene with units = "SI"; in a dimensionless scene every unit is "1".
+UNITS = {
+    "length": "m",
+    "time": "s",
+    "speed": "m s-1",
+    "acceleration": "m s-2",
+    "acceleration_squared": "m2 s-4",
+    "angle": "rad",
+    "angular_frequency": "rad s-1",
+    "rate": "s-1",
+    "rate_change": "s-2",
+    "mass": "kg",
+    "density": "kg m-3",
+    "viscosity": "Pa s",
+    "surface_tension": "N m-1",
+    "force": "N",
+    "impulse": "N s",
+    "energy": "J",
+    "effort": "N2 s",
+    "power": "W",
+    "energy_per_distance": "J m-1",
+    "drag": "N s m-1",
+    "stiffness": "N m-1",
+    "stress": "Pa",
+    "magnetic_field": "A m-1",
+    "current": "A",
+    "induction": "T",
+    "force_per_length": "N m-1",
+    "mass_rate_per_length": "kg s-1 m-1",
+    "bending_stiffness": "N m2",
+    "curvature": "m-1",
+    "curvature_squared": "m-2",
+    "magnetic_field_squared": "A2 m-2",
+    "ampere_turns": "A",
+    "ampere_turn_rate": "A s-1",
+    "current_density": "A m-2",
+    "length_squared_time": "m2 s",
+    "flow_per_width": "m2 s-1",
+    "share": "1",
+    "count": "1",
+}
+# Units that scenes of both kinds use as they are.
+ABSOLUTE = ("rad", "Oe", "1")
+
+
+def unit_of(quantity: str, units: str) -> str:
+    """Unit of a quantity, a key of `UNITS` or one of `ABSOLUTE`, in a scene's system of units.
+
+    `units` is "dimensionless" or "SI".
+    """
+    if quantity in ABSOLUTE:
+        return quantity
+    unit = UNITS[quantity]
+    return unit if units == "SI" else "1"
+
+
+def unit_ratio(quantity: str, per: str, units: str) -> str:
+    """Unit of a derivative: of one quantity by another, both keys of `UNITS`.
+
+    `units` is "dimensionless" or "SI".
+    """
+    powers: dict[str, int] = {}
+    for name, sign in ((quantity, 1), (per, -1)):
+        for symbol, power in re.findall(r"([A-Za-z]+)(-?\d*)", unit_of(name, units)):
+            powers[symbol] = powers.get(symbol, 0) + sign * int(power or 1)
+    parts = [f"{s}{p if p != 1 else ''}" for s, p in powers.items() if p]
+    return " ".join(parts) or "1"
+
+
+def plain(value: Any) -> Any:
+    """Turn a value into what JSON can say: arrays into lists, NaN and infinity into None.
+
+    Raises TypeError for what is no number, text, None, array, or list or mapping of these.
+    """
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    raise TypeError(f"a Result cannot hold {type(value).__name__} {value!r}")
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """One number, text or (ragged) list with its unit.
+
+    Parameters
+    ----------
+    value : number, text, list or None
+        NaN and infinities become None: unknown.
+    unit : str
+        UDUNITS text, "1" where there is none.
+
+    Examples
+    --------
+    >>> Scalar(float("nan"), "m s-1")
+    Scalar(value=None, unit='m s-1')
+    """
+
+    value: Any
+    unit: str = "1"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "value", plain(self.value))
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """A named array with a unit and named dimensions.
+
+    A variable named like its only dimension is the coordinate of that dimension.
+
+    Parameters
+    ----------
+    name : str
+        ASCII letters, digits and underscores.
+    unit : str
+        UDUNITS text, "1" where there is none.
+    dims : tuple of str
+        One name per axis, at least one.
+    values : array_like
+        Real numbers, not empty. Kept as float64, or int32 for integers and truth values
+        (the file format knows no others).
+    long_name : str
+        What it is, for axis labels.
+
+    Raises
+    ------
+    ValueError
+        If name, dims and values do not fit together or the file format cannot hold them.
+
+    Examples
+    --------
+    >>> Variable("time", "s", ("time",), [0.0, 0.5, 1.0], "time").values
+    array([0. , 0.5, 1. ])
+    """
+
+    name: str
+    unit: str
+    dims: tuple[str, ...]
+    values: np.ndarray
+    long_name: str = ""
+
+    def __post_init__(self) -> None:
+        values = _storable(self.name, self.values)
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "dims", tuple(self.dims))
+        for name in (self.name, *self.dims):
+            if not NAME.fullmatch(name):
+                raise ValueError(f"{name!r} is no name of ASCII letters, digits and _")
+        if len(self.dims) != values.ndim or not self.dims:
+            raise ValueError(f"{self.name} has {values.ndim} axes but dimensions {self.dims}")
+        if values.size == 0:
+            raise ValueError(f"{self.name} is empty; leave it out of the Result")
+
+
+def _storable(name: str, values: Any) -> np.ndarray:
+    array = np.asarray(values)
+    if array.dtype.kind == "f":
+        return array.astype(np.float64)
+    if array.dtype.kind not in "biu":
+        raise ValueError(f"{name} holds {array.dtype}, not real numbers")
+    fits = array.size == 0 or (array.min() >= -(2**31) and array.max() < 2**31)
+    return array.astype(np.int32 if fits else np.float64)

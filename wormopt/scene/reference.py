@@ -1,0 +1,146 @@
+"""What may stand in a scene of each kind, and what its results hold: a page, and a JSON Schema.
+
+Both are made from the tables into which scenes are read, so that they cannot be out of date.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+import msgspec
+
+from wormopt.kinds import KINDS
+from wormopt.scene.read import bare, describe, tables_in
+from wormopt.scene.types import SceneTable
+
+_COMMON = ("schema", "kind", "title", "units")
+
+
+def schema(kind: str) -> dict[str, Any]:
+    """JSON Schema of the scenes of a kind, with what every key means."""
+    table = KINDS[kind].load_table()
+    (found,), parts = msgspec.json.schema_components([table], ref_template="#/$defs/{name}")
+    found = {"$schema": "https://json-schema.org/draft/2020-12/schema", **found, "$defs": parts}
+    for part in tables_below(table):
+        properties = parts[part.__name__]["properties"]
+        for field in msgspec.structs.fields(part):
+            said = meaning(field.type)
+            if said:
+                properties[field.encode_name]["description"] = said[1]
+                properties[field.encode_name] |= {"quantity": said[0]} if said[0] else {}
+    return found
+
+
+def page(kind: str) -> str:
+    """Reference of a kind in Markdown: keys, scalars and variables."""
+    table = KINDS[kind].load_table()
+    parts = [
+        f"# Scenes of kind `{kind}`",
+        f"{KINDS[kind].summary[0].upper()}{KINDS[kind].summary[1:]}.",
+        *_prose(table),
+        "`schema`, `kind`, `title`, `units` and what holds for all scenes: "
+        f"[scenes](../scenes.md). `wormopt schema {kind} --markdown` prints this page.",
+        "## Keys",
+        "\n".join(_keys(table)),
+        *_sections(table, ""),
+    ]
+    if table.scalars:
+        rows = [f"| `{name}` | {_words(q)} | {what} |" for name, (q, what) in table.scalars.items()]
+        head = ["| scalar | quantity | meaning |", "|---|---|---|"]
+        parts += ["## Scalars", "\n".join([*head, *rows])]
+    if table.variables:
+        rows = [
+            f"| `{name}` | {_words(q)} | {', '.join(dims)} | {what} |"
+            for name, (q, dims, what) in table.variables.items()
+        ]
+        head = ["| variable | quantity | over | meaning |", "|---|---|---|---|"]
+        parts += ["## Variables", "\n".join([*head, *rows])]
+    return "\n\n".join(parts) + "\n"
+
+
+def meaning(kind: Any) -> tuple[str, str] | None:
+    """Quantity and meaning that the type of a key carries."""
+    if get_origin(kind) is not Annotated:
+        return None
+    said = [meta.extra for meta in get_args(kind)[1:] if meta.extra]
+    return (said[-1]["quantity"], said[-1]["meaning"]) if said else None
+
+
+def _prose(table: type) -> list[str]:
+    """Paragraphs of a docstring after its first line."""
+    return [part for part in (inspect.getdoc(table) or "").split("\n\n")[1:] if part]
+
+
+def _keys(table: type[msgspec.Struct]) -> Iterator[str]:
+    yield "| key | value | quantity | default | meaning |"
+    yield "|---|---|---|---|---|"
+    for field in msgspec.structs.fields(table):
+        if field.encode_name in _COMMON and issubclass(table, SceneTable):
+            continue
+        quantity, what = meaning(field.type) or ("", "")
+        value = "a table" if tables_in(_single(field.type)) else _of(field)
+        cells = (f"`{field.encode_name}`", value, _words(quantity), _default(field), what)
+        yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+
+def _of(field: msgspec.structs.FieldInfo) -> str:
+    return re.sub(r'("[^"]*")', r"`\1`", describe(bare(field.type)))
+
+
+def _default(field: msgspec.structs.FieldInfo) -> str:
+    if field.required:
+        return "required"
+    value = field.default
+    if value is msgspec.NODEFAULT:
+        value = field.default_factory()  # pyright: ignore[reportCallIssue]
+    if value is None or isinstance(value, msgspec.Struct):
+        return ""
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    return f'`"{value}"`' if isinstance(value, str) else f"`{_listed(value)}`"
+
+
+def _listed(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_listed, value))}]"
+    return f'"{value}"' if isinstance(value, str) else f"{value:g}" if value else "0"
+
+
+def _sections(table: type[msgspec.Struct], path: str) -> Iterator[str]:
+    """A section for every table below a table, in the order of its keys."""
+    for field in msgspec.structs.fields(table):
+        key = f"{path}.{field.encode_name}" if path else field.encode_name
+        for part in tables_in(_single(field.type)):
+            config = part.__struct_config__
+            tagged = f' with `{config.tag_field} = "{config.tag}"`' if config.tag_field else ""
+            yield f"### `[{key}]`{tagged}"
+            yield (inspect.getdoc(part) or "").split("\n\n")[0].replace("\n", " ")
+            yield from _prose(part)
+            if part.__struct_fields__:
+                yield "\n".join(_keys(part))
+            yield from _sections(part, key)
+
+
+def _single(kind: Any) -> Any:
+    """Type of an entry where there is a list of tables, the type itself otherwise."""
+    kind = bare(kind)
+    parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    entries = [get_args(p)[0] if get_origin(p) is tuple else p for p in parts if p is not NoneType]
+    tables = [part for entry in entries for part in tables_in(bare(entry))]
+    return Union[tuple(tables)] if tables else kind  # noqa: UP007
+
+
+def tables_below(table: type[msgspec.Struct]) -> Iterator[type[msgspec.Struct]]:
+    """A table and all that stand in it."""
+    yield table
+    for field in msgspec.structs.fields(table):
+        for part in tables_in(_single(field.type)):
+            yield from tables_below(part)
+
+
+def _words(quantity: str) -> str:
+    return quantity.replace("_", " ")
