@@ -166,3 +166,18 @@ def test_units_are_ascii_and_vanish_in_dimensionless_scenes():
         assert unit.isascii()
         assert unit_of(quantity, "SI") == unit
         assert unit_of(quantity, "dimensionless") == "1"
+
+
+def test_a_result_as_a_dataset(tmp_path: Path):
+    time = Variable("time", "s", ("time",), [0.0, 1.0, 2.0], "time")
+    place = Variable("place", "m", ("mass", "time"), np.arange(6.0).reshape(2, 3), "place")
+    scalars = {"speed": Scalar(0.5, "m s-1"), "words": Scalar(["a", "b"]), "lost": Scalar(None)}
+    result = Result("walk", "gait", "A walk", scalars=scalars, variables=(time, place))
+    data = result.to_xarray()
+    assert data["place"].sel(time=1.0).values.tolist() == [1.0, 4.0]
+    assert data["place"].attrs == {"units": "m", "long_name": "place"}
+    assert float(data["speed"]) == 0.5
+    assert "words" not in data
+    assert data.attrs["title"] == "A walk"
+    result.save(tmp_path)
+    assert Result.load(tmp_path).to_xarray().identical(data)

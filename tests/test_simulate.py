@@ -410,10 +410,43 @@ def test_time_must_run_forward():
 
 def test_names_that_are_not_there_are_told_with_those_that_are():
     motion = simulate(crawler(), 0.1)
-    for ask, there in ((motion.state, "'position', 'velocity'"), (motion.output, "'length'")):
+    there = "'position', 'velocity', 'length'"
+    for ask in (motion.__getitem__, motion.largest, motion.system.model.__getitem__):
         with pytest.raises(UnknownNameError, match=f"no .* 'nonsense'; it has {there}") as caught:
             ask("nonsense")
         assert isinstance(caught.value, KeyError | ValueError)
+
+
+def test_signals_by_name_are_those_of_the_states_and_of_the_equations():
+    motion = simulate(crawler(), 2.0, times=np.linspace(0.0, 2.0, 9), dense=True)
+    model = motion.system.model
+    assert np.array_equal(motion["position"], motion.states[:3])
+    assert motion["length"] == pytest.approx(-np.diff(motion["position"], axis=0), abs=1e-14)
+    assert motion["mass"].shape == (3, 9)  # parameters are constant
+    assert np.ptp(motion["mass"], axis=1) == pytest.approx(0.0)
+    fine = motion.at(np.linspace(0.0, 2.0, 20001))
+    assert motion.largest("velocity") == pytest.approx(np.abs(fine["velocity"]).max(), rel=1e-6)
+    assert motion.largest(model["length"] - 1) >= np.abs(fine["length"] - 1).max()
+    data = motion.to_xarray()
+    assert data["position"].dims == ("position_entry", "time")
+    assert np.array_equal(data["velocity"].values, motion["velocity"])
+    assert set(data.data_vars) == set(motion.names)
+
+
+def test_stick_intervals_are_those_between_a_stick_and_a_release():
+    motion = simulate(crawler(), 6.0)
+    intervals = motion.stick_intervals()
+    for name, begin, end in intervals:
+        own = [e for e in motion.events if e.name == name]
+        if begin > 0:
+            assert any(e.kind == "stick" and e.time == begin for e in own)
+        if end < 6.0:
+            assert any(e.kind == "release" and e.time == end for e in own)
+        middle = np.array([(begin + end) / 2])
+        column = [c.name for c in motion.system.contacts].index(name)
+        assert motion.modes_at(middle)[column, 0] == 0
+    sticks = sum(e.kind == "stick" for e in motion.events)
+    assert len(intervals) >= sticks
 
 
 @pytest.mark.parametrize(

@@ -160,6 +160,31 @@ class Result:
         """
         return replace(self, status="failed", reason=reason)
 
+    def to_xarray(self) -> Any:
+        """Make an xarray.Dataset of variables and single numbers, with units and long names.
+
+        Returns
+        -------
+        xarray.Dataset
+            Its attributes are scene, kind, title and status.
+
+        Raises
+        ------
+        ImportError
+            If xarray is not installed.
+        """
+        import xarray  # only who asks for it needs it
+
+        found: dict[str, Any] = {
+            v.name: (v.dims, v.values, {"units": v.unit, "long_name": v.long_name})
+            for v in self.variables
+        }
+        for name, scalar in self.scalars.items():
+            if isinstance(scalar.value, int | float):
+                found[name] = ((), scalar.value, {"units": scalar.unit})
+        names = ("scene", "kind", "title", "status")
+        return xarray.Dataset(found, attrs={name: getattr(self, name) for name in names})
+
     def summary(self) -> dict[str, Any]:
         """What `wormopt run --json` prints: names, status, scalars, trust and timings.
 

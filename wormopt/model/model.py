@@ -409,27 +409,29 @@ class Model:
         times = np.unique(found)
         return times[np.diff(times, prepend=-np.inf) > 1e-12 * end]
 
+    def __getitem__(self, name: str) -> ca.SX:
+        """Symbol of a state, algebraic variable, input or parameter, or expression of an output.
+
+        UnknownNameError, a KeyError, where there is none; the message lists those there are.
+        """
+        found = {signal.name: signal.symbol for signal in self.x}
+        for output in self.outputs:
+            found.setdefault(output.name, output.expression)
+        for signal in (*self.z, *self.u, *self.p):
+            found.setdefault(signal.name, signal.symbol)
+        if name not in found:
+            raise UnknownNameError(self.name, "signal", [name], list(found))
+        return found[name]
+
     def output(self, name: str) -> ca.SX:
-        """Expression of the output called ``name``.
+        """Give an output.
 
         Parameters
         ----------
         name : str
-            Name of an output.
-
-        Returns
-        -------
-        casadi.SX
-
-        Raises
-        ------
-        UnknownNameError
-            If there is none; the message lists those there are.
+            Its name.
         """
-        for output in self.outputs:
-            if output.name == name:
-                return output.expression
-        raise UnknownNameError(self.name, "output", [name], [o.name for o in self.outputs])
+        return self[name]
 
     def to_control(
         self,

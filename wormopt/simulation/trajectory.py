@@ -8,9 +8,16 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.errors import ArgumentError
 from wormopt.model.model import Schedule
+from wormopt.model.motion import SampledMotion
 from wormopt.simulation.functions import System
+
+# Within a step, where a largest value is sought first; then its neighbourhood, so many times.
+_WITHIN = np.array([0.0, 0.25, 0.5, 0.75])
+_ZOOMS, _ZOOM_POINTS = 4, 41
+# Expressions are evaluated at so many times at once.
+_CHUNK = 50_000
 
 
 @dataclass(frozen=True)
@@ -63,7 +70,7 @@ class Dense:
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(SampledMotion):
     """A simulated motion.
 
     Parameters
@@ -116,26 +123,20 @@ class Trajectory:
         ends = np.cumsum([s.size for s in signals]).tolist()
         return {s.name: slice(e - s.size, e) for s, e in zip(signals, ends, strict=True)}
 
-    def state(self, name: str) -> np.ndarray:
-        """Samples of one state signal.
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its states, then of the model's outputs."""
+        outputs = (output.name for output in self.system.model.outputs)
+        return tuple(dict.fromkeys([*self._rows, *outputs]))
 
-        Parameters
-        ----------
-        name : str
-            Name of a signal of ``model.x``.
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Samples (entries, m) of a state, or of anything the model knows by name.
 
-        Returns
-        -------
-        ndarray, shape (size, m)
-
-        Raises
-        ------
-        UnknownNameError
-            If there is none of that name; the message lists those there are.
+        UnknownNameError, a KeyError, where there is none; the message lists those there are.
         """
-        if name not in self._rows:
-            raise UnknownNameError(self.system.model.name, "state", [name], self._rows)
-        return self.states[self._rows[name]]
+        if name in self._rows:
+            return self.states[self._rows[name]]
+        return self.observe(self.system.model[name])
 
     def at(self, t: np.ndarray) -> Trajectory:
         """Sample the motion anew, at any times within it.
@@ -196,21 +197,71 @@ class Trajectory:
         p = self.system.scheduled(self.p, self.schedules, self.time)
         return np.array(function(self.time[None, :], self.states, p, self.modes_at(self.time)))
 
-    def output(self, name: str) -> np.ndarray:
-        """Samples of an output of the model.
+    def state(self, name: str) -> np.ndarray:
+        """Give a signal.
 
         Parameters
         ----------
         name : str
-            Name of an output.
+            Its name.
+        """
+        return self[name]
+
+    output = state
+
+    def stick_intervals(self) -> list[tuple[str, float, float]]:
+        """Find when contacts rest; known only where contact was treated as exact.
 
         Returns
         -------
-        ndarray, shape (size, m)
-
-        Raises
-        ------
-        UnknownNameError
-            If there is none of that name; the message lists those there are.
+        list of (str, float, float)
+            Name of the contact, begin and end, in order of their begin.
         """
-        return self.observe(self.system.model.output(name))
+        found = []
+        for column, contact in enumerate(self.system.contacts, start=1):
+            resting = np.append(self.modes[:, column] == 0, False) if len(self.modes) else []
+            times = np.append(self.modes[:, 0], self.end_time)
+            begun = None
+            for time, holds in zip(times, resting, strict=False):
+                if holds and begun is None:
+                    begun = float(time)
+                elif not holds and begun is not None:
+                    if time > begun:
+                        found.append((contact.name, begun, float(time)))
+                    begun = None
+        return sorted(found, key=lambda interval: interval[1])
+
+    def largest(self, expression: str | ca.SX) -> float:
+        """Find the largest absolute value of a signal's entries over all time.
+
+        Parameters
+        ----------
+        expression : str or casadi.SX
+            Name of a signal, or a column of the model's symbols.
+
+        Returns
+        -------
+        float
+            Of the samples, where the motion was simulated without ``dense = True``.
+        """
+        expression = self.system.model[expression] if isinstance(expression, str) else expression
+        if self.dense is None:
+            return float(np.max(np.abs(self.observe(expression))))
+        function = self.system.observe(expression)
+
+        def sizes(t: np.ndarray) -> np.ndarray:
+            at = self.at(t)
+            p = at.system.scheduled(at.p, at.schedules, t)
+            return np.abs(np.array(function(t[None, :], at.states, p, at.modes_at(t)))).max(axis=0)
+
+        ends = self.dense.time
+        t = (ends[:-1, None] + np.diff(ends)[:, None] * _WITHIN).ravel()
+        t = np.append(t, ends[-1])
+        found = np.concatenate([sizes(t[k : k + _CHUNK]) for k in range(0, len(t), _CHUNK)])
+        best = found.max()
+        for _ in range(_ZOOMS):
+            k = int(np.argmax(found))
+            t = np.linspace(t[max(k - 1, 0)], t[min(k + 1, len(t) - 1)], _ZOOM_POINTS)
+            found = sizes(t)
+            best = max(best, found.max())
+        return float(best)
