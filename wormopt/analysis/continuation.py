@@ -20,6 +20,7 @@ from wormopt.analysis.steady import ZERO, SteadyState, eigenvalues, rates_of
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model
 from wormopt.model.values import by_name, check_names
+from wormopt.numerics.newton import Equations
 
 End = Literal["range", "runaway", "lost", "steps", "closed", "stopped"]
 
@@ -210,10 +211,8 @@ def follow_branch(
     )
 
 
-class _Equations(Protocol):
-    """As many equations as unknowns, with parameters, for m sets of unknowns at a time."""
-
-    nominal: np.ndarray
+class _Equations(Equations, Protocol):
+    """Equations whose parameters have names."""
 
     def place(self, name: str) -> int:
         """Row of a parameter."""
@@ -221,14 +220,6 @@ class _Equations(Protocol):
 
     def slope_by(self, name: str) -> Callable[[np.ndarray, np.ndarray], Any]:
         """Derivative by a parameter, as a column; a function of unknowns and parameters."""
-        ...
-
-    def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """What is left of the equations, shape (m, n)."""
-        ...
-
-    def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Jacobians, shape (m, n, n)."""
         ...
 
 

@@ -14,11 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, pack
 from wormopt.model.values import by_name, check_names, signal_values
+from wormopt.numerics.newton import newton
 
 Values = Mapping[str, ArrayLike]
 
-_STEPS, _SHORTEST = 40, 2.0**-10  # of Newton's method, and how far one is shortened
-_CONVERGED = 1e-11  # last step, in usual sizes of the states
 _SCALES = np.array([1.0, 0.25, 0.0625])  # of the boxes from which it starts
 ZERO = 1e-10  # share of the largest eigenvalue that is none
 _APART = 1e-6  # states that differ by less are one
@@ -138,43 +137,8 @@ class Rates:
         return ca.Function("slope", self._symbols, [slope])
 
     def newton(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Newton steps from states `x` (m, n_x) to steady ones, shortened until the rates fall.
-
-        Returns the last states and whether the last step of each was as good as none (m,).
-        `p` is (n_p,) for all, or (m, n_p).
-        """
-        p = _each(p, x)
-        x, found = x.copy(), np.zeros(len(x), bool)
-        open_ = np.arange(len(x))
-        for _ in range(_STEPS):
-            if not open_.size:
-                break
-            rates = self(x[open_], p[open_])
-            step = -_solved(self.slopes(x[open_], p[open_]), rates)
-            length = np.abs(step / self.nominal).max(axis=1)
-            done = length < _CONVERGED * (1 + np.abs(x[open_] / self.nominal).max(axis=1))
-            x[open_[done]] += step[done]
-            found[open_[done]] = True
-            go_on = ~done & np.isfinite(length)
-            open_, step, rates = open_[go_on], step[go_on], rates[go_on]
-            factor = self._factor(x[open_], p[open_], step, rates)
-            x[open_] += factor[:, None] * step
-            open_ = open_[factor > _SHORTEST]
-        return x, found
-
-    def _factor(
-        self, x: np.ndarray, p: np.ndarray, step: np.ndarray, rates: np.ndarray
-    ) -> np.ndarray:
-        """By how much each step is shortened."""
-        factor = np.ones(len(x))
-        size = np.abs(rates / self.nominal).max(axis=1)
-        worse = np.arange(len(x))
-        while worse.size:
-            tried = self(x[worse] + factor[worse, None] * step[worse], p[worse])
-            smaller = np.abs(tried / self.nominal).max(axis=1) < size[worse]
-            worse = worse[~smaller & (factor[worse] > _SHORTEST)]
-            factor[worse] /= 2
-        return factor
+        """As `wormopt.numerics.newton.newton`."""
+        return newton(self, x, p)
 
     def steady(self, x: np.ndarray, p: np.ndarray) -> SteadyState:
         """Describe the steady state `x` (n_x,) at the parameters `p` (n_p,)."""
@@ -185,16 +149,6 @@ class Rates:
 def _each(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Parameters, once for every state."""
     return np.broadcast_to(p, (len(x), p.shape[-1]))
-
-
-def _solved(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve each system; NaN where it is singular."""
-    usable = np.array([np.isfinite(matrix).all() for matrix in matrices])
-    sound = np.where(usable[:, None, None], matrices, 0.0)
-    usable &= np.linalg.slogdet(sound)[0] != 0  # the determinant itself may overflow
-    found = np.full_like(right, np.nan)
-    found[usable] = np.linalg.solve(matrices[usable], right[usable, :, None])[:, :, 0]
-    return found
 
 
 def eigenvalues(matrix: np.ndarray) -> NDArray[np.complex128]:

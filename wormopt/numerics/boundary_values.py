@@ -19,6 +19,7 @@ from numpy.polynomial import legendre
 from wormopt.errors import SolveError
 from wormopt.model.boundary import BoundaryProblem
 from wormopt.numerics.collocation import Collocation
+from wormopt.numerics.newton import newton
 
 Guess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 _LAST_STEP = 1e-12
@@ -50,6 +51,7 @@ class _Equations:
         self.n_y, self.n_p, self.degree = problem.y.numel(), problem.p.numel(), degree
         points = Collocation(degree)
         self.tau, self.A, self.B = points.tau, points.A, points.B
+        self._last: tuple[np.ndarray, tuple[np.ndarray, np.ndarray]] | None = None
         inner = [problem.y, problem.p, problem.given]
         slopes = [ca.jacobian(problem.ode, by) for by in inner[:2]]
         self.rate = ca.Function("rate", inner, [problem.ode, *map(ca.vec, slopes)])
@@ -79,25 +81,25 @@ class _Equations:
         matrix[rows:, n_y + rows :] = by_number + by_end @ np.einsum("j,jkl->kl", self.B, numbers)
         return np.concatenate([inside.ravel(), rest.ravel()]), matrix
 
-    def newton(self, z: np.ndarray, given: np.ndarray, steps: int = 20) -> np.ndarray | None:
-        """Solution near z, or None; steps are shortened until the equations improve."""
-        rest, matrix = self.pieces(z, given)
-        for _ in range(steps):
-            step = _solved(matrix, -rest)
-            if step is None:
-                return None
-            if np.abs(step).max() <= _LAST_STEP * np.abs(z).max():
-                return z + step
-            share = 1.0
-            while share > _LEAST_MOVE:
-                ahead, there = self.pieces(z + share * step, given)
-                if np.linalg.norm(ahead) < (1 - share / 4) * np.linalg.norm(rest):
-                    break
-                share /= 2
-            else:  # rounding is all that is left, or nothing improves
-                return z if np.abs(step).max() <= 1e3 * _LAST_STEP * np.abs(z).max() else None
-            z, rest, matrix = z + share * step, ahead, there
-        return None
+    def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """What is left of the equations at sets of unknowns, see `wormopt.numerics.newton`."""
+        return np.array([self._at(z, given)[0] for z, given in zip(x, p, strict=True)])
+
+    def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Jacobians there."""
+        return np.array([self._at(z, given)[1] for z, given in zip(x, p, strict=True)])
+
+    def _at(self, z: np.ndarray, given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pieces, kept for whoever asks for the Jacobian next."""
+        if self._last is None or not np.array_equal(self._last[0], z):
+            self._last = z.copy(), self.pieces(z, given)
+        return self._last[1]
+
+    def solved(self, z: np.ndarray, given: np.ndarray) -> np.ndarray | None:
+        """Solution near z, or None."""
+        self._last, self.nominal = None, np.full(len(z), np.abs(z).max() or 1.0)
+        (z,), (found,) = newton(self, z[None], given, last_step=_LAST_STEP)
+        return z if found else None
 
     def solution(self, z: np.ndarray, given: np.ndarray) -> BoundarySolution:
         """States as polynomials, with what is left of the equations."""
@@ -140,7 +142,7 @@ def solve_boundary(
     """
     path = [np.array(numbers, dtype=float) for numbers in given]
     equations = _Equations(problem, degree)
-    z = equations.newton(_packed(guess, equations), path[0])
+    z = equations.solved(_packed(guess, equations), path[0])
     if z is None:
         raise SolveError("no solution was found near the first guess", code="no_start")
     for begin, end in pairwise(path):
@@ -148,7 +150,7 @@ def solve_boundary(
     while (found := equations.solution(z, path[-1])).tail > tolerance and 2 * degree <= most:
         degree *= 2
         equations = _Equations(problem, degree)
-        z = equations.newton(_packed(lambda s, f=found: (f.at(s), f.p), equations), path[-1])
+        z = equations.solved(_packed(lambda s, f=found: (f.at(s), f.p), equations), path[-1])
         if z is None:
             raise SolveError("the solution is lost on a finer mesh", code="unresolved")
     if found.tail > tolerance:
@@ -156,14 +158,6 @@ def solve_boundary(
             f"polynomials of the degree {degree} do not resolve the solution", code="unresolved"
         )
     return found
-
-
-def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
-    try:
-        found = np.linalg.solve(matrix, right)
-    except np.linalg.LinAlgError:
-        return None
-    return found if np.isfinite(found).all() else None
 
 
 def _packed(guess: Guess, equations: _Equations) -> np.ndarray:
@@ -178,7 +172,7 @@ def _followed(
     share, step, slope = 0.0, 1.0, np.zeros_like(z)
     while share < 1:
         step = min(step, 1 - share)
-        found = equations.newton(z + step * slope, begin + (share + step) * (end - begin))
+        found = equations.solved(z + step * slope, begin + (share + step) * (end - begin))
         if found is None:
             step /= 2
             if step < _LEAST_MOVE:
