@@ -1,5 +1,6 @@
 """The verb `simulate`: exact motions, orders of convergence, events, refusals."""
 
+import math
 from dataclasses import replace
 
 import casadi as ca
@@ -18,7 +19,7 @@ from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.lift import lift
 from wormopt.model.model import Contact, Model, Schedule, Signal, Switch
 from wormopt.simulation.ensemble import Member, simulate_ensemble
-from wormopt.simulation.options import Exact, Smooth, Tolerance
+from wormopt.simulation.options import Exact, Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.build import chain
@@ -637,3 +638,34 @@ def test_a_member_that_fails_is_marked_and_the_others_are_kept():
 def test_what_is_not_of_its_kind_is_not_taken_for_something_else(options: dict, words: str):
     with pytest.raises((TypeError, ValueError), match=words):
         simulate(oscillator(), 1.0, **options)
+
+
+@pytest.mark.parametrize("route", ["native", "python"])
+@given(height=st.floats(0.1, 50.0), push=st.floats(-5.0, 5.0))
+@settings(max_examples=15, deadline=None)
+def test_a_terminal_switch_ends_the_motion(route: Route, height: float, push: float):
+    x, v = ca.SX.sym("x"), ca.SX.sym("v")
+    states = [Signal("height", x, value=height), Signal("velocity", v, value=push)]
+    ground = Switch("ground", -x, ca.vertcat(x, v), terminal=True)
+    ball = Model("ball", x=states, ode=ca.vertcat(v, -9.80665), switches=[ground])
+    fall = (push + math.sqrt(push**2 + 2 * 9.80665 * height)) / 9.80665
+    motion = simulate(ball, 20.0, times=np.linspace(0.0, 20.0, 41), dense=True, route=route)
+    if fall > 20.0:
+        assert motion.end_time == 20.0
+        return
+    assert motion.end_time == pytest.approx(fall, rel=1e-9)
+    assert motion.end[0] == pytest.approx(0.0, abs=1e-9)
+    assert [(e.name, e.kind) for e in motion.events] == [("ground", "switch")]
+    assert motion.time[-1] <= fall < motion.time[-1] + 0.5  # no samples beyond
+    assert motion.dense is not None
+    assert motion.dense.time[-1] == motion.end_time
+
+
+def test_a_terminal_switch_that_has_fired_already_ends_the_motion_at_once():
+    x = ca.SX.sym("x")
+    late = Switch("late", x - 1, x, terminal=True)
+    model = Model("line", x=[Signal("place", x, value=2.0)], ode=ca.SX(1), switches=[late])
+    for route in ("native", "python"):
+        motion = simulate(model, 3.0, route=route)
+        # what is above 0 from the beginning has not risen through 0
+        assert motion.end_time == 3.0

@@ -147,11 +147,14 @@ class Switch:
         Scalar expression that rises through 0 at the event.
     reset : casadi.SX
         Column of the states after it.
+    terminal : bool, optional
+        Whether the motion ends with it.
     """
 
     name: str
     guard: ca.SX
     reset: ca.SX
+    terminal: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -95,6 +95,7 @@ class _Motion:
         self._task, self._modes, self._record = task, modes, _Record(task)
         self._t, self._x, self._n_steps = task.span[0], task.x0.copy(), 0
         self._crowd, self._crowd_start = 0, -np.inf  # events since
+        self._ended = False  # by a terminal switch
         self._clock = _Clock(task, p)
         self._stepper = _stepper(task, p, modes, stiff)
         self._watch, self._layer = Watch(task, p, modes), Layer(task, p, modes)
@@ -116,7 +117,7 @@ class _Motion:
     def _follow(self, report: Report) -> str:
         task, (start, end) = self._task, self._task.span
         self._begin()
-        while self._t < end:
+        while self._t < end and not self._ended:
             if self._n_steps % _STEPS_PER_REPORT == 0:
                 report("simulating", (self._t - start) / (end - start))
             if self._n_steps + self._stepper.n_rejected >= task.tolerance.max_steps:
@@ -190,7 +191,7 @@ class _Motion:
         """Fire switches whose guards have jumped above 0, and tell the stepper."""
         for _ in range(10 * len(self._task.system.model.switches) + 1):
             k = self._watch.jumped_switch(self._t, self._x)
-            if k is None:
+            if k is None or self._ended:
                 break
             self._fire(k)
         else:
@@ -206,6 +207,7 @@ class _Motion:
         self._record.events.append((self._t, which, _SWITCH, 0))
         self._decide()
         self._watch.note_fired(k, self._t, self._x, error)
+        self._ended |= self._task.system.model.switches[k].terminal
 
     def _decide(self, forced: int | None = None, *, record: bool = True) -> None:
         """Decide the contacts' modes anew."""

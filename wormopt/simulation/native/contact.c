@@ -404,6 +404,7 @@ void apply_event(Run *run, long long which, int jumped) {
     row[0] = run->out.t, row[1] = run->in.n_contacts + k, row[2] = SWITCH, row[3] = 0.0;
     decide_modes(run, -1, 1);
     note_fired(run, which, residual);
+    if (run->in.terminal[k] && run->out.status == RUNNING) run->out.status = DONE;
 }
 
 /* After a jump of state or schedule, fire switches whose guards have jumped above 0. */
@@ -420,6 +421,7 @@ void fire_jumped_switches(Run *run) {
             return;
         }
         apply_event(run, fired, 1);
+        if (run->out.status != RUNNING) return;
     }
     run->out.status = EVENTS_ACCUMULATE;
 }

@@ -136,7 +136,7 @@ static void go_to_event(Run *run, double h, double theta, long long which) {
         run->crowd = 0, run->crowd_start = run->out.t;
     if (++run->crowd > 32 + 16 * n_functions(run)) run->out.status = EVENTS_ACCUMULATE;
     if (run->out.status == RUNNING) apply_event(run, which, 0);
-    start_afresh(run);
+    if (run->out.status == RUNNING) start_afresh(run);
     run->h_next = h;
 }
 

@@ -25,6 +25,7 @@ typedef struct {
     Function resets;   /* (t, x, p, s) -> states after each switch, one column each */
     const long long *velocity_state; /* per contact the state that is its velocity, or -1 */
     const long long *directions;     /* per contact 1 forward, 2 backward, 3 both */
+    const long long *terminal;       /* per switch: whether the motion ends with it */
     const double *v_rest;            /* per contact: slower counts as at rest */
     const double *v_drift;           /* the same for one that rests already */
     const double *f_rest;            /* per contact: force that does not count */

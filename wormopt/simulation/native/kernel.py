@@ -61,7 +61,8 @@ class _Problem(Structure):
         *(
             (name, c_void_p)
             for name in (
-                *("velocity_state", "directions", "v_rest", "v_drift", "f_rest", "v_layer"),
+                *("velocity_state", "directions", "terminal"),
+                *("v_rest", "v_drift", "f_rest", "v_layer"),
                 "absolute",
                 *("schedules", "times"),
             )
@@ -188,6 +189,7 @@ def compiled(system: System) -> Compiled:
     arrays = {
         "velocity_state": system.velocity_state,
         "directions": np.array(directions, dtype=np.int64),
+        "terminal": np.array([s.terminal for s in system.model.switches], dtype=np.int64),
     }
     return Compiled(fields, arrays, found)
 
