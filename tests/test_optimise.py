@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import root_scalar
 
-from wormopt.errors import ArgumentError, SolveError
+from wormopt.errors import ArgumentError, SolveError, UnknownNameError
 from wormopt.model.friction import Coulomb, Viscous
 from wormopt.model.model import Contact, Model, Schedule, Signal
 from wormopt.model.modes import ModeSequence
@@ -283,6 +283,17 @@ def test_a_replay_takes_nothing_from_the_optimiser_but_start_and_inputs():
         found.motion, arcs=replace(found.motion.arcs, points=found.motion.arcs.points * 1.01)
     )
     assert difference(spoilt) > 1e-2
+
+
+def test_an_optimal_motion_answers_by_name_as_its_simulation_does():
+    found = polish(optimise(slide(), even(20), RELAXED, LINE)).motion
+    (motion,) = replay(found, dense=True)
+    again = motion.at(found.time)
+    for name in ("position", "velocity"):
+        assert found[name] == pytest.approx(again[name], abs=1e-8)
+    assert set(found.to_xarray().data_vars) == set(found.names) >= {"position", "force"}
+    with pytest.raises(UnknownNameError, match="'nonsense'"):
+        found["nonsense"]
 
 
 # -- what must not pass for a solution -----------------------------------------------------------

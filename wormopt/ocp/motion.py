@@ -11,6 +11,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
+from wormopt.model.motion import SampledMotion
 from wormopt.numerics.collocation import bernstein_matrix
 from wormopt.ocp.mesh import Arcs, Mesh, interpolation
 from wormopt.ocp.nlp import Bounds
@@ -61,8 +62,14 @@ class Guess:
         return self.duration * np.array(shares) * (phases / np.sum(phases))[mesh.phase]
 
 
+# Instants of a motion: at least so many in all and on each arc, so far inside of it.
+_SAMPLES, _PER_ARC, _INSIDE = 400, 3, 1e-9
+# Arcs of a smaller part of the motion last no time.
+_NOTHING = 1e-12
+
+
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(SampledMotion):
     """A motion found on some mesh, as curves and by names.
 
     Parameters
@@ -125,6 +132,26 @@ class Motion:
     def duration(self) -> float:
         """How long it takes."""
         return float(self.breaks[-1])
+
+    @cached_property
+    def time(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Instants (m,); where arcs that last join, one stands twice, before and after."""
+        lasting = np.flatnonzero(self.arcs.duration > _NOTHING * self.duration)
+        places = np.linspace(0, 1, max(_PER_ARC, -(-_SAMPLES // len(lasting)) + 1))
+        places[-1] -= _INSIDE  # so that each time belongs to its own arc
+        t = (self.breaks[lasting, None] + self.arcs.duration[lasting, None] * places).ravel()
+        t[-1] = self.duration
+        return t
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of states and inputs, then of the model's outputs."""
+        model = self.program.problem.model
+        return tuple(dict.fromkeys(s.name for s in (*model.x, *model.u, *model.outputs)))
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Samples (entries, m) of anything the model knows by name, at `time`."""
+        return self.observe(self.program.problem.model[name], self.time)
 
     @property
     def parameters(self) -> dict[str, np.ndarray]:
