@@ -200,7 +200,7 @@ def test_a_bad_guess_ends_in_the_right_exit_code(
     def lost(_: Any) -> Guess:
         return Guess(1.0, lambda t: np.vstack([t * math.nan, t]))
 
-    monkeypatch.setattr(slide, "_guess", lost)
+    monkeypatch.setattr(slide, "cubic_guess", lost)
     assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet"]) == 3
     assert "no finite value at the first guess" in capsys.readouterr().err
 

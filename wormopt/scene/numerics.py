@@ -49,33 +49,38 @@ class ToleranceTable(Table, frozen=True, kw_only=True):
         Meta(ge=1e-14, le=1e-3, description="a number from 1e-14 to 1e-3"),
         says("1", "error of a step, against the size of a state"),
     ] = 1e-11
-    absolute: Annotated[Positive, says("1", "the same, against the state's nominal size")] = 1e-12
+    absolute: Annotated[Positive, says("1", "the same, against the state's usual size")] = 1e-12
     max_steps: Annotated[
         int,
         Meta(ge=1, le=10**12, description="a whole number, 1 or above"),
         says("count", "steps after which the run is given up"),
     ] = 10_000_000
     max_step: Annotated[
-        Positive | None, says("time", "longest step; a fiftieth of the time if left out")
+        Positive | None,
+        says(
+            "time",
+            "longest step, a fiftieth of the time if left out; while nothing moves, an input "
+            "shorter than a tenth of it may go unseen",
+        ),
     ] = None
     recheck: Annotated[bool, says("", "whether a second route finds the end again")] = True
 
 
 class SmoothContact(Table, frozen=True, kw_only=True, tag_field="treatment", tag="smooth"):
-    """Contact forces by the regularised law."""
+    """Contact forces by the regularised law.
+
+    It is an approximation: it knows no stiction, and a law with *F*<sub>−</sub> ≠ *F*<sub>+</sub>
+    pushes a mass at rest. The trust report says so.
+    """
 
     v_reg: Annotated[
         Positive,
-        says(
-            "speed",
-            "width of velocities over which the law is steep; what is left of a mass at rest is a "
-            "velocity below it",
-        ),
+        says("speed", "width of velocities over which the law is steep"),
     ] = 1 / 40
 
 
 class ExactContact(Table, frozen=True, kw_only=True, tag_field="treatment", tag="exact"):
-    """Set-valued contact laws: reversals, sticking and release are located as events."""
+    """Set-valued contact laws: every reversal, stick and release is located as an event."""
 
 
 ContactTable = SmoothContact | ExactContact
