@@ -152,6 +152,8 @@ def test_a_simulation_that_ends_elsewhere_makes_the_result_fail(
     result = wo.run("slide")
     assert result.status == "failed"
     assert "ends elsewhere, by 1.6e-05" in result.reason
+    failed = [check.name for check in result.checks if not check.passed]
+    assert failed == ["simulation of the inputs found"]
     assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet"]) == 3
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -105,7 +106,21 @@ def build_chain(
     )
 
 
-def laws_of(worm: ChainTable) -> list[Law]:
+class Grounded(Protocol):
+    """A table of masses on the ground."""
+
+    @property
+    def friction(self) -> Any:
+        """A table for all masses, several for one each, or None."""
+        ...
+
+    @property
+    def ground(self) -> tuple[Friction, ...]:
+        """Friction of every mass."""
+        ...
+
+
+def laws_of(worm: Grounded) -> list[Law]:
     """Friction law of every mass; empty where nothing rubs."""
     one_each = isinstance(worm.friction, tuple)
     return [law_of(table, 0 if one_each else i) for i, table in enumerate(worm.ground)]
