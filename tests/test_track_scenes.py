@@ -15,8 +15,7 @@ from wormopt.result import Result
 from wormopt.scene import load_scene
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.chain.runs.chains import draw_links
-from wormopt.systems.chain.runs.loops import build_loop
+from wormopt.systems.chain.runs.chains import build_loop, draw_links
 from wormopt.systems.spiked.construct import fast_gait
 
 # -- the chapter's benchmark ---------------------------------------------------------------------

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import SolveError
+from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.simulation.motion_task import KINDS
@@ -186,3 +187,8 @@ def event_arrays(motions: Sequence[Trajectory], *, several: bool) -> dict[str, n
             values = map(np.array, zip(*rows, strict=True))
             found |= zip((f"{dim}_{column}" for column in columns), values, strict=True)
     return {k: v for k, v in found.items() if several or not k.endswith("_tracker")}
+
+
+def gait_arrays(gait: Gait) -> dict[str, np.ndarray]:
+    """A gait, exactly, by the names of `GAIT`."""
+    return {f"gait_{name}": values for name, values in gait.arrays().items()}
