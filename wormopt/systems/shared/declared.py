@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 Scalars = dict[str, tuple[str, str]]
 """Name: quantity, meaning."""
 Variables = dict[str, tuple[str, tuple[str, ...], str]]
 """Name: quantity, dimensions, long name."""
+Declared = Mapping[str, tuple[str, tuple[str, ...], str]]
+"""The same, to be read only."""
 
 
-def over(signals: Variables, *before: str, last: str = "time") -> Variables:
+def over(signals: Declared, *before: str, last: str = "time") -> Variables:
     """Put dimensions before the own ones of signals, and that of time after them."""
     return {k: (quantity, (*before, *own, last), w) for k, (quantity, own, w) in signals.items()}
 

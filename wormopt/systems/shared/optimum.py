@@ -27,7 +27,7 @@ from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Exact, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.shared.declared import INSTANT, OPTIMUM, Variables, over
+from wormopt.systems.shared.declared import INSTANT, OPTIMUM, Declared, over
 from wormopt.systems.shared.proof import Recheck
 from wormopt.systems.shared.signals import fitted
 
@@ -145,14 +145,14 @@ class Sampled:
     time: np.ndarray  # (m,), ascending
     values: dict[str, np.ndarray]  # (entries, m) by name of the expression
 
-    def arrays(self, declared: Variables) -> dict[str, np.ndarray]:
+    def arrays(self, declared: Declared) -> dict[str, np.ndarray]:
         """The samples by name, and their times over the coordinate ``instant``.
 
         That is not ``time``, since this scalar of an optimal motion is how long it takes.
         """
         return {"instant": self.time, **fitted(self.values, declared)}
 
-    def variables(self, kinds: Variables, units: str) -> list[Variable]:
+    def variables(self, kinds: Declared, units: str) -> list[Variable]:
         """As `arrays`, of signals with their own dimensions; until all tables declare theirs."""
         declared = INSTANT | over(kinds, last="instant")
         return [

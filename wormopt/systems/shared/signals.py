@@ -17,7 +17,7 @@ from wormopt.simulation.motion_task import KINDS
 from wormopt.simulation.options import Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.shared.declared import Variables
+from wormopt.systems.shared.declared import Declared
 
 # Within a step, where a largest value is sought first; then its neighbourhood, so many times.
 _WITHIN = np.array([0.0, 0.25, 0.5, 0.75])
@@ -157,7 +157,7 @@ def rests(motion: Trajectory) -> list[tuple[int, float, float]]:
     return sorted(found, key=lambda rest: rest[1])
 
 
-def fitted(arrays: Mapping[str, Any], declared: Variables) -> dict[str, np.ndarray]:
+def fitted(arrays: Mapping[str, Any], declared: Declared) -> dict[str, np.ndarray]:
     """Leave out the axis of length 1, next to last, of signals that have no entries."""
     found = {name: np.asarray(values) for name, values in arrays.items()}
     return {
