@@ -24,11 +24,10 @@ from wormopt.scene import load_scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.shared.proof import Recheck
+from wormopt.systems.swinging import steady as steadies
 from wormopt.systems.swinging.harmonic_masses import harmonic_masses, imbalance, steady_masses
-from wormopt.systems.swinging.runs import exact_orbit
 from wormopt.systems.swinging.runs import harmonic_masses as study
-from wormopt.systems.swinging.runs.exact_orbit import Runner, measured
-from wormopt.systems.swinging.runs.slow_velocity import SlowVelocity, Steady, sign_changes
+from wormopt.systems.swinging.steady import Runner, SlowVelocity, Steady, measured, sign_changes
 
 SCENE = "three_masses_harmonic"
 THIRDS = 2 * np.pi * np.arange(3) / 3
@@ -447,7 +446,7 @@ def test_without_recheck_there_is_none_and_a_warning(monkeypatch: pytest.MonkeyP
     def never(*given: Any, **options: Any):
         raise AssertionError
 
-    monkeypatch.setattr(exact_orbit, "recheck", never)
+    monkeypatch.setattr(steadies, "recheck", never)
     result = solved("tolerance.recheck=false", "course.periods=80")
     assert result.status == "ok"
     assert value(result, "recheck_error") is None
@@ -496,15 +495,20 @@ def test_a_run_saves_its_picture(tmp_path: Path):
 # -- failures --------------------------------------------------------------------------------------
 
 
+def failed_checks(result: Result) -> list[str]:
+    return [check.name for check in result.checks if not check.passed]
+
+
 def test_a_second_route_that_ends_elsewhere_fails(monkeypatch: pytest.MonkeyPatch):
     def elsewhere(*given: Any, **options: Any) -> Recheck:
         return dataclasses.replace(honest(*given, **options), error=1e-3)
 
-    honest = exact_orbit.recheck
-    monkeypatch.setattr(exact_orbit, "recheck", elsewhere)
+    honest = steadies.recheck
+    monkeypatch.setattr(steadies, "recheck", elsewhere)
     result = solved()
     assert result.status == "failed"
     assert "ends elsewhere" in result.reason
+    assert failed_checks(result) == ["second route"]
 
 
 def test_too_few_nodes_fail(tmp_path: Path):
@@ -513,6 +517,7 @@ def test_too_few_nodes_fail(tmp_path: Path):
     result = solved(law, "averaging.nodes=4")
     assert result.status == "failed"
     assert "larger averaging.nodes" in result.reason
+    assert "averages on twice as many nodes" in failed_checks(result)
     options = ["--set", law, "--set", "averaging.nodes=4", "--quiet", "-o", str(tmp_path / "out")]
     assert main(["run", SCENE, *options]) == 3
 
@@ -521,6 +526,7 @@ def test_masses_that_hand_their_rest_on_fail_with_what_was_found():
     result = solved("worm.friction={kind='coulomb', forward=3.0, backward=10.0}")
     assert result.status == "failed"
     assert "exact motion is not to be had" in result.reason
+    assert failed_checks(result) == ["exact motions missing"]
     assert value(result, "velocity_exact_mean") is None
     assert value(result, "velocity_steady") == pytest.approx(
         math.sin(math.pi / 2 * 7 / 13), abs=1e-12
@@ -537,6 +543,7 @@ def test_averages_that_disagree_with_the_exact_motion_fail(monkeypatch: pytest.M
     assert result.status == "failed"
     assert "the closed form is" in result.reason
     assert "exact mean velocity is not that of second-order averaging" in result.reason
+    assert failed_checks(result) == ["closed form", "second order"]
 
 
 @pytest.mark.parametrize(

@@ -22,9 +22,9 @@ from wormopt.result import Result
 from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
-from wormopt.systems.chain.runs.judged import judged, judged_numbers
-from wormopt.systems.chain.runs.optimal_tracking import optimal_input
-from wormopt.systems.chain.runs.rivals import draw_plants
+from wormopt.systems.chain.measured import judged, judged_numbers
+from wormopt.systems.chain.optimal_tracking import optimal_input
+from wormopt.systems.chain.rivals import draw_plants
 from wormopt.systems.chain.scenes.track_optimal import (
     GridTable,
     LeastError,
@@ -156,7 +156,7 @@ def test_least_error_is_found_again_and_beats_lqr():
     plant = chain(2, law=Coulomb(1.0, 10.0), **PLANT)
     loop = lqr(plant, follow(fast_gait(1.0), plant.t), error_weight=1e3)
     numbers = judged_numbers(simulate(judged(loop, TUBE), 1.5), TUBE)
-    other = numbers["error_integral"][0] + 1e-3 * numbers["input_integral"][0]
+    other = numbers["error_integral"] + 1e-3 * numbers["input_integral"]
     assert exact < 0.8 * other
 
 
@@ -164,7 +164,7 @@ def test_what_is_measured_agrees_with_quadrature():
     plant = chain(2, law=Coulomb(1.0, 10.0), **PLANT)
     loop = lqr(plant, follow(fast_gait(1.0), plant.t), error_weight=10.0)
     motion = simulate(judged(loop, TUBE), 3.0, dense=True)
-    numbers = {name: number for name, (number, _) in judged_numbers(motion, TUBE).items()}
+    numbers = judged_numbers(motion, TUBE)
     t = np.linspace(0.0, 3.0, 30_001)
     fine = motion.at(t)
     error, power = fine.output("error"), fine.output("input") * fine.output("rate")

@@ -6,9 +6,8 @@ import re
 import signal
 import threading
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 from by_text import CHANCE, SIMULATE, TRACK, value, write
@@ -22,15 +21,8 @@ from wormopt.result import Result
 from wormopt.scene import load_scene, packaged_scenes
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.chain.scenes.simulate import SimulateScene
-from wormopt.systems.chain.scenes.track import TrackScene
-from wormopt.systems.coils.scenes.coil_inverse import CoilInverseScene
-from wormopt.systems.coils.scenes.coil_row import CoilRowScene
-from wormopt.systems.film.scenes.film_wave import FilmWaveScene
-from wormopt.systems.pair.scenes.pair_waveform import PairWaveformScene
 from wormopt.systems.shared import proof, signals
 from wormopt.systems.shared.proof import warnings_of_contact
-from wormopt.systems.spiked.scenes.stepper import StepperScene
 
 # -- what is not trusted -------------------------------------------------------------------------
 
@@ -46,6 +38,7 @@ def test_a_second_route_that_disagrees_makes_the_result_fail(
     result = wo.run(write(tmp_path, TRACK))
     assert result.status == "failed"
     assert "the second route (python) ends elsewhere" in result.reason
+    assert [check.name for check in result.checks if not check.passed] == ["second route"]
     assert value(result, "recheck_error") == pytest.approx(1e-6, rel=1)
 
 
@@ -71,6 +64,8 @@ def test_a_second_route_that_gives_up_makes_the_result_fail(
     result = wo.run(write(tmp_path, TRACK))
     assert result.status == "failed"
     assert "gave up: too hard; tolerance.recheck = false" in result.reason
+    (failed,) = [check for check in result.checks if not check.passed]
+    assert (failed.name, failed.value) == ("second route", None)
     assert value(result, "recheck_error") is None
     result = wo.run(load_scene(write(tmp_path, TRACK), ["tolerance.recheck=false"]))
     assert result.status == "ok"
@@ -326,34 +321,3 @@ def test_the_page_on_simulation_runs(capsys: pytest.CaptureFixture[str]):
     # the model on the page is the one that comes with the package
     own = packaged_scenes()["own_model"].with_name("my_worm.py").read_text(encoding="utf-8")
     assert own.partition("def build(")[2].strip() in program
-
-
-def test_every_key_of_the_scenes_is_documented():
-    text = (DOCS / "scenes.md").read_text(encoding="utf-8")
-    tables = [TrackScene, SimulateScene, PairWaveformScene, CoilRowScene, CoilInverseScene]
-    tables += [FilmWaveScene, StepperScene]
-    seen = set()
-    while tables:
-        table = tables.pop()
-        for item in msgspec.structs.fields(table):
-            assert f"`{item.name}`" in text or f"[{item.name}]" in text, f"{table}: {item.name}"
-            for kind in kinds_in(item.type):
-                if kind not in seen:
-                    seen.add(kind)
-                    tables.append(kind)
-
-
-def kinds_in(kind: Any) -> list[Any]:
-    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-        return [kind]
-    return [found for part in get_args(kind) for found in kinds_in(part)]
-
-
-def test_every_scalar_and_variable_is_documented(fig05: Result, tmp_path: Path):
-    text = (DOCS / "scenes.md").read_text(encoding="utf-8")
-    change = [CHANCE, "ensemble.members=3", "time.samples=11", "time.end=0.5"]
-    herd = wo.run(load_scene(write(tmp_path, TRACK), change))
-    for result in (fig05, herd, wo.run("stiction")):
-        names = {*result.scalars, *(v.name for v in result.variables), *result.trust}
-        for name in names:
-            assert f"`{name}`" in text, name

@@ -152,6 +152,8 @@ def test_a_simulation_that_ends_elsewhere_makes_the_result_fail(
     result = wo.run("slide")
     assert result.status == "failed"
     assert "ends elsewhere, by 1.6e-05" in result.reason
+    failed = [check.name for check in result.checks if not check.passed]
+    assert failed == ["simulation of the inputs found"]
     assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet"]) == 3
 
 
@@ -200,7 +202,7 @@ def test_a_bad_guess_ends_in_the_right_exit_code(
     def lost(_: Any) -> Guess:
         return Guess(1.0, lambda t: np.vstack([t * math.nan, t]))
 
-    monkeypatch.setattr(slide, "_guess", lost)
+    monkeypatch.setattr(slide, "cubic_guess", lost)
     assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet"]) == 3
     assert "no finite value at the first guess" in capsys.readouterr().err
 

@@ -1,7 +1,9 @@
 """Scenes of the kinds "track" and "simulate": what they find."""
 
+import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +17,9 @@ from wormopt.result import Result
 from wormopt.scene import load_scene
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.chain.runs.chains import draw_links
-from wormopt.systems.chain.runs.loops import build_loop
+from wormopt.systems.chain import measured
+from wormopt.systems.chain.runs import track
+from wormopt.systems.chain.runs.chains import build_loop, draw_links
 from wormopt.systems.spiked.construct import fast_gait
 
 # -- the chapter's benchmark ---------------------------------------------------------------------
@@ -274,6 +277,32 @@ def test_trackers_of_all_kinds_side_by_side(tmp_path: Path):
     gain = result["gain"].values[2]
     assert np.diff(gain).min() < 0  # the third gain decays after a while in the tube
     assert [each["route"] for each in result.trust["recheck"]] == ["python"] * 3
+
+
+def test_energies_that_do_not_balance_and_errors_out_of_their_funnel_make_the_result_fail(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    honest = measured.chain_checks
+
+    def unbalanced(second: Any, energies: measured.Balance, *given: Any) -> Any:
+        return honest(second, dataclasses.replace(energies, residual=0.1), *given)
+
+    monkeypatch.setattr(measured, "largest", lambda *_: 1.5)
+    monkeypatch.setattr(track, "chain_checks", unbalanced)
+    change = [FUNNELS, "time.end=0.2", "tolerance.recheck=false"]
+    result = wo.run(load_scene(write(tmp_path, TRACK), change))
+    assert result.status == "failed"
+    who = "funnel controller"
+    assert f"{who}: energies do not balance, by 0.1 of their size; {who}: error_norm leaves" in (
+        result.reason
+    )
+    assert [check.name for check in result.checks if not check.passed] == [
+        f"{who}: energy balance",
+        f"{who}: error_norm in its funnel",
+        f"{who}: rate_error_norm in its rate_funnel",
+        "tracker (14): energy balance",
+        "mine: energy balance",
+    ]
 
 
 def test_a_start_outside_of_its_funnel_is_refused(tmp_path: Path):

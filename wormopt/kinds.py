@@ -108,13 +108,13 @@ KINDS: dict[str, Kind] = {
     "two-mass": Kind(
         summary="two masses on rough ground, slow stroke and fast return, best ratio of masses",
         table="wormopt.systems.swinging.scenes.internal_mass:TwoMassScene",
-        study="wormopt.systems.swinging.runs.two_mass",
+        study="wormopt.systems.swinging.runs.internal_mass",
         pictures=("signals",),
     ),
     "capsule": Kind(
         summary="a capsule driven by a mass that jumps to and fro inside, fastest cycle",
         table="wormopt.systems.swinging.scenes.internal_mass:CapsuleScene",
-        study="wormopt.systems.swinging.runs.capsule",
+        study="wormopt.systems.swinging.runs.internal_mass",
         pictures=("signals",),
     ),
     "pair-waveform": Kind(

@@ -8,22 +8,21 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import FinitePerMass, Positive, Table, wrong_count
+from wormopt.scene.types import FinitePerMass, Positive, Table, says, wrong_count
 
 
 class Start(Table, frozen=True, kw_only=True):
-    """Where the masses start and how fast.
+    """Where the masses start and how fast."""
 
-    Parameters
-    ----------
-    position : tuple of float, optional
-        One per mass, head first. Left out, links have their rest length and the tail is at 0.
-    velocity : float or tuple of float
-        Alike for all or one per mass.
-    """
-
-    position: FinitePerMass | None = None
-    velocity: FinitePerMass = 0.0
+    position: Annotated[
+        FinitePerMass | None,
+        says(
+            "length",
+            "of the masses, head first; left out, links have their rest length and the tail is "
+            "at 0",
+        ),
+    ] = None
+    velocity: Annotated[FinitePerMass, says("speed", "of the masses")] = 0.0
 
     def faults(self, links: int) -> Iterator[Fault]:
         """Yield what does not fit a worm of so many links."""
@@ -32,99 +31,91 @@ class Start(Table, frozen=True, kw_only=True):
 
 
 class TimeSpan(Table, frozen=True, kw_only=True):
-    """From time 0 to which, and how many instants are kept.
+    """From time 0 to which, and how many instants are kept."""
 
-    Parameters
-    ----------
-    end : float
-        Last time.
-    samples : int
-        Equidistant times at which signals are kept, both ends included.
-    """
-
-    end: Positive
+    end: Annotated[Positive, says("time", "last time")]
     samples: Annotated[
-        int, Meta(ge=2, le=1_000_000, description="a whole number from 2 to 1000000")
+        int,
+        Meta(ge=2, le=1_000_000, description="a whole number from 2 to 1000000"),
+        says("count", "equidistant times at which signals are kept, both ends included"),
     ] = 2001
 
 
 class ToleranceTable(Table, frozen=True, kw_only=True):
-    """How exact the motion shall be.
-
-    Parameters
-    ----------
-    relative : float
-        Error of a step against the size of a state.
-    absolute : float
-        The same against the state's nominal size.
-    max_steps : int
-        Steps after which the run is given up.
-    max_step : float, optional
-        Longest step; a fiftieth of the time if left out.
-    recheck : bool
-        Whether a second route finds the end again.
-    """
+    """How exact the motion shall be."""
 
     relative: Annotated[
-        float, Meta(ge=1e-14, le=1e-3, description="a number from 1e-14 to 1e-3")
+        float,
+        Meta(ge=1e-14, le=1e-3, description="a number from 1e-14 to 1e-3"),
+        says("1", "error of a step, against the size of a state"),
     ] = 1e-11
-    absolute: Positive = 1e-12
-    max_steps: Annotated[int, Meta(ge=1, le=10**12, description="a whole number, 1 or above")] = (
-        10_000_000
-    )
-    max_step: Positive | None = None
-    recheck: bool = True
+    absolute: Annotated[Positive, says("1", "the same, against the state's usual size")] = 1e-12
+    max_steps: Annotated[
+        int,
+        Meta(ge=1, le=10**12, description="a whole number, 1 or above"),
+        says("count", "steps after which the run is given up"),
+    ] = 10_000_000
+    max_step: Annotated[
+        Positive | None,
+        says(
+            "time",
+            "longest step, a fiftieth of the time if left out; while nothing moves, an input "
+            "shorter than a tenth of it may go unseen",
+        ),
+    ] = None
+    recheck: Annotated[bool, says("", "whether a second route finds the end again")] = True
 
 
 class SmoothContact(Table, frozen=True, kw_only=True, tag_field="treatment", tag="smooth"):
     """Contact forces by the regularised law.
 
-    Parameters
-    ----------
-    v_reg : float
-        Width of velocities over which the law is steep.
+    It is an approximation: it knows no stiction, and a law with *F*<sub>−</sub> ≠ *F*<sub>+</sub>
+    pushes a mass at rest. The trust report says so.
     """
 
-    v_reg: Positive = 1 / 40
+    v_reg: Annotated[
+        Positive,
+        says("speed", "width of velocities over which the law is steep"),
+    ] = 1 / 40
 
 
 class ExactContact(Table, frozen=True, kw_only=True, tag_field="treatment", tag="exact"):
-    """Set-valued contact laws: reversals, sticking and release are located as events."""
+    """Set-valued contact laws: every reversal, stick and release is located as an event."""
 
 
 ContactTable = SmoothContact | ExactContact
 
 
 class AveragingTable(Table, frozen=True, kw_only=True):
-    """How averages are computed.
+    """How averages are computed."""
 
-    Parameters
-    ----------
-    nodes : int
-        Points of Gauss' quadrature between two reversals.
-    """
-
-    nodes: Annotated[int, Meta(ge=2, le=64, description="a whole number from 2 to 64")] = 16
+    nodes: Annotated[
+        int,
+        Meta(ge=2, le=64, description="a whole number from 2 to 64"),
+        says("count", "points of Gauss' quadrature between two reversals"),
+    ] = 16
 
 
 class MeshTable(Table, frozen=True, kw_only=True):
-    """How finely an optimal motion is resolved.
+    """How finely an optimal motion is resolved."""
 
-    Parameters
-    ----------
-    arcs : int
-        Pieces of time in the first solve.
-    degree : int
-        Of the state polynomials on each.
-    scheme : {"radau", "legendre"}
-        Collocation points.
-    tolerance : float
-        Local error of every piece, in usual sizes of the states, to which the mesh is refined.
-    """
-
-    arcs: Annotated[int, Meta(ge=2, le=2000, description="a whole number from 2 to 2000")] = 20
-    degree: Annotated[int, Meta(ge=1, le=9, description="a whole number from 1 to 9")] = 3
-    scheme: Literal["radau", "legendre"] = "radau"
+    arcs: Annotated[
+        int,
+        Meta(ge=2, le=2000, description="a whole number from 2 to 2000"),
+        says("count", "pieces of time in the first solve; they are split where errors are large"),
+    ] = 20
+    degree: Annotated[
+        int,
+        Meta(ge=1, le=9, description="a whole number from 1 to 9"),
+        says("count", "of the state polynomials on each piece"),
+    ] = 3
+    scheme: Annotated[Literal["radau", "legendre"], says("", "collocation points")] = "radau"
     tolerance: Annotated[
-        float, Meta(ge=1e-13, le=1e-2, description="a number from 1e-13 to 1e-2")
+        float,
+        Meta(ge=1e-13, le=1e-2, description="a number from 1e-13 to 1e-2"),
+        says(
+            "1",
+            "local error of every piece, in usual sizes of the states, to which the mesh is "
+            "refined",
+        ),
     ] = 1e-9

@@ -4,87 +4,75 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import ContactTable, ExactContact, MeshTable
-from wormopt.scene.types import Finite, Positive, SceneTable, Table, extreme_numbers
+from wormopt.scene.types import Finite, Positive, SceneTable, Table, extreme_numbers, says
 from wormopt.systems.chain.scenes.chain import Friction, faults_of_law
+from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 
 class Place(Table, frozen=True, kw_only=True):
-    """Where the block is and how fast.
+    """Where the block is and how fast."""
 
-    Parameters
-    ----------
-    position : float
-        Position.
-    velocity : float
-        Velocity.
-    """
-
-    position: Finite
-    velocity: Finite = 0.0
+    position: Annotated[Finite, says("length", "place")]
+    velocity: Annotated[Finite, says("speed", "how fast there")] = 0.0
 
 
 class BlockTable(Table, frozen=True, kw_only=True):
-    """The block.
+    """The block."""
 
-    Parameters
-    ----------
-    mass : float
-        Mass.
-    force : float
-        Largest drive either way.
-    friction : table
-        Law of the ground.
-    """
-
-    mass: Positive = 1.0
-    force: Positive
-    friction: Friction
+    mass: Annotated[Positive, says("mass", "mass")] = 1.0
+    force: Annotated[Positive, says("force", "largest drive either way")]
+    friction: Annotated[Friction, says("", "law of the ground")]
 
 
 class SlideScene(SceneTable, frozen=True, kw_only=True):
     """The fastest way, or the one of least effort, from one place and velocity to another.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"slide"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether numbers are in SI units.
-    want : tuple of str
-        Pictures to draw.
-    block : BlockTable
-        The block.
-    start, end : Place
-        From where to where.
-    minimise : {"time", "effort"}
-        Duration, or the integral of the squared drive over it.
-    time : float, optional
-        Longest duration.
-    contact : SmoothContact or ExactContact
-        How contact is treated.
-    mesh : MeshTable
-        How finely.
+    A block on the ground goes from one place and velocity to another in the shortest time, or
+    with the least effort ∫*u*² d*t*. See [optimal.md](../optimal.md).
+
+    `contact` with `treatment = "exact"`: relaxed complementarity, then phases with free switching
+    times; with `"smooth"`: phases of the drive alone.
+
+    Where arcs join, the instant stands twice. `timings_s`: `build` and `solve` (of all programs),
+    `optimise` and `recheck`.
     """
 
+    scalars: ClassVar = OPTIMUM | {
+        "objective": (
+            "time",
+            'what was minimised: the time, or with `minimise = "effort"` the effort (force² time)',
+        )
+    }
+    variables: ClassVar = INSTANT | {
+        "position": ("length", ("instant",), "position of the block"),
+        "velocity": ("speed", ("instant",), "velocity of the block"),
+        "force": ("force", ("instant",), "drive"),
+        "contact_force": ("force", ("instant",), "force of the ground"),
+    }
+
     kind: Literal["slide"]
-    want: tuple[Literal["signals"], ...] = ()
-    block: BlockTable
-    start: Place
-    end: Place
-    minimise: Literal["time", "effort"] = "time"
-    time: Positive | None = None
-    contact: ContactTable = field(default_factory=ExactContact)
-    mesh: MeshTable = field(default_factory=MeshTable)
+    want: Annotated[
+        tuple[Literal["signals"], ...], says("", "`signals`: signals below each other")
+    ] = ()
+    block: Annotated[BlockTable, says("", "the block")]
+    start: Annotated[Place, says("", "from where")]
+    end: Annotated[Place, says("", "to where")]
+    minimise: Annotated[Literal["time", "effort"], says("", "what is least")] = "time"
+    time: Annotated[Positive | None, says("time", 'longest duration; required for `"effort"`')] = (
+        None
+    )
+    contact: Annotated[ContactTable, says("", "how contact is treated; exact if left out")] = field(
+        default_factory=ExactContact
+    )
+    mesh: Annotated[MeshTable, says("", "how finely the motion is resolved")] = field(
+        default_factory=MeshTable
+    )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""

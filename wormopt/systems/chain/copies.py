@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 from typing import Any, cast
 
 import casadi as ca
+import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
@@ -99,3 +100,19 @@ def _numbered(law: Law, put: Callable[[ca.SX], ca.SX]) -> Law:
 
 def _fresh(symbol: ca.SX) -> ca.SX:
     return ca.SX.sym("copy", symbol.numel())
+
+
+def numbers_of(model: Model) -> dict[str, np.ndarray]:
+    """Own values of a model's parameters by name."""
+    return {s.name: np.array(s.value, dtype=float) for s in model.p}
+
+
+def draw_factors(
+    own: Mapping[str, np.ndarray], spread: float, random: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Factors by which each number of another worm differs, uniform within ± `spread` of 1."""
+    return {
+        name: random.uniform(1 - spread, 1 + spread, own[name].shape)
+        for name in ("mass", "stiffness", "damping", "friction_forward", "friction_backward")
+        if name in own
+    }

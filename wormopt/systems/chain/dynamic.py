@@ -6,10 +6,21 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import casadi as ca
+import numpy as np
 
-from wormopt.errors import ArgumentError
+from wormopt.control.drive import drive
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Signal
+from wormopt.ocp.motion import Guess
 from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.simulation.options import Tolerance
+from wormopt.simulation.simulate import simulate
+
+PERIODS = 6
+"""Simulated periods of which the last one is a first guess."""
+# Share of the largest force that its inputs have.
+_PART = 0.9
 
 
 @dataclass(frozen=True)
@@ -83,6 +94,40 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
         slacks=cost.slacks,
         design=design,
     )
+
+
+def sine_guess(
+    plant: Model, period: float, force: float, phase: np.ndarray | None = None, worms: int = 1
+) -> Guess:
+    """Last of some periods under sines of a share of a force, told from where the tail is then.
+
+    Phases run down the worm if left out. Of several `worms` all move alike. Raises SolveError if
+    the motion cannot be simulated.
+    """
+    links = sum(u.size for u in plant.u)
+    if phase is None:
+        phase = 2 * np.pi / (links + 1) * np.arange(links)
+    size = _PART * force
+    sines = Gait(
+        np.array([0.0, period]),
+        np.zeros((1, links, 1)),
+        np.array([2 * np.pi / period]),
+        size * np.cos(phase)[None],
+        -size * np.sin(phase)[None],
+    )
+    loose = Tolerance(relative=1e-8, absolute=1e-8)
+    driven = drive(plant, sines, periodic=True)
+    motion = simulate(driven, PERIODS * period, tolerance=loose, dense=True)
+    if motion.dense is None:
+        raise SolveError("the first guess cannot be simulated", "write a smaller limits.force")
+    dense, first, masses = motion.dense, (PERIODS - 1) * period, links + 1
+
+    def states(t: np.ndarray) -> np.ndarray:
+        x = dense(first + t)[: 2 * masses]
+        x[:masses] -= dense(np.array([first]))[masses - 1]
+        return np.tile(x, (worms, 1))
+
+    return Guess(period, states, lambda t: sines(first + t))
 
 
 @dataclass(frozen=True, eq=False)

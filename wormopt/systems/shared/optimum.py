@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,13 +21,15 @@ from wormopt.ocp.polish import resting_speeds
 from wormopt.ocp.sequence import structure_of
 from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Check, Result
+from wormopt.result import conclude as conclude_scene
 from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Exact, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.shared.declared import INSTANT, OPTIMUM, Declared, over
 from wormopt.systems.shared.proof import Recheck
-from wormopt.systems.shared.signals import Kind, variable
+from wormopt.systems.shared.signals import fitted
 
 ACCEPTED = 1e-7
 """Largest difference between the ends of an exact optimum and of its simulation that is accepted.
@@ -143,15 +145,21 @@ class Sampled:
     time: np.ndarray  # (m,), ascending
     values: dict[str, np.ndarray]  # (entries, m) by name of the expression
 
-    def variables(self, kinds: Mapping[str, Kind], units: str) -> list[Variable]:
-        """Make variables of the samples over the coordinate ``instant``.
+    def arrays(self, declared: Declared) -> dict[str, np.ndarray]:
+        """The samples by name, and their times over the coordinate ``instant``.
 
         That is not ``time``, since this scalar of an optimal motion is how long it takes.
-        `kinds`: quantity, own dimensions and long name of every signal.
         """
-        coordinate = Variable("instant", unit_of("time", units), ("instant",), self.time, "time")
-        named = (variable(k, kinds[k], (), v, units) for k, v in self.values.items())
-        return [coordinate, *(replace(v, dims=(*v.dims[:-1], "instant")) for v in named)]
+        return {"instant": self.time, **fitted(self.values, declared)}
+
+    def variables(self, kinds: Declared, units: str) -> list[Variable]:
+        """As `arrays`, of signals with their own dimensions; until all tables declare theirs."""
+        declared = INSTANT | over(kinds, last="instant")
+        return [
+            Variable(name, unit_of(declared[name][0], units), declared[name][1], values,
+                     declared[name][2])
+            for name, values in self.arrays(declared).items()
+        ]  # fmt: skip
 
 
 def sample_motion(motion: Motion, expressions: Mapping[str, ca.SX]) -> Sampled:
@@ -192,30 +200,27 @@ def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
 # -- numbers ---------------------------------------------------------------------------------------
 
 
-def optimum_scalars(
-    stages: Mapping[str, Optimum], second: Recheck, units: str, *, objective: str
-) -> dict[str, Scalar]:
-    """Scalars that every optimal motion carries; inputs are unknown where they act by impulses.
+def optimum_scalars(stages: Mapping[str, Optimum], second: Recheck) -> dict[str, Any]:
+    """Numbers of `OPTIMUM`; inputs are unknown where they act by impulses.
 
-    The last of `stages` is the result, `second` its simulation, `objective` a quantity.
+    The last of `stages` is the result, `second` its simulation.
     """
     optimum = [*stages.values()][-1]
     modes, times = modes_of(optimum)
     rms, peak = _input_sizes(optimum.motion)
-    found = {
-        "time": (optimum.motion.duration, "time"),
-        "objective": (optimum.objective, objective),
-        "input_rms": (rms, "force"),
-        "input_peak": (peak, "force"),
-        "defect_max": (float(optimum.defects.max()), "share"),
-        "complementarity_max": (optimum.complementarity, "share"),
-        "recheck_error": (second.error, "share"),
-        "solve_iterations": (sum(o.iterations for o in stages.values()), "count"),
-        "n_phases": (len(modes), "count"),
-        "mode_sequence": (modes, "count"),
-        "phase_times": (times, "time"),
+    return {
+        "time": optimum.motion.duration,
+        "objective": optimum.objective,
+        "input_rms": rms,
+        "input_peak": peak,
+        "defect_max": float(optimum.defects.max()),
+        "complementarity_max": optimum.complementarity,
+        "recheck_error": second.error,
+        "solve_iterations": sum(o.iterations for o in stages.values()),
+        "n_phases": len(modes),
+        "mode_sequence": modes,
+        "phase_times": times,
     }
-    return {name: Scalar(value, unit_of(kind, units)) for name, (value, kind) in found.items()}
 
 
 def _input_sizes(motion: Motion) -> tuple[float | None, float | None]:
@@ -264,10 +269,8 @@ def optimum_timings(stages: Mapping[str, Optimum]) -> dict[str, float]:
 # -- trust -----------------------------------------------------------------------------------------
 
 
-def optimum_trust(
-    stages: Mapping[str, Optimum], second: Recheck, warnings: Sequence[str]
-) -> dict[str, Any]:
-    """Trust report that all optimal motions share.
+def optimum_facts(stages: Mapping[str, Optimum], second: Recheck) -> dict[str, Any]:
+    """What the trust reports of all optimal motions say.
 
     The last of `stages` is the result, `second` its simulation.
     """
@@ -279,15 +282,20 @@ def optimum_trust(
         "defect_max": float(optimum.defects.max()),
         "complementarity_max": optimum.complementarity,
         "first_order_gain": optimum.gain,
-        "recheck": {
-            "route": second.route,
-            "error": second.error,
-            "accepted": second.accepted,
-            "shared": second.shared,
-        },
+        "recheck": second.facts,
         "solves": {name: statistics(stage) for name, stage in stages.items()},
-        "warnings": list(dict.fromkeys(warnings)),
     }
+
+
+def replay_check(second: Recheck) -> Check:
+    """Whether an optimum and the simulation of its inputs end alike."""
+    advice = (
+        f"the inputs found cannot be simulated: {second.reason}"
+        if second.error is None
+        else f"simulated with the inputs found the motion ends elsewhere, by {second.error:.2g} of "
+        f"the states' size where {second.accepted:.2g} is accepted"
+    )
+    return Check("simulation of the inputs found", second.error, second.accepted, advice)
 
 
 def _treatment_in_words(optimum: Optimum) -> str:
@@ -355,16 +363,54 @@ def warnings_of_reading(relaxed: Optimum, exact: Optimum) -> Iterator[str]:
         )
 
 
-def faults_of_optimum(second: Recheck) -> list[str]:
-    """Reasons not to trust an optimum, from its simulation; empty where all agree."""
-    if second.error is None:
-        return [f"the inputs found cannot be simulated: {second.reason}"]
-    if not second.error <= second.accepted:
-        return [
-            f"simulated with the inputs found the motion ends elsewhere, by {second.error:.2g} of "
-            f"the states' size where {second.accepted:.2g} is accepted"
-        ]
-    return []
+def conclude_optimum(
+    scene: Scene[Any],
+    stages: Mapping[str, Optimum],
+    second: Recheck,
+    scalars: Mapping[str, Any],
+    variables: Mapping[str, Any],
+    *,
+    objective: str | None = None,
+    checks: Iterable[Check] = (),
+    facts: Mapping[str, Any] | None = None,
+    warnings: Iterable[str] = (),
+    timings: Mapping[str, float],
+    shown: Sequence[str] | None = None,
+) -> Result:
+    """Put an optimal motion into a Result, which is failed where its simulation ends elsewhere.
+
+    The last of `stages` is the result, `second` its simulation. `objective`: its quantity, where
+    it is not the one declared; `shown`: signals to plot, in order, all if None.
+    """
+    common = optimum_scalars(stages, second)
+    if objective:
+        common["objective"] = Scalar(common["objective"], unit_of(objective, scene.table.units))
+    motion = [*stages.values()][-1].motion
+    return conclude_scene(
+        scene,
+        {**scalars, **common} | dict(scalars),
+        variables,
+        checks=[replay_check(second), *checks],
+        facts={**optimum_facts(stages, second), **(facts or {})},
+        warnings=warnings,
+        timings={**optimum_timings(stages), **timings},
+        attributes={
+            "contacts": [contact.name for contact in motion.program.problem.model.contacts],
+            "signals": [*(shown or (name for name in variables if name != "instant"))],
+        },
+    )
+
+
+def refused(scene: Scene[Any], error: SolveError, variables: Any = ()) -> SolveError:
+    """Restate an optimiser's failure with a Result that can be saved.
+
+    `variables` hold what was found all the same.
+    """
+    partial = conclude_scene(scene, {}, variables).failed(str(error))
+    return SolveError(error.reason, error.suggestion, partial, error.code)
+
+
+# -- until the tables of all systems declare their numbers: kinds pair-waveform and film-wave ------
 
 
 def conclude(
@@ -380,43 +426,27 @@ def conclude(
     faults: Sequence[str] = (),
     shown: Sequence[str] | None = None,
 ) -> Result:
-    """Put an optimal motion into a Result, "failed" if its simulation differs or with faults.
-
-    The last of `stages` is the result, `second` its simulation; `timings` add to those to
-    build and solve. `shown` lists the signals to plot, in order; None: all variables.
-    """
-    faults, motion = [*faults_of_optimum(second), *faults], [*stages.values()][-1].motion
-    common = optimum_scalars(stages, second, scene.table.units, objective=objective)
-    return Result(
-        scene.name,
-        scene.table.kind,
-        scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars={**scalars, **common},
-        variables=tuple(variables),
-        trust=optimum_trust(stages, second, warnings),
-        timings_s={**optimum_timings(stages), **timings},
-        scene_text=scene.text,
-        attributes={
-            "contacts": [contact.name for contact in motion.program.problem.model.contacts],
-            "signals": [*(shown or (v.name for v in variables if v.name != "instant"))],
-        },
+    """As `conclude_optimum`, with Scalars and Variables of which nothing is declared."""
+    units = scene.table.units
+    common = {
+        name: Scalar(value, unit_of(objective if name == "objective" else OPTIMUM[name][0], units))
+        for name, value in optimum_scalars(stages, second).items()
+    }
+    return conclude_optimum(
+        scene,
+        stages,
+        second,
+        {**scalars, **common},
+        {v.name: v for v in variables},
+        checks=[Check(fault, None, 0.0, fault) for fault in faults],
+        warnings=warnings,
+        timings=timings,
+        shown=shown,
     )
 
 
-def refused(scene: Scene[Any], error: SolveError, variables: Sequence[Variable] = ()) -> SolveError:
-    """Restate an optimiser's failure with a Result that can be saved.
-
-    `variables` hold what was found all the same.
-    """
-    partial = Result(
-        scene.name,
-        scene.table.kind,
-        scene.title,
-        status="failed",
-        reason=str(error),
-        variables=tuple(variables),
-        scene_text=scene.text,
-    )
-    return SolveError(error.reason, error.suggestion, partial, error.code)
+def optimum_trust(
+    stages: Mapping[str, Optimum], second: Recheck, warnings: Sequence[str]
+) -> dict[str, Any]:
+    """As `optimum_facts`, with warnings."""
+    return optimum_facts(stages, second) | {"warnings": list(dict.fromkeys(warnings))}

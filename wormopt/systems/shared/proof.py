@@ -1,10 +1,10 @@
-"""How far simulated motions are to be trusted: a second route, balances, warnings."""
+"""How far simulated motions are to be trusted: a second route, warnings."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from math import atanh
 from typing import Any
 
@@ -15,10 +15,10 @@ from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb, Law
 from wormopt.model.model import Model
 from wormopt.progress import Report
+from wormopt.result import Check
 from wormopt.simulation.options import Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.shared.watch import Balance
 
 # Both routes shall agree at the end, and energies balance, to this or to so many tolerances, but
 # at most to a hundredth.
@@ -57,6 +57,16 @@ class Recheck:
                 "tolerance.recheck = false takes the result without it"
             )
         return ""
+
+    @property
+    def check(self) -> Check:
+        """The line of a trust report."""
+        return Check("second route", self.error, self.accepted, self.fault, not self.fault)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What a trust report says of it."""
+        return {name: getattr(self, name) for name in ("route", "error", "accepted", "shared")}
 
 
 def recheck(
@@ -164,26 +174,12 @@ def warnings_of_motion(motion: Trajectory, second: Recheck | None) -> Iterator[s
         yield "not kept whole: input_peak is the largest of the samples"
 
 
-def faults_of_motion(
-    second: Recheck | None, energies: Balance | None, tolerance: Tolerance
-) -> list[str]:
-    """Reasons not to trust a motion found to `tolerance`; empty where all agree."""
-    found = [second.fault] if second and second.fault else []
-    if energies and not abs(energies.residual) <= accepted_error(tolerance):
-        found.append(f"energies do not balance, by {energies.residual:.2g} of their size")
-    return found
-
-
-def trust(
-    motions: Sequence[Trajectory],
-    rechecks: Sequence[Recheck | None],
-    tolerance: Tolerance,
-    energies: Sequence[Balance | None],
-    warnings: Sequence[str],
+def motion_facts(
+    motions: Sequence[Trajectory], rechecks: Sequence[Recheck | None], tolerance: Tolerance
 ) -> dict[str, Any]:
-    """Trust report that all simulations share; sequences have one entry per tracker.
+    """What the trust reports of all simulations say; sequences have one entry per tracker.
 
-    `rechecks` hold None where none was wanted; `energies` is empty if the model is no chain.
+    `rechecks` hold None where none was wanted.
     """
     treatment = motions[0].system.treatment
     smooth = isinstance(treatment, Smooth)
@@ -191,19 +187,6 @@ def trust(
         "treatment": f"smooth, v_reg = {treatment.v_reg:.6g}" if smooth else "exact",
         "route": one_or_all([motion.route for motion in motions]),
         "tolerance": {"relative": tolerance.relative, "absolute": tolerance.absolute},
-        "recheck": one_or_all(
-            [
-                r
-                and {
-                    "route": r.route,
-                    "error": r.error,
-                    "accepted": r.accepted,
-                    "shared": r.shared,
-                }
-                for r in rechecks
-            ]
-        ),
-        **({"energy_balance": one_or_all([e and asdict(e) for e in energies])} if energies else {}),
+        "recheck": one_or_all([second and second.facts for second in rechecks]),
         "events": one_or_all([count_events(motion) for motion in motions]),
-        "warnings": list(dict.fromkeys(warnings)),
     }

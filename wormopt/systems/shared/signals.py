@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from wormopt.errors import SolveError
+from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
-from wormopt.quantities import Variable, unit_of
 from wormopt.simulation.motion_task import KINDS
 from wormopt.simulation.options import Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.shared.declared import Declared
 
 # Within a step, where a largest value is sought first; then its neighbourhood, so many times.
 _WITHIN = np.array([0.0, 0.25, 0.5, 0.75])
@@ -28,17 +29,6 @@ _MEMORY = 5e8
 
 Kind = tuple[str, tuple[str, ...], str]
 """Quantity and own dimensions of a signal, and what it is."""
-
-CHAIN_SIGNALS: dict[str, Kind] = {
-    "position": ("length", ("mass",), "position of the mass"),
-    "velocity": ("speed", ("mass",), "velocity of the mass"),
-    "length": ("length", ("link",), "link length"),
-    "input": ("force", ("link",), "force u of the actuator"),
-    "link_force": ("force", ("link",), "force in the link, positive where it pulls"),
-    "contact_force": ("force", ("mass",), "force of the ground"),
-    "energy": ("energy", (), "kinetic and elastic energy"),
-    "center_velocity": ("speed", (), "velocity of the centre of mass"),
-}
 
 
 def symbol(model: Model, name: str) -> ca.SX:
@@ -59,7 +49,7 @@ def inputs(model: Model) -> ca.SX:
 
 
 def chain_expressions(model: Model) -> dict[str, ca.SX]:
-    """Expressions of a chain's signals, by the names that `CHAIN_SIGNALS` describes.
+    """Expressions of a chain's signals, by the names of `CHAIN_SIGNALS`.
 
     Without ``contact_force`` where nothing touches the ground.
     """
@@ -167,56 +157,38 @@ def rests(motion: Trajectory) -> list[tuple[int, float, float]]:
     return sorted(found, key=lambda rest: rest[1])
 
 
-def variable(
-    name: str, kind: Kind, dims: tuple[str, ...], values: ArrayLike, units: str
-) -> Variable:
-    """Make a variable of samples; `kind` is quantity, own dimensions and description.
-
-    `dims` come before its own dimensions, time comes last; a one-entry signal without
-    dimensions of its own may still have its axis of length 1.
-    """
-    quantity, own, long_name = kind
-    array = np.asarray(values)
-    if not own:
-        array = array.reshape(*array.shape[: len(dims)], array.shape[-1])
-    return Variable(name, unit_of(quantity, units), (*dims, *own, "time"), array, long_name)
+def fitted(arrays: Mapping[str, Any], declared: Declared) -> dict[str, np.ndarray]:
+    """Leave out the axis of length 1, next to last, of signals that have no entries."""
+    found = {name: np.asarray(values) for name, values in arrays.items()}
+    return {
+        name: array if array.ndim == len(declared[name][1]) else np.squeeze(array, -2)
+        for name, array in found.items()
+    }
 
 
-def event_variables(motions: Sequence[Trajectory], units: str, *, several: bool) -> list[Variable]:
-    """Events and rests of motions (one per tracker), over dimensions ``event`` and ``rest``.
+def event_arrays(motions: Sequence[Trajectory], *, several: bool) -> dict[str, np.ndarray]:
+    """Events and rests of motions, one per tracker, by the names of `TRACKER_EVENTS`.
 
     With `several`, each entry tells which motion it belongs to. Empty if there are none.
     """
-    time, variables = unit_of("time", units), []
-    events = [(k, e) for k, motion in enumerate(motions) for e in motion.events]
-    if events:
-        contacts = [c.name for c in motions[0].system.model.contacts]
-        places = [contacts.index(e.name) if e.kind != "switch" else -1 for _, e in events]
-        columns = {
-            "event_time": (time, [e.time for _, e in events], "time of the event"),
-            "event_kind": ("1", [KINDS.index(e.kind) for _, e in events], ", ".join(KINDS)),
-            "event_contact": ("1", places, "contact, -1 for a switch"),
-            "event_mode": ("1", [e.mode for _, e in events], "direction from then on"),
-            "event_tracker": ("1", [k for k, _ in events], "tracker"),
-        }
-        variables += _columns("event", columns, several)
-    rows = [(k, *rest) for k, motion in enumerate(motions) for rest in rests(motion)]
-    if rows:
-        columns = {
-            "rest_start": (time, [row[2] for row in rows], "begin of the rest"),
-            "rest_end": (time, [row[3] for row in rows], "end of the rest"),
-            "rest_contact": ("1", [row[1] for row in rows], "contact that rests"),
-            "rest_tracker": ("1", [row[0] for row in rows], "tracker"),
-        }
-        variables += _columns("rest", columns, several)
-    return variables
-
-
-def _columns(
-    dim: str, columns: Mapping[str, tuple[str, Sequence[float], str]], several: bool
-) -> list[Variable]:
-    return [
-        Variable(name, unit, (dim,), np.array(values), long_name)
-        for name, (unit, values, long_name) in columns.items()
-        if several or not name.endswith("_tracker")
+    names = [contact.name for contact in motions[0].system.model.contacts]
+    events = [
+        (e.time, KINDS.index(e.kind), -1 if e.kind == "switch" else names.index(e.name), e.mode, k)
+        for k, motion in enumerate(motions)
+        for e in motion.events
     ]
+    rested = [(begin, end, i, k) for k, each in enumerate(motions) for i, begin, end in rests(each)]
+    found: dict[str, np.ndarray] = {}
+    for dim, columns, rows in (
+        ("event", ("time", "kind", "contact", "mode", "tracker"), events),
+        ("rest", ("start", "end", "contact", "tracker"), rested),
+    ):
+        if rows:
+            values = map(np.array, zip(*rows, strict=True))
+            found |= zip((f"{dim}_{column}" for column in columns), values, strict=True)
+    return {k: v for k, v in found.items() if several or not k.endswith("_tracker")}
+
+
+def gait_arrays(gait: Gait) -> dict[str, np.ndarray]:
+    """A gait, exactly, by the names of `GAIT`."""
+    return {f"gait_{name}": values for name, values in gait.arrays().items()}

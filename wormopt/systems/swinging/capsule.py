@@ -1,12 +1,19 @@
-"""A capsule on rough ground that a mass inside it drives."""
+"""A capsule on rough ground that a mass inside it drives, and its best cycle."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import casadi as ca
+import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
+from wormopt.ocp.motion import Guess
+from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.systems.swinging.scenes.internal_mass import CapsuleTable
 
 
 def capsule(*, share: float, friction: float, stroke: float) -> Model:
@@ -34,3 +41,51 @@ def capsule(*, share: float, friction: float, stroke: float) -> Model:
         outputs=[Output("momentum", v + mu * w, "speed")],
         contacts=[Contact("body", v, f, Coulomb(friction, friction), friction, speed)],
     )
+
+
+def capsule_problem(table: CapsuleTable) -> Problem:
+    """What to optimise: the mean speed of a cycle after which all is as before.
+
+    Relative acceleration is by impulses only. The momentum vanishes at the cycle's ends: the
+    body is at rest where the inner mass is.
+    """
+    model, slow = _coasting(table), _slow(table)
+    ends = Ends.of(model)
+    sizes = [signal.nominal for signal in model.x]
+    return Problem(
+        model,
+        ends,
+        -(ends.end[0] - ends.start[0]) / ends.duration,
+        (1e-3 * slow, 10 * slow),
+        periodic=["velocity", "inner_position", "inner_velocity"],
+        at_ends=[
+            Bound("start", ends.start[0], 0.0, 0.0, sizes[0]),
+            Bound("inner start", ends.start[2], 0.0, 0.0, sizes[2]),
+            Bound("momentum", ends.end[1] + table.share * ends.end[3], 0.0, 0.0, sizes[1]),
+        ],
+        impulses=True,
+    )
+
+
+def _coasting(table: CapsuleTable) -> Model:
+    model = capsule(share=table.share, friction=table.friction, stroke=table.stroke)
+    return replace(model, u=[replace(signal, lower=0.0, upper=0.0) for signal in model.u])
+
+
+def _slow(table: CapsuleTable) -> float:
+    """Usual time of a cycle."""
+    return 2 * math.sqrt(table.share * table.stroke / table.friction)
+
+
+def capsule_guess(table: CapsuleTable) -> Guess:
+    """To and fro at constant relative velocity."""
+    duration, stroke = _slow(table), table.stroke
+    inner = 2 * stroke / duration
+    speed = table.share * inner / 2
+
+    def states(t: np.ndarray) -> np.ndarray:
+        sign = np.where(t < duration / 2, 1, -1)
+        inside = stroke - inner * np.abs(t - duration / 2)
+        return np.vstack([0 * t, -speed * sign, inside, inner * sign])
+
+    return Guess(duration, states)

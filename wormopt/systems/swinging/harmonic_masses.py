@@ -20,6 +20,9 @@ from wormopt.model.friction import Coulomb, Law
 from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.model.values import numbers
+from wormopt.scene.types import per
+from wormopt.systems.chain.runs.chains import laws_of
+from wormopt.systems.swinging.scenes.harmonic_masses import SwingingTable
 
 # Of the largest relative momentum of a mass: so much may be left of their sum.
 _BALANCED = 1e-12
@@ -169,3 +172,59 @@ def _positive(symbol: ca.SX, unit: str, value: float) -> Signal:
     signal = Signal(name, symbol, unit, lower=TINY, value=float(numbers(name, value)))
     signal.check(np.array([signal.value]))
     return signal
+
+
+# -- of a scene ------------------------------------------------------------------------------------
+
+
+def model_of(worm: SwingingTable, *, place: bool) -> Model:
+    """Make the Model of a scene; `place`: whether the place of the centre is a state."""
+    coefficients = np.array(worm.coefficients)
+    return harmonic_masses(
+        coefficients[:, :, 0],
+        coefficients[:, :, 1],
+        law=laws_of(worm),
+        frequency=worm.frequency,
+        mass=worm.mass,
+        place=place,
+    )
+
+
+def relative_velocities(worm: SwingingTable, theta: np.ndarray) -> np.ndarray:
+    """Velocities relative to the centre, (N, m), at shares `theta` (m,) of the period."""
+    coefficients = np.array(worm.coefficients)
+    turn = 2 * np.pi * np.outer(np.arange(1, coefficients.shape[1] + 1), theta)
+    return coefficients[:, :, 0] @ np.cos(turn) + coefficients[:, :, 1] @ np.sin(turn)
+
+
+def extremes_of(worm: SwingingTable) -> np.ndarray:
+    """Velocities V at which a mass begins or ceases to reverse, with round-off of a grid."""
+    w = relative_velocities(worm, np.arange(4096) / 4096)
+    before, after = np.roll(w, 1, axis=1), np.roll(w, -1, axis=1)
+    bent = before - 2 * w + after
+    turns = (w - before) * (after - w) <= 0
+    top = w - (after - before) ** 2 / (8 * np.where(bent == 0, 1, bent))
+    return -top[turns]
+
+
+def closed_form(worm: SwingingTable) -> float | None:
+    """Steady velocity of `steady_masses`, of dry friction and one harmonic."""
+    laws = [law for law in laws_of(worm) if isinstance(law, Coulomb)]
+    only, *others = worm.harmonic
+    if others or len(laws) < worm.masses:
+        return None
+    return steady_masses(per(only.amplitude, worm.masses), laws)
+
+
+def smallness_of(worm: SwingingTable) -> float:
+    """Impulse of the largest sliding forces in a period against the smallest swing's momentum.
+
+    Averaging is for values far below 1.
+    """
+    speeds = np.abs(relative_velocities(worm, np.linspace(0, 1, 257)))
+    forces = sum(
+        max(abs(float(law.slip_force(d * v, d))) for d in law.directions for v in (0.0, own.max()))
+        for law, own in zip(laws_of(worm), speeds, strict=True)
+    )
+    momentum = sum(per(worm.mass, worm.masses)) * speeds.max(axis=1).min()
+    return float(2 * np.pi / worm.frequency * forces / momentum)

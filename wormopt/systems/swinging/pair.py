@@ -1,12 +1,19 @@
-"""Two masses on rough ground that push each other: Chernousko's pair."""
+"""Two masses on rough ground that push each other, Chernousko's pair, and its best cycle."""
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import casadi as ca
+import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
+from wormopt.ocp.motion import Guess
+from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.systems.swinging.scenes.internal_mass import PairTable
 
 
 def pair(
@@ -50,3 +57,50 @@ def pair(
             for i, name in enumerate(("big", "small"))
         ],
     )
+
+
+def pair_problem(table: PairTable) -> Problem:
+    """What to optimise: the mean speed of slow stroke and instantaneous return.
+
+    Over the slow stroke; the mode keeps the big mass at rest.
+    """
+    slow = _slow(table)
+    ratio, (low, high) = ca.SX.sym("ratio"), table.ratios
+    model = pair(
+        friction=table.friction,
+        ratio=ratio,
+        mass=table.mass,
+        gravity=table.gravity,
+        length_nominal=table.stroke,
+    )
+    ends, size = Ends.of(model), table.stroke
+    return Problem(
+        model,
+        ends,
+        -advance(table, ratio) / ends.duration,
+        (1e-3 * slow, 10 * slow),
+        at_ends=[
+            Bound("start", ends.start[:2], 0.0, 0.0, size),
+            Bound("rest at the start", ends.start[3], 0.0, 0.0, model.x[1].nominal),
+            Bound("stroke", ends.end[1] - ends.end[0], size, size, size),
+            Bound("rest at the end", ends.end[3], 0.0, 0.0, model.x[1].nominal),
+        ],
+        design=[Signal("mass_ratio", ratio, "share", 0.5, low, high)],
+    )
+
+
+def advance(table: PairTable, ratio: Any) -> Any:
+    """Way of the big mass in the return, by which the momentum, none, is not changed."""
+    return table.stroke * ratio / (1 + ratio)
+
+
+def _slow(table: PairTable) -> float:
+    """Usual time of the slow stroke."""
+    return 2 * math.sqrt(table.stroke / (table.friction * table.gravity))
+
+
+def pair_guess(table: PairTable) -> Guess:
+    """Steady stroke."""
+    slow = _slow(table)
+    speed = table.stroke / slow
+    return Guess(slow, lambda t: np.vstack([0 * t, speed * t, 0 * t, 0 * t + speed]))

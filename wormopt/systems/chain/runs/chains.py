@@ -1,15 +1,25 @@
-"""Chains as scenes describe them, made into models; what all simulating studies read alike."""
+"""Chains and their trackers as scenes describe them, made into models."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
+from wormopt.control.funnel import Funnel, funnel_tracker
+from wormopt.control.lambda_tracker import Adaptation, Decay, Exponent, Quadratic, lambda_tracker
+from wormopt.control.loop import FeedForward
+from wormopt.control.reference import Reference, follow
+from wormopt.errors import SceneError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
+from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.model.path import ParameterPath, ornstein_uhlenbeck, piecewise_constant
 from wormopt.scene.numerics import ContactTable, SmoothContact, Start, ToleranceTable
+from wormopt.scene.scene import Scene
 from wormopt.scene.types import per
 from wormopt.simulation.options import Exact, Smooth, Tolerance, Treatment
 from wormopt.systems.chain.build import chain
@@ -22,6 +32,16 @@ from wormopt.systems.chain.scenes.chain import (
     SpikeFriction,
     Steps,
     StribeckFriction,
+)
+from wormopt.systems.chain.scenes.track import (
+    DecayLaw,
+    DerivativeTracker,
+    ExponentLaw,
+    FilterTracker,
+    FunnelTable,
+    FunnelTracker,
+    Tracker,
+    TrackScene,
 )
 
 _RANDOM = ("stiffness", "damping", "rest_length")
@@ -105,7 +125,27 @@ def build_chain(
     )
 
 
-def laws_of(worm: ChainTable) -> list[Law]:
+def chain_for(worm: ChainTable, start: Start, links: Links, gait: Gait) -> Model:
+    """As `build_chain`, scaled by the gait that the links shall follow."""
+    length = float(np.mean(np.abs(gait(gait.breaks[:-1])))) or 1.0
+    return build_chain(worm, start, links, length, gait.period)
+
+
+class Grounded(Protocol):
+    """A table of masses on the ground."""
+
+    @property
+    def friction(self) -> Any:
+        """A table for all masses, several for one each, or None."""
+        ...
+
+    @property
+    def ground(self) -> tuple[Friction, ...]:
+        """Friction of every mass."""
+        ...
+
+
+def laws_of(worm: Grounded) -> list[Law]:
     """Friction law of every mass; empty where nothing rubs."""
     one_each = isinstance(worm.friction, tuple)
     return [law_of(table, 0 if one_each else i) for i, table in enumerate(worm.ground)]
@@ -137,3 +177,96 @@ def treatment_of(contact: ContactTable) -> Treatment:
 def tolerance_of(table: ToleranceTable) -> Tolerance:
     """Tolerance that a scene asks for."""
     return Tolerance(table.relative, table.absolute, table.max_steps, table.max_step)
+
+
+# -- trackers ------------------------------------------------------------------------------------
+
+
+def build_loop(scene: Scene[TrackScene], index: int, gait: Gait, links: Links) -> Model:
+    """Close the loop of the tracker `index` around links that shall follow a gait.
+
+    Raises SceneError if the tracker cannot start there.
+    """
+    table = scene.table
+    plant = chain_for(table.worm, table.start, links, gait)
+    reference = follow(gait, plant.t, shift=table.reference.shift % gait.period)
+    try:
+        return close_loop(plant, reference, table.trackers[index], table.worm)
+    except ValueError as error:
+        if not isinstance(table.trackers[index], FunnelTracker):
+            raise
+        message = f"{error}; write wider funnels, or another start"
+        raise SceneError(scene.name, [(table.tracker_key(index), message)]) from None
+
+
+def close_loop(plant: Model, reference: Reference, tracker: Tracker, worm: ChainTable) -> Model:
+    """Close the loop of a tracker; raises ValueError if it cannot start where the plant does."""
+    feedforward = _feedforward(tracker, worm)
+    if isinstance(tracker, FunnelTracker):
+        return funnel_tracker(
+            plant,
+            reference,
+            funnel=_funnel(tracker.funnel),
+            rate_funnel=_funnel(tracker.rate_funnel),
+            gain=tracker.gain,
+            feedforward=feedforward,
+        )
+    by_filter = isinstance(tracker, FilterTracker)
+    return lambda_tracker(
+        plant,
+        reference,
+        tube_radius=tracker.tube_radius,
+        feedback="filter" if by_filter else "derivative",
+        adaptation=_adaptation(tracker),
+        gain_start=tracker.gain_start,
+        filter_start=tracker.filter_start if by_filter else 1.0,
+        feedforward=feedforward,
+    )
+
+
+def _funnel(table: FunnelTable) -> Funnel:
+    return Funnel(table.start, table.end, table.time)
+
+
+def _adaptation(tracker: FilterTracker | DerivativeTracker) -> Adaptation:
+    law = tracker.adaptation
+    if isinstance(law, ExponentLaw):
+        return Exponent(law.exponent, tracker.growth)
+    if isinstance(law, DecayLaw):
+        return Decay(law.dwell, law.decay, tracker.growth)
+    return Quadratic(tracker.growth)
+
+
+def _feedforward(tracker: Tracker, worm: ChainTable) -> FeedForward | None:
+    believed = tracker.feedforward
+    if believed is None:
+        return None
+
+    def number(name: str) -> tuple[float, ...]:
+        value = getattr(believed, name)
+        return per(getattr(worm, name) if value is None else value, worm.links)
+
+    return FeedForward(number("stiffness"), number("rest_length"), number("damping"))
+
+
+def tube_radius(tracker: Tracker) -> float:
+    """Radius of the tube that a tracker is judged by."""
+    if isinstance(tracker, FunnelTracker):
+        return tracker.funnel.end if tracker.tube_radius is None else tracker.tube_radius
+    return tracker.tube_radius
+
+
+def labels(trackers: Sequence[Tracker]) -> list[str]:
+    """Name of each tracker, no two alike."""
+    found = [tracker.name or _default_name(tracker) for tracker in trackers]
+    counts = Counter(found)
+    return [
+        f"{name}, no. {found[: k + 1].count(name)}" if counts[name] > 1 else name
+        for k, name in enumerate(found)
+    ]
+
+
+def _default_name(tracker: Tracker) -> str:
+    if isinstance(tracker, FunnelTracker):
+        return "funnel controller"
+    return "tracker (14)" if isinstance(tracker, FilterTracker) else "tracker (13)"

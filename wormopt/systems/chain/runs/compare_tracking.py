@@ -12,24 +12,32 @@ import numpy as np
 
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
+from wormopt.numerics.workers import Workers
 from wormopt.progress import Report, silent
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.ensemble import Member, simulate_ensemble
 from wormopt.simulation.options import Exact, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.chain.measured import balance, chain_checks, judged, judged_numbers
+from wormopt.systems.chain.rivals import (
+    PLANS,
+    Answer,
+    Draw,
+    Job,
+    Rival,
+    draw_plants,
+    driven,
+    rivals,
+    solve,
+)
 from wormopt.systems.chain.runs.chains import tolerance_of
 from wormopt.systems.chain.runs.compare_tables import Drawn, Known, table_of
-from wormopt.systems.chain.runs.judged import judged, judged_numbers
-from wormopt.systems.chain.runs.plans import PLANS, Answer, Draw, Job, answers
-from wormopt.systems.chain.runs.rivals import Rival, draw_plants, driven, rivals
-from wormopt.systems.chain.runs.tracked import LOOP_SIGNALS
-from wormopt.systems.chain.scenes.compare_tracking import CompareScene, DesignedShape
-from wormopt.systems.shared.proof import Recheck, accepted_error, faults_of_motion, recheck
-from wormopt.systems.shared.signals import CHAIN_SIGNALS, sample, simulate_whole
-from wormopt.systems.shared.watch import balance
+from wormopt.systems.chain.scenes.compare_tracking import COMPARED, CompareScene, DesignedShape
+from wormopt.systems.shared.declared import JUDGED
+from wormopt.systems.shared.proof import Recheck, accepted_error, recheck
+from wormopt.systems.shared.signals import fitted, sample, simulate_whole, symbol
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.runs.reference import gait_of_shape
@@ -40,13 +48,7 @@ _LOOSE = Tolerance(relative=1e-8, absolute=1e-9)
 _SAMPLES = 501
 # Pieces of a designed gait that shrank to less than this share of the period are left out.
 _SHORT = 1e-6
-_SIGNALS = ("error_norm", "length", "input", "position")
-_SAID = (
-    "capture_time", "time_outside_tube", "error_peak", "error_integral", "input_integral",
-    "input_rms", "input_peak", "distance", "mean_speed", "work", "net_work", "cost_of_transport",
-)  # fmt: skip
-
-Numbers = dict[str, tuple[Any, str]]
+_TOLD = tuple(JUDGED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +58,7 @@ class _Run:
     rival: Rival
     motion: Trajectory  # of the worm as it is believed
     second: Recheck | None  # its second route
-    numbers: Numbers  # of `motion`
+    numbers: dict[str, Any]  # of `motion`
     drawn: Drawn  # of the other plants
 
 
@@ -77,7 +79,7 @@ def run(scene: Scene[CompareScene], report: Report) -> Result:
     runs = [
         [
             _judge(scene, rival, draws, k == 0, report)
-            for rival in rivals(scene, gait, {n: a.plan for n, a in plans[k].items()})
+            for rival in rivals(table, gait, {n: a.plan for n, a in plans[k].items()})
         ]
         for k, gait in enumerate(gaits)
     ]
@@ -119,9 +121,10 @@ def _plan(
     wanted += [(name, k) for k in range(1, len(gaits)) for name in (PLANS[1], PLANS[0])]
     jobs = [Job(name, table, gaits[k], draws if k == 0 else ()) for name, k in wanted]
     found: list[dict[str, Answer]] = [{} for _ in gaits]
-    for n, ((name, k), answer) in enumerate(zip(wanted, answers(jobs, table.workers), strict=True)):
-        report("optimising", 0.05 + 0.6 * (n + 1) / len(jobs))
-        found[k][name] = answer
+    with Workers(table.workers) as workers:
+        for n, ((name, k), answer) in enumerate(zip(wanted, workers.map(solve, jobs), strict=True)):
+            report("optimising", 0.05 + 0.6 * (n + 1) / len(jobs))
+            found[k][name] = answer
     for plans in found:
         plans["fastest crawl"] = found[0]["fastest crawl"]
     return [{name: plans[name] for name in PLANS} for plans in found]
@@ -151,21 +154,21 @@ def _judge(
     return _Run(rival, motion, second, judged_numbers(motion, table.tube), _drawn(numbers))
 
 
-def _drawn(numbers: Sequence[Numbers | None]) -> Drawn:
+def _drawn(numbers: Sequence[dict[str, Any] | None]) -> Drawn:
     """Numbers of every plant, not a number where it could not be simulated or never happens."""
 
     def column(name: str) -> np.ndarray:
-        values = (None if n is None else n[name][0] for n in numbers)
+        values = (None if n is None else n[name] for n in numbers)
         return np.array([np.nan if v is None else v for v in values], dtype=float)
 
-    return Drawn({name: column(name) for name in _SAID}, sum(n is None for n in numbers))
+    return Drawn({name: column(name) for name in _TOLD}, sum(n is None for n in numbers))
 
 
 def _known(
     table: CompareScene, gait: Gait, name: str, answer: Answer, draws: Sequence[Draw]
 ) -> Known:
     """Plans made by somebody who knows the plant, each simulated on its plant."""
-    numbers: list[Numbers | None] = []
+    numbers: list[dict[str, Any] | None] = []
     for plan, draw in zip(answer.known, draws, strict=False):
         motion = None
         if plan is not None:
@@ -192,42 +195,39 @@ def _result(
     timings: dict[str, float],
 ) -> Result:
     table, tolerance = scene.table, tolerance_of(scene.table.tolerance)
-    faults = [
-        f"{table.reference[k].name}, {each.rival.name}: {fault}"
-        for k, row in enumerate(runs)
-        for each in row
-        for fault in faults_of_motion(each.second, balance(each.motion), tolerance)
-    ]
     names = [each.name for each in table.reference]
+    energies = [[balance(each.motion) for each in row] for row in runs]
+    checks = [
+        check
+        for name, row, balances in zip(names, runs, energies, strict=True)
+        for each, energy in zip(row, balances, strict=True)
+        for check in chain_checks(each.second, energy, tolerance, f"{name}, {each.rival.name}")
+    ]
+    residuals = [abs(each.residual) for row in energies for each in row if each]
     text = table_of(
         table,
         names,
-        [{e.rival.name: {n: e.numbers[n][0] for n in _SAID} for e in row} for row in runs],
+        [{e.rival.name: {n: e.numbers[n] for n in _TOLD} for e in row} for row in runs],
         [{e.rival.name: e.drawn for e in row} for row in runs],
         known,
     )
-    energies = [balance(e.motion) for row in runs for e in row]
-    return Result(
-        scene=scene.name,
-        kind=table.kind,
-        title=scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=_scalars(table, plans, runs, known),
-        variables=tuple(_variables(scene, runs, known)),
-        trust={
+    return conclude(
+        scene,
+        _scalars(table, plans, runs, known),
+        _signals(table, runs, known),
+        checks=checks,
+        facts={
             "treatment": "complementarity in the optimiser, exact in every simulation",
             "recheck": {
                 "route": next((e.second.route for e in runs[0] if e.second), None),
                 "error": {e.rival.name: e.second and e.second.error for e in runs[0]},
                 "accepted": accepted_error(tolerance),
             },
-            "energy_balance": max((abs(e.residual) for e in energies if e), default=None),
+            "energy_balance": max(residuals, default=None),
             "plans": [{name: a.numbers for name, a in row.items()} for row in plans],
-            "warnings": list(_warnings(names, plans, runs, known)),
         },
-        timings_s=timings,
-        scene_text=scene.text,
+        warnings=_warnings(names, plans, runs, known),
+        timings=timings,
         attributes={
             "references": names,
             "rivals": _names(runs),
@@ -242,26 +242,19 @@ def _scalars(
     plans: Sequence[Mapping[str, Answer]],
     runs: Sequence[Sequence[_Run]],
     known: Sequence[Known],
-) -> dict[str, Scalar]:
+) -> dict[str, Any]:
     rows = _aligned(runs)
-    found = {
-        name: Scalar(
-            [[e and e.numbers[name][0] for e in row] for row in rows],
-            unit_of(runs[0][0].numbers[name][1], table.units),
-        )
-        for name in _SAID
-    }
     solved = [*plans[0].values(), *(row[name] for row in plans[1:] for name in PLANS[:2])]
     rechecked = [e.second.error for e in runs[0] if e.second and e.second.error is not None]
-    return found | {
-        "tube_radius": Scalar(table.tube.radius, unit_of("length", table.units)),
-        "draws": Scalar(table.draws.members),
-        "draws_failed": Scalar([[e and e.drawn.failed for e in row] for row in rows]),
-        "draws_outside": Scalar([[e and e.drawn.outside for e in row] for row in rows]),
-        "known_plants": Scalar(table.draws.known),
-        "known_failed": Scalar([each.drawn.failed for each in known]),
-        "solve_iterations": Scalar(sum(answer.iterations for answer in solved)),
-        "recheck_error": Scalar(max(rechecked, default=None)),
+    return {name: [[e and e.numbers[name] for e in row] for row in rows] for name in _TOLD} | {
+        "tube_radius": table.tube.radius,
+        "draws": table.draws.members,
+        "draws_failed": [[e and e.drawn.failed for e in row] for row in rows],
+        "draws_outside": [[e and e.drawn.outside for e in row] for row in rows],
+        "known_plants": table.draws.known,
+        "known_failed": [each.drawn.failed for each in known],
+        "solve_iterations": sum(answer.iterations for answer in solved),
+        "recheck_error": max(rechecked, default=None),
     }
 
 
@@ -276,39 +269,34 @@ def _aligned(runs: Sequence[Sequence[_Run]]) -> list[list[_Run | None]]:
     return [[row.get(name) for name in _names(runs)] for row in rows]
 
 
-def _variables(
-    scene: Scene[CompareScene], runs: Sequence[Sequence[_Run]], known: Sequence[Known]
-) -> Iterator[Variable]:
-    units, rows = scene.table.units, _aligned(runs)
-    dims, first = ("reference", "rival"), runs[0][0]
-    yield Variable("time", unit_of("time", units), ("time",), first.motion.time, "time")
-    signals = [[e and _signals(e) for e in row] for row in rows]
-    lost = {name: np.full_like(values, np.nan) for name, values in _signals(first).items()}
-    for name in _SIGNALS:
-        quantity, own, long_name = (LOOP_SIGNALS | CHAIN_SIGNALS)[name]
-        values = np.array([[(s or lost)[name] for s in row] for row in signals])
-        values = values if own else values[:, :, 0]
-        yield Variable(name, unit_of(quantity, units), (*dims, *own, "time"), values, long_name)
-    aims = np.array([row[0].motion.output("reference") for row in runs])
-    unit = unit_of("length", units)
-    yield Variable("aim", unit, ("reference", "link", "time"), aims, "reference of the link length")
-    none = np.full(scene.table.draws.members, np.nan)
-    for name in _SAID:
-        unit = unit_of(first.numbers[name][1], units)
-        values = np.array([[e.drawn.values[name] if e else none for e in row] for row in rows])
-        long_name = f"{name} of the plant"
-        yield Variable(f"drawn_{name}", unit, (*dims, "member"), values, long_name)
-        if scene.table.draws.known:
-            values = np.array([each.drawn.values[name] for each in known])
-            long_name = f"{name} of the plant, which is known"
-            yield Variable(f"known_{name}", unit, ("plan", "known_member"), values, long_name)
+def _signals(
+    table: CompareScene, runs: Sequence[Sequence[_Run]], known: Sequence[Known]
+) -> dict[str, Any]:
+    rows = _aligned(runs)
+    sampled = [[e and _sampled(e) for e in row] for row in rows]
+    lost = {name: np.full_like(values, np.nan) for name, values in _sampled(runs[0][0]).items()}
+    arrays = {
+        name: np.array([[(signals or lost)[name] for signals in row] for row in sampled])
+        for name in COMPARED
+    }
+    none = np.full(table.draws.members, np.nan)
+    found: dict[str, Any] = {
+        "time": runs[0][0].motion.time,
+        **fitted(arrays, table.variables),
+        "aim": np.array([row[0].motion.output("reference") for row in runs]),
+    }
+    for name in _TOLD:
+        drawn = [[e.drawn.values[name] if e else none for e in row] for row in rows]
+        found[f"drawn_{name}"] = np.array(drawn)
+        if table.draws.known:
+            found[f"known_{name}"] = np.array([each.drawn.values[name] for each in known])
+    return found
 
 
-def _signals(each: _Run) -> dict[str, np.ndarray]:
+def _sampled(each: _Run) -> dict[str, np.ndarray]:
     model = each.rival.model
-    position = next(s.symbol for s in model.x if s.name == "position")
-    expressions = {name: model.output(name) for name in _SIGNALS if name != "position"}
-    return sample(each.motion, expressions | {"position": position})
+    outputs = {name: model.output(name) for name in COMPARED if name != "position"}
+    return sample(each.motion, outputs | {"position": symbol(model, "position")})
 
 
 def _warnings(

@@ -17,11 +17,18 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output
 from wormopt.progress import Report
 from wormopt.quantities import UNITS, Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Result, conclude
 from wormopt.scene.numerics import Start
 from wormopt.scene.scene import Scene
 from wormopt.scene.types import per
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.chain.measured import (
+    balance,
+    chain_checks,
+    chain_facts,
+    chain_numbers,
+    measure_power,
+)
 from wormopt.systems.chain.runs.chains import (
     build_chain,
     draw_links,
@@ -34,22 +41,19 @@ from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.chain.scenes.simulate import ConstantForce, HarmonicChange, SimulateScene
 from wormopt.systems.shared.proof import (
     Recheck,
-    faults_of_motion,
+    motion_facts,
     recheck,
-    trust,
     warnings_of_contact,
     warnings_of_motion,
 )
 from wormopt.systems.shared.signals import (
-    CHAIN_SIGNALS,
     chain_expressions,
-    event_variables,
+    event_arrays,
+    fitted,
     sample,
     simulate_whole,
     symbol,
-    variable,
 )
-from wormopt.systems.shared.watch import balance, chain_numbers, measure_power
 from wormopt.systems.spiked.runs.reference import gait_of_shape
 
 # Signals of a chain that the picture shows, in this order.
@@ -93,23 +97,24 @@ def run(scene: Scene[SimulateScene], report: Report) -> Result:
     except KeyboardInterrupt:
         why = "interrupted before the second route was done"
         raise Interrupted(_unfinished(scene, motion, why)) from None
-    energies = [balance(motion)] if table.worm is not None else []
-    faults = faults_of_motion(second, energies[0] if energies else None, tolerance)
-    error = Scalar(second and second.error)
-    result = _result(scene, motion)
-    return replace(
-        result,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars={**_scalars(scene, motion), "recheck_error": error},
-        trust=trust(
-            [motion], [second], tolerance, energies, list(_warnings(scene, motion, second))
-        ),
-        timings_s={
+    checks, facts = [second.check] if second else [], motion_facts([motion], [second], tolerance)
+    if table.worm is not None:
+        energy = balance(motion)
+        checks = chain_checks(second, energy, tolerance)
+        facts = chain_facts([motion], [second], tolerance, [energy])
+    return conclude(
+        scene,
+        {**_scalars(scene, motion), "recheck_error": second and second.error},
+        _signals(scene, motion),
+        checks=checks,
+        facts=facts,
+        warnings=_warnings(scene, motion, second),
+        timings={
             "build": built - clock,
             "simulate": simulated - built,
             "recheck": time.perf_counter() - simulated,
         },
+        attributes=_attributes(scene, motion),
     )
 
 
@@ -166,55 +171,56 @@ def _command(scene: Scene[SimulateScene], rest: np.ndarray) -> tuple[Gait | None
 # -- results -------------------------------------------------------------------------------------
 
 
-def _result(scene: Scene[SimulateScene], motion: Trajectory) -> Result:
-    units = scene.table.units
-    found = list(_variables(scene, motion)) if len(motion.time) else []
-    names = [v.name for v in found[1:]] if scene.table.worm is None else _SHOWN
-    return Result(
-        scene.name,
-        scene.table.kind,
-        scene.title,
-        variables=(*found, *event_variables([motion], units, several=False)),
-        scene_text=scene.text,
-        attributes={
-            "contacts": [c.name for c in motion.system.model.contacts],
-            "signals": [name for name in names if any(v.name == name for v in found)],
-        },
-    )
-
-
 def _unfinished(scene: Scene[SimulateScene], motion: Trajectory, why: str) -> Result:
-    return replace(_result(scene, motion), status="failed", reason=why)
+    attributes = _attributes(scene, motion)
+    return conclude(scene, {}, _signals(scene, motion), attributes=attributes).failed(why)
 
 
-def _variables(scene: Scene[SimulateScene], motion: Trajectory) -> Iterator[Variable]:
-    table = scene.table
-    yield Variable("time", unit_of("time", table.units), ("time",), motion.time, "time")
-    if table.worm is None:
-        yield from _own_variables(scene, motion)
-        return
+def _attributes(scene: Scene[SimulateScene], motion: Trajectory) -> dict[str, Any]:
+    """Names of contacts, and of the signals that the picture shows."""
     model = motion.system.model
+    shown = _SHOWN if scene.table.worm is not None else _own_signals(model)
+    if not model.contacts:
+        shown = [name for name in shown if name != "contact_force"]
+    return {
+        "contacts": [contact.name for contact in model.contacts],
+        "signals": [*shown] if len(motion.time) else [],
+    }
+
+
+def _signals(scene: Scene[SimulateScene], motion: Trajectory) -> dict[str, Any]:
+    model, events = motion.system.model, event_arrays([motion], several=False)
+    if not len(motion.time):
+        return events
+    if scene.table.worm is None:
+        return {"time": motion.time, **_own_variables(scene, motion), **events}
     expressions = chain_expressions(model)
-    kinds = dict(CHAIN_SIGNALS)
     if any(output.name == "command" for output in model.outputs):
         expressions["command"] = model.output("command")
-        kinds["command"] = ("length", ("link",), "commanded rest length")
-    for name, values in sample(motion, expressions).items():
-        yield variable(name, kinds[name], (), values, table.units)
+    arrays = fitted(sample(motion, expressions), SimulateScene.variables)
+    return {"time": motion.time, **arrays, **events}
 
 
-def _own_variables(scene: Scene[SimulateScene], motion: Trajectory) -> Iterator[Variable]:
-    model, units = motion.system.model, scene.table.units
+def _own_signals(model: Model) -> dict[str, tuple[ca.SX, str]]:
+    """Expression and unit of everything named in a user's model."""
     named = {s.name: (s.symbol, s.unit) for s in model.x}
     named |= {o.name: (o.expression, o.unit) for o in model.outputs}
     if model.contacts and "contact_force" not in named:
         named["contact_force"] = (model.forces, "force")
+    return named
+
+
+def _own_variables(scene: Scene[SimulateScene], motion: Trajectory) -> dict[str, Variable]:
+    named = _own_signals(motion.system.model)
     values = sample(motion, {name: ca.vec(ca.densify(e)) for name, (e, _) in named.items()})
+    found = {}
     for name, (_, quantity) in named.items():
         rows = values[name]
         alone = len(rows) == 1
         dims = ("time",) if alone else (f"{name}_entry", "time")
-        yield Variable(name, _unit(quantity, units), dims, rows[0] if alone else rows, name)
+        unit = _unit(quantity, scene.table.units)
+        found[name] = Variable(name, unit, dims, rows[0] if alone else rows, name)
+    return found
 
 
 def _unit(quantity: str, units: str) -> str:
@@ -224,20 +230,14 @@ def _unit(quantity: str, units: str) -> str:
     return quantity if units == "SI" else "1"
 
 
-def _scalars(scene: Scene[SimulateScene], motion: Trajectory) -> dict[str, Scalar]:
-    units = scene.table.units
+def _scalars(scene: Scene[SimulateScene], motion: Trajectory) -> dict[str, Any]:
     if scene.table.worm is not None:
-        return {
-            name: Scalar(value, unit_of(quantity, units))
-            for name, (value, quantity) in chain_numbers(motion).items()
-        }
-    ends: dict[str, Any] = {}
-    for found in _own_variables(scene, motion):
-        ends[f"{found.name}_end"] = Scalar(found.values[..., -1], found.unit)
+        return chain_numbers(motion)
+    own = _own_variables(scene, motion)
     return {
-        **ends,
-        "n_events": Scalar(len(motion.events)),
-        "n_steps": Scalar(motion.n_steps),
+        **{f"{name}_end": Scalar(v.values[..., -1], v.unit) for name, v in own.items()},
+        "n_events": len(motion.events),
+        "n_steps": motion.n_steps,
     }
 
 

@@ -4,43 +4,50 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from wormopt.errors import Interrupted, SolveError
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.chain.runs.chains import draw_links, laws_of, tolerance_of, treatment_of
-from wormopt.systems.chain.runs.loops import build_loop, labels
-from wormopt.systems.chain.runs.tracked import (
-    LOOP_SIGNALS,
+from wormopt.systems.chain.measured import (
+    ENTERS,
     Tracked,
-    faults_of_funnel,
+    balance,
+    chain_checks,
+    chain_facts,
+    funnel_checks,
     loop_expressions,
     loop_numbers,
+    time_in_tube,
     watched,
+)
+from wormopt.systems.chain.runs.chains import (
+    build_loop,
+    draw_links,
+    labels,
+    laws_of,
+    tolerance_of,
+    treatment_of,
 )
 from wormopt.systems.chain.scenes.track import FunnelTracker, TrackScene
 from wormopt.systems.shared.proof import (
     Recheck,
-    faults_of_motion,
     one_or_all,
     recheck,
-    trust,
     warnings_of_contact,
     warnings_of_motion,
 )
 from wormopt.systems.shared.signals import (
-    event_variables,
+    event_arrays,
+    fitted,
+    gait_arrays,
     sample,
     simulate_whole,
-    variable,
 )
-from wormopt.systems.shared.watch import ENTERS, balance, time_in_tube
-from wormopt.systems.spiked.files import gait_variables
 from wormopt.systems.spiked.runs.reference import gait_of_shape
 
 
@@ -63,7 +70,13 @@ def run(scene: Scene[TrackScene], report: Report) -> Result:
         for index in range(len(table.trackers)):
             found.append(_follow(scene, index, gait, found, report))
         simulated = time.perf_counter()
-        seconds = [_second(scene, each, report) for each in found]
+        tolerance = tolerance_of(table.tolerance)
+        seconds = [
+            recheck(each.loop, each.motion, tolerance, report=report)
+            if table.tolerance.recheck
+            else None
+            for each in found
+        ]
     except KeyboardInterrupt as stop:
         raise _interrupted(scene, gait, found, stop) from None
     timings = {"simulate": simulated - clock, "recheck": time.perf_counter() - simulated}
@@ -97,13 +110,6 @@ def _follow(
     return Tracked(label, tracker, loop, motion)
 
 
-def _second(scene: Scene[TrackScene], each: Tracked, report: Report) -> Recheck | None:
-    table = scene.table
-    if not table.tolerance.recheck:
-        return None
-    return recheck(each.loop, each.motion, tolerance_of(table.tolerance), report=report)
-
-
 # -- what is said of the motions -----------------------------------------------------------------
 
 
@@ -114,54 +120,34 @@ def _result(
     seconds: Sequence[Recheck | None],
     timings: dict[str, float],
 ) -> Result:
-    table = scene.table
-    tolerance = tolerance_of(table.tolerance)
+    tolerance = tolerance_of(scene.table.tolerance)
     energies = [balance(each.motion) for each in found]
-    faults = [
-        f"{each.label}: {fault}" if len(found) > 1 else fault
-        for each, second, energy in zip(found, seconds, energies, strict=True)
-        for fault in [*faults_of_motion(second, energy, tolerance), *faults_of_funnel(each)]
+    numbers = [
+        loop_numbers(each) | {"recheck_error": second and second.error}
+        for each, second in zip(found, seconds, strict=True)
     ]
-    numbers = [loop_numbers(each) for each in found]
-    for number, second in zip(numbers, seconds, strict=True):
-        number["recheck_error"] = (second and second.error, "share")
-    scalars = {
-        name: Scalar(one_or_all([n[name][0] for n in numbers]), unit_of(quantity, table.units))
-        for name, (_, quantity) in numbers[0].items()
-    }
-    return Result(
-        scene=scene.name,
-        kind=table.kind,
-        title=scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=scalars,
-        variables=tuple(_variables(scene, gait, found)),
-        trust=trust(
-            [each.motion for each in found],
-            seconds,
-            tolerance,
-            energies,
-            list(_warnings(scene, gait, found, seconds)),
-        ),
-        timings_s=timings,
-        scene_text=scene.text,
+    checks: list[Check] = []
+    for each, second, energy in zip(found, seconds, energies, strict=True):
+        label = each.label if len(found) > 1 else ""
+        before = f"{label}: " if label else ""
+        checks += chain_checks(second, energy, tolerance, label)
+        checks += funnel_checks({before: each}, before)
+    return conclude(
+        scene,
+        {name: one_or_all([each[name] for each in numbers]) for name in numbers[0]},
+        _signals(gait, found),
+        checks=checks,
+        facts=chain_facts([each.motion for each in found], seconds, tolerance, energies),
+        warnings=_warnings(scene, gait, found, seconds),
+        timings=timings,
         attributes={"trackers": [each.label for each in found]},
     )
 
 
 def _unfinished(scene: Scene[TrackScene], gait: Gait, found: Sequence[Tracked], why: str) -> Result:
     """Keep what there is of motions of which the last was given up."""
-    return Result(
-        scene.name,
-        scene.table.kind,
-        scene.title,
-        "failed",
-        reason=why,
-        variables=tuple(_variables(scene, gait, found)),
-        scene_text=scene.text,
-        attributes={"trackers": [each.label for each in found]},
-    )
+    names = {"trackers": [each.label for each in found]}
+    return conclude(scene, {}, _signals(gait, found), attributes=names).failed(why)
 
 
 def _interrupted(
@@ -181,38 +167,29 @@ def _interrupted(
     return Interrupted(_unfinished(scene, gait, found, f"interrupted {why}"))
 
 
-def _variables(
-    scene: Scene[TrackScene], gait: Gait, found: Sequence[Tracked]
-) -> Iterator[Variable]:
-    units = scene.table.units
+def _signals(gait: Gait, found: Sequence[Tracked]) -> dict[str, Any]:
+    """Samples as far as all motions have come."""
     count = min(len(each.motion.time) for each in found)
     if count == 0:
-        return
-    yield Variable("time", unit_of("time", units), ("time",), found[0].motion.time[:count], "time")
-    reference = found[0].motion.observe(found[0].loop.output("reference"))[:, :count]
-    kind = ("length", ("link",), "reference of the link length")
-    yield variable("reference", kind, (), reference, units)
+        return {}
     signals = [sample(each.motion, loop_expressions(each)) for each in found]
-    for name in signals[0]:
-        values = np.array([signal[name][:, :count] for signal in signals])
-        kind = LOOP_SIGNALS[name]
-        yield variable(name, kind, ("tracker",), values, units)
-    yield from _funnels(found, count, units)
-    yield from event_variables([each.motion for each in found], units, several=True)
-    yield from gait_variables(gait, units)
-
-
-def _funnels(found: Sequence[Tracked], count: int, units: str) -> Iterator[Variable]:
-    """Widths of funnels, not a number for the other trackers."""
-    if not any(isinstance(each.tracker, FunnelTracker) for each in found):
-        return
-    rows = [
-        each.motion.output("funnel")[:, :count]
-        if isinstance(each.tracker, FunnelTracker)
-        else np.full((1, count), np.nan)
-        for each in found
-    ]
-    yield variable("funnel", LOOP_SIGNALS["funnel"], ("tracker",), np.array(rows), units)
+    arrays = {name: np.array([s[name][:, :count] for s in signals]) for name in signals[0]}
+    if any(isinstance(each.tracker, FunnelTracker) for each in found):
+        widths = [
+            each.motion.output("funnel")[:, :count]
+            if isinstance(each.tracker, FunnelTracker)
+            else np.full((1, count), np.nan)
+            for each in found
+        ]
+        arrays["funnel"] = np.array(widths)
+    first = found[0]
+    return {
+        "time": first.motion.time[:count],
+        "reference": first.motion.observe(first.loop.output("reference"))[:, :count],
+        **fitted(arrays, TrackScene.variables),
+        **event_arrays([each.motion for each in found], several=True),
+        **gait_arrays(gait),
+    }
 
 
 def _warnings(

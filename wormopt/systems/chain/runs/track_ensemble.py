@@ -13,42 +13,40 @@ from wormopt.errors import Interrupted, SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.ensemble import Ensemble, Member, simulate_ensemble
-from wormopt.systems.chain.runs.chains import draw_links, laws_of, tolerance_of, treatment_of
-from wormopt.systems.chain.runs.loops import build_loop, labels
-from wormopt.systems.chain.runs.tracked import (
-    LOOP_SIGNALS,
+from wormopt.systems.chain.measured import (
     Tracked,
-    faults_of_funnel,
+    balance,
+    chain_checks,
+    chain_facts,
+    funnel_checks,
     loop_expressions,
     loop_numbers,
     watched,
 )
+from wormopt.systems.chain.runs.chains import (
+    build_loop,
+    draw_links,
+    labels,
+    laws_of,
+    tolerance_of,
+    treatment_of,
+)
 from wormopt.systems.chain.scenes.track import Tracker, TrackScene
 from wormopt.systems.shared.proof import (
     Recheck,
-    faults_of_motion,
     one_or_all,
     recheck,
-    trust,
     warnings_of_contact,
     warnings_of_motion,
 )
-from wormopt.systems.shared.signals import sample, variable
-from wormopt.systems.shared.watch import balance
-from wormopt.systems.spiked.files import gait_variables
+from wormopt.systems.shared.signals import fitted, gait_arrays, sample
 from wormopt.systems.spiked.runs.reference import gait_of_shape
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Shares of the members that lie below the lines of a band."""
-
-# Signals of which bands are kept.
-_BANDS = ("position", "length", "input", "error_norm", "gain")
-# Numbers that every member has of its own, kept as variables.
-_EACH = ("distance", "mean_speed", "time_outside_tube", "capture_time", "input_rms", "k_end")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +55,12 @@ class _Herd:
 
     first: Tracked  # motion of the first member
     ensemble: Ensemble
-    # (value, quantity) of each motion that came to its end
-    numbers: list[dict[str, tuple[Any, str]]]
+    numbers: list[dict[str, Any]]  # of each motion that came to its end
     whole: list[int]  # members of these motions
 
     def values(self, name: str) -> list[Any]:
         """One number of every member that came to its end."""
-        return [number[name][0] for number in self.numbers]
+        return [number[name] for number in self.numbers]
 
     def member(self, k: int) -> Tracked:
         """Motion of one member."""
@@ -148,18 +145,9 @@ def _interrupted(
         why = f"after {len(herds[0].whole)} of {len(herds[0].ensemble.codes)} members"
     else:
         return KeyboardInterrupt()
-    return Interrupted(
-        Result(
-            scene.name,
-            scene.table.kind,
-            scene.title,
-            "failed",
-            reason=f"interrupted {why}",
-            variables=tuple(_variables(scene, gait, herds)),
-            scene_text=scene.text,
-            attributes={"trackers": [herd.first.label for herd in herds]},
-        )
-    )
+    names = {"trackers": [herd.first.label for herd in herds]}
+    partial = conclude(scene, {}, _signals(scene, gait, herds), attributes=names)
+    return Interrupted(partial.failed(f"interrupted {why}"))
 
 
 def _seconds(
@@ -194,42 +182,25 @@ def _result(
     seconds: Sequence[Sequence[Recheck]],
     timings: dict[str, float],
 ) -> Result:
-    table = scene.table
-    tolerance = tolerance_of(table.tolerance)
+    table, tolerance = scene.table, tolerance_of(scene.table.tolerance)
     energies = [[balance(herd.member(k).motion) for k in herd.whole] for herd in herds]
     worst = [max((e for e in es if e), key=lambda e: abs(e.residual), default=None)
              for es in energies]  # fmt: skip
     found = [max(each, key=_badness, default=None) for each in seconds]
-    faults = [
-        f"{herd.first.label}: {fault}"
-        for herd, second, energy in zip(herds, found, worst, strict=True)
-        for fault in [*faults_of_motion(second, energy, tolerance), *_faults(herd)]
-    ]
-    laws = laws_of(table.worm)
-    return Result(
-        scene=scene.name,
-        kind=table.kind,
-        title=scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=_scalars(herds, found, table.units),
-        variables=tuple(_variables(scene, gait, herds)),
-        trust=trust(
-            [herd.first.motion for herd in herds],
-            found,
-            tolerance,
-            worst,
-            [
-                *warnings_of_contact(treatment_of(table.contact), laws),
-                *(
-                    w
-                    for herd, second in zip(herds, found, strict=True)
-                    for w in _warnings(herd, second)
-                ),
-            ],
-        ),
-        timings_s=timings,
-        scene_text=scene.text,
+    warnings = list(warnings_of_contact(treatment_of(table.contact), laws_of(table.worm)))
+    checks: list[Check] = []
+    for herd, second, energy in zip(herds, found, worst, strict=True):
+        checks += chain_checks(second, energy, tolerance, herd.first.label)
+        checks += _checks(herd)
+        warnings += _warnings(herd, second)
+    return conclude(
+        scene,
+        _scalars(herds, found),
+        _signals(scene, gait, herds),
+        checks=checks,
+        facts=chain_facts([herd.first.motion for herd in herds], found, tolerance, worst),
+        warnings=warnings,
+        timings=timings,
         attributes={"trackers": [herd.first.label for herd in herds]},
     )
 
@@ -238,13 +209,12 @@ def _badness(second: Recheck) -> float:
     return np.inf if second.error is None else second.error
 
 
-def _faults(herd: _Herd) -> Iterator[str]:
-    lost = len(herd.ensemble.codes) - len(herd.whole)
-    if lost:
-        codes = ", ".join(sorted(set(filter(None, herd.ensemble.codes))))
-        yield f"{lost} of {len(herd.ensemble.codes)} members were given up ({codes})"
-    for k in herd.whole:
-        yield from (f"member {k}: {fault}" for fault in faults_of_funnel(herd.member(k)))
+def _checks(herd: _Herd) -> Iterator[Check]:
+    before, codes = f"{herd.first.label}: ", herd.ensemble.codes
+    lost, why = len(codes) - len(herd.whole), ", ".join(sorted(set(filter(None, codes))))
+    advice = f"{before}{lost} of {len(codes)} members were given up ({why})"
+    yield Check(f"{before}members given up", lost, 0.0, advice)
+    yield from funnel_checks({f"{before}member {k}: ": herd.member(k) for k in herd.whole}, before)
 
 
 def _warnings(herd: _Herd, second: Recheck | None) -> Iterator[str]:
@@ -255,21 +225,18 @@ def _warnings(herd: _Herd, second: Recheck | None) -> Iterator[str]:
         yield f"{herd.first.label}: {never} of {len(herd.whole)} {what}"
 
 
-def _scalars(
-    herds: Sequence[_Herd], found: Sequence[Recheck | None], units: str
-) -> dict[str, Scalar]:
+def _scalars(herds: Sequence[_Herd], found: Sequence[Recheck | None]) -> dict[str, Any]:
     scalars = {
-        name: Scalar(one_or_all([_median(herd.values(name)) for herd in herds]),
-                     unit_of(quantity, units))
-        for name, (_, quantity) in herds[0].numbers[0].items()
-    }  # fmt: skip
+        name: one_or_all([_median(herd.values(name)) for herd in herds])
+        for name in herds[0].numbers[0]
+    }
     spread = [np.quantile(herd.values("distance"), QUANTILES) for herd in herds]
     captured = [np.mean([t is not None for t in herd.values("capture_time")]) for herd in herds]
     return scalars | {
-        "distance_quantiles": Scalar(one_or_all(spread), unit_of("length", units)),
-        "captured_share": Scalar(one_or_all(captured)),
-        "members": Scalar(one_or_all([len(herd.whole) for herd in herds])),
-        "recheck_error": Scalar(one_or_all([second and second.error for second in found])),
+        "distance_quantiles": one_or_all(spread),
+        "captured_share": one_or_all(captured),
+        "members": one_or_all([len(herd.whole) for herd in herds]),
+        "recheck_error": one_or_all([second and second.error for second in found]),
     }
 
 
@@ -281,39 +248,31 @@ def _median(values: Sequence[Any]) -> Any:
     return float(np.median(numbers)) if np.isfinite(np.median(numbers)) else None
 
 
-def _variables(scene: Scene[TrackScene], gait: Gait, herds: Sequence[_Herd]) -> Iterator[Variable]:
-    units = scene.table.units
-    time = herds[0].ensemble.time
-    yield Variable("time", unit_of("time", units), ("time",), time, "time")
-    yield Variable("quantile", "1", ("quantile",), np.array(QUANTILES), "share of members below")
+def _signals(scene: Scene[TrackScene], gait: Gait, herds: Sequence[_Herd]) -> dict[str, Any]:
     first = herds[0].member(herds[0].whole[0])
-    reference = first.motion.observe(first.loop.output("reference"))
-    kind = ("length", ("link",), "reference of the link length")
-    yield variable("reference", kind, (), reference, units)
-    tubes = []
-    rows: dict[str, list[np.ndarray]] = {name: [] for name in _BANDS}
+    names = [name for name in scene.table.variables if name.endswith("_band")]
+    tubes: list[np.ndarray] = []
+    bands: dict[str, list[np.ndarray]] = {name: [] for name in names}
     for herd in herds:
-        samples = [sample(herd.member(k).motion, _band_signals(herd)) for k in herd.whole]
-        for name in _BANDS:
+        expressions = loop_expressions(herd.first)
+        wanted = {name: expressions[name.removesuffix("_band")] for name in names}
+        samples = [sample(herd.member(k).motion, wanted) for k in herd.whole]
+        for name in names:
             values = np.array([each[name] for each in samples])
-            rows[name].append(np.quantile(values, QUANTILES, axis=0))
-        tubes.append(sample(first.motion, {"tube": loop_expressions(herd.first)["tube"]})["tube"])
-    yield variable("tube", LOOP_SIGNALS["tube"], ("tracker",), tubes, units)
-    for name, values in rows.items():
-        quantity, own, long_name = LOOP_SIGNALS[name]
-        kind = (quantity, own, f"quantiles over the members: {long_name}")
-        yield variable(f"{name}_band", kind, ("tracker", "quantile"), np.array(values), units)
-    for name in _EACH:
-        quantity = herds[0].numbers[0][name][1]
-        each = np.array([_of_all(herd, name) for herd in herds])
-        unit = unit_of(quantity, units)
-        yield Variable(f"member_{name}", unit, ("tracker", "member"), each, f"{name} of the member")
-    yield from gait_variables(gait, units)
-
-
-def _band_signals(herd: _Herd) -> dict[str, Any]:
-    expressions = loop_expressions(herd.first)
-    return {name: expressions[name] for name in _BANDS}
+            bands[name].append(np.quantile(values, QUANTILES, axis=0))
+        tubes.append(sample(first.motion, {"tube": expressions["tube"]})["tube"])
+    each = [name for name in scene.table.variables if name.startswith("member_")]
+    return {
+        "time": herds[0].ensemble.time,
+        "quantile": QUANTILES,
+        "reference": first.motion.observe(first.loop.output("reference")),
+        **fitted({"tube": tubes, **bands}, TrackScene.variables),
+        **{
+            name: np.array([_of_all(herd, name.removeprefix("member_")) for herd in herds])
+            for name in each
+        },
+        **gait_arrays(gait),
+    }
 
 
 def _of_all(herd: _Herd, name: str) -> np.ndarray:

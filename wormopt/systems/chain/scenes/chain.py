@@ -17,6 +17,7 @@ from wormopt.scene.types import (
     Seed,
     Table,
     per,
+    says,
     wrong_count,
 )
 
@@ -24,134 +25,120 @@ from wormopt.scene.types import (
 _MOST_PIECES = 1_000_000
 
 
-class CoulombFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="coulomb"):
-    """Anisotropic dry friction with stiction, (9).
+Forward = Annotated[NonNegativePerMass, says("force", "*F*<sub>+</sub>, against sliding forward")]
+Backward = Annotated[NonNegativePerMass, says("force", "*F*<sub>−</sub>, against sliding back")]
 
-    Parameters
-    ----------
-    forward, backward : float or tuple of float
-        Sliding forces F+ and F- against forward and backward motion, alike for all or one per
-        mass.
-    stick_forward, stick_backward : float or tuple of float, optional
-        Stiction Fs+ and Fs-; the sliding forces if left out.
+
+class CoulombFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="coulomb"):
+    """Dry friction (9), stronger one way than the other, with stiction.
+
+    Forces are ≥ 0; each number may be one for all masses or, in a table for all masses, a list
+    with one per mass. While sliding they are *F*<sub>+</sub>, *F*<sub>−</sub>; at rest anything up
+    to stiction. Refused: stiction below the sliding force.
     """
 
-    forward: NonNegativePerMass
-    backward: NonNegativePerMass
-    stick_forward: NonNegativePerMass | None = None
-    stick_backward: NonNegativePerMass | None = None
+    forward: Forward
+    backward: Backward
+    stick_forward: Annotated[
+        NonNegativePerMass | None,
+        says("force", "stiction *F*<sub>s+</sub>; the sliding force if left out"),
+    ] = None
+    stick_backward: Annotated[
+        NonNegativePerMass | None,
+        says("force", "stiction *F*<sub>s−</sub>; the sliding force if left out"),
+    ] = None
 
 
 class StribeckFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="stribeck"):
-    """Dry friction whose sliding force falls from stiction to Coulomb's value.
+    """Dry friction whose sliding force falls from stiction to its value at high speed.
 
-    Parameters
-    ----------
-    forward, backward : float or tuple of float
-        Sliding forces F+ and F- at high speed.
-    stick_forward, stick_backward : float or tuple of float
-        Stiction Fs+ and Fs-.
-    v_stribeck : float or tuple of float
-        Velocity over which the force falls.
+    Refused: stiction below the sliding force.
     """
 
-    forward: NonNegativePerMass
-    backward: NonNegativePerMass
-    stick_forward: NonNegativePerMass
-    stick_backward: NonNegativePerMass
-    v_stribeck: PerMass
+    forward: Forward
+    backward: Backward
+    stick_forward: Annotated[NonNegativePerMass, says("force", "stiction *F*<sub>s+</sub>")]
+    stick_backward: Annotated[NonNegativePerMass, says("force", "stiction *F*<sub>s−</sub>")]
+    v_stribeck: Annotated[PerMass, says("speed", "velocity over which the force falls")]
 
 
 class ViscousFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="viscous"):
-    """Linear drag, which never sticks.
+    """Linear drag −*k v*, which never sticks."""
 
-    Parameters
-    ----------
-    drag : float or tuple of float
-        Force per velocity.
-    """
-
-    drag: NonNegativePerMass
+    drag: Annotated[NonNegativePerMass, says("drag", "*k*")]
 
 
 class SpikeFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="spike"):
-    """Spikes: no force forward, any force backward, (4).
+    """Spikes: no force forward, any force backward, (4)."""
 
-    Parameters
-    ----------
-    scale : float or tuple of float
-        Of the smooth stand-in alone: load that it carries at v = -3/4 v_reg.
-    """
-
-    scale: PerMass = 1.0
+    scale: Annotated[
+        PerMass,
+        says(
+            "force",
+            "of the *smooth* stand-in alone: load that it carries at *v* = −3/4 `v_reg`",
+        ),
+    ] = 1.0
 
 
 Friction = CoulombFriction | StribeckFriction | ViscousFriction | SpikeFriction
 
+# Spreads and deviations count as the parameter that they are of.
+_SPREAD = says("", "half width of the range, in units of the parameter")
+
 
 class FixedDraw(Table, frozen=True, kw_only=True, tag_field="process", tag="fixed"):
-    """A value drawn once for each link, uniform around the worm's own.
+    """Drawn once for each link, uniform within ± `spread` of the worm's own value.
 
-    Parameters
-    ----------
-    spread : float or tuple of float
-        Half width of the range.
+    Refused: a `spread` that is not below the mean.
     """
 
-    spread: NonNegativePerLink
+    spread: Annotated[NonNegativePerLink, _SPREAD]
 
 
 class Steps(Table, frozen=True, kw_only=True, tag_field="process", tag="steps"):
-    """A value that is drawn anew after every interval, uniform around the worm's own.
+    """Drawn anew after every interval, uniform within ± `spread` of the worm's own value.
 
-    Parameters
-    ----------
-    spread : float or tuple of float
-        Half width of the range.
-    interval : float
-        Time between two changes.
+    Refused: a `spread` that is not below the mean; more than a million pieces.
     """
 
-    spread: NonNegativePerLink
-    interval: Positive
+    spread: Annotated[NonNegativePerLink, _SPREAD]
+    interval: Annotated[Positive, says("time", "time between two changes")]
 
 
 class Wandering(Table, frozen=True, kw_only=True, tag_field="process", tag="ornstein_uhlenbeck"):
-    """A value whose logarithm is a stationary Ornstein-Uhlenbeck process.
+    """The logarithm is a stationary Ornstein-Uhlenbeck process.
 
-    Parameters
-    ----------
-    deviation : float or tuple of float
-        Standard deviation; the worm's own value is the mean.
-    correlation_time : float
-        Time after which the correlation has fallen to 1/e.
-    step : float
-        Grid of the path in time; between its points the value is linear.
+    Mean (the worm's own value) and standard deviation are as given; the path is exact at multiples
+    of `step` and linear between. Refused: a `deviation` around 0; more than a million pieces.
     """
 
-    deviation: NonNegativePerLink
-    correlation_time: Positive
-    step: Positive
+    deviation: Annotated[
+        NonNegativePerLink, says("", "standard deviation, in units of the parameter")
+    ]
+    correlation_time: Annotated[
+        Positive, says("time", "time after which the correlation has fallen to 1/e")
+    ]
+    step: Annotated[Positive, says("time", "grid of the path in time")]
 
 
 Process = FixedDraw | Steps | Wandering
+# How a parameter departs from the worm's own, which is the mean.
+Chance = Annotated[
+    Process | None,
+    says("", "how it departs from the worm's own, which is the mean; not random if left out"),
+]
 
 
 class RandomLinks(Table, frozen=True, kw_only=True):
     """Chance in the links. What is left out is not random.
 
-    Parameters
-    ----------
-    seed : int
-        The same seed gives the same worm.
-    stiffness, damping, rest_length : FixedDraw, Steps or Wandering, optional
-        How the parameter of each link, independent of the others, departs from the worm's own.
+    Links are independent of each other; the same seed gives the same worm.
     """
 
-    seed: Seed = 0
-    stiffness: Process | None = None
-    damping: Process | None = None
-    rest_length: Process | None = None
+    seed: Annotated[Seed, says("", "the same seed gives the same worm")] = 0
+    stiffness: Chance = None
+    damping: Chance = None
+    rest_length: Chance = None
 
     @property
     def processes(self) -> dict[str, Process]:
@@ -165,42 +152,39 @@ class RandomLinks(Table, frozen=True, kw_only=True):
 
 
 class ChainTable(Table, frozen=True, kw_only=True):
-    """A chain of point masses on visco-elastic links, (8)-(12).
+    """A chain of *n* + 1 point masses joined by *n* visco-elastic links, (8)–(12).
 
-    Parameters
-    ----------
-    links : int
-        Number of links n, 1 to 100; the masses are n + 1.
-    mass : float or tuple of float
-        Mass, alike for all or one per mass, head first.
-    stiffness, damping : float or tuple of float
-        Spring constants c and dashpot constants d, alike for all or one per link.
-    rest_length : float or tuple of float
-        Length l0 of a link without force.
-    drag : float or tuple of float
-        Viscous drag coefficient of each mass.
-    load : float or tuple of float
-        Force against forward motion on each mass (slope or towed load); negative downhill.
-    friction : table or tuple of tables, optional
-        Law of the ground, one table for all or one per mass; none without it.
-    random : RandomLinks, optional
-        Chance in the links.
-
-    Examples
-    --------
-    >>> ChainTable(links=2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0).drag
-    0.0
+    Links have actuators, and the ground resists motion. Theory:
+    [theory-dynamics.md](../theory-dynamics.md); the same from Python:
+    [simulation.md](../simulation.md). Refused: a list of tables of `friction` that is not one per
+    mass; a per-mass list in a table of one mass.
     """
 
-    links: Annotated[int, Meta(ge=1, le=100, description="a whole number from 1 to 100")]
-    mass: PerMass
-    stiffness: NonNegativePerLink
-    damping: NonNegativePerLink
-    rest_length: NonNegativePerLink
-    drag: NonNegativePerMass = 0.0
-    load: FinitePerMass = 0.0
-    friction: Friction | tuple[Friction, ...] | None = None
-    random: RandomLinks | None = None
+    links: Annotated[
+        int,
+        Meta(ge=1, le=100, description="a whole number from 1 to 100"),
+        says("count", "*n*; mass 0 is the head"),
+    ]
+    mass: Annotated[PerMass, says("mass", "point masses *m*<sub>i</sub>")]
+    stiffness: Annotated[NonNegativePerLink, says("stiffness", "spring constants *c*<sub>j</sub>")]
+    damping: Annotated[NonNegativePerLink, says("drag", "dashpot constants *d*<sub>j</sub>")]
+    rest_length: Annotated[
+        NonNegativePerLink, says("length", "*l*<sub>0j</sub>, length of a link without force")
+    ]
+    drag: Annotated[NonNegativePerMass, says("drag", "viscous drag *k*<sub>i</sub>")] = 0.0
+    load: Annotated[
+        FinitePerMass,
+        says("force", "*Γ*<sub>i</sub>, force against forward motion; negative downhill"),
+    ] = 0.0
+    friction: Annotated[
+        Friction | tuple[Friction, ...] | None,
+        says(
+            "",
+            "law of the ground: a table for all masses, or a list of tables, one per mass; none "
+            "if left out",
+        ),
+    ] = None
+    random: Annotated[RandomLinks | None, says("", "chance in the links; none if left out")] = None
 
     @property
     def ground(self) -> tuple[Friction, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta, field
 
@@ -19,36 +19,31 @@ from wormopt.scene.types import (
     Table,
     Title,
     extreme_numbers,
+    says,
     wrong_order,
 )
 from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
 from wormopt.systems.chain.scenes.track import DerivativeTracker, FilterTracker
 from wormopt.systems.chain.scenes.track_optimal import GridTable, RelaxationTable, Share, TubeTable
+from wormopt.systems.shared.declared import JUDGED, LOOP_SIGNALS, TIME, over
 from wormopt.systems.spiked.scenes.shapes import Shape
 
 
 class DesignedShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="designed"):
     """The fastest gait in which one mass after the other rests, tail first, within limits.
 
-    It is designed when the scene runs, as in scenes of kind "gait-design".
-
-    Parameters
-    ----------
-    period : float
-        Period.
-    length : tuple of two floats
-        Shortest and longest length of every link.
-    rate, acceleration : float
-        Limits on |l'| and |l''|.
-    load : float
-        Force against forward motion on each mass for which spikes must hold.
+    It is designed when the scene runs, as in scenes of [kind `gait-design`](gait-design.md), with
+    unit masses.
     """
 
-    period: Positive
-    length: Pair
-    rate: Positive
-    acceleration: Positive
-    load: NonNegative = 0.0
+    period: Annotated[Positive, says("time", "period")]
+    length: Annotated[Pair, says("length", "shortest and longest length of every link")]
+    rate: Annotated[Positive, says("speed", "limit on |*l*′|")]
+    acceleration: Annotated[Positive, says("acceleration", "limit on |*l*″|")]
+    load: Annotated[
+        NonNegative,
+        says("force", "force against forward motion on each mass for which spikes must hold"),
+    ] = 0.0
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
         """Yield what is wrong between the keys; `key` is the key path of this table."""
@@ -56,155 +51,172 @@ class DesignedShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="de
 
 
 class NamedReference(Table, frozen=True, kw_only=True):
-    """One of the gaits that are followed.
+    """One of the gaits that are followed."""
 
-    Parameters
-    ----------
-    name : str
-        What tables and pictures call it.
-    gait : table
-        A gait.
-    """
-
-    name: Title
-    gait: Shape | DesignedShape
+    name: Annotated[Title, says("", "what tables and pictures call it")]
+    gait: Annotated[
+        Shape | DesignedShape, says("", "a gait; `shape` decides which other keys there are")
+    ]
 
 
 class LqrTable(Table, frozen=True, kw_only=True):
-    """LQR with feed-forward: weights of its Riccati equation.
+    """LQR with feed-forward: weights of its Riccati equation."""
 
-    Parameters
-    ----------
-    error_weight, rate_weight, input_weight : float
-        Weights of |e|^2, |e'|^2 and of the square of what is added to the feed-forward.
-    """
-
-    error_weight: Positive
-    rate_weight: NonNegative = 0.0
-    input_weight: Positive = 1.0
+    error_weight: Annotated[Positive, says("", "weight of |*e*|²")]
+    rate_weight: Annotated[NonNegative, says("", "weight of |*e*′|²")] = 0.0
+    input_weight: Annotated[
+        Positive, says("", "weight of the square of what is added to the feed-forward")
+    ] = 1.0
 
 
 class OptimalTable(Table, frozen=True, kw_only=True):
-    """Optimal tracking and the optimal tube.
+    """Optimal tracking and the optimal tube."""
 
-    Parameters
-    ----------
-    input_weight : float
-        rho in the integral of |e|^2 + rho |u|^2.
-    margin : float
-        Share of the tube's radius that the optimiser leaves free.
-    """
-
-    input_weight: Positive
-    margin: Share = 0.02
+    input_weight: Annotated[Positive, says("", "*ρ* in ∫(|*e*|² + *ρ*|*u*|²) d*t*")]
+    margin: Annotated[
+        Share, says("share", "share of the tube's radius that the optimiser leaves free")
+    ] = 0.02
 
 
 class CrawlTable(Table, frozen=True, kw_only=True):
-    """The crawl of largest mean speed, less a weight times the mean of |u|^2; no reference in it.
+    """The crawl of largest mean speed less a weight times the mean of |*u*|²; without reference."""
 
-    Parameters
-    ----------
-    period : float
-        Its period.
-    length : tuple of two floats
-        Shortest and longest length of every link.
-    force : float
-        Largest |u_j|.
-    input_weight : float
-        Weight of the mean of |u|^2.
-    arcs : int
-        Arcs of the first solve over a period.
-    """
-
-    period: Positive
-    length: Pair
-    force: Positive
-    input_weight: NonNegative = 1e-3
-    arcs: Annotated[int, Meta(ge=10, le=1000, description="a whole number from 10 to 1000")] = 60
+    period: Annotated[Positive, says("time", "its period")]
+    length: Annotated[Pair, says("length", "shortest and longest length of every link")]
+    force: Annotated[Positive, says("force", "largest |*u*<sub>j</sub>|")]
+    input_weight: Annotated[NonNegative, says("", "weight of the mean of |*u*|²")] = 1e-3
+    arcs: Annotated[
+        int,
+        Meta(ge=10, le=1000, description="a whole number from 10 to 1000"),
+        says("count", "arcs of the first solve over a period"),
+    ] = 60
 
 
 class DrawsTable(Table, frozen=True, kw_only=True):
-    """Plants that are not as believed: every number drawn by itself, uniform around its own.
+    """Plants that are not as believed: every number drawn by itself, uniform around its own."""
 
-    Parameters
-    ----------
-    members : int
-        How many plants.
-    spread : float
-        Half width of the range of masses, stiffness, damping and friction, as a share of them.
-    seed : int
-        The same seed gives the same plants.
-    known : int
-        For so many of them, the first ones, the optimal inputs are computed anew, knowing them.
-    """
+    members: Annotated[
+        int,
+        Meta(ge=2, le=10_000, description="a whole number from 2 to 10000"),
+        says("count", "plants that are not as believed"),
+    ]
+    spread: Annotated[
+        Share,
+        says(
+            "share",
+            "every mass, stiffness, damping and friction force is drawn within ± this share",
+        ),
+    ]
+    seed: Annotated[Seed, says("", "the same seed gives the same plants")] = 0
+    known: Annotated[
+        int,
+        Meta(ge=0, le=1000, description="a whole number from 0 to 1000"),
+        says(
+            "count",
+            "for the first so many plants every plan is made anew by somebody who knows them",
+        ),
+    ] = 0
 
-    members: Annotated[int, Meta(ge=2, le=10_000, description="a whole number from 2 to 10000")]
-    spread: Share
-    seed: Seed = 0
-    known: Annotated[int, Meta(ge=0, le=1000, description="a whole number from 0 to 1000")] = 0
+
+COMPARED = ("error_norm", "length", "input", "position")
+"""Signals that are kept of every rival."""
+_RIVALS = ("reference", "rival")
 
 
 class CompareScene(SceneTable, frozen=True, kw_only=True):
     """One chain under several controllers, nominal and with parameters that are not as believed.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"compare-tracking"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether numbers are in SI units.
-    want : tuple of str
-        Pictures to draw.
-    worm : ChainTable
-        The worm.
-    start : Start
-        Where it starts.
-    reference : tuple of NamedReference
-        Gaits that are followed; knowledge of the plant is valued for the first.
-    tube : TubeTable
-        Tube by which all are judged, from the time of capture on.
-    tracker : tuple of FilterTracker or DerivativeTracker
-        lambda-trackers.
-    lqr : LqrTable
-        LQR with feed-forward, also around the optimal inputs.
-    optimal : OptimalTable
-        Optimal tracking and optimal tube.
-    crawl : CrawlTable
-        The crawl that ignores the reference.
-    draws : DrawsTable
-        Plants that are not as believed.
-    grid : GridTable
-        Grid of the optimiser.
-    relaxation : RelaxationTable
-        How exact contact is in the optimiser.
-    workers : int
-        Processes that optimise.
-    time : TimeSpan
-        How long.
-    tolerance : ToleranceTable
-        Of the simulation of the worm as it is believed.
+    All are measured by one exact simulator: λ-trackers, LQR with feed-forward, optimal tracking,
+    the least input that stays in the tube, and the fastest crawl, which ignores the reference;
+    plans open loop, and with LQR around them. Then the same controllers, which do not know it, on
+    plants whose parameters are drawn; and plans made anew for the first of these plants. All
+    figures stand in `table.md`, beside the result; what follows from them:
+    [comparison.md](../comparison.md).
+
+    Refused: a tracker with another tube; more known plants than plants; friction of another kind
+    than one `coulomb` table; `worm.random`.
+
+    Scalars are lists of lists, for each reference and controller. In the trust report `recheck` is
+    the second route, trackers excepted, for the first reference. Attributes: `references`,
+    `rivals`, `known` (names), and `table`, what `table.md` holds. `timings_s`: `design`,
+    `optimise`, `simulate`, `know`.
     """
 
+    scalars: ClassVar = JUDGED | {
+        "tube_radius": ("length", "*λ*"),
+        "draws": ("count", "plants that are not as believed"),
+        "draws_failed": ("count", "plants that could not be simulated"),
+        "draws_outside": ("count", "plants that leave the tube after its time of capture"),
+        "known_plants": ("count", "plants for which plans are made anew"),
+        "known_failed": (
+            "count",
+            "plans that were not found, in the order of the attribute `known`",
+        ),
+        "solve_iterations": ("count", "iterations of the plans for the worm as believed"),
+        "recheck_error": (
+            "share",
+            "of the second route, trackers excepted, for the first reference",
+        ),
+    }
+    variables: ClassVar = {
+        **TIME,
+        **over({name: LOOP_SIGNALS[name] for name in COMPARED}, *_RIVALS),
+        "aim": ("length", ("reference", "link", "time"), "reference of the link length"),
+        **{
+            f"drawn_{name}": (quantity, (*_RIVALS, "member"), f"{name} of the plant")
+            for name, (quantity, _) in JUDGED.items()
+        },
+        **{
+            f"known_{name}": (
+                quantity,
+                ("plan", "known_member"),
+                f"{name} of the plant, which is known",
+            )
+            for name, (quantity, _) in JUDGED.items()
+        },
+    }
+
     kind: Literal["compare-tracking"]
-    want: tuple[Literal["comparison", "draws"], ...] = ()
-    worm: ChainTable
-    start: Start = field(default_factory=Start)
-    reference: tuple[NamedReference, ...]
-    tube: TubeTable
-    tracker: tuple[FilterTracker | DerivativeTracker, ...]
-    lqr: LqrTable
-    optimal: OptimalTable
-    crawl: CrawlTable
-    draws: DrawsTable
-    grid: GridTable = field(default_factory=GridTable)
-    relaxation: RelaxationTable = field(default_factory=RelaxationTable)
-    workers: Annotated[int, Meta(ge=1, le=64, description="a whole number from 1 to 64")] = 2
-    time: TimeSpan
-    tolerance: ToleranceTable = field(default_factory=ToleranceTable)
+    want: Annotated[
+        tuple[Literal["comparison", "draws"], ...],
+        says(
+            "",
+            "`comparison`: errors in time, largest error against input; `draws`: box plots over "
+            "the plants",
+        ),
+    ] = ()
+    worm: Annotated[
+        ChainTable, says("", "the worm, with one `coulomb` table of friction, without `random`")
+    ]
+    start: Annotated[Start, says("", "where it starts")] = field(default_factory=Start)
+    reference: Annotated[
+        tuple[NamedReference, ...],
+        says("", "tables `[[reference]]`: gaits to follow; plants are known for the first"),
+    ]
+    tube: Annotated[
+        TubeTable, says("", "tube by which all are judged, from the time of capture on")
+    ]
+    tracker: Annotated[
+        tuple[FilterTracker | DerivativeTracker, ...],
+        says("", "tables `[[tracker]]`: λ-trackers; `tube_radius` is `tube.radius`"),
+    ]
+    lqr: Annotated[LqrTable, says("", "LQR with feed-forward, also around the optimal inputs")]
+    optimal: Annotated[OptimalTable, says("", "optimal tracking and optimal tube")]
+    crawl: Annotated[CrawlTable, says("", "the crawl that ignores the reference")]
+    draws: Annotated[DrawsTable, says("", "plants that are not as believed")]
+    grid: Annotated[GridTable, says("", "grid of the optimiser")] = field(default_factory=GridTable)
+    relaxation: Annotated[RelaxationTable, says("", "how exact contact is in the optimiser")] = (
+        field(default_factory=RelaxationTable)
+    )
+    workers: Annotated[
+        int,
+        Meta(ge=1, le=64, description="a whole number from 1 to 64"),
+        says("count", "processes that optimise"),
+    ] = 2
+    time: Annotated[TimeSpan, says("", "how long")]
+    tolerance: Annotated[
+        ToleranceTable, says("", "of the simulation of the worm as it is believed")
+    ] = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta, field
 
@@ -19,28 +19,28 @@ from wormopt.scene.types import (
     Seed,
     Table,
     extreme_numbers,
+    says,
     wrong_order,
 )
 from wormopt.systems.chain.scenes.chain import ChainTable
+from wormopt.systems.shared.declared import CHAIN_SIGNALS, INSTANT, OPTIMUM, over
 from wormopt.systems.spiked.scenes.shapes import why_unreadable
 
 
 class CrawlLimitsTable(Table, frozen=True, kw_only=True):
-    """What the crawl must keep to.
+    """What the crawl must keep to."""
 
-    Parameters
-    ----------
-    period : float or (float, float)
-        Period, or the range in which to choose it.
-    force : float
-        Largest size of every input.
-    length : (float, float), optional
-        Least and largest length of every link.
-    """
-
-    period: PositiveOrPair
-    force: Positive
-    length: Pair | None = None
+    period: Annotated[
+        PositiveOrPair, says("time", "period, fixed, or [shortest, longest] to choose from")
+    ]
+    force: Annotated[Positive, says("force", "largest |*u*<sub>j</sub>|")]
+    length: Annotated[
+        Pair | None,
+        says(
+            "length",
+            "[shortest, longest]: range of every link, at every instant; no limit if left out",
+        ),
+    ] = None
 
     @property
     def period_range(self) -> tuple[float, float]:
@@ -58,24 +58,17 @@ class CrawlLimitsTable(Table, frozen=True, kw_only=True):
 
 
 class AimTable(Table, frozen=True, kw_only=True):
-    """What the crawl is to be good at; one of both is sought.
+    """What the crawl is to be good at: exactly one of `maximise` and `minimise`."""
 
-    Parameters
-    ----------
-    maximise : {"speed"}, optional
-        Mean speed less ``effort`` times the mean of the squared inputs.
-    minimise : {"cost_of_transport"}, optional
-        Positive work of the actuators over mass and way, at a mean speed of at least ``speed``.
-    effort : float
-        Weight of the mean of the squared inputs, for "speed".
-    speed : float, optional
-        Least mean speed.
-    """
-
-    maximise: Literal["speed"] | None = None
-    minimise: Literal["cost_of_transport"] | None = None
-    effort: NonNegative = 0.0
-    speed: Positive | None = None
+    maximise: Annotated[
+        Literal["speed"] | None, says("", "mean speed − `effort` · mean of |*u*|²")
+    ] = None
+    minimise: Annotated[
+        Literal["cost_of_transport"] | None,
+        says("", "positive work of the actuators over mass and way; `speed` is required then"),
+    ] = None
+    effort: Annotated[NonNegative, says("", "weight of the squared inputs, for `maximise`")] = 0.0
+    speed: Annotated[Positive | None, says("speed", "least mean speed; none if left out")] = None
 
     def faults(self, robust: bool) -> Iterator[Fault]:
         """Yield what does not fit together.
@@ -93,22 +86,24 @@ class AimTable(Table, frozen=True, kw_only=True):
 
 
 class SearchTable(Table, frozen=True, kw_only=True):
-    """Where searches begin.
+    """Where searches begin. Results are local optima: strong actuators have many."""
 
-    Parameters
-    ----------
-    starts : int
-        Number of starts; each is a simulation under other sine inputs.
-    seed : int
-        The same seed gives the same starts.
-    result : str, optional
-        ``result.nc`` of an earlier crawl of as many links, from which to start instead; relative
-        to the scene's folder.
-    """
-
-    starts: Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")] = 1
-    seed: Seed = 0
-    result: Annotated[str, Meta(pattern=r"\.nc$", description='text ending in ".nc"')] | None = None
+    starts: Annotated[
+        int,
+        Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
+        says(
+            "count", "starts; each is the last period of a simulation under other sines as inputs"
+        ),
+    ] = 1
+    seed: Annotated[Seed, says("", "the same seed gives the same starts")] = 0
+    result: Annotated[
+        Annotated[str, Meta(pattern=r"\.nc$", description='text ending in ".nc"')] | None,
+        says(
+            "",
+            "start at the crawl of an earlier result of as many links instead; relative to the "
+            "scene's folder",
+        ),
+    ] = None
 
     def faults(self, folder: Path, robust: bool) -> Iterator[Fault]:
         """Yield what does not fit together, or cannot be read; `folder` is the scene's.
@@ -129,61 +124,101 @@ class SearchTable(Table, frozen=True, kw_only=True):
 class RobustTable(Table, frozen=True, kw_only=True):
     """One input for several worms, of which the numbers are drawn by chance.
 
-    Parameters
-    ----------
-    draws : int
-        Number of worms besides the scene's own.
-    spread : float
-        Half width of the range of masses, stiffness, damping and friction, as a share.
-    seed : int
-        The same seed gives the same worms.
-    judge : {"mean", "worst"}
-        Whether their mean speed or that of the slowest is maximised.
+    Masses, stiffness, damping and friction are drawn around the scene's own. Contact is then
+    complementary on the grid of `[mesh]`, not exact; `speed_simulated` lists what each worm really
+    does after many periods. Refused with `minimise` and with `want = ["convergence"]`.
     """
 
-    draws: Annotated[int, Meta(ge=1, le=20, description="a whole number from 1 to 20")] = 4
-    spread: Annotated[float, Meta(gt=0, lt=1, description="a number between 0 and 1")] = 0.3
-    seed: Seed = 0
-    judge: Literal["mean", "worst"] = "mean"
+    draws: Annotated[
+        int,
+        Meta(ge=1, le=20, description="a whole number from 1 to 20"),
+        says("count", "worms besides the scene's own"),
+    ] = 4
+    spread: Annotated[
+        float,
+        Meta(gt=0, lt=1, description="a number between 0 and 1"),
+        says("share", "half width of the range, as a share"),
+    ] = 0.3
+    seed: Annotated[Seed, says("", "the same seed gives the same worms")] = 0
+    judge: Annotated[
+        Literal["mean", "worst"],
+        says("", "whether the mean speed counts or that of the slowest"),
+    ] = "mean"
 
 
 class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
     """The best periodic crawl of a chain under dry friction.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"optimal-crawl"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether numbers are in SI units.
-    want : tuple of str
-        Pictures to draw, and "convergence" to compute how relaxed contact converges.
-    worm : ChainTable
-        The chain.
-    limits : CrawlLimitsTable
-        What the crawl must keep to.
-    aim : AimTable
-        What it is to be good at.
-    mesh : MeshTable
-        How finely.
-    search : SearchTable
-        Where to begin.
-    robust : RobustTable, optional
-        Several worms instead of one.
+    The inputs by which a chain crawls fastest, or cheapest, period after period: velocities return
+    after a period, positions up to one advance. Contact is dry friction, told exactly: a relaxed
+    solve shows who rests when, a second one frees the switching times, an exact simulation with
+    the inputs found repeats the motion. See [optimal.md](../optimal.md).
+
+    `[mesh]` is that of the relaxed solve, with 60 arcs if left out; its `tolerance` that of the
+    exact one. Where arcs join, the instant stands twice. `timings_s`: `build` and `solve` (of all
+    programs), `optimise` and `check`.
     """
 
+    scalars: ClassVar = {
+        "speed": ("speed", "mean speed"),
+        "speed_simulated": (
+            "speed",
+            "the same from an exact simulation of two periods; with `[robust]` a list, one per "
+            "worm, after many periods",
+        ),
+        "advance": ("length", "way in a period"),
+        "cost_of_transport": (
+            "acceleration",
+            "positive work of the actuators over mass and way; not with `[robust]`",
+        ),
+        "order_smoothed": ("1", "slope of the errors over the width (convergence)"),
+        "order_complementarity": ("1", "slope of the errors over the grid (convergence)"),
+        "objective_smoothed": ("speed", "at the least width (convergence)"),
+        "objective_smoothed_error_bar": (
+            "speed",
+            "its error, stated without the exact answer (convergence)",
+        ),
+        "objective_complementarity": ("speed", "on the finest grid (convergence)"),
+        "objective_complementarity_error_bar": (
+            "speed",
+            "its error, stated without the exact answer (convergence)",
+        ),
+        "same_modes": ("1", "whether both show the modes of the exact crawl (convergence)"),
+        **OPTIMUM,
+        "objective": (
+            "speed",
+            "what was minimised; of a speed its negative; the cost of transport is an acceleration",
+        ),
+    }
+    variables: ClassVar = {
+        **INSTANT,
+        **over(CHAIN_SIGNALS, last="instant"),
+        "width": ("speed", ("width",), "width of the smoothed law"),
+        "smoothed_error": ("speed", ("width",), "its error"),
+        "arcs": ("count", ("arcs",), "arcs of the grid"),
+        "complementarity_error": ("speed", ("arcs",), "its error"),
+    }
+
     kind: Literal["optimal-crawl"]
-    want: tuple[Literal["signals", "convergence"], ...] = ()
-    worm: ChainTable
-    limits: CrawlLimitsTable
-    aim: AimTable
-    mesh: MeshTable = field(default_factory=lambda: MeshTable(arcs=60))
-    search: SearchTable = field(default_factory=SearchTable)
-    robust: RobustTable | None = None
+    want: Annotated[
+        tuple[Literal["signals", "convergence"], ...],
+        says(
+            "",
+            "`signals`: signals below each other; `convergence`: solves again with smoothed "
+            "contact and on finer grids and shows how both tend to the exact answer (about half a "
+            "minute more)",
+        ),
+    ] = ()
+    worm: Annotated[ChainTable, says("", "the chain, with `friction` and without `random`")]
+    limits: Annotated[CrawlLimitsTable, says("", "what the crawl must keep to")]
+    aim: Annotated[AimTable, says("", "what it is to be good at")]
+    mesh: Annotated[MeshTable, says("", "how finely the motion is resolved")] = field(
+        default_factory=lambda: MeshTable(arcs=60)
+    )
+    search: Annotated[SearchTable, says("", "where to begin")] = field(default_factory=SearchTable)
+    robust: Annotated[
+        RobustTable | None, says("", "several worms instead of one; one if left out")
+    ] = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""

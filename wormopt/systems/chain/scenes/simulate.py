@@ -6,7 +6,7 @@ import ast
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta, field
 
@@ -20,22 +20,20 @@ from wormopt.scene.types import (
     SceneTable,
     Table,
     extreme_numbers,
+    says,
     wrong_count,
 )
 from wormopt.systems.chain.scenes.chain import ChainTable
+from wormopt.systems.shared.declared import CHAIN, CHAIN_SIGNALS, EVENTS, TIME, over
 from wormopt.systems.spiked.scenes.shapes import Shape, why_unreadable
 
 
 class ConstantForce(Table, frozen=True, kw_only=True, tag_field="law", tag="constant"):
-    """Inputs u that do not change.
+    """Inputs *u*<sub>j</sub> = `force` that do not change."""
 
-    Parameters
-    ----------
-    force : float or tuple of float
-        Force, alike for all or one per link; positive forces push the masses of a link apart.
-    """
-
-    force: FinitePerLink
+    force: Annotated[
+        FinitePerLink, says("force", "positive forces push the masses of the link apart")
+    ]
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
         """Yield what does not fit a worm of so many links; `folder` is the scene's."""
@@ -43,22 +41,21 @@ class ConstantForce(Table, frozen=True, kw_only=True, tag_field="law", tag="cons
 
 
 class HarmonicChange(Table, frozen=True, kw_only=True, tag_field="law", tag="harmonic"):
-    """Commanded change of rest length A_j sin(2 pi (t/T - j lag)), (11).
+    """Commanded change of rest length (11): a sine.
 
-    Parameters
-    ----------
-    amplitude : float or tuple of float
-        Amplitudes A, alike for all or one per link.
-    period : float
-        Period T.
-    lag : float
-        By how much of a period each link is behind the one ahead of it; link 1 itself lags by
-        as much.
+    *u*<sub>j</sub> = *c*<sub>j</sub> `amplitude` sin(2π(*t*/`period` − *j* `lag`)).
     """
 
-    amplitude: NonNegativePerLink
-    period: Positive
-    lag: Finite = 0.0
+    amplitude: Annotated[NonNegativePerLink, says("length", "amplitude")]
+    period: Annotated[Positive, says("time", "period")]
+    lag: Annotated[
+        Finite,
+        says(
+            "share",
+            "by how much of a period each link is behind the one ahead of it; link 1 itself lags "
+            "by as much",
+        ),
+    ] = 0.0
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
         """Yield what does not fit a worm of so many links; `folder` is the scene's."""
@@ -66,18 +63,15 @@ class HarmonicChange(Table, frozen=True, kw_only=True, tag_field="law", tag="har
 
 
 class CommandedGait(Table, frozen=True, kw_only=True, tag_field="law", tag="gait"):
-    """Rest lengths that are commanded to follow a gait, u = c (gait - rest length), (11).
+    """Rest lengths are commanded to follow a gait (11).
 
-    Parameters
-    ----------
-    gait : FastShape, BlockWaveShape, AccordionShape, SineShape or FileShape
-        The gait.
-    shift : float
-        The command at time t is the gait at t + shift.
+    *u*<sub>j</sub> = *c*<sub>j</sub>(gait − `rest_length`).
     """
 
-    gait: Shape
-    shift: Finite = 0.0
+    gait: Annotated[Shape, says("", "a gait; `shape` decides which other keys there are")]
+    shift: Annotated[
+        Finite, says("time", "the command at time *t* is the gait at *t* + `shift`")
+    ] = 0.0
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
         """Yield what does not fit a worm of so many links; `folder` is the scene's."""
@@ -90,54 +84,74 @@ _MODEL = r"^[^\x00-\x1f]+\.py:[A-Za-z_][A-Za-z0-9_]*$"
 
 
 class SimulateScene(SceneTable, frozen=True, kw_only=True):
-    """A motion: of a chain with given inputs, or of a model of the user's own.
+    """A motion in time: of a chain with given inputs, or of a model of the user's own.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"simulate"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether numbers are in SI units.
-    want : tuple of str
-        Pictures to draw.
-    worm : ChainTable, optional
-        A chain.
-    start : Start, optional
-        Where the chain starts.
-    actuation : ConstantForce, HarmonicChange or CommandedGait, optional
-        Inputs of the chain.
-    model : str, optional
-        "file.py:function": a Python file beside the scene, and the function in it that returns
-        the Model.
-    parameters : mapping, optional
-        Arguments of that function by name.
-    contact : SmoothContact or ExactContact
-        How contact is treated.
-    time : TimeSpan
-        How long.
-    tolerance : ToleranceTable
-        How exact.
+    Scenes have `[worm]`, and if wanted `[start]` and `[actuation]`, or a `model`. Example of a
+    model of your own: `problems/own_model.toml` with `problems/my_worm.py`; how to write one:
+    [simulation.md](../simulation.md#a-model-of-your-own). The file is run by `wormopt run` of that
+    scene and by nothing else: `check` reads it without running it, and nothing is ever run from a
+    saved result. What it prints goes to stderr. Everything named in the Model, states and outputs,
+    is in the result: `<name>` over time, or over `<name>_entry` and time, and the scalar
+    `<name>_end`.
+
+    Refused, with the line where there is one: a file that cannot be read or is no Python, fails,
+    or has no such function; parameters that the function does not take or lacks; anything but a
+    Model; names that are no names, or that the result needs itself; symbols the Model does not
+    know; units that are misspelt quantities. Where the function fails with what `[parameters]`
+    gives, or a value is beyond the bounds of the Model's parameter, the message names that key.
+
+    `contact_force` at rest is what holds the mass. `event_kind` counts from 0: reversal, stick,
+    release, impact, switch; rests are known for exact contact only. Attributes: `contacts`, their
+    names, and `signals`, what the picture shows. `timings_s`: `build`, `simulate` and `recheck`.
+    What the trust report says: [simulations](../scenes.md#the-trust-report-of-a-simulation).
     """
 
+    scalars: ClassVar = CHAIN
+    variables: ClassVar = (
+        TIME
+        | over(CHAIN_SIGNALS)
+        | {"command": ("length", ("link", "time"), "commanded rest length")}
+        | EVENTS
+    )
+
     kind: Literal["simulate"]
-    want: tuple[Literal["motion", "signals"], ...] = ()
-    worm: ChainTable | None = None
-    start: Start | None = None
-    actuation: Actuation | None = None
-    model: (
+    want: Annotated[
+        tuple[Literal["motion", "signals"], ...],
+        says("", "`signals`: signals below each other; `motion`, of a chain: paths, time upward"),
+    ] = ()
+    worm: Annotated[ChainTable | None, says("", "a chain")] = None
+    start: Annotated[
+        Start | None, says("", "where the chain starts; at rest length if left out")
+    ] = None
+    actuation: Annotated[
+        Actuation | None, says("", "inputs *u*<sub>j</sub> of the chain; 0 if left out")
+    ] = None
+    model: Annotated[
         Annotated[
             str, Meta(pattern=_MODEL, description='"file.py:function", "my_worm.py:build" say')
         ]
-        | None
-    ) = None
-    parameters: dict[str, Any] | None = None
-    contact: ContactTable = field(default_factory=ExactContact)
-    time: TimeSpan
-    tolerance: ToleranceTable = field(default_factory=ToleranceTable)
+        | None,
+        says(
+            "",
+            "a Python file, relative to the scene's folder, and a function in it that returns a "
+            "`Model`",
+        ),
+    ] = None
+    parameters: Annotated[
+        dict[str, Any] | None,
+        says(
+            "",
+            "arguments of that function by name: text, true, false, finite numbers, lists and "
+            "tables of these",
+        ),
+    ] = None
+    contact: Annotated[ContactTable, says("", "how contact is treated; exact if left out")] = field(
+        default_factory=ExactContact
+    )
+    time: Annotated[TimeSpan, says("", "how long")]
+    tolerance: Annotated[ToleranceTable, says("", "how exact")] = field(
+        default_factory=ToleranceTable
+    )
 
     @property
     def model_file(self) -> str:

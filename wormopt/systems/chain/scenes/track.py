@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta, field
 
@@ -19,97 +19,91 @@ from wormopt.scene.types import (
     SceneTable,
     Table,
     extreme_numbers,
+    says,
     wrong_count,
 )
 from wormopt.systems.chain.scenes.chain import ChainTable
+from wormopt.systems.shared.declared import (
+    CHAIN,
+    GAIT,
+    LOOP_SIGNALS,
+    REFERENCE,
+    TIME,
+    TRACKED,
+    TRACKER_EVENTS,
+    Scalars,
+    over,
+)
 from wormopt.systems.spiked.scenes.shapes import Shape
 
 
 class Reference(Table, frozen=True, kw_only=True):
-    """What the links shall do.
+    """What the links shall do."""
 
-    Parameters
-    ----------
-    gait : FastShape, BlockWaveShape, AccordionShape, SineShape or FileShape
-        A gait.
-    shift : float
-        The reference at time t is the gait at t + shift.
-    """
-
-    gait: Shape
-    shift: Finite = 0.0
+    gait: Annotated[Shape, says("", "a gait; `shape` decides which other keys there are")]
+    shift: Annotated[
+        Finite, says("time", "the reference at time *t* is the gait at *t* + `shift`")
+    ] = 0.0
 
 
 class ExponentLaw(Table, frozen=True, kw_only=True, tag_field="law", tag="exponent"):
-    """The gain grows by gamma [|e| - lambda]+ |e|^(r - 1).
+    """*k*′ = *γ* [|*e*| − *λ*]<sub>+</sub> |*e*|<sup>*r*−1</sup>."""
 
-    Parameters
-    ----------
-    exponent : float
-        r, at least 1.
-    """
-
-    exponent: Annotated[float, Meta(ge=1, le=100, description="a number from 1 to 100")]
+    exponent: Annotated[
+        float, Meta(ge=1, le=100, description="a number from 1 to 100"), says("1", "*r*")
+    ]
 
 
 class DecayLaw(Table, frozen=True, kw_only=True, tag_field="law", tag="decay"):
     """Growth with two exponents; the gain decays once the error has stayed in the tube.
 
-    Parameters
-    ----------
-    dwell : float
-        Time in the tube before the gain decays.
-    decay : float
-        Rate sigma of decay, k' = -sigma k.
+    *k*′ = *γ* (|*e*| − *λ*)² from *λ* + 1 on, *γ* √(|*e*| − *λ*) from *λ* on; in the tube 0, after
+    `dwell` there −*σ k*.
     """
 
-    dwell: Positive
-    decay: NonNegative
+    dwell: Annotated[Positive, says("time", "time in the tube before the gain decays")]
+    decay: Annotated[NonNegative, says("rate", "*σ*, rate of decay")]
 
 
 class QuadraticLaw(Table, frozen=True, kw_only=True, tag_field="law", tag="quadratic"):
-    """The chapter's law: the gain grows by gamma ([|e| - lambda]+)^2."""
+    """*k*′ = *γ* ([|*e*| − *λ*]<sub>+</sub>)², the chapter's law."""
+
+
+_OWN = "what the controller believes of the links; the worm's own if left out"
 
 
 class FeedForwardTable(Table, frozen=True, kw_only=True):
-    """Force that would hold links of these numbers on the reference, added to the tracker's.
+    """Adds *c*(*y*<sub>ref</sub> − *l*<sub>0</sub>) + *d y*<sub>ref</sub>′ with these numbers.
 
-    Parameters
-    ----------
-    stiffness, damping, rest_length : float or tuple of float, optional
-        What the controller believes of the links; the worm's own if left out.
+    That is the force that would hold links of these numbers on the reference; numbers left out are
+    the worm's own (`feedforward = {}`: all).
     """
 
-    stiffness: NonNegativePerLink | None = None
-    damping: NonNegativePerLink | None = None
-    rest_length: NonNegativePerLink | None = None
+    stiffness: Annotated[NonNegativePerLink | None, says("stiffness", f"*c*, {_OWN}")] = None
+    damping: Annotated[NonNegativePerLink | None, says("drag", f"*d*, {_OWN}")] = None
+    rest_length: Annotated[
+        NonNegativePerLink | None, says("length", f"*l*<sub>0</sub>, {_OWN}")
+    ] = None
+
+
+Name = Annotated[str, says("", "what pictures call it; by its kind if left out")]
+FeedForwardOrNone = Annotated[
+    FeedForwardTable | None, says("", "force that is added; none if left out")
+]
 
 
 class LambdaTracker(Table, frozen=True, kw_only=True, tag_field="feedback"):
-    """What both lambda-trackers share.
+    """What both lambda-trackers share."""
 
-    Parameters
-    ----------
-    name : str
-        What pictures call it.
-    tube_radius : float
-        Radius lambda of the tube.
-    gain_start : float
-        Gain k at the start.
-    growth : float
-        Factor gamma of the gain's growth.
-    adaptation : QuadraticLaw, ExponentLaw or DecayLaw
-        How the gain grows.
-    feedforward : FeedForwardTable, optional
-        Force added.
-    """
-
-    name: str = ""
-    tube_radius: Positive
-    gain_start: Positive = 1.0
-    growth: Positive = 1.0
-    adaptation: QuadraticLaw | ExponentLaw | DecayLaw = field(default_factory=QuadraticLaw)
-    feedforward: FeedForwardTable | None = None
+    name: Name = ""
+    tube_radius: Annotated[Positive, says("length", "*λ*")]
+    gain_start: Annotated[Positive, says("", "*k*(0)")] = 1.0
+    growth: Annotated[Positive, says("", "*γ*")] = 1.0
+    adaptation: Annotated[
+        QuadraticLaw | ExponentLaw | DecayLaw,
+        says("", 'how the gain grows; `{ law = "quadratic" }` if left out'),
+    ] = field(default_factory=QuadraticLaw)
+    feedforward: FeedForwardOrNone = None
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
         """Yield what does not fit a worm of so many links; `key` is the path of this table."""
@@ -119,25 +113,18 @@ class LambdaTracker(Table, frozen=True, kw_only=True, tag_field="feedback"):
 class DerivativeTracker(LambdaTracker, frozen=True, kw_only=True, tag="derivative"):
     """Tracker (13), which knows the rates of the links.
 
-    Parameters
-    ----------
-    name, tube_radius, gain_start, growth, adaptation, feedforward : object
-        As for `LambdaTracker`.
+    With *e* = *y* − *y*<sub>ref</sub> and the Euclidean norm. Its numbers belong to the scene's
+    units of time and length: (13) adds *k e* and (*k e*)′.
     """
 
 
 class FilterTracker(LambdaTracker, frozen=True, kw_only=True, tag="filter"):
     """Tracker (14), which estimates the rates of the links by a filter.
 
-    Parameters
-    ----------
-    name, tube_radius, gain_start, growth, adaptation, feedforward : object
-        As for `LambdaTracker`.
-    filter_start : float or tuple of float
-        The filter's theta at the start, alike for all or one per link.
+    Its numbers belong to the scene's units of time and length: (14) adds *k θ* and (*k θ*)′.
     """
 
-    filter_start: FinitePerLink = 1.0
+    filter_start: Annotated[FinitePerLink, says("length", "*θ*(0)")] = 1.0
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
         """Yield what does not fit a worm of so many links; `key` is the path of this table."""
@@ -146,44 +133,33 @@ class FilterTracker(LambdaTracker, frozen=True, kw_only=True, tag="filter"):
 
 
 class FunnelTable(Table, frozen=True, kw_only=True):
-    """Bound end + (start - end) exp(-t/time) on a norm.
+    """Bound `end` + (`start` − `end`) exp(−*t*/`time`) on a norm."""
 
-    Parameters
-    ----------
-    start, end : float
-        Width at time 0 and after long time.
-    time : float
-        Time in which it narrows.
-    """
-
-    start: Positive
-    end: Positive
-    time: Positive
+    start: Annotated[Positive, says("", "width at time 0: a length, of `rate_funnel` a speed")]
+    end: Annotated[Positive, says("", "width after long time")]
+    time: Annotated[Positive, says("time", "time in which it narrows")]
 
 
 class FunnelTracker(Table, frozen=True, kw_only=True, tag_field="feedback", tag="funnel"):
     """Funnel controller: the error and its rate stay within bounds that shrink in time.
 
-    Parameters
-    ----------
-    name : str
-        What pictures call it.
-    funnel, rate_funnel : FunnelTable
-        Bounds on the error and on e' + k_0 e.
-    gain : float
-        Force per speed in the middle of the funnels.
-    tube_radius : float, optional
-        Radius of the tube that it is judged by; the end of the funnel if left out.
-    feedforward : FeedForwardTable, optional
-        Force added.
+    The error stays within `funnel`, and *e*′ + *k*<sub>0</sub> *e* within `rate_funnel`. Refused: a
+    start outside of a funnel.
     """
 
-    name: str = ""
-    funnel: FunnelTable
-    rate_funnel: FunnelTable
-    gain: Positive = 1.0
-    tube_radius: Positive | None = None
-    feedforward: FeedForwardTable | None = None
+    name: Name = ""
+    funnel: Annotated[FunnelTable, says("", "bounds on the error")]
+    rate_funnel: Annotated[FunnelTable, says("", "bounds on *e*′ + *k*<sub>0</sub> *e*")]
+    gain: Annotated[Positive, says("drag", "force per speed in the middle of the funnels")] = 1.0
+    tube_radius: Annotated[
+        Positive | None,
+        says(
+            "length",
+            "tube by which it is judged, `funnel.end` if left out; the controller does not know "
+            "of it",
+        ),
+    ] = None
+    feedforward: FeedForwardOrNone = None
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
         """Yield what does not fit a worm of so many links; `key` is the path of this table."""
@@ -194,60 +170,104 @@ Tracker = FilterTracker | DerivativeTracker | FunnelTracker
 
 
 class EnsembleTable(Table, frozen=True, kw_only=True):
-    """Many worms, each with random links of its own.
+    """Many worms, each with random links of its own. Refused without `[worm.random]`."""
 
-    Parameters
-    ----------
-    members : int
-        How many. The first is the worm that the scene has without this table.
-    """
+    members: Annotated[
+        int,
+        Meta(ge=2, le=100_000, description="a whole number from 2 to 100000"),
+        says("count", "how many; the first is the worm that the scene has without this table"),
+    ]
 
-    members: Annotated[int, Meta(ge=2, le=100_000, description="a whole number from 2 to 100000")]
+
+_BANDS = ("position", "length", "input", "error_norm", "gain")
+_EACH = ("distance", "mean_speed", "time_outside_tube", "capture_time", "input_rms", "k_end")
+_SCALARS: Scalars = {
+    "x_end": CHAIN["x_end"],
+    "v_end": CHAIN["v_end"],
+    "k_end": (
+        "count",
+        "gain at the end; of a funnel controller its momentary one, `gain` · *k*<sub>1</sub>",
+    ),
+    "filter_end": ("length", "*θ* at the end; unknown without a filter"),
+    "distance": CHAIN["distance"],
+    "mean_speed": CHAIN["mean_speed"],
+    **TRACKED,
+    **CHAIN,
+}
 
 
 class TrackScene(SceneTable, frozen=True, kw_only=True):
     """A chain whose links follow a gait, by one tracker or by several side by side.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"track"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether numbers are in SI units.
-    want : tuple of str
-        Pictures to draw.
-    worm : ChainTable
-        The worm.
-    start : Start
-        Where it starts.
-    reference : Reference
-        What its links shall do.
-    tracker : table or tuple of tables
-        The controllers; each has the worm for itself.
-    contact : SmoothContact or ExactContact
-        How contact is treated.
-    time : TimeSpan
-        How long.
-    tolerance : ToleranceTable
-        How exact.
-    ensemble : EnsembleTable, optional
-        Many worms at a time.
+    Every controller has the worm for itself. With several trackers every scalar is a list with one
+    entry per tracker, in their order in the scene; the attribute `trackers` holds their names.
+    `timings_s`: `simulate` and `recheck`. What the trust report says:
+    [simulations](../scenes.md#the-trust-report-of-a-simulation).
+
+    With `[ensemble]` scalars are medians over the members (entry by entry; `capture_time` is
+    unknown where most are never captured), `input_peak` is that of the samples, `recheck_error`
+    the largest of the members rechecked (first, slowest, fastest). What of a member is unknown is
+    not a number in its variables; the quantiles of bands are 0.05, 0.25, 0.5, 0.75, 0.95.
+
+    `contact_force` at rest is what holds the mass; `funnel` is not a number for other trackers.
+    `event_kind` counts from 0: reversal, stick, release, impact, switch (a crossing of the tube);
+    rests are known for exact contact only.
     """
 
+    scalars: ClassVar = _SCALARS | {
+        "distance_quantiles": ("length", "of 5, 25, 50, 75 and 95 % of the members (ensemble)"),
+        "captured_share": ("share", "members that are in the tube at the end (ensemble)"),
+        "members": ("count", "members that came to the end (ensemble)"),
+    }
+    variables: ClassVar = {
+        **TIME,
+        **REFERENCE,
+        **over(LOOP_SIGNALS, "tracker"),
+        **TRACKER_EVENTS,
+        **GAIT,
+        "quantile": ("share", ("quantile",), "share of members below"),
+        **{
+            f"{name}_band": (
+                quantity,
+                ("tracker", "quantile", *own, "time"),
+                f"quantiles over the members: {what}",
+            )
+            for name in _BANDS
+            for quantity, own, what in [LOOP_SIGNALS[name]]
+        },
+        **{
+            f"member_{name}": (_SCALARS[name][0], ("tracker", "member"), f"{name} of the member")
+            for name in _EACH
+        },
+    }
+
     kind: Literal["track"]
-    want: tuple[Literal["trackers", "motion", "bands"], ...] = ()
-    worm: ChainTable
-    start: Start = field(default_factory=Start)
-    reference: Reference
-    tracker: Tracker | tuple[Tracker, ...]
-    contact: ContactTable = field(default_factory=ExactContact)
-    time: TimeSpan
-    tolerance: ToleranceTable = field(default_factory=ToleranceTable)
-    ensemble: EnsembleTable | None = None
+    want: Annotated[
+        tuple[Literal["trackers", "motion", "bands"], ...],
+        says(
+            "",
+            "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (the chapter's "
+            "figures 5 to 8); `motion`: paths, time upward, heavy where a mass rests; with "
+            "`[ensemble]` `bands` instead",
+        ),
+    ] = ()
+    worm: Annotated[ChainTable, says("", "the worm")]
+    start: Annotated[Start, says("", "where it starts")] = field(default_factory=Start)
+    reference: Annotated[Reference, says("", "what its links shall do")]
+    tracker: Annotated[
+        Tracker | tuple[Tracker, ...],
+        says("", "the controller, or `[[tracker]]` once for each; `feedback` says which it is"),
+    ]
+    contact: Annotated[ContactTable, says("", "how contact is treated; exact if left out")] = field(
+        default_factory=ExactContact
+    )
+    time: Annotated[TimeSpan, says("", "how long")]
+    tolerance: Annotated[ToleranceTable, says("", "how exact")] = field(
+        default_factory=ToleranceTable
+    )
+    ensemble: Annotated[EnsembleTable | None, says("", "many worms at a time; one if left out")] = (
+        None
+    )
 
     @property
     def trackers(self) -> tuple[Tracker, ...]:

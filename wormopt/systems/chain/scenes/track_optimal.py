@@ -4,84 +4,86 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import Start, TimeSpan, ToleranceTable
-from wormopt.scene.types import NonNegative, Positive, SceneTable, Table, extreme_numbers
+from wormopt.scene.types import NonNegative, Positive, SceneTable, Table, extreme_numbers, says
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.chain.scenes.track import Reference
+from wormopt.systems.shared.declared import (
+    CHAIN,
+    GAIT,
+    JUDGED,
+    LOOP_SIGNALS,
+    REFERENCE,
+    TIME,
+    TRACKER_EVENTS,
+    over,
+)
 
 Share = Annotated[float, Meta(ge=0, lt=1, description="a number from 0 to below 1")]
 
 
 class TubeTable(Table, frozen=True, kw_only=True):
-    """Tube around the reference, and from when on the error shall be in it.
+    """Tube around the reference, and from when on the error shall be in it."""
 
-    Parameters
-    ----------
-    radius : float
-        lambda.
-    capture : float
-        Time from which on |e| <= lambda is asked for, or judged.
-    """
-
-    radius: Positive
-    capture: NonNegative = 0.0
+    radius: Annotated[Positive, says("length", "*λ*")]
+    capture: Annotated[
+        NonNegative,
+        says(
+            "time", "from then on |*e*| ≤ *λ* is asked for, or judged; before the end of the motion"
+        ),
+    ] = 0.0
 
 
 class LeastError(Table, frozen=True, kw_only=True, tag_field="minimise", tag="error"):
-    """Least integral of |e|^2 + rho |u|^2.
+    """Least ∫(|*e*|² + *ρ*|*u*|²) d*t*; |·| is the Euclidean norm over the links."""
 
-    Parameters
-    ----------
-    input_weight : float
-        rho.
-    """
-
-    input_weight: Positive
+    input_weight: Annotated[Positive, says("", "*ρ*")]
 
 
 class LeastInput(Table, frozen=True, kw_only=True, tag_field="minimise", tag="input"):
-    """Least integral of |u|^2 with the error in the tube from its time of capture on.
+    """Least ∫|*u*|² d*t* with the error in the tube from `tube.capture` on."""
 
-    Parameters
-    ----------
-    margin : float
-        Share of the tube's radius that the optimiser leaves free for what its grid does not see.
-    """
-
-    margin: Share = 0.02
+    margin: Annotated[
+        Share,
+        says(
+            "share",
+            "part of *λ* left free for what happens between the points of the grid, and for what "
+            "complementarity relaxes",
+        ),
+    ] = 0.02
 
 
 class GridTable(Table, frozen=True, kw_only=True):
-    """Grid of the optimiser: inputs are constant on each of its arcs.
+    """Grid of the optimiser: inputs are constant on each of its arcs."""
 
-    Parameters
-    ----------
-    arcs : int
-        Arcs per period of the reference, at least; none crosses a break of the reference.
-    degree : int
-        Degree of the states on each arc (Radau collocation).
-    """
-
-    arcs: Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")] = 30
-    degree: Annotated[int, Meta(ge=1, le=5, description="a whole number from 1 to 5")] = 2
+    arcs: Annotated[
+        int,
+        Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
+        says(
+            "count",
+            "arcs per period of the reference, at least; none crosses a break of the reference",
+        ),
+    ] = 30
+    degree: Annotated[
+        int,
+        Meta(ge=1, le=5, description="a whole number from 1 to 5"),
+        says("count", "of the states on each arc (Radau collocation)"),
+    ] = 2
 
 
 class RelaxationTable(Table, frozen=True, kw_only=True):
-    """Relaxation of complementarity, lowered by factors of ten from solve to solve.
+    """Largest product of speed and force, in usual sizes, that complementarity allows.
 
-    Parameters
-    ----------
-    first, last : float
-        Largest product of speed and force, in usual sizes, of the first and of the last solve.
+    Each solve has a tenth of the one before. Refused: `last` above `first`.
     """
 
-    first: Positive = 0.1
-    last: Positive = 1e-3
+    first: Annotated[Positive, says("1", "in the first solve")] = 0.1
+    last: Annotated[Positive, says("1", "in the last solve")] = 1e-3
 
     def faults(self) -> Iterator[Fault]:
         """Yield a fault if the last is not the smaller one."""
@@ -92,49 +94,62 @@ class RelaxationTable(Table, frozen=True, kw_only=True):
 class TrackOptimalScene(SceneTable, frozen=True, kw_only=True):
     """A chain whose links follow a gait by the best input, open loop.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"track-optimal"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether numbers are in SI units.
-    want : tuple of str
-        Pictures to draw.
-    worm : ChainTable
-        The worm.
-    start : Start
-        Where it starts.
-    reference : Reference
-        What its links shall do.
-    tube : TubeTable
-        Tube around the reference.
-    objective : LeastError or LeastInput
-        What is minimised.
-    grid : GridTable
-        Grid of the optimiser.
-    relaxation : RelaxationTable
-        How exact contact is in the optimiser.
-    time : TimeSpan
-        How long.
-    tolerance : ToleranceTable
-        Of the simulation of what was found.
+    It is found with contact as a complementarity on a fixed grid, then simulated exactly. The
+    first guess is a simulated LQR with feed-forward. Refused: `worm.random`; `tube.capture` not
+    before the end. A tube that no motion keeps to ends with exit code 3 and names it.
+
+    Scalars but `objective_found` are of the exact simulation. `contact_force` at rest is what
+    holds the mass; `event_kind` counts from 0: reversal, stick, release, impact, switch (a
+    crossing of the tube). `timings_s`: `build` and `solve` (of all programs), `simulate` and
+    `recheck`. In the trust report `replay` is the difference between optimiser and simulation,
+    `recheck` the second route of the simulation.
     """
 
+    scalars: ClassVar = {
+        **JUDGED,
+        **CHAIN,
+        "objective": (
+            "length_squared_time",
+            'objective of the exact simulation; with `minimise = "input"` force² time',
+        ),
+        "objective_found": ("length_squared_time", "the same, of the optimiser"),
+        "solve_iterations": ("count", "iterations of the optimiser, over all solves"),
+        "recheck_error": (
+            "share",
+            "largest difference of any state at any sample between optimiser and exact "
+            "simulation, against the larger of its size and its usual size; 0.05 is accepted",
+        ),
+    }
+    variables: ClassVar = {
+        **TIME,
+        **REFERENCE,
+        **over({k: v for k, v in LOOP_SIGNALS.items() if k not in ("gain", "funnel")}, "tracker"),
+        **TRACKER_EVENTS,
+        **GAIT,
+    }
+
     kind: Literal["track-optimal"]
-    want: tuple[Literal["trackers", "motion"], ...] = ()
-    worm: ChainTable
-    start: Start = field(default_factory=Start)
-    reference: Reference
-    tube: TubeTable
-    objective: LeastError | LeastInput
-    grid: GridTable = field(default_factory=GridTable)
-    relaxation: RelaxationTable = field(default_factory=RelaxationTable)
-    time: TimeSpan
-    tolerance: ToleranceTable = field(default_factory=ToleranceTable)
+    want: Annotated[
+        tuple[Literal["trackers", "motion"], ...],
+        says(
+            "",
+            "`trackers`: lengths with the *λ*-strip, error, input, motion; `motion`: paths, time "
+            "upward, heavy where a mass rests",
+        ),
+    ] = ()
+    worm: Annotated[ChainTable, says("", "the worm, without `random`")]
+    start: Annotated[Start, says("", "where it starts")] = field(default_factory=Start)
+    reference: Annotated[Reference, says("", "what its links shall do")]
+    tube: Annotated[TubeTable, says("", "tube around the reference")]
+    objective: Annotated[LeastError | LeastInput, says("", "what is minimised")]
+    grid: Annotated[GridTable, says("", "grid of the optimiser")] = field(default_factory=GridTable)
+    relaxation: Annotated[RelaxationTable, says("", "how exact contact is in the optimiser")] = (
+        field(default_factory=RelaxationTable)
+    )
+    time: Annotated[TimeSpan, says("", "how long")]
+    tolerance: Annotated[ToleranceTable, says("", "of the simulation of what was found")] = field(
+        default_factory=ToleranceTable
+    )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""

@@ -4,38 +4,39 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
 
 from wormopt.errors import SolveError
-from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
-from wormopt.scene.types import per
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.runs.chains import tolerance_of
+from wormopt.systems.shared.proof import accepted_error, count_events, warnings_of_motion
 from wormopt.systems.shared.signals import symbol
-from wormopt.systems.swinging.harmonic_masses import harmonic_masses, steady_masses
-from wormopt.systems.swinging.runs.exact_orbit import Orbit, Runner, measured, nudged
-from wormopt.systems.swinging.runs.harmonic_trust import (
-    Found,
-    difference,
-    faults_of,
-    known_velocity,
-    laws_of,
-    period_of,
+from wormopt.systems.swinging.harmonic_masses import (
+    closed_form,
+    extremes_of,
+    model_of,
     relative_velocities,
     smallness_of,
-    trust,
 )
-from wormopt.systems.swinging.runs.slow_velocity import SlowVelocity, Steady
 from wormopt.systems.swinging.scenes.harmonic_masses import HarmonicMassesScene, SwingingTable
+from wormopt.systems.swinging.steady import (
+    NUDGE,
+    Orbit,
+    Runner,
+    SlowVelocity,
+    Steady,
+    measured,
+    nudged,
+)
 
 _T = TypeVar("_T")
 
@@ -45,6 +46,70 @@ _POINTS = 721
 _AT_ONCE = ("no_contact_mode", "not_finite")
 # Steady velocities are roots with round-off: so near, of the largest velocity, a start is on one.
 _ON = 1e-9
+# Friction's impulse in a period against the momentum of the smallest amplitude: beyond this it is
+# not small.
+_SMALL = 0.2
+# Of the largest velocity: by how much averages on twice as many nodes may differ, and the first
+# order from the closed form.
+_QUADRATURE = 1e-9
+# Second-order averaging may be off by so many squares of the ripple, and by so much of the largest
+# velocity in any case.
+_FACTOR, _FLOOR = 10.0, 1e-8
+# Changes of friction by a share move the velocity by at most so many such shares of the largest.
+_NUDGED = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What the routes found."""
+
+    table: HarmonicMassesScene
+    size: float  # largest velocity relative to the centre
+    first: Sequence[Steady]  # steady velocities, average of first order
+    second: Sequence[Steady | None]  # steady velocities, average of second order
+    finer: Sequence[Steady]  # the first order on twice as many nodes
+    chosen: int  # which of first the course tends to
+    closed: float | None  # closed form, of dry friction and one harmonic
+    orbits: Sequence[Orbit | None]  # exact, one per entry of first; None: gave up
+    course: Trajectory | None  # exact, from the velocity given
+    averaged: Trajectory  # course averaged to first order
+    nudged: bool  # friction had to be changed a little, see `nudged`
+    lost: str  # why the chosen orbit, or the course, is missing
+
+    @property
+    def orbit(self) -> Orbit | None:
+        """The exact motion to which the course tends."""
+        return self.orbits[self.chosen]
+
+    @property
+    def tends_to(self) -> tuple[Steady, float | None]:
+        """The steady velocity to which the course tends, and the same by second order."""
+        second = self.second[self.chosen]
+        return self.first[self.chosen], second and second.velocity
+
+    @property
+    def quadrature(self) -> float | None:
+        """Largest change of a steady velocity on twice as many nodes; None if one comes or goes."""
+        if len(self.finer) != len(self.first):
+            return None
+        both = zip(self.first, self.finer, strict=True)
+        return max(abs(coarse.velocity - fine.velocity) for coarse, fine in both)
+
+    @property
+    def accepted(self) -> float:
+        """Error of exact velocities that is accepted."""
+        return accepted_error(tolerance_of(self.table.tolerance)) * self.size
+
+    @property
+    def known_velocity(self) -> float | None:
+        """Exact mean velocity of the chosen motion; None where it cannot be told from rest.
+
+        That is, not above the accepted error, or above what `nudged` makes of it.
+        """
+        if self.orbit is None:
+            return None
+        error = max(self.accepted, _NUDGED * NUDGE * self.size if self.nudged else 0.0)
+        return self.orbit.velocity if abs(self.orbit.velocity) > error else None
 
 
 def run(scene: Scene[HarmonicMassesScene], report: Report) -> Result:
@@ -56,68 +121,52 @@ def run(scene: Scene[HarmonicMassesScene], report: Report) -> Result:
     table, begin = scene.table, time.perf_counter()
     report("averaging", None)
     slow = model_of(table.worm, place=False)
-    V0, extremes = table.course.velocity, _extremes(table.worm)
+    extremes = extremes_of(table.worm)
     size = float(np.abs(extremes).max())
     first, second, finer = _steady(slow, table, extremes)
-    chosen = _tends_to(V0, first, _ON * size)
+    chosen = _tends_to(table.course.velocity, first, _ON * size)
     averaged_at = time.perf_counter()
     report("simulating", None)
     guesses = [(s or f).velocity for f, s in zip(first, second, strict=True)]
     orbits, course, was_nudged, lost = _exact(table, guesses, chosen, report)
-    found = Found(
+    found = _Found(
+        table=table,
+        size=size,
         first=first,
         second=second,
         finer=finer,
         chosen=chosen,
-        closed=_closed_form(table.worm),
+        closed=closed_form(table.worm),
         orbits=orbits,
         course=course,
         averaged=_averaged_course(slow, table),
         nudged=was_nudged,
         lost=lost,
     )
-    faults = list(faults_of(found, table, size))
-    return Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=_scalars(found, table, size),
-        variables=tuple(_variables(found, table)),
-        trust=trust(found, table, size),
-        timings_s={
+    return conclude(
+        scene,
+        _scalars(found),
+        _signals(found),
+        checks=_checks(found),
+        facts=_facts(found),
+        warnings=_warnings(found),
+        timings={
             "averaging": averaged_at - begin,
             "simulate": time.perf_counter() - averaged_at,
         },
-        scene_text=scene.text,
     )
+
+
+def _period(worm: SwingingTable) -> float:
+    return 2 * np.pi / worm.frequency
+
+
+def _apart(exact: float | None, other: float | None) -> float | None:
+    """How far two numbers are apart, if both are known."""
+    return None if exact is None or other is None else abs(exact - other)
 
 
 # -- routes --------------------------------------------------------------------------------------
-
-
-def model_of(worm: SwingingTable, *, place: bool) -> Model:
-    """Make the Model of a scene; `place`: whether the place of the centre is a state."""
-    coefficients = np.array(worm.coefficients)
-    return harmonic_masses(
-        coefficients[:, :, 0],
-        coefficients[:, :, 1],
-        law=laws_of(worm),
-        frequency=worm.frequency,
-        mass=worm.mass,
-        place=place,
-    )
-
-
-def _extremes(worm: SwingingTable) -> np.ndarray:
-    """Velocities V at which a mass begins or ceases to reverse, with round-off of a grid."""
-    w = relative_velocities(worm, np.arange(4096) / 4096)
-    before, after = np.roll(w, 1, axis=1), np.roll(w, -1, axis=1)
-    bent = before - 2 * w + after
-    turns = (w - before) * (after - w) <= 0
-    top = w - (after - before) ** 2 / (8 * np.where(bent == 0, 1, bent))
-    return -top[turns]
 
 
 def _steady(
@@ -150,18 +199,10 @@ def _tends_to(velocity: float, steady: Sequence[Steady], near: float) -> int:
     return (ahead[:1] or behind[-1:])[0]
 
 
-def _closed_form(worm: SwingingTable) -> float | None:
-    laws = [law for law in laws_of(worm) if isinstance(law, Coulomb)]
-    only, *others = worm.harmonic
-    if others or len(laws) < worm.masses:
-        return None
-    return steady_masses(per(only.amplitude, worm.masses), laws)
-
-
 def _averaged_course(slow: Model, table: HarmonicMassesScene) -> Trajectory:
     period = 2 * np.pi / symbol(slow, "frequency")
     averaged = SlowVelocity(slow, period, 1, table.averaging.nodes).averaged
-    end = table.course.periods * period_of(table)
+    end = table.course.periods * _period(table.worm)
     return simulate(
         averaged,
         end,
@@ -184,15 +225,15 @@ def _exact(
     course: Trajectory | None = None
     lost: list[SolveError | None] = []
     for p in ({}, nudged(model)):
-        runner = Runner(model, period_of(table), tolerance_of(table.tolerance), p, report)
+        runner = Runner(model, _period(table.worm), tolerance_of(table.tolerance), p, report)
         tried = [_tried(partial(runner.orbit, V, check=check)) for V in guesses]
         course, course_lost = _tried(
             partial(runner.run, asked.velocity, asked.periods, asked.samples)
         )
         orbits, lost = [orbit for orbit, _ in tried], [tried[chosen][1], course_lost]
         if not any(error and error.code in _AT_ONCE for error in lost):
-            return orbits, course, bool(p), _first_of(lost)
-    return orbits, course, True, _first_of(lost)
+            return orbits, course, bool(p), next((str(error) for error in lost if error), "")
+    return orbits, course, True, next((str(error) for error in lost if error), "")
 
 
 def _tried(solve: Callable[[], _T]) -> tuple[_T | None, SolveError | None]:
@@ -202,91 +243,175 @@ def _tried(solve: Callable[[], _T]) -> tuple[_T | None, SolveError | None]:
         return None, error
 
 
-def _first_of(lost: Sequence[SolveError | None]) -> str:
-    return next((str(error) for error in lost if error), "")
-
-
 # -- results -------------------------------------------------------------------------------------
 
 
-def _scalars(found: Found, table: HarmonicMassesScene, size: float) -> dict[str, Scalar]:
-    chosen, units = found.chosen, table.units
-    first, second, orbit = found.first[chosen], found.second[chosen], found.orbits[chosen]
-    exact, second_velocity = orbit and orbit.velocity, second and second.velocity
-    known = known_velocity(found, table, size)
-    values: dict[str, tuple[Any, str]] = {
-        "velocity_steady": (first.velocity, "speed"),
-        "velocity_steady_second": (second_velocity, "speed"),
-        "velocity_closed_form": (found.closed, "speed"),
-        "velocity_exact_mean": (known, "speed"),
-        "averaging_error": (difference(exact, first.velocity), "speed"),
-        "averaging_error_second": (difference(exact, second_velocity), "speed"),
-        "stable": (int(first.stable), "count"),
-        "settling_time": (-1 / first.slope if first.stable else None, "time"),
-        "steady_velocities": ([s.velocity for s in found.first], "speed"),
-        "steady_stable": ([int(s.stable) for s in found.first], "count"),
-        "exact_velocities": ([o and o.velocity for o in found.orbits], "speed"),
-        "advance": (known and known * period_of(table), "length"),
-        "velocity_ripple": (orbit and orbit.ripple, "speed"),
-        "exact_drift": (orbit and orbit.drift, "speed"),
-        "force_mean": (orbit and orbit.force, "force"),
-        "power_mean": (orbit and orbit.power, "power"),
-        "energy_per_distance": (
-            orbit and known and orbit.power / abs(known),
-            "energy_per_distance",
-        ),
-        "rest_share": (orbit and orbit.rest_share, "share"),
-        "smallness": (smallness_of(table.worm), "share"),
-        "recheck_error": (orbit and orbit.second and orbit.second.error, "share"),
+def _scalars(found: _Found) -> dict[str, Any]:
+    (first, second), orbit, known = found.tends_to, found.orbit, found.known_velocity
+    exact, worm = orbit and orbit.velocity, found.table.worm
+    return {
+        "velocity_steady": first.velocity,
+        "velocity_steady_second": second,
+        "velocity_closed_form": found.closed,
+        "velocity_exact_mean": known,
+        "averaging_error": _apart(exact, first.velocity),
+        "averaging_error_second": _apart(exact, second),
+        "stable": int(first.stable),
+        "settling_time": -1 / first.slope if first.stable else None,
+        "steady_velocities": [s.velocity for s in found.first],
+        "steady_stable": [int(s.stable) for s in found.first],
+        "exact_velocities": [o and o.velocity for o in found.orbits],
+        "advance": known and known * _period(worm),
+        "velocity_ripple": orbit and orbit.ripple,
+        "exact_drift": orbit and orbit.drift,
+        "force_mean": orbit and orbit.force,
+        "power_mean": orbit and orbit.power,
+        "energy_per_distance": orbit and known and orbit.power / abs(known),
+        "rest_share": orbit and orbit.rest_share,
+        "smallness": smallness_of(worm),
+        "recheck_error": orbit and orbit.second and orbit.second.error,
     }
-    return {name: Scalar(value, unit_of(kind, units)) for name, (value, kind) in values.items()}
 
 
-def _variables(found: Found, table: HarmonicMassesScene) -> list[Variable]:
-    units, theta = table.units, np.linspace(0.0, 1.0, _POINTS)
-    speed, seconds = unit_of("speed", units), unit_of("time", units)
-    averaged = found.averaged
-    variables = [
-        Variable("share", "1", ("share",), theta, "share of the period"),
-        Variable(
-            "relative_velocity",
-            speed,
-            ("mass", "share"),
-            relative_velocities(table.worm, theta),
-            "velocity of the mass relative to the centre",
-        ),
-        Variable("time", seconds, ("time",), averaged.time, "time"),
-        Variable(
-            "center_velocity_averaged",
-            speed,
-            ("time",),
-            averaged.state("center_velocity")[0],
-            "velocity of the centre, averaged to first order",
-        ),
-    ]
+def _signals(found: _Found) -> dict[str, Any]:
+    worm, theta = found.table.worm, np.linspace(0.0, 1.0, _POINTS)
+    signals: dict[str, Any] = {
+        "share": theta,
+        "relative_velocity": relative_velocities(worm, theta),
+        "time": found.averaged.time,
+        "center_velocity_averaged": found.averaged.state("center_velocity")[0],
+    }
     if found.course is not None:
-        V = found.course.state("center_velocity")[0]
-        center = found.course.state("center")[0]
-        variables += [
-            Variable("center_velocity", speed, ("time",), V, "velocity of the centre, exact"),
-            Variable("center", unit_of("length", units), ("time",), center, "place of the centre"),
-        ]
-    orbit = found.orbits[found.chosen]
-    if orbit is not None:
-        variables += _of_orbit(orbit, table)
-    return variables
+        for name in ("center_velocity", "center"):
+            signals[name] = found.course.state(name)[0]
+    if found.orbit is None:
+        return signals
+    # events of the first period: which mass reverses when
+    motion, period = found.orbit.motion, _period(worm)
+    names = [contact.name for contact in motion.system.model.contacts]
+    events = [e for e in motion.events if e.time < period]
+    if events:
+        signals["event_share"] = [e.time / period for e in events]
+        signals["event_contact"] = [names.index(e.name) for e in events]
+        signals["event_mode"] = [e.mode for e in events]
+    return signals
 
 
-def _of_orbit(orbit: Orbit, table: HarmonicMassesScene) -> Iterator[Variable]:
-    """Events of the first period: which mass reverses when."""
-    names = [contact.name for contact in orbit.motion.system.model.contacts]
-    period = period_of(table)
-    events = [e for e in orbit.motion.events if e.time < period]
-    if not events:
+# -- trust ---------------------------------------------------------------------------------------
+
+
+def _facts(found: _Found) -> dict[str, Any]:
+    (first, second), orbit, worm = found.tends_to, found.orbit, found.table.worm
+    exact = orbit and orbit.velocity
+    return {
+        "routes": {
+            "first_order": first.velocity,
+            "second_order": second,
+            "closed_form": found.closed,
+            "exact": exact,
+            "error": _apart(exact, second),
+            "accepted": orbit and _accepted(orbit, worm),
+        },
+        "averaging": {
+            "nodes": found.table.averaging.nodes,
+            "change_by_doubled_nodes": found.quadrature,
+            "closed_form_error": _apart(found.closed, first.velocity),
+            "accepted": _QUADRATURE * found.size,
+            "steady": [asdict(steady) for steady in found.first],
+        },
+        "smallness": {"value": smallness_of(worm), "small_up_to": _SMALL},
+        "exact": orbit
+        and {
+            "route": orbit.motion.route,
+            "start": orbit.start,
+            "drift": orbit.drift,
+            "simulations": orbit.trials,
+            "events": count_events(orbit.motion),
+            "recheck": orbit.second and orbit.second.facts,
+            "friction_changed": found.nudged,
+            "mean_forces_add_up_to": float(orbit.force.sum()),
+        },
+    }
+
+
+def _accepted(orbit: Orbit, worm: SwingingTable) -> float:
+    """Error of second-order averaging that is accepted.
+
+    It is of second order in the ripple, against the smallest swing that is to be reversed.
+    """
+    speeds = np.abs(relative_velocities(worm, np.linspace(0, 1, 257))).max(axis=1)
+    return float(_FACTOR * orbit.ripple**2 / speeds.min() + _FLOOR * speeds.max())
+
+
+def _checks(found: _Found) -> Iterator[Check]:
+    (first, second), orbit, change = found.tends_to, found.orbit, found.quadrature
+    limit = _QUADRATURE * found.size
+    by = "" if change is None else f", by {change:.2g}"
+    advice = f"averages on twice as many nodes have other steady velocities{by}; write a larger "
+    yield Check("averages on twice as many nodes", change, limit, advice + "averaging.nodes")
+    if found.closed is not None:
+        advice = f"the closed form is {found.closed:.9g} where averaging finds {first.velocity:.9g}"
+        yield Check("closed form", found.closed - first.velocity, limit, advice)
+    missing = [orbit, found.course].count(None)
+    yield Check(
+        "exact motions missing", missing, 0.0, f"the exact motion is not to be had: {found.lost}"
+    )
+    if orbit is None:
         return
-    for name, values, what in (
-        ("event_share", [e.time / period for e in events], "share of the period"),
-        ("event_contact", [names.index(e.name) for e in events], "mass"),
-        ("event_mode", [e.mode for e in events], "direction from then on, 0 at rest"),
-    ):
-        yield Variable(name, "1", ("event",), np.array(values), what)
+    if orbit.second:
+        yield orbit.second.check
+    if first.stable:
+        advice = f"the exact motion drifts by {orbit.drift:.2g} in ten periods"
+        yield Check("drift", orbit.drift, found.accepted, advice)
+    if smallness_of(found.table.worm) <= _SMALL and not orbit.rest_share:
+        error = _apart(orbit.velocity, second)
+        advice = (
+            "friction is small, but the exact mean velocity is not that of second-order averaging, "
+            + ("which has none" if error is None else f"by {error:.2g}")
+        )
+        yield Check("second order", error, _accepted(orbit, found.table.worm), advice)
+
+
+def _warnings(found: _Found) -> Iterator[str]:
+    orbit, smallness = found.orbit, smallness_of(found.table.worm)
+    if smallness > _SMALL:
+        yield (
+            f"friction is not small: in a period it may change momentum by {smallness:.2g} of "
+            "that of the smallest swing"
+            + ("" if orbit is None else "; velocity_exact_mean holds all the same")
+        )
+    if orbit is None:
+        return
+    if orbit.rest_share:
+        yield (
+            f"a mass rests for {orbit.rest_share:.2g} of the period: averaging takes it to pass "
+            "through 0 at once"
+        )
+    if found.nudged:
+        yield (
+            "masses reverse at the same instant; exact simulation was done with friction larger "
+            "backward and smaller forward by a share of 1e-9, so that they do not"
+        )
+    missing = [
+        f"{steady.velocity:.6g}"
+        for k, steady in enumerate(found.first)
+        if found.orbits[k] is None and k != found.chosen
+    ]
+    if missing:
+        yield f"no exact motion was found at the steady velocity {', '.join(missing)}"
+    if orbit.velocity and not found.known_velocity:
+        yield (
+            f"the exact mean velocity {orbit.velocity:.2g} is not told from rest: it is below the "
+            "error that is accepted; what is over it is unknown"
+        )
+    if not found.first[found.chosen].stable:
+        yield "the steady velocity told is not stable: the course starts on it"
+    course = found.course
+    if course is not None:
+        left = abs(course.state("center_velocity")[0, -1] - orbit.start)
+        if left > 0.01 * found.size:
+            yield (
+                f"the course has not come to the steady motion by its end, but to within "
+                f"{left:.2g}; write more course.periods"
+            )
+    yield from warnings_of_motion(orbit.motion, orbit.second)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta, field
 
@@ -21,6 +21,7 @@ from wormopt.scene.types import (
     Table,
     extreme_numbers,
     per,
+    says,
     wrong_count,
 )
 from wormopt.systems.chain.scenes.chain import (
@@ -29,6 +30,7 @@ from wormopt.systems.chain.scenes.chain import (
     ViscousFriction,
     faults_of_law,
 )
+from wormopt.systems.shared.declared import TIME
 
 # So much of the largest momentum of a mass may be left of their sum; the builder is as strict, or
 # less.
@@ -41,43 +43,37 @@ _MOST = 16
 class HarmonicTable(Table, frozen=True, kw_only=True):
     """One harmonic of the velocities relative to the centre.
 
-    Parameters
-    ----------
-    order : int
-        Multiple of the frequency.
-    amplitude : float or tuple of float
-        Amplitudes, alike for all or one per mass.
-    phase : float or tuple of float
-        Phases in degrees; the velocity is amplitude cos(order omega t - phase).
+    The velocity is Σ<sub>k</sub> *A*<sub>ik</sub> cos(*k ω t* − *φ*<sub>ik</sub>).
     """
 
-    order: Annotated[int, Meta(ge=1, le=12, description="a whole number from 1 to 12")] = 1
-    amplitude: NonNegativePerMass
-    phase: FinitePerMass = 0.0
+    order: Annotated[
+        int, Meta(ge=1, le=12, description="a whole number from 1 to 12"), says("count", "*k*")
+    ] = 1
+    amplitude: Annotated[NonNegativePerMass, says("speed", "*A*<sub>ik</sub>")]
+    phase: Annotated[FinitePerMass, says("", "*φ*<sub>ik</sub>, in degrees")] = 0.0
 
 
 class SwingingTable(Table, frozen=True, kw_only=True):
     """Masses with prescribed velocities relative to their centre.
 
-    Parameters
-    ----------
-    masses : int
-        How many.
-    mass : float or tuple of float
-        Mass, alike for all or one per mass.
-    frequency : float
-        Angular frequency of the first harmonic.
-    harmonic : tuple of HarmonicTable
-        Harmonics of the velocities.
-    friction : table or tuple of tables
-        Law of the ground, one table for all or one per mass.
+    Refused: velocities of which the masses' momenta do not cancel (the message says what is left),
+    masses that do not swing, orders that stand twice, friction that resists one way only.
     """
 
-    masses: Annotated[int, Meta(ge=2, le=12, description="a whole number from 2 to 12")]
-    mass: PerMass = 1.0
-    frequency: Positive = 1.0
-    harmonic: tuple[HarmonicTable, ...]
-    friction: Friction | tuple[Friction, ...]
+    masses: Annotated[
+        int,
+        Meta(ge=2, le=12, description="a whole number from 2 to 12"),
+        says("count", "how many; times the highest `order` at most 16"),
+    ]
+    mass: Annotated[PerMass, says("mass", "point masses")] = 1.0
+    frequency: Annotated[Positive, says("angular_frequency", "*ω* of the first harmonic")] = 1.0
+    harmonic: Annotated[
+        tuple[HarmonicTable, ...], says("", "tables `[[worm.harmonic]]`, one for each harmonic")
+    ]
+    friction: Annotated[
+        Friction | tuple[Friction, ...],
+        says("", "law of the ground, one table for all or one per mass; no spikes"),
+    ]
 
     @property
     def ground(self) -> tuple[Friction, ...]:
@@ -173,58 +169,120 @@ class SwingingTable(Table, frozen=True, kw_only=True):
 
 
 class CourseTable(Table, frozen=True, kw_only=True):
-    """A motion to compare with.
+    """A motion to compare with."""
 
-    Parameters
-    ----------
-    velocity : float
-        Velocity of the centre at its start.
-    periods : int
-        How many periods it goes on.
-    samples : int
-        Equidistant times at which it is kept, both ends included.
-    """
-
-    velocity: Finite = 0.0
-    periods: Annotated[int, Meta(ge=1, le=10_000, description="a whole number from 1 to 10000")] = (
-        60
-    )
+    velocity: Annotated[
+        Finite, says("speed", "*V*, velocity of the centre, at the start of the motion shown")
+    ] = 0.0
+    periods: Annotated[
+        int,
+        Meta(ge=1, le=10_000, description="a whole number from 1 to 10000"),
+        says("count", "how long it goes on"),
+    ] = 60
     samples: Annotated[
-        int, Meta(ge=2, le=1_000_000, description="a whole number from 2 to 1000000")
+        int,
+        Meta(ge=2, le=1_000_000, description="a whole number from 2 to 1000000"),
+        says("count", "equidistant instants kept of it, both ends included"),
     ] = 2001
 
 
 class HarmonicMassesScene(SceneTable, frozen=True, kw_only=True):
     """How fast masses travel that swing about their centre, by averaging and exactly.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"harmonic-masses"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether numbers are in SI units.
-    want : tuple of str
-        Pictures to draw.
-    worm : SwingingTable
-        The masses.
-    course : CourseTable
-        A motion to compare with.
-    averaging : AveragingTable
-        How averages are computed.
-    tolerance : ToleranceTable
-        How exact simulations are.
+    Masses that actuators hold to prescribed harmonic velocities relative to their centre; the
+    velocity *V* of the centre is what friction makes of it. All steady velocities by averages of
+    first and second order, in closed form where there is one, and the exact periodic motion at
+    each. Theory: [theory-magnetics.md](../theory-magnetics.md#3-averaging).
+
+    A course that starts on a steady velocity, to 1e-9 of the largest, stays on it, stable or not.
+
+    The trust report: `routes` (steady velocity by every route, `error` of the second order and
+    what is `accepted`: ten squares of the ripple over the smallest swing), `averaging`
+    (`change_by_doubled_nodes`, difference from the closed form), `smallness`, `exact` (velocity at
+    the start of the period, drift, events, second route). The status is `failed` where twice the
+    nodes give other velocities, the closed form or the second route disagrees, the exact motion
+    drifts or cannot be simulated, or friction is small (`smallness` up to 0.2, no rest) and the
+    second order is off by more than accepted. An exact motion missing at a steady velocity that
+    the course does not tend to is only warned of. Warnings besides: friction that is not small,
+    masses that rest, a course that is too short, a velocity not told from rest, no second route
+    (`tolerance.recheck = false`).
+
+    Limits: where two masses reverse at the same instant, as with *F*<sub>−</sub> = 2
+    *F*<sub>+</sub> in the packaged scene, the exact motion is that of friction changed by a share
+    of 1e-9, and a warning says so. Where one mass comes to rest as another begins to move, under
+    large friction, it cannot be simulated.
     """
 
+    scalars: ClassVar = {
+        "velocity_steady": (
+            "speed",
+            "the steady *V* to which the course tends, by first order",
+        ),
+        "velocity_steady_second": ("speed", "the same by second order"),
+        "velocity_closed_form": (
+            "speed",
+            "the same for dry friction and one harmonic; unknown for others",
+        ),
+        "velocity_exact_mean": (
+            "speed",
+            "displacement of the exact periodic motion over ten periods, divided by their time; "
+            "unknown, as is what is over it, where it is below the error accepted (1e-7 of the "
+            "largest velocity, or 1000 tolerances)",
+        ),
+        "averaging_error": ("speed", "difference of the first order from it"),
+        "averaging_error_second": ("speed", "difference of the second order from it"),
+        "stable": ("count", "whether small deviations die out"),
+        "settling_time": ("time", "time in which they fall to 1/e"),
+        "steady_velocities": ("speed", "all steady velocities"),
+        "steady_stable": ("count", "which of them are stable"),
+        "exact_velocities": ("speed", "the exact means there"),
+        "advance": ("length", "way in a period"),
+        "velocity_ripple": ("speed", "largest less smallest *V* of the periodic motion"),
+        "exact_drift": ("speed", "by how much *V* has changed after ten periods"),
+        "force_mean": ("force", "mean friction on each mass"),
+        "power_mean": ("power", "of the actuators"),
+        "energy_per_distance": ("energy_per_distance", "of the actuators"),
+        "rest_share": ("share", "largest share of the period during which one mass rests"),
+        "smallness": (
+            "share",
+            "impulse that friction could give in a period over the momentum of the smallest swing",
+        ),
+        "recheck_error": ("share", "of the periodic motion, by the second route"),
+    }
+    variables: ClassVar = TIME | {
+        "share": ("share", ("share",), "share of the period"),
+        "relative_velocity": (
+            "speed",
+            ("mass", "share"),
+            "velocity of the mass relative to the centre",
+        ),
+        "center_velocity_averaged": (
+            "speed",
+            ("time",),
+            "velocity of the centre, averaged to first order",
+        ),
+        "center_velocity": ("speed", ("time",), "velocity of the centre, exact"),
+        "center": ("length", ("time",), "place of the centre"),
+        "event_share": ("share", ("event",), "share of the period"),
+        "event_contact": ("count", ("event",), "mass"),
+        "event_mode": ("count", ("event",), "direction from then on, 0 at rest"),
+    }
+
     kind: Literal["harmonic-masses"]
-    want: tuple[Literal["reversals"], ...] = ()
-    worm: SwingingTable
-    course: CourseTable = field(default_factory=CourseTable)
-    averaging: AveragingTable = field(default_factory=AveragingTable)
-    tolerance: ToleranceTable = field(default_factory=ToleranceTable)
+    want: Annotated[
+        tuple[Literal["reversals"], ...],
+        says("", "`reversals`: velocities over a period with their reversals, the course of *V*"),
+    ] = ()
+    worm: Annotated[SwingingTable, says("", "the masses")]
+    course: Annotated[CourseTable, says("", "a motion to compare with")] = field(
+        default_factory=CourseTable
+    )
+    averaging: Annotated[AveragingTable, says("", "how averages are computed")] = field(
+        default_factory=AveragingTable
+    )
+    tolerance: Annotated[ToleranceTable, says("", "how exact simulations are")] = field(
+        default_factory=ToleranceTable
+    )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
@@ -15,34 +15,25 @@ from wormopt.scene.types import (
     SceneTable,
     Table,
     extreme_numbers,
+    says,
     wrong_order,
 )
+from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 Share = Annotated[float, Meta(gt=0, lt=1, description="a number between 0 and 1")]
+Signals = Annotated[tuple[Literal["signals"], ...], says("", "`signals`: signals below each other")]
 
 
 class PairTable(Table, frozen=True, kw_only=True):
-    """Two masses on rough ground.
+    """Two masses on rough ground."""
 
-    Parameters
-    ----------
-    mass : float
-        Mass M of the big one.
-    ratio : float or tuple of float
-        Mass of the small one over that of the big one, or a range in which it is chosen.
-    friction : float
-        Coefficient of dry friction, alike both ways.
-    gravity : float
-        Weight per mass.
-    stroke : float
-        How far the small mass goes.
-    """
-
-    mass: Positive = 1.0
-    ratio: PositiveOrPair = (0.01, 0.99)
-    friction: Positive
-    gravity: Positive = 1.0
-    stroke: Positive
+    mass: Annotated[Positive, says("mass", "big mass")] = 1.0
+    ratio: Annotated[
+        PositiveOrPair, says("share", "small mass over big one, below 1, given or chosen")
+    ] = (0.01, 0.99)
+    friction: Annotated[Positive, says("share", "coefficient of dry friction, alike both ways")]
+    gravity: Annotated[Positive, says("acceleration", "weight per mass")] = 1.0
+    stroke: Annotated[Positive, says("length", "way of the small mass relative to the big one")]
 
     @property
     def ratios(self) -> tuple[float, float]:
@@ -54,25 +45,29 @@ class PairTable(Table, frozen=True, kw_only=True):
 class TwoMassScene(SceneTable, frozen=True, kw_only=True):
     """The fastest two masses: a slow stroke with the big one at rest, an instantaneous return.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"two-mass"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether numbers are in SI units.
-    want : tuple of str
-        Pictures to draw.
-    pair : PairTable
-        The masses.
+    A worm that is driven by a mass moving to and fro, with an optimum in closed form: a slow
+    stroke of the small mass, with the big one at rest, and an instantaneous return, in which
+    momentum is conserved and friction does not count. Signals cover the slow stroke; where arcs
+    join, the instant stands twice. `timings_s`: `build` and `solve` (of all programs), `optimise`
+    and `recheck`.
     """
 
+    scalars: ClassVar = {
+        "speed": ("speed", "mean speed"),
+        "advance": ("length", "way in a cycle"),
+        "mass_ratio": ("share", "small mass over big one"),
+        **OPTIMUM,
+    }
+    variables: ClassVar = INSTANT | {
+        "position": ("length", ("mass", "instant"), "position of the mass"),
+        "velocity": ("speed", ("mass", "instant"), "velocity of the mass"),
+        "force": ("force", ("instant",), "force of the actuator"),
+        "contact_share": ("share", ("mass", "instant"), "force of the ground over the weight"),
+    }
+
     kind: Literal["two-mass"]
-    want: tuple[Literal["signals"], ...] = ()
-    pair: PairTable
+    want: Signals = ()
+    pair: Annotated[PairTable, says("", "the masses")]
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
@@ -87,45 +82,48 @@ class TwoMassScene(SceneTable, frozen=True, kw_only=True):
 
 
 class CapsuleTable(Table, frozen=True, kw_only=True):
-    """A capsule with a mass inside.
+    """A capsule with a mass inside."""
 
-    Parameters
-    ----------
-    share : float
-        Share mu of the inner mass in the whole.
-    friction : float
-        Dry friction per mass of the whole, alike both ways.
-    stroke : float
-        How far the inner mass goes.
-    """
-
-    share: Share
-    friction: Positive
-    stroke: Positive
+    share: Annotated[Share, says("share", "inner mass over the whole")]
+    friction: Annotated[
+        Positive, says("acceleration", "dry friction per mass of the whole, alike both ways")
+    ]
+    stroke: Annotated[Positive, says("length", "how far the inner mass goes")]
 
 
 class CapsuleScene(SceneTable, frozen=True, kw_only=True):
     """The fastest capsule whose inner mass moves to and fro at two constant relative velocities.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"capsule"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether numbers are in SI units.
-    want : tuple of str
-        Pictures to draw.
-    capsule : CapsuleTable
-        The capsule.
+    A worm that is driven by a mass moving to and fro, with an optimum in closed form: the inner
+    mass has the relative velocities *u*<sub>1</sub>, −*u*<sub>2</sub> in turn, changed by
+    impulses; the body is at rest at both ends of a cycle. Where arcs join, the instant stands
+    twice. `timings_s`: `build` and `solve` (of all programs), `optimise` and `recheck`.
     """
 
+    scalars: ClassVar = {
+        "speed": ("speed", "mean speed"),
+        "inner_speeds": ("speed", "relative velocities *u*<sub>1</sub>, −*u*<sub>2</sub>"),
+        **OPTIMUM,
+    }
+    variables: ClassVar = INSTANT | {
+        "position": ("length", ("instant",), "position of the body"),
+        "velocity": ("speed", ("instant",), "velocity of the body"),
+        "inner_position": ("length", ("instant",), "position of the inner mass in the body"),
+        "inner_velocity": (
+            "speed",
+            ("instant",),
+            "velocity of the inner mass relative to the body",
+        ),
+        "contact_force": (
+            "acceleration",
+            ("instant",),
+            "force of the ground per mass of the whole",
+        ),
+    }
+
     kind: Literal["capsule"]
-    want: tuple[Literal["signals"], ...] = ()
-    capsule: CapsuleTable
+    want: Signals = ()
+    capsule: Annotated[CapsuleTable, says("", "the capsule")]
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""

@@ -1,4 +1,7 @@
-"""Inputs computed beforehand, for a plant as it is believed and for plants that are known."""
+"""What a scene of kind ``compare-tracking`` sets against each other, and the plans of some of them.
+
+Plans are inputs computed beforehand, for a plant as it is believed and for plants that are known.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wormopt.control.drive import drive
+from wormopt.control.loop import with_reference
+from wormopt.control.lqr import lqr
 from wormopt.control.reference import follow
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
@@ -17,14 +22,12 @@ from wormopt.model.model import Model
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Complementary
 from wormopt.ocp.mesh import Mesh
-from wormopt.ocp.motion import Guess
 from wormopt.ocp.optimise import Optimum, optimise
 from wormopt.ocp.polish import polish
-from wormopt.simulation.options import Tolerance
-from wormopt.simulation.simulate import simulate
-from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem
-from wormopt.systems.chain.runs.chains import build_chain, draw_links
-from wormopt.systems.chain.runs.optimal_tracking import knowing, lengths_of, optimal_input
+from wormopt.systems.chain.copies import draw_factors, numbers_of
+from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem, sine_guess
+from wormopt.systems.chain.optimal_tracking import knowing, lengths_of, optimal_input
+from wormopt.systems.chain.runs.chains import chain_for, close_loop, draw_links, labels
 from wormopt.systems.chain.scenes.compare_tracking import CompareScene
 from wormopt.systems.chain.scenes.track_optimal import LeastError, LeastInput
 
@@ -32,13 +35,12 @@ Draw = Mapping[str, np.ndarray]
 """Parameters of a plant by name."""
 
 
+LQR = "LQR, feed-forward"
 PLANS = ("optimal tracking", "optimal tube", "fastest crawl")
 """What is planned, by the names that tables and pictures show."""
 
-# The crawl's relaxed contact; the first guess is the last of so many periods under sines with
-# this share of the largest force.
+# The crawl's relaxed contact.
 _RELAXED = Complementary(residual=1e-3, first=1.0)
-_PERIODS, _PART = 6, 0.9
 # Cubics in the course of a length on each arc of the crawl's exact motion, which are long.
 _PARTS = 6
 
@@ -71,25 +73,6 @@ class Answer:
     iterations: int = 0  # of the solves for `plan`
     # how these solves went, time taken by all, or why there is no plan
     numbers: dict[str, float | str] = field(default_factory=dict)
-
-
-def answers(jobs: Sequence[Job], workers: int) -> Iterator[Answer]:
-    """Do jobs in several processes; the answers come in the order of the jobs.
-
-    With one worker they are done in this process.
-    """
-    if workers == 1 or len(jobs) <= 1:
-        yield from map(solve, jobs)
-        return
-    # CasADi holds the interpreter's lock, so threads would not help.
-    from loky import get_reusable_executor
-
-    executor = get_reusable_executor(max_workers=workers, timeout=20)
-    try:
-        yield from executor.map(solve, jobs)
-    except KeyboardInterrupt:
-        executor.shutdown(wait=False, kill_workers=True)
-        raise
 
 
 def solve(job: Job) -> Answer:
@@ -128,9 +111,7 @@ def solve(job: Job) -> Answer:
 
 def plant_of(table: CompareScene, gait: Gait) -> Model:
     """Plant of a scene as it is believed, scaled by the reference `gait`."""
-    length = float(np.mean(np.abs(gait(gait.breaks[:-1])))) or 1.0
-    links = draw_links(table.worm, table.time.end)
-    return build_chain(table.worm, table.start, links, length, gait.period)
+    return chain_for(table.worm, table.start, draw_links(table.worm, table.time.end), gait)
 
 
 def _track(job: Job) -> Optimum:
@@ -160,30 +141,74 @@ def _crawl(job: Job) -> Optimum:
     )
     problem = crawl_problem(plant, limits, Aim(effort=table.input_weight))
     mesh = Mesh.even(1, table.arcs, Collocation(2, "radau"))
-    return optimise(problem, mesh, _RELAXED, _shuffle(plant, table.period, table.force))
+    return optimise(problem, mesh, _RELAXED, sine_guess(plant, table.period, table.force))
 
 
-def _shuffle(plant: Model, period: float, force: float) -> Guess:
-    """Last of some periods under sines of which the phase runs down the worm."""
-    links = sum(u.size for u in plant.u)
-    phase = 2 * np.pi / (links + 1) * np.arange(links)
-    size = _PART * force
-    sines = Gait(
-        np.array([0.0, period]),
-        np.zeros((1, links, 1)),
-        np.array([2 * np.pi / period]),
-        size * np.cos(phase)[None],
-        -size * np.sin(phase)[None],
+# -- rivals --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """One way of moving the worm."""
+
+    name: str  # for tables and pictures
+    model: Model  # without inputs; output ``error`` against the reference
+
+
+def rivals(table: CompareScene, gait: Gait, plans: Mapping[str, Plan | None]) -> Iterator[Rival]:
+    """Close the loops and put in the plans, first as they are, then with LQR around them.
+
+    Plans that were not found are left out.
+    """
+    for name, tracker in zip(labels(table.tracker), table.tracker, strict=True):
+        plant = plant_of(table, gait)
+        yield Rival(name, close_loop(plant, follow(gait, plant.t), tracker, table.worm))
+    yield Rival(LQR, _lqr(table, gait, None))
+    found = {name: plan for name, plan in plans.items() if plan is not None}
+    for name, plan in found.items():
+        yield Rival(name, driven(table, gait, plan))
+    for name, plan in found.items():
+        yield Rival(f"{name} + LQR", _lqr(table, gait, plan))
+
+
+def driven(table: CompareScene, gait: Gait, plan: Plan) -> Model:
+    """Plant under a plan, open loop, judged by the reference `gait`."""
+    plant = plant_of(table, gait)
+    compared = with_reference(plant, follow(gait, plant.t))
+    return drive(compared, plan.inputs, periodic=plan.periodic)
+
+
+def _lqr(table: CompareScene, gait: Gait, plan: Plan | None) -> Model:
+    """LQR on the reference, or around a plan: its input fed forward, its lengths as reference."""
+    plant, weights = plant_of(table, gait), table.lqr
+    reference = follow(gait, plant.t)
+    aim = reference
+    if plan is not None:
+        aim = follow(plan.lengths, plant.t, periodic=plan.periodic, name="course")
+    loop = lqr(
+        plant,
+        aim,
+        error_weight=weights.error_weight,
+        rate_weight=weights.rate_weight,
+        input_weight=weights.input_weight,
+        feedforward=None if plan is None else plan.inputs,
     )
-    loose = Tolerance(relative=1e-8, absolute=1e-8)
-    run = simulate(
-        drive(plant, sines, periodic=True), _PERIODS * period, tolerance=loose, dense=True
-    )
-    first = run.end_time - period
+    return loop if plan is None else with_reference(loop, reference)
 
-    def states(t: np.ndarray) -> np.ndarray:
-        x = run.at(np.clip(first + t, 0.0, run.end_time)).states.copy()
-        x[: links + 1] -= run.at(np.array([first])).states[links]
-        return x
 
-    return Guess(period, states, sines)
+def draw_plants(table: CompareScene, gait: Gait) -> list[Draw]:
+    """Parameters of plants that are not as believed, one draw per member.
+
+    They depend neither on `gait` nor on how many members there are. Stiction varies with the
+    sliding force of its direction.
+    """
+    own, draws, found = numbers_of(plant_of(table, gait)), table.draws, []
+    for member in range(draws.members):
+        factors = draw_factors(own, draws.spread, np.random.default_rng([draws.seed, member]))
+        factors |= {
+            f"friction_stick_{side}": factors[f"friction_{side}"]
+            for side in ("forward", "backward")
+            if f"friction_stick_{side}" in own
+        }
+        found.append({name: own[name] * factor for name, factor in factors.items()})
+    return found

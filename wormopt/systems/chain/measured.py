@@ -1,0 +1,415 @@
+"""What is measured along motions of chains: states and events without effect on them, and numbers.
+
+What is measured this way is as exact as the motion itself, wherever samples may lie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from wormopt.model.model import Model, Signal, Switch, pack
+from wormopt.result import Check
+from wormopt.simulation.functions import System
+from wormopt.simulation.options import Tolerance
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.chain.runs.chains import tube_radius
+from wormopt.systems.chain.scenes.track import FunnelTracker, Tracker
+from wormopt.systems.chain.scenes.track_optimal import TubeTable
+from wormopt.systems.shared.proof import Recheck, accepted_error, motion_facts, one_or_all
+from wormopt.systems.shared.signals import (
+    at_ends,
+    chain_expressions,
+    inputs,
+    largest,
+    symbol,
+)
+
+ENTERS, LEAVES = "enters the tube", "leaves the tube"
+"""Names of the crossings of the tube, which are events."""
+_TUBE = ("tube_time", "tube_entered")
+_SPRINGS = ("stiffness", "rest_length")
+# Energies below such a share of their usual size are rounding and tolerance.
+_LEAST_SHARE = 1e-3
+# Times at which the largest error is sought where a motion was kept whole.
+_INSTANTS = 20_001
+
+
+def _add_states(model: Model, states: Sequence[Signal], rates: Sequence[ca.SX]) -> Model:
+    own = pack(states)
+    return replace(
+        model,
+        x=[*model.x, *states],
+        ode=ca.vertcat(model.ode, *rates),
+        switches=[replace(s, reset=ca.vertcat(s.reset, own)) for s in model.switches],
+    )
+
+
+# -- power ---------------------------------------------------------------------------------------
+
+
+def measure_power(model: Model) -> Model:
+    """Add states that integrate power and the square of the inputs of a chain.
+
+    ``input_square`` (integral of |u|^2), ``input_work``, ``spring_work`` (taken up by
+    springs) and ``losses`` (to dashpots, ground, drag and load).
+    """
+    u, rate, v = inputs(model), model.output("rate"), symbol(model, "velocity")
+    spring, links = model.output("spring_force"), rate.numel()
+    # the spring force is c (l - l0) + d l', and l_j' = v_{j-1} - v_j
+    damping = ca.diag(ca.jacobian(spring, v)[:, :links])
+    lost = ca.dot(damping, rate**2)
+    lost += ca.dot(symbol(model, "drag") * v + symbol(model, "load"), v)
+    for contact in model.contacts:
+        lost -= contact.force * contact.velocity
+    force, length = np.float64(_nominal(model, "input")), _nominal(model, "position")
+    rates = {
+        "input_square": ca.dot(u, u),
+        "input_work": ca.dot(u, rate),
+        "spring_work": ca.dot(spring - damping * rate, rate),
+        "losses": lost,
+    }
+    sizes = {"input_square": force**2 * length / _nominal(model, "velocity")}
+    states = [
+        Signal(name, ca.SX.sym(name), nominal=float(sizes.get(name, force * length)), value=0.0)
+        for name in rates
+    ]
+    return _add_states(model, states, list(rates.values()))
+
+
+def measure_tracking(model: Model) -> Model:
+    """Add integrals of the squared output ``error`` and of the power that actuators spend.
+
+    ``error_square`` (integral of |e|^2) and ``positive_work`` (integral of the positive part
+    of each actuator's power: nothing is recovered).
+    """
+    error, power = model.output("error"), inputs(model) * model.output("rate")
+    force, length = np.float64(_nominal(model, "input")), _nominal(model, "position")
+    states = [
+        Signal("error_square", ca.SX.sym("error_square"), nominal=length**2, value=0.0),
+        Signal("positive_work", ca.SX.sym("positive_work"), nominal=force * length, value=0.0),
+    ]
+    return _add_states(model, states, [ca.dot(error, error), ca.sum1(ca.fmax(power, 0))])
+
+
+def _nominal(model: Model, name: str) -> float:
+    """Usual size of a signal; that of a force where inputs are put in follows from the others."""
+    found = {s.name: s.nominal for s in (*model.x, *model.u)}
+    if name in found:
+        return found[name]
+    mass = next(s.value for s in model.p if s.name == "mass")
+    return float(np.mean(np.asarray(mass))) * found["velocity"] ** 2 / found["position"]
+
+
+def chain_numbers(motion: Trajectory) -> dict[str, Any]:
+    """Numbers of every motion of a chain by their names in a Result.
+
+    The motion is of a model of `measure_power`, sampled at start and end.
+    """
+    center = at_ends(motion).output("center_of_mass")[0]
+    distance, time = float(center[-1] - center[0]), motion.time[-1] - motion.time[0]
+    square = motion.state("input_square")[0]
+    return {
+        "x_end": motion.state("position")[:, -1],
+        "v_end": motion.state("velocity")[:, -1],
+        "distance": distance,
+        "mean_speed": distance / time,
+        "input_rms": float(np.sqrt((square[-1] - square[0]) / time)),
+        "input_peak": largest(motion, inputs(motion.system.model)),
+        "n_events": len(motion.events),
+        "n_steps": motion.n_steps,
+    }
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Where the actuators' energy went.
+
+    The residual is input work less losses and stored energy, relative to the largest of them
+    or to a thousandth of (force of usual size) times (length), where that is more.
+    """
+
+    input_work: float
+    losses: float  # to dashpots, ground, drag and load
+    stored: float  # change of kinetic and elastic energy
+    residual: float  # relative
+
+    def check(self, tolerance: Tolerance) -> Check:
+        """The line of a trust report, of a motion found to a tolerance."""
+        advice = f"energies do not balance, by {self.residual:.2g} of their size"
+        return Check("energy balance", self.residual, accepted_error(tolerance), advice)
+
+
+def balance(motion: Trajectory) -> Balance | None:
+    """Energy balance from the first sample to the last, of a motion of `measure_power`.
+
+    None where a contact stops a mass by an impact, whose energy no integral sees.
+    """
+    if any(event.kind == "impact" and event.time > motion.time[0] for event in motion.events):
+        return None
+    model = motion.system.model
+    v, motion = symbol(model, "velocity"), at_ends(motion)
+    kinetic = motion.observe(ca.dot(symbol(model, "mass"), v**2) / 2)[0]
+    energy = motion.output("energy")[0]
+    work, lost, springs = (
+        _change(motion.state(name)[0]) for name in ("input_work", "losses", "spring_work")
+    )
+    # Springs of constant numbers keep what they take up, which is known without integration.
+    vary = any(schedule.name in _SPRINGS for schedule in model.schedules)
+    stored = _change(kinetic) + springs if vary else _change(energy)
+    usual = next(s.nominal for s in model.x if s.name == "input_work")
+    size = max(abs(work), abs(lost), abs(stored), float(np.max(energy)), _LEAST_SHARE * usual)
+    return Balance(work, lost, stored, (work - lost - stored) / size)
+
+
+def _change(values: np.ndarray) -> float:
+    return float(values[-1] - values[0])
+
+
+# -- the tube ------------------------------------------------------------------------------------
+
+
+def watch_tube(model: Model, radius: float) -> Model:
+    """Make crossings of a tube events of a closed loop with output ``error``; sum time outside.
+
+    Adds ``tube_time`` and ``tube_entered`` for `time_in_tube`, constant between crossings.
+    `radius` counts without a parameter ``tube_radius``; existing crossing events are kept.
+    """
+    own = [p.symbol for p in model.p if p.name == "tube_radius"]
+    width = own[0] if own else ca.SX(radius)
+    error = model.output("error")
+    outside, x = ca.dot(error, error) - width**2, pack(model.x)
+    switches = list(model.switches)
+    known = {switch.name for switch in switches}
+    for name, guard in ((LEAVES, outside), (ENTERS, -outside)):
+        if name not in known:
+            switches.append(Switch(name, guard, x))
+    states = [Signal(name, ca.SX.sym(name), "time", value=0.0) for name in _TUBE]
+    total, entered = (s.symbol for s in states)
+    after = {
+        LEAVES: ca.vertcat(total - model.t, entered),
+        ENTERS: ca.vertcat(total + model.t, model.t),
+    }
+    kept = ca.vertcat(total, entered)
+    return replace(
+        model,
+        x=[*model.x, *states],
+        ode=ca.vertcat(model.ode, ca.SX(2, 1)),
+        switches=[replace(s, reset=ca.vertcat(s.reset, after.get(s.name, kept))) for s in switches],
+    )
+
+
+def outside_between(motion: Trajectory, outside: bool, since: float) -> float:
+    """How long the error was outside of the tube from time `since` on.
+
+    The motion is of a model of `watch_tube`, from time 0; `outside`: it starts outside.
+    """
+    total, before = 0.0, since
+    for event in motion.events:
+        if event.name in (ENTERS, LEAVES):
+            time = max(event.time, since)
+            total += (time - before) * outside
+            outside, before = event.name == LEAVES, time
+    return total + (motion.end_time - before) * outside
+
+
+def time_in_tube(motion: Trajectory) -> tuple[float, float | None]:
+    """Time the error was outside of the tube, and the time of its last entry.
+
+    The latter is the first sample's time if the error never left, None if the motion ends
+    outside. The motion is of a model of `watch_tube`, sampled at start and end.
+    """
+    motion = at_ends(motion)
+    guard = next(s.guard for s in motion.system.model.switches if s.name == LEAVES)
+    size = motion.observe(guard)[0]
+    start, end = motion.time[0], motion.time[-1]
+    # crossings have been counted with the sign of their direction; the ends complete the sum
+    total = float(motion.state("tube_time")[0, -1])
+    total += (end if size[-1] > 0 else 0.0) - (start if size[0] > 0 else 0.0)
+    entered = float(motion.state("tube_entered")[0, -1])
+    return float(total), None if size[-1] > 0 else entered
+
+
+# -- trust ---------------------------------------------------------------------------------------
+
+
+def chain_checks(
+    second: Recheck | None, energies: Balance | None, tolerance: Tolerance, label: str = ""
+) -> Iterator[Check]:
+    """Lines of a trust report on one motion of a chain; those of several begin with a `label`."""
+    found = [second.check] if second else []
+    found += [energies.check(tolerance)] if energies else []
+    for each in found:
+        if label:
+            each = replace(each, name=f"{label}: {each.name}", advice=f"{label}: {each.advice}")
+        yield each
+
+
+def chain_facts(
+    motions: Sequence[Trajectory],
+    rechecks: Sequence[Recheck | None],
+    tolerance: Tolerance,
+    energies: Sequence[Balance | None],
+) -> dict[str, Any]:
+    """As `motion_facts`, with energy balances; sequences have one entry per tracker."""
+    balances = one_or_all([each and asdict(each) for each in energies])
+    return motion_facts(motions, rechecks, tolerance) | {"energy_balance": balances}
+
+
+# -- trackers ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """One tracker's motion."""
+
+    label: str
+    tracker: Tracker  # what the scene says
+    loop: Model  # closed loop, without what is measured
+    motion: Trajectory
+
+
+def watched(loop: Model, tracker: Tracker) -> Model:
+    """Add to a closed loop what is measured along its motion."""
+    return watch_tube(measure_power(loop), tube_radius(tracker))
+
+
+def loop_numbers(each: Tracked) -> dict[str, Any]:
+    """Numbers of a tracker's motion by their names in a Result."""
+    motion = each.motion
+    outside, captured = time_in_tube(motion)
+    filtered = any(signal.name == "filter" for signal in each.loop.x)
+    chain = chain_numbers(motion)
+    return {
+        "x_end": chain.pop("x_end"),
+        "v_end": chain.pop("v_end"),
+        "k_end": at_ends(motion).observe(_gain(each))[0, -1],
+        "filter_end": motion.state("filter")[:, -1] if filtered else None,
+        "distance": chain.pop("distance"),
+        "mean_speed": chain.pop("mean_speed"),
+        "time_outside_tube": outside,
+        "capture_time": captured,
+        **chain,
+    }
+
+
+def _gain(each: Tracked) -> ca.SX:
+    """Factor of the error's rate in the input."""
+    if isinstance(each.tracker, FunnelTracker):
+        return symbol(each.loop, "gain") * each.loop.output("funnel_gain")[1]
+    return symbol(each.loop, "gain")
+
+
+def loop_expressions(each: Tracked) -> dict[str, ca.SX]:
+    """Signals of a tracker's motion, by name."""
+    return chain_expressions(each.motion.system.model) | {
+        "error_norm": each.loop.output("error_norm"),
+        "tube": ca.SX(tube_radius(each.tracker)),
+        "gain": _gain(each),
+    }
+
+
+def funnel_checks(motions: Mapping[str, Tracked], label: str = "") -> Iterator[Check]:
+    """Whether errors stay in their funnels: of one tracker, the motions by what to call each."""
+    first = next(iter(motions.values()))
+    if not isinstance(first.tracker, FunnelTracker):
+        return
+    for norm, width in (("error_norm", "funnel"), ("rate_error_norm", "rate_funnel")):
+        shares = {
+            name: largest(each.motion, each.loop.output(norm) / each.loop.output(width))
+            for name, each in motions.items()
+        }
+        advice = [
+            f"{name}{norm} leaves its {width}, where the controller has no meaning"
+            for name, share in shares.items()
+            if not share < 1
+        ]
+        yield Check(
+            f"{label}{norm} in its {width}",
+            max(shares.values()),
+            1.0,
+            "; ".join(advice),
+            not advice,
+        )
+
+
+# -- judged by a tube from a time on ---------------------------------------------------------------
+
+
+def judged(model: Model, tube: TubeTable) -> Model:
+    """Add to a chain, driven or controlled, what is measured along its motion.
+
+    It must have the output ``error``.
+    """
+    return watch_tube(measure_tracking(measure_power(model)), tube.radius)
+
+
+def judged_numbers(motion: Trajectory, tube: TubeTable) -> dict[str, Any]:
+    """Numbers of a `judged` motion by their names in a Result.
+
+    Work and cost of transport count the positive power of each actuator, ``net_work`` all of
+    it. Peaks are of the samples where the motion, from time 0 on, was not kept whole.
+    """
+    seen = _seen(motion)
+    end, outside = motion.end_time, bool(seen["outside"][0] > 0)
+    missed, work, net_work, spent = (
+        float(motion.state(name)[0, -1])
+        for name in ("error_square", "positive_work", "input_work", "input_square")
+    )
+    distance = float(seen["center"][-1] - seen["center"][0])
+    captured = None if seen["outside"][-1] > 0 else float(motion.state("tube_entered")[0, -1])
+    return {
+        "capture_time": captured,
+        "time_outside_tube": outside_between(motion, outside, tube.capture),
+        "error_peak": _largest_error(motion, seen, tube.capture),
+        "error_integral": missed,
+        "input_integral": spent,
+        "input_rms": float(np.sqrt(spent / end)),
+        "input_peak": _largest_input(motion, seen),
+        "distance": distance,
+        "mean_speed": distance / end,
+        "work": work,
+        "net_work": net_work,
+        "cost_of_transport": work / (float(seen["mass"][0]) * distance) if distance > 0 else None,
+        "x_end": motion.state("position")[:, -1],
+        "v_end": motion.state("velocity")[:, -1],
+        "n_events": len(motion.events),
+        "n_steps": motion.n_steps,
+    }
+
+
+@lru_cache(maxsize=64)
+def _observer(system: System) -> ca.Function:
+    """Everything at once, made once for all motions of a model."""
+    model = system.model
+    guard = next(s.guard for s in model.switches if s.name == LEAVES)
+    mass = next(s.symbol for s in model.p if s.name == "mass")
+    u = inputs(model)
+    rows = [model.output("center_of_mass"), model.output("error_norm"), guard, ca.sum1(mass)]
+    return system.observe(ca.vertcat(*rows, ca.norm_inf(u)))
+
+
+def _seen(motion: Trajectory) -> dict[str, np.ndarray]:
+    p = motion.system.scheduled(motion.p, motion.schedules, motion.time)
+    t = motion.time[None, :]
+    rows = np.array(_observer(motion.system)(t, motion.states, p, motion.modes_at(motion.time)))
+    return dict(zip(("center", "error_norm", "outside", "mass", "input"), rows, strict=True))
+
+
+def _largest_error(motion: Trajectory, seen: dict[str, np.ndarray], since: float) -> float:
+    """Largest |e| from some time on."""
+    if motion.dense is not None:
+        motion = motion.at(np.linspace(since, motion.end_time, _INSTANTS))
+        return float(np.max(motion.output("error_norm")))
+    return float(np.max(seen["error_norm"][motion.time >= since], initial=0.0))
+
+
+def _largest_input(motion: Trajectory, seen: dict[str, np.ndarray]) -> float:
+    if motion.dense is not None:
+        return largest(motion, inputs(motion.system.model))
+    return float(seen["input"].max())
