@@ -165,8 +165,8 @@ def _strokes(
     if profile == "cosine":
         middle = before + changes / 2
         omega = np.full(phases, np.pi / width)
-        none = np.zeros((phases, links))
-        return Gait(_edges(period, phases), middle[:, :, None], omega, -changes / 2, none)
+        edges = np.append(np.arange(phases) * width, period)
+        return Gait(edges, middle[:, :, None], omega, -changes / 2, np.zeros((phases, links)))
     rows = _QUINTIC if profile == "quintic" else _trapezoid(ramp)
     breaks = [0.0]
     pieces = []
@@ -179,12 +179,6 @@ def _strokes(
             breaks.append((q + stop) * width)
     breaks[-1] = period
     return Gait(np.array(breaks), np.array(pieces))
-
-
-def _edges(period: float, phases: int) -> np.ndarray:
-    edges = np.arange(phases + 1) * (period / phases)
-    edges[-1] = period
-    return edges
 
 
 Row = tuple[float, float, np.ndarray]

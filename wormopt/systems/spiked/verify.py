@@ -6,6 +6,7 @@ import numpy as np
 
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.stretches import at_breaks
 
 
 def violations(motion: Crawl, limits: Limits, cycles: int = 1) -> dict[str, float]:
@@ -77,13 +78,10 @@ def _excess(motion: Crawl, signal: str, low: np.ndarray, high: np.ndarray) -> fl
 
 def _gap(motion: Crawl, limits: Limits) -> float:
     """Largest jump of lengths, and of rates unless impulses are allowed, between pieces."""
-    gait = motion.gait
-    widths = np.diff(gait.breaks)
     gap = 0.0
     for derivative in (0,) if limits.impulses else (0, 1):
-        ends = [gait.on_piece(q, widths[q : q + 1], derivative)[:, 0] for q in range(gait.pieces)]
-        starts = [gait.on_piece(q, np.zeros(1), derivative)[:, 0] for q in range(gait.pieces)]
+        after, before = at_breaks(motion.gait, derivative)
         # rates may vanish at every break, so their size is that of the whole period
         size = max(float(np.abs(v).max()) for v in motion.extremes(("length", "rate")[derivative]))
-        gap = max(gap, float(np.abs(np.roll(starts, -1, axis=0) - ends).max()) / (size or 1.0))
+        gap = max(gap, float(np.abs(after - before).max()) / (size or 1.0))
     return gap

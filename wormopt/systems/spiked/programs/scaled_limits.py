@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wormopt.systems.spiked.search.sequences import Resting
+from wormopt.systems.spiked.sequences import Resting
 from wormopt.systems.spiked.task import Task
 
 # Limits are widened by this share of the numbers that they are the difference of.

@@ -1,4 +1,4 @@
-"""How resting masses share their load in a gait program: the split of least actuation in rows.
+"""How resting masses share their load in a gait program: the split of least actuation.
 
 What the first resting masses carry together, times the duration of an arc, are columns of the
 program. With these alone any split is allowed. That of least actuation is piecewise linear in
@@ -10,14 +10,15 @@ full, no larger for those unloaded, no smaller for those full.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from wormopt.numerics.bilinear_rows import BilinearRows, Product, Term
+from wormopt.systems.spiked.crawl import share_load
 from wormopt.systems.spiked.programs.scaled_limits import Form, ScaledLimits
-from wormopt.systems.spiked.search.sequences import Resting
+from wormopt.systems.spiked.sequences import Resting
 from wormopt.systems.spiked.task import Task
 
 # For each resting mass, ascending: -1 where its spike is unloaded, 1 where it is full, else 0.
@@ -115,3 +116,62 @@ def _lines(count: int, resting: Resting) -> tuple[np.ndarray, np.ndarray, np.nda
     forces[:, :count] -= np.tril(np.ones((links, count)))
     sums = np.vstack([np.zeros(forces.shape[1]), np.cumsum(forces, axis=0)])
     return forces, np.diff(carried, axis=0), sums[list(resting)]
+
+
+def simple_patterns(resting: Resting) -> list[Pattern]:
+    """All resting spikes loaded at all times; or only the first of them, or only the last."""
+    patterns = np.full((3, len(resting)), -1)
+    patterns[0] = patterns[1, 0] = patterns[2, -1] = 0
+    return [tuple(pattern) for pattern in patterns.tolist()]
+
+
+def least_patterns(
+    needed: np.ndarray,
+    resting: Resting,
+    full: np.ndarray,
+    tie: float,
+    olds: Sequence[Pattern] | None,
+) -> list[Pattern]:
+    """Patterns of the least split where these forces (arcs, n + 1) must act on the masses.
+
+    With `olds` the other pattern of every mass for which two hold. `full`: most of each spike.
+    """
+    bare, total, held = -np.cumsum(needed, axis=1).T, needed.sum(axis=1), list(resting)
+    loads = share_load(total, bare, resting, "least_actuation", full)
+    sums = np.cumsum(bare + np.cumsum(loads, axis=0), axis=0)  # P_b behind each mass
+    sums = np.vstack([np.zeros(len(total)), sums[:-1]])[held].T
+    loads, full = loads[held].T, full[held]
+    if olds is None:
+        return [_pattern(load, full, p, tie) for load, p in zip(loads, sums, strict=True)]
+    arcs = zip(olds, loads, sums, strict=True)
+    return [_flipped(old, load, full, p, tie) for old, load, p in arcs]
+
+
+def _pattern(load: np.ndarray, full: np.ndarray, sums: np.ndarray, tie: float) -> Pattern:
+    signs = np.where(load <= tie, -1, np.where(load >= full - tie, 1, 0))
+    if not np.any(signs == 0):
+        # The total is just what the full ones carry: the next to change counts as in between.
+        is_full = signs == 1
+        key = np.where(is_full, sums, np.inf) if is_full.any() else -sums
+        signs[int(np.argmin(key))] = 0
+    return tuple(signs.tolist())
+
+
+def _flipped(
+    old: Pattern, load: np.ndarray, full: np.ndarray, sums: np.ndarray, tie: float
+) -> Pattern:
+    """The other pattern of every mass for which two hold."""
+    first = old.index(0)
+    new = list(old)
+    for b, sign in enumerate(old):
+        if b == first or abs(sums[b] - sums[first]) > tie:
+            continue
+        if sign != 0:
+            new[b] = 0
+        elif load[b] <= tie:
+            new[b] = -1
+        elif load[b] >= full[b] - tie:
+            new[b] = 1
+    if 0 in new[first + 1 :]:
+        new[first] = -1 if load[first] <= tie else int(load[first] >= full[first] - tie)
+    return tuple(new)
