@@ -63,7 +63,8 @@ def ceiling(
     Mode linear program, for any period and order of modes; at most about 1e-9 above optimum.
     Rates count as ≥ 1e-6 of the fastest. See section 7 of the page on kinematic theory.
     """
-    return _generate(contraction, extension, resting, _as_sets(sets)).ceiling
+    given = sorted({tuple(sorted(set(z))) for z in sets or ()}) or None
+    return _generate(np.array([contraction, extension], float), resting, given).ceiling
 
 
 def best_modes(
@@ -78,31 +79,23 @@ def best_modes(
     Sets are left out in random order; none of a mix returned can be spared, yet smaller
     mixes may exist. Raises ArithmeticError where none reaches the ceiling to 1e-8 of it.
     """
-    whole = _generate(contraction, extension, resting, None)
+    rates = np.array([contraction, extension], float)
+    whole = _generate(rates, resting, None)
     if whole.speed < whole.ceiling * (1 - _SAME):
         raise ArithmeticError("no modes were found that reach the ceiling: rates differ too much")
     rng, found = np.random.default_rng(seed), {}
     for _ in range(count):
-        mix = _thinned(
-            whole, contraction, extension, _perhaps_used(whole, contraction, extension, rng)
-        )
+        mix = _thinned(whole, rates, _perhaps_used(whole, rates, rng))
         found.setdefault(mix.sets, mix)
     return tuple(sorted(found.values(), key=lambda mix: (len(mix.sets), mix.sets)))
 
 
-def _as_sets(sets: Iterable[Iterable[int]] | None) -> list[tuple[int, ...]] | None:
-    return sorted({tuple(sorted(set(z))) for z in sets or ()}) or None
-
-
 def _perhaps_used(
-    whole: ModeMix,
-    contraction: Sequence[float],
-    extension: Sequence[float],
-    rng: np.random.Generator,
+    whole: ModeMix, rates: np.ndarray, rng: np.random.Generator
 ) -> list[tuple[int, ...]]:
     """Draw resting sets that a best mix can have: those whose weighted sum is the ceiling."""
-    rates, unit, resting = np.array([contraction, extension]), whole.ceiling, len(whole.sets[0])
-    gains = _Chain(rates / unit).gains(np.array(whole.weights))
+    resting = len(whole.sets[0])
+    gains = _Chain(rates / whole.ceiling).gains(np.array(whole.weights))
     behind = _longest_paths(gains[::-1, ::-1].T, resting)[0][:, ::-1]
     sets = set(whole.sets)
     for _ in range(_DRAWS * len(gains)):
@@ -116,19 +109,14 @@ def _perhaps_used(
     return [z for _, z in sorted(zip(rng.permutation(len(sets)), sorted(sets), strict=True))]
 
 
-def _thinned(
-    whole: ModeMix,
-    contraction: Sequence[float],
-    extension: Sequence[float],
-    sets: list[tuple[int, ...]],
-) -> ModeMix:
+def _thinned(whole: ModeMix, rates: np.ndarray, sets: list[tuple[int, ...]]) -> ModeMix:
     """Take out sets, many at a time at first, as long as the others reach the ceiling."""
     mix, size = whole, len(sets)
     while size := size // 2:
         start = 0
         while start < len(sets):
             others = sets[:start] + sets[start + size :]
-            fewer = _generate(contraction, extension, len(sets[0]), others) if others else None
+            fewer = _generate(rates, len(sets[0]), others) if others else None
             if fewer and fewer.speed >= whole.ceiling * (1 - _SAME):
                 mix, sets = fewer, others
             else:
@@ -137,16 +125,11 @@ def _thinned(
     return replace(mix, ceiling=whole.ceiling, weights=whole.weights)
 
 
-def _generate(
-    contraction: Sequence[float],
-    extension: Sequence[float],
-    resting: int,
-    sets: list[tuple[int, ...]] | None,
-) -> ModeMix:
+def _generate(rates: np.ndarray, resting: int, sets: list[tuple[int, ...]] | None) -> ModeMix:
     """Solve the mode linear program by column generation."""
-    masses = len(contraction) + 1
-    first = sets or [_block(start, resting, masses) for start in range(masses)]
-    rates = np.array([contraction, extension], float)
+    masses = rates.shape[1] + 1
+    blocks = (range(start, start + resting) for start in range(masses))
+    first = sets or [tuple(sorted(i % masses for i in block)) for block in blocks]
     rates = np.maximum(rates, _SLOWEST * rates.max())  # which can only raise the ceiling
     # Tolerances of the solver are absolute, so the speed of the first mix becomes the unit.
     unit = float(rates.max())
@@ -176,10 +159,6 @@ def _generate(
         velocities=tuple(tuple((v * unit).tolist()) for v in velocities),
         weights=tuple(best.tolist()),
     )
-
-
-def _block(start: int, size: int, masses: int) -> tuple[int, ...]:
-    return tuple(sorted((start + i) % masses for i in range(size)))
 
 
 class _Mixer:

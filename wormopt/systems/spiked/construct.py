@@ -8,6 +8,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
+from wormopt.systems.spiked.sequences import block_wave_sequence
 
 Profile = Literal["cosine", "quintic", "trapezoid"]
 
@@ -97,16 +98,6 @@ def travelling_sine(
         -amplitude * np.sin(behind)[None, :],
         amplitude * np.cos(behind)[None, :],
     )
-
-
-def block_wave_sequence(links: int, resting: int) -> list[tuple[int, ...]]:
-    """Resting masses of the block-rest wave: a block of neighbours runs from tail to head.
-
-    n+1 phases of ascending indices for n links; a block of `resting` ≤ n masses wraps round.
-    """
-    masses = links + 1
-    tails = range(links, -1, -1)
-    return [tuple(sorted((tail - b) % masses for b in range(resting))) for tail in tails]
 
 
 def block_wave(

@@ -129,10 +129,13 @@ class Crawl:
         ``length``, ``rate``, ``acceleration``, ``velocity``, ``reaction``, ``sigma``,
         ``reaction_mean``, ``actuator_force``, ``power``, ``glide`` or ``closure``.
         """
-        rows = self._rows()[signal]
-        found = [Series(s.a, s.b, s.coefficients[rows]).extremes() for _, s in self.parts]
-        low, high = zip(*found, strict=True)
+        low, high = zip(*(series.extremes() for series in self._series(signal)), strict=True)
         return np.min(low, axis=0), np.max(high, axis=0)
+
+    def _series(self, signal: str) -> Iterator[Series]:
+        rows = self._rows()[signal]
+        for _, series in self.parts:
+            yield Series(series.a, series.b, series.coefficients[rows])
 
     def integral(self, signal: str) -> np.ndarray:
         """Integral (rows,) of every row of a signal of `extremes` over the period."""
@@ -208,12 +211,7 @@ class Crawl:
     @property
     def effort(self) -> float:
         """Mean over time of the sum of squared link accelerations."""
-        total = 0.0
-        rows = self._rows()["acceleration"]
-        for _, series in self.parts:
-            links = Series(series.a, series.b, series.coefficients[rows])
-            total += _integral_of_squares(links)
-        return total / self.gait.period
+        return sum(map(_integral_of_squares, self._series("acceleration"))) / self.gait.period
 
     @cached_property
     def net_work(self) -> float:
@@ -223,11 +221,7 @@ class Crawl:
     @cached_property
     def dissipation(self) -> float:
         """Energy lost to drag and gained in height per period; spikes do no work."""
-        rows, drive = self._rows()["velocity"], self.drive
-        lost = 0.0
-        for _, series in self.parts:
-            velocities = Series(series.a, series.b, series.coefficients[rows])
-            lost += _integral_of_squares(velocities)
+        lost, drive = sum(map(_integral_of_squares, self._series("velocity"))), self.drive
         return drive.drag * lost + len(drive.mass) * drive.load * self.advance
 
     @cached_property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,7 +12,7 @@ from wormopt.model.friction import Spike
 from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.ocp.problem import Bound, Ends, Problem
 from wormopt.systems.spiked.limits import Limits
-from wormopt.systems.spiked.task import Objective, Task, Worm
+from wormopt.systems.spiked.task import Cost, Objective, Task, Worm
 
 
 def spiked_worm(
@@ -66,32 +66,6 @@ def spiked_worm(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Terms:
-    """What costs are made of: the way per period, and nominal sizes."""
-
-    model: Model
-    ends: Ends
-    way: ca.SX
-    speed_nominal: float
-    time_nominal: float
-
-    @property
-    def force_nominal(self) -> float:
-        return float(sum(c.nominal_force for c in self.model.contacts))
-
-
-@dataclass(frozen=True, eq=False)
-class _Cost:
-    """What an objective adds to the problem."""
-
-    minimise: ca.SX
-    along: tuple[Bound, ...] = ()
-    slacks: tuple[Signal, ...] = ()
-    design: tuple[Signal, ...] = ()
-    integrand: ca.SX | None = None
-
-
 def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
     """Kinematic gait design as an optimal-control problem, periodic up to the advance, (1)-(7).
 
@@ -120,22 +94,17 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
         )
         # Costs per distance stay finite at rest, where every start begins.
         way = ca.fmax(advance, objective.speed * ends.duration / 2)
-    cost = _COSTS[objective.minimise or "speed"](
-        _Terms(model, ends, way, speed_nominal, period_range[1])
-    )
+    cost = _cost(objective.minimise, model, ends, way, speed_nominal, period_range[1])
     return Problem(
         model=model,
         ends=ends,
-        minimise=cost.minimise,
         duration=period_range,
         periodic=["length", "velocity", "rate"],
-        integrands=cost.integrand if cost.integrand is not None else ca.SX(0),
-        along=[*_limits_along(model, limits, n, ranges), *cost.along],
+        along=[*_limits_along(model, limits, n, ranges), *cost.pop("along", ())],
         at_ends=at_ends,
-        slacks=cost.slacks,
-        design=cost.design,
         sharing=_sharing(model, limits, Task(worm, limits, objective).loads_matter),
         impulses=limits.impulses,
+        **{"integrands": ca.SX(0)} | cost,
     )
 
 
@@ -150,20 +119,15 @@ def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) 
         bounds.append(
             Bound("limits.rate", x["rate"].symbol, -np.array(rates[0]), np.array(rates[1]), size)
         )
-    if limits.acceleration is not None:
-        most = np.broadcast_to(limits.acceleration, links)
-        bounds.append(
-            Bound("limits.acceleration", model.u[0].symbol, -most, most, float(most.max()))
-        )
-    if limits.spike_load is not None:
-        most = np.broadcast_to(limits.spike_load, links + 1)
-        bounds.append(
-            Bound("limits.spike_load", model.forces, upper=most, nominal=float(most.max()))
-        )
-    if limits.actuator_force is not None:
-        most = np.broadcast_to(limits.actuator_force, links)
-        force = model.output("actuator_force")
-        bounds.append(Bound("limits.actuator_force", force, -most, most, float(most.max())))
+    for key, expression in (
+        ("acceleration", model.u[0].symbol),
+        ("spike_load", model.forces),
+        ("actuator_force", model.output("actuator_force")),
+    ):
+        if getattr(limits, key) is not None:
+            most = np.broadcast_to(getattr(limits, key), expression.numel())
+            least = -np.inf if key == "spike_load" else -most  # spikes do not pull
+            bounds.append(Bound(f"limits.{key}", expression, least, most, float(most.max())))
     if limits.sigma_margin > 0:
         sigma = model.output("reaction_mean")
         bounds.append(
@@ -193,53 +157,35 @@ def _sharing(model: Model, limits: Limits, matter: bool) -> Callable[[ca.SX], ca
     return least_actuation
 
 
-def _speed(terms: _Terms) -> _Cost:
-    return _Cost(-terms.way / terms.ends.duration / terms.speed_nominal)
-
-
-def _peak(terms: _Terms, expression: ca.SX, name: str) -> _Cost:
-    """Smallest upper bound of an expression at all times."""
-    peak = Signal("peak", ca.SX.sym("peak"), "force", terms.force_nominal, 0.0)
-    bound = Bound(name, expression - peak.symbol, upper=0.0, nominal=peak.nominal)
-    return _Cost(peak.symbol / peak.nominal, along=(bound,), design=(peak,))
-
-
-def _peak_spike_load(terms: _Terms) -> _Cost:
-    return _peak(terms, terms.model.forces, "peak_spike_load")
-
-
-def _peak_actuator_force(terms: _Terms) -> _Cost:
-    force = terms.model.output("actuator_force")
-    return _peak(terms, ca.vertcat(force, -force), "peak_actuator_force")
-
-
-def _energy(terms: _Terms) -> _Cost:
-    power = terms.model.output("power")
-    nominal = terms.force_nominal * terms.speed_nominal
-    spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", nominal, 0)
-    return _Cost(
-        terms.ends.integrals[0] * terms.time_nominal * terms.speed_nominal / terms.way,
-        along=(
-            Bound("power", spent.symbol - power, 0.0, nominal=nominal),
-            Bound("power", spent.symbol, 0.0, nominal=nominal),
-        ),
-        slacks=(spent,),
-        integrand=ca.sum1(spent.symbol) / nominal / terms.time_nominal,
-    )
-
-
-def _effort(terms: _Terms) -> _Cost:
-    u = terms.model.u[0]
-    return _Cost(
-        terms.ends.integrals[0] * terms.time_nominal / terms.ends.duration,
-        integrand=ca.sumsqr(u.symbol / u.nominal) / terms.time_nominal,
-    )
-
-
-_COSTS: dict[str, Callable[[_Terms], _Cost]] = {
-    "speed": _speed,
-    "peak_spike_load": _peak_spike_load,
-    "peak_actuator_force": _peak_actuator_force,
-    "energy_per_distance": _energy,
-    "acceleration_effort": _effort,
-}
+def _cost(
+    minimise: Cost | None, model: Model, ends: Ends, way: ca.SX, speed: float, time: float
+) -> dict[str, Any]:
+    """What an objective adds to the problem; `way` is per period, `speed` and `time` are sizes."""
+    force = float(sum(c.nominal_force for c in model.contacts))
+    match minimise:
+        case None:
+            return {"minimise": -way / ends.duration / speed}
+        case "acceleration_effort":
+            u = model.u[0]
+            return {
+                "minimise": ends.integrals[0] * time / ends.duration,
+                "integrands": ca.sumsqr(u.symbol / u.nominal) / time,
+            }
+        case "energy_per_distance":
+            power, nominal = model.output("power"), force * speed
+            spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", nominal, 0)
+            return {
+                "minimise": ends.integrals[0] * time * speed / way,
+                "integrands": ca.sum1(spent.symbol) / nominal / time,
+                "slacks": (spent,),
+                "along": (
+                    Bound("power", spent.symbol - power, 0.0, nominal=nominal),
+                    Bound("power", spent.symbol, 0.0, nominal=nominal),
+                ),
+            }
+    forces = model.forces
+    if minimise == "peak_actuator_force":
+        forces = ca.vertcat(model.output("actuator_force"), -model.output("actuator_force"))
+    peak = Signal("peak", ca.SX.sym("peak"), "force", force, 0.0)  # their smallest upper bound
+    bound = Bound(minimise, forces - peak.symbol, upper=0.0, nominal=force)
+    return {"minimise": peak.symbol / force, "along": (bound,), "design": (peak,)}

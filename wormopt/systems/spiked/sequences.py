@@ -57,6 +57,16 @@ def mirrored(word: Sequence_, masses: int) -> Sequence_:
     return ascending([[masses - 1 - i for i in resting] for resting in word])
 
 
+def block_wave_sequence(links: int, resting: int) -> list[tuple[int, ...]]:
+    """Resting masses of the block-rest wave: a block of neighbours runs from tail to head.
+
+    n+1 phases of ascending indices for n links; a block of `resting` ≤ n masses wraps round.
+    """
+    masses = links + 1
+    tails = range(links, -1, -1)
+    return [tuple(sorted((tail - b) % masses for b in range(resting))) for tail in tails]
+
+
 def wave_orders(links: int, resting: int) -> list[Sequence_]:
     """Orders in which blocks of resting masses, equally far apart, run from tail to head.
 

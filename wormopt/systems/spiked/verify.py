@@ -46,17 +46,16 @@ def violations(motion: Crawl, limits: Limits, cycles: int = 1) -> dict[str, floa
     rates = limits.rate_limits(n)
     if rates is not None:
         found["limits.rate"] = _excess(motion, "rate", -np.array(rates[0]), np.array(rates[1]))
-    if limits.acceleration is not None:
-        most = np.broadcast_to(limits.acceleration, n)
-        found["limits.acceleration"] = _excess(motion, "acceleration", -most, most)
-    if limits.spike_load is not None:
-        most = np.broadcast_to(limits.spike_load, n + 1)
-        found["limits.spike_load"] = _excess(motion, "reaction", -most, most)
-        if motion.impulses:
-            found["limits.spike_load"] = np.inf
-    if limits.actuator_force is not None:
-        most = np.broadcast_to(limits.actuator_force, n)
-        found["limits.actuator_force"] = _excess(motion, "actuator_force", -most, most)
+    for key, signal, count in (
+        ("acceleration", "acceleration", n),
+        ("spike_load", "reaction", n + 1),
+        ("actuator_force", "actuator_force", n),
+    ):
+        if getattr(limits, key) is not None:
+            most = np.broadcast_to(getattr(limits, key), count)
+            found[f"limits.{key}"] = _excess(motion, signal, -most, most)
+    if limits.spike_load is not None and motion.impulses:
+        found["limits.spike_load"] = np.inf
     low = float(motion.extremes("sigma")[0][0])
     if limits.sigma_margin > 0:
         size = max(limits.sigma_margin, motion.force_scale)

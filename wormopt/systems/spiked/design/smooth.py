@@ -124,23 +124,17 @@ def _of_solved(
     mesh = best.program.mesh
     durations = np.bincount(mesh.phase, weights=best.arcs.duration)
     sequence, lasting_durations = lasting(best.trial.sequence, durations.tolist())
-    return Design(
-        task=task,
+    return replace(
+        of_trial(task, best.trial, error, bound, survey, ended),
         gait=gait_of_arcs(best.arcs, mesh, task.worm.links),
-        cycles=best.trial.cycles,
         sequence=sequence,
         durations=lasting_durations,
-        ceiling=bound,
-        error=error,
-        survey=survey,
         solver={
             "status": best.solution.status,
             "violation": best.solution.violation,
             "arcs_per_phase": mesh.counts,
             "degree": mesh.collocation.degree,
         },
-        timings_s={},
-        ended=ended,
     )
 
 

@@ -10,11 +10,11 @@ from math import comb
 import numpy as np
 
 from wormopt.systems.spiked.ceiling import best_modes, ceiling
-from wormopt.systems.spiked.construct import block_wave_sequence
 from wormopt.systems.spiked.programs.scaled_limits import scaled
 from wormopt.systems.spiked.sequences import (
     Resting,
     Sequence_,
+    block_wave_sequence,
     is_gait,
     mirrored,
     sequences,

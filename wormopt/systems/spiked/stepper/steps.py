@@ -9,6 +9,7 @@ import csv
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any, Literal
 
 import numpy as np
 
@@ -74,12 +75,14 @@ class Steps:
 
     def lengths(self, t: np.ndarray) -> np.ndarray:
         """Commanded lengths (n, m) at times (m,) in the period; at a step the new one."""
-        rows = []
-        for j in range(self.links):
-            time, direction = self.of_motor(j)
-            count = np.concatenate([[0], np.cumsum(direction)])
-            rows.append(count[np.searchsorted(time, t, side="right")])
+        rows = [self.taken(j, t) for j in range(self.links)]
         return self.start[:, None] + self.travel * np.array(rows)
+
+    def taken(self, motor: int, t: np.ndarray, side: Literal["left", "right"] = "right") -> Any:
+        """Steps up less down of a motor until times (m,); at a step itself that from the side."""
+        time, direction = self.of_motor(motor)
+        count = np.concatenate([[0], np.cumsum(direction)])
+        return count[np.searchsorted(time, t, side=side)]
 
     @property
     def intervals_min(self) -> np.ndarray:
@@ -168,11 +171,9 @@ def quantisation_error(gait: Gait, steps: Steps) -> np.ndarray:
     """
     worst = []
     for j in range(gait.links):
-        time, direction = steps.of_motor(j)
-        count = np.concatenate([[0], np.cumsum(direction)])
-        edges = np.concatenate([time, turning_times(gait, j)])
+        edges = np.concatenate([steps.of_motor(j)[0], turning_times(gait, j)])
         ideal = _length(gait, j, edges) - steps.start[j]
-        sides = [count[np.searchsorted(time, edges, side=side)] for side in ("left", "right")]
+        sides = steps.taken(j, edges, "left"), steps.taken(j, edges)
         worst.append(max(float(np.abs(ideal - steps.travel * held).max()) for held in sides))
     return np.array(worst)
 
