@@ -94,7 +94,8 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
         )
         # Costs per distance stay finite at rest, where every start begins.
         way = ca.fmax(advance, objective.speed * ends.duration / 2)
-    cost = _cost(objective.minimise, model, ends, way, speed_nominal, period_range[1])
+    cost: dict[str, Any] = {"integrands": ca.SX(0)}
+    cost |= _cost(objective.minimise, model, ends, way, speed_nominal, period_range[1])
     return Problem(
         model=model,
         ends=ends,
@@ -104,7 +105,7 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
         at_ends=at_ends,
         sharing=_sharing(model, limits, Task(worm, limits, objective).loads_matter),
         impulses=limits.impulses,
-        **{"integrands": ca.SX(0)} | cost,
+        **cost,
     )
 
 

@@ -19,7 +19,7 @@ from wormopt.numerics.bilinear import BilinearProgram
 from wormopt.numerics.bilinear_rows import BilinearRows, Product, Term
 from wormopt.numerics.linearised import Excess
 from wormopt.systems.spiked.programs.scaled_limits import Form, ScaledLimits, scaled
-from wormopt.systems.spiked.programs.split import Pattern, SplitRows, split_matters
+from wormopt.systems.spiked.programs.split import Pattern, lines_of, split_matters
 from wormopt.systems.spiked.sequences import Resting, Sequence_
 from wormopt.systems.spiked.task import Task
 
@@ -164,28 +164,62 @@ class GaitRows:
             linear, products = self._force(form, at, k)
             if not products and all(np.all(np.asarray(column) < 0) for column, _ in linear):
                 continue
-            if form.below < np.inf:
-                self.rows.add([*linear, (self.h[at], form.below)], products, 0.0, np.inf)
-            if form.above < np.inf:
-                self.rows.add([*linear, (self.h[at], -form.above)], products, -np.inf, 0.0)
+            self._keep(linear, products, self.h[at], -form.below, form.above)
+
+    def _keep(
+        self, linear: list[Term], products: list[Product], h: np.ndarray, low: float, high: float
+    ) -> None:
+        """Low <= terms <= high, times h."""
+        if low == high:
+            self.rows.add([*linear, (h, -low)], products, 0.0, 0.0)
+            return
+        if low > -np.inf:
+            self.rows.add([*linear, (h, -low)], products, 0.0, np.inf)
+        if high < np.inf:
+            self.rows.add([*linear, (h, -high)], products, -np.inf, 0.0)
 
     def _add_splits(self, resting: Resting, at: slice) -> None:
         """What each spike carries, with one pattern for all loads of a range."""
         patterns = self.patterns or (None,) * self.total
-        degree = self.degree if self.limits.drag else self.degree - 1
         for pattern in sorted(set(patterns[at]), key=str):
             arcs = np.array([k for k in range(self.total)[at] if patterns[k] == pattern])
             for load in sorted(set(self.task.worm.load_range)):
-                SplitRows(
-                    self.rows,
-                    self.limits,
-                    self._force,
-                    self.h[arcs],
-                    arcs,
-                    degree,
-                    resting,
-                    load / self.limits.force,
-                ).add(pattern, self._peak, self.task.objective.minimise)
+                self._add_split(resting, arcs, pattern, load / self.limits.force)
+
+    def _add_split(
+        self, resting: Resting, arcs: np.ndarray, pattern: Pattern | None, load: float
+    ) -> None:
+        """What holds on some arcs under one load with this pattern, or any split (None)."""
+        limits, h, count = self.limits, self.h[arcs], self.limits.links + 1
+        degree = self.degree if limits.drag else self.degree - 1
+        shared = self.rows.columns(np.full((len(arcs), degree + 1, len(resting) - 1), np.inf))
+        forces, loads, sums = lines_of(count, resting)
+        signs = pattern or (0,) * len(loads)
+        first = signs.index(0)
+        peaks = {"peak_spike_load": loads, "peak_actuator_force": np.vstack([forces, -forces])}
+
+        def terms(line: np.ndarray, k: int) -> tuple[list[Term], list[Product]]:
+            weight = line[:count]
+            linear, products = self._force(limits.weighted(weight), arcs, k)
+            shares = [
+                (shared[:, k, b], float(line[count + b])) for b in np.flatnonzero(line[count:])
+            ]
+            return [*linear, *shares, (h, load * float(weight.sum()))], products
+
+        for k in range(degree + 1):
+            for line, cap, sign in zip(loads, limits.spikes[list(resting)], signs, strict=True):
+                low, high = (cap if sign > 0 else 0.0), (0.0 if sign < 0 else cap)
+                self._keep(*terms(line, k), h, low, high)
+            for line, limit in zip(forces, limits.actuator_most, strict=True):
+                self._keep(*terms(line, k), h, -limit, limit)
+            if self._peak is not None:
+                for line in peaks[str(self.task.objective.minimise)]:
+                    linear, products = terms(line, k)
+                    self.rows.add(linear, [*products, (h, self._peak, -1.0)], -np.inf, 0.0)
+            for b, sign in enumerate(signs if pattern else ()):
+                if b != first:
+                    low, high = (-np.inf if sign < 0 else 0.0), (np.inf if sign > 0 else 0.0)
+                    self._keep(*terms(sums[b] - sums[first], k), h, low, high)
 
     def _add_peaks(self, resting: Resting, at: slice) -> None:
         """Forces below the peak that is minimised, at all times and any load, times h."""
@@ -194,12 +228,12 @@ class GaitRows:
         limits, count = self.limits, self.limits.links + 1
         loads = np.array(self.task.worm.load_range) / limits.force
         if self.task.objective.minimise == "peak_spike_load":
-            whole = Form(limits.mass, np.ones(count), 0.0, 0.0)
+            whole = limits.weighted(np.ones(count))
             self._add_peak(whole, at, count * loads[1], float(len(resting)))
             return
         for weight, at_rest in limits.actuators(resting):
             for sign in (1.0, -1.0):
-                form = Form(sign * weight * limits.mass, sign * weight, 0.0, 0.0)
+                form = limits.weighted(sign * weight)
                 self._add_peak(form, at, float(np.max(sign * at_rest * loads)), 1.0)
 
     def _add_peak(self, form: Form, at: slice, at_rest: float, shared: float) -> None:
@@ -306,7 +340,7 @@ class CostColumns:
         """Bernstein coefficients of the power that actuator j absorbs, times the duration."""
         limits, v = self.program.limits, self.program.v[at]
         load = at_rest * self.program.task.worm.load_range[1] / limits.force
-        form = Form(weight * limits.mass, weight, 0.0, 0.0)
+        form = limits.weighted(weight)
         steps = [(v[:, end, i], s * form.alpha[i]) for end, s in ((1, 1.0), (0, -1.0))
                  for i in np.flatnonzero(form.alpha)]  # fmt: skip
         push = [(self.program.h[at], load), *steps]

@@ -129,6 +129,10 @@ class ScaledLimits:
         """Largest forces of the actuators, shape (n,); infinite without a limit."""
         return _spread(self.task.limits.actuator_force, self.links) / self.force
 
+    def weighted(self, weights: np.ndarray) -> Form:
+        """Sum of the forces (n + 1,) m a + k v that must act on the masses, without limits."""
+        return Form(weights * self.mass, weights, 0.0, 0.0)
+
     def fastest(self, resting: Resting) -> np.ndarray:
         """Largest velocity (n + 1,) of each mass that link rates allow from those at rest."""
         contraction, extension = self.rates

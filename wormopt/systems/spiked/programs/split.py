@@ -10,20 +10,16 @@ full, no larger for those unloaded, no smaller for those full.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
-from wormopt.numerics.bilinear_rows import BilinearRows, Product, Term
 from wormopt.systems.spiked.crawl import share_load
-from wormopt.systems.spiked.programs.scaled_limits import Form, ScaledLimits
 from wormopt.systems.spiked.sequences import Resting
 from wormopt.systems.spiked.task import Task
 
 # For each resting mass, ascending: -1 where its spike is unloaded, 1 where it is full, else 0.
 Pattern = tuple[int, ...]
-ScaledForce = Callable[[Form, np.ndarray, int], tuple[list[Term], list[Product]]]
 
 
 def split_matters(task: Task, resting: Resting) -> bool:
@@ -33,80 +29,12 @@ def split_matters(task: Task, resting: Resting) -> bool:
     return asked and len(resting) > 1 and task.limits.sharing == "least_actuation"
 
 
-@dataclass(frozen=True, eq=False)
-class SplitRows:
-    """Adds rows for some arcs on which the same masses rest, under one load.
+def lines_of(count: int, resting: Resting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Actuator forces, loads of the resting masses, and P_b of each, as lines.
 
-    Every force is a line: weights of what must act on each mass (m a + k v + load), then of
-    what the first resting masses carry together, the first alone, the first two, and so on.
+    A line is weights of what must act on each of so many masses (m a + k v + load), then of what
+    the first resting masses carry together: the first alone, the first two, and so on.
     """
-
-    rows: BilinearRows  # the program in the making
-    limits: ScaledLimits  # its task
-    force: ScaledForce  # terms of a coefficient of h times a form without load
-    h: np.ndarray  # columns of the durations of these arcs
-    arcs: np.ndarray  # numbers of these arcs
-    degree: int  # of the forces
-    resting: Resting
-    load: float  # on each mass, in units of force
-
-    def add(self, pattern: Pattern | None, peak: int | None, minimise: str | None) -> None:
-        """Add what holds with this pattern, or any split (None); bound a peak by its column.
-
-        `peak` is the column of the peak that is minimised, `minimise` says which peak.
-        """
-        shape = (len(self.arcs), self.degree + 1, len(self.resting) - 1)
-        columns = self.rows.columns(np.full(shape, np.inf))
-        forces, loads, sums = _lines(self.limits.links + 1, self.resting)
-        full = self.limits.spikes[list(self.resting)]
-        signs = pattern or (0,) * len(loads)
-        first = signs.index(0)
-        for k in range(self.degree + 1):
-            for line, cap, sign in zip(loads, full, signs, strict=True):
-                low, high = (cap if sign > 0 else 0.0), (0.0 if sign < 0 else cap)
-                self._add(line, columns[:, k], k, low, high)
-            for line, limit in zip(forces, self.limits.actuator_most, strict=True):
-                self._add(line, columns[:, k], k, -limit, limit)
-            peaks = {"peak_spike_load": loads, "peak_actuator_force": np.vstack([forces, -forces])}
-            for line in peaks.get(minimise or "", ()):
-                self._add_peak(line, columns[:, k], k, peak)
-            if pattern is None:
-                continue
-            for b, sign in enumerate(signs):
-                if b != first:
-                    low, high = (-np.inf if sign < 0 else 0.0), (np.inf if sign > 0 else 0.0)
-                    self._add(sums[b] - sums[first], columns[:, k], k, low, high)
-
-    def _terms(
-        self, line: np.ndarray, carried: np.ndarray, k: int
-    ) -> tuple[list[Term], list[Product]]:
-        count = self.limits.links + 1
-        weight = line[:count]
-        linear, products = self.force(
-            Form(weight * self.limits.mass, weight, 0.0, 0.0), self.arcs, k
-        )
-        shares = [(carried[:, b], float(line[count + b])) for b in np.flatnonzero(line[count:])]
-        return [*linear, *shares, (self.h, self.load * float(weight.sum()))], products
-
-    def _add(self, line: np.ndarray, carried: np.ndarray, k: int, low: float, high: float) -> None:
-        """Low <= line <= high, times h."""
-        linear, products = self._terms(line, carried, k)
-        if low == high:
-            self.rows.add([*linear, (self.h, -low)], products, 0.0, 0.0)
-            return
-        if np.isfinite(low):
-            self.rows.add([*linear, (self.h, -low)], products, 0.0, np.inf)
-        if np.isfinite(high):
-            self.rows.add([*linear, (self.h, -high)], products, -np.inf, 0.0)
-
-    def _add_peak(self, line: np.ndarray, carried: np.ndarray, k: int, peak: int | None) -> None:
-        assert peak is not None
-        linear, products = self._terms(line, carried, k)
-        self.rows.add(linear, [*products, (self.h, peak, -1.0)], -np.inf, 0.0)
-
-
-def _lines(count: int, resting: Resting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Actuator forces, loads of the resting masses, and P_b of each, as lines."""
     rest, links = len(resting), count - 1
     carried = np.zeros((rest + 1, count + rest - 1))
     carried[1:rest, count:] = np.eye(rest - 1)
