@@ -8,7 +8,7 @@ against each other.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from time import monotonic
@@ -197,13 +197,10 @@ def solve_cost(task: Task, trial: Trial) -> Solved | None:
     if has_cost_columns(task):  # what the linear programs leave on very short arcs
         start = program.nlp.restore(start, bounds)
     found = program.nlp.restore(program.nlp.solve(start.w, bounds, _POLISH), bounds)
-    if start.violation <= _FEASIBLE and not _better(found, start):
+    better = found.violation <= _FEASIBLE and found.objective < start.objective
+    if start.violation <= _FEASIBLE and not better:
         found = start
     return Solved(trial, program, bounds, found) if found.violation <= _ACCEPTED else None
-
-
-def _better(one: Solution, other: Solution) -> bool:
-    return one.violation <= _FEASIBLE and one.objective < other.objective
 
 
 def _fast(task: Task, trial: Trial, mesh: Mesh) -> Arcs | None:
@@ -282,20 +279,17 @@ def refine_cost(solved: Solved) -> tuple[Solved, float]:
     where the linear program that tells has no solution.
     """
     error = _left_by_halving(solved)
-    for mesh in _finer(solved.program.mesh):
+    for degree in (3, 5):
         if error <= _RESOLVED:
             break
+        mesh = solved.program.mesh
+        mesh = replace(mesh, collocation=Collocation(degree), input_degree=degree - 2)
         program, bounds, start = _carry(solved, mesh)
         found = program.nlp.restore(program.nlp.solve(start.w, bounds, _POLISH), bounds)
         if found.objective < solved.objective and found.violation <= _FEASIBLE:
             solved = replace(solved, program=program, bounds=bounds, solution=found)
             error = _left_by_halving(solved)
     return solved, error
-
-
-def _finer(mesh: Mesh) -> Iterator[Mesh]:
-    for degree in (3, 5):
-        yield replace(mesh, collocation=Collocation(degree), input_degree=degree - 2)
 
 
 def _left_by_halving(solved: Solved) -> float:
