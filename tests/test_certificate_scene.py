@@ -14,11 +14,10 @@ from wormopt.cli import main
 from wormopt.errors import ArgumentError, Interrupted, SceneError
 from wormopt.progress import silent
 from wormopt.systems.spiked.certify import proof
-from wormopt.systems.spiked.certify import prove as certify
 from wormopt.systems.spiked.certify.tree import Solver
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.runs import gait_certificate, gait_design
-from wormopt.systems.spiked.search.space import letters_of
+from wormopt.systems.spiked.search.orders import letters_of
 from wormopt.systems.spiked.task import Certify, Search, Task, Worm
 
 OWN = ["search.sequence=[[0],[1],[2]]", 'search.effort="quick"', "search.workers=1"]
@@ -149,7 +148,7 @@ def test_a_proof_without_time_still_gives_a_result_with_its_picture(
 
 def test_a_bound_below_the_gait_is_a_failure(monkeypatch):
     def wrong(task, value, *_):
-        return certify.Certificate(certify.Progress(0.9 * value), -0.1, 4, None, "gap reached")
+        return proof.Certificate(proof.Progress(0.9 * value), -0.1, 4, None, "gap reached")
 
     monkeypatch.setattr(proof, "prove", wrong)
     result = run()

@@ -15,18 +15,26 @@ from scipy.optimize import root_scalar
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.progress import silent
-from wormopt.systems.spiked.certify import planes, relaxation
+from wormopt.systems.spiked.certify import cuts, relaxation
 from wormopt.systems.spiked.certify.cuts import Cut, Cuts
-from wormopt.systems.spiked.certify.families import families, parts
-from wormopt.systems.spiked.certify.prove import _Best, prove
+from wormopt.systems.spiked.certify.proof import _Best, prove
 from wormopt.systems.spiked.certify.relaxation import Box, Relaxation, Relaxed
-from wormopt.systems.spiked.certify.tree import Branch, Programs, Solver, Tree, grow, plant
+from wormopt.systems.spiked.certify.tree import (
+    Branch,
+    Programs,
+    Solver,
+    Tree,
+    families,
+    grow,
+    parts,
+    plant,
+)
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.optimize import designed as designed_by
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.programs.scaled_limits import ScaledLimits, Slope
-from wormopt.systems.spiked.search.sequences import Sequence_, canonical, is_gait
-from wormopt.systems.spiked.search.space import all_sequences
+from wormopt.systems.spiked.search.orders import all_sequences
+from wormopt.systems.spiked.sequences import Sequence_, canonical, is_gait
 from wormopt.systems.spiked.task import Certify, Objective, Search, Task, Worm
 from wormopt.systems.spiked.verify import violations
 
@@ -206,7 +214,7 @@ def largest(motion: Crawl, signal: str) -> np.ndarray:
 def own_values(motion: Motion, program: Relaxation) -> np.ndarray:
     """The motion as a point of the relaxation: what its columns stand for."""
     limits, m = program._limits, program._cells
-    x = np.zeros(len(program._upper))
+    x = np.zeros(len(program._rows.upper))
 
     def put(columns: np.ndarray, values: np.ndarray) -> None:
         kept = columns >= 0
@@ -774,7 +782,7 @@ def breaks(monkeypatch, name: str) -> None:
     elif name == "span":  # rates of the links less than allowed
         monkeypatch.setattr(ScaledLimits, "span", lambda *a: tuple(0.9 * v for v in span(*a)))
     elif name == "squares":  # squares of shares at their middle, not their secant
-        monkeypatch.setattr(planes, "_square_at_longest", middle)
+        monkeypatch.setattr(cuts, "_square_at_longest", middle)
 
 
 @pytest.mark.parametrize("name", ["slopes", "load", "inertia", "rates", "cuts", "span", "squares"])

@@ -23,8 +23,8 @@ from wormopt.systems.spiked.design.design import objective_of
 from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.files import gait_of_result
 from wormopt.systems.spiked.limits import Limits, Rates
-from wormopt.systems.spiked.search.sequences import sequences
 from wormopt.systems.spiked.search.trial import Trier
+from wormopt.systems.spiked.sequences import sequences
 from wormopt.systems.spiked.task import Objective, Search, Task, Worm
 from wormopt.systems.spiked.verify import violations
 

@@ -14,10 +14,10 @@ from wormopt.systems.spiked.construct import (
     Profile,
     accordion,
     block_wave,
-    block_wave_sequence,
     fast_gait,
 )
 from wormopt.systems.spiked.files import gait_of_result, gait_variables, load_gait
+from wormopt.systems.spiked.sequences import block_wave_sequence
 
 # How many derivatives of the lengths are continuous.
 SMOOTHNESS: dict[Profile, int] = {"cosine": 1, "quintic": 2, "trapezoid": 1}

@@ -20,8 +20,8 @@ from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.programs.program import GaitProgram
-from wormopt.systems.spiked.search.sequences import lasting
 from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.sequences import lasting
 from wormopt.systems.spiked.task import Search, Task, Worm
 
 G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1

@@ -22,14 +22,14 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.numerics.bilinear import BilinearProgram
 from wormopt.progress import silent
 from wormopt.systems.spiked.bimodal import integrate
-from wormopt.systems.spiked.design import sharpen
+from wormopt.systems.spiked.design import design as design_module
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.search import search as search_module
 from wormopt.systems.spiked.search import trial
 from wormopt.systems.spiked.search.race import Race
-from wormopt.systems.spiked.search.sequences import neighbours
+from wormopt.systems.spiked.sequences import neighbours
 from wormopt.systems.spiked.task import Cost, Objective, Search, Task, Worm
 
 OWN = Search(sequence=G1_ORDER, effort="quick", workers=1)
@@ -342,7 +342,7 @@ def test_an_interrupted_check_of_limits_leaves_what_was_searched(monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sharpen, "_keeps", interrupted)
+    monkeypatch.setattr(design_module, "_keeps", interrupted)
     check_cut_short(design(G1_WORM, G1_LIMITS, search=OWN), "interrupted")
 
 

@@ -9,8 +9,7 @@ from wormopt.numerics.linearised import Excess
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.limits import Limits
-from wormopt.systems.spiked.programs.program import GaitProgram
-from wormopt.systems.spiked.programs.waves import WaveProgram
+from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.task import Objective, Search, Task, Worm
 

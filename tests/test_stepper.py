@@ -25,9 +25,16 @@ from wormopt.systems.spiked.construct import accordion, block_wave, fast_gait
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.files import gait_of_result
 from wormopt.systems.spiked.stepper.bristles import ratchet
-from wormopt.systems.spiked.stepper.step_tables import c_text, csv_text, in_ticks, read_csv
 from wormopt.systems.spiked.stepper.stepper import Stepper, demand
-from wormopt.systems.spiked.stepper.steps import Steps, quantisation_error, step_times
+from wormopt.systems.spiked.stepper.steps import (
+    Steps,
+    c_text,
+    csv_text,
+    in_ticks,
+    quantisation_error,
+    read_csv,
+    step_times,
+)
 
 SCENE = "prototype_steps"
 

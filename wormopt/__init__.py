@@ -77,8 +77,7 @@ if TYPE_CHECKING:
     from wormopt.systems.pair.averaged_pair import averaged_pair, steady_pair
     from wormopt.systems.pair.magnetic_pair import magnetic_pair
     from wormopt.systems.pair.slow_pair import slow_pair
-    from wormopt.systems.spiked.certify.proof import Certified, certify
-    from wormopt.systems.spiked.certify.prove import Certificate
+    from wormopt.systems.spiked.certify.proof import Certificate, Certified, certify
     from wormopt.systems.spiked.construct import fast_gait, travelling_sine
     from wormopt.systems.spiked.crawl import crawl
     from wormopt.systems.spiked.design.design import Design
@@ -99,7 +98,7 @@ _HOMES = {
     "ArgumentError": "wormopt.errors",
     "Bound": "wormopt.ocp.problem",
     "Branch": "wormopt.analysis.continuation",
-    "Certificate": "wormopt.systems.spiked.certify.prove",
+    "Certificate": "wormopt.systems.spiked.certify.proof",
     "Certified": "wormopt.systems.spiked.certify.proof",
     "ChannelWorm": "wormopt.systems.channel.closed_forms",
     "Coil": "wormopt.magnetics.winding",

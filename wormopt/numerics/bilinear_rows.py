@@ -8,30 +8,20 @@ from typing import Any
 
 import numpy as np
 
-# Columns, one per row or one for all, and the coefficient.
-Term = tuple["np.ndarray | int", "np.ndarray | float"]
+from wormopt.numerics.linear_program import Columns, Term
+
 # First and second factor, one per row or one for all, and the coefficient.
 Product = tuple["np.ndarray | int", "np.ndarray | int", "np.ndarray | float"]
 
 
 @dataclass
-class BilinearRows:
+class BilinearRows(Columns):
     """Rows of a bilinear program in the making, added in blocks, and its columns."""
 
     count: int = 0  # rows so far
-    lower: list[float] = field(default_factory=list)  # bounds of the columns so far
-    upper: list[float] = field(default_factory=list)  # bounds of the columns so far
     _sides: list[tuple[int, Any, Any]] = field(default_factory=list)
     _linear: list[tuple[Any, ...]] = field(default_factory=list)
     _products: list[tuple[Any, ...]] = field(default_factory=list)
-
-    def columns(self, upper: np.ndarray) -> np.ndarray:
-        """Number new columns from 0 to these bounds; -1 where the bound is 0: no column."""
-        kept = upper > 0.0
-        number = np.where(kept, len(self.upper) - 1 + np.cumsum(kept).reshape(upper.shape), -1)
-        self.upper.extend(upper[kept].tolist())
-        self.lower.extend([0.0] * int(kept.sum()))
-        return number
 
     def add(
         self,

@@ -18,7 +18,6 @@ import numpy as np
 # Columns, one per row or one for all, with their coefficients.
 Term = tuple["np.ndarray | int", "np.ndarray | float"]
 
-
 # Seconds that the solver may take for one program.
 _LONGEST = 30.0
 # Unit roundoffs by which a coefficient that was itself computed may be off.
@@ -26,9 +25,44 @@ _COEFFICIENT_ULPS = 8
 _ULP = float(np.finfo(float).eps)
 
 
+def simplex(**options: float | str) -> Any:
+    """Give an empty HiGHS that is silent, keeps to one thread and does the simplex method.
+
+    Without presolve: programs differ little from the last, whose basis is worth more.
+    """
+    highs: Any = highspy.Highs()  # its stubs lack half of its methods
+    highs.silent()
+    for option, value in (_OPTIONS | options).items():
+        highs.setOptionValue(option, value)
+    return highs
+
+
+_OPTIONS: dict[str, float | str] = {
+    "threads": 1,
+    "solver": "simplex",
+    "presolve": "off",
+    "primal_feasibility_tolerance": 1e-9,
+    "dual_feasibility_tolerance": 1e-9,
+}
+
+
 @dataclass
-class Rows:
-    """Rows of a linear program in the making, added in blocks."""
+class Columns:
+    """Columns of a program in the making, from 0 to a bound each."""
+
+    upper: list[float] = field(default_factory=list)  # bounds of the columns so far
+
+    def columns(self, upper: np.ndarray) -> np.ndarray:
+        """Number new columns from 0 to these bounds; -1 where the bound is 0: no column."""
+        kept = upper > 0.0
+        number = np.where(kept, len(self.upper) - 1 + np.cumsum(kept).reshape(upper.shape), -1)
+        self.upper.extend(upper[kept].tolist())
+        return number
+
+
+@dataclass
+class Rows(Columns):
+    """Rows of a linear program in the making, added in blocks, and its columns."""
 
     count: int = 0  # rows so far
     _entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)
@@ -99,10 +133,9 @@ class LinearProgram:
         self._starts = np.zeros(1, np.int32)
         self._row, self._column = np.empty((2, 0), np.int32)
         self._value, self._row_lower, self._row_upper = np.empty((3, 0))
-        self._highs: Any = highspy.Highs()  # its stubs lack half of its methods
-        self._highs.silent()
-        for option, value in _OPTIONS.items():
-            self._highs.setOptionValue(option, value)
+        # Devex: programs are small, weights costly. Presolve would lose the proof where there is
+        # no feasible point.
+        self._highs = simplex(simplex_dual_edge_weight_strategy=1)
         model: Any = highspy.HighsLp()
         model.num_row_, model.num_col_ = 0, len(cost)
         model.sense_ = highspy.ObjSense.kMaximize
@@ -202,13 +235,3 @@ class LinearProgram:
         ulps = len(y) + len(cost) + self._most_terms + _COEFFICIENT_ULPS
         total = float(value + 2 * ulps * _ULP * size)
         return total if np.isfinite(total) else np.inf  # multipliers beyond all bounds
-
-
-_OPTIONS = {
-    "threads": 1,
-    "solver": "simplex",
-    "simplex_dual_edge_weight_strategy": 1,  # Devex: programs are small, weights costly
-    "presolve": "off",  # it would lose the proof where there is no feasible point
-    "primal_feasibility_tolerance": 1e-9,
-    "dual_feasibility_tolerance": 1e-9,
-}

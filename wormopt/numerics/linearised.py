@@ -11,6 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from wormopt.numerics.bilinear_rows import BilinearRows
+from wormopt.numerics.linear_program import simplex
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,8 @@ class Linearised:
         per: int | None = None,
         excess: Excess | None = None,
     ) -> None:
-        self.lower, self.upper = np.array(rows.lower), np.array(rows.upper)
+        self.upper = np.array(rows.upper)
+        self.lower = np.zeros(len(self.upper))
         self.row_lower, self.row_upper = rows.sides()
         self.held, self._gain, self._per = held, gain, per
         self._excess = excess or Excess(*[np.empty(0, int)] * 3)
@@ -184,20 +186,11 @@ _PIVOTS_OF_SETTING_UP = 20
 _MOST_WORK = 5e8
 _NO_SLOPE = 1e-12
 
-_OPTIONS = {
-    "threads": 1,
-    "solver": "simplex",
-    "presolve": "off",
-    "dual_feasibility_tolerance": 1e-9,
-}
 _OF_THREAD = threading.local()
 
 
 def _solver() -> Any:
     """The solver of this thread: programs are many, and each solver takes a megabyte."""
     if not hasattr(_OF_THREAD, "highs"):
-        _OF_THREAD.highs = highspy.Highs()  # its stubs lack half of its methods
-        _OF_THREAD.highs.silent()
-        for option, value in _OPTIONS.items():
-            _OF_THREAD.highs.setOptionValue(option, value)
+        _OF_THREAD.highs = simplex()
     return _OF_THREAD.highs

@@ -10,19 +10,22 @@ the worm, and choosing where masses rest is then a longest path along the chain.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import highspy
 import numpy as np
 
-from wormopt.systems.spiked.fastest import Chain, longest_paths, offer_of
+from wormopt.numerics.linear_program import simplex
 
 # Of the speed: by so much a pattern must beat the mix to be worth adding, and so far from the
 # best may a mix be that counts as best. The solver's tolerance must be below the first.
 _WORTHWHILE = 2e-10
 _SOLVED = 1e-10
 _SAME = 1e-8
+_TOLERANCE = 1e-10
 # Of the largest rate: slower links are taken to be as fast as this, which the solver can tell
 # from 0; and what is slower counts as rest where a unit of speed is chosen.
 _SLOWEST = 1e-6
@@ -60,7 +63,8 @@ def ceiling(
     Mode linear program, for any period and order of modes; at most about 1e-9 above optimum.
     Rates count as ≥ 1e-6 of the fastest. See section 7 of the page on kinematic theory.
     """
-    return _generate(contraction, extension, resting, _as_sets(sets)).ceiling
+    given = sorted({tuple(sorted(set(z))) for z in sets or ()}) or None
+    return _generate(np.array([contraction, extension], float), resting, given).ceiling
 
 
 def best_modes(
@@ -75,32 +79,24 @@ def best_modes(
     Sets are left out in random order; none of a mix returned can be spared, yet smaller
     mixes may exist. Raises ArithmeticError where none reaches the ceiling to 1e-8 of it.
     """
-    whole = _generate(contraction, extension, resting, None)
+    rates = np.array([contraction, extension], float)
+    whole = _generate(rates, resting, None)
     if whole.speed < whole.ceiling * (1 - _SAME):
         raise ArithmeticError("no modes were found that reach the ceiling: rates differ too much")
     rng, found = np.random.default_rng(seed), {}
     for _ in range(count):
-        mix = _thinned(
-            whole, contraction, extension, _perhaps_used(whole, contraction, extension, rng)
-        )
+        mix = _thinned(whole, rates, _perhaps_used(whole, rates, rng))
         found.setdefault(mix.sets, mix)
     return tuple(sorted(found.values(), key=lambda mix: (len(mix.sets), mix.sets)))
 
 
-def _as_sets(sets: Iterable[Iterable[int]] | None) -> list[tuple[int, ...]] | None:
-    return sorted({tuple(sorted(set(z))) for z in sets or ()}) or None
-
-
 def _perhaps_used(
-    whole: ModeMix,
-    contraction: Sequence[float],
-    extension: Sequence[float],
-    rng: np.random.Generator,
+    whole: ModeMix, rates: np.ndarray, rng: np.random.Generator
 ) -> list[tuple[int, ...]]:
     """Draw resting sets that a best mix can have: those whose weighted sum is the ceiling."""
-    rates, unit, resting = np.array([contraction, extension]), whole.ceiling, len(whole.sets[0])
-    gains = Chain(rates / unit).gains(np.array(whole.weights))
-    behind = longest_paths(gains[::-1, ::-1].T, resting)[0][:, ::-1]
+    resting = len(whole.sets[0])
+    gains = _Chain(rates / whole.ceiling).gains(np.array(whole.weights))
+    behind = _longest_paths(gains[::-1, ::-1].T, resting)[0][:, ::-1]
     sets = set(whole.sets)
     for _ in range(_DRAWS * len(gains)):
         path, value = [0], 0.0
@@ -113,19 +109,14 @@ def _perhaps_used(
     return [z for _, z in sorted(zip(rng.permutation(len(sets)), sorted(sets), strict=True))]
 
 
-def _thinned(
-    whole: ModeMix,
-    contraction: Sequence[float],
-    extension: Sequence[float],
-    sets: list[tuple[int, ...]],
-) -> ModeMix:
+def _thinned(whole: ModeMix, rates: np.ndarray, sets: list[tuple[int, ...]]) -> ModeMix:
     """Take out sets, many at a time at first, as long as the others reach the ceiling."""
     mix, size = whole, len(sets)
     while size := size // 2:
         start = 0
         while start < len(sets):
             others = sets[:start] + sets[start + size :]
-            fewer = _generate(contraction, extension, len(sets[0]), others) if others else None
+            fewer = _generate(rates, len(sets[0]), others) if others else None
             if fewer and fewer.speed >= whole.ceiling * (1 - _SAME):
                 mix, sets = fewer, others
             else:
@@ -134,23 +125,18 @@ def _thinned(
     return replace(mix, ceiling=whole.ceiling, weights=whole.weights)
 
 
-def _generate(
-    contraction: Sequence[float],
-    extension: Sequence[float],
-    resting: int,
-    sets: list[tuple[int, ...]] | None,
-) -> ModeMix:
+def _generate(rates: np.ndarray, resting: int, sets: list[tuple[int, ...]] | None) -> ModeMix:
     """Solve the mode linear program by column generation."""
-    masses = len(contraction) + 1
-    first = sets or [_block(start, resting, masses) for start in range(masses)]
-    rates = np.array([contraction, extension], float)
+    masses = rates.shape[1] + 1
+    blocks = (range(start, start + resting) for start in range(masses))
+    first = sets or [tuple(sorted(i % masses for i in block)) for block in blocks]
     rates = np.maximum(rates, _SLOWEST * rates.max())  # which can only raise the ceiling
     # Tolerances of the solver are absolute, so the speed of the first mix becomes the unit.
     unit = float(rates.max())
-    speed = _Mixer(Chain(rates / unit), first).mix()[0]
+    speed = _Mixer(_Chain(rates / unit), first).mix()[0]
     unit *= speed if speed > _TINY else 1.0
-    chain = Chain(rates / unit)
-    mixer, offer = _Mixer(chain, first), offer_of(chain, resting, sets)
+    chain = _Chain(rates / unit)
+    mixer, offer = _Mixer(chain, first), _offer_of(chain, resting, sets)
     bound, best = np.inf, np.zeros(masses)
     speed = 0.0
     for _ in range(_ROUNDS):
@@ -175,23 +161,25 @@ def _generate(
     )
 
 
-def _block(start: int, size: int, masses: int) -> tuple[int, ...]:
-    return tuple(sorted((start + i) % masses for i in range(size)))
-
-
 class _Mixer:
     """Mixes of velocity patterns in which all masses advance alike, as fast as possible.
 
     The fastest motions of the resting sets `sets` are there from the start.
     """
 
-    def __init__(self, chain: Chain, sets: list[tuple[int, ...]]) -> None:
-        self._solver, self._rows = _simplex(), np.arange(chain.masses + 1, dtype=np.int32)
+    def __init__(self, chain: _Chain, sets: list[tuple[int, ...]]) -> None:
+        self._solver = simplex(
+            small_matrix_value=1e-12,
+            primal_feasibility_tolerance=_TOLERANCE,
+            dual_feasibility_tolerance=_TOLERANCE,
+        )
+        self._solver.changeObjectiveSense(highspy.ObjSense.kMaximize)
+        self._rows = np.arange(chain.masses + 1, dtype=np.int32)
         self._sets: list[tuple[int, ...]] = []
         self._patterns: list[np.ndarray] = []
         self._units: list[float] = []
         nothing = np.empty(0, np.int32), np.empty(0)
-        self._solver.addCol(1.0, 0.0, _INFINITE, 0, *nothing)  # the speed
+        self._solver.addCol(1.0, 0.0, np.inf, 0, *nothing)  # the speed
         for _ in range(chain.masses):  # velocity of the mass = speed
             self._solver.addRow(0.0, 0.0, 1, self._rows[:1], np.array([-1.0]))
         self._solver.addRow(1.0, 1.0, 0, *nothing)  # sum of shares
@@ -208,7 +196,7 @@ class _Mixer:
         # fast patterns have small shares, and the solver drops entries that are too small
         self._units.append(float(np.sqrt(max(1.0, velocities.max()))))
         entries = np.append(velocities, 1.0) / self._units[-1]
-        self._solver.addCol(0.0, 0.0, _INFINITE, len(entries), self._rows, entries)
+        self._solver.addCol(0.0, 0.0, np.inf, len(entries), self._rows, entries)
 
     def mix(self) -> tuple[float, np.ndarray]:
         """Give the speed of the best mix, and the weights of the masses that prove it best."""
@@ -228,25 +216,8 @@ class _Mixer:
         return shares, [way[z] / share for z, share in shares.items()]
 
 
-_INFINITE = float("inf")
-
-
-def _simplex() -> Any:
-    """Give an empty linear program to maximise."""
-    import highspy
-
-    solver: Any = highspy.Highs()  # its stubs lack half of its methods
-    solver.silent()
-    for option, value in _OPTIONS.items():
-        solver.setOptionValue(option, value)
-    solver.changeObjectiveSense(highspy.ObjSense.kMaximize)
-    return solver
-
-
 def _solution(solver: Any) -> tuple[np.ndarray, np.ndarray]:
     """Solve; give values of the columns and multipliers of the rows."""
-    import highspy
-
     solver.run()
     for tolerance in (_TOLERANCE, 1e-7):  # bounds are true for any multipliers
         if solver.getModelStatus() == highspy.HighsModelStatus.kOptimal:
@@ -261,12 +232,141 @@ def _solution(solver: Any) -> tuple[np.ndarray, np.ndarray]:
     return np.array(solution.col_value), np.array(solution.row_dual)
 
 
-_TOLERANCE = 1e-10
-_OPTIONS = {
-    "threads": 1,
-    "solver": "simplex",
-    "small_matrix_value": 1e-12,
-    "presolve": "off",  # programs differ little from the last: its basis is worth more
-    "primal_feasibility_tolerance": _TOLERANCE,
-    "dual_feasibility_tolerance": _TOLERANCE,
-}
+class _Chain:
+    """Velocities that link rates allow; `rates` (2, n) are of contraction and extension.
+
+    Nodes are the masses, numbered from 1, and an imagined one at rest at either end, whose
+    link is too fast to matter; so everything lies between two nodes at rest.
+    """
+
+    def __init__(self, rates: np.ndarray) -> None:
+        self.masses = rates.shape[1] + 1
+        self._rates, self.slowest = rates, rates.min()
+        self._fast = rates.sum()  # no mass is faster while one rests
+        ends = np.full((2, 1), self._fast)
+        self._contraction, self._extension = np.hstack([ends, rates, ends])
+        behind = np.concatenate([[0.0], np.cumsum(rates[0])])
+        ahead = np.concatenate([[0.0], np.cumsum(rates[1])])
+        # A mass behind a resting one is no faster than the links between contract, one ahead no
+        # faster than they extend.
+        self._reach = np.maximum(behind - behind[:, None], ahead[:, None] - ahead)
+
+    def fastest_of_all(self, resting: tuple[int, ...]) -> np.ndarray:
+        """Largest velocity of every mass; all are possible at the same time."""
+        return self._reach[list(resting)].min(axis=0)
+
+    def fastest(self, weights: np.ndarray, resting: tuple[int, ...]) -> np.ndarray:
+        """Velocities with the largest sum, weighted by `weights` (n + 1,), head first.
+
+        Dynamic programming from the head: the largest sum over a mass and those ahead is a
+        concave function of its velocity, from 0 on, kept as segments in order of slope.
+        """
+        ahead = np.concatenate([[0.0], np.cumsum(weights)]).tolist()
+        levels: list[float] = []  # slope = sum of weights so far - level
+        lengths: list[float] = []
+        best, most = np.zeros(self.masses), np.zeros(self.masses)
+        links = zip(self._contraction, self._extension, strict=True)
+        for i, (c, e) in zip(range(self.masses), links, strict=False):  # links ahead of masses
+            place = bisect_right(levels, ahead[i])
+            levels.insert(place, ahead[i])
+            lengths.insert(place, float(c + e))
+            _shorten(levels, lengths, float(e))
+            if i in resting:
+                levels.clear()
+                lengths.clear()
+            best[i] = sum(lengths[: bisect_right(levels, ahead[i + 1])])
+            most[i] = sum(lengths)
+        velocities = best.copy()
+        for i in range(self.masses - 2, -1, -1):  # as near to the best as the mass behind lets it
+            least = max(0.0, velocities[i + 1] - self._rates[0, i])
+            largest = min(most[i], velocities[i + 1] + self._rates[1, i])
+            velocities[i] = min(max(best[i], least), largest)
+        return velocities
+
+    def gains(self, weights: np.ndarray) -> np.ndarray:
+        """Largest weighted velocity sums between nodes ahead and behind, both at rest, or -inf.
+
+        (n + 3, n + 3). The dual, flows g_j of cost c_j [g]+ + e_j [-g]+, is an isotonic
+        regression in u_j = g_j + (weights ahead of link j), solved for all pairs by link.
+        """
+        ahead = np.concatenate([[0.0], np.cumsum(weights)])
+        levels = np.sort(ahead)
+        flow = levels - ahead[:, None]
+        cost = np.maximum(self._contraction[:, None] * flow, -self._extension[:, None] * flow)
+        nodes = self.masses + 2
+        lowest, gains = np.zeros((nodes, nodes - 1)), np.full((nodes, nodes), -np.inf)
+        for j in range(nodes - 1):
+            open_ = lowest[: j + 1]  # one row for every node ahead
+            open_[:] = np.minimum.accumulate(open_[:, ::-1], axis=1)[:, ::-1] + cost[j]
+            gains[: j + 1, j + 1] = open_.min(axis=1)
+        return gains
+
+
+def _shorten(levels: list[float], lengths: list[float], by: float) -> None:
+    """Take a length off the front of segments."""
+    while lengths and lengths[0] <= by:
+        by -= lengths.pop(0)
+        levels.pop(0)
+    if lengths:
+        lengths[0] -= by
+
+
+def _offer_of(
+    chain: _Chain, resting: int, sets: list[tuple[int, ...]] | None
+) -> Callable[[np.ndarray], tuple[np.ndarray, list[tuple[int, ...]]]]:
+    """Callable that turns `_Chain.gains` into the largest sums and their resting sets.
+
+    `sets` are those that may rest; None: the best of all.
+    """
+    if sets is None:
+        return lambda gains: _best_sets(gains, resting)
+    last = chain.masses + 1
+    nodes = np.full((len(sets), max(map(len, sets)) + 2), last)
+    nodes[:, 0] = 0
+    for row, z in zip(nodes, sets, strict=True):
+        row[1 : len(z) + 1] = np.array(z) + 1
+
+    def offer(gains: np.ndarray) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+        gains[last, last] = 0.0
+        return gains[nodes[:, :-1], nodes[:, 1:]].sum(axis=1), sets
+
+    return offer
+
+
+def _best_sets(gains: np.ndarray, resting: int) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    """Find, for every mass, the best set of so many resting masses that contains it.
+
+    More resting masses are never better. Longest paths from either end: by the number of resting
+    masses up to a node, that node included, the largest gain and the node before it.
+    """
+    nodes = len(gains)
+    ahead, before = _longest_paths(gains, resting)
+    behind, after = _longest_paths(gains[::-1, ::-1].T, resting)
+    behind, after = behind[:, ::-1], nodes - 1 - after[:, ::-1]
+    total = (ahead[1:] + behind[:0:-1])[:, 1:-1]  # place of a mass in its set, mass
+    places = total.argmax(axis=0)
+    sets = []
+    for mass, place in enumerate(places):
+        path = [mass + 1]
+        for k in range(place + 1, 1, -1):
+            path.insert(0, int(before[k, path[0]]))
+        for k in range(resting - place, 1, -1):
+            path.append(int(after[k, path[-1]]))
+        sets.append(tuple(node - 1 for node in path))
+    return total.max(axis=0), sets
+
+
+def _longest_paths(gains: np.ndarray, resting: int) -> tuple[np.ndarray, np.ndarray]:
+    """Best choice of at most `resting` resting masses up to every node, from `_Chain.gains`.
+
+    Returns the largest sums by number at rest and last of them, and the one before; both
+    of shape (resting + 1, n + 3).
+    """
+    value = np.full((resting + 1, len(gains)), -np.inf)
+    value[0, 0] = 0.0
+    before = np.zeros(value.shape, int)
+    for k in range(1, resting + 1):
+        through = value[k - 1][:, None] + gains
+        before[k], value[k] = through.argmax(axis=0), through.max(axis=0)
+        value[k, [0, -1]] = -np.inf  # the imagined nodes do not count
+    return value, before

@@ -8,6 +8,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
+from wormopt.systems.spiked.sequences import block_wave_sequence
 
 Profile = Literal["cosine", "quintic", "trapezoid"]
 
@@ -99,16 +100,6 @@ def travelling_sine(
     )
 
 
-def block_wave_sequence(links: int, resting: int) -> list[tuple[int, ...]]:
-    """Resting masses of the block-rest wave: a block of neighbours runs from tail to head.
-
-    n+1 phases of ascending indices for n links; a block of `resting` ≤ n masses wraps round.
-    """
-    masses = links + 1
-    tails = range(links, -1, -1)
-    return [tuple(sorted((tail - b) % masses for b in range(resting))) for tail in tails]
-
-
 def block_wave(
     links: int,
     resting: int,
@@ -165,8 +156,8 @@ def _strokes(
     if profile == "cosine":
         middle = before + changes / 2
         omega = np.full(phases, np.pi / width)
-        none = np.zeros((phases, links))
-        return Gait(_edges(period, phases), middle[:, :, None], omega, -changes / 2, none)
+        edges = np.append(np.arange(phases) * width, period)
+        return Gait(edges, middle[:, :, None], omega, -changes / 2, np.zeros((phases, links)))
     rows = _QUINTIC if profile == "quintic" else _trapezoid(ramp)
     breaks = [0.0]
     pieces = []
@@ -179,12 +170,6 @@ def _strokes(
             breaks.append((q + stop) * width)
     breaks[-1] = period
     return Gait(np.array(breaks), np.array(pieces))
-
-
-def _edges(period: float, phases: int) -> np.ndarray:
-    edges = np.arange(phases + 1) * (period / phases)
-    edges[-1] = period
-    return edges
 
 
 Row = tuple[float, float, np.ndarray]

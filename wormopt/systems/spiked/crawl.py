@@ -2,22 +2,31 @@
 
 Between instants at which the resting masses change, everything is a smooth explicit function of
 time. The instants are roots of such functions, and gliding (mode 1) is a linear equation whose
-solution is one integral. Nothing is stepped through time.
+solution is one integral. Nothing is stepped through time. How several resting masses share the
+spike load, which statics leaves open, is a rule.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.numerics.chebyshev import Series, resolve
-from wormopt.systems.spiked.sharing import Sharing, share_load
-from wormopt.systems.spiked.stretches import Drive, Stretch, periodic_stretches
+from wormopt.numerics.roots import root
+from wormopt.systems.spiked.limits import Sharing
+from wormopt.systems.spiked.stretches import (
+    Drive,
+    Stretch,
+    at_breaks,
+    exact_degree,
+    periodic_stretches,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +129,13 @@ class Crawl:
         ``length``, ``rate``, ``acceleration``, ``velocity``, ``reaction``, ``sigma``,
         ``reaction_mean``, ``actuator_force``, ``power``, ``glide`` or ``closure``.
         """
-        rows = self._rows()[signal]
-        found = [Series(s.a, s.b, s.coefficients[rows]).extremes() for _, s in self.parts]
-        low, high = zip(*found, strict=True)
+        low, high = zip(*(series.extremes() for series in self._series(signal)), strict=True)
         return np.min(low, axis=0), np.max(high, axis=0)
+
+    def _series(self, signal: str) -> Iterator[Series]:
+        rows = self._rows()[signal]
+        for _, series in self.parts:
+            yield Series(series.a, series.b, series.coefficients[rows])
 
     def integral(self, signal: str) -> np.ndarray:
         """Integral (rows,) of every row of a signal of `extremes` over the period."""
@@ -178,11 +190,9 @@ class Crawl:
     @property
     def corners(self) -> list[float]:
         """Times at which a link rate jumps: actuator forces are impulses there."""
-        gait, widths = self.gait, np.diff(self.gait.breaks)
-        starts = [gait.on_piece(q, np.zeros(1), 1)[:, 0] for q in range(gait.pieces)]
-        ends = [gait.on_piece(q, widths[q : q + 1], 1)[:, 0] for q in range(gait.pieces)]
-        jumps = np.abs(np.array(starts) - np.roll(ends, 1, axis=0)).max(axis=1)
-        return gait.breaks[:-1][jumps > 1e-9 * self.drive.rate_scale].tolist()
+        after, before = at_breaks(self.gait, 1)
+        jumps = np.abs(after - before).max(axis=1)
+        return self.gait.breaks[:-1][jumps > 1e-9 * self.drive.rate_scale].tolist()
 
     @cached_property
     def energy(self) -> float:
@@ -201,12 +211,7 @@ class Crawl:
     @property
     def effort(self) -> float:
         """Mean over time of the sum of squared link accelerations."""
-        total = 0.0
-        rows = self._rows()["acceleration"]
-        for _, series in self.parts:
-            links = Series(series.a, series.b, series.coefficients[rows])
-            total += _integral_of_squares(links)
-        return total / self.gait.period
+        return sum(map(_integral_of_squares, self._series("acceleration"))) / self.gait.period
 
     @cached_property
     def net_work(self) -> float:
@@ -216,11 +221,7 @@ class Crawl:
     @cached_property
     def dissipation(self) -> float:
         """Energy lost to drag and gained in height per period; spikes do no work."""
-        rows, drive = self._rows()["velocity"], self.drive
-        lost = 0.0
-        for _, series in self.parts:
-            velocities = Series(series.a, series.b, series.coefficients[rows])
-            lost += _integral_of_squares(velocities)
+        lost, drive = sum(map(_integral_of_squares, self._series("velocity"))), self.drive
         return drive.drag * lost + len(drive.mass) * drive.load * self.advance
 
     @cached_property
@@ -255,7 +256,7 @@ class Crawl:
                 slow /= 4
                 if slow < 1e-6:
                     return float("inf")
-        return self.gait.period / _root(least, slow, fast)
+        return self.gait.period / root(least, slow, fast)
 
     def _inertia_and_drag(self, quickness: float) -> Iterator[float]:
         """Smallest values of sigma - Gamma, stretch by stretch, when the gait runs quicker."""
@@ -267,8 +268,7 @@ class Crawl:
                 inertia = drive.mass @ a / len(drive.mass)
                 return (inertia * quickness**2 + drive.drag * v.mean(axis=0) * quickness)[None]
 
-            degree = self.gait.degree
-            series = resolve(value, stretch.start, stretch.stop, degree and max(degree, 1))
+            series = resolve(value, stretch.start, stretch.stop, exact_degree(self.gait))
             yield float(series.extremes()[0][0])
 
     def sample(self, points: int = 600) -> dict[str, np.ndarray]:
@@ -298,12 +298,6 @@ class Crawl:
             "resting": np.concatenate(resting, axis=1),
             "position": np.concatenate(head) - spans,
         }
-
-
-def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    from scipy.optimize import root_scalar  # loads for long; most gaits keep their leader
-
-    return float(root_scalar(function, bracket=(low, high), xtol=1e-15, rtol=1e-14).root)
 
 
 def _integral_of_squares(series: Series) -> float:
@@ -364,3 +358,69 @@ def crawl(
         raise ArgumentError(f"{gait.links} links join {gait.links + 1} masses, not {len(mass)}")
     drive = Drive(gait, np.asarray(mass, dtype=float), drag, load, sharing, spike_load)
     return Crawl(gait, *periodic_stretches(drive), drive)
+
+
+def share_load(
+    total: np.ndarray,
+    unloaded: np.ndarray,
+    resting: Sequence[int],
+    sharing: Sharing,
+    most: Sequence[float] | np.ndarray | float | None = None,
+) -> np.ndarray:
+    """Split the total spike load (m,) over the resting masses: (n+1, m), 0 for those that move.
+
+    `unloaded`: mu_1..mu_{n+1} (n+1, m) from the head without loads. Least actuation: least
+    sum of mu², loads 0 to `most`, or all overloaded alike; "equal" does not heed `most`.
+    """
+    loads, masses = np.zeros_like(unloaded), list(resting)
+    if sharing == "equal" or len(masses) == 1:
+        loads[masses] = total / len(masses)
+        return loads
+    caps = np.broadcast_to(np.inf if most is None else most, len(unloaded))[masses]
+    pushed = np.maximum(total, 0.0)
+    excess = np.maximum(pushed - caps.sum(), 0.0) / len(masses)
+    caps = np.minimum(caps[:, None], pushed) + excess
+    # Behind resting mass k and before the next, every actuator force is unloaded + carried[k].
+    spans = list(pairwise(masses))
+    sums = np.array([unloaded[i:j].sum(axis=0) for i, j in spans])
+    counts = [j - i for i, j in spans]
+    carried = [pushed]
+    wanted = list(_wanted(sums, counts, caps))
+    for want, cap in zip(reversed(wanted), caps[:0:-1], strict=True):
+        carried.append(np.clip(want, carried[-1] - cap, carried[-1]))
+    inner = np.array(carried[:0:-1])
+    loads[masses] = np.diff(inner, axis=0, prepend=0.0 * total[None], append=total[None])
+    return loads
+
+
+def _wanted(sums: np.ndarray, counts: Sequence[int], caps: np.ndarray) -> Iterator[np.ndarray]:
+    """What the first resting masses would carry together, did those behind let them.
+
+    The least sum of squares ahead is a convex function of the load carried so far; its slope is
+    piecewise linear, given by knots. One more spike, which takes 0 to its cap, parts the slope
+    at its root and moves what is behind by the cap.
+    """
+    place, slope = np.zeros((1, sums.shape[1])), np.zeros((1, sums.shape[1]))
+    zero = place[0]
+    for total, count, cap in zip(sums, counts, caps[:-1], strict=True):
+        place = np.vstack([place + np.where(slope > 0, cap, 0.0), zero, zero + cap])
+        slope = np.vstack([slope, np.zeros((2, len(zero)))])
+        order = np.lexsort((slope, place), axis=0)
+        place, slope = (np.take_along_axis(knots, order, axis=0) for knots in (place, slope))
+        slope = slope + count * place + total
+        zero = _zero_of(place, slope)
+        yield zero
+
+
+def _zero_of(place: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Root of ascending piecewise linear functions, or the end of their range nearest to one."""
+    last = len(place) - 1
+    above = np.minimum((slope < 0).sum(axis=0), last)
+    below = np.maximum(above - 1, 0)
+    x0, x1, y0, y1 = (
+        np.take_along_axis(knots, at[None], axis=0)[0]
+        for knots in (place, slope)
+        for at in (below, above)
+    )
+    rise = np.where(y1 > y0, y1 - y0, 1.0)
+    return np.clip(x0 - y0 * (x1 - x0) / rise, x0, x1)

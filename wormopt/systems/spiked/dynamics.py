@@ -1,13 +1,18 @@
-"""The worm with spikes, (1)-(7), as a Model driven by its link accelerations."""
+"""The worm with spikes, (1)-(7), as a Model; its gait design as a problem of optimal control."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from wormopt.model.friction import Spike
 from wormopt.model.model import Contact, Model, Output, Signal
+from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.task import Cost, Objective, Task, Worm
 
 
 def spiked_worm(
@@ -59,3 +64,129 @@ def spiked_worm(
             for i in range(n + 1)
         ],
     )
+
+
+def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
+    """Kinematic gait design as an optimal-control problem, periodic up to the advance, (1)-(7).
+
+    Costs are scaled to about 1; peaks become bounding constants, positive powers slacks
+    (epigraph form). Bounds bear the scene's keys, by which `elastic` explains a conflict.
+    """
+    n, period_range = worm.links, limits.period_range
+    ranges = np.array(limits.length_ranges(n))
+    model = spiked_worm(
+        worm.masses,
+        worm.drag,
+        worm.load_range[-1 if limits.spike_load is not None else 0],
+        length_nominal=float(ranges.max()),
+        time_nominal=period_range[1],
+    )
+    ends = Ends.of(model, 1)
+    advance = ends.end[0] - ends.start[0]
+    speed_nominal = float(np.max(limits.rate_bounds(n)))
+    at_ends = [Bound("start", ends.start[0], 0.0, 0.0, nominal=float(ranges.max()))]
+    way = advance
+    if objective.speed is not None:
+        at_ends.append(
+            Bound(
+                "objective.speed", advance / ends.duration, objective.speed, nominal=speed_nominal
+            )
+        )
+        # Costs per distance stay finite at rest, where every start begins.
+        way = ca.fmax(advance, objective.speed * ends.duration / 2)
+    cost: dict[str, Any] = {"integrands": ca.SX(0)}
+    cost |= _cost(objective.minimise, model, ends, way, speed_nominal, period_range[1])
+    return Problem(
+        model=model,
+        ends=ends,
+        duration=period_range,
+        periodic=["length", "velocity", "rate"],
+        along=[*_limits_along(model, limits, n, ranges), *cost.pop("along", ())],
+        at_ends=at_ends,
+        sharing=_sharing(model, limits, Task(worm, limits, objective).loads_matter),
+        impulses=limits.impulses,
+        **cost,
+    )
+
+
+def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) -> list[Bound]:
+    x = {s.name: s for s in model.x}
+    bounds = [
+        Bound("limits.length", x["length"].symbol, ranges[:, 0], ranges[:, 1], x["length"].nominal)
+    ]
+    rates = limits.rate_limits(links)
+    if rates is not None:
+        size = float(np.max(rates))
+        bounds.append(
+            Bound("limits.rate", x["rate"].symbol, -np.array(rates[0]), np.array(rates[1]), size)
+        )
+    for key, expression in (
+        ("acceleration", model.u[0].symbol),
+        ("spike_load", model.forces),
+        ("actuator_force", model.output("actuator_force")),
+    ):
+        if getattr(limits, key) is not None:
+            most = np.broadcast_to(getattr(limits, key), expression.numel())
+            least = -np.inf if key == "spike_load" else -most  # spikes do not pull
+            bounds.append(Bound(f"limits.{key}", expression, least, most, float(most.max())))
+    if limits.sigma_margin > 0:
+        sigma = model.output("reaction_mean")
+        bounds.append(
+            Bound("limits.sigma_margin", sigma, limits.sigma_margin, nominal=limits.sigma_margin)
+        )
+    return bounds
+
+
+def _sharing(model: Model, limits: Limits, matter: bool) -> Callable[[ca.SX], ca.SX] | None:
+    """Residual of the sharing rule, for contacts whose load the motion leaves open."""
+    if limits.resting == 1 and not matter:
+        return None
+
+    def equal(stick: ca.SX) -> ca.SX:
+        return model.forces - ca.dot(stick, model.forces) / ca.sum1(stick)
+
+    def least_actuation(stick: ca.SX) -> ca.SX:
+        # Stationarity: between neighbouring resting masses the actuator forces sum to zero.
+        force = ca.vertcat(0, model.output("actuator_force"))
+        rows = [ca.SX(0)]
+        for i in range(1, stick.numel()):
+            rows.append(force[i] + (1 - stick[i - 1]) * rows[-1])
+        return ca.vertcat(*rows)
+
+    if limits.sharing == "equal" or not matter:
+        return equal
+    return least_actuation
+
+
+def _cost(
+    minimise: Cost | None, model: Model, ends: Ends, way: ca.SX, speed: float, time: float
+) -> dict[str, Any]:
+    """What an objective adds to the problem; `way` is per period, `speed` and `time` are sizes."""
+    force = float(sum(c.nominal_force for c in model.contacts))
+    match minimise:
+        case None:
+            return {"minimise": -way / ends.duration / speed}
+        case "acceleration_effort":
+            u = model.u[0]
+            return {
+                "minimise": ends.integrals[0] * time / ends.duration,
+                "integrands": ca.sumsqr(u.symbol / u.nominal) / time,
+            }
+        case "energy_per_distance":
+            power, nominal = model.output("power"), force * speed
+            spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", nominal, 0)
+            return {
+                "minimise": ends.integrals[0] * time * speed / way,
+                "integrands": ca.sum1(spent.symbol) / nominal / time,
+                "slacks": (spent,),
+                "along": (
+                    Bound("power", spent.symbol - power, 0.0, nominal=nominal),
+                    Bound("power", spent.symbol, 0.0, nominal=nominal),
+                ),
+            }
+    forces = model.forces
+    if minimise == "peak_actuator_force":
+        forces = ca.vertcat(model.output("actuator_force"), -model.output("actuator_force"))
+    peak = Signal("peak", ca.SX.sym("peak"), "force", force, 0.0)  # their smallest upper bound
+    bound = Bound(minimise, forces - peak.symbol, upper=0.0, nominal=force)
+    return {"minimise": peak.symbol / force, "along": (bound,), "design": (peak,)}

@@ -12,7 +12,7 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.numerics.chebyshev import Series, resolve
-from wormopt.systems.spiked.sharing import Sharing
+from wormopt.systems.spiked.limits import Sharing
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +104,8 @@ def periodic_stretches(
 def _cells(drive: Drive, piece: int) -> list[Stretch]:
     """Split a piece where the resting masses change."""
     width = float(drive.gait.breaks[piece + 1] - drive.gait.breaks[piece])
-    degree = drive.gait.degree
     tie = 1e-10 * drive.rate_scale
-    spans = resolve(lambda s: drive.spans(piece, s, 1), 0.0, width, degree and max(degree, 1))
+    spans = resolve(lambda s: drive.spans(piece, s, 1), 0.0, width, exact_degree(drive.gait))
     cuts, alike = [0.0, width], {i: {i} for i in range(len(drive.mass))}
     for i, j in combinations(alike, 2):
         gap = Series(0.0, width, (spans.coefficients[i] - spans.coefficients[j])[None])
@@ -185,12 +184,11 @@ def _one_period(
 
 def _glide_or_hold(drive: Drive, cell: Stretch, w: float) -> Iterator[Stretch]:
     """Split a cell into mode 2 (a mass rests) and mode 1 (the worm glides)."""
-    degree = drive.gait.degree
 
     def driving(s: np.ndarray) -> np.ndarray:
         return drive.sigma(*drive.kinematic(cell.piece, cell.leader, s))[None]
 
-    sigma = resolve(driving, cell.start, cell.stop, degree and max(degree, 1))
+    sigma = resolve(driving, cell.start, cell.stop, exact_degree(drive.gait))
     edges = np.concatenate([[cell.start], sigma.roots(0), [cell.stop]])
     now, end = cell.start, cell.stop
     touch = 1e-9 * drive.force_scale
@@ -237,3 +235,16 @@ def _free_motion(drive: Drive, sigma: Series, now: float, end: float, w: float) 
         return np.exp(-decay * (s - now)) * (w - lost(s))
 
     return resolve(common, now, end)
+
+
+def exact_degree(gait: Gait, power: int = 1) -> int | None:
+    """Degree that resolves a power of a gait's pieces without error; None for harmonics."""
+    return gait.degree and max(power * gait.degree, 1)
+
+
+def at_breaks(gait: Gait, derivative: int) -> tuple[np.ndarray, np.ndarray]:
+    """Values right after and right before every piece's begin, (pieces, n) each, periodically."""
+    widths = np.diff(gait.breaks)
+    begins = [gait.on_piece(q, np.zeros(1), derivative)[:, 0] for q in range(gait.pieces)]
+    ends = [gait.on_piece(q, widths[q : q + 1], derivative)[:, 0] for q in range(gait.pieces)]
+    return np.array(begins), np.roll(ends, 1, axis=0)

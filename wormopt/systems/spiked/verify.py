@@ -6,6 +6,7 @@ import numpy as np
 
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.stretches import at_breaks
 
 
 def violations(motion: Crawl, limits: Limits, cycles: int = 1) -> dict[str, float]:
@@ -45,17 +46,16 @@ def violations(motion: Crawl, limits: Limits, cycles: int = 1) -> dict[str, floa
     rates = limits.rate_limits(n)
     if rates is not None:
         found["limits.rate"] = _excess(motion, "rate", -np.array(rates[0]), np.array(rates[1]))
-    if limits.acceleration is not None:
-        most = np.broadcast_to(limits.acceleration, n)
-        found["limits.acceleration"] = _excess(motion, "acceleration", -most, most)
-    if limits.spike_load is not None:
-        most = np.broadcast_to(limits.spike_load, n + 1)
-        found["limits.spike_load"] = _excess(motion, "reaction", -most, most)
-        if motion.impulses:
-            found["limits.spike_load"] = np.inf
-    if limits.actuator_force is not None:
-        most = np.broadcast_to(limits.actuator_force, n)
-        found["limits.actuator_force"] = _excess(motion, "actuator_force", -most, most)
+    for key, signal, count in (
+        ("acceleration", "acceleration", n),
+        ("spike_load", "reaction", n + 1),
+        ("actuator_force", "actuator_force", n),
+    ):
+        if getattr(limits, key) is not None:
+            most = np.broadcast_to(getattr(limits, key), count)
+            found[f"limits.{key}"] = _excess(motion, signal, -most, most)
+    if limits.spike_load is not None and motion.impulses:
+        found["limits.spike_load"] = np.inf
     low = float(motion.extremes("sigma")[0][0])
     if limits.sigma_margin > 0:
         size = max(limits.sigma_margin, motion.force_scale)
@@ -77,13 +77,10 @@ def _excess(motion: Crawl, signal: str, low: np.ndarray, high: np.ndarray) -> fl
 
 def _gap(motion: Crawl, limits: Limits) -> float:
     """Largest jump of lengths, and of rates unless impulses are allowed, between pieces."""
-    gait = motion.gait
-    widths = np.diff(gait.breaks)
     gap = 0.0
     for derivative in (0,) if limits.impulses else (0, 1):
-        ends = [gait.on_piece(q, widths[q : q + 1], derivative)[:, 0] for q in range(gait.pieces)]
-        starts = [gait.on_piece(q, np.zeros(1), derivative)[:, 0] for q in range(gait.pieces)]
+        after, before = at_breaks(motion.gait, derivative)
         # rates may vanish at every break, so their size is that of the whole period
         size = max(float(np.abs(v).max()) for v in motion.extremes(("length", "rate")[derivative]))
-        gap = max(gap, float(np.abs(np.roll(starts, -1, axis=0) - ends).max()) / (size or 1.0))
+        gap = max(gap, float(np.abs(after - before).max()) / (size or 1.0))
     return gap

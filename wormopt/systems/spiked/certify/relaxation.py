@@ -24,10 +24,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.numerics.linear_program import LinearProgram, Maximum, Rows, Term
-from wormopt.systems.spiked.certify.cuts import Cut, Cuts, Drawn
-from wormopt.systems.spiked.certify.planes import Sides, of_drags, of_meetings, of_shares
+from wormopt.systems.spiked.certify.cuts import (
+    Cut,
+    Cuts,
+    Drawn,
+    Sides,
+    of_drags,
+    of_meetings,
+    of_shares,
+)
 from wormopt.systems.spiked.programs.scaled_limits import Form, scaled
-from wormopt.systems.spiked.search.sequences import Sequence_
+from wormopt.systems.spiked.sequences import Sequence_
 from wormopt.systems.spiked.task import Task
 
 # Averages above what cuts allow are worth a row if they are so by this share of what the bound is
@@ -69,7 +76,6 @@ class Relaxation:
         self._borne: list[tuple[int, np.ndarray, float]] = []
         self._balance: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._rows = Rows()
-        self._upper: list[float] = []
         self._sums: list[Cut] = []
         self._add_columns()
         for phase in range(len(sequence)):
@@ -86,13 +92,7 @@ class Relaxation:
         return self._limits.acceleration is not None
 
     def _columns(self, upper: np.ndarray | float, *shape: int) -> np.ndarray:
-        """Number new columns from 0 to these bounds; -1 where the bound is 0: no column."""
-        most = np.broadcast_to(upper, shape)
-        number = np.where(
-            most > 0.0, len(self._upper) - 1 + np.cumsum(most > 0.0).reshape(shape), -1
-        )
-        self._upper.extend(most[most > 0.0].tolist())
-        return number
+        return self._rows.columns(np.broadcast_to(upper, shape))
 
     def _add_columns(self) -> None:
         """Speed, period T, shares e, g, h, ways y and q, lengths l from the shortest, speeds c.
@@ -216,7 +216,7 @@ class Relaxation:
         """List z = h q, by which velocities enter the drag."""
         for p, k, i in zip(*np.nonzero(self._z >= 0), strict=True):
             q = int(self._q[p, k, i])
-            yield p, int(self._z[p, k, i]), q, self._upper[q]
+            yield p, int(self._z[p, k, i]), q, self._rows.upper[q]
 
     def _add_products(self) -> None:
         """Enclose products by planes that depend on the box."""
@@ -234,8 +234,8 @@ class Relaxation:
         ]
 
     def _assemble(self) -> LinearProgram:
-        cost = np.zeros(len(self._upper))
-        upper = np.array(self._upper) * (1 + 4 * _ROUNDING)
+        cost = np.zeros(len(self._rows.upper))
+        upper = np.array(self._rows.upper) * (1 + 4 * _ROUNDING)
         cost[self._way] = 1.0
         program = LinearProgram(cost, self._rows, 0.0 * upper, upper)
         pairs = zip(self._planes, self._plane_rows, strict=True)

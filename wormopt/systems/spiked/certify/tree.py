@@ -4,25 +4,28 @@ Every gait belongs to one branch of the tree: a sequence and a box that holds th
 cycle and the phases' shares of it. A gait that repeats has the period of one repetition. The
 relaxation bounds the speed of all gaits of a branch at once. What is below the cutoff is done
 with; the rest is cut in two where the relaxed optimum lies, or looked at with finer cells.
+
+Where loads matter there are thousands of sequences, most of which differ in masses that rest
+besides others. What is true of all sequences of a family, in which at least certain masses rest
+in each phase, need not be proven for each.
 """
 
 from __future__ import annotations
 
 import heapq
 import math
-from collections import OrderedDict
+from collections import OrderedDict, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from itertools import chain
+from itertools import chain, combinations, product
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from wormopt.numerics.workers import Workers
-from wormopt.systems.spiked.certify.families import Family, families, parts
 from wormopt.systems.spiked.certify.relaxation import Box, Relaxation, Relaxed
-from wormopt.systems.spiked.search.sequences import Sequence_
+from wormopt.systems.spiked.sequences import Sequence_, canonical
 from wormopt.systems.spiked.task import Task
 
 CELLS = 2  # per phase, to begin with
@@ -46,6 +49,10 @@ _KEPT = 200
 # Branches of a job, boxes after which it ends, and jobs between two looks at the whole tree, for
 # each process.
 _SENT, _BOXES, _JOBS = 4, 16, 2
+
+
+# Sequences of as many phases, in phases of one order.
+Family = tuple[Sequence_, ...]
 
 
 class Branch(NamedTuple):
@@ -321,3 +328,34 @@ def periods(shortest: float, low: float, high: float) -> tuple[float, float]:
     most = math.floor(1 / low * (1 + _ROUNDING)) if low > 0.0 else math.inf
     least = max(low, shortest / most * (1 - _ROUNDING))
     return least, min(high, 1 / fewest * (1 + _ROUNDING))
+
+
+def families(words: Sequence[Sequence_]) -> dict[Sequence_, Family]:
+    """Sort sequences by the smallest sets of masses that rest in their phases.
+
+    Each sequence occurs once, in some rotation, with those that share the same sets.
+    """
+    size = min((len(resting) for word in words for resting in word), default=0)
+    found: dict[Sequence_, list[Sequence_]] = defaultdict(list)
+    for word in words:
+        common = _common(word, size)
+        turned = canonical(common, 0, mirror=False)
+        k = next(k for k in range(len(word)) if common[k:] + common[:k] == turned)
+        found[turned].append(word[k:] + word[:k])
+    return {common: tuple(family) for common, family in found.items()}
+
+
+def _common(word: Sequence_, size: int) -> Sequence_:
+    """Sets of so many masses of each phase's, neighbours different; else the word itself."""
+    for choice in product(*(combinations(resting, size) for resting in word)):
+        if all(choice[k] != choice[k - 1] for k in range(len(choice))):
+            return choice
+    return word
+
+
+def parts(family: Family, phase: int) -> list[Family]:
+    """Divide a family by what rests in a phase."""
+    found: dict[tuple[int, ...], list[Sequence_]] = defaultdict(list)
+    for word in family:
+        found[word[phase]].append(word)
+    return [tuple(part) for part in found.values()]

@@ -1,19 +1,41 @@
-"""A designed gait with what is known of its quality."""
+"""A designed gait with what is known of its quality, and its last digits.
+
+Arcs of the best trials of a search are halved until that gains nothing, then their active limits
+are met exactly.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from wormopt.model.gait import Gait
+from wormopt.progress import Report
 from wormopt.systems.spiked.crawl import Crawl, crawl
-from wormopt.systems.spiked.search.search import Survey
-from wormopt.systems.spiked.search.sequences import Sequence_, lasting
-from wormopt.systems.spiked.search.trial import Trial
-from wormopt.systems.spiked.task import Cost, Task
+from wormopt.systems.spiked.search.search import Survey, effort_of
+from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.sequences import Sequence_, lasting
+from wormopt.systems.spiked.task import Cost, Search, Task
 from wormopt.systems.spiked.verify import violations
+
+# Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
+_RESOLVED, _RESOLVED_DRAGGED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 1e-7, 1000, 5
+# Degree of velocities where drag bends them, and most steps of a climb between two halvings.
+_DRAGGED, _STEPS = 3, 15
+# Trials within this share of the best are sharpened too: one of them may end higher.
+_CLOSE, _TIE = 2e-3, 1e-8
+# or within so many times what sharpening gave the best.
+_GAINS = 8.0
+# A climb between two halvings need be as close as this share of what the last one gained.
+_OF_GAIN = 0.01
+# Excess over a limit, and how many times more trials are sharpened before one within it is found.
+_ACCEPTED, _MOST_UNSOUND = 1e-9, 4
+# Distances from all limits that are tried where an exact end breaks one.
+_MARGINS = (4e-9, 4e-8, 4e-7, 4e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +107,7 @@ class Design:
         load : float
             On each mass.
         """
-        worm, limits = self.task.worm, self.task.limits
-        return crawl(self.gait, worm.masses, worm.drag, load, limits.sharing, limits.spike_load)
+        return _motion_under(load, self.task, self.gait)
 
     @property
     def speed(self) -> float:
@@ -111,12 +132,22 @@ class Design:
 
         The worst of a load range's ends and middle.
         """
-        low, high = self.task.worm.load_range
-        loads = [low] if low == high else [low, (low + high) / 2, high]
-        found = [
-            violations(self.motion_under(load), self.task.limits, self.cycles) for load in loads
-        ]
-        return {key: max(excess[key] for excess in found) for key in found[0]}
+        return _violations(self.task, self.gait, self.cycles)
+
+
+def _motion_under(load: float, task: Task, gait: Gait) -> Crawl:
+    worm, limits = task.worm, task.limits
+    return crawl(gait, worm.masses, worm.drag, load, limits.sharing, limits.spike_load)
+
+
+def _violations(task: Task, gait: Gait, cycles: int) -> dict[str, float]:
+    """Excess over each limit, the worst under both ends and the middle of the load's range."""
+    low, high = task.worm.load_range
+    found = [
+        violations(_motion_under(load, task, gait), task.limits, cycles)
+        for load in sorted({low, (low + high) / 2, high})
+    ]
+    return {key: max(excess[key] for excess in found) for key in found[0]}
 
 
 def objective_of(motion: Crawl, minimise: Cost | None) -> float:
@@ -158,3 +189,120 @@ def of_trial(
         ended=ended,
         trial=None if task.objective.is_smooth else trial,
     )
+
+
+def sharpest(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
+    """Halve the arcs of the best trials until that gains nothing, and take the best vertex.
+
+    `survey` holds the trials of the search; `bound` is the ceiling.
+    """
+    ended, solved = survey.ended, list[tuple[Trial, float, bool]]()
+    trier, most = Trier(task), effort_of(settings).width
+    for k, trial in enumerate(survey.trials[: _MOST_UNSOUND * most]):
+        sound = any(keeps for *_, keeps in solved)
+        if sound and (k >= most or trial.value < _hopeful(survey.trials[0], solved[0][0])):
+            break
+        try:
+            report(f"sharpening gait {k + 1}", 0.9)
+            record = max((s[0].value for s in solved if s[2]), default=-np.inf)
+            solved.append(_sharpen(trier, trial, ended != "searched", record))
+        except KeyboardInterrupt:
+            ended = "interrupted"
+            solved.append((trial, np.nan, False))
+        if ended != "searched":
+            break
+    sound = [s for s in solved if s[2]] or solved
+    value = max(trial.value for trial, *_ in sound)
+    trial, error, _ = min(
+        (s for s in sound if s[0].value >= value - _TIE * abs(value)),
+        key=lambda s: len(s[0].sequence),
+    )
+    return of_trial(task, trial, error, bound, survey, ended)
+
+
+def _hopeful(best: Trial, sharp: Trial) -> float:
+    """What is lower than this is unlikely to end above the best, by what sharpening gave that."""
+    return best.value - min(_CLOSE * abs(best.value), _GAINS * (sharp.value - best.value))
+
+
+def finished(design: Design, trial: Trial) -> Design:
+    """Make a design of a better, sharpened trial of the same task."""
+    sharp, error, _ = _sharpen(Trier(design.task), trial, quickly=False)
+    found = of_trial(design.task, sharp, error, design.ceiling, design.survey, design.ended)
+    return replace(found, timings_s=design.timings_s)
+
+
+def _keeps(task: Task, trial: Trial) -> bool:
+    """Whether the gait keeps all limits, with the split of all masses that rest in fact.
+
+    The program knows of those that are to rest; more may, and take their share. And it keeps
+    forces times durations, which on short arcs are small.
+    """
+    excess = _violations(task, trial.program.gait(trial.point), trial.cycles)
+    return max(excess.values()) < _ACCEPTED
+
+
+def _sharpen(
+    trier: Trier, trial: Trial, quickly: bool, best: float = -np.inf
+) -> tuple[Trial, float, bool]:
+    """Halve arcs until that gains nothing, then solve for what is active exactly.
+
+    Less is done where the best will not be reached. With the error left, and whether all limits
+    are kept.
+    """
+    trial, error = _halved(trier, trial, 0 if quickly else _MOST_HALVINGS, best)
+    if trial.value + 2 * error * abs(trial.value) < best:
+        return trial, error, _keeps(trier.task, trial)
+    close = _close(error) if trier.task.worm.drag else 1e-10
+    trial = trier.climbed(trial, close, steps=_STEPS)
+    sharp = _exact(trial)
+    if _keeps(trier.task, sharp):
+        return sharp, error, True
+    # limits are kept times the duration of an arc: on one of next to none they need not be
+    program, point = trial.program.finer(trial.point, parts=1)
+    if point is not None:
+        joined = replace(trial, program=program, point=point)
+        for steps in (0, _STEPS):  # a climb may make short arcs anew
+            joined = trier.climbed(joined, 1e-10, steps)
+            if joined.value >= trial.value - _TIE * abs(trial.value):
+                trial, sharp = joined, _exact(joined)
+            if _keeps(trier.task, sharp):
+                return sharp, error, True
+    for margin in _MARGINS:
+        inner = trial.program.bilinear.inside(trial.point, margin)
+        if inner is not None:
+            sharp = replace(trial, point=inner)
+            if _keeps(trier.task, sharp):
+                return sharp, error, True
+    return sharp, error, False
+
+
+def _halved(trier: Trier, trial: Trial, halvings: int, best: float) -> tuple[Trial, float]:
+    """Halve arcs while that gains something; with drag optimal velocities bend: degrees first."""
+    error, dragged = np.inf, bool(trier.task.worm.drag)
+    if dragged and trial.program.degree < _DRAGGED:
+        degree = _DRAGGED if len(trial.point.x) < _MOST_UNKNOWNS // 2 else 2
+        bent = trier.finer(trial, 1e-6, degree, parts=1, steps=_STEPS)
+        error = (bent.value - trial.value) / abs(trial.value or 1.0)
+        trial = bent
+    for halved in range(halvings):
+        hopeless = trial.value + 2 * error * abs(trial.value) < best
+        most = _MOST_UNKNOWNS / 2 if dragged and halved else _MOST_UNKNOWNS
+        if hopeless or len(trial.point.x) > most:
+            break
+        finer = trier.finer(trial, _close(error) if dragged else 1e-8, steps=_STEPS)
+        error = (finer.value - trial.value) / abs(trial.value or 1.0)
+        trial = finer
+        if error <= (_RESOLVED_DRAGGED if dragged else _RESOLVED):
+            break
+    return trial, error
+
+
+def _close(error: float) -> float:
+    """How close a climb need be where the last halving gained so much."""
+    return float(np.clip(_OF_GAIN * error, 1e-8, 1e-5))
+
+
+def _exact(trial: Trial) -> Trial:
+    point, _ = trial.program.bilinear.sharpen(trial.point)
+    return replace(trial, point=point)

@@ -12,15 +12,12 @@ import numpy as np
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.given import check_kind
 from wormopt.progress import Report, silent
-from wormopt.systems.spiked.ceiling import ceiling
-from wormopt.systems.spiked.design.design import Design
-from wormopt.systems.spiked.design.sharpen import sharpest
-from wormopt.systems.spiked.design.smooth_ending import smoothest
+from wormopt.systems.spiked.design.design import Design, sharpest
 from wormopt.systems.spiked.limits import Limits
-from wormopt.systems.spiked.search.orders import first_orders
+from wormopt.systems.spiked.search.orders import ceiling_of, first_orders
 from wormopt.systems.spiked.search.search import Survey, search
-from wormopt.systems.spiked.search.sequences import Sequence_
 from wormopt.systems.spiked.search.trial import Trial
+from wormopt.systems.spiked.sequences import Sequence_, ascending
 from wormopt.systems.spiked.task import Cost, Objective, Search, Task, Worm
 
 _SEARCH = Search()
@@ -106,7 +103,7 @@ def designed(
 
     `hints` are orders of rest to try first; `better` gets every trial that beats all before.
     """
-    bound = _ceiling(task)
+    bound = ceiling_of(task)
     required = task.objective.speed
     if required is not None and required > bound:
         raise SolveError(
@@ -125,6 +122,8 @@ def designed(
         raise _nothing(task, settings, survey, report)
     searched = perf_counter()
     if task.objective.is_smooth:
+        from wormopt.systems.spiked.design.smooth import smoothest  # few designs need its solver
+
         found = smoothest(task, settings, survey, bound, report)
     else:
         found = sharpest(task, settings, survey, bound, report)
@@ -132,20 +131,13 @@ def designed(
     return replace(found, timings_s=timings)
 
 
-def _ceiling(task: Task) -> float:
-    contraction, extension = task.limits.rate_bounds(task.worm.links)
-    return ceiling(contraction, extension, task.limits.resting)
-
-
 def _nothing(task: Task, settings: Search, survey: Survey, report: Report) -> BaseException:
     if survey.ended == "interrupted":
         return KeyboardInterrupt()
     if survey.ended == "time limit":
         return SolveError("no gait was found before search.time_limit", "give it more seconds")
-    from wormopt.systems.spiked.design.conflict import (
-        conflict,  # loads a solver that few designs need
-    )
+    from wormopt.systems.spiked.design.smooth import conflict
 
-    own = settings.sequence and tuple(tuple(sorted(s)) for s in settings.sequence)
+    orders = [ascending(settings.sequence)] if settings.sequence else first_orders(task)
     seconds = (settings.time_limit or np.inf) - sum(survey.seconds.values())
-    return conflict(task, [own] if own else first_orders(task), report, seconds)
+    return conflict(task, orders, report, seconds)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -198,21 +199,15 @@ def limits_of(task: Task) -> Iterator[Limit]:
         if key in ("period", "load"):
             value = _single(value)
         for suffix, number, rebuilt in _numbers(value, ends):
-            yield Limit(f"{part}.{key}{suffix}", number, quantity, _Move(task, part, key, rebuilt))
+            moved = partial(_replaced, task, part, key, rebuilt)
+            yield Limit(f"{part}.{key}{suffix}", number, quantity, moved)
 
 
-@dataclass(frozen=True)
-class _Move:
-    """Puts another number into a task."""
-
-    task: Task
-    part: str
-    key: str
-    rebuilt: Callable[[float], Any]
-
-    def __call__(self, number: float) -> Task:
-        part = replace(getattr(self.task, self.part), **{self.key: self.rebuilt(number)})
-        return replace(self.task, **{self.part: part})
+def _replaced(
+    task: Task, part: str, key: str, rebuilt: Callable[[float], Any], number: float
+) -> Task:
+    """The task with another number in one of its fields."""
+    return replace(task, **{part: replace(getattr(task, part), **{key: rebuilt(number)})})
 
 
 def _single(value: Any) -> Any:
@@ -231,25 +226,23 @@ def _numbers(value: Any, ends: Sequence[str]) -> Iterator[_Number]:
     if isinstance(value, Rates):
         for way in ("contraction", "extension"):
             for suffix, number, rebuilt in _numbers(getattr(value, way), ()):
-                yield f".{way}{suffix}", number, _in_field(value, way, rebuilt)
+                yield f".{way}{suffix}", number, partial(_in_field, value, way, rebuilt)
     elif isinstance(value, tuple):
         is_range = ends and not any(isinstance(item, tuple) for item in value)
         for k, item in enumerate(value):
             place = f".{ends[k]}" if is_range else f"[{k}]"
             for suffix, number, rebuilt in _numbers(item, ends):
-                yield place + suffix, number, _in_tuple(value, k, rebuilt)
+                yield place + suffix, number, partial(_in_tuple, value, k, rebuilt)
     else:
         yield "", value, float
 
 
-def _in_field(value: Any, name: str, rebuilt: Callable[[float], Any]) -> Callable[[float], Any]:
-    return lambda number: replace(value, **{name: rebuilt(number)})
+def _in_field(value: Any, name: str, rebuilt: Callable[[float], Any], number: float) -> Any:
+    return replace(value, **{name: rebuilt(number)})
 
 
-def _in_tuple(
-    value: tuple[Any, ...], k: int, rebuilt: Callable[[float], Any]
-) -> Callable[[float], Any]:
-    return lambda number: (*value[:k], rebuilt(number), *value[k + 1 :])
+def _in_tuple(value: Any, k: int, rebuilt: Callable[[float], Any], number: float) -> Any:
+    return (*value[:k], rebuilt(number), *value[k + 1 :])
 
 
 # Part and field of a task, what it measures, and names of the ends where it is a range.

@@ -1,28 +1,36 @@
-"""Costs that are neither linear nor a peak: energy and effort, by IPOPT from a searched gait.
+"""What few designs need, by IPOPT: gaits of least energy or effort, and limits in conflict.
 
-The collocated problem of optimal control is solved with the cost itself: from the motion of a
-trial, or where velocities may jump from the fastest motion with its durations.
+Costs that are neither linear nor a peak have the collocated problem of optimal control solved with
+the cost itself: from the motion of a trial, or where velocities may jump from the fastest motion
+with its durations. Where no gait exists the same problem with slack tells which limits stand
+against each other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from time import monotonic
 
 import numpy as np
 
+from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.modes import ModeSequence
 from wormopt.numerics.collocation import Collocation, bernstein_matrix
+from wormopt.ocp.elastic import elastic
 from wormopt.ocp.mesh import Arcs, Mesh, on_finer_mesh
 from wormopt.ocp.nlp import Bounds, Ipopt, Solution
 from wormopt.ocp.transcription import Transcription
-from wormopt.systems.spiked.design.problem import gait_problem
-from wormopt.systems.spiked.programs.costs import has_cost_columns
-from wormopt.systems.spiked.search.sequences import Sequence_
-from wormopt.systems.spiked.search.trial import Trial
-from wormopt.systems.spiked.task import Objective, Task
+from wormopt.progress import Report, silent
+from wormopt.systems.spiked.design.design import Design, objective_of, of_trial
+from wormopt.systems.spiked.dynamics import gait_problem
+from wormopt.systems.spiked.programs.gait_rows import has_cost_columns, is_energy
+from wormopt.systems.spiked.search.search import Survey, effort_of
+from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.sequences import Sequence_, lasting
+from wormopt.systems.spiked.task import Objective, Search, Task
 
 # Refinement stops when halving every arc changes the cost by less than this, relatively.
 _RESOLVED = 1e-6
@@ -31,6 +39,103 @@ _RESOLVED = 1e-6
 _FEASIBLE, _ACCEPTED = 1e-10, 1e-8
 _ARCS = 6
 _POLISH = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=120)
+# Halving the arcs ends where they become too many.
+_MOST_UNKNOWNS, _MOST_HALVINGS = 1000, 5
+# Smooth costs are solved for from so many of the best trials.
+_POLISHED = 2
+# Resolving the energy ends where halving gains less than this share of the whole; limits count as
+# kept that are exceeded by less.
+_GAINED, _KEPT = 3e-7, 1e-9
+# Orders that are tried: what stands against each other is mostly the same in all.
+_MOST = 8
+
+
+def smoothest(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
+    """Resolve the best trials of a smooth cost, solve for it from the best; take the best gait.
+
+    Parameters are those of `sharpest`. Costs of gaits are compared at last, in closed form.
+    Raises SolveError if no motion is found.
+    """
+    known = has_cost_columns(task)  # else trials are merely fast
+    trials, ended, error = list(survey.trials), survey.ended, np.nan
+    solved, error_of_solved = None, np.nan
+    try:
+        if ended == "searched" and is_energy(task):
+            trials, error = _resolved(task, settings, trials, report)
+        if ended == "searched" or not known:
+            report("solving for the cost", 0.9)
+            solved, error_of_solved = _solved(task, trials[:_POLISHED], error, ended)
+    except KeyboardInterrupt:
+        ended = "interrupted"
+    found = []
+    if solved is not None:
+        found.append(_of_solved(task, solved, survey, bound, error_of_solved, ended))
+    if known:
+        found.append(of_trial(task, trials[0], error, bound, survey, ended))
+    if found:
+        return min(found, key=_cost)
+    if ended == "interrupted":
+        raise KeyboardInterrupt
+    raise SolveError("no motion was found for this cost", "try another search.seed")
+
+
+def _cost(found: Design) -> float:
+    """Smooth cost of a gait; infinite where it keeps its limits worse than solvers do."""
+    if max(found.violations.values()) > _KEPT:
+        return np.inf
+    return objective_of(found.motion, found.task.objective.minimise)
+
+
+def _resolved(
+    task: Task, settings: Search, trials: list[Trial], report: Report
+) -> tuple[list[Trial], float]:
+    """Halve arcs of the best trials while that helps; best first, and its last relative gain."""
+    trier, found = Trier(task), []
+    for trial in trials[: 4 * effort_of(settings).width]:
+        report("resolving the best orders", 0.85)
+        gained = np.inf
+        for _ in range(_MOST_HALVINGS):
+            if len(trial.point.x) > _MOST_UNKNOWNS / 4:
+                break
+            finer = trier.finer(trial, 1e-6)
+            trial, gained = finer, (finer.value - trial.value) / abs(finer.cost)
+            if gained <= _GAINED:
+                break
+        found.append((trial, gained))
+    found.sort(key=lambda one: -one[0].value)
+    return [trial for trial, _ in found], found[0][1]
+
+
+def _solved(
+    task: Task, trials: list[Trial], error: float, ended: str
+) -> tuple[Solved | None, float]:
+    """The best solution from some trials, refined where those are not resolved, and its error."""
+    resolved = is_energy(task)
+    found = [s for trial in trials[: 1 if resolved else None] if (s := solve_cost(task, trial))]
+    best = min(found, key=lambda s: s.objective, default=None)
+    if best is None or resolved or ended != "searched":
+        return best, error
+    return refine_cost(best)
+
+
+def _of_solved(
+    task: Task, best: Solved, survey: Survey, bound: float, error: float, ended: str
+) -> Design:
+    mesh = best.program.mesh
+    durations = np.bincount(mesh.phase, weights=best.arcs.duration)
+    sequence, lasting_durations = lasting(best.trial.sequence, durations.tolist())
+    return replace(
+        of_trial(task, best.trial, error, bound, survey, ended),
+        gait=gait_of_arcs(best.arcs, mesh, task.worm.links),
+        sequence=sequence,
+        durations=lasting_durations,
+        solver={
+            "status": best.solution.status,
+            "violation": best.solution.violation,
+            "arcs_per_phase": mesh.counts,
+            "degree": mesh.collocation.degree,
+        },
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +174,18 @@ def _program(task: Task, mesh: Mesh) -> Transcription:
     return Transcription(gait_problem(task.worm, task.limits, task.objective), mesh)
 
 
+def _bounds(program: Transcription, sequence: Sequence_) -> Bounds:
+    """Bounds of a program for one order of rest."""
+    masses = len(program.problem.model.contacts)
+    return program.bounds(ModeSequence.of_resting(sequence, masses))
+
+
 def solve_cost(task: Task, trial: Trial) -> Solved | None:
     """Solve for a smooth cost, started from a trial that is fast enough; None: no motion found."""
     cycle = replace(task, limits=replace(task.limits, period=trial.program.period))
     mesh = replace(mesh_of(trial.sequence, _ARCS), arcs=tuple(trial.program.arcs.tolist()))
     program = _program(cycle, mesh)
-    bounds = program.bounds(ModeSequence.of_resting(trial.sequence, task.worm.links + 1))
+    bounds = _bounds(program, trial.sequence)
     if has_cost_columns(task):
         begin = program.pack(arcs_of(trial, program), bounds)
     else:
@@ -86,20 +197,17 @@ def solve_cost(task: Task, trial: Trial) -> Solved | None:
     if has_cost_columns(task):  # what the linear programs leave on very short arcs
         start = program.nlp.restore(start, bounds)
     found = program.nlp.restore(program.nlp.solve(start.w, bounds, _POLISH), bounds)
-    if start.violation <= _FEASIBLE and not _better(found, start):
+    better = found.violation <= _FEASIBLE and found.objective < start.objective
+    if start.violation <= _FEASIBLE and not better:
         found = start
     return Solved(trial, program, bounds, found) if found.violation <= _ACCEPTED else None
-
-
-def _better(one: Solution, other: Solution) -> bool:
-    return one.violation <= _FEASIBLE and one.objective < other.objective
 
 
 def _fast(task: Task, trial: Trial, mesh: Mesh) -> Arcs | None:
     """The fastest motion with the durations of a trial, whose velocities may jump."""
     program = _program(task, mesh)
     rest = program.rest(trial.program.widths(trial.point), resting_state(task))
-    own = program.bounds(ModeSequence.of_resting(trial.sequence, task.worm.links + 1))
+    own = _bounds(program, trial.sequence)
     step = program.nlp.linear_step(rest, own, program.hold_durations())
     return None if step is None else program.unpack(step[0])
 
@@ -171,20 +279,17 @@ def refine_cost(solved: Solved) -> tuple[Solved, float]:
     where the linear program that tells has no solution.
     """
     error = _left_by_halving(solved)
-    for mesh in _finer(solved.program.mesh):
+    for degree in (3, 5):
         if error <= _RESOLVED:
             break
+        mesh = solved.program.mesh
+        mesh = replace(mesh, collocation=Collocation(degree), input_degree=degree - 2)
         program, bounds, start = _carry(solved, mesh)
         found = program.nlp.restore(program.nlp.solve(start.w, bounds, _POLISH), bounds)
         if found.objective < solved.objective and found.violation <= _FEASIBLE:
             solved = replace(solved, program=program, bounds=bounds, solution=found)
             error = _left_by_halving(solved)
     return solved, error
-
-
-def _finer(mesh: Mesh) -> Iterator[Mesh]:
-    for degree in (3, 5):
-        yield replace(mesh, collocation=Collocation(degree), input_degree=degree - 2)
 
 
 def _left_by_halving(solved: Solved) -> float:
@@ -201,10 +306,7 @@ def _left_by_halving(solved: Solved) -> float:
 
 def _carry(solved: Solved, mesh: Mesh) -> tuple[Transcription, Bounds, Solution]:
     fine = Transcription(solved.program.problem, mesh)
-    sequence = ModeSequence.of_resting(
-        solved.trial.sequence, solved.trial.program.task.worm.links + 1
-    )
-    bounds = fine.bounds(sequence)
+    bounds = _bounds(fine, solved.trial.sequence)
     w = fine.pack(on_finer_mesh(solved.arcs, solved.program.mesh, mesh), bounds)
     return fine, bounds, fine.nlp.start(w, bounds)
 
@@ -225,3 +327,55 @@ def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
         power = arcs.inputs[:, :, arc] @ to_powers.T / h**k
         pieces[row, :, 2:] = power / ((k + 1) * (k + 2))
     return Gait(np.concatenate([[0.0], np.cumsum(arcs.duration[kept])]), pieces)
+
+
+def conflict(
+    task: Task, sequences: Sequence[Sequence_], report: Report = silent, seconds: float = np.inf
+) -> SolveError:
+    """Explain which limits conflict, by the least slack that lets a gait exist; to be raised.
+
+    Typical `sequences` are tried; none is begun once `seconds` are over.
+    """
+    rigid = gait_problem(task.worm, task.limits, task.objective)
+    problem = elastic(rigid)
+    least, slack = np.inf, np.zeros(len(problem.design))
+    until, tried = monotonic() + seconds, _typical(sequences)
+    for k, sequence in enumerate(tried):
+        if k and monotonic() > until:
+            break
+        report(f"looking for the limits in conflict, order {k + 1} of {len(tried)}", 0.8)
+        program = Transcription(problem, mesh_of(sequence, 4))
+        bounds = _bounds(program, sequence)
+        total = program.mesh.total
+        durations = np.full(total, np.mean(task.limits.period_range) / total)
+        w = program.rest(durations, resting_state(task))
+        w[-len(slack) :] = 10.0
+        answer = program.nlp.solve(w, bounds, Ipopt(tolerance=1e-7))
+        if answer.violation < 1e-5 and answer.objective < least:
+            least, slack = answer.objective, program.unpack(answer.w).design
+    nominal = {b.name: b.nominal for b in (*rigid.along, *rigid.at_ends)}
+    given = [
+        f"{name} by {size * nominal[name]:.4g}"
+        for signal, size in zip(problem.design, slack, strict=True)
+        if (name := signal.name.removeprefix("slack ")) in nominal and size > 1e-5
+    ]
+    if not given:
+        return SolveError(
+            "no order of resting masses was solved, though the limits do not seem to conflict",
+            'try search.effort = "thorough" or another search.seed',
+        )
+    return SolveError(
+        "no gait meets these limits together; the least that has to give way is "
+        + " and ".join(given),
+        "relax that, or what stands against it",
+    )
+
+
+def _typical(sequences: Sequence[Sequence_]) -> list[Sequence_]:
+    """Short orders of few and of many resting masses: loads want many, rates and ways few."""
+    by_size: dict[int, list[Sequence_]] = {}
+    for sequence in sorted(sequences, key=len):
+        by_size.setdefault(min(map(len, sequence)), []).append(sequence)
+    sizes = sorted(by_size)
+    outer = sizes if len(sizes) <= _MOST // 2 else [*sizes[:2], *sizes[-2:]]
+    return [sequence for size in outer for sequence in by_size[size][: _MOST // len(outer)]]

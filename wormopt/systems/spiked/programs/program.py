@@ -11,24 +11,34 @@ without drag: there the optimum is at some limit at all times, with constant acc
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
+from math import comb
+from typing import Any
 
 import numpy as np
 
 from wormopt.model.gait import Gait
 from wormopt.numerics.bilinear import Point
 from wormopt.systems.spiked.programs.gait_rows import GaitRows
-from wormopt.systems.spiked.programs.split import Pattern
-from wormopt.systems.spiked.search.sequences import Sequence_, is_gait
+from wormopt.systems.spiked.programs.split import (
+    Pattern,
+    least_patterns,
+    simple_patterns,
+    split_matters,
+)
+from wormopt.systems.spiked.sequences import Sequence_, is_gait, wave_direction
 from wormopt.systems.spiked.task import Task
 
 # Arcs of a smaller share of the cycle count as having no duration.
 _SHORT = 1e-6
+# Loads and sums of forces below this share of the forces at play count as zero.
+_TIE = 1e-7
 
 
 class GaitProgram(GaitRows):
     """Bilinear program of one cyclic order of rest; `period` (min, max) overrides the limits.
 
-    `patterns`: spikes unloaded or full, by arc (`gaits.split`), default any; `like` gives
+    `patterns`: spikes unloaded or full, by arc (`split.py`), default any; `like` gives
     units. Where velocities may jump, smooth costs are left out and the speed is sought.
     """
 
@@ -129,11 +139,10 @@ class GaitProgram(GaitRows):
         """
         begins = np.zeros(self.total, bool)
         begins[self._edges[:-1]] = True
-        h, last = point.x[self.h], -1
+        (h, v, _), last = self.motion(point), -1
         long = h > _SHORT * h.sum()
         if self.degree > 1 or not self._continuous:
             return begins | long
-        v = np.where(self.v >= 0, point.x[self.v], 0.0)
         slopes = (v[:, 1] - v[:, 0]) / np.where(long, h, 1.0)[:, None]
         rates = np.diff(v, axis=2)
         for k in range(self.total):
@@ -152,6 +161,40 @@ class GaitProgram(GaitRows):
     def with_patterns(self, patterns: tuple[Pattern | None, ...]) -> GaitProgram:
         """The same program with other patterns."""
         return GaitProgram(self.task, self.sequence, self.period, self.arcs, self.degree, patterns)
+
+    def simple_patterns(self) -> list[tuple[Pattern | None, ...]]:
+        """All resting spikes loaded at all times; or only the first of them, or only the last."""
+        of_phases = [
+            simple_patterns(resting) if split_matters(self.task, resting) else [None] * 3
+            for resting in self.sequence
+        ]
+        phase_of_arc = np.repeat(np.arange(len(self.sequence)), self.arcs)
+        return [tuple(of_phases[phase][k] for phase in phase_of_arc) for k in range(3)]
+
+    def least_patterns(self, point: Point, *, other: bool = False) -> tuple[Pattern | None, ...]:
+        """Patterns of the least split amid every arc; None where it does not matter.
+
+        `other`: where two patterns hold, take the one that the program has not.
+        """
+        needed, patterns = self._needed(point), list[Pattern | None]()
+        tie = _TIE * float(np.abs(needed).max())
+        for resting, arcs in zip(self.sequence, self.arcs.tolist(), strict=True):
+            at = slice(len(patterns), len(patterns) + arcs)
+            if split_matters(self.task, resting):
+                olds: Any = self.patterns[at] if other and self.patterns else None
+                patterns += least_patterns(needed[at], resting, self.limits.spikes, tie, olds)
+            else:
+                patterns += [None] * arcs
+        return tuple(patterns)
+
+    def _needed(self, point: Point) -> np.ndarray:
+        """Force m a + k v + load that must act on each mass amid every arc, shape (arcs, n + 1)."""
+        limits, degree = self.limits, self.degree
+        h, v, _ = self.motion(point)
+        change = degree * (_amid(degree - 1) @ np.diff(v, axis=1))
+        slope = change / np.where(h > 1e-9 * h.sum(), h, np.inf)[:, None]
+        load = float(np.mean(self.task.worm.load_range)) / limits.force
+        return limits.mass * slope + limits.drag * (_amid(degree) @ v) + load
 
     def durations(self, point: Point) -> np.ndarray:
         """Duration of each phase, in the task's units."""
@@ -192,27 +235,79 @@ class GaitProgram(GaitRows):
 
     def gait(self, point: Point) -> Gait:
         """The cycle as link lengths over time; arcs without duration are left out."""
-        from math import comb
-
         limits, degree = self.limits, self.degree
-        h = point.x[self.h]
+        h, v, _ = self.motion(point)
         kept = np.flatnonzero(h > 1e-14 * h.sum())
-        v = np.where(self.v >= 0, point.x[self.v], 0.0)[kept]
-        rates = -np.diff(v, axis=2) * limits.speed  # (arc, coefficient, link)
+        rates = -np.diff(v[kept], axis=2) * limits.speed  # (arc, coefficient, link)
+        power = np.arange(degree + 1)
         to_powers = np.array(
-            [
-                [
-                    comb(degree, p) * comb(p, k) * (-1.0) ** (p - k) if k <= p else 0.0
-                    for k in range(degree + 1)
-                ]
-                for p in range(degree + 1)
-            ]
+            [[comb(degree, p) * comb(p, k) * (-1.0) ** (p - k) for k in power] for p in power]
         )
         width = h[kept] * limits.time
         powers = np.einsum("pk,akj->ajp", to_powers, rates)
-        power = np.arange(degree + 1)
         shortest = np.array(self.task.limits.length_ranges(limits.links))[:, 0]
         pieces = np.zeros((len(kept), limits.links, degree + 2))
         pieces[:, :, 0] = point.x[self.length][kept] * limits.speed * limits.time + shortest
         pieces[:, :, 1:] = powers / width[:, None, None] ** power / (power + 1)
         return Gait(np.concatenate([[0.0], np.cumsum(width)]), pieces)
+
+
+def _amid(degree: int) -> np.ndarray:
+    """Bernstein polynomials at the middle of an arc."""
+    return np.array([comb(degree, k) for k in range(degree + 1)]) / 2.0**degree
+
+
+class WaveProgram(GaitProgram):
+    """Program of a travelling wave: every mass does what a neighbour did a phase before.
+
+    The velocity of mass i in phase p depends on (p + i), or (p - i), modulo the number of phases
+    only, so that the program has the unknowns of one mass, however many links the worm has.
+    Neighbours are alike in all phases, so that links need the rows of one phase; the sums of
+    forces are not, as the chain has ends.
+
+    Parameters as for `GaitProgram`; `sequence` must be a wave (`wave_direction`), with equal
+    numbers of arcs in all phases. Limits of every link and mass hold, unequal ones too.
+    """
+
+    @cached_property
+    def _uniform(self) -> bool:
+        limits = self.limits
+        given = [
+            limits.mass,
+            *limits.rates,
+            limits.strokes,
+            limits.acceleration if limits.acceleration is not None else [0.0],
+            self.task.limits.spike_load or 0.0,
+            self.task.limits.actuator_force or 0.0,
+        ]
+        return all(np.ptp(np.asarray(values)) == 0.0 for values in given)
+
+    @property
+    def _phases(self) -> int:
+        if not self._uniform:
+            return len(self.sequence)
+        # every pair of neighbouring classes is a link's in the first phase; where there are as
+        # many phases as masses, that of the last and the first class is so in the second only
+        return 1 if len(self.sequence) <= self.limits.links else 2
+
+    def _add_columns(self) -> None:
+        """Columns by class: (phase + or - mass) modulo phases, and arc of the phase."""
+        limits, phases, arcs = self.limits, len(self.sequence), int(self.arcs[0])
+        masses, columns = np.arange(limits.links + 1), self.rows.columns
+        direction = wave_direction(self.sequence, len(masses))
+        classes = (direction * masses + np.arange(phases)[:, None]) % phases  # (phase, mass)
+        most = np.full(phases, np.inf)
+        for phase, resting in enumerate(self.sequence):
+            np.minimum.at(most, classes[phase], limits.fastest(resting))
+        self.h = np.tile(columns(np.ones(arcs)), phases)
+        at_nodes = np.repeat(most[:, None], arcs, axis=1)
+        at_nodes[:, 0] = np.minimum(most, np.roll(most, 1))
+        starts = columns(at_nodes)
+        ends = np.concatenate([starts[:, 1:], np.roll(starts[:, :1], -1, axis=0)], axis=1)
+        inner = [columns(np.repeat(most[:, None], arcs, axis=1)) for _ in range(self.degree - 1)]
+        by_class = np.stack([starts, *inner, ends], axis=2)  # (class, arc, coefficient)
+        self.v = by_class[classes].transpose(0, 2, 3, 1).reshape(phases * arcs, -1, len(masses))
+        strokes = np.full((phases, arcs), limits.strokes.min())
+        of_links = columns(strokes)[classes[:, 1:]]
+        self.length = of_links.transpose(0, 2, 1).reshape(phases * arcs, -1)
+        self._add_peak_column()

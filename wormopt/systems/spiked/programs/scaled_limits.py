@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wormopt.systems.spiked.search.sequences import Resting
+from wormopt.systems.spiked.sequences import Resting
 from wormopt.systems.spiked.task import Task
 
 # Limits are widened by this share of the numbers that they are the difference of.
@@ -128,6 +128,10 @@ class ScaledLimits:
     def actuator_most(self) -> np.ndarray:
         """Largest forces of the actuators, shape (n,); infinite without a limit."""
         return _spread(self.task.limits.actuator_force, self.links) / self.force
+
+    def weighted(self, weights: np.ndarray) -> Form:
+        """Sum of the forces (n + 1,) m a + k v that must act on the masses, without limits."""
+        return Form(weights * self.mass, weights, 0.0, 0.0)
 
     def fastest(self, resting: Resting) -> np.ndarray:
         """Largest velocity (n + 1,) of each mass that link rates allow from those at rest."""

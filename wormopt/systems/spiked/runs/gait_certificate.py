@@ -16,11 +16,10 @@ from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Result
 from wormopt.systems.shared.checkpoints import checkpoints, forget, keep
-from wormopt.systems.spiked.certify.proof import certified
-from wormopt.systems.spiked.certify.prove import Certificate, Progress
+from wormopt.systems.spiked.certify.proof import Certificate, Progress, certified
 from wormopt.systems.spiked.design.design import Design
-from wormopt.systems.spiked.search.sequences import Sequence_, mirrored
-from wormopt.systems.spiked.search.space import is_mirror_symmetric
+from wormopt.systems.spiked.search.orders import is_mirror_symmetric
+from wormopt.systems.spiked.sequences import Sequence_, mirrored
 from wormopt.systems.spiked.task import Certify, Task
 
 # Rounding of the certificate and of the gait's own value, relative.

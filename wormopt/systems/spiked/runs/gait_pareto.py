@@ -19,7 +19,7 @@ from wormopt.scene.scene import Scene
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.runs.gait_design import cost_scalar, design_result, refused
 from wormopt.systems.spiked.scenes.gait_pareto import GaitParetoScene
-from wormopt.systems.spiked.search.sequences import Sequence_
+from wormopt.systems.spiked.sequences import Sequence_
 from wormopt.systems.spiked.task import Objective
 from wormopt.version import VERSION
 

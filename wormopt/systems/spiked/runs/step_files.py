@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from wormopt.quantities import Variable, unit_of
 from wormopt.result import Result
-from wormopt.systems.spiked.stepper.step_tables import c_text, csv_text
-from wormopt.systems.spiked.stepper.steps import Steps
+from wormopt.systems.spiked.stepper.steps import Steps, c_text, csv_text
 
 
 def step_variables(steps: Steps) -> list[Variable]:

@@ -23,11 +23,13 @@ from wormopt.systems.spiked.runs.reference import gait_of_shape
 from wormopt.systems.spiked.runs.step_files import step_variables
 from wormopt.systems.spiked.scenes.stepper import StepperScene
 from wormopt.systems.spiked.stepper.bristles import BristleMotion, ratchet
-from wormopt.systems.spiked.stepper.step_tables import csv_text, in_ticks, read_csv
 from wormopt.systems.spiked.stepper.stepper import Demand, Stepper, demand
 from wormopt.systems.spiked.stepper.steps import (
     Steps,
+    csv_text,
+    in_ticks,
     quantisation_error,
+    read_csv,
     step_times,
     turning_times,
 )

@@ -1,22 +1,67 @@
-"""Orders of rest to begin a search with, and the resting sets that they are made of."""
+"""Orders of rest: all that a task has, those to begin a search with, and their ceilings."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import combinations, permutations
 from math import comb
 
-from wormopt.systems.spiked.ceiling import best_modes
-from wormopt.systems.spiked.construct import block_wave_sequence
-from wormopt.systems.spiked.programs.waves import wave_orders
-from wormopt.systems.spiked.search.sequences import Resting, Sequence_, is_gait, mirrored, sequences
-from wormopt.systems.spiked.search.space import ceiling_of, is_mirror_symmetric
+import numpy as np
+
+from wormopt.systems.spiked.ceiling import best_modes, ceiling
+from wormopt.systems.spiked.programs.scaled_limits import scaled
+from wormopt.systems.spiked.sequences import (
+    Resting,
+    Sequence_,
+    block_wave_sequence,
+    is_gait,
+    mirrored,
+    sequences,
+    wave_orders,
+)
 from wormopt.systems.spiked.task import Task
 
 # Sets are all listed up to so many, words of them up to so many.
 _MOST_SETS, _MOST_WORDS = 64, 4000
 # Solutions of the ceiling's linear program that are looked at.
 _MIXES = 3
+
+
+def all_sequences(task: Task, phases: int) -> list[Sequence_]:
+    """List sequences of 2 to `phases` phases such that every gait has one of them, short first.
+
+    A pause of all masses is a set of its own only where no fewer spikes can hold the worm.
+    Of mirror images there is one only where limits are symmetric.
+    """
+    letters, limits = letters_of(task), scaled(task)
+    if task.loads_matter and not any(map(limits.admits_rest, letters)):
+        letters.append(tuple(range(task.worm.links + 1)))
+    masses, mirror = task.worm.links + 1, is_mirror_symmetric(task)
+    return [s for p in range(2, phases + 1) for s in sequences(masses, letters, p, mirror=mirror)]
+
+
+def is_mirror_symmetric(task: Task) -> bool:
+    """Whether i -> n - i with l_j -> shortest + longest - l_{n+1-j} maps gaits on gaits."""
+    n, limits = task.worm.links, task.limits
+    contraction, extension = limits.rate_bounds(n)
+    per_thing = [
+        task.worm.masses,
+        contraction,
+        np.broadcast_to(limits.acceleration or 0.0, n),
+        np.broadcast_to(limits.spike_load or 0.0, n + 1),
+        np.broadcast_to(limits.actuator_force or 0.0, n),
+        np.ptp(np.array(limits.length_ranges(n)), axis=1),
+    ]
+    return np.array_equal(contraction, extension) and all(
+        np.array_equal(v, np.asarray(v)[::-1]) for v in per_thing
+    )
+
+
+def letters_of(task: Task) -> list[Resting]:
+    """Sets of resting masses that may occur."""
+    masses = range(task.worm.links + 1)
+    return [s for size in task.resting_sizes for s in combinations(masses, size)]
 
 
 def first_orders(task: Task) -> list[Sequence_]:
@@ -60,7 +105,7 @@ def search_letters(task: Task) -> list[Resting]:
     """
     masses, sizes = task.worm.links + 1, task.resting_sizes
     if task.count_of_sets <= _MOST_SETS:
-        return [s for size in sizes for s in combinations(range(masses), size)]
+        return letters_of(task)
     least = [size for size in sizes if comb(masses, size) <= _MOST_SETS]
     found = {s for size in least for s in combinations(range(masses), size)}
     found |= {s for size in sizes for s in block_wave_sequence(task.worm.links, size)}
@@ -86,3 +131,14 @@ def plain_orders(task: Task, phases: int | None = None) -> list[Sequence_]:
 def _rounded_ceiling(task: Task, sequence: Sequence_) -> float:
     """Ceiling of an order to six digits; of long worms it takes too long."""
     return float(f"{ceiling_of(task, sequence):.6g}") if task.worm.links <= 8 else 0.0
+
+
+def ceiling_of(task: Task, sequence: Sequence_ | None = None) -> float:
+    """Bound on the speed by rates and the resting sets of a sequence, or any, see `ceiling`."""
+    return _ceiling_of_sets(task, sequence and frozenset(sequence))
+
+
+@lru_cache(maxsize=4096)
+def _ceiling_of_sets(task: Task, sets: frozenset[Resting] | None) -> float:
+    contraction, extension = task.limits.rate_bounds(task.worm.links)
+    return ceiling(contraction, extension, task.limits.resting, sets)

@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from wormopt.numerics.bilinear import BilinearProgram, Climb, Point
-from wormopt.systems.spiked.programs.costs import has_cost_columns
-from wormopt.systems.spiked.programs.patterns import patterns_of, simple_patterns
-from wormopt.systems.spiked.programs.program import GaitProgram
+from wormopt.systems.spiked.programs.gait_rows import has_cost_columns
+from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 from wormopt.systems.spiked.programs.split import split_matters
-from wormopt.systems.spiked.programs.waves import WaveProgram, wave_direction
-from wormopt.systems.spiked.search.sequences import Sequence_
+from wormopt.systems.spiked.sequences import Sequence_, wave_direction
 from wormopt.systems.spiked.task import Objective, Task
 
 
@@ -231,20 +229,20 @@ class Trier:
         """The trial with the split of least actuation instead of any split; None where none is."""
         if not any(split_matters(self.task, resting) for resting in trial.sequence):
             return trial
-        widths = trial.program.widths(trial.point)
-        found = []
-        for patterns in (patterns_of(trial.program, trial.point), *simple_patterns(trial.program)):
-            program = trial.program.with_patterns(patterns)
-            start = program.start_arcs(widths)
+        program, found = trial.program, []
+        widths = program.widths(trial.point)
+        for patterns in (program.least_patterns(trial.point), *program.simple_patterns()):
+            own = program.with_patterns(patterns)
+            start = own.start_arcs(widths)
             if start is not None:
-                found.append(self.climbed(replace(trial, program=program, point=start)))
+                found.append(self.climbed(replace(trial, program=own, point=start)))
         best = max(found, key=lambda t: t.value, default=None)
         return best and self._other_patterns(best)
 
     def _other_patterns(self, trial: Trial, tolerance: float = 1e-3) -> Trial:
         """Climb on with the other pattern wherever two hold, as long as that helps."""
         for _ in range(_FLIPS if trial.program.patterns else 0):
-            patterns = patterns_of(trial.program, trial.point, other=True)
+            patterns = trial.program.least_patterns(trial.point, other=True)
             if patterns == trial.program.patterns:
                 break
             program = trial.program.with_patterns(patterns)

@@ -14,6 +14,7 @@ import numpy as np
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.numerics.chebyshev import Series, resolve
+from wormopt.systems.spiked.stretches import at_breaks, exact_degree
 
 _JUMP = 1e-9  # of the largest length or rate: smaller jumps between pieces are round-off
 _ACCEPTED = 1e-9  # by so much of itself a period may be below the smallest
@@ -201,9 +202,9 @@ def demand(gait: Gait, stepper: Stepper) -> Demand:
 
 
 def _refuse_jumps(gait: Gait) -> None:
-    begins, ends = _at_breaks(gait, 0)
-    gap = np.abs(begins - np.roll(ends, 1, axis=0))
-    if gap.max() > _JUMP * np.abs(ends).max():
+    after, before = at_breaks(gait, 0)
+    gap = np.abs(after - before)
+    if gap.max() > _JUMP * np.abs(before).max():
         q, j = np.unravel_index(int(gap.argmax()), gap.shape)
         raise ArgumentError(
             f"the length of link {j + 1} jumps by {gap[q, j]:.3g} at t = {gait.breaks[q]:.6g}: "
@@ -211,58 +212,39 @@ def _refuse_jumps(gait: Gait) -> None:
         )
 
 
-def _at_breaks(gait: Gait, derivative: int) -> tuple[np.ndarray, np.ndarray]:
-    """Values at the begin and at the end of every piece, shape (pieces, n)."""
-    widths = np.diff(gait.breaks)
-    begins = [gait.on_piece(q, np.zeros(1), derivative)[:, 0] for q in range(gait.pieces)]
-    ends = [gait.on_piece(q, widths[q : q + 1], derivative)[:, 0] for q in range(gait.pieces)]
-    return np.array(begins), np.array(ends)
-
-
 def _corners(gait: Gait, stepper: Stepper, size: float) -> Iterator[tuple[int, float, float]]:
     """Link, time and the larger of both rates, turns/s, of every jump that is no motor's."""
     if np.isinf(stepper.acceleration_max):
         return
-    begins, ends = _at_breaks(gait, 1)
-    ends = np.roll(ends, 1, axis=0)
-    for q, j in np.argwhere(np.abs(begins - ends) > _JUMP * size):
-        faster = max(abs(begins[q, j]), abs(ends[q, j])) / stepper.lead
+    after, before = at_breaks(gait, 1)
+    for q, j in np.argwhere(np.abs(after - before) > _JUMP * size):
+        faster = max(abs(after[q, j]), abs(before[q, j])) / stepper.lead
         yield int(j), float(gait.breaks[q]), float(faster)
 
 
 def _instants(gait: Gait, stepper: Stepper, piece: int) -> list[np.ndarray]:
     """Of each link, the instants of a piece among which its extreme demands are."""
     width = float(gait.breaks[piece + 1] - gait.breaks[piece])
-    degree, n = gait.degree, gait.links
     first, second, third = (
-        resolve(lambda s, k=k: gait.on_piece(piece, s, k), 0.0, width, degree and max(degree, 1))
+        resolve(lambda s, k=k: gait.on_piece(piece, s, k), 0.0, width, exact_degree(gait))
         for k in (1, 2, 3)
     )
     ends = np.array([0.0, width])
-    found = [[ends, second.roots(j), third.roots(j)] for j in range(n)]
+    found = [[ends, second.roots(j), third.roots(j)] for j in range(gait.links)]
     start = stepper.start_rate * stepper.lead
     if start > 0:
         top = stepper.acceleration_max * stepper.lead
-        double = degree and max(2 * degree, 1)
         for sign in (1.0, -1.0):
-            reached = _shifted(first, -sign * start)
-            alike = (
-                resolve(
-                    lambda s, sign=sign: (
-                        gait.on_piece(piece, s, 2) * start**2 / top
-                        + sign * gait.on_piece(piece, s, 1) ** 2
-                    ),
-                    0.0,
-                    width,
-                    double,
-                )
-                if np.isfinite(top)
-                else None
-            )
-            for j in range(n):
-                found[j].append(reached.roots(j))
-                if alike is not None:
-                    found[j].append(alike.roots(j))
+            series = [_shifted(first, -sign * start)]
+            if np.isfinite(top):
+
+                def alike(s: np.ndarray, sign: float = sign) -> np.ndarray:
+                    rate, change = (gait.on_piece(piece, s, k) for k in (1, 2))
+                    return change * start**2 / top + sign * rate**2
+
+                series.append(resolve(alike, 0.0, width, exact_degree(gait, 2)))
+            for j, of_link in enumerate(found):
+                of_link += [one.roots(j) for one in series]
     return [np.concatenate(of_link) for of_link in found]
 
 

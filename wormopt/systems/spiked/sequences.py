@@ -1,4 +1,4 @@
-"""Cyclic sequences of resting masses: all of them once, and the neighbours of one.
+"""Cyclic sequences of resting masses: all of them once, travelling waves, neighbours of one.
 
 Sequences are one if rotation in time maps them on each other, or, where the limits are symmetric,
 the mirror image.
@@ -47,9 +47,57 @@ def canonical(word: Sequence_, masses: int, *, mirror: bool) -> Sequence_:
     return min(image[k:] + image[:k] for image in images for k in range(len(word)))
 
 
+def ascending(word: Sequence[Sequence[int]]) -> Sequence_:
+    """The same resting masses, those of each phase in ascending order."""
+    return tuple(tuple(sorted(resting)) for resting in word)
+
+
 def mirrored(word: Sequence_, masses: int) -> Sequence_:
     """Exchange head and tail."""
-    return tuple(tuple(sorted(masses - 1 - i for i in s)) for s in word)
+    return ascending([[masses - 1 - i for i in resting] for resting in word])
+
+
+def block_wave_sequence(links: int, resting: int) -> list[tuple[int, ...]]:
+    """Resting masses of the block-rest wave: a block of neighbours runs from tail to head.
+
+    n+1 phases of ascending indices for n links; a block of `resting` ≤ n masses wraps round.
+    """
+    masses = links + 1
+    tails = range(links, -1, -1)
+    return [tuple(sorted((tail - b) % masses for b in range(resting))) for tail in tails]
+
+
+def wave_orders(links: int, resting: int) -> list[Sequence_]:
+    """Orders in which blocks of resting masses, equally far apart, run from tail to head.
+
+    One for each number of phases q, with the shortest blocks that leave `resting` at rest.
+    """
+    masses, found = links + 1, []
+    for phases in range(2, masses + 1):
+        for block in range(1, phases):
+            sets = [
+                tuple(i for i in range(masses) if (i + p) % phases < block) for p in range(phases)
+            ]
+            if min(map(len, sets)) >= resting:
+                found.append(tuple(sets))
+                break
+    return found
+
+
+def wave_direction(sequence: Sequence_, masses: int) -> int:
+    """Direction in which masses rest in turn, each a phase after its neighbour.
+
+    1 from tail to head, -1 from head to tail, 0 where it is no wave.
+    """
+    phases = len(sequence)
+    for direction in (1, -1):
+        classes = {direction * i % phases for i in sequence[0]}
+        if phases <= masses and all(
+            set(resting) == {i for i in range(masses) if (direction * i + p) % phases in classes}
+            for p, resting in enumerate(sequence)
+        ):
+            return direction
+    return 0
 
 
 def neighbours(
