@@ -15,7 +15,6 @@ from wormopt.control.reference import follow
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.simulation.options import Exact, Smooth, Treatment
-from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import accordion, block_wave, fast_gait, travelling_sine
 
 
@@ -57,18 +56,7 @@ class Cell:
         worm, tracker = self.worm, self.tracker
         if tracker is None:
             return worm.model()
-        n = worm.links
-        plant = chain(
-            n,
-            mass=worm.mass,
-            stiffness=worm.stiffness,
-            damping=worm.damping,
-            rest_length=2.0,
-            drag=worm.drag,
-            law=[grip.law() for grip in worm.grips],
-            position=worm.start[: n + 1],
-            velocity=worm.start[n + 1 :],
-        )
+        plant = worm.worm(2.0)
         return lambda_tracker(
             plant,
             follow(worm.gait, plant.t),
