@@ -200,7 +200,7 @@ def test_the_mixed_integer_program_tells_better_and_better_gaits():
 def test_many_starts_give_gaits(case: Case, optimum: float):
     best = searched(case, 0.98 * optimum, (2, 3))[-1]
     assert best.speed <= optimum + 1e-8
-    assert sum(best.phases) * best.start.cycles == pytest.approx(1.0)
+    assert best.motion.period * best.start.cycles == pytest.approx(1.0)
     confirm(best.motion, case, 1e-5)
 
 

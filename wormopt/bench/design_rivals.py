@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import highspy
@@ -121,85 +121,64 @@ def solve_grid(
 
 
 def _program(limits: Arrays, grid: Grid) -> Any:
-    """Columns: velocities at all nodes, lengths there, and who rests in each step."""
-    N, n, masses = grid.steps, limits.links, limits.links + 1
-    matrix, low, high = _rows(limits, grid)
+    """Columns of every step: velocities and lengths where it begins, and who rests in it."""
+    N, n = grid.steps, limits.links
+    rows = zip(*_limits_of_step(limits, grid.period / N), strict=True)
+    here, there, low, high = (np.concatenate(part) for part in rows)
+    following = np.roll(np.eye(N), 1, axis=1)
+    matrix = sparse.csr_matrix(sparse.kron(np.eye(N), here) + sparse.kron(following, there))
     program: Any = highspy.HighsLp()
     program.sense_ = highspy.ObjSense.kMaximize
-    program.num_row_, program.num_col_ = len(low), N * (3 * n + 2)
-    head = np.zeros(masses)
-    head[0] = 1 / N
-    program.col_cost_ = np.concatenate([np.tile(head, N), np.zeros(N * (n + masses))])
-    zero, one = np.zeros(N * masses), np.ones(N * masses)
-    program.col_lower_ = np.concatenate([zero, np.tile(limits.length[:, 0], N), zero])
-    fastest = np.tile(limits.fastest, N)
-    program.col_upper_ = np.concatenate([fastest, np.tile(limits.length[:, 1], N), one])
-    program.row_lower_, program.row_upper_ = low, high
+    program.num_row_, program.num_col_ = N * len(low), N * (3 * n + 2)
+    program.col_cost_ = np.tile(np.eye(1, 3 * n + 2)[0] / N, N)  # velocity of the head
+    least, most = limits.length.T
+    program.col_lower_ = np.tile(np.concatenate([np.zeros(n + 1), least, np.zeros(n + 1)]), N)
+    program.col_upper_ = np.tile(np.concatenate([limits.fastest, most, np.ones(n + 1)]), N)
+    program.row_lower_, program.row_upper_ = np.tile(low, N), np.tile(high, N)
     program.a_matrix_.format_ = highspy.MatrixFormat.kRowwise
     program.a_matrix_.start_, program.a_matrix_.index_ = matrix.indptr, matrix.indices
     program.a_matrix_.value_ = matrix.data
-    kinds = [highspy.HighsVarType.kContinuous, highspy.HighsVarType.kInteger]
-    program.integrality_ = [kinds[0]] * (N * (masses + n)) + [kinds[1]] * (N * masses)
+    real, whole = highspy.HighsVarType.kContinuous, highspy.HighsVarType.kInteger
+    program.integrality_ = ([real] * (2 * n + 1) + [whole] * (n + 1)) * N
     return program
 
 
-def _rows(limits: Arrays, grid: Grid) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
-    """Stack all limits, each of which is repeated in every step."""
-    found = list(_limits_of_steps(limits, grid))
-    matrix = sparse.csr_matrix(sparse.bmat([limit.parts for limit in found]))
-    heights = [next(p.shape[0] for p in limit.parts if p is not None) for limit in found]
+def _limits_of_step(limits: Arrays, dt: float) -> Iterator[tuple[np.ndarray, ...]]:
+    """Coefficients of a step's own columns and of the next step's, and both sides."""
+    n, inf = limits.links, np.inf
+    v, length, rests = np.split(np.eye(3 * n + 2), [n + 1, 2 * n + 1])
+    rate, resting = v[:-1] - v[1:], rests.sum(axis=0)
+    half, reach = dt / 2 * rate, limits.acceleration * dt
 
-    def stacked(sides: Iterator[float | np.ndarray]) -> np.ndarray:
-        each = zip(sides, (height // grid.steps for height in heights), strict=True)
-        return np.concatenate(
-            [np.tile(np.broadcast_to(side, rows), grid.steps) for side, rows in each]
-        )
+    def limit(here: np.ndarray, there: np.ndarray, low: Any, high: Any) -> tuple[np.ndarray, ...]:
+        sides = (np.broadcast_to(side, len(here)) for side in (low, high))
+        return here, there, *sides
 
-    return matrix, stacked(limit.low for limit in found), stacked(limit.high for limit in found)
-
-
-class _Limit(NamedTuple):
-    """Coefficients of velocities, lengths and rests, None where they are zero, and both sides."""
-
-    parts: tuple[Any, Any, Any]
-    low: float | np.ndarray
-    high: float | np.ndarray
-
-
-def _limits_of_steps(limits: Arrays, grid: Grid) -> Iterator[_Limit]:
-    N, n, dt, inf = grid.steps, limits.links, grid.period / grid.steps, np.inf
-    here = np.eye(N)
-    there = np.roll(here, 1, axis=1)  # at the next node
-    every, total = sparse.kron(here, np.eye(n)), np.ones((1, n + 1))
-    rates = np.eye(n, n + 1) - np.eye(n, n + 1, 1)
-    rate, change = sparse.kron(here, rates), sparse.kron(there - here, rates)
-    reach, fastest = limits.acceleration * dt, limits.fastest
-    yield _Limit((rate, None, None), -limits.contraction, limits.extension)
-    yield _Limit((change, None, None), -reach, reach)
-    grown = sparse.kron(there + here, -dt / 2 * rates)
-    yield _Limit((grown, sparse.kron(there - here, np.eye(n)), None), 0.0, 0.0)
+    yield limit(rate, 0 * rate, -limits.contraction, limits.extension)
+    yield limit(-rate, rate, -reach, reach)
+    yield limit(-length - half, length - half, 0.0, 0.0)
     # the middle Bernstein coefficient
-    yield _Limit((dt / 2 * rate, every, None), limits.length[:, 0], limits.length[:, 1])
-    yield _Limit((None, None, sparse.kron(here, total)), float(limits.resting), inf)
-    for at in (here, there):
-        still = sparse.kron(here, np.diag(fastest))
-        yield _Limit((sparse.kron(at, np.eye(n + 1)), None, still), -inf, fastest)
-        force = sparse.kron(there - here, limits.mass[None, :] / dt)
-        force += sparse.kron(at, limits.drag * total)
-        yield _Limit((force, None, None), -limits.static_load, inf)
+    yield limit(length + half, 0 * half, limits.length[:, 0], limits.length[:, 1])
+    yield limit(resting[None, :], 0 * resting[None, :], limits.resting, inf)
+    gained = limits.mass[None, :] @ v / dt
+    for here, there in ((1, 0), (0, 1)):  # where the step begins, and where it ends
+        still = limits.fastest[:, None] * rests
+        yield limit(here * v + still, there * v, -inf, limits.fastest)
+        slowed = limits.drag * v.sum(axis=0)
+        force, later = here * slowed - gained, there * slowed + gained
+        yield limit(force, later, -limits.static_load, inf)
         if np.isfinite(limits.spike_load):
-            shared = sparse.kron(here, -limits.spike_load * total)
-            yield _Limit((force, None, shared), -inf, -limits.static_load)
+            yield limit(force - limits.spike_load * resting, later, -inf, -limits.static_load)
 
 
 def _motion(values: np.ndarray, limits: Arrays, grid: Grid) -> Motion:
     """Velocities that the solver leaves to masses at rest are none."""
-    N, masses = grid.steps, limits.links + 1
-    velocities = np.maximum(values[: N * masses].reshape(N, masses), 0.0)
-    rests = values[-N * masses :].reshape(N, masses) > 0.5
-    velocities[rests | np.roll(rests, 1, axis=0)] = 0.0
-    lengths = values[N * masses : N * masses + limits.links]
-    return Motion(np.full(N, grid.period / N), velocities, lengths)
+    n = limits.links
+    v, lengths, rest = np.split(values.reshape(grid.steps, -1), [n + 1, 2 * n + 1], axis=1)
+    rests = rest > 0.5
+    still = rests | np.roll(rests, 1, axis=0)
+    velocities = np.where(still, 0.0, np.maximum(v, 0.0))
+    return Motion(np.full(grid.steps, grid.period / grid.steps), velocities, lengths[0])
 
 
 def _halved(motion: Motion) -> np.ndarray:
@@ -210,7 +189,7 @@ def _halved(motion: Motion) -> np.ndarray:
     changes = -np.diff(velocities + later) * h / 2
     lengths = motion.lengths + np.vstack([0 * motion.lengths, np.cumsum(changes, axis=0)[:-1]])
     rests = np.maximum(velocities, later) == 0.0
-    return np.concatenate([velocities.ravel(), lengths.ravel(), rests.ravel().astype(float)])
+    return np.hstack([velocities, lengths, rests]).ravel()
 
 
 # -- IPOPT from many starts ----------------------------------------------------------------------
@@ -253,11 +232,6 @@ class Found:
     speed: float  # mean over the cycle
     start: Start  # order of resting masses, and cycles a period
     motion: Motion  # one cycle
-
-    @property
-    def phases(self) -> list[float]:
-        """Durations of the phases."""
-        return self.motion.durations.reshape(len(self.start.word), -1).sum(axis=1).tolist()
 
 
 def by_multistart(
