@@ -291,8 +291,8 @@ def test_peers_of_optimal_control_that_are_missing_or_fail_are_told(
     monkeypatch.setitem(PEERS, "absent", absent)
     monkeypatch.setitem(PEERS, "failing", failing)
     *_, known = measure_ocp([even(4)], 1, lambda *_: None, ("absent", "failing"))
-    assert [timed.missing for timed in known] == ["not installed: fancy", "RuntimeError: will not"]
-    assert all(math.isnan(timed.solve) for timed in known)
+    assert [t["missing"] for t in known] == ["not installed: fancy", "RuntimeError: will not"]
+    assert all(t["solve_s"] is None for t in known)
 
 
 def test_an_interrupted_benchmark_tells_what_it_knows(

@@ -15,7 +15,7 @@ import numpy as np
 from wormopt.bench.design_cases import G1, Case, Course, task_of
 from wormopt.bench.design_cases import draw as drawn
 from wormopt.bench.design_rivals import by_milp, by_multistart
-from wormopt.bench.run import Found, aligned, axes, colour, finite, save, seconds, why
+from wormopt.bench.run import OWN, Found, aligned, axes, colour, finite, save, seconds, why
 from wormopt.progress import Report, silent
 from wormopt.systems.spiked.certify.proof import certified
 from wormopt.systems.spiked.design.optimize import designed
@@ -24,8 +24,6 @@ from wormopt.systems.spiked.task import Certify, Search
 ACCURACIES = (0.1, 0.03, 0.01, 0.003)
 """Distances from the bound, as parts of it."""
 
-OWN = "wormopt"
-"""The solver whose times are compared with those of the others."""
 
 _SEED = 1
 _ABOVE = 1e-6  # beyond the ceiling by more, a speed is wrong
@@ -34,7 +32,6 @@ _ABOVE = 1e-6  # beyond the ceiling by more, a speed is wrong
 _PHASES, _GAP, _PROOF_TIME, _SHARP = 4, 1e-3, 4.0, 0.5
 
 Solver = Callable[[Case, float], Course]
-Better = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -96,25 +93,21 @@ def certified_bound(case: Case, seconds: float) -> Bound:
     return Bound(proof.bound, max(proof.gap, 0.0), found.ceiling)
 
 
-def ours(case: Case, seconds: float, design: Callable[[Case, float, Better], None]) -> Course:
-    """Time our own designer; returns (seconds, best speed) pairs.
-
-    `design`(case, seconds, better) calls better(speed) whenever it has a better gait.
-    """
-    begin, course = perf_counter(), Course()
-    design(case, seconds, lambda speed: course.append((perf_counter() - begin, speed)))
-    return course
-
-
-def _by_design(case: Case, seconds: float, better: Better) -> None:
+def by_design(case: Case, seconds: float) -> Course:
     """The designer of the package, in one process as its rivals; its coarse gaits count too."""
+    begin, course = perf_counter(), Course()
+
+    def better(speed: float) -> None:
+        course.append((perf_counter() - begin, speed))
+
     settings = Search(time_limit=seconds, workers=1)
     found = designed(task_of(case), settings, silent, better=lambda trial: better(trial.value))
     better(found.speed)
+    return course
 
 
 SOLVERS: dict[str, Solver] = {
-    OWN: lambda case, seconds: ours(case, seconds, _by_design),
+    OWN: by_design,
     "HiGHS, equal steps": by_milp,
     "IPOPT, many starts": by_multistart,
 }

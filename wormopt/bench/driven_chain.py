@@ -21,6 +21,7 @@ from wormopt.control.reference import follow
 from wormopt.model.friction import Coulomb, Law, Spike
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
+from wormopt.numerics.roots import root
 from wormopt.systems.chain.build import chain
 
 _ORDER = 24
@@ -327,9 +328,9 @@ class _Flow:
         lowest = values.min(axis=0)
         first, event = 2.0, -1
         for row in np.flatnonzero(lowest <= values.max(axis=0) - lowest):
-            root = _first_root(polynomials[:, row])
-            if root < first:
-                first, event = root, int(regime.owner[row])
+            place = _first_root(polynomials[:, row])
+            if place < first:
+                first, event = place, int(regime.owner[row])
         return first, event
 
 
@@ -354,26 +355,15 @@ def _first_root(p: np.ndarray) -> float:
 
 
 def _falls(q: np.ndarray, a: float, b: float) -> float:
-    """Zero of a polynomial that falls through 0 between a and b, by Newton within a bracket."""
+    """Zero of a polynomial that falls through 0 between a and b."""
     exponents = np.arange(len(q))
-    slope = q[1:] * exponents[1:]
-    if q @ a**exponents <= 0:
-        return float(a)
-    c = 0.5 * (a + b)
-    for _ in range(100):
-        value = float(q @ c**exponents)
-        if value > 0:
-            a = c
-        else:
-            b = c
-        steep = float(slope @ c ** exponents[:-1])
-        newton = c - value / steep if steep else a
-        if abs(newton - c) <= 1e-16:
-            break
-        c = newton if a < newton < b else 0.5 * (a + b)
-        if c in (a, b):
-            break
-    return float(c)
+
+    def value(c: float) -> float:
+        return float(q @ c**exponents)
+
+    if value(a) <= 0:
+        return a
+    return root(value, a, b) if value(b) < 0 else b
 
 
 def linear_flow(

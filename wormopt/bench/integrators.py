@@ -210,17 +210,17 @@ class Smoothed:
 
     def pieces(self, span: float) -> Iterator[Piece]:
         """Cut the time from 0 to `span` at all breaks."""
-        schedules = self.model.schedules
-        cuts = {0.0, span}
-        for schedule in schedules:
-            cuts.update(t for t in _breaks(schedule, span) if 0 < t < span)
-        edges = sorted(cuts)
+        held = [_stretches(schedule, span) for schedule in self.model.schedules]
+        edges = sorted({0.0, span, *(t for begins, _ in held for t in begins[1:] if 0 < t < span)})
         # the same break of two schedules may differ by rounding
         kept = [0.0, *(b for a, b in pairwise(edges) if b - a > 1e-12 * span)]
         kept[-1] = span
         for a, b in pairwise(kept):
-            values = [_held(schedule, 0.5 * (a + b)) for schedule in schedules]
-            yield Piece(a, b, np.concatenate([np.zeros(0), *values]))
+            values = [np.zeros(0)]
+            for begins, numbers in held:
+                k = max(int(begins.searchsorted(0.5 * (a + b))) - 1, 0)
+                values += [begins[k : k + 1], numbers[k]]
+            yield Piece(a, b, np.concatenate(values))
 
 
 def _values(signals: list[Signal]) -> np.ndarray:
@@ -228,23 +228,13 @@ def _values(signals: list[Signal]) -> np.ndarray:
     return np.concatenate([np.zeros(0), *known])
 
 
-def _breaks(schedule: Schedule, span: float) -> np.ndarray:
-    period = schedule.breaks[-1]
-    if not schedule.periodic:
-        return schedule.start + schedule.breaks[1:-1]
-    first = np.floor(-schedule.start / period)
-    cycles = np.arange(first, first + np.ceil(span / period) + 2)
-    return (schedule.start + cycles[:, None] * period + schedule.breaks[None, :-1]).ravel()
-
-
-def _held(schedule: Schedule, t: float) -> np.ndarray:
-    """Beginning and values of the piece in the midst of which t is."""
-    period = schedule.breaks[-1]
-    turn = np.floor((t - schedule.start) / period) * period if schedule.periodic else 0.0
-    since = t - schedule.start - turn
-    piece = int(np.clip(np.searchsorted(schedule.breaks, since) - 1, 0, schedule.pieces - 1))
-    begin = schedule.start + turn + schedule.breaks[piece]
-    return np.append(begin, schedule.values[piece])
+def _stretches(schedule: Schedule, span: float) -> tuple[np.ndarray, np.ndarray]:
+    """When the pieces of a schedule begin (m,), from before 0 to `span`, and their values."""
+    period, cycles = schedule.breaks[-1], np.zeros(1)
+    if schedule.periodic:
+        cycles = np.floor(-schedule.start / period) + np.arange(np.ceil(span / period) + 2)
+    begins = schedule.start + cycles[:, None] * period + schedule.breaks[None, :-1]
+    return begins.ravel(), np.tile(schedule.values, (len(cycles), 1))
 
 
 def called(function: ca.Function) -> Rates:

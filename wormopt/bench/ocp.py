@@ -6,7 +6,6 @@ and one value of the drive per arc, start from the same guess and give IPOPT the
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -18,7 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from wormopt.bench.run import Found, aligned, colour, finite, seconds, timed, why
+from wormopt.bench.run import OWN, Found, aligned, colour, seconds, timed, why
 from wormopt.model.friction import Coulomb
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Smoothed
@@ -31,8 +30,8 @@ from wormopt.ocp.transcription import Transcription
 from wormopt.progress import Report
 from wormopt.systems.block.block import block
 
-OWN, THAN, MOST = "wormopt", "CasADi SX by hand", 2.0
-"""Whose time to solve has to keep up with whose, and the largest ratio."""
+THAN, MOST = "CasADi SX by hand", 2.0
+"""Whose time to solve wormopt has to keep up with, and the largest ratio."""
 
 _EXACT = 1.2221708186  # shortest time by the law -(1.5 tanh(40 v) - 0.5)
 _V_REG, _FORCE, _LATEST = 1 / 40, 3.0, 10.0
@@ -291,86 +290,59 @@ PEERS: dict[str, Callable[[Grid], Solve]] = {
 # -- measuring -----------------------------------------------------------------------------------
 
 
-@dataclass
-class Timed:
-    """How one toolkit did on one grid."""
-
-    solver: str
-    grid: str
-    build: float = math.nan  # s, of the program and its derivatives
-    solves: list[float] = field(default_factory=list)  # s, of each solve after the first
-    answer: Answer | None = None  # of the last solve
-    missing: str = ""  # why there are no times
-
-    @property
-    def solve(self) -> float:
-        """Median time of a solve, NaN where there is none."""
-        return median(self.solves) if self.solves else math.nan
-
-
 def measured(_name: str, quick: bool, report: Report) -> Iterator[Found]:
     """Measure on equal arcs, and on graded ones for a small error; coarser ones if `quick`."""
     grids = [even(20), graded(1e-7)] if quick else [even(40), graded(1e-9)]
-    for known in measure_ocp(grids, 5 if quick else 25, report):
-        ratios = {t.grid: solve_ratio(known, t.grid) for t in known}
+    for rows in measure_ocp(grids, 5 if quick else 25, report):
+        ratios = {grid.name: solve_ratio(rows, grid.name) for grid in grids}
         targets = [
             {"grid": grid, "than": THAN, "most": MOST, "ratio": ratio, "met": ratio <= MOST}
             for grid, ratio in ratios.items()
-            if not math.isnan(ratio)
+            if ratio is not None
         ]
-        yield {"times": [_described(t) for t in known], "targets": targets}
-
-
-def _described(known: Timed) -> Found:
-    answer = known.answer
-    return {
-        "solver": known.solver,
-        "grid": known.grid,
-        "build_s": finite(known.build),
-        "solve_s": finite(known.solve),
-        "error": answer.time - _EXACT if answer else None,
-        "iterations": answer.iterations if answer else 0,  # 0: not told
-        "functions_s": answer.functions_s if answer else {},
-        "missing": known.missing,
-    }
+        yield {"times": rows, "targets": targets}
 
 
 def measure_ocp(
     grids: Sequence[Grid], rounds: int, report: Report, names: Sequence[str] = tuple(PEERS)
-) -> Iterator[list[Timed]]:
+) -> Iterator[list[Found]]:
     """Build every program, then solve them in turn, so that a busy machine is fair to all.
 
     Yields all results so far; `rounds`: solves of each; `names`: solvers.
     """
-    known: list[Timed] = []
+    rows: list[Found] = []
     for k, grid in enumerate(grids):
-        ready: list[tuple[Timed, Solve]] = []
+        ready: list[tuple[Found, Solve, list[float]]] = []
         for name in names:
             report(f"ocp: {name} on {grid.name}", k / len(grids))
-            found = Timed(name, grid.name)
-            known.append(found)
+            times = {"build_s": None, "solve_s": None}  # median of solves after the first
+            told = {"error": None, "iterations": 0, "functions_s": {}, "missing": ""}
+            rows.append({"solver": name, "grid": grid.name, **times, **told})
             try:
-                found.build, solve = timed(PEERS[name], grid)
+                rows[-1]["build_s"], solve = timed(PEERS[name], grid)
                 solve()  # the first one is not like the others
-                ready.append((found, solve))
+                ready.append((rows[-1], solve, []))
             except ImportError as error:
-                found.missing = f"not installed: {error.name}"
+                rows[-1]["missing"] = f"not installed: {error.name}"
             except NotImplementedError as error:
-                found.missing = str(error)
+                rows[-1]["missing"] = str(error)
             except Exception as error:  # whatever a peer does wrong
-                found.missing = why(error)
-            yield known
+                rows[-1]["missing"] = why(error)
+            yield rows
         for _ in range(rounds):
-            for found, solve in ready:
-                spent, found.answer = timed(solve)
-                found.solves.append(spent)
-        yield known
+            for row, solve, spent in ready:
+                time, answer = timed(solve)
+                spent.append(time)
+                row |= {"solve_s": median(spent), "error": answer.time - _EXACT}
+                row |= {"iterations": answer.iterations, "functions_s": answer.functions_s}
+        yield rows
 
 
-def solve_ratio(known: Sequence[Timed], grid: str) -> float:
-    """Time of a solve by wormopt over that by hand; NaN where either is unknown."""
-    times = {found.solver: found.solve for found in known if found.grid == grid}
-    return times.get(OWN, math.nan) / times.get(THAN, math.nan)
+def solve_ratio(rows: Sequence[Mapping[str, Any]], grid: str) -> float | None:
+    """Time of a solve by wormopt over that by hand, where both are known."""
+    times = {row["solver"]: row["solve_s"] for row in rows if row["grid"] == grid}
+    ours, theirs = times.get(OWN), times.get(THAN)
+    return ours / theirs if ours and theirs else None
 
 
 # -- telling -------------------------------------------------------------------------------------

@@ -30,6 +30,9 @@ _PACKAGES = (
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#332288", "#882255")
 _MARKS = "os^Dv<>pP*Xh"
 
+OWN = "wormopt"
+"""The solver whose times are compared with those of the others."""
+
 Found = dict[str, Any]
 Answer = TypeVar("Answer")
 

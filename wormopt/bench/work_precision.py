@@ -23,14 +23,12 @@ import numpy as np
 
 from wormopt.bench.cases import GOAL, WORK_PRECISION, Case, Target
 from wormopt.bench.peers import SOLVERS, Run
-from wormopt.bench.run import Found, aligned, axes, curve, finite, save, seconds, timed
+from wormopt.bench.run import OWN, Found, aligned, axes, curve, finite, save, seconds, timed
 from wormopt.model.model import Model, Signal
 from wormopt.progress import Report
 from wormopt.simulation.simulate import simulate
 
 _FAR_OFF = 1e5  # error over tolerance beyond which an answer is called wrong
-OWN = "wormopt"
-"""The solver whose times are compared with those of the others."""
 
 
 @dataclass(frozen=True)
