@@ -11,18 +11,15 @@ from wormopt.bench import run
 from wormopt.bench.design import (
     Bound,
     bounds,
+    by_design,
     certified_bound,
     described,
     measure_design,
-    ours,
     posed,
-    reached,
 )
-from wormopt.bench.design_cases import G1, Arrays, Case, draw, scene_text
-from wormopt.bench.design_milp import Grid, by_milp, solve_grid
-from wormopt.bench.design_motion import Motion
-from wormopt.bench.design_multistart import Found, best_by_multistart, by_multistart
-from wormopt.bench.pictures import draw_gaps
+from wormopt.bench.design import draw as draw_gaps
+from wormopt.bench.design_cases import G1, Arrays, Case, Motion, draw
+from wormopt.bench.design_rivals import Found, Grid, by_milp, by_multistart, solve_grid
 from wormopt.model.gait import Gait
 from wormopt.progress import silent
 from wormopt.scene import load_scene
@@ -40,6 +37,19 @@ KNOWN = [(G1, G1_OPTIMUM), (ONE_LINK, 0.425)]
 # -- problems ------------------------------------------------------------------------------------
 
 
+def scene_text(case: Case) -> str:
+    """A case as the TOML scene a user would write."""
+    lines = ["schema = 1", 'kind = "gait-design"', "", "[worm]"]
+    lines += [f"{key} = {value}" for key, value in case["worm"].items()]
+    lines += ["", "[gait]"]
+    for key, value in case["gait"].items():
+        if isinstance(value, dict):
+            lines += [f"{key}.{part} = {numbers}" for part, numbers in value.items()]
+        else:
+            lines.append(f"{key} = {value}")
+    return "\n".join([*lines, "", "[objective]", 'maximise = "speed"', "", "[search]", "seed = 1"])
+
+
 def test_problems_of_a_seed_are_always_the_same():
     assert draw(5, 4) == draw(5, 9)[:4]
     assert draw(5, 4) != draw(6, 4)
@@ -49,7 +59,7 @@ def test_problems_are_scenes(tmp_path: Path):
     file = tmp_path / "drawn.toml"
     cases = draw(0, 60)
     for case in cases:
-        file.write_text(scene_text(case, ["seed = 1"]), encoding="utf-8")
+        file.write_text(scene_text(case), encoding="utf-8")
         given = load_scene(file).table.gait.limits
         limits = Arrays.of(case)
         assert (given.resting, given.period_range) == (limits.resting, limits.period)
@@ -190,13 +200,14 @@ def test_the_mixed_integer_program_tells_better_and_better_gaits():
 def test_many_starts_give_gaits(case: Case, optimum: float):
     best = searched(case, 0.98 * optimum, (2, 3))[-1]
     assert best.speed <= optimum + 1e-8
-    assert sum(best.phases) * best.start.cycles == pytest.approx(1.0)
+    assert best.motion.period * best.start.cycles == pytest.approx(1.0)
     confirm(best.motion, case, 1e-5)
 
 
 def test_the_best_of_many_starts_is_the_last_that_was_told():
-    best = best_by_multistart(ONE_LINK, 0.3, phases=(2,))
-    assert best is not None
+    found: list[Found] = []
+    by_multistart(ONE_LINK, 0.3, 0, (2,), found.append, 10)
+    best = found[-1]
     assert best.start.word == ((0,), (1,))
     assert best.speed <= 0.425 + 1e-8
 
@@ -224,7 +235,7 @@ def fails(case: Case, seconds: float) -> list[tuple[float, float]]:
 
 def test_times_are_summed_up(tmp_path: Path):
     solvers = {
-        "wormopt": lambda case, seconds: ours(case, seconds, lambda c, s, better: better(0.999)),
+        "wormopt": lambda case, seconds: [(0.1, 0.999)],
         "slow": lambda case, seconds: [(1.0, 0.5), (4.0, 0.98)],
         "above": lambda case, seconds: [(0.5, 1.1)],
         "broken": fails,
@@ -233,17 +244,23 @@ def test_times_are_summed_up(tmp_path: Path):
     proven = {"g1": Bound(1.2, 0.01, 1.2), "long": Bound(1.0, 0.001, 1.05)}
     *_, known = measure_design(problems, 1.0, silent, solvers, lambda c, s: proven[c["name"]])
     assert bounds(known) == {"g1": 1.2, "long": 1.1}
-    rows = {(r.solver, r.accuracy): r for r in reached(known)}
-    assert (rows["above", 0.1].share, rows["above", 0.1].problems) == (1.0, 2)
-    assert rows["slow", 0.1].seconds == math.inf
-    assert (rows["above", 0.003].share, rows["above", 0.003].problems) == (1.0, 1)
-    assert [(a.solver, a.problem) for a in known if a.wrong] == [("above", "long")]
     found = described(known)
-    text = run.table(found)
+    rows = {(r["solver"], r["accuracy"]): r for r in found["reached"]}
+    assert (rows["above", 0.1]["share"], rows["above", 0.1]["problems"]) == (1.0, 2)
+    assert rows["slow", 0.1]["time_s"] is None
+    assert (rows["above", 0.003]["share"], rows["above", 0.003]["problems"]) == (1.0, 1)
+    assert [(a.solver, a.problem) for a in known if a.wrong] == [("above", "long")]
+    text = run.table({"case": "design", **found, "done": True})
     assert "broken on g1: RuntimeError: out of order" in text
     assert "above on long: speed 1.1 above the ceiling 1.05" in text
-    draw_gaps(known, tmp_path / "design.png")
+    draw_gaps(found, tmp_path / "design.png")
     assert (tmp_path / "design.png").stat().st_size > 10_000
+
+
+def test_our_designer_tells_better_and_better_gaits():
+    course = by_design(ONE_LINK, 1.0)
+    assert course == sorted(course)
+    assert course[-1][1] == pytest.approx(0.425, abs=1e-8)
 
 
 def test_the_benchmark_problem_is_among_those_posed():

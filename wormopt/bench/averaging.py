@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import math
-import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from matplotlib.figure import Figure
 from scipy.integrate import IntegrationWarning, quad
 
 from wormopt.analysis.average import average
 from wormopt.analysis.continuation import follow_branch
 from wormopt.analysis.steady import steady_states
+from wormopt.bench.run import Found, aligned, axes, curve, save, seconds, timed
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model, pack
 from wormopt.model.values import signal_values
@@ -28,37 +27,44 @@ from wormopt.systems.pair.slow_pair import slow_pair
 from wormopt.systems.shared.signals import symbol
 
 _EPS, _NATURAL = 0.0355, math.sqrt(2)
+_NUMBERS: Any = {
+    "law": Coulomb(0.5 * _EPS, _EPS), "push": _EPS, "frequency": _NATURAL + 0.5 * _EPS
+}  # fmt: skip
+_PERIOD = 2 * np.pi / _NUMBERS["frequency"]
 _NODES, _SAMPLES = (2, 4, 6, 8, 12, 16), (32, 128, 512, 2048, 8192)
-_STATES = 60
-_COLOURS = ("#0072B2", "#E69F00", "#009E73")
+_STATES, _POINTS = 60, 400  # random ones to average at, of the curve
 
 Rates = Callable[[np.ndarray], np.ndarray]
 
 
-@dataclass
-class Timed:
-    """Cost and error of one way to average."""
+def measured(_name: str, quick: bool, report: Report) -> Iterator[Found]:
+    """Average at random states in several ways, beside the closed form; then the curve.
 
-    method: str
-    effort: float  # its nodes, samples or tolerance
-    error: float  # largest difference of mean rates from (18), over eps
-    seconds: float  # median of one evaluation
-
-
-@dataclass(frozen=True)
-class Curve:
-    """What a steady state and a resonance curve through it cost."""
-
-    points: int  # of the curve
-    build: float  # s, to average
-    first: float  # s, for steady states and curve the first time
-    warm: float  # s, for steady states and curve again
-    error: float  # largest relative difference of velocities from (19)
-
-
-def _pair() -> Model:
-    law = Coulomb(0.5 * _EPS, _EPS)
-    return slow_pair(law=law, push=_EPS, frequency=_NATURAL + 0.5 * _EPS)
+    `quick`: fewer states, and less effort for the slow ways.
+    """
+    model, random = slow_pair(**_NUMBERS), np.random.default_rng(0)
+    states = random.uniform(-1.0, 1.0, (10 if quick else _STATES, 3))
+    closed = _rates(averaged_pair(**_NUMBERS))
+    exact = [closed(x) for x in states]
+    tolerances = (1e-2, 1e-4) if quick else (1e-2, 1e-4, 1e-6)
+    ways: list[tuple[str, float, Callable[[], Rates]]] = [
+        *(("wormopt, nodes", n, partial(_by_nodes, model, n)) for n in _NODES),
+        *(("samples, CasADi", n, partial(_sampled, model, n)) for n in _SAMPLES),
+        *(("SciPy quad", accuracy, partial(_adaptive, model, accuracy)) for accuracy in tolerances),
+    ]
+    rows: list[Found] = []
+    for k, (method, effort, build) in enumerate(ways):
+        report(f"averaging: {method} {effort:g}", k / len(ways))
+        rates = build()
+        rates(states[0])
+        found = [timed(rates, x) for x in states]
+        off = [np.abs(rate - known).max() for (_, rate), known in zip(found, exact, strict=True)]
+        spent = median(time for time, _ in found)
+        rows.append({"method": method, "effort": effort, "error": max(map(float, off)) / _EPS,
+                     "seconds": spent})  # fmt: skip
+        yield {"averages": rows}
+    report("averaging: resonance curve", 0.95)
+    yield {"averages": rows, "curve": _curve()}
 
 
 def _rates(model: Model) -> Rates:
@@ -67,8 +73,12 @@ def _rates(model: Model) -> Rates:
     return lambda x: np.array(function(x, p)).ravel()
 
 
-def _period(model: Model) -> ca.SX:
-    return 2 * ca.pi / symbol(model, "frequency")
+def _averaged(model: Model, **options: Any) -> Model:
+    return average(model, 2 * ca.pi / symbol(model, "frequency"), **options)
+
+
+def _by_nodes(model: Model, count: int) -> Rates:
+    return _rates(_averaged(model, nodes=count))
 
 
 def _instant(model: Model) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
@@ -85,101 +95,73 @@ def _instant(model: Model) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
 
 def _sampled(model: Model, count: int) -> Rates:
     rates = _instant(model)
-    t = np.arange(count) / count * 2 * np.pi / (_NATURAL + 0.5 * _EPS)
+    t = np.arange(count) / count * _PERIOD
     return lambda x: rates(x, t).mean(axis=1)
 
 
 def _adaptive(model: Model, tolerance: float) -> Rates:
-    rates, period = _instant(model), 2 * np.pi / (_NATURAL + 0.5 * _EPS)
+    rates = _instant(model)
 
     def mean(x: np.ndarray) -> np.ndarray:
+        def integral(k: int) -> float:
+            asked = {"epsabs": tolerance * _EPS * _PERIOD, "epsrel": 0.0, "limit": 500}
+            return quad(lambda t: rates(x, np.array([t]))[k, 0], 0.0, _PERIOD, **asked)[0]
+
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", IntegrationWarning)  # the error is measured here
-            found = [
-                quad(
-                    lambda t, k=k: rates(x, np.array([t]))[k, 0],
-                    0.0,
-                    period,
-                    epsabs=tolerance * _EPS * period,
-                    epsrel=0.0,
-                    limit=500,
-                )[0]
-                for k in range(len(x))
-            ]
-        return np.array(found) / period
+            return np.array([integral(k) for k in range(len(x))]) / _PERIOD
 
     return mean
 
 
-def measure_averages(quick: bool, report: Report) -> Iterator[Timed]:
-    """Average at random states in several ways, beside the closed form.
+def _curve() -> Found:
+    """What the steady states at one detuning and the curve through them cost.
 
-    `quick`: fewer states, and less effort for the slow ways.
+    In seconds: to average, the first time, again. The error is the largest relative difference of
+    velocities from (19).
     """
-    model, random = _pair(), np.random.default_rng(0)
-    states = random.uniform(-1.0, 1.0, (10 if quick else _STATES, 3))
-    law = Coulomb(0.5 * _EPS, _EPS)
-    closed = averaged_pair(law=law, push=_EPS, frequency=_NATURAL + 0.5 * _EPS)
-    exact = [_rates(closed)(x) for x in states]
-    ways: list[tuple[str, float, Callable[[], Rates]]] = [
-        ("wormopt, nodes", n, partial(lambda n: _rates(average(model, _period(model), nodes=n)), n))
-        for n in _NODES
-    ]
-    ways += [("samples, CasADi", n, partial(_sampled, model, n)) for n in _SAMPLES]
-    tolerances = (1e-2, 1e-4) if quick else (1e-2, 1e-4, 1e-6)
-    ways += [
-        ("SciPy quad", tolerance, partial(_adaptive, model, tolerance)) for tolerance in tolerances
-    ]
-    for k, (method, effort, build) in enumerate(ways):
-        report(f"averaging: {method} {effort:g}", k / len(ways))
-        rates = build()
-        rates(states[0])
-        spent, worst = [], 0.0
-        for x, known in zip(states, exact, strict=True):
-            begin = time.perf_counter()
-            found = rates(x)
-            spent.append(time.perf_counter() - begin)
-            worst = max(worst, float(np.abs(found - known).max()) / _EPS)
-        yield Timed(method, effort, worst, median(spent))
+    build, model = timed(lambda: _averaged(slow_pair(**_NUMBERS)))
+    (first, _), *again = (timed(_followed, model) for _ in range(4))
+    warm, error = median(time for time, _ in again), again[-1][1]
+    return {"points": _POINTS, "build": build, "first": first, "warm": warm, "error": error}
 
 
-def measure_curve(points: int = 400) -> Curve:
-    """Time the steady states at one detuning and the curve of `points` through them."""
-    begin, slow = time.perf_counter(), _pair()
-    model = average(slow, _period(slow))
-    build = time.perf_counter() - begin
-    times, error = [], 0.0
-    for _ in range(4):
-        begin = time.perf_counter()
-        error = _curve(model, points)
-        times.append(time.perf_counter() - begin)
-    return Curve(points, build, times[0], median(times[1:]), error)
-
-
-def _curve(model: Model, points: int) -> float:
+def _followed(model: Model) -> float:
     box = {"center_velocity": (-2.0, 2.0), "swing": (-2.0, 2.0)}
     (state,) = steady_states(model, box)
     span = (_NATURAL + 0.01 * _EPS, _NATURAL + 2 * _EPS)
-    frequency = _NATURAL + _EPS * np.linspace(0.02, 2.0, points)
+    frequency = _NATURAL + _EPS * np.linspace(0.02, 2.0, _POINTS)
     branch = follow_branch(state, "frequency", span).at(frequency)
-    if len(branch.parameter) != points:
+    if len(branch.parameter) != _POINTS:
         return math.nan
     exact = [steady_pair(0.5, 1.0, (nu - _NATURAL) / _EPS).velocity for nu in branch.parameter]
     return float(np.abs(branch.x[:, 0] / exact - 1).max())
 
 
-def draw_averages(known: Sequence[Timed], path: Path) -> None:
+# -- telling -------------------------------------------------------------------------------------
+
+
+def lines(found: Mapping[str, Any]) -> list[str]:
+    """The ways in a table, and the curve."""
+    rows = [
+        (a["method"], f"{a['effort']:g}", f"{a['error']:.1e}", seconds(a["seconds"]))
+        for a in found["averages"]
+    ]
+    told = ["averaging: mean rates of the pair, error over eps against (18)"]
+    told += aligned(("method", "effort", "error", "an evaluation"), *rows)
+    if "curve" in found:
+        c = found["curve"]
+        told.append(
+            f"  steady states and a curve of {c['points']} points: first {seconds(c['first'])}, "
+            f"again {seconds(c['warm'])}; averaging {seconds(c['build'])}; error {c['error']:.0e}"
+        )
+    return told
+
+
+def draw(found: Mapping[str, Any], path: Path) -> None:
     """Draw time against error to a PNG file."""
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    axes = figure.add_subplot(
-        111, xscale="log", yscale="log", xlabel="error of the mean rates, over eps",
-        ylabel="time of one evaluation (s)",
-    )  # fmt: skip
-    for k, method in enumerate(dict.fromkeys(t.method for t in known)):
-        own = [t for t in known if t.method == method]
-        axes.plot([t.error for t in own], [t.seconds for t in own], "os^"[k] + "-", markersize=4,
-                  color=_COLOURS[k], label=method)  # fmt: skip
-    axes.grid(visible=True, color="#E6E6E6", linewidth=0.6)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(fontsize=8, frameon=False)
-    figure.savefig(path, dpi=130)
+    figure, left = axes("error of the mean rates, over eps", "time of one evaluation (s)")
+    for k, method in enumerate(dict.fromkeys(a["method"] for a in found["averages"])):
+        own = [a for a in found["averages"] if a["method"] == method]
+        curve(left, k, own, "error", "seconds", label=method)
+    save(figure, path)

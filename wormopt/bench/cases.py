@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from wormopt.bench.driven_chain import DrivenChain, Grip
-from wormopt.bench.event_loop import Plant, plant_of_chain
-from wormopt.bench.plants import mag2_plant
+from wormopt.bench.driven_chain import DrivenChain, Grip, Plant
 from wormopt.control.lambda_tracker import Feedback, lambda_tracker
 from wormopt.control.reference import follow
 from wormopt.model.friction import Coulomb
@@ -22,6 +20,10 @@ from wormopt.systems.spiked.construct import fast_gait, travelling_sine
 
 GOAL = 1e-9
 """Error in (x, v) at which times are compared."""
+
+# Of MAG2: strength of the drive, and its frequency.
+_EPS = 0.036
+_NU = math.sqrt(2.0) + 0.5 * _EPS
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Case:
     source: str  # where the reference comes from
     solvers: tuple[str, ...]  # names of those that can take it
     targets: tuple[Target, ...] = ()  # what wormopt has to keep
-    feedback: Feedback | None = None  # tracker, for hand-written right-hand sides
+    feedback: Feedback = "filter"  # tracker, for hand-written right-hand sides
     plant: Callable[[], Plant] | None = None  # for the event loop
     max_step: float = math.inf  # of the event loop, where it would miss events
 
@@ -71,9 +73,8 @@ def track(feedback: Feedback) -> Model:
 def mag2() -> Model:
     """Benchmark MAG2: system (16) as a plain model of two masses."""
     t, x, v, force = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
-    eps = 0.036
-    pull = x[0] - x[1] + eps * (1 + ca.cos((math.sqrt(2) + 0.5 * eps) * t))
-    law = Coulomb(0.5 * eps, eps)
+    pull = x[0] - x[1] + _EPS * (1 + ca.cos(_NU * t))
+    law = Coulomb(0.5 * _EPS, _EPS)
     return Model(
         "MAG2",
         x=[Signal("position", x, value=0.0), Signal("velocity", v, value=0.0)],
@@ -83,90 +84,74 @@ def mag2() -> Model:
     )
 
 
-_SPIKED = DrivenChain(
-    mass=np.ones(3),
-    stiffness=np.full(2, 40.0),
-    damping=np.full(2, 2.0),
-    gait=fast_gait(1.0),
-    grips=[Grip.spike()] * 3,
-    drag=1.0,
-)
-_STICK = DrivenChain(
-    mass=np.ones(4),
-    stiffness=np.full(3, 40.0),
-    damping=np.full(3, 2.0),
-    gait=travelling_sine(3, 1.0),
-    grips=[Grip(1.0, 3.0, 1.5, 4.0)] * 4,
-)
+def mag2_plant() -> Plant:
+    """Benchmark MAG2 in NumPy."""
+
+    def rates(t: float, y: np.ndarray, force: np.ndarray) -> np.ndarray:
+        pull = y[0] - y[1] + _EPS * (1.0 + math.cos(_NU * t))
+        return np.array([y[2], y[3], force[0] - pull, force[1] + pull])
+
+    grips = [Grip(0.5 * _EPS, _EPS)] * 2
+    return Plant(rates, np.zeros(4), np.array([2, 3]), np.ones(2), grips, lambda _: np.zeros(0))
 
 
-def long_chain(links: int) -> Model:
-    """Chain of n links under a command that runs along it, with friction on every mass."""
-    return DrivenChain(
-        mass=np.ones(links + 1),
-        stiffness=np.full(links, 40.0),
-        damping=np.full(links, 2.0),
-        gait=travelling_sine(links, 1.0, lag=1 / min(links, 10)),
-        grips=[Grip(1.0, 3.0)] * (links + 1),
-    ).model()
-
+_SPIKED = DrivenChain.alike(fast_gait(1.0), Grip.spike(), drag=1.0)
+_STICK = DrivenChain.alike(travelling_sine(3, 1.0), Grip(1.0, 3.0, 1.5, 4.0))
 
 _SMOOTH = (
-    "wormopt",
-    "scipy LSODA",
-    "scipy Radau",
-    "scipy DOP853",
-    "CasADi CVODES",
-    "CasADi CVODES (Adams)",
-    "CasADi IDAS",
-    "scipy LSODA + numba",
-    "scipy DOP853 + numba",
-    "diffrax Dopri8",
-    "scikit-sundae CVODE",
-    "heyoka",
+    *("scipy LSODA", "scipy Radau", "scipy DOP853"),
+    *("CasADi CVODES", "CasADi CVODES (Adams)", "CasADi IDAS"),
+    *("scipy LSODA + numba", "scipy DOP853 + numba"),
+    *("diffrax Dopri8", "scikit-sundae CVODE", "heyoka"),
 )
 _EXACT = ("wormopt", "event loop DOP853", "event loop LSODA", "event loop Radau")
-_NUMPY = ("scipy LSODA", "scipy Radau", "scipy DOP853")
-_TRACK = (Target(("CasADi CVODES",), 1 / 20), Target(_NUMPY, 1 / 60))
-_CLOSED = "closed form between events (bench/linear_flow.py)"
+_DIGITS = "13 digits by independent code, docs/verification.md"
+_CLOSED = "closed form between events (bench/driven_chain.py)"
+
+
+def _track(feedback: Feedback, reference: Sequence[float]) -> Case:
+    number = {"derivative": 13, "filter": 14}[feedback]
+    by_hand = ("hand-written C",) if number == 14 else ()
+    return Case(
+        f"track{number}",
+        f"lambda-tracker ({number}), smooth friction, chapter's data, t = 10",
+        lambda: track(feedback),
+        Smooth(1 / 40),
+        10.0,
+        np.array(reference),
+        _DIGITS,
+        ("wormopt", *by_hand, *_SMOOTH),
+        (
+            Target(("CasADi CVODES",), 1 / 20),
+            Target(("scipy LSODA", "scipy Radau", "scipy DOP853"), 1 / 60),
+            *(Target((name,), 1.5) for name in by_hand),
+        ),
+        feedback,
+    )
+
+
+_TRACK13 = (
+    *(13.9905483956915, 12.7643770141827, 11.4656131519066),
+    *(1.5265682540374, 1.2068425686835, 0.6714590289857),
+)
+_TRACK14 = (
+    *(13.7293026425339, 12.5129899383629, 11.2234323017047),
+    *(1.5442046082437, 1.2147444914821, 0.6496895012235),
+)
+_SPIKED_END = (
+    *(33.86999709433, 32.1268028788, 30.43239145097),
+    *(1.723569370587, 1.979455675845, 0.4497860398088),
+)
+_STICK_END = (
+    *(42.01449307401, 40.44607291658, 37.83038695491, 36.4094808727),
+    *(0.1378182377376, 4.772051921085, 4.397090334646, -1.427712246064),
+)
 
 WORK_PRECISION = {
     case.name: case
     for case in (
-        Case(
-            "track13",
-            "lambda-tracker (13), smooth friction, chapter's data, t = 10",
-            lambda: track("derivative"),
-            Smooth(1 / 40),
-            10.0,
-            np.array(
-                [
-                    *(13.9905483956915, 12.7643770141827, 11.4656131519066),
-                    *(1.5265682540374, 1.2068425686835, 0.6714590289857),
-                ]
-            ),
-            "13 digits by independent code, docs/verification.md",
-            _SMOOTH,
-            _TRACK,
-            feedback="derivative",
-        ),
-        Case(
-            "track14",
-            "lambda-tracker (14), smooth friction, chapter's data, t = 10",
-            lambda: track("filter"),
-            Smooth(1 / 40),
-            10.0,
-            np.array(
-                [
-                    *(13.7293026425339, 12.5129899383629, 11.2234323017047),
-                    *(1.5442046082437, 1.2147444914821, 0.6496895012235),
-                ]
-            ),
-            "13 digits by independent code, docs/verification.md",
-            ("wormopt", "hand-written C", *_SMOOTH[1:]),
-            (*_TRACK, Target(("hand-written C",), 1.5)),
-            feedback="filter",
-        ),
+        _track("derivative", _TRACK13),
+        _track("filter", _TRACK14),
         Case(
             "mag2",
             "magneto-elastic pair (16), exact dry friction, t = 400: 369 events, 5 sticks",
@@ -174,7 +159,7 @@ WORK_PRECISION = {
             Exact(),
             400.0,
             np.array([68.6821179593, 69.1082146640, -0.1937052220, 0.7347495453]),
-            f"13 digits by independent code, docs/verification.md, and {_CLOSED}",
+            f"{_DIGITS}, and {_CLOSED}",
             _EXACT,
             (Target(("event loop DOP853",), 1 / 50),),
             plant=mag2_plant,
@@ -185,15 +170,10 @@ WORK_PRECISION = {
             _SPIKED.model,
             Exact(),
             20.0,
-            np.array(
-                [
-                    *(33.86999709433, 32.1268028788, 30.43239145097),
-                    *(1.723569370587, 1.979455675845, 0.4497860398088),
-                ]
-            ),
+            np.array(_SPIKED_END),
             _CLOSED,
             _EXACT,
-            plant=lambda: plant_of_chain(_SPIKED),
+            plant=_SPIKED.plant,
             max_step=0.01,
         ),
         Case(
@@ -202,15 +182,10 @@ WORK_PRECISION = {
             _STICK.model,
             Exact(),
             20.0,
-            np.array(
-                [
-                    *(42.01449307401, 40.44607291658, 37.83038695491, 36.4094808727),
-                    *(0.1378182377376, 4.772051921085, 4.397090334646, -1.427712246064),
-                ]
-            ),
+            np.array(_STICK_END),
             _CLOSED,
             _EXACT,
-            plant=lambda: plant_of_chain(_STICK),
+            plant=_STICK.plant,
         ),
     )
 }

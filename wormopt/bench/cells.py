@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -15,7 +15,6 @@ from wormopt.control.reference import follow
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.simulation.options import Exact, Smooth, Treatment
-from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import accordion, block_wave, fast_gait, travelling_sine
 
 
@@ -57,18 +56,7 @@ class Cell:
         worm, tracker = self.worm, self.tracker
         if tracker is None:
             return worm.model()
-        n = worm.links
-        plant = chain(
-            n,
-            mass=worm.mass,
-            stiffness=worm.stiffness,
-            damping=worm.damping,
-            rest_length=2.0,
-            drag=worm.drag,
-            law=[grip.law() for grip in worm.grips],
-            position=worm.start[: n + 1],
-            velocity=worm.start[n + 1 :],
-        )
+        plant = worm.worm(2.0)
         return lambda_tracker(
             plant,
             follow(worm.gait, plant.t),
@@ -85,38 +73,33 @@ _STICTION = Grip(1.0, 3.0, 1.5, 4.0)
 _FEEDBACKS: tuple[Feedback, ...] = ("filter", "derivative")
 
 
-def _worm(
+def _cell(
+    group: str,
+    span: float,
     name: str,
     links: int,
-    grip: Grip | Sequence[Grip],
+    grip: Grip,
     gait: str | Gait,
+    v_reg: float | None = None,
+    tracker: Tracker | None = None,
     *,
     stiffness: float | np.ndarray = 40.0,
     mass: float | np.ndarray = 1.0,
     drag: float = 0.0,
-    exact_numbers: bool = False,
-) -> DrivenChain:
+    spread: float = 0.1,
+) -> Cell:
     """Worm with numbers that are off by up to a tenth, by dice that the name has thrown.
 
-    Nothing is symmetric then; ``exact_numbers`` leaves them as they are.
+    Nothing is symmetric then; a ``spread`` of 0 leaves them as they are.
     """
     dice = np.random.default_rng(zlib.crc32(name.encode()))
-
-    def off(value: float | np.ndarray, size: int) -> np.ndarray:
-        numbers = np.broadcast_to(np.asarray(value, dtype=float), size)
-        return numbers.copy() if exact_numbers else numbers * dice.uniform(0.9, 1.1, size)
-
-    masses, c = off(mass, links + 1), off(stiffness, links)
+    masses = mass * dice.uniform(1 - spread, 1 + spread, links + 1)
+    c = stiffness * dice.uniform(1 - spread, 1 + spread, links)
     # damped to a tenth of what would be critical for the link's own masses
-    light = np.minimum(masses[:-1], masses[1:])
-    return DrivenChain(
-        mass=masses,
-        stiffness=c,
-        damping=0.2 * np.sqrt(c * light),
-        gait=_gait(gait, links) if isinstance(gait, str) else gait,
-        grips=[grip] * (links + 1) if isinstance(grip, Grip) else grip,
-        drag=drag,
-    )
+    damping = 0.2 * np.sqrt(c * np.minimum(masses[:-1], masses[1:]))
+    gait = _gait(gait, links) if isinstance(gait, str) else gait
+    worm = DrivenChain(masses, c, damping, gait, [grip] * (links + 1), drag)
+    return Cell(name, group, worm, span, v_reg, tracker)
 
 
 def _gait(name: str, links: int) -> Gait:
@@ -142,60 +125,49 @@ def _core() -> Iterator[Cell]:
         _FEEDBACKS, (1e-1, 1 / 40, 1e-2), (1.0, 0.2, 0.05), (1.0, 10.0), ("block", "sine")
     ):
         name = f"{feedback} tracker, {gait}, v_reg {v_reg:g}, lambda {radius:g}, k0 {gain:g}"
-        worm = _worm(name, 2, _ONE_TEN, gait, stiffness=10.0)
-        tracker = Tracker(feedback, radius, gain)
-        yield Cell(name, "core: smooth trackers", worm, 10.0, v_reg, tracker)
-    for feedback, radius, gain, gait, (label, grip) in product(
-        _FEEDBACKS,
-        (1.0, 0.2),
-        (1.0, 10.0),
-        ("block", "sine"),
-        (("F 1:10", _ONE_TEN), ("F 1:2", _ONE_TWO)),
+        tracker, part = Tracker(feedback, radius, gain), "core: smooth trackers"
+        yield _cell(part, 10.0, name, 2, _ONE_TEN, gait, v_reg, tracker, stiffness=10.0)
+    grips = {"F 1:10": _ONE_TEN, "F 1:2": _ONE_TWO, "F alike": _ALIKE, "stiction": _STICTION}
+    for feedback, radius, gain, gait, label in product(
+        _FEEDBACKS, (1.0, 0.2), (1.0, 10.0), ("block", "sine"), ("F 1:10", "F 1:2")
     ):
         name = f"{feedback} tracker, {gait}, exact {label}, lambda {radius:g}, k0 {gain:g}"
-        worm = _worm(name, 2, grip, gait, stiffness=10.0)
-        yield Cell(name, "core: exact trackers", worm, 5.0, tracker=Tracker(feedback, radius, gain))
-    grips = {"F 1:10": _ONE_TEN, "F 1:2": _ONE_TWO, "F alike": _ALIKE, "stiction": _STICTION}
+        tracker, part = Tracker(feedback, radius, gain), "core: exact trackers"
+        yield _cell(part, 5.0, name, 2, grips[label], gait, None, tracker, stiffness=10.0)
     for links, label, gait, c in product((1, 2, 3, 5), grips, ("block", "sine"), (10.0, 40.0)):
         name = f"chain of {links}, {gait}, exact {label}, c {c:g}"
-        worm = _worm(name, links, grips[label], gait, stiffness=c)
-        yield Cell(name, "core: exact chains", worm, 10.0)
+        yield _cell("core: exact chains", 10.0, name, links, grips[label], gait, stiffness=c)
     for links, label, gait, v_reg in product(
         (1, 3), ("F 1:10", "F 1:2"), ("block", "sine"), (1 / 40, 1e-2)
     ):
         name = f"chain of {links}, {gait}, {label}, v_reg {v_reg:g}"
-        yield Cell(name, "core: smooth chains", _worm(name, links, grips[label], gait), 10.0, v_reg)
+        yield _cell("core: smooth chains", 10.0, name, links, grips[label], gait, v_reg)
     for links, gait, drag in product((1, 2, 3, 5), ("block", "sine"), (0.5, 1.0)):
         name = f"chain of {links} on spikes, {gait}, drag {drag:g}"
-        worm = _worm(name, links, Grip.spike(), gait, drag=drag)
-        yield Cell(name, "core: spiked chains", worm, 10.0)
+        yield _cell("core: spiked chains", 10.0, name, links, Grip.spike(), gait, drag=drag)
 
 
 # -- beyond the ordinary -------------------------------------------------------------------------
 
 
 def _steep() -> Iterator[Cell]:
-    widths = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
-    for v_reg, feedback, radius, gait in product(
-        widths, _FEEDBACKS, (0.2, 0.01), ("block", "sine")
-    ):
+    part, widths, gaits = "steep smoothing", (1e-3, 1e-4, 1e-5, 1e-6, 1e-7), ("block", "sine")
+    for v_reg, feedback, radius, gait in product(widths, _FEEDBACKS, (0.2, 0.01), gaits):
         name = f"{feedback} tracker, {gait}, v_reg {v_reg:g}, lambda {radius:g}"
-        worm = _worm(name, 2, _ONE_TEN, gait, stiffness=10.0)
-        yield Cell(name, "steep smoothing", worm, 5.0, v_reg, Tracker(feedback, radius, 1.0))
-    for v_reg, links, gait in product(widths, (2, 5), ("block", "sine")):
+        tracker = Tracker(feedback, radius, 1.0)
+        yield _cell(part, 5.0, name, 2, _ONE_TEN, gait, v_reg, tracker, stiffness=10.0)
+    for v_reg, links, gait in product(widths, (2, 5), gaits):
         name = f"chain of {links}, {gait}, v_reg {v_reg:g}"
-        yield Cell(name, "steep smoothing", _worm(name, links, _ONE_TWO, gait), 5.0, v_reg)
+        yield _cell(part, 5.0, name, links, _ONE_TWO, gait, v_reg)
 
 
 def _high_gains() -> Iterator[Cell]:
     for radius, gain, feedback in product((1e-2, 1e-3, 1e-4), (1.0, 1e2, 1e3, 1e4), _FEEDBACKS):
-        name = f"{feedback} tracker, lambda {radius:g}, k0 {gain:g}"
-        worm = _worm(name, 2, _ONE_TEN, "block", stiffness=10.0)
-        yield Cell(name, "high gains", worm, 5.0, 1 / 40, Tracker(feedback, radius, gain))
-        if radius != 1e-3 and gain in (1e2, 1e4):
-            name = f"exact {name}"
-            worm = _worm(name, 2, _ONE_TEN, "block", stiffness=10.0)
-            yield Cell(name, "high gains", worm, 0.3, tracker=Tracker(feedback, radius, gain))
+        for exact in (False, True) if radius != 1e-3 and gain in (1e2, 1e4) else (False,):
+            name = f"{'exact ' * exact}{feedback} tracker, lambda {radius:g}, k0 {gain:g}"
+            span, v_reg = (0.3, None) if exact else (5.0, 1 / 40)
+            tracker, part = Tracker(feedback, radius, gain), "high gains"
+            yield _cell(part, span, name, 2, _ONE_TEN, "block", v_reg, tracker, stiffness=10.0)
 
 
 def _ratios() -> Iterator[Cell]:
@@ -207,8 +179,8 @@ def _ratios() -> Iterator[Cell]:
         c, m = (10.0 ** (decades * np.linspace(-0.5, 0.5, size)) for size in (4, 5))
         c = 40.0 * c if what != "mass" else 40.0
         m = m[::-1] if what != "stiffness" else 1.0
-        worm = _worm(name, 4, _ONE_TWO, "sine", stiffness=c, mass=m)
-        yield Cell(name, "ratios", worm, 3.0, None if contact == "exact" else 1 / 40)
+        v_reg = None if contact == "exact" else 1 / 40
+        yield _cell("ratios", 3.0, name, 4, _ONE_TWO, "sine", v_reg, stiffness=c, mass=m)
 
 
 def _long_worms() -> Iterator[Cell]:
@@ -217,44 +189,42 @@ def _long_worms() -> Iterator[Cell]:
     ):
         name = f"chain of {links}, {gait}, {contact}"
         grip, drag = (Grip.spike(), 1.0) if contact == "spikes" else (_ONE_TWO, 0.0)
-        worm = _worm(name, links, grip, gait, drag=drag)
-        span = 20.0 / links if contact != "smooth" else 3.0
-        yield Cell(name, "long worms", worm, span, 1 / 40 if contact == "smooth" else None)
+        span, v_reg = (3.0, 1 / 40) if contact == "smooth" else (20.0 / links, None)
+        yield _cell("long worms", span, name, links, grip, gait, v_reg, drag=drag)
     for links, feedback in product((10, 20, 50), _FEEDBACKS):
-        name = f"{feedback} tracker of {links} links"
-        worm = _worm(name, links, _ONE_TWO, "sine")
-        yield Cell(name, "long worms", worm, 3.0, 1 / 40, Tracker(feedback, 0.2, 1.0))
+        name, tracker = f"{feedback} tracker of {links} links", Tracker(feedback, 0.2, 1.0)
+        yield _cell("long worms", 3.0, name, links, _ONE_TWO, "sine", 1 / 40, tracker)
 
 
 def _long_times() -> Iterator[Cell]:
+    part = "long times"
     for periods in (30.0, 100.0, 300.0, 1000.0):
         # the second route takes half a minute for 300 periods
         for feedback in _FEEDBACKS if periods < 300 else ("filter",):
-            name = f"{feedback} tracker for {periods:g} periods"
-            worm = _worm(name, 2, _ONE_TWO, "sine", stiffness=10.0)
-            tracker = Tracker(feedback, 0.5, 1.0)
-            yield Cell(name, "long times", worm, periods, 1 / 10, tracker)
+            name, tracker = (
+                f"{feedback} tracker for {periods:g} periods",
+                Tracker(feedback, 0.5, 1.0),
+            )
+            yield _cell(part, periods, name, 2, _ONE_TWO, "sine", 1 / 10, tracker, stiffness=10.0)
         for kind in ("exact", "stiction", "spikes", "smooth")[: 4 if periods < 300 else 3]:
             name = f"chain, {kind}, for {periods:g} periods"
             grip = {"stiction": _STICTION, "spikes": Grip.spike()}.get(kind, _ONE_TWO)
-            worm = _worm(name, 2, grip, "block", drag=1.0 if kind == "spikes" else 0.2)
-            yield Cell(name, "long times", worm, periods, 1 / 40 if kind == "smooth" else None)
+            v_reg, drag = 1 / 40 if kind == "smooth" else None, 1.0 if kind == "spikes" else 0.2
+            yield _cell(part, periods, name, 2, grip, "block", v_reg, drag=drag)
 
 
 def _jumps() -> Iterator[Cell]:
-    for seed in range(8):
-        for kind in ("exact", "spikes", "smooth", "tracker", "exact tracker"):
-            name = f"jumping reference {seed}, {kind}"
-            grip = Grip.spike() if kind == "spikes" else _ONE_TEN
-            gait = jumping_gait(2 + seed % 2, seed)
-            worm = _worm(name, gait.links, grip, gait, drag=1.0 if kind == "spikes" else 0.0)
-            feedback = _FEEDBACKS[seed // 2 % 2]
-            tracker = Tracker(feedback, 0.2, 1.0) if "tracker" in kind else None
-            smooth = kind in ("smooth", "tracker")
-            yield Cell(name, "jumps", worm, 8.0, 1 / 40 if smooth else None, tracker)
+    for seed, kind in product(range(8), ("exact", "spikes", "smooth", "tracker", "exact tracker")):
+        name, gait = f"jumping reference {seed}, {kind}", jumping_gait(2 + seed % 2, seed)
+        grip, drag = (Grip.spike(), 1.0) if kind == "spikes" else (_ONE_TEN, 0.0)
+        v_reg = 1 / 40 if kind in ("smooth", "tracker") else None
+        feedback = _FEEDBACKS[seed // 2 % 2]
+        tracker = Tracker(feedback, 0.2, 1.0) if "tracker" in kind else None
+        yield _cell("jumps", 8.0, name, gait.links, grip, gait, v_reg, tracker, drag=drag)
 
 
 def _frictions() -> Iterator[Cell]:
+    part = "frictions"
     grips = {
         "no friction": Grip(0.0, 0.0),
         "F+ = F-": Grip(1.0, 1.0),
@@ -264,19 +234,18 @@ def _frictions() -> Iterator[Cell]:
         "none forward": Grip(0.0, 1.0),
     }
     for (label, grip), links, contact in product(grips.items(), (1, 3), ("exact", "smooth")):
-        name = f"{label}, chain of {links}, {contact}"
-        worm = _worm(name, links, grip, "sine")
-        yield Cell(name, "frictions", worm, 5.0, None if contact == "exact" else 1 / 40)
+        name, v_reg = (
+            f"{label}, chain of {links}, {contact}",
+            None if contact == "exact" else 1 / 40,
+        )
+        yield _cell(part, 5.0, name, links, grip, "sine", v_reg)
     for stick, gait in product((3.0, 10.0, 30.0, 100.0), ("block", "sine")):
-        name = f"stiction {stick:g}, {gait}"
-        worm = _worm(name, 2, Grip(1.0, 2.0, stick, 2 * stick), gait, stiffness=100.0)
-        yield Cell(name, "frictions", worm, 8.0)
-    for label, gait in product(("F 1:2", "spikes", "stiction", "F+ = F-"), ("block", "accordion")):
-        name = f"{label}, {gait}, all masses and links alike"
-        grip = {"F 1:2": _ONE_TWO, "spikes": Grip.spike(), "stiction": _STICTION}.get(label, _ALIKE)
-        drag = 1.0 if label == "spikes" else 0.0
-        worm = _worm(name, 3, grip, gait, drag=drag, exact_numbers=True)
-        yield Cell(name, "frictions", worm, 5.0)
+        name, grip = f"stiction {stick:g}, {gait}", Grip(1.0, 2.0, stick, 2 * stick)
+        yield _cell(part, 8.0, name, 2, grip, gait, stiffness=100.0)
+    grips = {"F 1:2": _ONE_TWO, "spikes": Grip.spike(), "stiction": _STICTION, "F+ = F-": _ALIKE}
+    for (label, grip), gait in product(grips.items(), ("block", "accordion")):
+        name, drag = f"{label}, {gait}, all masses and links alike", float(label == "spikes")
+        yield _cell(part, 5.0, name, 3, grip, gait, drag=drag, spread=0.0)
 
 
 def cells(*, quick: bool = False) -> list[Cell]:

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from statistics import median_high
+from time import perf_counter
 from typing import Any
 
-from wormopt.bench.design_cases import G1, Case, draw, task_of
-from wormopt.bench.design_milp import by_milp
-from wormopt.bench.design_motion import Course
-from wormopt.bench.design_multistart import by_multistart
+import numpy as np
+
+from wormopt.bench.design_cases import G1, Case, Course, task_of
+from wormopt.bench.design_cases import draw as drawn
+from wormopt.bench.design_rivals import by_milp, by_multistart
+from wormopt.bench.run import OWN, Found, aligned, axes, colour, finite, save, seconds, why
 from wormopt.progress import Report, silent
+from wormopt.systems.spiked.certify.proof import certified
+from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.task import Certify, Search
 
 ACCURACIES = (0.1, 0.03, 0.01, 0.003)
 """Distances from the bound, as parts of it."""
 
-OWN = "wormopt"
-"""The solver whose times are compared with those of the others."""
 
 _SEED = 1
 _ABOVE = 1e-6  # beyond the ceiling by more, a speed is wrong
@@ -29,7 +32,6 @@ _ABOVE = 1e-6  # beyond the ceiling by more, a speed is wrong
 _PHASES, _GAP, _PROOF_TIME, _SHARP = 4, 1e-3, 4.0, 0.5
 
 Solver = Callable[[Case, float], Course]
-Better = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -70,20 +72,15 @@ class Attempt:
         return min(near, default=math.inf)
 
 
-@dataclass(frozen=True)
-class Reached:
-    """How one solver did on all problems for one accuracy."""
-
-    solver: str
-    accuracy: float  # distance from the bound
-    seconds: float  # median; inf where most problems were not solved so well
-    share: float  # of the problems that were solved so well
-    problems: int  # number with a bound sharp enough to tell
+def measured(_name: str, quick: bool, report: Report) -> Iterator[Found]:
+    """Measure all solvers on the problems posed."""
+    for known in measure_design(posed(quick=quick), 4.0 if quick else 30.0, report):
+        yield described(known)
 
 
 def posed(*, quick: bool) -> list[Case]:
     """The benchmark problem, and seeded random ones; fewer of them if `quick`."""
-    return [G1, *draw(_SEED, 3 if quick else 12)]
+    return [G1, *drawn(_SEED, 3 if quick else 12)]
 
 
 def certified_bound(case: Case, seconds: float) -> Bound:
@@ -91,39 +88,26 @@ def certified_bound(case: Case, seconds: float) -> Bound:
 
     `seconds` covers the design and the proof.
     """
-    from wormopt.systems.spiked.certify.proof import certified
-    from wormopt.systems.spiked.design.optimize import designed
-
     found = designed(task_of(case), Search(time_limit=seconds), silent)
     proof = certified(found, Certify(_PHASES, _GAP, seconds), silent)
     return Bound(proof.bound, max(proof.gap, 0.0), found.ceiling)
 
 
-def ours(case: Case, seconds: float, design: Callable[[Case, float, Better], None]) -> Course:
-    """Time our own designer; returns (seconds, best speed) pairs.
-
-    `design`(case, seconds, better) calls better(speed) whenever it has a better gait.
-    """
-    begin, course = time.perf_counter(), Course()
+def by_design(case: Case, seconds: float) -> Course:
+    """The designer of the package, in one process as its rivals; its coarse gaits count too."""
+    begin, course = perf_counter(), Course()
 
     def better(speed: float) -> None:
-        course.append((time.perf_counter() - begin, speed))
-
-    design(case, seconds, better)
-    return course
-
-
-def _by_design(case: Case, seconds: float, better: Better) -> None:
-    """The designer of the package, in one process as its rivals; its coarse gaits count too."""
-    from wormopt.systems.spiked.design.optimize import designed
+        course.append((perf_counter() - begin, speed))
 
     settings = Search(time_limit=seconds, workers=1)
     found = designed(task_of(case), settings, silent, better=lambda trial: better(trial.value))
     better(found.speed)
+    return course
 
 
 SOLVERS: dict[str, Solver] = {
-    OWN: lambda case, seconds: ours(case, seconds, _by_design),
+    OWN: by_design,
     "HiGHS, equal steps": by_milp,
     "IPOPT, many starts": by_multistart,
 }
@@ -151,7 +135,7 @@ def measure_design(
             try:
                 attempt.course = solve(case, seconds)
             except Exception as error:  # whatever a designer does wrong
-                attempt.failure = f"{type(error).__name__}: {str(error).splitlines()[0]}"
+                attempt.failure = why(error)
             known.append(attempt)
             yield known
 
@@ -165,63 +149,84 @@ def bounds(known: Sequence[Attempt]) -> dict[str, float]:
     return found
 
 
-def reached(known: Sequence[Attempt]) -> list[Reached]:
-    """Sum up times over the problems whose bound is sharp enough for the accuracy.
-
-    Sorted by accuracy, then by solver.
-    """
-    most, rows = bounds(known), []
-    for accuracy in ACCURACIES:
-        told = [a for a in known if a.bound.gap <= _SHARP * accuracy]
-        for solver in dict.fromkeys(a.solver for a in told):
-            times = [a.time_to(accuracy, most[a.problem]) for a in told if a.solver == solver]
-            share = sum(map(math.isfinite, times)) / len(times)
-            rows.append(Reached(solver, accuracy, median_high(times), share, len(times)))
-    return rows
-
-
-def described(known: Sequence[Attempt]) -> dict[str, Any]:
-    """Lay out what was measured for JSON."""
-    most, rows = bounds(known), reached(known)
+def described(known: Sequence[Attempt]) -> Found:
+    """Lay out what was measured for JSON, times summed up by accuracy, then by solver."""
+    most = bounds(known)
     attempts = [
         asdict(a)
         | {
             "bound": most[a.problem],
             "certified": a.bound.speed,
-            "gap": _finite(a.bound.gap),
+            "gap": finite(a.bound.gap),
             "ceiling": a.bound.ceiling,
             "best": a.best,
             "wrong": a.wrong,
         }
         for a in known
     ]
-    summed = [
-        {
-            "solver": r.solver,
-            "accuracy": r.accuracy,
-            "time_s": _finite(r.seconds),
-            "share": r.share,
-            "problems": r.problems,
-        }
-        for r in rows
-    ]
-    ratios = [{"accuracy": a, "ratio": _finite(_ratio(rows, a))} for a in ACCURACIES]
-    return {
-        "case": "design",
-        "attempts": attempts,
-        "reached": summed,
-        "ratios": ratios,
-        "done": False,
-    }
+    reached, ratios = [], []
+    for accuracy in ACCURACIES:
+        told = [a for a in known if a.bound.gap <= _SHARP * accuracy]  # enough to tell
+        medians: dict[str, float] = {}
+        for solver in dict.fromkeys(a.solver for a in told):
+            times = [a.time_to(accuracy, most[a.problem]) for a in told if a.solver == solver]
+            medians[solver] = median_high(times)  # inf where most were not solved so well
+            share = sum(map(math.isfinite, times)) / len(times)
+            reached.append({"solver": solver, "accuracy": accuracy, "share": share,
+                            "time_s": finite(medians[solver]), "problems": len(times)})  # fmt: skip
+        own = medians.pop(OWN, math.inf)
+        fastest = min(medians.values(), default=math.inf)
+        ratio = own / fastest if math.isfinite(fastest) else math.inf
+        ratios.append({"accuracy": accuracy, "ratio": finite(ratio)})
+    return {"attempts": attempts, "reached": reached, "ratios": ratios}
 
 
-def _ratio(rows: Sequence[Reached], accuracy: float) -> float:
-    """Median time of ours over that of the fastest of the others."""
-    times = {r.solver: r.seconds for r in rows if r.accuracy == accuracy}
-    own = times.pop(OWN, math.inf)
-    fastest = min(times.values(), default=math.inf)
-    return own / fastest if math.isfinite(fastest) else math.inf
+# -- telling -------------------------------------------------------------------------------------
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def lines(found: Mapping[str, Any]) -> list[str]:
+    """Times to come near the bound in a table, failures and wrong speeds."""
+    solvers = list(dict.fromkeys(r["solver"] for r in found["reached"]))
+    rows = [("within", "problems", *solvers, "ours/theirs")]
+    for entry in found["ratios"]:
+        told = [r for r in found["reached"] if r["accuracy"] == entry["accuracy"]]
+        if not told:  # no bound is so sharp
+            continue
+        cells = [f"{seconds(r['time_s'], 'not reached')}, {r['share']:.0%}" for r in told]
+        ratio = "" if entry["ratio"] is None else f"{entry['ratio']:.3g}"
+        rows.append((f"{entry['accuracy']:.1%}", str(told[0]["problems"]), *cells, ratio))
+    count = len({a["problem"] for a in found["attempts"]})
+    text = [f"design: {count} problems, median time and share that came so near", *aligned(*rows)]
+    text.append("  of the problems whose certified bound is sharp enough to tell")
+    for a in found["attempts"]:
+        if a["wrong"] or a["failure"]:
+            fast = f"speed {a['best']:.9g} above the ceiling {a['ceiling']:.9g}"
+            text.append(f"  {a['solver']} on {a['problem']}: {a['failure'] or fast}")
+    return text
+
+
+def draw(found: Mapping[str, Any], path: Path) -> None:
+    """Draw the best gait's distance from the bound over time, to a PNG file.
+
+    It shows all problems, and the median.
+    """
+    figure, left = axes("time (s)", "distance of the speed from its bound")
+    attempts = found["attempts"]
+    last = max((seconds for a in attempts for seconds, _ in a["course"]), default=1.0)
+    times = np.geomspace(1e-2, max(last, 1.0), 400)
+    for k, solver in enumerate(dict.fromkeys(a["solver"] for a in attempts)):
+        gaps = np.array([_gaps(a, times) for a in attempts if a["solver"] == solver])
+        left.plot(times, gaps.T, color=colour(k), linewidth=0.5, alpha=0.4)
+        middle = np.quantile(gaps, 0.5, axis=0, method="higher")
+        width = 2.6 if solver == OWN else 1.6
+        left.plot(times, middle, color=colour(k), linewidth=width, label=solver)
+    left.set_ylim(1e-5, 1.1)
+    save(figure, path, "design: median over the problems, each of them thin")
+
+
+def _gaps(attempt: Found, times: np.ndarray) -> np.ndarray:
+    speeds = np.zeros_like(times)
+    for since, speed in attempt["course"]:
+        speeds[times >= since] = speed
+    bound = attempt["bound"]
+    return np.maximum(1 - speeds / bound, 1e-5) if bound > 0 else np.ones_like(times)

@@ -8,32 +8,152 @@ tolerance is what is asked for, absolute tolerance a tenth of it, for everyone a
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 from functools import cache, partial
 from importlib.resources import files
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
 from wormopt.bench.cases import Case
-from wormopt.bench.event_loop import event_loop
-from wormopt.bench.plants import thirds, track_loops, track_rates, track_start, track_traced
-from wormopt.bench.smoothed import Smoothed
+from wormopt.bench.integrators import Smoothed, by_casadi, event_loop
+from wormopt.control.lambda_tracker import Feedback
 from wormopt.simulation.native.build import library
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 
 Run = Callable[[float], np.ndarray]
+Hand = Callable[[float, np.ndarray], np.ndarray]
+
+# Gait (15) with T = 1, l0 = 2, e = 0.15: on each third MIDDLE + WAVE cos(3 pi s).
+_MIDDLE = 2.0 + 0.3 * np.array([[1, -1], [1, -2], [0, -1]])
+_WAVE = 0.3 * np.array([[-1, 1], [1, 0], [0, -1]])
+_OMEGA = 3 * math.pi
+
+
+# -- TRACK13 and TRACK14 as one would write them by hand -----------------------------------------
+
+
+def track_start(feedback: Feedback) -> np.ndarray:
+    """Start of benchmarks TRACK13 (7,) and TRACK14 (9,), with tracker (13) or (14).
+
+    Positions, velocities, gain and, for (14), the filter's state.
+    """
+    start = [0.0, 2.0, 4.0, 0.0, 0.0, 0.0, 1.0]
+    return np.array([*start, 1.0, 1.0] if feedback == "filter" else start)
+
+
+def track_rates(feedback: Feedback) -> Hand:
+    """Benchmarks TRACK13 and TRACK14, trackers (13) and (14), in NumPy: (t, y) -> y'."""
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        v, k = y[3:6], y[6]
+        third = int(3 * (t % 1.0))
+        angle = _OMEGA * (t % 1.0 - third / 3)
+        length, rate = y[:2] - y[1:3], v[:2] - v[1:]
+        e = length - (_MIDDLE[third] + _WAVE[third] * np.cos(angle))
+        dk = max(math.sqrt(e @ e) - 0.2, 0.0) ** 2
+        dy = np.empty_like(y)
+        if feedback == "filter":
+            fed = y[7:]
+            dy[7:] = fed_rate = k * k * (e - fed)
+        else:
+            fed, fed_rate = e, rate + _OMEGA * _WAVE[third] * np.sin(angle)
+        pull = 10.0 * length + 5.0 * rate + (k + dk) * fed + k * fed_rate
+        dy[:3], dy[6] = v, dk
+        dy[3:6] = 4.5 - 5.5 * np.tanh(40.0 * v)
+        dy[3:5] -= pull
+        dy[4:6] += pull
+        return dy
+
+    return rates
+
+
+def track_loops(feedback: Feedback) -> Hand:
+    """Benchmarks TRACK13 and TRACK14 number by number, as numba wants it: (t, y) -> y'."""
+    filtered = feedback == "filter"
+    middle, wave, omega = _MIDDLE, _WAVE, _OMEGA
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        k = y[6]
+        third = int(3 * (t % 1.0))
+        angle = omega * (t % 1.0 - third / 3)
+        c, s = math.cos(angle), math.sin(angle)
+        e1 = y[0] - y[1] - (middle[third, 0] + wave[third, 0] * c)
+        e2 = y[1] - y[2] - (middle[third, 1] + wave[third, 1] * c)
+        dk = max(math.sqrt(e1 * e1 + e2 * e2) - 0.2, 0.0) ** 2
+        dy = np.empty_like(y)
+        if filtered:
+            f1, f2 = y[7], y[8]
+            d1, d2 = k * k * (e1 - f1), k * k * (e2 - f2)
+            dy[7], dy[8] = d1, d2
+        else:
+            f1, f2 = e1, e2
+            d1 = y[3] - y[4] + omega * wave[third, 0] * s
+            d2 = y[4] - y[5] + omega * wave[third, 1] * s
+        pull1 = 10.0 * (y[0] - y[1]) + 5.0 * (y[3] - y[4]) + (k + dk) * f1 + k * d1
+        pull2 = 10.0 * (y[1] - y[2]) + 5.0 * (y[4] - y[5]) + (k + dk) * f2 + k * d2
+        for i in range(3):
+            dy[i] = y[3 + i]
+            dy[3 + i] = 4.5 - 5.5 * math.tanh(40.0 * y[3 + i])
+        dy[3] -= pull1
+        dy[4] += pull1 - pull2
+        dy[5] += pull2
+        dy[6] = dk
+        return dy
+
+    return rates
+
+
+def track_traced(
+    feedback: Feedback, y: list[Any], s: Any, middle: Any, wave: Any, np: Any
+) -> list[Any]:
+    """Rates of TRACK13 and TRACK14 on one third of the period, for packages that trace code.
+
+    `s`: time since the third began; its reference is middle + wave cos(3 pi s).
+    `np` is the module whose cos, sin, tanh, sqrt and maximum are called.
+    """
+    k, c = y[6], np.cos(_OMEGA * s)
+    e = [y[j] - y[j + 1] - (middle[j] + wave[j] * c) for j in range(2)]
+    dk = np.maximum(np.sqrt(e[0] * e[0] + e[1] * e[1]) - 0.2, 0.0) ** 2
+    if feedback == "filter":
+        fed = y[7:]
+        fed_rate = [k * k * (e[j] - fed[j]) for j in range(2)]
+        more = fed_rate
+    else:
+        turn = _OMEGA * np.sin(_OMEGA * s)
+        fed, fed_rate = e, [y[3 + j] - y[4 + j] + turn * wave[j] for j in range(2)]
+        more = []
+    pull = [
+        10.0 * (y[j] - y[j + 1]) + 5.0 * (y[3 + j] - y[4 + j]) + (k + dk) * fed[j] + k * fed_rate[j]
+        for j in range(2)
+    ]
+    grip = [4.5 - 5.5 * np.tanh(40.0 * y[3 + i]) for i in range(3)]
+    net = [grip[0] - pull[0], grip[1] + pull[0] - pull[1], grip[2] + pull[1]]
+    return [*y[3:6], *net, dk, *more]
+
+
+def thirds(span: float) -> list[tuple[float, float, np.ndarray, np.ndarray]]:
+    """Pieces of the reference of TRACK13 and TRACK14: first and last time, middle and wave.
+
+    `span`: last time, a multiple of a third.
+    """
+    count = round(3 * span)
+    return [(q / 3, (q + 1) / 3, _MIDDLE[q % 3], _WAVE[q % 3]) for q in range(count)]
+
+
+# -- solvers -------------------------------------------------------------------------------------
 
 
 def _wormopt(case: Case) -> Run:
     model, compared = case.build(), len(case.reference)
 
     def run(relative: float) -> np.ndarray:
-        tolerance = Tolerance(relative, 0.1 * relative)
-        motion = simulate(
-            model, case.span, contact=case.contact, tolerance=tolerance, route="native"
-        )
+        asked = Tolerance(relative, 0.1 * relative)
+        motion = simulate(model, case.span, contact=case.contact, tolerance=asked, route="native")
         return motion.end[:compared]
 
     return run
@@ -63,80 +183,49 @@ def _track14() -> ctypes.CDLL:
     return built
 
 
-def _hand_written(case: Case) -> Run:
-    return lambda relative: hand_written(case.span, relative)[0][:6]
-
-
 def _in_thirds(case: Case, advance: Callable[[float, float, np.ndarray], np.ndarray]) -> np.ndarray:
-    y = track_start(case.feedback or "filter")
+    y = track_start(case.feedback)
     for start, end, _, _ in thirds(case.span):
         y = advance(start, end, y)
     return y[:6]
 
 
-def _solve_ivp(
-    rates: Callable[[float, np.ndarray], np.ndarray], method: str, case: Case, relative: float
-) -> np.ndarray:
-    from scipy.integrate import solve_ivp
+def _scipy(
+    hand: Callable[[Feedback], Hand], method: str, case: Case, *, compiled: bool = False
+) -> Run:
+    rates = hand(case.feedback)
+    if compiled:
+        import numba  # type: ignore[import-not-found]
 
-    def advance(start: float, end: float, y: np.ndarray) -> np.ndarray:
-        found = solve_ivp(rates, (start, end), y, method, rtol=relative, atol=0.1 * relative)
-        if not found.success:
-            raise RuntimeError(found.message)
-        return found.y[:, -1]
+        rates = numba.njit(rates)
 
-    return _in_thirds(case, advance)
+    def run(relative: float) -> np.ndarray:
+        def advance(start: float, end: float, y: np.ndarray) -> np.ndarray:
+            found = solve_ivp(rates, (start, end), y, method, rtol=relative, atol=0.1 * relative)
+            if not found.success:
+                raise RuntimeError(found.message)
+            return found.y[:, -1]
 
+        return _in_thirds(case, advance)
 
-def _scipy(method: str, case: Case) -> Run:
-    return partial(_solve_ivp, track_rates(case.feedback or "filter"), method, case)
-
-
-def _numba(method: str, case: Case) -> Run:
-    import numba  # type: ignore[import-not-found]
-
-    rates = numba.njit(track_loops(case.feedback or "filter"))
-    return partial(_solve_ivp, rates, method, case)
+    return run
 
 
 def _event_loop(method: str, case: Case) -> Run:
     assert case.plant is not None
-    plant, compared = case.plant(), len(case.reference)
-
-    def run(relative: float) -> np.ndarray:
-        found = event_loop(
-            plant,
-            case.span,
-            method=method,
-            relative=relative,
-            absolute=0.1 * relative,
-            max_step=case.max_step,
-        )
-        return found.end[:compared]
-
-    return run
+    follow = partial(event_loop, case.plant(), case.span, method=method, max_step=case.max_step)
+    return lambda relative: follow(relative=relative).end[: len(case.reference)]
 
 
-def _casadi(plugin: str, options: dict[str, str], case: Case) -> Run:
-    """Breaks are a time grid on which the scheduled numbers are piecewise constant controls."""
-    import casadi as ca
-
+def _casadi(plugin: str, case: Case, **options: str) -> Run:
     assert isinstance(case.contact, Smooth)
-    smoothed, compared = Smoothed(case.build(), case.contact.v_reg), len(case.reference)
-    pieces = list(smoothed.pieces(case.span))
-    t, x, q, ode = smoothed.expressions
-    grid, controls = [p.end for p in pieces], np.stack([p.values for p in pieces], axis=1)
+    smoothed, times = Smoothed(case.build(), case.contact.v_reg), np.array([case.span])
 
     @cache
-    def integrator(relative: float) -> ca.Function:
-        chosen = {"reltol": relative, "abstol": 0.1 * relative, "max_num_steps": 10**7, **options}
-        return ca.integrator("peer", plugin, {"t": t, "x": x, "u": q, "ode": ode}, 0, grid, chosen)
+    def integrator(relative: float) -> Callable[[np.ndarray], np.ndarray]:
+        return by_casadi(smoothed, plugin, times, relative, max_num_steps=10**7, **options)
 
-    def run(relative: float) -> np.ndarray:
-        found = integrator(relative)(x0=smoothed.start, u=controls)
-        return np.array(found["xf"])[:compared, -1]
-
-    return run
+    return lambda relative: integrator(relative)(smoothed.start)[: len(case.reference), -1]
 
 
 def _diffrax(case: Case) -> Run:
@@ -145,33 +234,26 @@ def _diffrax(case: Case) -> Run:
     import jax.numpy as jnp  # type: ignore[import-not-found]
 
     jax.config.update("jax_enable_x64", True)
-    feedback = case.feedback or "filter"
     pieces = thirds(1.0)
     middle, wave = (jnp.array([p[k] for p in pieces]) for k in (2, 3))
 
     def rates(t: Any, y: Any, _: Any) -> Any:
         third = jnp.floor(3 * (t % 1.0)).astype(int)
         s = t % 1.0 - third / 3
-        return jnp.stack(track_traced(feedback, list(y), s, middle[third], wave[third], jnp))
+        return jnp.stack(track_traced(case.feedback, list(y), s, middle[third], wave[third], jnp))
 
     breaks = jnp.array([end for _, end, _, _ in thirds(case.span)][:-1])
-    start = jnp.array(track_start(feedback))
+    start = jnp.array(track_start(case.feedback))
 
     @jax.jit
     def solve(relative: Any) -> Any:
         control = diffrax.ClipStepSizeController(
             diffrax.PIDController(rtol=relative, atol=0.1 * relative), jump_ts=breaks
         )
+        problem = diffrax.ODETerm(rates), diffrax.Dopri8(), 0.0, case.span, None, start
+        last = diffrax.SaveAt(t1=True)
         found = diffrax.diffeqsolve(
-            diffrax.ODETerm(rates),
-            diffrax.Dopri8(),
-            0.0,
-            case.span,
-            None,
-            start,
-            stepsize_controller=control,
-            saveat=diffrax.SaveAt(t1=True),
-            max_steps=None,
+            *problem, stepsize_controller=control, saveat=last, max_steps=None
         )
         return found.ys[0]
 
@@ -181,7 +263,7 @@ def _diffrax(case: Case) -> Run:
 def _sundae(case: Case) -> Run:
     from sksundae.cvode import CVODE  # type: ignore[import-not-found]
 
-    hand = track_rates(case.feedback or "filter")
+    hand = track_rates(case.feedback)
 
     def rates(t: float, y: np.ndarray, dy: np.ndarray) -> None:
         dy[:] = hand(t, y)
@@ -200,24 +282,16 @@ def _sundae(case: Case) -> Run:
     return run
 
 
-class _HeyokaFunctions:
-    """heyoka's names for what `track_traced` calls."""
-
-    def __init__(self, heyoka: Any) -> None:
-        self.cos, self.sin, self.tanh = heyoka.cos, heyoka.sin, heyoka.tanh
-        self.sqrt = heyoka.sqrt
-        self.maximum = lambda value, _: heyoka.relu(value)
-
-
 def _heyoka(case: Case) -> Run:
     import heyoka as hy  # type: ignore[import-not-found]
 
-    feedback = case.feedback or "filter"
-    start = track_start(feedback)
-    names = [f"y{i}" for i in range(len(start))]
-    y = list(hy.make_vars(*names))
-    middle, wave = [hy.par[0], hy.par[1]], [hy.par[2], hy.par[3]]
-    rates = track_traced(feedback, y, hy.time - hy.par[4], middle, wave, _HeyokaFunctions(hy))
+    start, par = track_start(case.feedback), hy.par
+    y = list(hy.make_vars(*(f"y{i}" for i in range(len(start)))))
+    functions = SimpleNamespace(
+        cos=hy.cos, sin=hy.sin, tanh=hy.tanh, sqrt=hy.sqrt, maximum=lambda x, _: hy.relu(x)
+    )
+    s, middle, wave = hy.time - par[4], [par[0], par[1]], [par[2], par[3]]
+    rates = track_traced(case.feedback, y, s, middle, wave, functions)
 
     @cache
     def integrator(relative: float) -> Any:
@@ -238,25 +312,20 @@ def _heyoka(case: Case) -> Run:
     return run
 
 
+_SCIPY = ("LSODA", "Radau", "DOP853")
+_ADAMS = {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}
+
 SOLVERS: dict[str, Callable[[Case], Run]] = {
     "wormopt": _wormopt,
-    "hand-written C": _hand_written,
-    "scipy LSODA": partial(_scipy, "LSODA"),
-    "scipy Radau": partial(_scipy, "Radau"),
-    "scipy DOP853": partial(_scipy, "DOP853"),
-    "CasADi CVODES": partial(_casadi, "cvodes", {}),
-    "CasADi CVODES (Adams)": partial(
-        _casadi,
-        "cvodes",
-        {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"},
-    ),
-    "CasADi IDAS": partial(_casadi, "idas", {}),
-    "scipy LSODA + numba": partial(_numba, "LSODA"),
-    "scipy DOP853 + numba": partial(_numba, "DOP853"),
+    "hand-written C": lambda case: lambda relative: hand_written(case.span, relative)[0][:6],
+    **{f"scipy {method}": partial(_scipy, track_rates, method) for method in _SCIPY},
+    "CasADi CVODES": partial(_casadi, "cvodes"),
+    "CasADi CVODES (Adams)": partial(_casadi, "cvodes", **_ADAMS),
+    "CasADi IDAS": partial(_casadi, "idas"),
+    "scipy LSODA + numba": partial(_scipy, track_loops, "LSODA", compiled=True),
+    "scipy DOP853 + numba": partial(_scipy, track_loops, "DOP853", compiled=True),
     "diffrax Dopri8": _diffrax,
     "scikit-sundae CVODE": _sundae,
     "heyoka": _heyoka,
-    "event loop DOP853": partial(_event_loop, "DOP853"),
-    "event loop LSODA": partial(_event_loop, "LSODA"),
-    "event loop Radau": partial(_event_loop, "Radau"),
+    **{f"event loop {method}": partial(_event_loop, method) for method in _SCIPY},
 }

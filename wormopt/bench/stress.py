@@ -11,12 +11,17 @@ for every kind of state, it is within
 Once that is more than a thousandth of the size nothing can be known; the comparison ends there. If
 that leaves less than a tenth of the time, or if the second route fails, the cell is undecided, and
 that is not right. A refusal is a SolveError with a code. All else is wrong.
+
+The second route depends on the cell: the closed form between events for chains that gaits command
+(exact contact), solve_ivp with terminal events for trackers (exact contact), CVODES for smooth
+contact. Where `simulate` has used an implicit integrator itself, and where references jump, it is
+LSODA with an analytic Jacobian.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from time import perf_counter
@@ -25,7 +30,8 @@ from typing import Any, Literal
 import numpy as np
 
 from wormopt.bench.cells import Cell, cells
-from wormopt.bench.second_route import second_route
+from wormopt.bench.driven_chain import Plant, linear_flow
+from wormopt.bench.integrators import Smoothed, by_casadi, by_lsoda, called, event_loop
 from wormopt.errors import SolveError
 from wormopt.model.model import Model
 from wormopt.progress import Report
@@ -36,8 +42,11 @@ _BASE, _FACTOR, _UNKNOWN = 1e-8, 10.0, 1e-3
 _SAMPLES = 40
 _LONGEST = 60.0  # seconds after which simulate is stopped
 _TOLERANCE = Tolerance(1e-11, 1e-12, max_steps=2_000_000)
+# Tolerances of the second route, and the size of the errors put in.
+_TIGHT, _LOOSE, _OFF = 1e-13, 1e-11, 1e-11
 
 Class = Literal["right", "refused", "wrong", "undecided"]
+Follow = Callable[[np.ndarray, float], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -49,12 +58,8 @@ class Verdict:
     core: bool  # whether it is an ordinary cell
     verdict: Class  # "right", "refused", "wrong" or "undecided"
     reason: str = ""  # refusal code, what is wrong, or why undecided
-    route: str = ""  # means of the first route
-    second: str = ""  # means of the second route
     known: float = 1.0  # share of the time in which anything can be known
     off: float = 0.0  # largest distance of the routes over what is allowed
-    seconds: float = 0.0  # of the first route
-    second_seconds: float = 0.0  # of the second route
 
 
 class _TooLong(Exception):
@@ -71,8 +76,8 @@ def judge(cell: Cell) -> Verdict:
         if perf_counter() - begin > _LONGEST:
             raise _TooLong
 
-    def verdict(kind: Class, reason: str = "", **more: Any) -> Verdict:
-        return Verdict(cell.name, cell.group, cell.core, kind, reason, **more)
+    def verdict(kind: Class, reason: str = "", known: float = 1.0, off: float = 0.0) -> Verdict:
+        return Verdict(cell.name, cell.group, cell.core, kind, reason, known, off)
 
     try:
         model = cell.model()
@@ -80,71 +85,116 @@ def judge(cell: Cell) -> Verdict:
             model, cell.span, contact=cell.contact, times=times, tolerance=_TOLERANCE, report=hurry
         )
     except SolveError as error:
-        spent = perf_counter() - begin
         if not error.code or error.partial is None:
             return verdict("wrong", f"refused without code or partial motion: {error}")
-        return verdict("refused", error.code, seconds=spent)
+        return verdict("refused", error.code)
     except _TooLong:
-        return verdict("undecided", "simulate takes too long", seconds=_LONGEST)
+        return verdict("undecided", "simulate takes too long")
     except Exception as error:
         return verdict("wrong", f"{type(error).__name__}: {error}")
-    first = perf_counter() - begin
-    begin = perf_counter()
     try:
-        name, tight, loose = second_route(
-            cell, model, times, implicit=motion.route in ("cvodes", "idas")
-        )
+        implicit = motion.route in ("cvodes", "idas")
+        tight, loose = second_route(cell, model, times, implicit=implicit)
     except Exception as error:
         reason = f"second route: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
-        return verdict("undecided", reason, route=motion.route, seconds=first)
-    found = _compare(model, motion.states, tight, loose)
-    return verdict(
-        *_class(found),
-        route=motion.route,
-        second=name,
-        known=found.known,
-        off=found.off,
-        seconds=first,
-        second_seconds=perf_counter() - begin,
-    )
+        return verdict("undecided", reason)
+    known, off, where = _compare(model, motion.states, tight, loose)
+    if not off <= 1.0:
+        return verdict("wrong", f"{where}: off by {off:.3g} times what is allowed", known, off)
+    if known < 0.1:
+        reason = "what happens cannot be known in double precision"
+        return verdict("undecided", reason, known, off)
+    return verdict("right", "", known, off)
 
 
-@dataclass(frozen=True)
-class _Comparison:
-    known: float
-    off: float
-    where: str = ""
-
-
-def _compare(model: Model, states: np.ndarray, tight: np.ndarray, loose: np.ndarray) -> _Comparison:
-    """Distance over what is allowed, worst case of all times and kinds of state."""
-    rows, at = [], 0
+def _compare(
+    model: Model, states: np.ndarray, tight: np.ndarray, loose: np.ndarray
+) -> tuple[float, float, str]:
+    """Share of the time known; distance over what is allowed in its worst case, and which it is."""
+    known = samples = tight.shape[1]
+    shares, at = {}, 0
     for signal in model.x:
-        rows.append((signal.name, slice(at, at + signal.size)))
-        at += signal.size
-    samples = tight.shape[1]
-    known, worst, where = samples, 0.0, ""
-    shares = []
-    for name, row in rows:
+        row, at = slice(at, at + signal.size), at + signal.size
         size = max(float(np.abs(tight[row]).max()), 1e-3)
         apart = np.maximum.accumulate(np.abs(loose[row] - tight[row]).max(axis=0))
         allowed = _BASE * size + _FACTOR * apart
         unknown = ~(allowed <= _UNKNOWN * size)
         known = min(known, int(np.argmax(unknown)) if unknown.any() else samples)
-        shares.append((name, np.abs(states[row] - tight[row]).max(axis=0) / allowed))
-    for name, share in shares:
+        shares[signal.name] = np.abs(states[row] - tight[row]).max(axis=0) / allowed
+    worst, where = 0.0, ""
+    for name, share in shares.items():
         for k in range(known):
             if not share[k] <= worst:  # NaN included
                 worst, where = float(share[k]), f"{name} at sample {k}"
-    return _Comparison(known / samples, worst, where)
+    return known / samples, worst, where
 
 
-def _class(found: _Comparison) -> tuple[Class, str]:
-    if not found.off <= 1.0:
-        return "wrong", f"{found.where}: off by {found.off:.3g} times what is allowed"
-    if found.known < 0.1:
-        return "undecided", "what happens cannot be known in double precision"
-    return "right", ""
+# -- the second route ----------------------------------------------------------------------------
+
+
+def second_route(
+    cell: Cell, model: Model, times: np.ndarray, *, implicit: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Follow a cell's motion without `simulate`, tight and loose: states (n_x, m).
+
+    The loose motion starts off by 1e-11 of each state's size; steps that err do by 1e-11.
+    `implicit`: the first route was, so this must not be. Raises whatever the means raise.
+    """
+    start, follow = _means(cell, model, times, implicit)
+    dice = np.random.default_rng(0)
+    off = _OFF * np.maximum(np.abs(start), 1.0) * dice.choice([-1.0, 1.0], len(start))
+    if cell.v_reg is None:
+        masses = cell.worm.links + 1
+        off[masses : 2 * masses] = 0.0  # what rests shall go on resting
+    return follow(start, _TIGHT), follow(start + off, _LOOSE)
+
+
+def _means(
+    cell: Cell, model: Model, times: np.ndarray, implicit: bool
+) -> tuple[np.ndarray, Follow]:
+    """The start, and what follows the motion from a start to a tolerance."""
+    worm, span = cell.worm, cell.span
+    if cell.v_reg is None and cell.tracker is None:
+
+        def flow(start: np.ndarray, tolerance: float) -> np.ndarray:
+            reach = 1.0 if tolerance == _TIGHT else 0.7
+            return linear_flow(worm, span, times, start=start, reach=reach).states
+
+        return worm.start, flow
+    if cell.v_reg is None:
+        plant = _plant(cell, model)
+
+        def loop(start: np.ndarray, tolerance: float) -> np.ndarray:
+            asked: Any = {"start": start, "relative": tolerance, "max_step": 0.005}
+            return event_loop(plant, span, times, **asked).states
+
+        return plant.start, loop
+    smoothed = Smoothed(model, cell.v_reg)
+    if implicit or cell.group == "jumps":  # CasADi goes on over jumps without a new start
+        return smoothed.start, lambda start, rtol: by_lsoda(smoothed, times, start, rtol)
+
+    def cvodes(start: np.ndarray, tolerance: float) -> np.ndarray:
+        return by_casadi(smoothed, "cvodes", times, tolerance, max_num_steps=2_000_000)(start)
+
+    return smoothed.start, cvodes
+
+
+def _plant(cell: Cell, model: Model) -> Plant:
+    """Closed loop of a tracker with the contact forces left open."""
+    free = Smoothed(model, None)
+    call, pieces = called(free.function), list(free.pieces(cell.span))
+    starts = np.array([piece.start for piece in pieces])
+    masses = cell.worm.links + 1
+
+    def rates(t: float, y: np.ndarray, force: np.ndarray) -> np.ndarray:
+        piece = pieces[max(int(starts.searchsorted(t, side="right")) - 1, 0)]
+        return call(t, y, np.concatenate([piece.values, force]))
+
+    velocity = np.arange(masses, 2 * masses)
+    return Plant(rates, free.start, velocity, cell.worm.mass, cell.worm.grips, lambda _: starts[1:])
+
+
+# -- the matrix ----------------------------------------------------------------------------------
 
 
 def stress(*, quick: bool, report: Report) -> Iterator[Verdict]:

@@ -9,18 +9,24 @@ from __future__ import annotations
 
 import math
 import os
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 from time import perf_counter
+from typing import Any
+from unittest.mock import patch
 
+import casadi as ca
 import numpy as np
 
-from wormopt.bench.cases import GOAL, Case, Target
+from wormopt.bench.cases import GOAL, WORK_PRECISION, Case, Target
 from wormopt.bench.peers import SOLVERS, Run
+from wormopt.bench.run import OWN, Found, aligned, axes, curve, finite, save, seconds, timed
+from wormopt.model.model import Model, Signal
 from wormopt.progress import Report
+from wormopt.simulation.simulate import simulate
 
 _FAR_OFF = 1e5  # error over tolerance beyond which an answer is called wrong
 
@@ -67,6 +73,49 @@ class Record:
         return time_at(self.points, GOAL)
 
 
+_QUICK = Effort(rounds=3, longest=0.5, slow=0.1, per_decade=1)
+
+
+def measured(name: str, quick: bool, report: Report) -> Iterator[Found]:
+    """Measure a case; compiles first what is compiled once a machine, for first runs to be fair."""
+    case, x = WORK_PRECISION[name], ca.SX.sym("x")
+    simulate(Model("decay", x=[Signal("x", x, value=1.0)], ode=-x), 1.0)
+    for records in measure(case, _QUICK if quick else Effort(), report):
+        yield {
+            "title": case.title,
+            "source": case.source,
+            "goal": GOAL,
+            "solvers": [_described(record) for record in records],
+            "targets": [_kept(target, records) for target in case.targets],
+        }
+
+
+def _described(record: Record) -> Found:
+    return {
+        "solver": record.solver,
+        "first_s": finite(record.first),
+        "time_s": finite(record.time),
+        "points": [
+            {"tolerance": p.tolerance, "error": p.error, "time_s": p.time, "runs": len(p.times)}
+            for p in record.points
+        ],
+        "failures": record.failures,
+        "missing": record.missing,
+    }
+
+
+def _kept(target: Target, records: Sequence[Record]) -> Found:
+    """Time of wormopt at the goal over that of the fastest solver of a target, where known."""
+    times = {record.solver: record.time for record in records}
+    known = [times[name] for name in target.than if not math.isnan(times.get(name, math.nan))]
+    ratio = finite(times.get(OWN, math.nan) / min(known, default=math.nan))
+    met = None if ratio is None else ratio <= target.most
+    return {"than": list(target.than), "most": target.most, "ratio": ratio, "met": met}
+
+
+# -- measuring -----------------------------------------------------------------------------------
+
+
 def time_at(points: Sequence[Point], error: float) -> float:
     """Interpolate the time of an error on the log-log curve of undominated points.
 
@@ -97,7 +146,8 @@ def measure(
     names = case.solvers if solvers is None else solvers
     records = [Record(name) for name in names]
     runs: dict[str, Run] = {}
-    with _empty_cache():
+    # compiled code is looked for in a new folder, so that first runs are first runs
+    with TemporaryDirectory() as folder, patch.dict(os.environ, XDG_CACHE_HOME=folder):
         for k, record in enumerate(records):
             report(f"{case.name}: {record.solver}", k / len(records) / effort.rounds)
             _descend(case, record, runs, effort)
@@ -106,21 +156,11 @@ def measure(
         report(f"{case.name}: round {turn + 1}", turn / effort.rounds)
         for record in records:
             for point in record.points:
-                if _again(point, turn, effort):
-                    point.times.append(_timed(runs[record.solver], point.tolerance)[0])
+                near = GOAL / 100 <= point.error <= 100 * GOAL
+                fast = point.times[0] < effort.slow
+                if (near or fast) and (turn <= 2 or (near and fast)):
+                    point.times.append(timed(runs[record.solver], point.tolerance)[0])
         yield records
-
-
-def _again(point: Point, turn: int, effort: Effort) -> bool:
-    near = GOAL / 100 <= point.error <= 100 * GOAL
-    fast = point.times[0] < effort.slow
-    return (near or fast) and (turn <= 2 or (near and fast))
-
-
-def _timed(run: Run, tolerance: float) -> tuple[float, np.ndarray]:
-    begin = perf_counter()
-    found = run(tolerance)
-    return perf_counter() - begin, found
 
 
 def _descend(case: Case, record: Record, runs: dict[str, Run], effort: Effort) -> None:
@@ -143,17 +183,14 @@ def _descend(case: Case, record: Record, runs: dict[str, Run], effort: Effort) -
         slow = time > effort.slow
         if time > effort.longest or (slow and reached < GOAL / 3) or reached < 1e-12:
             break
-    for tolerance in _between(record.points, effort):
-        _attempt(case, record, runs[record.solver], tolerance)
-    record.points.sort(key=lambda p: -p.tolerance)
-
-
-def _between(points: Sequence[Point], effort: Effort) -> list[float]:
-    """More tolerances near the goal, for solvers that are fast there."""
-    near = [p for p in points if GOAL / 30 <= p.error <= 30 * GOAL and p.time < effort.slow]
+    # more tolerances near the goal, where it is fast there
+    near = [p for p in record.points if GOAL / 30 <= p.error <= 30 * GOAL and p.time < effort.slow]
     decades = sorted({round(-math.log10(p.tolerance)) + k for p in near for k in (-1, 0)})
     share = effort.per_decade
-    return [10.0 ** -(d + k / share) for d in decades if 4 <= d < 13 for k in range(1, share)]
+    between = [10.0 ** -(d + k / share) for d in decades if 4 <= d < 13 for k in range(1, share)]
+    for tolerance in between:
+        _attempt(case, record, runs[record.solver], tolerance)
+    record.points.sort(key=lambda p: -p.tolerance)
 
 
 def _attempt(case: Case, record: Record, run: Run, tolerance: float) -> float:
@@ -179,28 +216,52 @@ def _reason(tolerance: float, error: Exception) -> str:
     return f"{tolerance:.0e}: {type(error).__name__}: {' '.join(str(error).split())[:100]}"
 
 
-@contextmanager
-def _empty_cache() -> Iterator[None]:
-    """Let compiled code be looked for in a new folder, so that first runs are first runs."""
-    before = os.environ.get("XDG_CACHE_HOME")
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["XDG_CACHE_HOME"] = folder
-        try:
-            yield
-        finally:
-            if before is None:
-                del os.environ["XDG_CACHE_HOME"]
-            else:
-                os.environ["XDG_CACHE_HOME"] = before
+# -- telling -------------------------------------------------------------------------------------
 
 
-def ratio(records: Mapping[str, Record], target: Target) -> float:
-    """Time of wormopt at the goal over that of the fastest of a target's solvers.
+def lines(found: Mapping[str, Any]) -> list[str]:
+    """The solvers in a table, their failures, and the targets."""
+    known = [s for s in found["solvers"] if not s["missing"]]
+    own = next((s["time_s"] for s in known if s["solver"] == OWN), None)
+    rows = [("solver", "first run", f"time at {GOAL:.0e}", "ours/theirs", "best error", "failed")]
+    for s in known:
+        best = min((p["error"] for p in s["points"]), default=None)
+        rows.append(
+            (
+                s["solver"],
+                seconds(s["first_s"]),
+                seconds(s["time_s"], "not reached"),
+                f"{own / s['time_s']:.4f}" if own and s["time_s"] else "",
+                "" if best is None else f"{best:.0e}",
+                str(len(s["failures"]) or ""),
+            )
+        )
+    told = [f"{found['case']}: {found['title']}", f"  reference: {found['source']}"]
+    told += aligned(*rows)
+    for s in found["solvers"]:
+        told += [f"  {s['solver']}: {s['missing']}"] if s["missing"] else []
+        told += [f"  {s['solver']} failed at {failure}" for failure in s["failures"]]
+    for target in found["targets"]:
+        than, ratio, met = " or ".join(target["than"]), target["ratio"], target["met"]
+        end = "unknown" if ratio is None else f"{ratio:.4g}, {'met' if met else 'missed'}"
+        told.append(f"  target: at most {target['most']:.4g} of {than}: {end}")
+    return told
 
-    NaN where one of both did not come to the goal.
-    """
-    times = [records[name].time for name in target.than if name in records]
-    known = [time for time in times if not math.isnan(time)]
-    if "wormopt" not in records or not known:
-        return math.nan
-    return records["wormopt"].time / min(known)
+
+def draw(found: Mapping[str, Any], path: Path) -> None:
+    """Draw error against time of every solver to a PNG file."""
+    from matplotlib.ticker import LogLocator
+
+    figure, left = axes("time of a warm run (s)", "error in positions and velocities")
+    left.axhline(GOAL, color="#999999", linewidth=0.8, linestyle="--")
+    for k, s in enumerate(found["solvers"]):
+        points = [p for p in s["points"] if p["error"] > 0]
+        width, style = 2.2 if s["solver"] == OWN else 1.0, "-" if k < 8 else "--"
+        if points:
+            curve(left, k, points, "time_s", "error", label=s["solver"], linewidth=width,
+                  linestyle=style)  # fmt: skip
+    left.yaxis.set_major_locator(LogLocator(numticks=20))  # every decade has its label
+    left.text(1.0, GOAL, "compared here ", transform=left.get_yaxis_transform(), color="#666666",
+              fontsize=7.5, ha="right", va="bottom")  # fmt: skip
+    beside = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "fontsize": 7.5}
+    save(figure, path, f"{found['case']}: {found['title']}", **beside)
