@@ -18,7 +18,7 @@ from wormopt.systems.shared.checkpoints import checkpoints, forget, keep
 from wormopt.systems.spiked.certify.proof import certified
 from wormopt.systems.spiked.certify.prove import Certificate, Progress
 from wormopt.systems.spiked.design.design import Design
-from wormopt.systems.spiked.runs.gait_design import Findings
+from wormopt.systems.spiked.runs.motion import Findings
 from wormopt.systems.spiked.scenes.gait_design import GaitDesignScene
 from wormopt.systems.spiked.search.sequences import Sequence_, mirrored
 from wormopt.systems.spiked.search.space import is_mirror_symmetric

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -22,6 +22,7 @@ from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.design.sensitivity import Sensitivity, scaling_error, sensitivities
 from wormopt.systems.spiked.runs.motion import (
+    Findings,
     agreement,
     motion_facts,
     motion_scalars,
@@ -50,34 +51,6 @@ COST_SCALARS: dict[Cost, str] = {
     "acceleration_effort": "acceleration_effort",
 }
 """Scalars that hold the costs."""
-
-
-@dataclass(frozen=True)
-class Findings:
-    """What a result is concluded from, see `conclude`; `|` joins two."""
-
-    scalars: dict[str, Any] = field(default_factory=dict)
-    variables: dict[str, Any] = field(default_factory=dict)
-    checks: tuple[Check, ...] = ()
-    facts: dict[str, Any] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-    timings: dict[str, float] = field(default_factory=dict)
-    attributes: dict[str, Any] = field(default_factory=dict)
-
-    def __or__(self, more: Findings) -> Findings:
-        """Parts of both; where a name stands in both, that of `more`."""
-        pairs = {f.name: (getattr(self, f.name), getattr(more, f.name)) for f in fields(self)}
-        joined = {k: a | b if isinstance(a, dict) else a + b for k, (a, b) in pairs.items()}
-        return Findings(**joined)
-
-    @property
-    def holds(self) -> bool:
-        """Whether all checks are passed."""
-        return all(check.passed for check in self.checks)
-
-    def result(self, scene: Scene[Any]) -> Result:
-        """The Result that holds them."""
-        return conclude(scene, **{part.name: getattr(self, part.name) for part in fields(self)})
 
 
 def run(scene: Scene[GaitDesignScene], report: Report) -> Result:

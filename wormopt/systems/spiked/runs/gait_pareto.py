@@ -18,7 +18,8 @@ from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.spiked.design.design import objective_of
 from wormopt.systems.spiked.design.optimize import designed
-from wormopt.systems.spiked.runs.gait_design import COST_SCALARS, Findings, of_design, refused
+from wormopt.systems.spiked.runs.gait_design import COST_SCALARS, of_design, refused
+from wormopt.systems.spiked.runs.motion import Findings
 from wormopt.systems.spiked.scenes.gait_design import GaitParetoScene
 from wormopt.systems.spiked.search.sequences import Sequence_
 from wormopt.systems.spiked.task import Objective

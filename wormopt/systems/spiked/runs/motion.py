@@ -1,20 +1,50 @@
-"""What every study of a gait says of a crawling motion: scalars, signals, and its re-check."""
+"""What studies of gaits find, and what all of them say of a crawling motion and its re-check."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from wormopt.model.gait import Gait
-from wormopt.result import Check
+from wormopt.result import Check, Result, conclude
+from wormopt.scene.scene import Scene
 from wormopt.systems.spiked.bimodal import BimodalMotion, integrate
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.scenes.gait import MOTION_VARIABLES
 
 # Tolerances between the routes: of rates, of loads (in forces), and of balances (in forces).
 _SPEEDS, _LOADS, _BALANCES = 1e-9, 1e-7, 1e-9
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a result is concluded from, see `conclude`; `|` joins two."""
+
+    scalars: dict[str, Any] = field(default_factory=dict)
+    variables: dict[str, Any] = field(default_factory=dict)
+    checks: tuple[Check, ...] = ()
+    facts: dict[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    timings: dict[str, float] = field(default_factory=dict)
+    attributes: dict[str, Any] = field(default_factory=dict)
+
+    def __or__(self, more: Findings) -> Findings:
+        """Parts of both; where a name stands in both, that of `more`."""
+        pairs = {f.name: (getattr(self, f.name), getattr(more, f.name)) for f in fields(self)}
+        joined = {k: a | b if isinstance(a, dict) else a + b for k, (a, b) in pairs.items()}
+        return Findings(**joined)
+
+    @property
+    def holds(self) -> bool:
+        """Whether all checks are passed."""
+        return all(check.passed for check in self.checks)
+
+    def result(self, scene: Scene[Any]) -> Result:
+        """The Result that holds them."""
+        return conclude(scene, **{part.name: getattr(self, part.name) for part in fields(self)})
 
 
 def motion_scalars(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:

@@ -144,19 +144,23 @@ class WormTable(Table, frozen=True, kw_only=True):
             yield f"worm.{key}", message
 
 
-class FastGait(FastShape, frozen=True, kw_only=True):  # noqa: D101  the shape says it
+class FastGait(FastShape, frozen=True, kw_only=True):  # noqa: D101
+    __doc__ = FastShape.__doc__
     sharing: Shared = "equal"
 
 
 class BlockWave(BlockWaveShape, frozen=True, kw_only=True):  # noqa: D101
+    __doc__ = BlockWaveShape.__doc__
     sharing: Shared = "equal"
 
 
 class Accordion(AccordionShape, frozen=True, kw_only=True):  # noqa: D101
+    __doc__ = AccordionShape.__doc__
     sharing: Shared = "equal"
 
 
 class GaitFile(FileShape, frozen=True, kw_only=True):  # noqa: D101
+    __doc__ = FileShape.__doc__
     sharing: Shared = "equal"
 
 
