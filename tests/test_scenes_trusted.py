@@ -30,7 +30,6 @@ from wormopt.systems.film.scenes.film_wave import FilmWaveScene
 from wormopt.systems.pair.scenes.pair_waveform import PairWaveformScene
 from wormopt.systems.shared import proof, signals
 from wormopt.systems.shared.proof import warnings_of_contact
-from wormopt.systems.spiked.scenes.stepper import StepperScene
 
 # -- what is not trusted -------------------------------------------------------------------------
 
@@ -331,7 +330,7 @@ def test_the_page_on_simulation_runs(capsys: pytest.CaptureFixture[str]):
 def test_every_key_of_the_scenes_is_documented():
     text = (DOCS / "scenes.md").read_text(encoding="utf-8")
     tables = [TrackScene, SimulateScene, PairWaveformScene, CoilRowScene, CoilInverseScene]
-    tables += [FilmWaveScene, StepperScene]
+    tables += [FilmWaveScene]
     seen = set()
     while tables:
         table = tables.pop()
