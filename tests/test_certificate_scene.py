@@ -154,6 +154,9 @@ def test_a_bound_below_the_gait_is_a_failure(monkeypatch):
     result = run()
     assert result.status == "failed"
     assert "better than its proven bound" in result.reason
+    (fault,) = (check for check in result.checks if not check.passed)
+    assert fault.name == "gait over its proven bound"
+    assert fault.value == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(

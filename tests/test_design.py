@@ -314,6 +314,69 @@ def test_an_interrupted_search_leaves_the_best_gait_so_far(monkeypatch):
     assert 0.3 < value(partial, "speed") < 1.0
 
 
+def spoil(monkeypatch, study, share: float) -> None:
+    """What is designed runs through its gait in a share of its time: limits are exceeded."""
+    original = study.designed
+
+    def hurried(*args):
+        found = original(*args)
+        return replace(found, gait=found.gait.with_period(share * found.gait.period))
+
+    monkeypatch.setattr(study, "designed", hurried)
+
+
+def faults_of(result) -> set[str]:
+    return {check.name for check in result.checks if not check.passed}
+
+
+def test_limits_that_are_exceeded_are_faults(monkeypatch):
+    from wormopt.systems.spiked.runs import gait_design
+
+    spoil(monkeypatch, gait_design, 0.8)
+    motor = "motor={lead=0.5, rate_max=2.0, acceleration_max=40.0}"
+    result = run('search.effort="quick"', "search.sequence=[[0],[1],[2]]", motor)
+    assert result.status == "failed"
+    exceeded = {"gait.period", "gait.rate", "gait.acceleration", "gait.resting", "sigma"}
+    assert faults_of(result) == {*exceeded, "speed over its ceiling", "motor.rate_max"}
+    checks = {check.name: check for check in result.checks}
+    assert checks["gait.rate"].value == result.trust["violations"]["gait.rate"]
+    assert checks["gait.rate"].value == pytest.approx(0.25, rel=1e-6)
+    assert checks["gait.length"].passed
+    for name in faults_of(result):
+        assert checks[name].advice in result.reason
+    assert "gait.rate is exceeded by 0.25 of its size" in result.reason
+    assert "sensitivity" in result.trust
+
+
+def test_a_second_route_that_finds_something_else_is_a_fault(monkeypatch):
+    from wormopt.systems.spiked.runs import gait
+
+    original = gait.recheck
+
+    def elsewhere(motion):
+        again = original(motion)
+        return replace(again, speed=1.01 * again.speed, lambda_max=2 * again.lambda_max)
+
+    monkeypatch.setattr(gait, "recheck", elsewhere)
+    result = wo.run("fast_gait")
+    assert result.status == "failed"
+    assert faults_of(result) == {"speed, second route", "largest load, second route"}
+    told = "the second route finds another speed; the second route finds another largest load"
+    assert result.reason == told
+
+
+def test_a_front_without_an_accepted_gait_fails(monkeypatch, tmp_path: Path):
+    from wormopt.systems.spiked.runs import gait_pareto
+
+    monkeypatch.setattr(gait_pareto, "user_cache_path", lambda _: tmp_path)
+    spoil(monkeypatch, gait_pareto, 0.8)
+    changes = ["pareto.points=3", 'search.effort="quick"', "search.sequence=[[0],[2],[1]]"]
+    result = wo.run(wo.load_scene("pareto_speed_load", changes))
+    assert (result.status, result.reason) == ("failed", "no point of the front was accepted")
+    assert {"gait.rate", "points that do not count"} <= faults_of(result)
+    assert value(result, "front_points") == 0
+
+
 def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
     from wormopt.systems.spiked.runs import gait_pareto
 

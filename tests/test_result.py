@@ -169,7 +169,7 @@ def test_units_are_ascii_and_vanish_in_dimensionless_scenes():
 
 
 def test_a_result_as_a_dataset(tmp_path: Path):
-    time = Variable("time", "s", ("time",), [0.0, 1.0, 2.0], "time")
+    time = Variable("time", "s", ("time",), np.array([0.0, 1.0, 2.0]), "time")
     place = Variable("place", "m", ("mass", "time"), np.arange(6.0).reshape(2, 3), "place")
     scalars = {"speed": Scalar(0.5, "m s-1"), "words": Scalar(["a", "b"]), "lost": Scalar(None)}
     result = Result("walk", "gait", "A walk", scalars=scalars, variables=(time, place))

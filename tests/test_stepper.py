@@ -601,6 +601,9 @@ def test_a_result_that_leaves_the_gait_fails(monkeypatch: pytest.MonkeyPatch):
     result = wo.run(SCENE)
     assert result.status == "failed"
     assert "the replayed steps leave the gait by" in result.reason
+    (fault,) = (check for check in result.checks if not check.passed)
+    assert fault.name == "replayed steps"
+    assert fault.value == result.trust["replay"]["error_in_steps"] > fault.limit
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ KINDS: dict[str, Kind] = {
     ),
     "gait-pareto": Kind(
         summary="front of the best gaits between speed and a second objective",
-        table="wormopt.systems.spiked.scenes.gait_pareto:GaitParetoScene",
+        table="wormopt.systems.spiked.scenes.gait_design:GaitParetoScene",
         study="wormopt.systems.spiked.runs.gait_pareto",
         pictures=("front", "gait", "motion", "spikes"),
     ),
@@ -64,8 +64,8 @@ KINDS: dict[str, Kind] = {
         study="wormopt.systems.spiked.runs.stepper",
         pictures=("steps",),
         exports={
-            "steps.csv": "wormopt.systems.spiked.runs.step_files:as_csv",
-            "steps.c": "wormopt.systems.spiked.runs.step_files:as_c",
+            "steps.csv": "wormopt.systems.spiked.runs.stepper:as_csv",
+            "steps.c": "wormopt.systems.spiked.runs.stepper:as_c",
         },
     ),
     "track": Kind(

@@ -53,7 +53,7 @@ UNITS = {
     "count": "1",
 }
 # Units that scenes of both kinds use as they are.
-ABSOLUTE = ("rad", "Oe", "1")
+ABSOLUTE = ("rad", "s", "Oe", "1")
 
 
 def unit_of(quantity: str, units: str) -> str:

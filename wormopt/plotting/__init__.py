@@ -53,7 +53,7 @@ PICTURES: dict[str, Picture] = {
     "limits": Picture("spiked.plots.gaits:limits", ("limit_elasticity",)),
     "front": Picture("spiked.plots.gaits:front", ("front_speed", "front_value", "front_accepted")),
     "certificate": Picture(
-        "spiked.plots.certificate:certificate", ("proof_time", "proof_bound", "proof_value")
+        "spiked.plots.gaits:certificate", ("proof_time", "proof_bound", "proof_value")
     ),
     "animation": Picture("spiked.plots.gaits:first_frame", (*_CYCLE, "position"), animated=True),
     "trackers": Picture(

@@ -82,13 +82,17 @@ def _keys(table: type[msgspec.Struct]) -> Iterator[str]:
         if field.encode_name in _COMMON and issubclass(table, SceneTable):
             continue
         quantity, what = meaning(field.type) or ("", "")
-        value = "a table" if tables_in(_single(field.type)) else _of(field)
-        cells = (f"`{field.encode_name}`", value, _words(quantity), _default(field), what)
+        cells = (f"`{field.encode_name}`", _of(field), _words(quantity), _default(field), what)
         yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 
 
 def _of(field: msgspec.structs.FieldInfo) -> str:
-    return re.sub(r'("[^"]*")', r"`\1`", describe(bare(field.type)))
+    kind = bare(field.type)
+    parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    numbers = [part for part in parts if part is not NoneType and not tables_in(_single(part))]
+    words = [describe(Union[tuple(numbers)])] if numbers else []  # noqa: UP007
+    words += ["a table"] if len(words) == 0 or tables_in(_single(kind)) else []
+    return re.sub(r'("[^"]*")', r"`\1`", ", or ".join(words))
 
 
 def _default(field: msgspec.structs.FieldInfo) -> str:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,12 @@ import numpy as np
 
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Check
 from wormopt.systems.shared.checkpoints import checkpoints, forget, keep
 from wormopt.systems.spiked.certify.proof import Certificate, Progress, certified
 from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.runs.motion import Findings
+from wormopt.systems.spiked.scenes.gait_design import GaitDesignScene
 from wormopt.systems.spiked.search.orders import is_mirror_symmetric
 from wormopt.systems.spiked.sequences import Sequence_, mirrored
 from wormopt.systems.spiked.task import Certify, Task
@@ -26,20 +27,16 @@ from wormopt.systems.spiked.task import Certify, Task
 _ROUNDING = 1e-12
 
 
-def add_certificate(
-    result: Result,
-    found: Design,
-    wanted: Certify,
-    units: str,
-    report: Report,
-    restate: Callable[[Design], Result],
-) -> tuple[Result, bool]:
-    """Add a certificate to the result of a design; the flag tells whether the user stopped it.
+def of_certificate(
+    table: GaitDesignScene, found: Design, report: Report
+) -> tuple[Findings, Design]:
+    """What is proven of a design, and that design, or a better one come upon.
 
-    What is proven is cached until the wanted gap is reached, so that a rerun goes on. Failed
-    where the gait beats its bound. `restate` makes the result of a better design come upon.
+    It is cached until the wanted gap is reached, so that a rerun goes on. A gait that beats its
+    bound is a fault.
     """
-    task = found.task
+    wanted, task = table.search.proof, found.task
+    assert wanted is not None
     file = _file(task, found.value, wanted)
 
     def save(progress: Progress) -> None:
@@ -53,26 +50,24 @@ def add_certificate(
     proof, better = outcome.certificate, outcome.design
     if proof.ending in ("gap reached", "finest cells"):
         forget(file)
-    if better is not found:
-        result = restate(better)
-    faults = [result.reason] if result.reason else []
     longer = len(better.sequence) > proof.phases
-    if proof.gap < -_ROUNDING and not longer:
-        faults.append("the gait is better than its proven bound; please report this scene")
-    unit = unit_of(task.objective.quantity, units)
-    scalars, variables = _leaves(proof, better, units)
-    return (
-        replace(
-            result,
-            status="failed" if faults else result.status,
-            reason="; ".join(faults),
-            scalars=dict(result.scalars) | _scalars(proof, unit, longer) | scalars,
-            variables=(*result.variables, *_course(proof, better.value, unit), *variables),
-            trust=_trust(result, proof, wanted.gap, longer, task.limits.resting),
-            timings_s=dict(result.timings_s) | {"certify": proof.progress.seconds},
-        ),
-        proof.ending == "interrupted",
+    advice = "the gait is better than its proven bound; please report this scene"
+    beaten = Check("gait over its proven bound", max(0.0, -proof.gap), _ROUNDING, advice)
+    whose = "of its own sequence of resting masses" if proof.sequence else "of any sequence"
+    certificate = {
+        "holds_for": f"every gait {whose}, of at most {proof.phases} phases a cycle, in which "
+        f"gait.resting = {task.limits.resting} and all other limits hold at any time",
+        "ended": proof.ending,
+        "wanted_gap": wanted.gap,
+    }
+    bounds = Findings(
+        *_bounds(table, proof, better, longer),
+        checks=() if longer else (beaten,),
+        facts={"certificate": certificate},
+        warnings=tuple(_warnings(proof, wanted.gap, longer)),
+        timings={"certify": proof.progress.seconds},
     )
+    return bounds | _leaves(proof, better), better
 
 
 def _file(task: Task, value: float, wanted: Certify) -> Path:
@@ -81,31 +76,29 @@ def _file(task: Task, value: float, wanted: Certify) -> Path:
     return checkpoints("certificates") / f"{name}.msgpack"
 
 
-def _scalars(proof: Certificate, unit: str, longer: bool) -> dict[str, Scalar]:
+def _bounds(
+    table: GaitDesignScene, proof: Certificate, design: Design, longer: bool
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The bound and its course; their quantity is that of the objective."""
     progress = proof.progress
-    return {
+    unit = unit_of(design.task.objective.quantity, table.units)
+    history = np.array([*progress.history, (progress.seconds, progress.bound)])
+    courses = {"proof_bound": history[:, 1], "proof_value": 0 * history[:, 1] + design.value}
+    scalars = {
         "bound": Scalar(progress.bound, unit),
-        "gap_certified": Scalar(None if longer else max(0.0, proof.gap)),
-        "certified_phases": Scalar(proof.phases),
-        "boxes_explored": Scalar(progress.boxes),
-        "certified_seconds": Scalar(progress.seconds, "s"),
+        "gap_certified": None if longer else max(0.0, proof.gap),
+        "certified_phases": proof.phases,
+        "boxes_explored": progress.boxes,
+        "certified_seconds": progress.seconds,
     }
+    variables: dict[str, Any] = {"proof_time": history[:, 0]}
+    for name, values in courses.items():
+        _, dims, long_name = table.variables[name]
+        variables[name] = Variable(name, unit, dims, values, long_name)
+    return scalars, variables
 
 
-def _course(proof: Certificate, value: float, unit: str) -> list[Variable]:
-    """The bound over time."""
-    last = (proof.progress.seconds, proof.progress.bound)
-    history = np.array([*proof.progress.history, last])
-    return [
-        Variable("proof_time", "s", ("proof",), history[:, 0], "time spent on the proof"),
-        Variable("proof_bound", unit, ("proof",), history[:, 1], "proven bound"),
-        Variable("proof_value", unit, ("proof",), 0 * history[:, 1] + value, "of the gait"),
-    ]
-
-
-def _leaves(
-    proof: Certificate, design: Design, units: str
-) -> tuple[dict[str, Scalar], list[Variable]]:
+def _leaves(proof: Certificate, design: Design) -> Findings:
     """Boxes of durations of one sequence of three phases: the gait's, or the most divided one."""
     tree, limits = proof.progress.tree, design.task.limits
     leaves = {sequence: [] for sequence in tree.watched} if tree else {}
@@ -115,24 +108,20 @@ def _leaves(
             leaves[branch.sequence].append(branch)
     leaves = {sequence: found for sequence, found in leaves.items() if found}
     if not leaves:
-        return {}, []
+        return Findings()
     images = _images(design)
     own = [sequence for sequence in leaves if sequence in images]
     chosen = own[0] if own else max(leaves, key=lambda sequence: len(leaves[sequence]))
     boxes = np.array([branch.durations for branch in leaves[chosen]]) * limits.period_range[1]
-    bounds = np.array([branch.bound for branch in leaves[chosen]])
-    time, dims = unit_of("time", units), ("leaf", "leaf_phase")
-    scalars = {
-        "leaf_sequence": Scalar(chosen),
-        "leaf_period": Scalar(limits.period_range, time),
-    }
-    if own:
-        scalars["leaf_durations"] = Scalar(images[chosen], time)
-    return scalars, [
-        Variable("leaf_shortest", time, dims, boxes[:, :, 0], "shortest durations"),
-        Variable("leaf_longest", time, dims, boxes[:, :, 1], "longest durations"),
-        Variable("leaf_bound", unit_of("speed", units), ("leaf",), bounds, "bound on the speed"),
-    ]
+    scalars: dict[str, Any] = {"leaf_sequence": chosen, "leaf_period": limits.period_range}
+    return Findings(
+        scalars | ({"leaf_durations": images[chosen]} if own else {}),
+        {
+            "leaf_shortest": boxes[:, :, 0],
+            "leaf_longest": boxes[:, :, 1],
+            "leaf_bound": np.array([branch.bound for branch in leaves[chosen]]),
+        },
+    )
 
 
 def _images(design: Design) -> dict[Sequence_, list[float]]:
@@ -148,34 +137,21 @@ def _images(design: Design) -> dict[Sequence_, list[float]]:
     }
 
 
-def _trust(
-    result: Result, proof: Certificate, gap: float, longer: bool, resting: int
-) -> dict[str, Any]:
-    warnings = list(result.trust["warnings"])
+def _warnings(proof: Certificate, gap: float, longer: bool) -> Iterator[str]:
     if proof.ending == "interrupted":
-        warnings.append(f"the gap {gap:g} was not reached: run again to go on from here")
+        yield f"the gap {gap:g} was not reached: run again to go on from here"
     elif proof.ending == "time limit":
-        warnings.append(
+        yield (
             f"the gap {gap:g} was not reached (time limit): run again to go on from here, "
             "or give search.certify.time_limit more seconds"
         )
     elif proof.ending == "finest cells":
-        warnings.append(
+        yield (
             f"the gap {gap:g} was not reached with the finest cells: either the gait can "
             'still be better (try search.effort = "thorough") or the gap is too small'
         )
     if longer:
-        warnings.append(
+        yield (
             f"the gait has more than {proof.phases} phases, so that the bound is not one for it: "
             "raise search.certify.phases, or give search.phases no more than that"
         )
-    whose = "of its own sequence of resting masses" if proof.sequence else "of any sequence"
-    return dict(result.trust) | {
-        "warnings": warnings,
-        "certificate": {
-            "holds_for": f"every gait {whose}, of at most {proof.phases} phases a cycle, in which "
-            f"gait.resting = {resting} and all other limits hold at any time",
-            "ended": proof.ending,
-            "wanted_gap": gap,
-        },
-    }

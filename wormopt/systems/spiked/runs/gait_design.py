@@ -2,40 +2,55 @@
 
 from __future__ import annotations
 
+import re
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, unit_of
-from wormopt.result import Result
+from wormopt.quantities import Scalar, unit_of, unit_ratio
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
+from wormopt.scene.types import per
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import designed
-from wormopt.systems.spiked.runs.gait_limits import add_limits
+from wormopt.systems.spiked.design.sensitivity import Sensitivity, scaling_error, sensitivities
 from wormopt.systems.spiked.runs.motion import (
-    disagreements,
+    Findings,
+    agreement,
+    motion_facts,
     motion_scalars,
-    motion_trust,
     motion_variables,
     recheck,
 )
-from wormopt.systems.spiked.runs.motor_limits import (
-    motor_faults,
-    motor_scalars,
-    motor_trust,
-    say_whose,
-)
+from wormopt.systems.spiked.scenes.design_tables import in_scene
 from wormopt.systems.spiked.scenes.gait_design import DesignTable, GaitDesignScene
-from wormopt.systems.spiked.scenes.gait_search import in_scene
-from wormopt.systems.spiked.task import Cost, Objective
+from wormopt.systems.spiked.scenes.stepper import MotorTable
+from wormopt.systems.spiked.stepper.stepper import Demand, Stepper, demand
+from wormopt.systems.spiked.task import Cost
 
 # A gait is accepted if no limit is exceeded by more, and the second route agrees to this.
 _ACCEPTED = 1e-9
+# Programs with more unknowns take seconds; they are asked only if the picture is wanted.
+_MOST_UNKNOWNS = 3000
+_MOTORS = (
+    "one motor per link turns a threaded rod: |l'| <= lead rate_max and |l''| <= lead "
+    "acceleration_max hold at all times, also below motor.start_rate, where motors need no ramp; "
+    "no step is lost within them, whatever the force"
+)
+COST_SCALARS: dict[Cost, str] = {
+    "peak_spike_load": "spike_load_max",
+    "peak_actuator_force": "actuator_force_max",
+    "energy_per_distance": "energy_per_distance",
+    "acceleration_effort": "acceleration_effort",
+}
+"""Scalars that hold the costs."""
 
 
 def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
@@ -44,146 +59,122 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
     Raises SolveError where no gait meets the limits, Interrupted with the best gait so far.
     """
     table = scene.table
-    task, settings = table.task(table.objective.objective), table.search.search
     try:
-        found = designed(task, settings, report)
+        found = designed(table.task(table.objective.objective), table.search.search, report)
     except SolveError as error:
         raise refused(error, scene) from None
-    result = design_result(scene, found)
+    known = of_design(table, found) | Findings(_objective(table, found))
     if found.ended == "interrupted":
         reason = "interrupted: the best gait so far, its search cut short"
-        raise Interrupted(replace(result, status="failed", reason=reason))
-    result = add_limits(result, found, table)
-    proof = table.search.proof
-    if proof is None or result.status != "ok":
-        return result
-    from wormopt.systems.spiked.runs.gait_certificate import add_certificate
+        raise Interrupted(known.result(scene).failed(reason))
+    known |= _of_limits(table, found)
+    if table.search.proof is None or not known.holds:
+        return known.result(scene)
+    from wormopt.systems.spiked.runs.gait_certificate import of_certificate
 
-    result, interrupted = add_certificate(
-        result, found, proof, table.units, report, lambda better: design_result(scene, better)
-    )
-    if interrupted:
+    proven, better = of_certificate(table, found, report)
+    if better is not found:
+        known = of_design(table, better) | Findings(_objective(table, better))
+    result = (known | proven).result(scene)
+    if proven.facts["certificate"]["ended"] == "interrupted":
         reason = "interrupted: the gait is done, its certificate is not; run again to go on"
-        raise Interrupted(replace(result, status="failed", reason=reason))
+        raise Interrupted(result.failed(reason))
     return result
 
 
 def refused(error: SolveError, scene: Scene[Any]) -> SolveError:
     """A design's refusal in the words of its scene, with a partial result that says so.
 
-    The scene's table is a DesignTable.
-    """
-    told, kind = say_whose(error, scene.table), scene.table.kind
-    nothing = Result(
-        scene.name, kind, scene.title, "failed", reason=str(told), scene_text=scene.text
-    )
-    return SolveError(told.reason, told.suggestion, nothing, told.code)
-
-
-def design_result(scene: Scene[Any], found: Design, cost: Cost | None = None) -> Result:
-    """Result of a designed gait, computed anew in closed form and rechecked by integration.
-
-    "failed" where a limit is exceeded by over 1e-9 of its size, or the two routes differ in
-    speed by more than that. Signals show one cycle; `cost` is stated besides.
+    The scene's table is a DesignTable. Where a limit is named that is the motor's, the motor is.
     """
     table: DesignTable = scene.table
+    reason, suggestion = in_scene(error.reason), in_scene(error.suggestion)
+    notes = [
+        f"gait.{name} is here the motor's, motor.lead * motor.{name}_max"
+        for name, whose in (_whose(table, table.motor) if table.motor else {}).items()
+        if "motor" in whose and f"gait.{name}" in f"{reason} {suggestion}"
+    ]
+    told = SolveError(reason, "; ".join([suggestion, *notes]), code=error.code)
+    told.partial = conclude(scene, {}).failed(str(told))
+    return told
+
+
+def of_design(table: DesignTable, found: Design) -> Findings:
+    """What is known of a designed gait, computed anew in closed form and rechecked by integration.
+
+    A limit that is exceeded by over 1e-9 of its size is a fault, and so is a speed of the second
+    route that differs by more. Signals show one cycle.
+    """
     clock = time.perf_counter()
     motion, objective = found.motion, found.task.objective
     again = recheck(motion)
     excess = {in_scene(name): value for name, value in found.violations.items()}
     if objective.speed is not None:
         excess["objective.speed"] = 1.0 - motion.speed / objective.speed
-    scalars = motion_scalars(motion, table.units) | _design_scalars(table, found, motion)
-    scalars |= motor_scalars(table, found.gait)
-    if cost is not None:
-        unit = unit_of(Objective(cost).quantity, table.units)
-        scalars[cost_scalar(cost)] = Scalar(objective_of(motion, cost), unit)
-    error = abs(again.speed - motion.speed)
-    scalars["worst_violation"] = Scalar(max(0.0, *excess.values()))
-    scalars["recheck_speed_error"] = Scalar(error, unit_of("speed", table.units))
-    trust = dict(motion_trust(motion, again)) | _design_trust(found, excess)
-    trust |= motor_trust(table)
-    faults = [*_faults(excess, motion, found.ceiling), *disagreements(motion, again)]
-    faults += [*_faults_under_loads(found), *motor_faults(table, found.gait)]
-    return Result(
-        scene=scene.name,
-        kind=table.kind,
-        title=scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=scalars,
-        variables=tuple(motion_variables(motion, table.units)),
-        trust=trust,
-        timings_s=found.timings_s | {"prove": time.perf_counter() - clock},
-        scene_text=scene.text,
-    )
+    checks = [*_checks(excess, motion, found), *agreement(motion, again), *_under_loads(found)]
+    known = Findings(
+        motion_scalars(motion, again) | _scalars(table, found, motion),
+        motion_variables(motion),
+        tuple(checks),
+        motion_facts(motion, again) | _facts(found, excess),
+        tuple(_warnings(found)),
+    ) | Findings({"worst_violation": max(0.0, *excess.values())})
+    if table.motor is not None:
+        known |= _of_motors(table, table.motor, found)
+    return known | Findings(timings=found.timings_s | {"prove": time.perf_counter() - clock})
 
 
-def _faults_under_loads(found: Design) -> list[str]:
+def _objective(table: DesignTable, found: Design) -> dict[str, Scalar]:
+    """What was reached, whose quantity depends on what was sought."""
+    objective = found.task.objective
+    value = objective_of(found.motion, objective.minimise)
+    return {"objective": Scalar(value, unit_of(objective.quantity, table.units))}
+
+
+def _checks(excess: dict[str, float], motion: Crawl, found: Design) -> Iterator[Check]:
+    for key, value in excess.items():
+        over = float(np.maximum(value, 0.0))  # keeps what is not a number
+        yield Check(key, over, _ACCEPTED, f"{key} is exceeded by {value:.2g} of its size")
+    above = motion.speed / found.ceiling - 1.0
+    advice = "the speed is above its ceiling, which cannot be; please report this scene"
+    yield Check("speed over its ceiling", max(0.0, above), _ACCEPTED, advice)
+
+
+def _under_loads(found: Design) -> Iterator[Check]:
     """Integrate anew under other loads of a range: as many masses must rest, as fast a motion."""
     low, high = found.task.worm.load_range
-    if low == high:
-        return []
-    motions = [found.motion_under(load) for load in np.linspace(low, high, 5)[:-1].tolist()]
-    return [
-        f"under the load {motion.drive.load:g}: {fault}"
-        for motion in motions
-        for fault in disagreements(motion, recheck(motion))
-    ]
+    for load in np.linspace(low, high, 5)[:-1].tolist() if low < high else ():
+        motion = found.motion_under(load)
+        yield from agreement(motion, recheck(motion), f"under the load {load:g}: ")
 
 
-def cost_scalar(cost: Cost) -> str:
-    """Name of the scalar that holds a cost."""
-    return {
-        "peak_spike_load": "spike_load_max",
-        "peak_actuator_force": "actuator_force_max",
-        "energy_per_distance": "energy_per_distance",
-        "acceleration_effort": "acceleration_effort",
-    }[cost]
-
-
-def _design_scalars(table: DesignTable, found: Design, motion: Crawl) -> dict[str, Scalar]:
-    units, limits, links = table.units, table.limits, table.worm.links
-    objective = found.task.objective
-    value = objective_of(motion, objective.minimise)
-    unit, time_unit = unit_of(objective.quantity, units), unit_of("time", units)
-    scalars = {
-        "objective": Scalar(value, unit),
-        "cycles": Scalar(found.cycles),
-        "period": Scalar(found.cycles * found.gait.period, time_unit),
-        "advance": Scalar(found.cycles * motion.advance, unit_of("length", units)),
-        "smallest_period": Scalar(found.gait.period, time_unit),
-        "ceiling": Scalar(found.ceiling, unit_of("speed", units)),
-        "gap": Scalar((found.ceiling - motion.speed) / found.ceiling),
-        "discretisation_error": Scalar(found.error * abs(value), unit),
-        "length_limits": Scalar(limits.length_ranges(links), unit_of("length", units)),
+def _scalars(table: DesignTable, found: Design, motion: Crawl) -> dict[str, Any]:
+    limits, links, objective = table.limits, table.worm.links, found.task.objective
+    error = found.error * abs(objective_of(motion, objective.minimise))
+    known = {
+        "cycles": found.cycles,
+        "period": found.cycles * found.gait.period,
+        "advance": found.cycles * motion.advance,
+        "smallest_period": found.gait.period,
+        "ceiling": found.ceiling,
+        "gap": (found.ceiling - motion.speed) / found.ceiling,
+        "discretisation_error": Scalar(error, unit_of(objective.quantity, table.units)),
+        "length_limits": limits.length_ranges(links),
     }
-    rates = limits.rate_limits(links)
-    if rates is not None:
-        scalars["rate_limit"] = Scalar(rates, unit_of("speed", units))
-    if limits.spike_load is not None:
-        scalars["spike_load_limit"] = Scalar(limits.spike_load, unit_of("force", units))
-    if limits.actuator_force is not None:
-        scalars["actuator_force_limit"] = Scalar(limits.actuator_force, unit_of("force", units))
     low, high = found.task.worm.load_range
-    if low < high:
-        scalars["load_range"] = Scalar([low, high], unit_of("force", units))
-    return scalars
+    given = {
+        "rate_limit": limits.rate_limits(links),
+        "spike_load_limit": limits.spike_load,
+        "actuator_force_limit": limits.actuator_force,
+        "load_range": [low, high] if low < high else None,
+    }
+    return known | {name: value for name, value in given.items() if value is not None}
 
 
-def _design_trust(found: Design, excess: dict[str, float]) -> dict[str, Any]:
-    survey, warnings = found.survey, []
+def _facts(found: Design, excess: dict[str, float]) -> dict[str, Any]:
+    survey = found.survey
     best_of_each = {t.sequence: t for t in reversed(survey.trials)}  # the last, the best, stays
-    best_of_each = dict(sorted(best_of_each.items(), key=lambda item: -item[1].value))
-    if not found.error <= 1e-6:
-        size = (
-            "by an unknown share" if not np.isfinite(found.error) else f"by {found.error:.1g} of it"
-        )
-        warnings.append(f"halving the arcs still changed the objective {size}")
-    if found.ended != "searched":
-        warnings.append(
-            f"the search was cut short ({found.ended}): a longer one may find a better gait"
-        )
+    best = sorted(best_of_each.values(), key=lambda trial: -trial.value)[:5]
     return {
         "violations": {k: max(0.0, v) for k, v in excess.items()},
         "solver": {
@@ -199,21 +190,123 @@ def _design_trust(found: Design, excess: dict[str, float]) -> dict[str, Any]:
             "linear_programs": survey.programs,
             "stages_s": survey.seconds,
             "best": [
-                {"sequence": t.sequence, "cycles": t.cycles, "objective": t.cost}
-                for t in list(best_of_each.values())[:5]
+                {"sequence": t.sequence, "cycles": t.cycles, "objective": t.cost} for t in best
             ],
         },
         "ceiling": "upper bound on the speed by link rates and resting masses alone",
-        "warnings": warnings,
     }
 
 
-def _faults(excess: dict[str, float], motion: Crawl, ceiling: float) -> list[str]:
-    faults = [
-        f"{key} is exceeded by {value:.2g} of its size"
-        for key, value in excess.items()
-        if not value <= _ACCEPTED
-    ]
-    if motion.speed > ceiling * (1 + _ACCEPTED):
-        faults.append("the speed is above its ceiling, which cannot be; please report this scene")
-    return faults
+def _warnings(found: Design) -> Iterator[str]:
+    if not found.error <= 1e-6:
+        known = np.isfinite(found.error)
+        size = f"by {found.error:.1g} of it" if known else "by an unknown share"
+        yield f"halving the arcs still changed the objective {size}"
+    if found.ended != "searched":
+        yield f"the search was cut short ({found.ended}): a longer one may find a better gait"
+
+
+# -- motors --------------------------------------------------------------------------------------
+
+
+def _of_motors(table: DesignTable, motor: MotorTable, found: Design) -> Findings:
+    """Which limits are the motor's, how much of its own a gait uses, and whether it is too much.
+
+    Found from the gait alone, independently of the design's own check of its limits.
+    """
+    # a motor that is always ramped
+    stepper = replace(Stepper(**msgspec.structs.asdict(motor)), start_rate=0.0)
+    asked = demand(found.gait, stepper)
+    scalars = {
+        **{f"{name}_limit_from": whose for name, whose in _whose(table, motor).items()},
+        "motor_rate_share": float(asked.rate.max()) / motor.rate_max,
+        "motor_acceleration_share": float(asked.acceleration.max()) / motor.acceleration_max,
+    }
+    return Findings(
+        scalars, checks=(_check_of_motors(asked),), facts={"assumptions": {"motors": _MOTORS}}
+    )
+
+
+def _check_of_motors(asked: Demand) -> Check:
+    # a period that is short by a share stands for accelerations that are over by twice that
+    name, short = asked.strictest.name, max(0.0, asked.period_min / asked.period - 1.0)
+    advice = f"motor.{name} is exceeded: it asks for a period of {asked.period_min}"
+    return Check(f"motor.{name}", short, _ACCEPTED, advice, passed=asked.feasible)
+
+
+def _whose(table: DesignTable, motor: MotorTable) -> dict[str, list[str]]:
+    """Of each link, whether the gait's limit or the motor's is the smaller."""
+    links, limits = table.worm.links, table.gait.limits
+    rates = limits.rate_limits(links)
+    given = {
+        "rate": np.full(links, np.inf) if rates is None else np.min(rates, axis=0),
+        "acceleration": np.array(per(limits.acceleration or np.inf, links)),
+    }
+    own = {"rate": motor.length_rate, "acceleration": motor.length_acceleration}
+    return {
+        name: ["motor" if own[name] <= limit else "gait" for limit in values]
+        for name, values in given.items()
+    }
+
+
+# -- what binds the gait -------------------------------------------------------------------------
+
+
+def _of_limits(table: GaitDesignScene, found: Design) -> Findings:
+    """What every limit is worth (scalars ``sensitivity.*``), where that is known.
+
+    Also the data of the picture ``limits``; the trust report says how, or why not.
+    """
+    reason = _reason_against(found, "limits" in table.want)
+    if reason:
+        return Findings(facts={"sensitivity": f"unknown: {reason}"})
+    clock = time.perf_counter()
+    known = sensitivities(found)
+    seconds = time.perf_counter() - clock
+    one_sided = [in_scene(s.name) for s in known if s.one_sided]
+    return Findings(
+        _derivatives(known, found, table.units),
+        {"limit_elasticity": np.array([s.elasticity for s in known])},
+        facts={
+            "sensitivity": {
+                "method": "multipliers of the program with each limit moved; the order of rest is "
+                "kept",
+                "one_sided": one_sided,
+                "scaling_error": scaling_error(known, found.task.objective),
+            }
+        },
+        timings={"sensitivity": seconds},
+        attributes={
+            "limits": {
+                "objective": found.task.objective.minimise or "speed",
+                "name": [in_scene(s.name) for s in known],
+                "value": [s.value for s in known],
+                "unit": [unit_of(s.quantity, table.units) for s in known],
+                "one_sided": [s.one_sided for s in known],
+            }
+        },
+    )
+
+
+def _reason_against(found: Design, wanted: bool) -> str:
+    if found.trial is None:
+        return "a smooth cost is found by another solver, whose multipliers are not kept"
+    if found.ended == "interrupted":
+        return "the design was interrupted"
+    if len(found.trial.point.x) > _MOST_UNKNOWNS and not wanted:
+        return 'the program is large; ask for the picture "limits" in want'
+    return ""
+
+
+def _derivatives(known: tuple[Sensitivity, ...], found: Design, units: str) -> dict[str, Scalar]:
+    """One for each key; a list where the key has one number per link or mass."""
+    values: dict[str, Any] = {}
+    unit: dict[str, str] = {}
+    for s in known:
+        name = "sensitivity." + re.sub(r"\[\d+\]", "", s.name.partition(".")[2])
+        unit[name] = unit_ratio(found.task.objective.quantity, s.quantity, units)
+        if "[" in s.name:
+            values.setdefault(name, []).append(s.derivative)
+        else:
+            values[name] = s.derivative
+    return {name: Scalar(value, unit[name]) for name, value in values.items()}

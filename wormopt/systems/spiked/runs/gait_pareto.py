@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
@@ -13,12 +13,14 @@ from platformdirs import user_cache_path
 
 from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.quantities import Variable
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
+from wormopt.systems.spiked.design.design import objective_of
 from wormopt.systems.spiked.design.optimize import designed
-from wormopt.systems.spiked.runs.gait_design import cost_scalar, design_result, refused
-from wormopt.systems.spiked.scenes.gait_pareto import GaitParetoScene
+from wormopt.systems.spiked.runs.gait_design import COST_SCALARS, of_design, refused
+from wormopt.systems.spiked.runs.motion import Findings
+from wormopt.systems.spiked.scenes.gait_design import GaitParetoScene
 from wormopt.systems.spiked.sequences import Sequence_
 from wormopt.systems.spiked.task import Objective
 from wormopt.version import VERSION
@@ -48,7 +50,7 @@ def run(scene: Scene[GaitParetoScene], report: Report) -> Result:
             raise Interrupted from None
         partial = _front(scene, points, lost, perf_counter() - clock)
         reason = f"interrupted after {len(points)} of {total} points; run again to go on"
-        raise Interrupted(replace(partial, status="failed", reason=reason)) from None
+        raise Interrupted(partial.failed(reason)) from None
     shutil.rmtree(saved, ignore_errors=True)
     return _front(scene, points, lost, perf_counter() - clock)
 
@@ -84,7 +86,7 @@ def _point(
     """Design one gait, or read it back from an earlier run of the same scene."""
     table = scene.table
     against, total = table.pareto.against, table.pareto.points
-    name = cost_scalar(against)
+    name = COST_SCALARS[against]
     folder = saved / f"point_{index}"
     done = (total - index) / total
     with suppress(OSError, ValueError):  # not there, or damaged: design it again
@@ -100,7 +102,8 @@ def _point(
         raise refused(error, scene) from None
     if found.ended == "interrupted":
         raise KeyboardInterrupt
-    result = design_result(scene, found, against)
+    cost = {name: objective_of(found.motion, against)}
+    result = (of_design(table, found) | Findings(cost)).result(scene)
     unfinished = folder.with_suffix(".part")
     shutil.rmtree(unfinished, ignore_errors=True)
     unfinished.mkdir(parents=True)
@@ -114,42 +117,40 @@ def _front(
     scene: Scene[GaitParetoScene], points: list[_Point], lost: list[str], seconds: float
 ) -> Result:
     """Result of the whole front: a point counts if it is accepted and none dominates it."""
-    against, units = scene.table.pareto.against, scene.table.units
+    against = scene.table.pareto.against
     points = sorted(points, key=lambda p: p.speed)
     ok = np.array([p.result.status == "ok" for p in points])
     speed, value = np.array([p.speed for p in points]), np.array([p.value for p in points])
-    beaten = [
-        bool(np.any(value[i + 1 :][ok[i + 1 :]] < value[i] * (1 - 1e-9)))
-        for i in range(len(points))
-    ]
-    accepted = ok & ~np.array(beaten)
-    knee = points[_knee(speed, value, accepted)].result
-    unit = knee.scalars[points[0].cost].unit
-    failed = not accepted.any()
-    kept = {k: v for k, v in knee.scalars.items() if k != "objective"}
-    return replace(
-        knee,
-        status="failed" if failed else "ok",
-        reason="no point of the front was accepted" if failed else "",
-        scalars=kept
-        | {
-            "front_objective": Scalar(against),
-            "front_points": Scalar(int(accepted.sum())),
-            "speed_max": Scalar(float(speed.max()), unit_of("speed", units)),
-        },
-        variables=(
-            *knee.variables,
-            Variable("front_speed", unit_of("speed", units), ("point",), speed, "mean speed"),
-            Variable("front_value", unit, ("point",), value, against.replace("_", " ")),
-            Variable("front_accepted", "1", ("point",), accepted, "1 where the point counts"),
-        ),
-        trust=dict(knee.trust)
-        | {
-            "warnings": [*knee.trust["warnings"], *lost],
-            "dominated": int(np.sum(beaten)),
-        },
-        timings_s={"front": seconds},
+    beaten = np.array(
+        [np.any(value[i + 1 :][ok[i + 1 :]] < value[i] * (1 - 1e-9)) for i in range(len(points))]
     )
+    accepted = ok & ~beaten
+    knee = points[_knee(speed, value, accepted)].result
+    lost_points, reason = int(np.sum(~accepted)), "no point of the front was accepted"
+    some_count = Check("points that do not count", lost_points, len(points) - 1, reason)
+    unit = knee.scalars[points[0].cost].unit
+    front = conclude(
+        scene,
+        {
+            **knee.scalars,
+            "front_objective": against,
+            "front_points": int(accepted.sum()),
+            "speed_max": float(speed.max()),
+        },
+        {
+            **{variable.name: variable for variable in knee.variables},
+            "front_speed": speed,
+            "front_value": Variable(
+                "front_value", unit, ("point",), value, against.replace("_", " ")
+            ),
+            "front_accepted": accepted,
+        },
+        checks=(*knee.checks, some_count),
+        facts={**knee.trust, "dominated": int(np.sum(beaten))},
+        warnings=[*knee.trust["warnings"], *lost],
+        timings={"front": seconds},
+    )
+    return front if some_count.passed else front.failed(reason)
 
 
 def _knee(speed: np.ndarray, value: np.ndarray, accepted: np.ndarray) -> int:

@@ -1,69 +1,80 @@
-"""What every gait study says of a crawling motion: scalars, signals, and its re-check."""
+"""What studies of gaits find, and what all of them say of a crawling motion and its re-check."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
-from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.model.gait import Gait
+from wormopt.result import Check, Result, conclude
+from wormopt.scene.scene import Scene
 from wormopt.systems.spiked.bimodal import BimodalMotion, integrate
 from wormopt.systems.spiked.crawl import Crawl
-from wormopt.systems.spiked.files import gait_variables
+from wormopt.systems.spiked.scenes.gait import MOTION_VARIABLES
 
-_SIGNALS = {
-    "time": ("time", ("time",), "time"),
-    "length": ("length", ("link", "time"), "link length"),
-    "rate": ("speed", ("link", "time"), "rate of the link length"),
-    "acceleration": ("acceleration", ("link", "time"), "acceleration of the link length"),
-    "position": ("length", ("mass", "time"), "position of the mass"),
-    "velocity": ("speed", ("mass", "time"), "velocity of the mass"),
-    "reaction": ("force", ("mass", "time"), "load on the spike"),
-    "reaction_mean": ("force", ("time",), "mean spike load lambda of (7)"),
-    "sigma": ("force", ("time",), "driving term sigma of (7)"),
-    "glide": ("speed", ("time",), "common velocity w of (7)"),
-    "actuator_force": ("force", ("link", "time"), "actuator force"),
-    "resting": ("count", ("mass", "time"), "1 where the mass rests"),
-}
+# Tolerances between the routes: of rates, of loads (in forces), and of balances (in forces).
+_SPEEDS, _LOADS, _BALANCES = 1e-9, 1e-7, 1e-9
 
 
-def motion_scalars(motion: Crawl, units: str) -> dict[str, Scalar]:
+@dataclass(frozen=True)
+class Findings:
+    """What a result is concluded from, see `conclude`; `|` joins two."""
+
+    scalars: dict[str, Any] = field(default_factory=dict)
+    variables: dict[str, Any] = field(default_factory=dict)
+    checks: tuple[Check, ...] = ()
+    facts: dict[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    timings: dict[str, float] = field(default_factory=dict)
+    attributes: dict[str, Any] = field(default_factory=dict)
+
+    def __or__(self, more: Findings) -> Findings:
+        """Parts of both; where a name stands in both, that of `more`."""
+        pairs = {f.name: (getattr(self, f.name), getattr(more, f.name)) for f in fields(self)}
+        joined = {k: a | b if isinstance(a, dict) else a + b for k, (a, b) in pairs.items()}
+        return Findings(**joined)
+
+    @property
+    def holds(self) -> bool:
+        """Whether all checks are passed."""
+        return all(check.passed for check in self.checks)
+
+    def result(self, scene: Scene[Any]) -> Result:
+        """The Result that holds them."""
+        return conclude(scene, **{part.name: getattr(self, part.name) for part in fields(self)})
+
+
+def motion_scalars(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:
     """Scalars that every gait result carries; extremes are over all time, not over samples.
 
     Energies are None, unknown, where a velocity jumps or the worm does not advance.
     """
-
-    def scalar(value: Any, quantity: str) -> Scalar:
-        return Scalar(value, unit_of(quantity, units))
-
     low, high = motion.extremes("reaction_mean")
-    period, advance = motion.gait.period, motion.advance
     # Forces and energy are finite and complete only where no velocity jumps.
-    spent = motion.energy / advance if advance > 0 and not motion.corners else None
-    mass = float(motion.drive.mass.sum())
+    smooth, advance = not motion.corners, motion.advance
+    spent = motion.energy / advance if advance > 0 and smooth else None
+    forces = motion.extremes("actuator_force") if smooth else ()
     return {
-        "speed": scalar(motion.speed, "speed"),
-        "advance": scalar(advance, "length"),
-        "period": scalar(period, "time"),
-        "resting_min": scalar(motion.resting_min, "count"),
-        "lambda_min": scalar(low[0], "force"),
-        "lambda_max": scalar(high[0], "force"),
-        "lambda_mean": scalar(_lambda_mean(motion), "force"),
-        "spike_load_max": scalar(motion.extremes("reaction")[1].max(), "force"),
-        "actuator_force_max": scalar(
-            None
-            if motion.corners
-            else max(abs(v).max() for v in motion.extremes("actuator_force")),
-            "force",
-        ),
-        "energy_per_distance": scalar(spent, "energy_per_distance"),
-        "cost_of_transport": scalar(None if spent is None else spent / mass, "acceleration"),
-        "mode_sequence": scalar(motion.resting_sequence, "count"),
-        "glides": scalar(motion.glides, "time"),
-        "impulses": scalar(motion.impulses, "impulse"),
-        "smallest_load": scalar(motion.smallest_load, "force"),
-        "smallest_period": scalar(motion.smallest_period, "time"),
+        "speed": motion.speed,
+        "advance": advance,
+        "period": motion.gait.period,
+        "resting_min": motion.resting_min,
+        "lambda_min": low[0],
+        "lambda_max": high[0],
+        "lambda_mean": _lambda_mean(motion),
+        "spike_load_max": motion.extremes("reaction")[1].max(),
+        "actuator_force_max": max(abs(v).max() for v in forces) if smooth else None,
+        "energy_per_distance": spent,
+        "cost_of_transport": None if spent is None else spent / float(motion.drive.mass.sum()),
+        "mode_sequence": motion.resting_sequence,
+        "glides": motion.glides,
+        "impulses": motion.impulses,
+        "smallest_load": motion.smallest_load,
+        "smallest_period": motion.smallest_period,
+        "recheck_speed_error": abs(again.speed - motion.speed),
     }
 
 
@@ -74,20 +85,26 @@ def _lambda_mean(motion: Crawl) -> float:
     return (float(motion.integral("reaction_mean")[0]) + pushed) / period
 
 
-def motion_variables(motion: Crawl, units: str) -> list[Variable]:
+def _balances(motion: Crawl) -> tuple[float, float]:
+    """Largest mu_{n+1}, and mean lambda - k speed - Gamma, both as sizes."""
+    closure = max(float(np.abs(v).max()) for v in motion.extremes("closure"))
+    # drag acts on the mean velocity of the masses, which over a period is the speed
+    return closure, abs(_lambda_mean(motion) - motion.drive.drag * motion.speed - motion.drive.load)
+
+
+def motion_variables(motion: Crawl) -> dict[str, np.ndarray]:
     """Signals over one period and the gait itself; times at which a signal jumps stand twice."""
     sampled = motion.sample()
-    signals = [
-        Variable(
-            name,
-            unit_of(quantity, units),
-            dims,
-            sampled[name].reshape(-1) if len(dims) == 1 else sampled[name],
-            long_name,
-        )
-        for name, (quantity, dims, long_name) in _SIGNALS.items()
-    ]
-    return [*signals, *gait_variables(motion.gait, units)]
+    signals = {
+        name: sampled[name].reshape(-1) if len(dims) == 1 else sampled[name]
+        for name, (_, dims, _) in MOTION_VARIABLES.items()
+    }
+    return signals | gait_arrays(motion.gait)
+
+
+def gait_arrays(gait: Gait) -> dict[str, np.ndarray]:
+    """Variables from which a gait is read back exactly."""
+    return {f"gait_{name}": values for name, values in gait.arrays().items()}
 
 
 def recheck(motion: Crawl) -> BimodalMotion:
@@ -99,18 +116,20 @@ def recheck(motion: Crawl) -> BimodalMotion:
     return integrate(motion.gait, drive.mass.tolist(), drive.drag, drive.load)
 
 
-def motion_trust(motion: Crawl, again: BimodalMotion) -> Mapping[str, Any]:
+def motion_facts(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:
     """Residuals of a motion, and what the second route (`recheck`) found.
 
     ``force_balance``: largest mu_{n+1}; ``impulse_balance``: mean lambda - k speed - Gamma;
     ``energy_balance``: (net work - dissipation) / (force scale × distance).
     """
-    low, high = motion.extremes("closure")
-    # drag acts on the mean velocity of the masses, which over a period is the speed
-    balance = _lambda_mean(motion) - motion.drive.drag * motion.speed - motion.drive.load
-    trust: dict[str, Any] = {
-        "force_balance": max(abs(low[0]), abs(high[0])),
-        "impulse_balance": abs(balance),
+    closure, impulse = _balances(motion)
+    energy = None
+    if not motion.corners and motion.advance > 0:
+        gap = motion.net_work - motion.dissipation
+        energy = abs(gap) / (motion.force_scale * motion.advance)
+    return {
+        "force_balance": closure,
+        "impulse_balance": impulse,
         "ruled_by_kinematics": not motion.glides and not motion.drops,
         "recheck": {
             "method": "event-located integration of (7)",
@@ -119,31 +138,27 @@ def motion_trust(motion: Crawl, again: BimodalMotion) -> Mapping[str, Any]:
             "lambda_max": again.lambda_max,
             "resting_min": again.resting_min,
         },
+        "energy_balance": energy,
     }
-    if not motion.corners and motion.advance > 0:
-        gap = motion.net_work - motion.dissipation
-        trust["energy_balance"] = abs(gap) / (motion.force_scale * motion.advance)
-    else:
-        trust["energy_balance"] = None
-    return trust
 
 
-def disagreements(motion: Crawl, again: BimodalMotion) -> list[str]:
-    """Say where the second route finds something else, and which balance does not close.
+def agreement(motion: Crawl, again: BimodalMotion, under: str = "") -> Iterator[Check]:
+    """Whether the second route finds the same, and whether balances close.
 
-    Tolerances: speeds 1e-9 of the link rates, loads 1e-7 and balances 1e-9 of the forces.
+    Speeds are compared as shares of the link rates, loads and balances of the forces; `under`
+    says of which motion it is, where there are several.
     """
     rate, force = motion.drive.rate_scale, motion.force_scale
     low, high = motion.extremes("reaction_mean")
-    closure = max(float(np.abs(v).max()) for v in motion.extremes("closure"))
-    balance = abs(_lambda_mean(motion) - motion.drive.drag * motion.speed - motion.drive.load)
-    checks = {
-        "speed": abs(again.speed - motion.speed) / rate / 1e-9,
-        "smallest load": abs(max(again.lambda_min, 0.0) - max(low[0], 0.0)) / force / 1e-7,
-        "largest load": abs(again.lambda_max - high[0]) / force / 1e-7,
-        "number of resting masses": 2.0 * (again.resting_min != motion.resting_min),
+    smallest = max(again.lambda_min, 0.0) - max(low[0], 0.0)
+    found = {
+        "speed": (abs(again.speed - motion.speed) / rate, _SPEEDS),
+        "smallest load": (abs(smallest) / force, _LOADS),
+        "largest load": (abs(again.lambda_max - high[0]) / force, _LOADS),
+        "number of resting masses": (abs(again.resting_min - motion.resting_min), 0),
     }
-    found = [f"the second route finds another {k}" for k, size in checks.items() if not size <= 1]
-    if not max(closure, balance) <= 1e-9 * len(motion.drive.mass) * force:
-        found.append("forces do not balance")
-    return found
+    for name, (off, accepted) in found.items():
+        advice = f"{under}the second route finds another {name}"
+        yield Check(f"{under}{name}, second route", float(off), accepted, advice)
+    off = max(_balances(motion)) / (len(motion.drive.mass) * force)
+    yield Check(f"{under}balance of forces", off, _BALANCES, f"{under}forces do not balance")

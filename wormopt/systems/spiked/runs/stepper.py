@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -13,19 +12,17 @@ import numpy as np
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.spiked.crawl import Crawl, crawl
-from wormopt.systems.spiked.files import gait_variables
-from wormopt.systems.spiked.runs.motion import disagreements, motion_trust, recheck
+from wormopt.systems.spiked.runs.motion import agreement, gait_arrays, motion_facts, recheck
 from wormopt.systems.spiked.runs.reference import gait_of_shape
-from wormopt.systems.spiked.runs.step_files import step_variables
 from wormopt.systems.spiked.scenes.stepper import StepperScene
 from wormopt.systems.spiked.stepper.bristles import BristleMotion, ratchet
 from wormopt.systems.spiked.stepper.stepper import Demand, Stepper, demand
 from wormopt.systems.spiked.stepper.steps import (
     Steps,
+    c_text,
     csv_text,
     in_ticks,
     quantisation_error,
@@ -54,8 +51,7 @@ def run(scene: Scene[StepperScene], report: Report) -> Result:
     "failed" where the replay leaves the gait beyond rounding, or a second route disagrees.
     SolveError: too fast, moves no motor, or misfits the timer; SceneError: bad file or jump.
     """
-    table = scene.table
-    begin = time.perf_counter()
+    table, begin = scene.table, time.perf_counter()
     report("inverting lengths", 0.0)
     gait = gait_of_shape(table.gait, scene)
     stepper = Stepper(**msgspec.structs.asdict(table.motor))
@@ -68,40 +64,54 @@ def run(scene: Scene[StepperScene], report: Report) -> Result:
     bristles = table.bristles
     moved = ratchet(steps, bristles.backslip, bristles.settle_time)
     held = ratchet(steps, 0.0, bristles.settle_time)
-    error, bound = _replay(gait, steps), 0.5 + stepper.hysteresis + _ROUNDING
-    late = _ticks(steps, table.tick, scene)
-    scalars = _scalars(table, stepper, asked, steps, moved)
-    scalars |= _speeds(ideal, moved, held)
-    scalars["quantisation_error"] = Scalar(error * stepper.travel, "m")
-    scalars["recheck_speed_error"] = Scalar(abs(again.speed - ideal.speed), "m s-1")
-    faults = list(_faults(error, bound, late, moved))
-    faults += disagreements(ideal, again)
-    trust = {
-        "replay": {
-            "method": "steps.csv read back, its rows counted, both sides of every step",
-            "error_in_steps": error,
-            "accepted": bound,
+    # by the table's text, in steps
+    error = float(quantisation_error(gait, read_csv(csv_text(steps))).max()) / steps.travel
+    bound, late = 0.5 + stepper.hysteresis + _ROUNDING, _ticks(steps, table.tick, scene)
+    return conclude(
+        scene,
+        {
+            **_demanded(asked, stepper),
+            "speed": moved.speed,
+            "advance": moved.speed * gait.period,
+            "speed_ideal": ideal.speed,
+            "speed_without_backslip": held.speed,
+            "speed_lost": ideal.speed - moved.speed,
+            "step_count": steps.counts,
+            "travel_per_step": stepper.travel,
+            "step_interval_min": steps.interval_min,
+            "backslip": bristles.backslip,
+            "settle_time": bristles.settle_time,
+            "tick": table.tick,
+            "mode_sequence": ideal.resting_sequence,
+            "quantisation_error": error * stepper.travel,
+            "recheck_speed_error": abs(again.speed - ideal.speed),
         },
-        "tick_error": late,
-        "period_error": moved.period_error,
-        "ideal": dict(motion_trust(ideal, again)),
-        "assumptions": dict(_ASSUMED),
-        "warnings": [
+        {
+            "step_time": steps.time,
+            "step_motor": steps.motor + 1,
+            "step_direction": steps.direction,
+            "length_start": steps.start,
+            **_signals(stepper, steps, ideal, moved, bristles.settle_time),
+            **gait_arrays(gait),
+            **_close_up(gait, steps),
+        },
+        checks=(*_checks(error, bound, late, moved), *agreement(ideal, again)),
+        facts={
+            "replay": {
+                "method": "steps.csv read back, its rows counted, both sides of every step",
+                "error_in_steps": error,
+                "accepted": bound,
+            },
+            "tick_error": late,
+            "period_error": moved.period_error,
+            "ideal": motion_facts(ideal, again),
+            "assumptions": _ASSUMED,
+        },
+        warnings=(
             *_warnings(table, stepper, ideal, moved),
             *_short_pauses(stepper, asked, steps),
-        ],
-    }
-    return Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        "failed" if faults else "ok",
-        scalars=scalars,
-        variables=(*step_variables(steps), *_variables(gait, stepper, steps, ideal, moved, table)),
-        trust=trust,
-        timings_s={"solve": time.perf_counter() - begin},
-        reason="; ".join(faults),
-        scene_text=scene.text,
+        ),
+        timings={"solve": time.perf_counter() - begin},
     )
 
 
@@ -111,21 +121,18 @@ def _commands(scene: Scene[StepperScene], gait: Gait, stepper: Stepper) -> tuple
         asked = demand(gait, stepper)
     except ArgumentError as error:
         raise SceneError(scene.name, [("gait.file", str(error))]) from None
-    failed = Result(
-        scene.name, scene.table.kind, scene.title, "failed",
-        scalars=_demanded(asked, stepper), scene_text=scene.text,
-    )  # fmt: skip
+    known = conclude(scene, _demanded(asked, stepper))
     try:
         steps = step_times(gait, stepper)
     except SolveError as error:
-        partial = replace(failed, reason=str(error))
+        partial = known.failed(str(error))
         raise SolveError(error.reason, error.suggestion, partial, error.code) from None
     except ArgumentError as error:
         raise SceneError(scene.name, [("motor.microsteps", str(error))]) from None
     if not len(steps.time):
         reason = f"no length changes by half a microstep of {stepper.travel:g} m: no motor steps"
         suggestion = "take a gait with a longer stroke, or more microsteps"
-        raise SolveError(reason, suggestion, replace(failed, reason=reason), "no_steps")
+        raise SolveError(reason, suggestion, known.failed(reason), "no_steps")
     return asked, steps
 
 
@@ -142,65 +149,27 @@ def _ticks(steps: Steps, tick: float, scene: Scene[StepperScene]) -> float:
     return max(float(one.max()) for one in late if one.size)
 
 
-def _replay(gait: Gait, steps: Steps) -> float:
-    """Largest distance of the lengths counted from the table's text to the gait's, in steps."""
-    read = read_csv(csv_text(steps))
-    return float(quantisation_error(gait, read).max()) / read.travel
-
-
-def _demanded(asked: Demand, stepper: Stepper) -> dict[str, Scalar]:
-    decides = asked.strictest
+def _demanded(asked: Demand, stepper: Stepper) -> dict[str, Any]:
     return {
-        "turn_rate_max": Scalar(asked.rate, "s-1"),
-        "step_rate_max": Scalar(asked.rate * stepper.pulses_per_turn, "s-1"),
-        "acceleration_max": Scalar(asked.acceleration, unit_of("rate_change", "SI")),
-        "period": Scalar(asked.period, "s"),
-        "period_min": Scalar(asked.period_min, "s"),
-        "period_limited_by": Scalar(f"motor.{decides.name}"),
-        "turn_rate_limit": Scalar(stepper.rate_max, "s-1"),
-        "acceleration_limit": Scalar(stepper.acceleration_max, unit_of("rate_change", "SI")),
-        "start_rate": Scalar(stepper.start_rate, "s-1"),
+        "turn_rate_max": asked.rate,
+        "step_rate_max": asked.rate * stepper.pulses_per_turn,
+        "acceleration_max": asked.acceleration,
+        "period": asked.period,
+        "period_min": asked.period_min,
+        "period_limited_by": f"motor.{asked.strictest.name}",
+        "turn_rate_limit": stepper.rate_max,
+        "acceleration_limit": stepper.acceleration_max,
+        "start_rate": stepper.start_rate,
     }
 
 
-def _scalars(
-    table: StepperScene, stepper: Stepper, asked: Demand, steps: Steps, moved: BristleMotion
-) -> dict[str, Scalar]:
-    return {
-        "speed": Scalar(moved.speed, "m s-1"),
-        "step_count": Scalar(steps.counts),
-        "travel_per_step": Scalar(stepper.travel, "m"),
-        "step_interval_min": Scalar(steps.interval_min, "s"),
-        **_demanded(asked, stepper),
-        "backslip": Scalar(table.bristles.backslip, "m"),
-        "settle_time": Scalar(table.bristles.settle_time, "s"),
-        "tick": Scalar(table.tick, "s"),
-    }
-
-
-def _speeds(ideal: Crawl, moved: BristleMotion, held: BristleMotion) -> dict[str, Scalar]:
-    return {
-        "advance": Scalar(moved.speed * ideal.gait.period, "m"),
-        "speed_ideal": Scalar(ideal.speed, "m s-1"),
-        "speed_without_backslip": Scalar(held.speed, "m s-1"),
-        "speed_lost": Scalar(ideal.speed - moved.speed, "m s-1"),
-        "mode_sequence": Scalar(ideal.resting_sequence),
-    }
-
-
-def _faults(
-    error: float,
-    bound: float,
-    late: float,
-    moved: BristleMotion,
-) -> Iterator[str]:
-    if not error <= bound:
-        yield f"the replayed steps leave the gait by {error:.4g} microsteps"
-    if not late <= 0.5 * (1 + 1e-6):
-        yield f"ticks are off by {late:.3g} of themselves"
-    size = float(np.abs(moved.position).max())
-    if not moved.period_error <= _ACCEPTED * size:
-        yield f"the stepped motion does not close, by {moved.period_error:.2g} m"
+def _checks(error: float, bound: float, late: float, moved: BristleMotion) -> Iterator[Check]:
+    advice = f"the replayed steps leave the gait by {error:.4g} microsteps"
+    yield Check("replayed steps", error, bound, advice)
+    yield Check("ticks", late, 0.5 * (1 + 1e-6), f"ticks are off by {late:.3g} of themselves")
+    size, off = float(np.abs(moved.position).max()), moved.period_error
+    advice = f"the stepped motion does not close, by {off:.2g} m"
+    yield Check("closing of the stepped motion", off, _ACCEPTED * size, advice)
 
 
 def _warnings(
@@ -242,35 +211,26 @@ def _short_pauses(stepper: Stepper, asked: Demand, steps: Steps) -> Iterator[str
             )
 
 
-def _variables(
-    gait: Gait,
-    stepper: Stepper,
-    steps: Steps,
-    ideal: Crawl,
-    moved: BristleMotion,
-    table: StepperScene,
-) -> Iterator[Variable]:
+def _signals(
+    stepper: Stepper, steps: Steps, ideal: Crawl, moved: BristleMotion, settle_time: float
+) -> dict[str, np.ndarray]:
     sampled = ideal.sample()
-    t = sampled["time"]
-    if table.bristles.settle_time:
+    t = sampled["time"].reshape(-1)
+    if settle_time:
         position = np.array([np.interp(t, moved.time, row) for row in moved.position])
     else:
         position = moved.position[:, np.searchsorted(moved.time, t, side="right") - 1]
-    rows: dict[str, tuple[str, tuple[str, ...], Any, str]] = {
-        "time": ("s", ("time",), t, "time"),
-        "length": ("m", ("link", "time"), sampled["length"], "length of the gait"),
-        "commanded": ("m", ("link", "time"), steps.lengths(t), "commanded length"),
-        "turn_rate": ("s-1", ("link", "time"), sampled["rate"] / stepper.lead, "rate of the motor"),
-        "position": ("m", ("mass", "time"), position, "position of the mass, stepped"),
-        "position_ideal": ("m", ("mass", "time"), sampled["position"], "position in the gait"),
+    return {
+        "time": t,
+        "length": sampled["length"],
+        "commanded": steps.lengths(t),
+        "turn_rate": sampled["rate"] / stepper.lead,
+        "position": position,
+        "position_ideal": sampled["position"],
     }
-    for name, (unit, dims, values, text) in rows.items():
-        yield Variable(name, unit, dims, values, text)
-    yield from gait_variables(gait, "SI")
-    yield from _close_up(gait, steps)
 
 
-def _close_up(gait: Gait, steps: Steps) -> Iterator[Variable]:
+def _close_up(gait: Gait, steps: Steps) -> dict[str, np.ndarray]:
     """One link about a turn: the reversal of a motor with the least pause."""
     motors = [(j, *steps.of_motor(j)) for j in range(steps.links)]
     _, j, k = min(
@@ -283,7 +243,48 @@ def _close_up(gait: Gait, steps: Steps) -> Iterator[Variable]:
     margin = 0.03 * (last - first)
     first, last = max(0.0, first - margin), min(steps.period, last + margin)
     t = np.unique(np.concatenate([np.linspace(first, last, 401), at[(at >= first) & (at <= last)]]))
-    yield Variable("turn_time", "s", ("turn_time",), t, "time about a turn")
-    yield Variable("turn_length", "m", ("turn_time",), gait(t)[j], "length of the gait")
-    yield Variable("turn_commanded", "m", ("turn_time",), steps.lengths(t)[j], "commanded length")
-    yield Variable("turn_link", "1", ("turn",), np.array([j + 1]), "link shown")
+    return {
+        "turn_time": t,
+        "turn_length": gait(t)[j],
+        "turn_commanded": steps.lengths(t)[j],
+        "turn_link": np.array([j + 1]),
+    }
+
+
+# -- files ---------------------------------------------------------------------------------------
+
+
+def steps_of_result(result: Result) -> Steps | None:
+    """Commands in a ``stepper`` result; None where the study did not come so far."""
+    if "step_time" not in result:
+        return None
+    return Steps(
+        result.scalars["period"].value,
+        result.scalars["travel_per_step"].value,
+        result["length_start"].values,
+        result["step_time"].values,
+        result["step_motor"].values.astype(int) - 1,
+        result["step_direction"].values.astype(int),
+    )
+
+
+def as_csv(result: Result) -> str | None:
+    """Text of ``steps.csv``; None without steps.
+
+    Also None where the result failed: no motor is to run by it.
+    """
+    steps = _trusted(result)
+    return None if steps is None else csv_text(steps)
+
+
+def as_c(result: Result) -> str | None:
+    """Text of ``steps.c``; None without steps.
+
+    Also None where the result failed: no motor is to run by it.
+    """
+    steps = _trusted(result)
+    return None if steps is None else c_text(steps, result.scalars["tick"].value)
+
+
+def _trusted(result: Result) -> Steps | None:
+    return steps_of_result(result) if result.status == "ok" else None

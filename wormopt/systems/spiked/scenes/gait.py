@@ -4,101 +4,202 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, ClassVar, Literal
+
+from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import SceneTable
+from wormopt.scene.types import NonNegative, NonNegativeOrPair, PerMass, SceneTable, Table, says
 from wormopt.systems.spiked.limits import Sharing
 from wormopt.systems.spiked.scenes.shapes import (
+    GAIT_VARIABLES,
     AccordionShape,
     BlockWaveShape,
     FastShape,
     FileShape,
 )
-from wormopt.systems.spiked.scenes.worm import WormTable
+from wormopt.systems.spiked.task import MOST_LINKS, Worm
+
+Links = Annotated[
+    int, Meta(ge=1, le=MOST_LINKS, description=f"a whole number from 1 to {MOST_LINKS}")
+]
+Shared = Annotated[
+    Sharing,
+    says(
+        "",
+        "how several resting masses share the load, see "
+        "[theory](../theory-kinematic.md#5-spike-loads-and-sharing-rules); no spike has a limit "
+        "here",
+    ),
+]
+
+MOTION_SCALARS: dict[str, tuple[str, str]] = {
+    "speed": ("speed", "mean speed"),
+    "advance": ("length", "distance per period"),
+    "period": ("time", "period"),
+    "resting_min": (
+        "count",
+        "smallest number of masses at rest at any time; 0 where the worm glides",
+    ),
+    "lambda_min": (
+        "force",
+        "smallest *λ* of (7), the mean over the masses of their spike loads",
+    ),
+    "lambda_max": ("force", "largest *λ*"),
+    "lambda_mean": ("force", "its mean over the period, impulses included"),
+    "spike_load_max": (
+        "force",
+        "largest load of a single spike, under the sharing rule, impulses not included",
+    ),
+    "actuator_force_max": (
+        "force",
+        "largest \\|*μ*<sub>j</sub>\\|; unknown where velocities jump",
+    ),
+    "energy_per_distance": (
+        "energy_per_distance",
+        "energy the actuators spend, nothing recovered; unknown where velocities jump or the worm "
+        "stands still",
+    ),
+    "cost_of_transport": (
+        "acceleration",
+        "the same per total mass; divide by *g* for the dimensionless figure",
+    ),
+    "mode_sequence": (
+        "count",
+        "lists of resting masses, phase after phase; an empty list is a glide",
+    ),
+    "glides": (
+        "time",
+        "begin and end of each glide; one that runs past the end of the period appears in two "
+        "parts",
+    ),
+    "impulses": (
+        "impulse",
+        "time and size of each impulse on the spikes, summed over the masses",
+    ),
+    "smallest_load": (
+        "force",
+        "smallest *Γ* for which this gait is ruled by kinematics alone; unknown where none is",
+    ),
+    "smallest_period": (
+        "time",
+        "smallest period for which this shape is, at the load of the scene; unknown where none is",
+    ),
+    "recheck_speed_error": ("speed", "difference between the speeds of both routes"),
+}
+"""What every result with a gait tells of its motion."""
+
+_LINK, _MASS = ("link", "time"), ("mass", "time")
+MOTION_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
+    "time": ("time", ("time",), "time"),
+    "length": ("length", _LINK, "link length"),
+    "rate": ("speed", _LINK, "rate of the link length"),
+    "acceleration": ("acceleration", _LINK, "acceleration of the link length"),
+    "position": ("length", _MASS, "position of the mass"),
+    "velocity": ("speed", _MASS, "velocity of the mass"),
+    "reaction": ("force", _MASS, "load on the spike"),
+    "reaction_mean": ("force", ("time",), "mean spike load lambda of (7)"),
+    "sigma": ("force", ("time",), "driving term sigma of (7)"),
+    "glide": ("speed", ("time",), "common velocity w of (7)"),
+    "actuator_force": ("force", _LINK, "actuator force"),
+    "resting": ("count", _MASS, "1 where the mass rests"),
+}
+"""Signals over one period."""
 
 
-class FastGait(FastShape, frozen=True, kw_only=True):
-    """The chapter's gait (15) of a worm of two links.
+class WormTable(Table, frozen=True, kw_only=True):
+    """A chain of *n* + 1 point masses on the ground, joined by *n* links.
 
-    Parameters
-    ----------
-    period, rest_length, elongation : float
-        As for `FastShape`.
-    sharing : {"equal", "least_actuation"}
-        How several resting masses share the spike load.
+    Links have the lengths they are given, and every mass has spikes that let it slide forward and
+    never backward.
     """
 
-    sharing: Sharing = "equal"
+    links: Annotated[Links, says("count", "*n*")]
+    mass: Annotated[PerMass, says("mass", "point masses *m*<sub>i</sub>; mass 0 is the head")]
+    drag: Annotated[NonNegative, says("drag", "*k*: viscous drag −*k v* on each mass")] = 0.0
+    load: Annotated[
+        NonNegativeOrPair,
+        says(
+            "force",
+            "*Γ*: force against the direction of motion on each mass (slope, towed load). A range "
+            "is for designs only: a designed gait keeps its limits under every load of it",
+        ),
+    ] = 0.0
+
+    @property
+    def worm(self) -> Worm:
+        """The worm itself."""
+        return Worm(self.links, self.mass, self.drag, self.load)  # pyright: ignore[reportArgumentType]
+
+    @property
+    def masses(self) -> tuple[float, ...]:
+        """Mass of each point mass, head first."""
+        return self.worm.masses
+
+    def faults(self, loads: bool = False) -> Iterator[Fault]:
+        """Yield what is wrong between the keys; `loads`: whether the load may be a range."""
+        if isinstance(self.load, tuple) and not loads:
+            yield "worm.load", "a range of loads is for gaits that are designed; write one number"
+        for key, message in self.worm.faults():
+            yield f"worm.{key}", message
 
 
-class BlockWave(BlockWaveShape, frozen=True, kw_only=True):
-    """A block of neighbouring resting masses runs from tail to head.
-
-    Parameters
-    ----------
-    period, length, profile, ramp, resting : object
-        As for `BlockWaveShape`.
-    sharing : {"equal", "least_actuation"}
-        How several resting masses share the spike load.
-    """
-
-    sharing: Sharing = "equal"
+class FastGait(FastShape, frozen=True, kw_only=True):  # noqa: D101
+    __doc__ = FastShape.__doc__
+    sharing: Shared = "equal"
 
 
-class Accordion(AccordionShape, frozen=True, kw_only=True):
-    """All links contract while the head rests, then extend while the tail rests.
-
-    Parameters
-    ----------
-    period, length, profile, ramp : object
-        As for `AccordionShape`.
-    sharing : {"equal", "least_actuation"}
-        How several resting masses share the spike load.
-    """
-
-    sharing: Sharing = "equal"
+class BlockWave(BlockWaveShape, frozen=True, kw_only=True):  # noqa: D101
+    __doc__ = BlockWaveShape.__doc__
+    sharing: Shared = "equal"
 
 
-class GaitFile(FileShape, frozen=True, kw_only=True):
-    """A gait from a file.
+class Accordion(AccordionShape, frozen=True, kw_only=True):  # noqa: D101
+    __doc__ = AccordionShape.__doc__
+    sharing: Shared = "equal"
 
-    Parameters
-    ----------
-    file, period : object
-        As for `FileShape`.
-    sharing : {"equal", "least_actuation"}
-        How several resting masses share the spike load.
-    """
 
-    sharing: Sharing = "equal"
+class GaitFile(FileShape, frozen=True, kw_only=True):  # noqa: D101
+    __doc__ = FileShape.__doc__
+    sharing: Shared = "equal"
+
+
+GivenGait = FastGait | BlockWave | Accordion | GaitFile
 
 
 class GaitScene(SceneTable, frozen=True, kw_only=True):
-    """A given gait of a given worm.
+    """What a given gait does to the worm.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"gait"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether numbers are in SI units.
-    want : tuple of str
-        Pictures to draw.
-    worm : WormTable
-        The worm.
-    gait : FastGait, BlockWave, Accordion or GaitFile
-        The gait.
+    Theory: [theory-kinematic.md](../theory-kinematic.md). The
+    [trust report](../quickstart.md#3-the-trust-report) compares two routes. Timings: `crawl`,
+    `recheck`.
+
+    With an empty `want` no variables are saved, only scalars. Signals are over one period, from
+    time 0; where something jumps, the instant appears twice, with the values before and after.
+    Index 0 of links is link 1, at the head; the head starts at position 0. `sigma` is what is
+    needed to hold the worm; `glide` is 0 while a mass rests; `actuator_force` is positive where
+    the link pulls its masses together.
+
+    The gait, exactly: on piece *q*, with *s* the time since it began, *l*<sub>j</sub> =
+    Σ<sub>k</sub> `gait_polynomial`[q, j, k] *s*<sup>k</sup> + `gait_cosine`[q, j]
+    cos(`gait_omega`[q] *s*) + `gait_sine`[q, j] sin(`gait_omega`[q] *s*). The last three are there
+    only for gaits with harmonics. Coefficients count in length times time<sup>−k</sup>.
     """
 
+    scalars: ClassVar = MOTION_SCALARS
+    variables: ClassVar = MOTION_VARIABLES | GAIT_VARIABLES
+
     kind: Literal["gait"]
-    want: tuple[Literal["gait", "motion", "spikes", "animation"], ...] = ()
-    worm: WormTable
-    gait: FastGait | BlockWave | Accordion | GaitFile
+    want: Annotated[
+        tuple[Literal["gait", "motion", "spikes", "animation"], ...],
+        says(
+            "",
+            "`gait`: lengths, rates, resting masses; `motion`: paths, time upward; `spikes`: loads "
+            "and forces; `animation`: two periods, a GIF",
+        ),
+    ] = ()
+    worm: Annotated[WormTable, says("", "the worm")]
+    gait: Annotated[GivenGait, says("", "`shape` decides which other keys there are")]
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""

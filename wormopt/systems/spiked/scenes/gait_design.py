@@ -1,4 +1,4 @@
-"""Scenes of kind "gait-design": the best gait within limits."""
+"""Scenes of kinds "gait-design" and "gait-pareto": the best gaits within limits."""
 
 from __future__ import annotations
 
@@ -6,156 +6,91 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta, field
 
 from wormopt.errors import ArgumentError, Fault
-from wormopt.scene.types import (
-    NonNegative,
-    PairPerLink,
-    PerLink,
-    PerMass,
-    Positive,
-    PositiveOrPair,
-    SceneTable,
-    Table,
+from wormopt.scene.types import SceneTable, Table, says
+from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.scenes.design_tables import (
+    COST_WORDS,
+    LimitTable,
+    ObjectiveTable,
+    SearchTable,
+    in_scene,
 )
-from wormopt.systems.spiked.limits import Limits, Rates, Sharing
-from wormopt.systems.spiked.scenes.gait_search import SearchTable, in_scene
-from wormopt.systems.spiked.scenes.motor import MotorTable
-from wormopt.systems.spiked.scenes.worm import WormTable
-from wormopt.systems.spiked.task import MOST_LINKS, Cost, Objective, Task
+from wormopt.systems.spiked.scenes.gait import MOTION_SCALARS, MOTION_VARIABLES, WormTable
+from wormopt.systems.spiked.scenes.shapes import GAIT_VARIABLES
+from wormopt.systems.spiked.scenes.stepper import MotorTable
+from wormopt.systems.spiked.task import Cost, Objective, Task
 
+Points = Annotated[int, Meta(ge=3, le=50, description="a whole number from 3 to 50")]
 
-class RateTable(Table, frozen=True, kw_only=True):
-    """Limits on the rate of a link, apart for both directions.
-
-    Parameters
-    ----------
-    contraction : float or tuple of float
-        How fast a link may shorten at most, alike for all or one per link.
-    extension : float or tuple of float
-        How fast a link may lengthen at most, alike for all or one per link.
-    """
-
-    contraction: PerLink
-    extension: PerLink
-
-
-class LimitTable(Table, frozen=True, kw_only=True):
-    """What a designed gait must keep to, see `Limits`. Limits left out do not hold.
-
-    Parameters
-    ----------
-    period : float or tuple of two floats
-        The period, or the shortest and longest allowed; one or more cycles fill it.
-    length : tuple
-        Shortest and longest length, one pair for all links or one per link.
-    resting : int
-        At least so many masses rest at any time.
-    rate : float, tuple of float or RateTable, optional
-        Limit on the rate of each link.
-    acceleration : float or tuple of float, optional
-        Limit on the acceleration of each link.
-    spike_load : float or tuple of float, optional
-        Limit on the load of a spike, alike for all or one per mass.
-    actuator_force : float or tuple of float, optional
-        Limit on the force of each actuator.
-    sigma_margin : float
-        sigma of (7) stays at or above this.
-    sharing : {"equal", "least_actuation"}
-        How several resting masses share the spike load.
-    impulses : bool
-        Velocities may jump, where no acceleration limit is given.
-    """
-
-    period: PositiveOrPair
-    length: PairPerLink
-    resting: Annotated[int, Meta(ge=1, le=MOST_LINKS, description="a whole number, 1 or above")] = 1
-    rate: PerLink | RateTable | None = None
-    acceleration: PerLink | None = None
-    spike_load: PerMass | None = None
-    actuator_force: PerLink | None = None
-    sigma_margin: NonNegative = 0.0
-    sharing: Sharing = "equal"
-    impulses: bool = False
-
-    @property
-    def limits(self) -> Limits:
-        """The limits themselves."""
-        given = {name: getattr(self, name) for name in self.__struct_fields__}
-        if isinstance(self.rate, RateTable):
-            given["rate"] = Rates(self.rate.contraction, self.rate.extension)
-        return Limits(**given)
-
-
-class ObjectiveTable(Table, frozen=True, kw_only=True):
-    """What makes a gait the best: exactly one of `maximise` and `minimise`.
-
-    Parameters
-    ----------
-    maximise : {"speed"}, optional
-        Seek the largest mean speed.
-    minimise : str, optional
-        Cost to be made small.
-    speed : float, optional
-        Speed required when a cost is minimised.
-    """
-
-    maximise: Literal["speed"] | None = None
-    minimise: Cost | None = None
-    speed: Positive | None = None
-
-    @property
-    def objective(self) -> Objective:
-        """The objective itself."""
-        return Objective(self.minimise, self.speed)
-
-    def faults(self) -> Iterator[Fault]:
-        """Yield what is wrong between the keys of this table."""
-        if self.maximise is None and self.minimise is None:
-            yield "objective", 'no objective; write maximise = "speed", or minimise and speed'
-        elif self.maximise is not None and self.minimise is not None:
-            yield "objective", "two objectives; leave out maximise or minimise"
-        elif self.minimise is not None and self.speed is None:
-            yield "objective.speed", f"missing; minimise needs {_SPEED}"
-        elif self.maximise is not None and self.speed is not None:
-            yield "objective.speed", 'contradicts maximise = "speed"; leave one out'
-
-
-_SPEED = "the speed to keep, a finite number above 0"
+# Quantities that depend on the objective stand here as those of a speed.
+_DESIGN_SCALARS = MOTION_SCALARS | {
+    "period": ("time", "of all cycles together: one that `gait.period` allows"),
+    "advance": ("length", "of all cycles together"),
+    "cycles": ("count", "equal cycles in the period"),
+    "smallest_period": ("time", "`period`/`cycles`: the motion repeats after it already"),
+    "mode_sequence": (
+        "count",
+        "resting masses of a cycle of the motion, phase after phase; the order that was prescribed "
+        "stands in the trust report under `solver.sequence` and may contain phases that shrank to "
+        "nothing",
+    ),
+    "load_range": (
+        "force",
+        "[smallest, largest], where `worm.load` is a range; loads, forces and energies are those "
+        "under the largest",
+    ),
+    "ceiling": ("speed", "upper bound on the mean speed by link rates and resting masses"),
+    "gap": ("share", "(ceiling − speed)/ceiling"),
+    "discretisation_error": (
+        "speed",
+        "gain in the objective, in its quantity, that the last halving of every arc brought; of "
+        "energy and effort what another halving could bring, to first order. Unknown for an "
+        "interrupted design",
+    ),
+    "worst_violation": ("share", "largest excess over any limit, relative to its size"),
+    "rate_limit_from": (
+        "1",
+        "with `[motor]`: for each link whose limit is the smaller, `gait` or `motor`",
+    ),
+    "acceleration_limit_from": ("1", "the same of accelerations"),
+    "motor_rate_share": (
+        "share",
+        "with `[motor]`: largest share of the motor's limit that the gait uses",
+    ),
+    "motor_acceleration_share": ("share", "the same of accelerations"),
+    "length_limits": ("length", "[shortest, longest] of each link"),
+    "rate_limit": (
+        "speed",
+        "where `gait.rate` or `[motor]` is given: limits on contraction of every link, then on "
+        "extension",
+    ),
+    "spike_load_limit": ("force", "as given in the scene, where given"),
+    "actuator_force_limit": ("force", "as given in the scene, where given"),
+}
+_LEAF = ("leaf", "leaf_phase")
 
 
 class DesignTable(SceneTable, frozen=True, kw_only=True):
-    """What all scenes that design gaits share.
+    """What all scenes that design gaits share."""
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : str
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether numbers are in SI units.
-    want : tuple of str
-        Pictures to draw.
-    worm : WormTable
-        The worm.
-    gait : LimitTable
-        The limits.
-    search : SearchTable
-        How to search.
-    motor : MotorTable, optional
-        Motors that set the links' lengths, whose limits hold too.
-    """
-
-    worm: WormTable
-    gait: LimitTable
-    search: SearchTable = field(default_factory=SearchTable)
-    motor: MotorTable | None = None
+    worm: Annotated[WormTable, says("", "the worm")]
+    gait: Annotated[LimitTable, says("", "the limits")]
+    search: Annotated[SearchTable, says("", "how to search")] = field(default_factory=SearchTable)
+    motor: Annotated[
+        MotorTable | None,
+        says(
+            "",
+            "none if left out. A stepping motor on a threaded rod sets each link: |*l*′| ≤ `lead` "
+            "· `rate_max` and |*l*″| ≤ `lead` · `acceleration_max` hold besides the limits in "
+            "`[gait]`, which need give none of their own then. Keys that do not concern rates are "
+            "not used, nor is `start_rate`: limits hold below it too. Refused: `gait.impulses`",
+        ),
+    ] = None
 
     @property
     def limits(self) -> Limits:
@@ -198,42 +133,120 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
 class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     """The best gait within limits.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"gait-design"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether numbers are in SI units.
-    want : tuple of str
-        Pictures to draw.
-    worm : WormTable
-        The worm.
-    gait : LimitTable
-        The limits.
-    search : SearchTable
-        How to search.
-    motor : MotorTable, optional
-        Motors that set the links' lengths.
-    objective : ObjectiveTable
-        What to seek.
-    """
+    Scalars and variables are explained with kind [`gait`](gait.md); signals, and the gait that is
+    saved with them, are one cycle, `period`/`cycles` long. Quantities of `objective`, `bound`,
+    `discretisation_error` and of the variables `proof_bound`, `proof_value` are those of the
+    objective. Timings: `search`, `polish_and_refine`, `prove`, and `sensitivity`, `certify` where
+    there are. Attribute `limits`: the lists `name`, `value`, `unit` and `one_sided` in the order of
+    `limit_elasticity` (per cent of the objective per per cent of each limit; 0 for a limit of 0),
+    and `objective`, what they count for.
+
+    **Sensitivities.** What binds a designed gait: the scalars `sensitivity.KEY`, in objective per
+    limit, are the change of the objective per unit of each number in `[gait]`, `[worm]` and
+    `objective.speed`: `sensitivity.period`, `.length.shortest`, `.length.longest`, `.rate` (or
+    `.rate.contraction`, `.rate.extension`), `.acceleration`, `.spike_load`, `.actuator_force`,
+    `.sigma_margin`, `.speed` (the required one), `.mass`, `.drag`, `.load`, as far as the scene
+    gives them. A range has `.shortest` and `.longest`, of the load `.smallest` and `.largest`; a
+    key with one number per link or mass has a list. A limit that does not bind has 0.
+
+    - It is the derivative of the best objective of this order of rest and number of cycles. Should
+      another order become better, more can be gained than it says, never less.
+    - It counts in the direction in which the objective gets better: of limits, when they are
+      relaxed. A limit of 0 can only be raised: `sensitivity.sigma_margin` is the price of a
+      margin, in the first instance.
+    - Where raising and lowering count differently, by more than 1 %, another limit takes over at
+      this very place; the trust report names these limits under `sensitivity.one_sided`. Where
+      several limits bind together, so that no single one of them helps, it is 0 for each. Programs
+      of more than 400 unknowns are not solved again to tell this from a family of gaits that are
+      best alike: there a limit of one link or mass among many may be worth more than it says, and
+      `scaling_error` is not small.
+    - With `[motor]`, `rate` and `acceleration` are the limits that hold, one per link, be they the
+      scene's or the motor's.
+    - `sensitivity.scaling_error` in the trust report: the same worm in other units of mass, length
+      and time has the same gait, so certain sums of per cents are known; this is how far they are
+      off. Near 0, unless something counts differently to both sides.
+    - Unknown for `energy_per_distance` and `acceleration_effort`, for an interrupted design, and,
+      unless `want` has `limits`, for programs of more than 3000 unknowns; the trust report says
+      so.
+
+    **The trust report** holds besides `violations`, the balances and the second route
+    ([quick start](../quickstart.md#3-the-trust-report)):
+
+    | key | meaning |
+    | --- | --- |
+    | `solver.status` | `sharpened`: arcs halved until that gains nothing, then taken to rounding; `cut short` after a time limit or Ctrl-C; IPOPT's word where it solved for a smooth cost |
+    | `solver.violation` | largest excess over any row of the last program, in its own units |
+    | `solver.arcs_per_phase`, `solver.degree` | arcs of each phase; degree of the lengths on an arc |
+    | `solver.sequence`, `solver.durations`, `solver.cycles` | the order that was prescribed, how long each phase lasts, cycles in the period |
+    | `search.ended` | `searched`, `time limit` or `interrupted` |
+    | `search.tried`, `search.variations_tried` | orders of rest that were tried; variations that were made, those passed over for their ceilings included |
+    | `search.linear_programs` | linear programs solved in the search |
+    | `search.stages_s` | seconds of each stage |
+    | `search.best` | the best five orders with their cycles and objective, before they are sharpened |
+    | `sensitivity` | how sensitivities were found, or why they are unknown |
+    | `certificate` | with `[search.certify]`: of which gaits the proof speaks, why it ended |
+    """  # noqa: E501
+
+    scalars: ClassVar = _DESIGN_SCALARS | {
+        "objective": ("speed", "value reached, in its quantity, recomputed from the gait"),
+        "bound": (
+            "speed",
+            "with `[search.certify]`: proven, no gait of at most `certified_phases` phases a cycle "
+            "is faster, or cheaper; the ceiling, or 0 for a cost, before anything better is proven",
+        ),
+        "gap_certified": (
+            "share",
+            "with `[search.certify]`: by how much such a gait could be better at most, as a share "
+            "of `objective`; unknown where the gait itself has more phases",
+        ),
+        "certified_phases": ("count", "with `[search.certify]`: what the proof speaks of"),
+        "boxes_explored": ("count", "with `[search.certify]`: linear programs solved"),
+        "certified_seconds": (
+            "s",
+            "with `[search.certify]`: time spent on the proof, earlier runs included",
+        ),
+        "leaf_sequence": (
+            "1",
+            "with `[search.certify]`: the sequence of three phases whose boxes are kept: the "
+            "gait's own if it has three, else the most divided one",
+        ),
+        "leaf_period": ("time", "shortest and longest period of these boxes"),
+        "leaf_durations": ("time", "the gait's durations, if it is its own sequence"),
+    }
+    variables: ClassVar = {
+        **MOTION_VARIABLES,
+        **GAIT_VARIABLES,
+        "proof_time": ("s", ("proof",), "time spent on the proof"),
+        "proof_bound": ("speed", ("proof",), "proven bound"),
+        "proof_value": ("speed", ("proof",), "of the gait"),
+        "leaf_shortest": ("time", _LEAF, "shortest durations"),
+        "leaf_longest": ("time", _LEAF, "longest durations"),
+        "leaf_bound": ("speed", ("leaf",), "bound on the speed"),
+        "limit_elasticity": (
+            "1",
+            ("limit",),
+            "per cent of the objective per per cent of the limit",
+        ),
+    }
 
     kind: Literal["gait-design"]
-    want: tuple[Literal["gait", "motion", "spikes", "limits", "certificate", "animation"], ...] = ()
-    objective: ObjectiveTable
+    want: Annotated[
+        tuple[Literal["gait", "motion", "spikes", "limits", "certificate", "animation"], ...],
+        says(
+            "",
+            "`gait`, `motion`, `spikes` as for kind [`gait`](gait.md), of one cycle, `animation` "
+            "of two; `limits`: which limit to relax first, per cent speed, or cost, per per cent "
+            "of each limit (not for `energy_per_distance` and `acceleration_effort`); "
+            "`certificate`: bound over time, boxes of durations (with a table `[search.certify]`)",
+        ),
+    ] = ()
+    objective: Annotated[ObjectiveTable, says("", "what to seek")]
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
         yield from super().faults(folder)
         yield from self.objective.faults()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
-        yield from self._faults_of_proof()
-
-    def _faults_of_proof(self) -> Iterator[Fault]:
         wanted, objective = self.search.proof, self.objective.objective
         if wanted is None:
             if "certificate" in self.want:
@@ -248,3 +261,65 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         with suppress(ArgumentError):  # what is wrong with the task is told already
             for key, message in wanted.faults_of_orders(self.task(objective)):
                 yield f"search.certify.{key}".removesuffix("."), message
+
+
+class ParetoTable(Table, frozen=True, kw_only=True):
+    """The front to compute."""
+
+    against: Annotated[Cost, says("", f"the cost that is weighed against speed: {COST_WORDS}")]
+    points: Annotated[
+        Points,
+        says(
+            "count",
+            "gaits that are designed: the fastest, and the cheapest at equidistant lower speeds",
+        ),
+    ] = 9
+
+
+class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
+    """The front of the best gaits between speed and a cost.
+
+    `[gait]`, `[search]` and `[motor]` as for kind [`gait-design`](gait-design.md), where the trust
+    report is explained too. All points are searched with the same effort; each tries the order of
+    the point before first. `search.time_limit` counts for each point.
+
+    Refused: costs that are refused in `[objective]` of a design; `[search.certify]`.
+
+    All scalars but those of the front, and the signals, belong to the gait at its knee, and so does
+    the trust report, with `dominated` (points that a faster one beats) and, among its warnings,
+    the points for which no gait was found. The cost itself is a scalar too (`spike_load_max`,
+    `actuator_force_max`, `energy_per_distance`, or `acceleration_effort`), and `front_value` is in
+    its quantity. Timing: `front`.
+    """
+
+    scalars: ClassVar = _DESIGN_SCALARS | {
+        "acceleration_effort": ("acceleration_squared", "where it is the cost"),
+        "front_objective": ("1", "the cost, as in `pareto.against`"),
+        "front_points": ("count", "points that count"),
+        "speed_max": ("speed", "of the fastest gait"),
+    }
+    variables: ClassVar = {
+        **MOTION_VARIABLES,
+        **GAIT_VARIABLES,
+        "front_speed": ("speed", ("point",), "mean speed"),
+        "front_value": ("force", ("point",), "the cost"),
+        "front_accepted": ("1", ("point",), "1 where the point counts"),
+    }
+
+    kind: Literal["gait-pareto"]
+    want: Annotated[
+        tuple[Literal["front", "gait", "motion", "spikes"], ...],
+        says("", "`front`; `gait`, `motion`, `spikes` show the gait at the knee of the front"),
+    ] = ()
+    pareto: Annotated[ParetoTable, says("", "the front")]
+
+    def faults(self, folder: Path) -> Iterator[Fault]:
+        """Yield the faults that no single key shows."""
+        yield from super().faults(folder)
+        yield from self.faults_of_cost("pareto.against", self.pareto.against)
+        if self.search.certify is not None:
+            yield (
+                "search.certify",
+                "one design is certified at a time; leave it out, and certify the gaits that "
+                'matter in scenes of kind = "gait-design"',
+            )

@@ -1,4 +1,4 @@
-"""Shapes of gaits: link lengths over one period, as scenes name them."""
+"""Shapes of gaits: link lengths over one period, as scenes name them, and as results hold them."""
 
 from __future__ import annotations
 
@@ -9,26 +9,50 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, Pair, Positive, Table, wrong_order
+from wormopt.scene.types import Finite, Pair, Positive, Table, says, wrong_order
+
+Elongation = Annotated[float, Meta(gt=0, lt=0.5, description="a number above 0 and below 0.5")]
+Ramp = Annotated[float, Meta(ge=0, le=0.5, description="a number from 0 to 0.5")]
+Few = Annotated[int, Meta(ge=1, description="a whole number, 1 or above")]
+GaitPath = Annotated[str, Meta(min_length=1, description="the name of a .csv or .nc file")]
+Period = Annotated[Positive, says("time", "period *T*")]
+
+_PIECE = ("gait_piece", "link")
+GAIT_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
+    "gait_breaks": ("time", ("gait_break",), "times at which pieces of the gait begin"),
+    "gait_polynomial": (
+        "length",
+        (*_PIECE, "gait_power"),
+        "coefficients of s^k, s the time since the piece began",
+    ),
+    "gait_omega": (
+        "angular_frequency",
+        ("gait_piece",),
+        "angular frequency of the piece's harmonic",
+    ),
+    "gait_cosine": ("length", _PIECE, "amplitude of cos(omega s)"),
+    "gait_sine": ("length", _PIECE, "amplitude of sin(omega s)"),
+}
+"""Variables from which `wormopt.systems.spiked.files.gait_of_result` reads a gait back exactly."""
 
 
 class FastShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="fast"):
-    """The chapter's gait (15) of a worm of two links.
+    """Gait (15): two links, one mass at rest at any time.
 
-    Parameters
-    ----------
-    period : float
-        Period of the gait.
-    rest_length : float
-        Length l0: link 1 is l0 at its shortest, link 2 at its longest.
-    elongation : float
-        e of (15), above 0 and below 1/2: each link changes by 2 e l0.
+    Refused: `worm.links` other than 2.
     """
 
-    period: Positive
-    rest_length: Positive = 2.0
+    period: Period
+    rest_length: Annotated[
+        Positive,
+        says(
+            "length",
+            "*l*<sub>0</sub>: link 1 goes between *l*<sub>0</sub> and *l*<sub>0</sub>(1 + 2*e*), "
+            "link 2 between *l*<sub>0</sub>(1 − 2*e*) and *l*<sub>0</sub>",
+        ),
+    ] = 2.0
     elongation: Annotated[
-        float, Meta(gt=0, lt=0.5, description="a number above 0 and below 0.5")
+        Elongation, says("share", "*e*; the worm advances 4 *e l*<sub>0</sub> per period")
     ] = 0.15
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
@@ -38,32 +62,32 @@ class FastShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="fast")
 
 
 class WaveShape(Table, frozen=True, kw_only=True, tag_field="shape"):
-    """What the constructed gaits share: links that go between two lengths.
+    """What the constructed gaits share: links that go between two lengths."""
 
-    Parameters
-    ----------
-    period : float
-        Period of the gait.
-    length : tuple of two floats
-        Shortest and longest length of every link.
-    profile : {"cosine", "quintic", "trapezoid"}
-        Course of a link from one length to the other: cosine is C1, quintic C2, trapezoid has
-        a piecewise linear rate.
-    ramp : float, optional
-        Of a trapezoid, the share of the stroke spent speeding up and again slowing down, 0 to
-        1/2; 0 means corners in the length.
-    """
-
-    period: Positive
-    length: Pair
-    profile: Literal["cosine", "quintic", "trapezoid"] = "cosine"
-    ramp: Annotated[float, Meta(ge=0, le=0.5, description="a number from 0 to 0.5")] | None = None
+    period: Period
+    length: Annotated[
+        Pair,
+        says("length", "every link goes between these; their difference is the stroke *D*"),
+    ]
+    profile: Annotated[
+        Literal["cosine", "quintic", "trapezoid"],
+        says(
+            "",
+            "course of a length within a phase: once, twice continuously differentiable, or with "
+            "a piecewise linear rate",
+        ),
+    ] = "cosine"
+    ramp: Annotated[
+        Ramp | None,
+        says(
+            "share",
+            "of a trapezoid: share of the phase in which the rate rises, and again in which it "
+            "falls; 0 gives corners in the lengths",
+        ),
+    ] = None
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
-        """Yield what is wrong between the keys, or does not fit a worm of so many links.
-
-        `key` is the key path of this table.
-        """
+        """Yield what is wrong between the keys; `key` is this table's key path."""
         yield from wrong_order(f"{key}.length", self.length, may_be_equal=False)
         if self.profile == "trapezoid" and self.ramp is None:
             yield f"{key}.ramp", 'missing; profile = "trapezoid" needs a number from 0 to 0.5'
@@ -72,69 +96,50 @@ class WaveShape(Table, frozen=True, kw_only=True, tag_field="shape"):
 
 
 class BlockWaveShape(WaveShape, frozen=True, kw_only=True, tag="block_wave"):
-    """A block of neighbouring resting masses runs from tail to head.
+    """A block of neighbouring resting masses runs from tail to head, in *n* + 1 equal phases.
 
-    Parameters
-    ----------
-    period : float
-        Period of the gait.
-    length : tuple of two floats
-        Shortest and longest length of every link.
-    profile : {"cosine", "quintic", "trapezoid"}
-        Course of a link from one length to the other.
-    ramp : float, optional
-        Share of the stroke a trapezoid speeds up, and slows down.
-    resting : int
-        Number of resting masses, 1 to the number of links.
+    Refused: an empty range of lengths; `resting` above *n*; `profile = "trapezoid"` without
+    `ramp`, `ramp` with another profile.
     """
 
-    resting: Annotated[int, Meta(ge=1, description="a whole number, 1 or above")] = 1
+    resting: Annotated[Few, says("count", "masses in the block, up to *n*")] = 1
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
-        """Yield what is wrong between the keys, or does not fit a worm of so many links.
-
-        `key` is the key path of this table.
-        """
+        """Yield what is wrong between the keys, or does not fit a worm of so many links."""
         yield from super().faults(links, folder, key)
-        yield from too_many_resting(self.resting, links, key)
+        if self.resting > links:
+            yield (
+                f"{key}.resting",
+                f"{self.resting} resting masses leave a worm of {links} links none to move; "
+                f"write at most {links}",
+            )
 
 
 class AccordionShape(WaveShape, frozen=True, kw_only=True, tag="accordion"):
     """All links contract while the head rests, then extend while the tail rests.
 
-    Parameters
-    ----------
-    period : float
-        Period of the gait.
-    length : tuple of two floats
-        Shortest and longest length of every link.
-    profile : {"cosine", "quintic", "trapezoid"}
-        Course of a link from one length to the other.
-    ramp : float, optional
-        Share of the stroke a trapezoid speeds up, and slows down.
+    Refused: an empty range of lengths; `profile = "trapezoid"` without `ramp`, `ramp` with
+    another profile.
     """
 
 
 class SineShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="sine"):
     """A sine that runs from link to link, each behind the one ahead of it.
 
-    Parameters
-    ----------
-    period : float
-        Period of the gait.
-    rest_length : float
-        Mean length of every link.
-    amplitude : float
-        Amplitude of every link.
-    lag : float
-        By how much of a period each link is behind the one ahead of it; link 1 itself lags by
-        as much.
+    *l*<sub>j</sub> = `rest_length` + `amplitude` sin(2π(*t*/`period` − *j* `lag`)).
     """
 
-    period: Positive
-    rest_length: Finite = 2.0
-    amplitude: Positive = 0.6
-    lag: Finite = 1 / 3
+    period: Period
+    rest_length: Annotated[Finite, says("length", "mean length of every link")] = 2.0
+    amplitude: Annotated[Positive, says("length", "amplitude of every link")] = 0.6
+    lag: Annotated[
+        Finite,
+        says(
+            "share",
+            "of a period, by which each link is behind the one ahead of it; link 1 itself lags by "
+            "as much",
+        ),
+    ] = 1 / 3
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
         """Yield nothing: a sine fits every worm."""
@@ -144,17 +149,21 @@ class SineShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="sine")
 class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file"):
     """A gait from a file.
 
-    Parameters
-    ----------
-    file : str
-        A CSV table t, l_1, ..., l_n or the ``result.nc`` of a designed gait; relative to the
-        folder of the scene.
-    period : float, optional
-        Run the gait with this period instead of the file's own.
+    Refused: a file that cannot be read, is no gait, or has another number of links than the worm.
     """
 
-    file: Annotated[str, Meta(min_length=1, description="the name of a .csv or .nc file")]
-    period: Positive | None = None
+    file: Annotated[
+        GaitPath,
+        says(
+            "",
+            "table `t,l_1,...,l_n`, or the `result.nc` of any scene with a gait; relative to the "
+            "scene's folder",
+        ),
+    ]
+    period: Annotated[
+        Positive | None,
+        says("time", "run the gait with this period instead of the file's own"),
+    ] = None
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
         """Yield a fault if the file is of no known form or cannot be read.
@@ -171,19 +180,6 @@ class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file")
 
 
 Shape = FastShape | BlockWaveShape | AccordionShape | SineShape | FileShape
-
-
-def too_many_resting(resting: int, links: int, key: str = "gait") -> Iterator[Fault]:
-    """Yield a fault if more masses are to rest than can while the worm moves.
-
-    `key` is the key path of the table that says so.
-    """
-    if resting > links:
-        yield (
-            f"{key}.resting",
-            f"{resting} resting masses leave a worm of {links} links none to move; "
-            f"write at most {links}",
-        )
 
 
 def why_unreadable(path: Path) -> str:
