@@ -119,3 +119,10 @@ class MeshTable(Table, frozen=True, kw_only=True):
             "refined",
         ),
     ] = 1e-9
+
+
+# -- keys that many scenes have --------------------------------------------------------------------
+
+Contacts = Annotated[ContactTable, says("", "how contact is treated; exact if left out")]
+Horizon = Annotated[TimeSpan, says("", "how long")]
+Tolerances = Annotated[ToleranceTable, says("", "how exact simulations are")]

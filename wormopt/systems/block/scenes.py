@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import ContactTable, ExactContact, MeshTable
+from wormopt.scene.numerics import Contacts, ExactContact, MeshTable
 from wormopt.scene.types import Finite, Positive, SceneTable, Table, extreme_numbers, says
 from wormopt.systems.chain.scenes.chain import Friction, faults_of_law
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
@@ -67,9 +67,7 @@ class SlideScene(SceneTable, frozen=True, kw_only=True):
     time: Annotated[Positive | None, says("time", 'longest duration; required for `"effort"`')] = (
         None
     )
-    contact: Annotated[ContactTable, says("", "how contact is treated; exact if left out")] = field(
-        default_factory=ExactContact
-    )
+    contact: Contacts = field(default_factory=ExactContact)
     mesh: Annotated[MeshTable, says("", "how finely the motion is resolved")] = field(
         default_factory=MeshTable
     )

@@ -127,7 +127,7 @@ def sine_guess(
         x[:masses] -= dense(np.array([first]))[masses - 1]
         return np.tile(x, (worms, 1))
 
-    return Guess(period, states, lambda t: sines(first + t))
+    return Guess(period, states, sines)
 
 
 @dataclass(frozen=True, eq=False)

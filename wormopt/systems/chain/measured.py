@@ -19,8 +19,9 @@ from wormopt.simulation.functions import System
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.runs.chains import tube_radius
-from wormopt.systems.chain.scenes.track import FunnelTracker, Tracker
+from wormopt.systems.chain.scenes.track import FunnelTracker, Tracker, TrackScene
 from wormopt.systems.chain.scenes.track_optimal import TubeTable
+from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.shared.proof import Recheck, accepted_error, motion_facts, one_or_all
 from wormopt.systems.shared.signals import (
     at_ends,
@@ -106,21 +107,47 @@ def _nominal(model: Model, name: str) -> float:
     return float(np.mean(np.asarray(mass))) * found["velocity"] ** 2 / found["position"]
 
 
+@lru_cache(maxsize=64)
+def _observer(system: System) -> tuple[tuple[str, ...], ca.Function]:
+    """What numbers need, all at once, made once for all motions of a model."""
+    model = system.model
+    rows = {
+        "center": model.output("center_of_mass"),
+        "input": ca.norm_inf(inputs(model)),
+        "mass": ca.sum1(symbol(model, "mass")),
+        **{o.name: o.expression for o in model.outputs if o.name == "error_norm"},
+    }
+    for switch in model.switches:
+        if switch.name == LEAVES:
+            rows["outside"] = switch.guard
+    return tuple(rows), system.observe(ca.vertcat(*rows.values()))
+
+
+def _seen(motion: Trajectory) -> dict[str, np.ndarray]:
+    names, function = _observer(motion.system)
+    p = motion.system.scheduled(motion.p, motion.schedules, motion.time)
+    rows = np.array(function(motion.time[None], motion.states, p, motion.modes_at(motion.time)))
+    return dict(zip(names, rows, strict=True))
+
+
 def chain_numbers(motion: Trajectory) -> dict[str, Any]:
     """Numbers of every motion of a chain by their names in a Result.
 
-    The motion is of a model of `measure_power`, sampled at start and end.
+    The motion is of a model of `measure_power`, sampled at start and end. Peaks are of the samples
+    where it was not kept whole.
     """
-    center = at_ends(motion).output("center_of_mass")[0]
-    distance, time = float(center[-1] - center[0]), motion.time[-1] - motion.time[0]
-    square = motion.state("input_square")[0]
+    seen, time = _seen(motion), motion.time[-1] - motion.time[0]
+    distance = _change(seen["center"])
+    whole = motion.dense is not None
     return {
         "x_end": motion.state("position")[:, -1],
         "v_end": motion.state("velocity")[:, -1],
         "distance": distance,
         "mean_speed": distance / time,
-        "input_rms": float(np.sqrt((square[-1] - square[0]) / time)),
-        "input_peak": largest(motion, inputs(motion.system.model)),
+        "input_rms": float(np.sqrt(_change(motion.state("input_square")[0]) / time)),
+        "input_peak": largest(motion, inputs(motion.system.model))
+        if whole
+        else float(seen["input"].max()),
         "n_events": len(motion.events),
         "n_steps": motion.n_steps,
     }
@@ -224,9 +251,7 @@ def time_in_tube(motion: Trajectory) -> tuple[float, float | None]:
     The latter is the first sample's time if the error never left, None if the motion ends
     outside. The motion is of a model of `watch_tube`, sampled at start and end.
     """
-    motion = at_ends(motion)
-    guard = next(s.guard for s in motion.system.model.switches if s.name == LEAVES)
-    size = motion.observe(guard)[0]
+    size = _seen(motion)["outside"]
     start, end = motion.time[0], motion.time[-1]
     # crossings have been counted with the sign of their direction; the ends complete the sum
     total = float(motion.state("tube_time")[0, -1])
@@ -284,18 +309,13 @@ def loop_numbers(each: Tracked) -> dict[str, Any]:
     motion = each.motion
     outside, captured = time_in_tube(motion)
     filtered = any(signal.name == "filter" for signal in each.loop.x)
-    chain = chain_numbers(motion)
-    return {
-        "x_end": chain.pop("x_end"),
-        "v_end": chain.pop("v_end"),
+    found = chain_numbers(motion) | {
         "k_end": at_ends(motion).observe(_gain(each))[0, -1],
         "filter_end": motion.state("filter")[:, -1] if filtered else None,
-        "distance": chain.pop("distance"),
-        "mean_speed": chain.pop("mean_speed"),
         "time_outside_tube": outside,
         "capture_time": captured,
-        **chain,
     }
+    return {name: found[name] for name in TrackScene.scalars if name in found}
 
 
 def _gain(each: Tracked) -> ca.SX:
@@ -350,66 +370,28 @@ def judged(model: Model, tube: TubeTable) -> Model:
 
 
 def judged_numbers(motion: Trajectory, tube: TubeTable) -> dict[str, Any]:
-    """Numbers of a `judged` motion by their names in a Result.
+    """Numbers of a `judged` motion, from time 0 on, by their names in a Result.
 
-    Work and cost of transport count the positive power of each actuator, ``net_work`` all of
-    it. Peaks are of the samples where the motion, from time 0 on, was not kept whole.
+    Work and cost of transport count the positive power of each actuator, ``net_work`` all of it.
     """
-    seen = _seen(motion)
-    end, outside = motion.end_time, bool(seen["outside"][0] > 0)
+    seen, chain = _seen(motion), chain_numbers(motion)
     missed, work, net_work, spent = (
         float(motion.state(name)[0, -1])
         for name in ("error_square", "positive_work", "input_work", "input_square")
     )
-    distance = float(seen["center"][-1] - seen["center"][0])
-    captured = None if seen["outside"][-1] > 0 else float(motion.state("tube_entered")[0, -1])
-    return {
-        "capture_time": captured,
-        "time_outside_tube": outside_between(motion, outside, tube.capture),
-        "error_peak": _largest_error(motion, seen, tube.capture),
+    distance = chain["distance"]
+    errors = seen["error_norm"][motion.time >= tube.capture]
+    if motion.dense is not None:
+        whole = motion.at(np.linspace(tube.capture, motion.end_time, _INSTANTS))
+        errors = whole.output("error_norm")
+    found = chain | {
+        "capture_time": time_in_tube(motion)[1],
+        "time_outside_tube": outside_between(motion, bool(seen["outside"][0] > 0), tube.capture),
+        "error_peak": float(np.max(errors, initial=0.0)),
         "error_integral": missed,
         "input_integral": spent,
-        "input_rms": float(np.sqrt(spent / end)),
-        "input_peak": _largest_input(motion, seen),
-        "distance": distance,
-        "mean_speed": distance / end,
         "work": work,
         "net_work": net_work,
         "cost_of_transport": work / (float(seen["mass"][0]) * distance) if distance > 0 else None,
-        "x_end": motion.state("position")[:, -1],
-        "v_end": motion.state("velocity")[:, -1],
-        "n_events": len(motion.events),
-        "n_steps": motion.n_steps,
     }
-
-
-@lru_cache(maxsize=64)
-def _observer(system: System) -> ca.Function:
-    """Everything at once, made once for all motions of a model."""
-    model = system.model
-    guard = next(s.guard for s in model.switches if s.name == LEAVES)
-    mass = next(s.symbol for s in model.p if s.name == "mass")
-    u = inputs(model)
-    rows = [model.output("center_of_mass"), model.output("error_norm"), guard, ca.sum1(mass)]
-    return system.observe(ca.vertcat(*rows, ca.norm_inf(u)))
-
-
-def _seen(motion: Trajectory) -> dict[str, np.ndarray]:
-    p = motion.system.scheduled(motion.p, motion.schedules, motion.time)
-    t = motion.time[None, :]
-    rows = np.array(_observer(motion.system)(t, motion.states, p, motion.modes_at(motion.time)))
-    return dict(zip(("center", "error_norm", "outside", "mass", "input"), rows, strict=True))
-
-
-def _largest_error(motion: Trajectory, seen: dict[str, np.ndarray], since: float) -> float:
-    """Largest |e| from some time on."""
-    if motion.dense is not None:
-        motion = motion.at(np.linspace(since, motion.end_time, _INSTANTS))
-        return float(np.max(motion.output("error_norm")))
-    return float(np.max(seen["error_norm"][motion.time >= since], initial=0.0))
-
-
-def _largest_input(motion: Trajectory, seen: dict[str, np.ndarray]) -> float:
-    if motion.dense is not None:
-        return largest(motion, inputs(motion.system.model))
-    return float(seen["input"].max())
+    return {name: found[name] for name in (*JUDGED, *chain)}

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import Start, TimeSpan, ToleranceTable
+from wormopt.scene.numerics import Horizon, Start, ToleranceTable
 from wormopt.scene.types import (
     NonNegative,
     Pair,
@@ -213,7 +213,7 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
         Meta(ge=1, le=64, description="a whole number from 1 to 64"),
         says("count", "processes that optimise"),
     ] = 2
-    time: Annotated[TimeSpan, says("", "how long")]
+    time: Horizon
     tolerance: Annotated[
         ToleranceTable, says("", "of the simulation of the worm as it is believed")
     ] = field(default_factory=ToleranceTable)

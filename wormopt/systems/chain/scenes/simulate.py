@@ -11,7 +11,14 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import ContactTable, ExactContact, Start, TimeSpan, ToleranceTable
+from wormopt.scene.numerics import (
+    Contacts,
+    ExactContact,
+    Horizon,
+    Start,
+    Tolerances,
+    ToleranceTable,
+)
 from wormopt.scene.types import (
     Finite,
     FinitePerLink,
@@ -145,13 +152,9 @@ class SimulateScene(SceneTable, frozen=True, kw_only=True):
             "tables of these",
         ),
     ] = None
-    contact: Annotated[ContactTable, says("", "how contact is treated; exact if left out")] = field(
-        default_factory=ExactContact
-    )
-    time: Annotated[TimeSpan, says("", "how long")]
-    tolerance: Annotated[ToleranceTable, says("", "how exact")] = field(
-        default_factory=ToleranceTable
-    )
+    contact: Contacts = field(default_factory=ExactContact)
+    time: Horizon
+    tolerance: Tolerances = field(default_factory=ToleranceTable)
 
     @property
     def model_file(self) -> str:

@@ -9,7 +9,14 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import ContactTable, ExactContact, Start, TimeSpan, ToleranceTable
+from wormopt.scene.numerics import (
+    Contacts,
+    ExactContact,
+    Horizon,
+    Start,
+    Tolerances,
+    ToleranceTable,
+)
 from wormopt.scene.types import (
     Finite,
     FinitePerLink,
@@ -258,13 +265,9 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
         Tracker | tuple[Tracker, ...],
         says("", "the controller, or `[[tracker]]` once for each; `feedback` says which it is"),
     ]
-    contact: Annotated[ContactTable, says("", "how contact is treated; exact if left out")] = field(
-        default_factory=ExactContact
-    )
-    time: Annotated[TimeSpan, says("", "how long")]
-    tolerance: Annotated[ToleranceTable, says("", "how exact")] = field(
-        default_factory=ToleranceTable
-    )
+    contact: Contacts = field(default_factory=ExactContact)
+    time: Horizon
+    tolerance: Tolerances = field(default_factory=ToleranceTable)
     ensemble: Annotated[EnsembleTable | None, says("", "many worms at a time; one if left out")] = (
         None
     )

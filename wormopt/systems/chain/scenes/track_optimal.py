@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import Start, TimeSpan, ToleranceTable
+from wormopt.scene.numerics import Horizon, Start, ToleranceTable
 from wormopt.scene.types import NonNegative, Positive, SceneTable, Table, extreme_numbers, says
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.chain.scenes.track import Reference
@@ -146,7 +146,7 @@ class TrackOptimalScene(SceneTable, frozen=True, kw_only=True):
     relaxation: Annotated[RelaxationTable, says("", "how exact contact is in the optimiser")] = (
         field(default_factory=RelaxationTable)
     )
-    time: Annotated[TimeSpan, says("", "how long")]
+    time: Horizon
     tolerance: Annotated[ToleranceTable, says("", "of the simulation of what was found")] = field(
         default_factory=ToleranceTable
     )

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import AveragingTable, ToleranceTable
+from wormopt.scene.numerics import AveragingTable, Tolerances, ToleranceTable
 from wormopt.scene.types import (
     Finite,
     FinitePerMass,
@@ -280,9 +280,7 @@ class HarmonicMassesScene(SceneTable, frozen=True, kw_only=True):
     averaging: Annotated[AveragingTable, says("", "how averages are computed")] = field(
         default_factory=AveragingTable
     )
-    tolerance: Annotated[ToleranceTable, says("", "how exact simulations are")] = field(
-        default_factory=ToleranceTable
-    )
+    tolerance: Tolerances = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
