@@ -24,8 +24,7 @@ from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.scenes.simulate import SimulateScene
 from wormopt.systems.chain.scenes.track import TrackScene
-from wormopt.systems.coils.scenes.coil_inverse import CoilInverseScene
-from wormopt.systems.coils.scenes.coil_row import CoilRowScene
+from wormopt.systems.coils.scenes.coil_rows import CoilInverseScene, CoilRowScene
 from wormopt.systems.film.scenes.film_wave import FilmWaveScene
 from wormopt.systems.pair.scenes.pair_waveform import PairWaveformScene
 from wormopt.systems.shared import proof, signals

@@ -22,7 +22,7 @@ from wormopt.systems.channel.scenes.rod import (
     ZigzagTable,
     faults_of_rod,
 )
-from wormopt.systems.coils.scenes.material import faults_of_units
+from wormopt.systems.coils.scenes.material import SIScene
 
 Doubtful = Literal[
     "youngs_modulus",

@@ -20,7 +20,7 @@ from wormopt.systems.channel.scenes.rod import (
     ZigzagTable,
     faults_of_rod,
 )
-from wormopt.systems.coils.scenes.material import faults_of_units
+from wormopt.systems.coils.scenes.material import SIScene
 
 Levels = Annotated[
     tuple[Annotated[int, Meta(ge=4, le=200)], ...],
