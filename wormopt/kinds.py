@@ -203,7 +203,7 @@ KINDS: dict[str, Kind] = {
     ),
     "rod-motion": Kind(
         summary="a magnetisable rod between walls, moved by coils switched in turn: how it crawls",
-        table="wormopt.systems.channel.scenes.rod_motion:RodMotionScene",
+        table="wormopt.systems.channel.scenes.rod:RodMotionScene",
         study="wormopt.systems.channel.runs.rod_motion",
         pictures=("rod_motion", "animation"),
     ),
