@@ -24,7 +24,6 @@ from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.scenes.simulate import SimulateScene
 from wormopt.systems.chain.scenes.track import TrackScene
-from wormopt.systems.coils.scenes.coil_rows import CoilInverseScene, CoilRowScene
 from wormopt.systems.film.scenes.film_wave import FilmWaveScene
 from wormopt.systems.pair.scenes.pair_waveform import PairWaveformScene
 from wormopt.systems.shared import proof, signals
@@ -329,7 +328,7 @@ def test_the_page_on_simulation_runs(capsys: pytest.CaptureFixture[str]):
 
 def test_every_key_of_the_scenes_is_documented():
     text = (DOCS / "scenes.md").read_text(encoding="utf-8")
-    tables = [TrackScene, SimulateScene, PairWaveformScene, CoilRowScene, CoilInverseScene]
+    tables = [TrackScene, SimulateScene, PairWaveformScene]
     tables += [FilmWaveScene, StepperScene]
     seen = set()
     while tables:

@@ -38,7 +38,8 @@ def run(scene: Scene[ChannelWormScene], report: Report) -> Result:
     lengths = [worm.arc_length(shape) for shape in SHAPES]
     again = [assumed_curve(worm, shape).length for shape in SHAPES]
     error = float(np.max(np.abs(np.divide(again, lengths) - 1)))
-    frequency = np.linspace(*table.frequency, _FREQUENCIES)
+    low, high = table.frequency
+    frequency = np.linspace(low, high, _FREQUENCIES)
     per = [worm.velocity_per_frequency(shape) for shape in SHAPES]
     advice = f"lengths are off by {error:.2g} from those of the centre lines"
     return conclude(

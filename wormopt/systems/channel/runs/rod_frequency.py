@@ -248,7 +248,7 @@ def _checks(table: RodFrequencyScene, found: Response, best: RodCase) -> Iterato
         for check in checks_of_motion(point):
             if not check.passed:
                 yield replace(check, name=f"{check.name} of motion {number}")
-            elif check.name not in fine or abs(check.value) > abs(fine[check.name].value):
+            elif (check.value or 0.0) >= (fine.get(check.name, check).value or 0.0):
                 fine[check.name] = check
     yield from fine.values()
     for what, point in found.again.items():

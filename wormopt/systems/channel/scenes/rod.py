@@ -165,7 +165,7 @@ class RodScene(SIScene, frozen=True, kw_only=True):
     worm: Annotated[WormTable, says("", "what moves")] = WormTable()
     channel: Annotated[ChannelTable, says("", "where")] = ChannelTable()
     coils: Annotated[ZigzagTable, says("", "what moves it")] = ZigzagTable()
-    switching: Annotated[PatternTable, says("", "how")] = PatternTable()
+    switching: Annotated[PatternTable, says("", "how")]
     mesh: Annotated[MeshTable, says("", "elements and steps")] = MeshTable()
     course: Annotated[CourseTable, says("", "how long")] = CourseTable()
 

@@ -10,7 +10,13 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.scene.types import Positive, Table, Title, says
-from wormopt.systems.channel.scenes.rod import ASSUMED, CourseTable, RodScene, Share
+from wormopt.systems.channel.scenes.rod import (
+    ASSUMED,
+    CourseTable,
+    PatternTable,
+    RodScene,
+    Share,
+)
 
 Doubtful = Literal[
     "youngs_modulus",
@@ -191,6 +197,7 @@ class RodFrequencyScene(RodScene, frozen=True, kw_only=True):
         says("", "`rod_frequency`: velocity over frequency, and what it hangs on"),
     ] = ()
     rates: Annotated[Rates, says("rate", "switches a second, ascending")]
+    switching: Annotated[PatternTable, says("", "how")] = PatternTable()
     course: Annotated[CourseTable, says("", "how long; 3 s if there is no such table")] = (
         CourseTable(duration=3.0)
     )

@@ -49,8 +49,8 @@ def run(scene: Scene[MaterialScene], report: Report) -> Result:
     identified = time.perf_counter() - begin
     material, field = found.material, table.material.field
     u0 = material.field_strain(field)
-    ends = table.strain or (0.0, SMALL_STRAIN if u0 < SMALL_STRAIN else 1.25 * u0)
-    strain = np.linspace(*ends, _POINTS)
+    low, high = table.strain or (0.0, SMALL_STRAIN if u0 < SMALL_STRAIN else 1.25 * u0)
+    strain = np.linspace(low, high, _POINTS)
     return conclude(
         scene,
         _scalars(material, field, table.sample),
