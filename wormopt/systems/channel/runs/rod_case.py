@@ -164,18 +164,13 @@ class RodCase:
     @property
     def assumed(self) -> dict[str, float]:
         """Scalars: numbers that are assumptions, so that results show them."""
-        worm, coils = self.worm, self.coils
+        worm = self.worm
         return {
             "assumed_density": worm.density,
             "assumed_damping_time": worm.damping_time,
             "assumed_susceptibility": worm.susceptibility,
             "assumed_friction": self.channel.friction,
-            "assumed_coil_inner": coils.inner,
-            "assumed_coil_outer": coils.outer,
-            "assumed_coil_length": coils.length,
-            "assumed_coil_clearance": coils.clearance,
-            "assumed_ampere_turns": coils.ampere_turns,
-        }
+        } | self.coils.assumed
 
     def warnings(self) -> Iterator[str]:
         """Yield warnings where assumptions are stretched."""

@@ -11,7 +11,14 @@ from msgspec import Meta
 from wormopt.errors import Fault
 from wormopt.scene.types import Pair, Positive, Table, Title, says, wrong_order
 from wormopt.systems.channel.samples import SAMPLES, Sample
-from wormopt.systems.channel.scenes.rod import Coils, Elements, Poisson, Share
+from wormopt.systems.channel.scenes.rod import (
+    ASSUMED_COILS,
+    Coils,
+    Elements,
+    Poisson,
+    Share,
+    WindingTable,
+)
 from wormopt.systems.channel.scenes.rod import Degree as ElementDegree
 from wormopt.systems.coils.scenes.material import SIScene
 
@@ -202,7 +209,7 @@ class ChannelWormScene(BodyScene, frozen=True, kw_only=True):
         yield from wrong_order("frequency", self.frequency, may_be_equal=False)
 
 
-class RestTable(Table, frozen=True, kw_only=True):
+class RestTable(WindingTable, frozen=True, kw_only=True):
     """The body as a rod at rest in the field of coils.
 
     What the chapter does not give is an assumption, with the defaults of
@@ -210,20 +217,11 @@ class RestTable(Table, frozen=True, kw_only=True):
     """
 
     susceptibility: Annotated[
-        Positive, says("1", "magnetisation over the field without the body; assumed")
+        Positive, says("1", "magnetisation over the field without the body, *assumed*")
     ] = 2.0
     poisson_ratio: Annotated[
-        Poisson, says("1", "of the body, 0.5 of what keeps its volume; assumed")
+        Poisson, says("1", "of the body, 0.5 of what keeps its volume, *assumed*")
     ] = 0.5
-    inner: Annotated[Positive, says("length", "inner radius of the windings; assumed")] = 2e-3
-    outer: Annotated[Positive, says("length", "outer radius of the windings; assumed")] = 9e-3
-    length: Annotated[Positive, says("length", "of the windings along the axis; assumed")] = 20e-3
-    clearance: Annotated[
-        Positive, says("length", "from the inner side of the wall to the winding; assumed")
-    ] = 1e-3
-    ampere_turns: Annotated[Positive, says("ampere_turns", "of a coil that is on; assumed")] = (
-        4600.0
-    )
     on: Annotated[On, says("count", "coils of a block that are on")] = 3
     every: Annotated[Coils, says("count", "coils after which the pattern repeats")] = 7
     elements: Annotated[Elements, says("count", "finite elements of the rod")] = 48
@@ -360,14 +358,9 @@ class SegmentShapesScene(BodyScene, frozen=True, kw_only=True):
         "rod_preferred": ("1", "whether the bent one has less"),
         "assumed_susceptibility": ("1", "as in the scene"),
         "assumed_poisson_ratio": ("1", "as in the scene"),
-        "assumed_ampere_turns": ("ampere_turns", "as in the scene"),
-        "assumed_coil_inner": ("length", "as in the scene"),
-        "assumed_coil_outer": ("length", "as in the scene"),
-        "assumed_coil_length": ("length", "as in the scene"),
-        "assumed_coil_clearance": ("length", "as in the scene"),
         "coils_on": ("count", "as in the scene"),
         "sweep_closest_shape": ("1", "closest assumed shape at each of `rod.sweep`"),
-    }  # fmt: skip
+    } | ASSUMED_COILS  # fmt: skip
     variables: ClassVar = {
         "share": ("share", ("share",), "share of the length of the segment"),
         "x": ("length", ("shape", "share"), "place along the channel"),

@@ -29,18 +29,20 @@ Fractions = Annotated[
     Meta(max_length=6, description="a list of up to 6 numbers above 0, at most 1"),
 ]
 
-ASSUMED = {
-    "assumed_density": ("density", "of the worm"),
-    "assumed_damping_time": ("time", "of the worm"),
-    "assumed_susceptibility": ("1", "of the worm"),
-    "assumed_friction": ("1", "on the walls"),
+ASSUMED_COILS = {
     "assumed_coil_inner": ("length", "inner radius of the windings"),
     "assumed_coil_outer": ("length", "outer radius of the windings"),
     "assumed_coil_length": ("length", "of the windings"),
     "assumed_coil_clearance": ("length", "from wall to winding"),
     "assumed_ampere_turns": ("ampere_turns", "of a coil that is on"),
 }
-"""Scalars: numbers that are not published for the experiments."""
+"""Scalars: numbers that are not published for the experiments, those of coils."""
+ASSUMED = {
+    "assumed_density": ("density", "of the worm"),
+    "assumed_damping_time": ("time", "of the worm"),
+    "assumed_susceptibility": ("1", "of the worm"),
+    "assumed_friction": ("1", "on the walls"),
+} | ASSUMED_COILS
 
 
 class WormTable(Table, frozen=True, kw_only=True):
@@ -68,16 +70,12 @@ class ChannelTable(Table, frozen=True, kw_only=True):
     ] = 0.5
 
 
-class ZigzagTable(Table, frozen=True, kw_only=True):
-    """A row of equal coils on both sides of the channel by turns, their axes across it."""
+class WindingTable(Table, frozen=True, kw_only=True):
+    """Equal coils beside the channel, their axes across it."""
 
-    pitch: Annotated[
-        Positive,
-        says("length", "distance of neighbours along the channel; they lie on both sides by turns"),
-    ] = 10e-3
     inner: Annotated[Positive, says("length", "inner radius of the winding, *assumed*")] = 2e-3
     outer: Annotated[
-        Positive, says("length", "outer radius of the winding, at most `pitch`, *assumed*")
+        Positive, says("length", "outer radius, at most the pitch of the coils, *assumed*")
     ] = 9e-3
     length: Annotated[Positive, says("length", "of the winding along the axis, *assumed*")] = 20e-3
     clearance: Annotated[
@@ -86,6 +84,22 @@ class ZigzagTable(Table, frozen=True, kw_only=True):
     ampere_turns: Annotated[Positive, says("ampere_turns", "of a coil that is on, *assumed*")] = (
         4600.0
     )
+
+    @property
+    def assumed(self) -> dict[str, float]:
+        """Scalars: these numbers, so that results show them."""
+        sizes = ("inner", "outer", "length", "clearance")
+        found = {f"assumed_coil_{name}": getattr(self, name) for name in sizes}
+        return found | {"assumed_ampere_turns": self.ampere_turns}
+
+
+class ZigzagTable(WindingTable, frozen=True, kw_only=True):
+    """A row of equal coils on both sides of the channel by turns, their axes across it."""
+
+    pitch: Annotated[
+        Positive,
+        says("length", "distance of neighbours along the channel; they lie on both sides by turns"),
+    ] = 10e-3
 
     def faults(self) -> Iterator[Fault]:
         """Yield what cannot be built."""
