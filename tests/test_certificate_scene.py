@@ -49,7 +49,7 @@ def value(result, name: str):
 
 @pytest.fixture(autouse=True)
 def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(gait_certificate, "checkpoints", lambda what: tmp_path / what)
+    monkeypatch.setattr(gait_certificate, "checkpoints", lambda what, _: tmp_path / what)
     return tmp_path / "certificates"
 
 

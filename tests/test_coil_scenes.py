@@ -12,7 +12,7 @@ import pytest
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
-from wormopt.magnetics.coils import Coil, CoilRow
+from wormopt.magnetics.coils import Coil, CoilRow, field_by_quadrature
 from wormopt.magnetics.material import MU0
 from wormopt.magnetics.travelling import MovingProfile
 from wormopt.ocp.nlp import Ipopt
@@ -20,7 +20,7 @@ from wormopt.plotting import figure
 from wormopt.result import Result
 from wormopt.scene import load_scene
 from wormopt.systems.coils import row_currents
-from wormopt.systems.coils.runs import coil_inverse, coil_parts, coil_row
+from wormopt.systems.coils.runs import coil_inverse, coil_row
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.runs.coil_film import carried_film
 
@@ -36,6 +36,14 @@ def solved(name: str, *changes: str) -> Result:
 
 def value(result: Result, name: str) -> Any:
     return result.scalars[name].value
+
+
+def refused(result: Result) -> list[str]:
+    return [check.name for check in result.checks if not check.passed]
+
+
+def wrong_field(*given: Any) -> np.ndarray:
+    return 1.001 * field_by_quadrature(*given)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +69,7 @@ def test_the_travelling_field(row: Result):
     coils = CoilRow(Coil(2e-3, 4.5e-3, 20e-3), 20, 10e-3, gap=11e-3)
     currents = np.zeros((20, 1))
     currents[9:12] = 3000.0
-    second = coil_parts.field_by_quadrature(coils, np.array([0.1]), 0.0, currents)
+    second = field_by_quadrature(coils, np.array([0.1]), 0.0, currents)
     assert value(row, "field_max") == pytest.approx(float(np.linalg.norm(second)), rel=2e-3)
     assert row["field"].values.max() == value(row, "field_max")
     assert row["current"].values.sum(axis=0).tolist() == [9000.0] * 20
@@ -102,11 +110,11 @@ def test_a_row_without_current_and_one_all_on_have_no_wave():
 
 
 def test_a_field_that_is_not_confirmed_fails(monkeypatch: pytest.MonkeyPatch):
-    real = coil_parts.field_by_quadrature
-    monkeypatch.setattr(coil_parts, "field_by_quadrature", lambda *a: 1.001 * real(*a))
+    monkeypatch.setattr(coil_row, "field_by_quadrature", wrong_field)
     result = solved(ROW, "coils.count=8", "line.margin=1")
     assert result.status == "failed"
     assert "by quadrature differs" in result.reason
+    assert refused(result) == ["field by quadrature"]
 
 
 # -- currents for a wave ---------------------------------------------------------------------------
@@ -237,11 +245,11 @@ def test_currents_not_found_are_a_failure(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 
 def test_a_field_of_currents_that_is_not_confirmed_fails(monkeypatch: pytest.MonkeyPatch):
-    real = coil_parts.field_by_quadrature
-    monkeypatch.setattr(coil_inverse, "field_by_quadrature", lambda *a: 1.001 * real(*a))
+    monkeypatch.setattr(coil_inverse, "field_by_quadrature", wrong_field)
     result = solved(INVERSE, *QUICK)
     assert result.status == "failed"
     assert "by quadrature differs" in result.reason
+    assert refused(result) == ["field by quadrature"]
 
 
 # -- what is refused -------------------------------------------------------------------------------
@@ -308,7 +316,7 @@ def test_coils_inside_the_fluid_are_those_that_the_line_meets(
     text = "coils={" + coils.replace("'", '"') + "}"
     changes = [text, f"line.height={height}"]
     if fine:
-        made = coil_parts.row_of(load_scene(ROW, changes).table.coils)
+        made = coil_row.row_of(load_scene(ROW, changes).table.coils)
         assert made.clearance(np.linspace(-10e-3, 200e-3, 5001), height).min() > 0
         return
     with pytest.raises(SceneError, match="a coil inside the fluid"):
@@ -334,12 +342,3 @@ def test_the_command_line_and_its_pictures(row: Result, inverse: Result, tmp_pat
     above, below = figure(inverse, "row_currents").axes
     assert "wanted" in str([text.get_text() for text in above.get_legend().get_texts()])  # pyright: ignore
     assert "ampere-turns (A)" in below.get_ylabel()
-
-
-def test_every_scalar_and_key_is_documented(row: Result, inverse: Result):
-    text = (Path(__file__).parents[1] / "docs" / "scenes.md").read_text(encoding="utf-8")
-    for result in (row, inverse):
-        names = [*result.scalars, *(variable.name for variable in result.variables)]
-        missing = [name for name in names if f"`{name}`" not in text]
-        assert not missing
-    assert coil_row.run.__doc__

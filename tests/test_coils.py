@@ -11,16 +11,15 @@ from hypothesis import given, settings
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.magnetics.coils import Axis, Coil, CoilRow
-from wormopt.magnetics.sheets import loop_field, sheet_field
+from wormopt.magnetics.coils import Axis, Coil, CoilRow, field_by_quadrature
 from wormopt.magnetics.travelling import (
     harmonic_shares,
     moving_profile,
     shifted_course,
     switched_course,
 )
+from wormopt.magnetics.winding import loop_field, sheet_field
 from wormopt.systems.coils.row_currents import RowFit, TravellingTarget, fit_currents
-from wormopt.systems.coils.runs.coil_parts import field_by_quadrature
 
 MU0 = magpylib.mu_0
 COIL = Coil(2e-3, 4.5e-3, 20e-3, 3000.0)

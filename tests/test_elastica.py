@@ -15,8 +15,14 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.boundary import BoundaryProblem
 from wormopt.numerics.boundary_values import BoundarySolution, solve_boundary
 from wormopt.systems.channel.closed_forms import ChannelWorm
-from wormopt.systems.channel.elastica import Closing, elastica, slender_guess
-from wormopt.systems.channel.elastica_exact import SLEEVE_RISE, ExactElastica, exact_elastica
+from wormopt.systems.channel.elastica import (
+    SLEEVE_RISE,
+    Closing,
+    ExactElastica,
+    elastica,
+    exact_elastica,
+    slender_guess,
+)
 
 BOTH: tuple[Any, ...] = ("point_contact", "sleeve")
 # Rises of sample 2, the capsule and sample 1 over the coil distance, and others.

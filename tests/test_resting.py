@@ -19,11 +19,14 @@ from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.model.model import Schedule
 from wormopt.simulation.moreau import Marcher
-from wormopt.systems.channel.channel_rod import channel_rod
-from wormopt.systems.channel.curve import Curve, distances
-from wormopt.systems.channel.magnetic_rod import block_energy, block_load, magnetic_strength
+from wormopt.systems.channel.channel_rod import (
+    block_energy,
+    block_load,
+    channel_rod,
+    magnetic_strength,
+)
+from wormopt.systems.channel.curve import Curve, RodLine, distances
 from wormopt.systems.channel.rod import Rod
-from wormopt.systems.channel.rod_line import RodLine
 
 CHANNEL, ROOM = 11e-3, 3.5e-3
 

@@ -14,11 +14,11 @@ from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
 from wormopt.plotting import figure
 from wormopt.progress import silent
-from wormopt.result import Result
+from wormopt.result import Check, Result
 from wormopt.scene import load_scene
+from wormopt.systems.channel import rod_rest
 from wormopt.systems.channel.closed_forms import ChannelWorm
 from wormopt.systems.channel.curve import Curve
-from wormopt.systems.channel.runs import rod_rest
 from wormopt.systems.channel.scenes.channel import RestTable
 
 
@@ -33,6 +33,10 @@ def run(*changes: str) -> Result:
 
 def quick(*changes: str) -> Result:
     return run("rod.elements=24", "points=401", *changes)
+
+
+def fault(found: rod_rest.RodAtRest) -> str:
+    return "; ".join(check.advice for check in found.checks() if not check.passed)
 
 
 @lru_cache
@@ -145,14 +149,13 @@ def test_rests_of_a_sweep_that_are_not_to_be_trusted_are_left_out(
     monkeypatch.setattr(rod_rest._Bench, "at", spoilt)
     table = msgspec.structs.replace(found.table, sweep=(4600.0, 5000.0))
     line = Curve(0.01, lambda share: np.array([0.01 * share, 0 * share, 0 * share]))
-    scalars, variables, warnings = rod_rest.sweep_of(found.worm, table, {"line": line}, silent)
-    (warning,) = warnings
+    sweep = rod_rest.sweep_of(found.worm, table, {"line": line}, silent)
+    (warning,) = sweep.warnings
     assert warning.startswith("rod.sweep: left out at 5000 ampere-turns: ")
     assert said in warning
-    lengths, apart = (variable.values for variable in variables[1:])
-    assert lengths == pytest.approx([found.curve.length, np.nan], nan_ok=True)
-    assert np.isfinite(apart).tolist() == [[True, False]]
-    assert scalars["sweep_closest_shape"][0] == ["line", None]
+    assert sweep.lengths == pytest.approx([found.curve.length, np.nan], nan_ok=True)
+    assert np.isfinite(sweep.apart).tolist() == [[True, False]]
+    assert sweep.closest == ["line", None]
     # nor does the next rest start from it
     assert np.array_equal(starts[0], starts[1])
 
@@ -207,18 +210,20 @@ def test_fields_that_crush_it_are_told(turns: float):
 
 def test_what_is_not_to_be_trusted_says_so(monkeypatch: pytest.MonkeyPatch):
     found = small()
-    assert found.fault == ""
-    assert "write more rod.elements" in replace(found, mesh_change=0.01).fault
+    assert fault(found) == ""
+    assert "write more rod.elements" in fault(replace(found, mesh_change=0.01))
     loose = replace(found.rest, softest=-1e-9)
-    assert "not stable" in replace(found, rest=loose).fault
+    assert "not stable" in fault(replace(found, rest=loose))
     off = replace(found.rest, imbalance=1e-3)
-    assert "forces are off balance by 0.001 (imbalance)" in replace(found, rest=off).fault
+    assert "forces are off balance by 0.001 (imbalance)" in fault(replace(found, rest=off))
     slope = replace(found.rest, residual=2e-3, imbalance=1e-9)
-    assert "forces are off balance by 0.002 (residual)" in replace(found, rest=slope).fault
-    monkeypatch.setattr(rod_rest.RodAtRest, "fault", "made up")
+    assert "forces are off balance by 0.002 (residual)" in fault(replace(found, rest=slope))
+    made_up = Check("made up", 1.0, 0.0, "made up")
+    monkeypatch.setattr(rod_rest.RodAtRest, "checks", lambda self: iter([made_up]))
     monkeypatch.setattr(rod_rest, "rest_of", lambda *_: found)
     result = wo.run(load_scene("segment_shapes", ["points=21"]))
     assert (result.status, result.reason) == ("failed", "made up")
+    assert made_up in result.checks
 
 
 def test_the_rod_is_drawn_with_its_forces():

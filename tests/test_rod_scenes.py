@@ -19,18 +19,22 @@ from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.numerics.compass import Look, compass
 from wormopt.progress import silent
 from wormopt.simulation.moreau import Marcher
-from wormopt.systems.channel.magnetic_rod import (
+from wormopt.systems.channel.channel_rod import (
     block_load,
     block_schedule,
     magnetic_strength,
     switched_blocks,
 )
 from wormopt.systems.channel.rod import Rod
-from wormopt.systems.channel.runs import rod_frequency, rod_runs
+from wormopt.systems.channel.runs import rod_course, rod_frequency
 from wormopt.systems.channel.runs.rod_case import RodCase
-from wormopt.systems.channel.runs.rod_course import RodPoint, finer, follow
-from wormopt.systems.channel.runs.rod_means import mean_velocity
-from wormopt.systems.channel.runs.rod_runs import rod_points
+from wormopt.systems.channel.runs.rod_course import (
+    RodPoint,
+    finer,
+    follow,
+    mean_velocity,
+    rod_points,
+)
 from wormopt.systems.channel.scenes.rod import (
     ChannelTable,
     CourseTable,
@@ -282,29 +286,17 @@ def test_motions_are_kept_and_not_followed_again(tmp_path: Path, monkeypatch: An
         told.append(one)
         return RodPoint.lost(one.rate, "never followed")
 
-    monkeypatch.setattr(rod_runs, "_follow_and_keep", pretend)
-    monkeypatch.setattr("loky.get_reusable_executor", lambda **_: Inline())
+    monkeypatch.setattr(rod_course, "_follow_and_keep", pretend)
     again = rod_points(cases, tmp_path, silent, "testing")
     assert told == cases[1:]
     assert again[0] == first[0]
     assert again[1].reason == "never followed"
 
 
-class Inline:
-    """Stands for processes: does at once what it is asked."""
-
-    def submit(self, work: Any, *given: Any) -> Any:
-        from concurrent.futures import Future
-
-        done: Any = Future()
-        done.set_result(work(*given))
-        return done
-
-
 def test_a_damaged_file_counts_as_missing(tmp_path: Path):
     one = case(100.0)
-    rod_runs._file(one, tmp_path).write_text("{")
-    assert rod_runs.kept(one, tmp_path) is None
+    rod_course._file(one, tmp_path).write_text("{")
+    assert rod_course.kept(one, tmp_path) is None
 
 
 def points(velocities: dict[float, float]) -> Any:
@@ -320,6 +312,10 @@ def points(velocities: dict[float, float]) -> Any:
         ]  # fmt: skip
 
     return find
+
+
+def refused(result: wo.Result) -> list[str]:
+    return [check.name for check in result.checks if not check.passed]
 
 
 CURVE = {5.0: -0.01, 50.0: -0.1, 100.0: -0.12, 200.0: -0.06, 400.0: 0.0, 1000.0: 0.05}
@@ -359,10 +355,9 @@ def test_lost_motions_are_kept_and_told(tmp_path: Path, monkeypatch: Any):
     def fail(*given: Any) -> Any:
         raise wo.SolveError("the motion is no longer a number")
 
-    monkeypatch.setattr(rod_runs, "follow", fail)
-    monkeypatch.setattr("loky.get_reusable_executor", lambda **_: Inline())
+    monkeypatch.setattr(rod_course, "follow", fail)
     (found,) = rod_points([case()], tmp_path, silent, "testing")
-    back = rod_runs.kept(case(), tmp_path)
+    back = rod_course.kept(case(), tmp_path)
     assert back is not None
     assert found.reason == back.reason == lost.reason
     assert np.isnan([found.velocity, back.velocity, back.arc_length]).all()
@@ -383,6 +378,7 @@ def test_a_lost_motion_fails_the_study_and_says_where(stage: str, monkeypatch: A
     result = wo.run(wo.load_scene("fig22_frequency_response", sets))
     assert result.status == "failed"
     assert "it was lost" in result.reason
+    assert any("it was lost" in check.advice for check in result.checks if not check.passed)
     assert len(result.scalars["velocity_mean"].value) == 4
 
 
@@ -468,6 +464,7 @@ def test_a_best_velocity_that_hangs_on_the_mesh_fails(monkeypatch: Any):
     result = wo.run(scene)
     assert result.status == "failed"
     assert "changes by 0.06 m/s on a finer mesh" in result.reason
+    assert refused(result) == ["mean velocity on a finer mesh", "mean velocity with half the step"]
 
 
 def test_a_best_velocity_that_is_hardly_known_fails(monkeypatch: Any):
@@ -481,6 +478,7 @@ def test_a_best_velocity_that_is_hardly_known_fails(monkeypatch: Any):
     result = wo.run(scene)
     assert result.status == "failed"
     assert "longer course.duration" in result.reason
+    assert "error of the mean velocity on a finer mesh" in refused(result)
 
 
 @pytest.mark.slow

@@ -19,11 +19,12 @@ from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.simulation.walls import smooth_walls
-from wormopt.systems.channel.channel_rod import channel_rod, straight
-from wormopt.systems.channel.magnetic_rod import (
+from wormopt.systems.channel.channel_rod import (
     block_load,
     block_schedule,
+    channel_rod,
     magnetic_strength,
+    straight,
     switched_blocks,
 )
 from wormopt.systems.channel.rod import Rod

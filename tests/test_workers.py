@@ -23,6 +23,11 @@ def own_process(_: int) -> int:
     return os.getpid()
 
 
+def slept(seconds: float) -> float:
+    time.sleep(seconds)
+    return seconds
+
+
 def die_elsewhere(parent: int) -> bool:
     """Ends the process as the system does when memory is short, but not the one that asked."""
     if os.getpid() != parent:
@@ -66,6 +71,31 @@ def test_a_process_that_dies_costs_no_answer():
         assert list(workers.map(square, range(5))) == [0, 1, 4, 9, 16]
     with Workers(2) as workers:  # and others are started
         ready(workers)
+
+
+def test_answers_come_as_soon_as_they_are_done():
+    with Workers(2) as workers:
+        ready(workers)
+        found = list(workers.as_completed(slept, [0.6, 0.01, 0.02]))
+        assert found == [(1, 0.01), (2, 0.02), (0, 0.6)]
+        assert os.getpid() not in dict(workers.as_completed(own_process, range(6))).values()
+    with Workers(1) as alone:
+        assert list(alone.as_completed(square, [3, 2])) == [(0, 9), (1, 4)]
+
+
+def test_a_process_that_dies_costs_no_answer_that_is_not_in_order():
+    with Workers(2) as workers:
+        found = dict(workers.as_completed(die_elsewhere, [os.getpid()] * 5))
+        assert found == dict.fromkeys(range(5), True)
+
+
+def test_what_is_not_done_is_dropped_with_its_processes():
+    begin = time.monotonic()
+    with Workers(2) as workers:
+        ready(workers)
+        for _ in workers.as_completed(slept, [0.01, 60.0, 60.0]):
+            break
+    assert time.monotonic() - begin < 30
 
 
 def test_an_error_of_the_work_is_told():

@@ -167,13 +167,13 @@ KINDS: dict[str, Kind] = {
     ),
     "coil-row": Kind(
         summary="the travelling magnetic field of a row of coils that are switched in turn",
-        table="wormopt.systems.coils.scenes.coil_row:CoilRowScene",
+        table="wormopt.systems.coils.scenes.coil_rows:CoilRowScene",
         study="wormopt.systems.coils.runs.coil_row",
         pictures=("travelling_field",),
     ),
     "coil-inverse": Kind(
         summary="currents of a row of coils whose field comes nearest to what a film's wave needs",
-        table="wormopt.systems.coils.scenes.coil_inverse:CoilInverseScene",
+        table="wormopt.systems.coils.scenes.coil_rows:CoilInverseScene",
         study="wormopt.systems.coils.runs.coil_inverse",
         pictures=("row_currents",),
     ),
@@ -185,13 +185,13 @@ KINDS: dict[str, Kind] = {
     ),
     "coil-pressure": Kind(
         summary="surface and pressure of a layer of magnetic fluid at an excited coil",
-        table="wormopt.systems.coils.scenes.coil_pressure:CoilPressureScene",
+        table="wormopt.systems.coils.scenes.hydrostatics:CoilPressureScene",
         study="wormopt.systems.coils.runs.coil_pressure",
         pictures=("coil_pressure",),
     ),
     "membrane": Kind(
         summary="the thickness of a membrane between strain and loss of fluid, and the front",
-        table="wormopt.systems.coils.scenes.membrane:MembraneScene",
+        table="wormopt.systems.coils.scenes.hydrostatics:MembraneScene",
         study="wormopt.systems.coils.runs.membrane",
         pictures=("membrane",),
     ),
@@ -203,7 +203,7 @@ KINDS: dict[str, Kind] = {
     ),
     "rod-motion": Kind(
         summary="a magnetisable rod between walls, moved by coils switched in turn: how it crawls",
-        table="wormopt.systems.channel.scenes.rod_motion:RodMotionScene",
+        table="wormopt.systems.channel.scenes.rod:RodMotionScene",
         study="wormopt.systems.channel.runs.rod_motion",
         pictures=("rod_motion", "animation"),
     ),

@@ -14,6 +14,7 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Quantity -> unit of a scene with units = "SI"; in a dimensionless scene every unit is "1".
 UNITS = {
     "length": "m",
+    "area": "m2",
     "time": "s",
     "speed": "m s-1",
     "acceleration": "m s-2",
@@ -49,6 +50,7 @@ UNITS = {
     "current_density": "A m-2",
     "length_squared_time": "m2 s",
     "flow_per_width": "m2 s-1",
+    "diffusivity": "m2 s-1",
     "share": "1",
     "count": "1",
 }

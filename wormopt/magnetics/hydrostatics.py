@@ -1,25 +1,38 @@
-"""A layer of magnetic fluid at rest in the field of a coil: pressure, and balance at its surface.
+"""A layer of magnetic fluid at rest at a coil: magnetisation, pressure, balance at its surface.
 
 SI units. The pressure is p = P - rho g z + mu0 int_0^H M dH with one constant P; the surface
 z = h(x) rests where p + mu0 M_n² / 2 = gamma times its curvature, the pressure outside being 0.
 The fluid does not change the field of the coil. All functions take numbers, arrays or CasADi
 expressions, but for `flat_layer_pull`, which solves an equation and takes no expressions. Laws of
-magnetisation are functions of H², so that H = 0 is no special case.
+magnetisation are functions of H², so that H = 0 is no special case. Langevin's function and its
+integral are power series in y² below y = 1, and closed forms above it in which nothing cancels or
+overflows. Both branches are evaluated where they are finite, so that derivatives by CasADi are
+those of the branch that is taken.
 
 Sources: chapter 3.5; R. E. Rosensweig, Ferrohydrodynamics, 1985, chapter 5.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
+import casadi as ca
 import numpy as np
+from scipy.special import zeta
 
-from wormopt.magnetics.langevin import langevin_ratio, log_sinh_ratio
+from wormopt.errors import ArgumentError
 from wormopt.magnetics.material import MU0, check_number
+from wormopt.magnetics.winding import Coil
+
+Direction = Literal["vertical", "along"]
+Side = Literal["below", "above"]
 
 _HALVINGS = 64  # more than a float has digits
+# The series go like (y / pi)^(2 k): at y = 1 this many terms leave 1e-17.
+_TERMS = 17
 
 
 @dataclass(frozen=True)
@@ -156,3 +169,115 @@ def balance(fluid: Fluid, field: tuple[Any, Any], z: Any, slope: Any, bend: Any,
     curvature = -bend / (1 + slope * slope) ** 1.5
     stress = pull(fluid, field, slope) - fluid.surface_tension * curvature
     return level - z + stress / fluid.weight
+
+
+def log_sinh_ratio(y2: Any) -> Any:
+    """ln(sinh y / y), the integral of Langevin's function from 0; `y2` is y² ≥ 0."""
+    return _either(y2, lambda small: small * _sum(small, _series), _log_sinh)
+
+
+def langevin_ratio(y2: Any) -> Any:
+    """Langevin's function over its argument, (coth y - 1 / y) / y; `y2` is y² ≥ 0.
+
+    It is 1/3 at 0, and falls.
+    """
+
+    # twice the derivative of the integral by y²
+    def near(small: Any) -> Any:
+        return _sum(small, lambda k: 2 * k * _series(k))
+
+    return _either(y2, near, _coth)
+
+
+def _series(k: int) -> float:
+    """Coefficient of y^(2k) in ln(sinh y / y), from Euler's product for sinh."""
+    return -((-1) ** k) * float(zeta(2 * k)) / (k * math.pi ** (2 * k))
+
+
+def _sum(y2: Any, coefficient: Callable[[int], float]) -> Any:
+    """Coefficients 1, 2, ... times powers 0, 1, ..., by Horner's rule."""
+    found = 0.0
+    for k in range(_TERMS, 0, -1):
+        found = found * y2 + coefficient(k)
+    return found
+
+
+def _either(y2: Any, near: Callable[[Any], Any], far: Callable[[Any], Any]) -> Any:
+    if isinstance(y2, ca.SX):
+        small: ca.SX = y2 < 1
+        inner, outer = ca.if_else(small, y2, ca.SX(0)), ca.if_else(small, ca.SX(1), y2)
+        return ca.if_else(small, near(inner), far(outer))
+    return np.where(np.less(y2, 1), near(np.minimum(y2, 1)), far(np.maximum(y2, 1)))[()]
+
+
+def _log_sinh(y2: Any) -> Any:
+    kit: Any = ca if isinstance(y2, ca.SX) else np
+    y = y2**0.5
+    return y - kit.log(2 * y) + kit.log(1 - kit.exp(-2 * y))
+
+
+def _coth(y2: Any) -> Any:
+    kit: Any = ca if isinstance(y2, ca.SX) else np
+    y = y2**0.5
+    decayed = kit.exp(-2 * y)
+    return ((1 + decayed) / (1 - decayed) - 1 / y) / y
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A coil under or over a layer whose bottom is at z = 0, its middle at x = 0.
+
+    Raises ArgumentError if the distance is not above 0, or there is no such side or axis.
+    """
+
+    coil: Coil
+    axis: Direction  # "vertical": along z; "along": along x
+    side: Side  # "below" or "above"
+    distance: float  # bottom of the layer to the nearest point of the coil, m
+
+    def __post_init__(self) -> None:
+        check_number("distance", self.distance)
+        if self.side not in ("below", "above"):
+            raise ArgumentError(f'no side "{self.side}"; there are below, above')
+        if self.axis not in ("vertical", "along"):
+            raise ArgumentError(f'no axis "{self.axis}"; there are vertical, along')
+
+    @property
+    def middle(self) -> float:
+        """Height of the middle of the coil, in m."""
+        size = self.coil.length / 2 if self.axis == "vertical" else self.coil.outer
+        return (self.distance + size) * (1 if self.side == "above" else -1)
+
+    @property
+    def section(self) -> tuple[tuple[float, float, float, float], ...]:
+        """Both halves of the winding in the plane: left end, lower end, width, height, in m."""
+        deep, long = self.coil.outer - self.coil.inner, self.coil.length
+        return tuple(
+            (away, self.middle - long / 2, deep, long)
+            if self.axis == "vertical"
+            else (-long / 2, self.middle + away, long, deep)
+            for away in (-self.coil.outer, self.coil.inner)
+        )
+
+    def clearance(self, x: Any, z: Any) -> Any:
+        """Distance of points from the winding; `x`, `z` in m."""
+        away, s = self._seen(x, z)
+        return self.coil.clearance(away * away, s)
+
+    def field(self, x: Any, z: Any, nodes: int | None = None) -> tuple[Any, Any]:
+        """Field (Hx, Hz) per ampere-turn in the plane y = 0, in 1/m; `x`, `z` in m.
+
+        `nodes`: of the quadrature over the winding, for expressions, see `Coil.nodes`;
+        left out, `x` and `z` must be numbers.
+        """
+        away, s = self._seen(x, z)
+        if nodes is None:
+            axial, radial = self.coil.field(away * away, s)
+        else:
+            axial, radial = self.coil.expression(away * away, s, nodes)
+        return (radial * away, axial) if self.axis == "vertical" else (axial, radial * away)
+
+    def _seen(self, x: Any, z: Any) -> tuple[Any, Any]:
+        """Distances from the axis and along it."""
+        up = z - self.middle
+        return (x, up) if self.axis == "vertical" else (up, x)

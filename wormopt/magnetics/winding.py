@@ -3,6 +3,16 @@
 The current fills the winding evenly; there is no iron and no fluid that changes the field. A
 winding is a nest of thin solenoids: each in closed form, and Gauss's quadrature over their radii
 with as many nodes as the distance from the winding asks for.
+
+The closed forms have no special cases. Complete elliptic integrals are found by the
+arithmetic-geometric mean of the largest and the least distance to the wire. Its first step is
+written out by hand: what follows depends on the distance from the axis by its square ``q`` only,
+so that values and derivatives are regular on the axis. The number of steps is fixed. These
+functions take numbers, arrays or CasADi expressions, use nothing but arithmetic and comparisons,
+and check nothing.
+
+Sources: N. Derby and S. Olbert, Cylindrical magnets and ideal solenoids, Am. J. Phys. 78 (2010)
+229; DLMF 19.8 for the means; F. Paxton, Rev. Sci. Instrum. 30 (1959) 254 for the solid angle.
 """
 
 from __future__ import annotations
@@ -10,19 +20,24 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
-from wormopt.magnetics.sheets import sheet_field
 
-# Nodes are chosen so that the quadrature is off by exp(-2 _DIGITS) of the field; the most of them
-# are enough as near to the winding as a tenth of its depth.
-_DIGITS, _MOST = 14.0, 150
+if TYPE_CHECKING:
+    import casadi as ca
+
+    Expression = ca.SX | np.ndarray | float
+
+# The most nodes: enough as near to the winding as a tenth of its depth.
+_MOST = 150
 # Points taken at a time: their intermediate values fit into the cache.
 _CHUNK = 2048
+# Steps of the mean after the first: enough for distances from the wire of 1e-7 of its radius.
+_STEPS = 6
 
 
 @dataclass(frozen=True)
@@ -83,13 +98,15 @@ class Coil:
         beside = np.maximum(np.maximum(self.inner - rho, rho - self.outer), 0)
         return np.hypot(beside, np.maximum(np.abs(s) - self.length / 2, 0))
 
-    def nodes(self, clearance: float) -> int:
+    def nodes(self, clearance: float, digits: float = 14.0) -> int:
         """Number of nodes over the radius for points at least so far from the winding.
 
         Parameters
         ----------
         clearance : float
             Least distance from the winding, in m.
+        digits : float, optional
+            The quadrature is off by exp(-2 digits) of the field.
 
         Returns
         -------
@@ -98,7 +115,7 @@ class Coil:
         """
         # the integrand is analytic in an ellipse about the radii that reaches to the nearest point
         reach = math.asinh(2 * clearance / (self.outer - self.inner))
-        return min(_MOST, 2 + math.ceil(max(_DIGITS / reach, 2.0))) if reach else _MOST
+        return min(_MOST, 2 + math.ceil(max(digits / reach, 2.0))) if reach else _MOST
 
     def expression(self, q: Any, s: Any, nodes: int) -> tuple[Any, Any]:
         """Field per ampere-turn at points off the winding, for numbers, arrays and expressions.
@@ -180,3 +197,77 @@ def _gauss(nodes: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Nodes on [-1, 1] and weights of the mean."""
     places, weights = np.polynomial.legendre.leggauss(nodes)
     return tuple(map(float, places)), tuple(map(float, weights / 2))
+
+
+def loop_field(radius: Expression, q: Expression, s: Expression) -> tuple[Any, Any]:
+    """Field of a wire loop that carries one ampere: axial (A/m), radial / distance (A/m²).
+
+    `q`: squared distance from the axis, m²; `s`: distance from the loop's plane, m.
+    The radial component over the distance from the axis is regular on the axis.
+    """
+    a2 = radius * radius
+    A, P, means, sigma = _means(a2, q, s)
+    M = means[-1][0]
+    axial = (2 * a2 * (a2 + s * s - q) + (q + s * s - a2) * q * sigma) / (4 * M * P * P)
+    radial = s * (4 * a2 - A * sigma) / (4 * M * P * P)
+    return axial, radial
+
+
+def sheet_field(radius: Expression, half: Expression, q: Expression, s: Expression) -> Any:
+    """Field of a thin solenoid with one ampere per metre, less what is uniform inside.
+
+    Axial, and radial / distance (1/m); `q`, `s` as for `loop_field`, `s` from the middle.
+    Add 1 to axial where |s| < half, q < radius²; without it, smooth beyond the ends.
+    """
+    axial, radial = 0.0, 0.0
+    for end, sign in ((s + half, -1), (s - half, 1)):
+        side = 2 * (end >= 0) - 1  # not sign(): at 0 the derivative from the right is the one
+        cover, potential = _end(radius * radius, q, side * end)
+        axial = axial + sign * side * cover
+        radial = radial + sign * potential
+    return axial, radial
+
+
+def _end(a2: Any, q: Any, z: Any) -> tuple[Any, Any]:
+    """Cover and potential of one end, at the distance z >= 0 beyond it.
+
+    The cover is the field along the axis beyond the end of a half-infinite solenoid: the solid
+    angle of its disc over 4 pi. It is an integral of the third kind, of the characteristic that
+    stays regular where q passes a2. The potential is that of the loop, over the distance from the
+    axis.
+    """
+    _, P, means, sigma = _means(a2, q, z)
+    M = means[-1][0]
+    # e is z times the third variable of the mean, so that z = 0 is no special case
+    e = (z * z + P) / 2
+    ratio = z / e
+    total, weight = ratio, (1 - z * ratio) / 2
+    for mean, geometric in means[:-1]:
+        product = mean * geometric
+        square = e * e + z * z * product
+        ratio = 2 * z * product / square
+        total = total + weight * ratio
+        weight = weight * (1 - z * ratio) / 2
+        e = square / (2 * e)
+    # what infinitely many steps more would add, now that both means are M
+    total = total + weight * 2 * M / (e + M * z)
+    return 0.25 - (2 * z - (a2 - q) * total) / (8 * M), sigma / (4 * M)
+
+
+def _means(a2: Any, q: Any, s: Any) -> tuple[Any, Any, list[tuple[Any, Any]], Any]:
+    """Squares summed, product of the largest and least distance, the means, and their defect.
+
+    The defect is the sum of 2^(n-1) c_n² / q over n >= 1, with c_n the half differences, here by
+    c_{n+1} = c_n² / (4 a_{n+1}), which cancels nothing.
+    """
+    A = a2 + q + s * s
+    P = ((a2 - q) * (a2 - q) + s * s * (2 * (a2 + q) + s * s)) ** 0.5
+    mean, geometric = ((A + P) / 2) ** 0.5, P**0.5
+    part = 2 * a2 / (A + P)
+    sigma, means = part, [(mean, geometric)]
+    for step in range(_STEPS):
+        mean, geometric = (mean + geometric) / 2, (mean * geometric) ** 0.5
+        part = q * part * part / (16 * mean * mean)
+        sigma = sigma + 2.0 ** (step + 1) * part
+        means.append((mean, geometric))
+    return A, P, means, sigma

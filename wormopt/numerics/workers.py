@@ -10,7 +10,7 @@ import os
 import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import current_process
@@ -58,9 +58,37 @@ class Workers:
                 todo.popleft()
                 yield answer
         except BrokenProcessPool:
-            _executors.pop((os.getpid(), self.count), None)
-            self.count = 1
+            self._go_on_here()
             yield from map(work, todo)
+
+    def as_completed(
+        self, work: Callable[[Job], Answer], jobs: Sequence[Job]
+    ) -> Iterator[tuple[int, Answer]]:
+        """Do the same with every job; yields number and answer of each as soon as it is done.
+
+        For long jobs: all are asked for at once, and none is done here unless processes die.
+        """
+        if self.count == 1 or len(jobs) < 2:
+            yield from enumerate(map(work, jobs))
+            return
+        todo = dict(enumerate(jobs))
+        try:
+            self._executor = _executor(self.count)
+            with _interrupts_held():
+                numbers = {self._executor.submit(work, job): k for k, job in todo.items()}
+            self._asked = deque(numbers)
+            for future in as_completed(numbers):
+                answer = future.result()
+                del todo[numbers[future]]
+                yield numbers[future], answer
+        except BrokenProcessPool:
+            self._go_on_here()
+            for k, job in todo.items():
+                yield k, work(job)
+
+    def _go_on_here(self) -> None:
+        _executors.pop((os.getpid(), self.count), None)
+        self.count = 1
 
     def _ready(self, work: Callable) -> bool:
         if not self._begun:

@@ -110,7 +110,8 @@ def fit_currents(
     best: Solution | None = None
     for k, (offset, currents) in enumerate(guesses):
         report(f"start {k + 1} of {starts}", k / starts)
-        w0 = _start(made, currents, unit, offset, scale)
+        field = (made.field @ currents).ravel() / math.sqrt(scale)
+        w0 = np.concatenate([currents / unit, [offset], field])
         found = nlp.solve(np.clip(w0, bounds.lbw, bounds.ubw), bounds, options or Ipopt())
         good = found.success and found.violation <= _ACCEPTED
         residual = math.sqrt(max(found.objective, 0.0)) if good else None
@@ -199,13 +200,6 @@ def _guess(
     limit = row.coil.ampere_turns
     low = 0.0 if polarity == "one" else -limit
     return offset, np.clip(currents, low, limit)
-
-
-def _start(
-    made: _Program, currents: np.ndarray, unit: float, offset: float, scale: float
-) -> np.ndarray:
-    field = (made.field @ currents).ravel() / math.sqrt(scale)
-    return np.concatenate([currents / unit, [offset], field])
 
 
 def _nlp(

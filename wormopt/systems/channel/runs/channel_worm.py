@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.channel.closed_forms import DIRECTION, SHAPES, ChannelWorm, Shape
-from wormopt.systems.channel.curve import Curve, graph_curve
+from wormopt.systems.channel.closed_forms import DIRECTION, SHAPES, ChannelWorm
 from wormopt.systems.channel.samples import Mark
 from wormopt.systems.channel.scenes.channel import ChannelBodyTable, ChannelWormScene
+from wormopt.systems.channel.segments import assumed_curve
 
 _FREQUENCIES = 101
 # Lengths of the formulas against those of centre lines as Chebyshev series.
@@ -39,25 +38,18 @@ def run(scene: Scene[ChannelWormScene], report: Report) -> Result:
     lengths = [worm.arc_length(shape) for shape in SHAPES]
     again = [assumed_curve(worm, shape).length for shape in SHAPES]
     error = float(np.max(np.abs(np.divide(again, lengths) - 1)))
-    fault = ""
-    if not error <= _ACCEPTED:
-        fault = f"lengths are off by {error:.2g} from those of the centre lines"
-    return Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        status="failed" if fault else "ok",
-        reason=fault,
-        scalars=_scalars(worm, table, marks),
-        variables=_lines(worm, table),
-        trust={
-            "recheck_error": error,
-            "accepted": _ACCEPTED,
-            "assumptions": dict(_ASSUMED),
-            "warnings": list(_warnings(worm, table, marks)),
-        },
-        timings_s={"evaluate": time.perf_counter() - begin},
-        scene_text=scene.text,
+    low, high = table.frequency
+    frequency = np.linspace(low, high, _FREQUENCIES)
+    per = [worm.velocity_per_frequency(shape) for shape in SHAPES]
+    advice = f"lengths are off by {error:.2g} from those of the centre lines"
+    return conclude(
+        scene,
+        _scalars(worm, table, marks),
+        {"frequency": frequency, "velocity": np.outer(per, frequency)},
+        checks=[Check("lengths of centre lines", error, _ACCEPTED, advice)],
+        facts={"recheck_error": error, "accepted": _ACCEPTED, "assumptions": _ASSUMED},
+        warnings=_warnings(worm, table, marks),
+        timings={"evaluate": time.perf_counter() - begin},
     )
 
 
@@ -65,11 +57,6 @@ def body_of(table: ChannelBodyTable) -> ChannelWorm:
     """Make the body of a scene from its checked table."""
     names = ("pitch", "channel", "body", "length", "youngs_modulus")
     return ChannelWorm(*(table.size(name) for name in names), rule=table.count)
-
-
-def assumed_curve(worm: ChannelWorm, shape: Shape) -> Curve:
-    """Centre line of an assumed shape ("sine", "beam" or "line") by its length, in m."""
-    return graph_curve(lambda x: worm.center_line(shape, x), worm.pitch)
 
 
 def warnings_of_count(name: str, worm: ChannelWorm, count: int, length: float) -> Iterator[str]:
@@ -92,58 +79,38 @@ def _marks(table: ChannelWormScene) -> tuple[Mark, ...]:
     return (sample.marks if sample else ()) + given
 
 
-def _limits(table: ChannelWormScene) -> tuple[float | None, float | None]:
-    """Frequencies below which (32) is claimed, and above which the body stands."""
+def _limit(table: ChannelWormScene, name: str) -> float | None:
+    """A limit of the frequency by its key, of the named body where the scene does not give it."""
     sample = table.worm.of_chapter
-    if sample is None:
-        return table.valid_below, table.stops_above
-    return table.valid_below or sample.valid_below, table.stops_above or sample.stops_above
+    return getattr(table, name) or (getattr(sample, name) if sample else None)
 
 
-def _scalars(
-    worm: ChannelWorm, table: ChannelWormScene, marks: tuple[Mark, ...]
-) -> dict[str, Scalar]:
+def _scalars(worm: ChannelWorm, table: ChannelWormScene, marks: tuple[Mark, ...]) -> dict[str, Any]:
     per = [worm.velocity_per_frequency(shape) for shape in SHAPES]
     at = [[mark.frequency * each for each in per] for mark in marks]
     ratio = [[v / mark.velocity for v in row] for row, mark in zip(at, marks, strict=True)]
-    valid_below, stops_above = _limits(table)
-    found: dict[str, tuple[Any, str]] = {
-        "shapes": (list(SHAPES), "count"),
-        "arc_length": ([worm.arc_length(shape) for shape in SHAPES], "length"),
-        "segments": ([worm.count(shape) for shape in SHAPES], "count"),
-        "missing_length": ([worm.missing_length(shape) for shape in SHAPES], "length"),
-        "velocity_per_frequency": (per, "length"),
-        "direction": (DIRECTION, "count"),
-        "rise": (worm.rise, "length"),
-        "measured": ([mark.text for mark in marks], "count"),
-        "measured_frequency": ([mark.frequency for mark in marks], "rate"),
-        "measured_velocity": ([mark.velocity for mark in marks], "speed"),
-        "velocity_at": (at, "speed"),
-        "velocity_over_measured": (ratio, "share"),
-        "valid_below": (valid_below, "rate"),
-        "stops_above": (stops_above, "rate"),
+    return {
+        "shapes": list(SHAPES),
+        "arc_length": [worm.arc_length(shape) for shape in SHAPES],
+        "segments": [worm.count(shape) for shape in SHAPES],
+        "missing_length": [worm.missing_length(shape) for shape in SHAPES],
+        "velocity_per_frequency": per,
+        "direction": DIRECTION,
+        "rise": worm.rise,
+        "measured": [mark.text for mark in marks],
+        "measured_frequency": [mark.frequency for mark in marks],
+        "measured_velocity": [mark.velocity for mark in marks],
+        "velocity_at": at,
+        "velocity_over_measured": ratio,
+        "valid_below": _limit(table, "valid_below"),
+        "stops_above": _limit(table, "stops_above"),
     }
-    return {name: Scalar(value, unit_of(kind, "SI")) for name, (value, kind) in found.items()}
-
-
-def _lines(worm: ChannelWorm, table: ChannelWormScene) -> tuple[Variable, ...]:
-    low, high = table.frequency
-    frequency = np.linspace(low, high, _FREQUENCIES)
-    per = [worm.velocity_per_frequency(shape) for shape in SHAPES]
-    rate, speed = unit_of("rate", "SI"), unit_of("speed", "SI")
-    return (
-        Variable("frequency", rate, ("frequency",), frequency, "coil switches per second"),
-        Variable(
-            "velocity", speed, ("shape", "frequency"), np.outer(per, frequency),
-            "against the travel of the field",
-        ),
-    )  # fmt: skip
 
 
 def _warnings(worm: ChannelWorm, table: ChannelWormScene, marks: tuple[Mark, ...]) -> Iterator[str]:
     for shape in SHAPES:
         yield from warnings_of_count(shape, worm, worm.count(shape), worm.arc_length(shape))
-    limit, _ = _limits(table)
+    limit = _limit(table, "valid_below")
     for mark in marks:
         if limit is not None and mark.frequency >= limit:
             yield (

@@ -13,14 +13,14 @@ import numpy as np
 from wormopt.magnetics.blocks import BlockField, channel_field
 from wormopt.magnetics.coils import Coil
 from wormopt.model.model import Schedule
-from wormopt.quantities import Scalar, unit_of
 from wormopt.simulation.moreau import Marcher
-from wormopt.systems.channel.channel_rod import channel_rod, straight
-from wormopt.systems.channel.magnetic_rod import (
+from wormopt.systems.channel.channel_rod import (
     Blocks,
     block_load,
     block_schedule,
+    channel_rod,
     magnetic_strength,
+    straight,
     switched_blocks,
 )
 from wormopt.systems.channel.rod import Rod
@@ -90,109 +90,95 @@ class RodCase:
         repeats = max(self.course.cycles, int(np.ceil(self.course.duration / self.cycle)))
         return repeats * self.cycle
 
-
-def rod_of(worm: WormTable, mesh: MeshTable) -> Rod:
-    """Make the rod of a scene."""
-    return Rod(
-        worm.length,
-        worm.diameter,
-        worm.youngs_modulus,
-        worm.density,
-        damping_time=worm.damping_time,
-        poisson_ratio=worm.poisson_ratio,
-        elements=mesh.elements,
-        degree=mesh.degree,
-    )
-
-
-def blocks_of(case: RodCase) -> Blocks:
-    """Which coils are on when."""
-    pattern = case.pattern
-    return switched_blocks(pattern.every, case.rate, pattern.duration, pattern.shift)
-
-
-def numbers_of(case: RodCase) -> dict[str, float]:
-    """Parameters of the model of a rod, by name."""
-    return {
-        "youngs_modulus": case.worm.youngs_modulus,
-        "density": case.worm.density,
-        "damping_time": case.worm.damping_time,
-        "friction": case.channel.friction,
-    }
-
-
-def warnings_of_case(case: RodCase) -> Iterator[str]:
-    """Yield warnings where assumptions are stretched."""
-    if case.worm.susceptibility > 1:
-        yield (
-            f"a susceptibility of {case.worm.susceptibility:g} changes the field in and near the "
-            "body, which the pull by the field without it leaves out"
+    @property
+    def rod(self) -> Rod:
+        """What moves."""
+        return Rod(
+            self.worm.length,
+            self.worm.diameter,
+            self.worm.youngs_modulus,
+            self.worm.density,
+            damping_time=self.worm.damping_time,
+            poisson_ratio=self.worm.poisson_ratio,
+            elements=self.mesh.elements,
+            degree=self.mesh.degree,
         )
 
+    @property
+    def blocks(self) -> Blocks:
+        """Which coils are on when."""
+        pattern = self.pattern
+        return switched_blocks(pattern.every, self.rate, pattern.duration, pattern.shift)
 
-def fields_of(case: RodCase) -> tuple[BlockField, ...]:
-    """Fields of the blocks that occur."""
-    coils = case.coils
-    coil = Coil(coils.inner, coils.outer, coils.length)
-    return tuple(
-        channel_field(
-            coil, coils.pitch, case.channel.diameter, coils.clearance, case.worm.diameter, count,
-            case.pattern.every, case.mesh.field_tolerance,
-        )
-        for count in blocks_of(case).counts
-    )  # fmt: skip
+    @property
+    def schedule(self) -> Schedule:
+        """When which block is on, and how strongly it pulls."""
+        coils = self.coils
+        strength = magnetic_strength(self.rod, self.worm.susceptibility, coils.ampere_turns)
+        return block_schedule(self.blocks, coils.pitch, strength)
 
+    @property
+    def fields(self) -> tuple[BlockField, ...]:
+        """Fields of the blocks that occur."""
+        coils = self.coils
+        coil = Coil(coils.inner, coils.outer, coils.length)
+        return tuple(
+            channel_field(
+                coil, coils.pitch, self.channel.diameter, coils.clearance, self.worm.diameter,
+                count, self.pattern.every, self.mesh.field_tolerance,
+            )
+            for count in self.blocks.counts
+        )  # fmt: skip
 
-def schedule_of(case: RodCase) -> Schedule:
-    """When which block is on, and how strongly it pulls."""
-    rod = rod_of(case.worm, case.mesh)
-    strength = magnetic_strength(rod, case.worm.susceptibility, case.coils.ampere_turns)
-    return block_schedule(blocks_of(case), case.coils.pitch, strength)
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Parameters of the model of the rod, by name."""
+        return {
+            "youngs_modulus": self.worm.youngs_modulus,
+            "density": self.worm.density,
+            "damping_time": self.worm.damping_time,
+            "friction": self.channel.friction,
+        }
 
+    @property
+    def marcher(self) -> Marcher:
+        """Time stepper of the rod, compiled once for all materials, frictions and frequencies."""
+        rod = self.rod
+        sizes = rod.length, rod.diameter, rod.poisson_ratio, rod.elements, rod.degree
+        return _marcher(*sizes, self.channel.diameter, self.fields)
 
-def start_of(case: RodCase, marcher: Marcher) -> np.ndarray:
-    """State of a straight rod at rest, one repeat of the pattern away from the first coil.
+    @property
+    def start(self) -> np.ndarray:
+        """State of a straight rod at rest, one repeat of the pattern away from the first coil."""
+        state = straight(self.rod, along=self.pattern.every * self.coils.pitch)
+        return np.concatenate([state[signal.name] for signal in self.marcher.model.x])
 
-    In the order of the states of `marcher`.
-    """
-    rod = rod_of(case.worm, case.mesh)
-    state = straight(rod, along=case.pattern.every * case.coils.pitch)
-    return np.concatenate([state[signal.name] for signal in marcher.model.x])
+    @property
+    def step(self) -> float:
+        """Longest time step that is taken, in s."""
+        if self.mesh.step is not None:
+            return self.mesh.step
+        values = [self.numbers[signal.name] for signal in self.marcher.model.p]
+        return self.marcher.safe_step(self.start, np.array(values))
 
+    @property
+    def assumed(self) -> dict[str, float]:
+        """Scalars: numbers that are assumptions, so that results show them."""
+        worm = self.worm
+        return {
+            "assumed_density": worm.density,
+            "assumed_damping_time": worm.damping_time,
+            "assumed_susceptibility": worm.susceptibility,
+            "assumed_friction": self.channel.friction,
+        } | self.coils.assumed
 
-def step_of(case: RodCase) -> float:
-    """Longest time step that is taken, in s."""
-    if case.mesh.step is not None:
-        return case.mesh.step
-    marcher, numbers = marcher_of(case), numbers_of(case)
-    values = np.array([numbers[signal.name] for signal in marcher.model.p])
-    return marcher.safe_step(start_of(case, marcher), values)
-
-
-def marcher_of(case: RodCase) -> Marcher:
-    """Time stepper of a rod, compiled once for all materials, frictions and frequencies."""
-    rod = rod_of(case.worm, case.mesh)
-    sizes = rod.length, rod.diameter, rod.poisson_ratio, rod.elements, rod.degree
-    return _marcher(*sizes, case.channel.diameter, fields_of(case))
-
-
-def assumed_scalars(case: RodCase) -> dict[str, Scalar]:
-    """Numbers that are assumptions, so that results show them."""
-    found = {
-        "density": (case.worm.density, "density"),
-        "damping_time": (case.worm.damping_time, "time"),
-        "susceptibility": (case.worm.susceptibility, "share"),
-        "friction": (case.channel.friction, "share"),
-        "coil_inner": (case.coils.inner, "length"),
-        "coil_outer": (case.coils.outer, "length"),
-        "coil_length": (case.coils.length, "length"),
-        "coil_clearance": (case.coils.clearance, "length"),
-        "ampere_turns": (case.coils.ampere_turns, "ampere_turns"),
-    }
-    return {
-        f"assumed_{name}": Scalar(value, unit_of(unit, "SI"))
-        for name, (value, unit) in found.items()
-    }
+    def warnings(self) -> Iterator[str]:
+        """Yield warnings where assumptions are stretched."""
+        if self.worm.susceptibility > 1:
+            yield (
+                f"a susceptibility of {self.worm.susceptibility:g} changes the field in and near "
+                "the body, which the pull by the field without it leaves out"
+            )
 
 
 @lru_cache(maxsize=16)

@@ -1,31 +1,40 @@
-"""One motion of a rod in a channel, step by step, and what it comes to."""
+"""One motion of a rod in a channel, step by step, what it comes to, and many side by side.
+
+Motions need not be regular. How sure their mean velocities are is told by batch means: means over
+several whole repeats of the switching, one after another, scatter about the mean of them all;
+Student's distribution tells from their scatter how far that may be from the truth.
+
+Source: A. M. Law, Simulation Modeling and Analysis (2015), 9.5.3.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
 from time import perf_counter
 
 import casadi as ca
 import numpy as np
+from scipy.special import stdtrit
 
 from wormopt.errors import Interrupted, SolveError
 from wormopt.model.model import Model, pack
+from wormopt.numerics.workers import Workers
 from wormopt.progress import Report, silent
+from wormopt.result import Check
 from wormopt.simulation.moreau import Steps
-from wormopt.systems.channel.runs.rod_case import (
-    RodCase,
-    fields_of,
-    marcher_of,
-    numbers_of,
-    rod_of,
-    schedule_of,
-    start_of,
-    step_of,
-)
-from wormopt.systems.channel.runs.rod_means import Mean, differ, mean_velocity
+from wormopt.systems.channel.runs.rod_case import RodCase
+from wormopt.systems.shared.checkpoints import forget as forget_file
+from wormopt.systems.shared.checkpoints import keep
 
+_BATCHES, _CONFIDENCE = 8, 0.95
 # What of the field's work may be lost to rounding and steps, and how deep walls may be entered.
 _ENERGY, _DEPTH = 0.01, 0.05
 # Velocities are compared with no less than this share of the field's: a rod may stand still. What
@@ -33,6 +42,51 @@ _ENERGY, _DEPTH = 0.01, 0.05
 _STILL, _KNOWN = 0.01, 0.5
 # Steps after which nobody waits any more: some minutes.
 _MOST_STEPS = 2e7
+
+
+@dataclass(frozen=True)
+class Mean:
+    """A mean velocity, positive with the field."""
+
+    value: float  # m/s
+    error: float  # half the width of its 95 % interval, m/s
+    settled: bool  # both halves of what counts agree within errors
+
+    @property
+    def direction(self) -> int:
+        """1 with the field, -1 against it, 0 where the interval holds both."""
+        return 0 if not abs(self.value) > self.error else int(math.copysign(1, self.value))
+
+
+def mean_velocity(time: np.ndarray, centre: np.ndarray, cycle: float, settle: float) -> Mean:
+    """Mean velocity over whole repeats, of `time` and `centre` (m,).
+
+    Skips the share `settle` of the time at the beginning; at least four repeats of duration
+    `cycle` must be left.
+    """
+    repeats = math.floor((1 - settle) * time[-1] / cycle * (1 + 1e-9))
+    batches = max(min(_BATCHES, repeats), 2)
+    size = max(repeats // batches, 1) * cycle
+    ends = time[-1] - size * np.arange(batches, -1, -1)
+    parts = np.diff(np.interp(ends, time, centre)) / size
+    halves = [_interval(part) for part in (parts[: batches // 2], parts[batches // 2 :])]
+    value, error = _interval(parts)
+    return Mean(value, error, not differ(*halves[0], *halves[1]))
+
+
+def _interval(parts: np.ndarray) -> tuple[float, float]:
+    """Mean of batches, and half the width of its interval."""
+    spread = float(np.std(parts, ddof=1)) if len(parts) > 1 else 0.0
+    factor = float(stdtrit(max(len(parts) - 1, 1), (1 + _CONFIDENCE) / 2))
+    return float(np.mean(parts)), factor * spread / math.sqrt(len(parts))
+
+
+def differ(one: float, one_error: float, other: float, other_error: float) -> float:
+    """Difference of two means beyond what their errors explain; 0 where they need not differ."""
+    return max(abs(one - other) - math.hypot(one_error, other_error), 0.0)
+
+
+# -- one motion ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -78,14 +132,12 @@ def follow(case: RodCase, report: Report = silent) -> RodCourse:
 
     Raises SolveError if states are no longer numbers or steps too many, and Interrupted.
     """
-    begin, rod, marcher = perf_counter(), rod_of(case.worm, case.mesh), marcher_of(case)
-    numbers, step = numbers_of(case), step_of(case)
+    begin, rod, marcher, step = perf_counter(), case.rod, case.marcher, case.step
     _check_steps(case, step)
     try:
         steps = marcher.march(
-            case.end, start_of(case, marcher), p=numbers, schedule=schedule_of(case),
-            step=step, report=report,
-        )  # fmt: skip
+            case.end, case.start, p=case.numbers, schedule=case.schedule, step=step, report=report
+        )
     except SolveError as lost:
         suggestion = "write a shorter mesh.step, or fewer coils.ampere_turns"
         raise SolveError(lost.reason, suggestion, None, lost.code) from None
@@ -99,9 +151,9 @@ def follow(case: RodCase, report: Report = silent) -> RodCourse:
         velocity=mean.value,
         error=mean.error,
         settled=mean.settled,
-        energy_error=_energy_error(marcher.model, steps, numbers),
+        energy_error=_energy_error(marcher.model, steps, case.numbers),
         penetration=max(float(np.abs(across).max()) / case.room - 1, 0.0),
-        field_error=max(field.error for field in fields_of(case)),
+        field_error=max(field.error for field in case.fields),
         arc_length=_segment_length(case, rod.count, steps),
         seconds=perf_counter() - begin,
     )
@@ -129,25 +181,30 @@ def finer(case: RodCase, elements: int | None = None, share: float = 0.5) -> Rod
     """
     if elements is not None:
         return case.varied(mesh={"elements": elements, "step": None})
-    return case.varied(mesh={"step": share * step_of(case)})
+    return case.varied(mesh={"step": share * case.step})
 
 
-def faults_of_motion(point: RodPoint) -> Iterator[str]:
-    """Yield what is wrong with a motion by itself."""
-    where = f"at {point.rate:g} switches a second"
+def checks_of_motion(point: RodPoint, what: str = "") -> Iterator[Check]:
+    """Whether a motion by itself is to be trusted; `what` says how it was computed."""
+    named, told = (f" {what}", f"{what}: ") if what else ("", "")
+    where = f"{told}at {point.rate:g} switches a second"
     if point.reason:
-        yield f"{where} {point.reason}"
+        yield Check(f"motion{named}", None, 0.0, f"{where} {point.reason}")
         return
-    if not point.energy_error <= _ENERGY:
-        yield (
-            f"{where} the balance of energy is off by {point.energy_error:.2g} of the field's "
-            "work; write a shorter mesh.step"
-        )
-    if not point.penetration <= _DEPTH:
-        yield (
-            f"{where} walls are entered by {point.penetration:.2g} of the room; write a shorter "
-            "mesh.step"
-        )
+    yield Check(
+        f"energy balance{named}",
+        point.energy_error,
+        _ENERGY,
+        f"{where} the balance of energy is off by {point.energy_error:.2g} of the field's work; "
+        "write a shorter mesh.step",
+    )
+    yield Check(
+        f"depth in walls{named}",
+        point.penetration,
+        _DEPTH,
+        f"{where} walls are entered by {point.penetration:.2g} of the room; write a shorter "
+        "mesh.step",
+    )
 
 
 def change_of(case: RodCase, point: RodPoint, others: Iterable[RodPoint]) -> float | None:
@@ -163,26 +220,32 @@ def _compared_with(case: RodCase, point: RodPoint) -> float:
     return max(abs(point.velocity), _STILL * case.field_speed)
 
 
-def faults_of_recheck(
+def checks_of_change(
     case: RodCase, point: RodPoint, other: RodPoint, accepted: float, what: str
-) -> Iterator[str]:
-    """Yield a fault if the mean velocity changes with step or mesh; `what` says which.
+) -> Iterator[Check]:
+    """Whether the mean velocity stays with another step or mesh; `what` says which.
 
     `accepted`: largest change beyond the errors, over the velocity, or over a hundredth of
     the field's.
     """
-    size = _compared_with(case, point)
+    size, where = _compared_with(case, point), f"at {point.rate:g} switches a second"
     errors = math.hypot(point.error, other.error)
-    change = differ(point.velocity, point.error, other.velocity, other.error)
-    if not errors <= _KNOWN * size:
-        yield (
-            f"at {point.rate:g} switches a second the mean velocity is known to {errors:.2g} m/s "
-            f"only, too little to compare it {what}; write a longer course.duration"
-        )
-    elif not change <= accepted * size:
-        yield (
-            f"at {point.rate:g} switches a second the mean velocity changes by {change:.2g} m/s "
-            f"{what}; write more mesh.elements, a shorter mesh.step or a longer course.duration"
+    known = Check(
+        f"error of the mean velocity {what}",
+        errors,
+        _KNOWN * size,
+        f"{where} the mean velocity is known to {errors:.2g} m/s only, too little to compare it "
+        f"{what}; write a longer course.duration",
+    )
+    yield known
+    if known.passed:
+        change = differ(point.velocity, point.error, other.velocity, other.error)
+        yield Check(
+            f"mean velocity {what}",
+            change,
+            accepted * size,
+            f"{where} the mean velocity changes by {change:.2g} m/s {what}; write more "
+            "mesh.elements, a shorter mesh.step or a longer course.duration",
         )
 
 
@@ -235,3 +298,51 @@ def _length_between(x: np.ndarray, y: np.ndarray, first: float, last: float) -> 
         for k, place in ((i, first), (j, last))
     ]
     return float(abs(ends[1] - ends[0]))
+
+
+# -- many motions ----------------------------------------------------------------------------------
+
+
+def rod_points(cases: Sequence[RodCase], folder: Path, report: Report, text: str) -> list[RodPoint]:
+    """Follow several rods on all cores, in the order of `cases`; `text` says what for.
+
+    Motions in `folder` are reused and new ones kept there, also on KeyboardInterrupt.
+    """
+    found = {case: point for case in cases if (point := kept(case, folder))}
+    # the slowest switching takes longest
+    todo = sorted({case for case in cases if case not in found}, key=lambda case: case.rate)
+    if todo:
+        report(text, len(found) / (len(found) + len(todo)))
+    follow_one = partial(_follow_and_keep, folder=folder)
+    with Workers(min(len(todo), os.cpu_count() or 1) or 1) as workers:
+        for k, point in workers.as_completed(follow_one, todo):
+            found[todo[k]] = point
+            report(text, len(found) / len(set(cases)))
+    return [found[case] for case in cases]
+
+
+def kept(case: RodCase, folder: Path) -> RodPoint | None:
+    """Read the outcome of a motion from `folder`; None if missing or damaged."""
+    with suppress(OSError, ValueError, TypeError):
+        return RodPoint(**json.loads(_file(case, folder).read_text(encoding="utf-8")))
+    return None
+
+
+def forget(cases: Sequence[RodCase], folder: Path) -> None:
+    """Remove kept motions from `folder`, because they stand in a result now."""
+    for case in cases:
+        forget_file(_file(case, folder))
+
+
+def _file(case: RodCase, folder: Path) -> Path:
+    return folder / f"{hashlib.sha256(case.key.encode()).hexdigest()[:32]}.json"
+
+
+def _follow_and_keep(case: RodCase, folder: Path) -> RodPoint:
+    try:
+        point = follow(case).point
+    except SolveError as lost:
+        point = RodPoint.lost(case.rate, str(lost))
+    # Python's JSON knows NaN, which lost motions are full of
+    keep(_file(case, folder), json.dumps(asdict(point)).encode())
+    return point

@@ -4,28 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
+from wormopt.analysis.vibration import Modes, vibration_modes
 from wormopt.errors import Interrupted, SolveError
 from wormopt.numerics.compass import Look, compass
 from wormopt.progress import Report
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.channel.runs.rod_case import ASSUMED, RodCase, warnings_of_case
+from wormopt.systems.channel.channel_rod import channel_rod
+from wormopt.systems.channel.closed_forms import SHAPES, ChannelWorm
+from wormopt.systems.channel.runs.rod_case import ASSUMED, RodCase
 from wormopt.systems.channel.runs.rod_course import (
     RodPoint,
     change_of,
-    faults_of_motion,
-    faults_of_recheck,
+    checks_of_change,
+    checks_of_motion,
     finer,
+    follow,
+    forget,
+    kept,
+    rod_points,
 )
-from wormopt.systems.channel.runs.rod_response import Response, response_scalars, response_variables
-from wormopt.systems.channel.runs.rod_runs import forget, kept, rod_points
-from wormopt.systems.channel.scenes.rod_frequency import RodFrequencyScene
+from wormopt.systems.channel.scenes.rod_frequency import RodFrequencyScene, SensitivityTable
 from wormopt.systems.shared.checkpoints import checkpoints
 
 _STEPS = {"rate": 0.25, "duration": 0.5, "shift": 0.3}
@@ -38,6 +44,10 @@ _TABLES = {
     "coil_outer": "coils",
     "coil_clearance": "coils",
 }
+_MODES = 4
+# The velocity has rolled off where it is below this share of what the slowest switching promises;
+# the rod stands still where it is slower than this share of the best velocity, errors included.
+_ROLLED, _STILL = 0.5, 0.02
 
 
 def run(scene: Scene[RodFrequencyScene], report: Report) -> Result:
@@ -50,18 +60,50 @@ def run(scene: Scene[RodFrequencyScene], report: Report) -> Result:
     case = RodCase(
         table.worm, table.channel, table.coils, table.switching, table.mesh, table.course, 1.0
     )
-    study = _Study(table, case, checkpoints("rods"), report)
+    folder = checkpoints("rods", follow.__module__)
+    study = _Study(table, case, folder, report)
     try:
         found = study.explore()
     except KeyboardInterrupt:
         found = Response(case, study.kept_curve())
         if not any(not point.reason for point in found.curve):
             raise Interrupted from None
-        reason = "interrupted; run again to go on"
         partial = _result(scene, found, perf_counter() - begin)
-        raise Interrupted(replace(partial, status="failed", reason=reason)) from None
-    forget(study.followed, checkpoints("rods"))
+        raise Interrupted(partial.failed("interrupted; run again to go on")) from None
+    forget(study.followed, folder)
     return _result(scene, found, perf_counter() - begin)
+
+
+@dataclass(eq=False)
+class Response:
+    """Motions of a rod, stage by stage."""
+
+    case: RodCase  # the rod, at any frequency
+    curve: list[RodPoint]  # over the frequencies of the scene
+    refined: list[RodPoint] = field(default_factory=list)  # near the best of these
+    patterns: list[RodPoint] = field(default_factory=list)  # with other patterns
+    centres: list[Look] = field(default_factory=list)  # of the search for a pattern
+    # by (number, factor, frequency): factor taken, motion
+    changed: dict[tuple[str, float, float], tuple[float, RodPoint]] = field(default_factory=dict)
+    # the best motion on another mesh, and with another step
+    again: dict[str, RodPoint] = field(default_factory=dict)
+
+    @property
+    def points(self) -> list[RodPoint]:
+        """All motions."""
+        others = [point for _, point in self.changed.values()]
+        return [*self.curve, *self.refined, *self.patterns, *others, *self.again.values()]
+
+    @property
+    def best(self) -> RodPoint:
+        """Fastest motion against the field among those of the curve and near its best."""
+        known = [point for point in (*self.curve, *self.refined) if not point.reason]
+        return min(known, key=lambda point: point.velocity)
+
+    def stands(self, point: RodPoint) -> bool:
+        """Whether the rod certainly stands still, error included."""
+        slow = _STILL * abs(self.best.velocity)
+        return not point.direction and abs(point.velocity) + point.error <= slow
 
 
 class _Study:
@@ -173,30 +215,25 @@ def _changed(case: RodCase, name: str, factor: float) -> tuple[float, RodCase]:
 
 
 def _result(scene: Scene[RodFrequencyScene], found: Response, seconds: float) -> Result:
-    table = scene.table
-    faults = list(_faults(table, found))
+    table, best = scene.table, found.best
     points = [point for point in found.points if not point.reason]
-    best = replace(found.case, rate=found.best.rate)
-    return Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=response_scalars(table, found),
-        variables=tuple(response_variables(table, found)),
-        trust={
+    case = replace(found.case, rate=best.rate)
+    return conclude(
+        scene,
+        _scalars(table, found),
+        _variables(table, found),
+        checks=_checks(table, found, case),
+        facts={
             "energy_error": max(point.energy_error for point in points),
             "penetration_share": max(point.penetration for point in points),
             "field_error": max(point.field_error for point in points),
-            "recheck_velocity_change": change_of(best, found.best, found.again.values()),
+            "recheck_velocity_change": change_of(case, best, found.again.values()),
             "accepted": table.accepted,
             "motions": len(found.points),
-            "assumptions": dict(ASSUMED),
-            "warnings": [*_warnings(found), *warnings_of_case(found.case)],
+            "assumptions": ASSUMED,
         },
-        timings_s={"all": seconds, "slowest_motion": max(point.seconds for point in points)},
-        scene_text=scene.text,
+        warnings=(*_warnings(found), *found.case.warnings()),
+        timings={"all": seconds, "slowest_motion": max(point.seconds for point in points)},
         attributes={
             "measured": [[one.rate, one.velocity, one.text] for one in table.measured],
             "parameters": list(table.sensitivity.parameters) if table.sensitivity else [],
@@ -204,13 +241,19 @@ def _result(scene: Scene[RodFrequencyScene], found: Response, seconds: float) ->
     )
 
 
-def _faults(table: RodFrequencyScene, found: Response) -> Iterator[str]:
-    for point in dict.fromkeys(found.points):
-        yield from faults_of_motion(point)
-    best = replace(found.case, rate=found.best.rate)
+def _checks(table: RodFrequencyScene, found: Response, best: RodCase) -> Iterator[Check]:
+    """Every motion that is refused, the worst of the others, and the best one computed again."""
+    fine: dict[str, Check] = {}
+    for number, point in enumerate(dict.fromkeys(found.points), start=1):
+        for check in checks_of_motion(point):
+            if not check.passed:
+                yield replace(check, name=f"{check.name} of motion {number}")
+            elif (check.value or 0.0) >= (fine.get(check.name, check).value or 0.0):
+                fine[check.name] = check
+    yield from fine.values()
     for what, point in found.again.items():
         if not point.reason:
-            yield from faults_of_recheck(best, found.best, point, table.accepted, what)
+            yield from checks_of_change(best, found.best, point, table.accepted, what)
 
 
 def _warnings(found: Response) -> Iterator[str]:
@@ -223,3 +266,129 @@ def _warnings(found: Response) -> Iterator[str]:
         if rates:
             listed = ", ".join(f"{rate:g}" for rate in rates)
             yield text.format(f"{listed} switches a second") + "; write a longer course.duration"
+
+
+# -- what the result holds -------------------------------------------------------------------------
+
+
+def _scalars(table: RodFrequencyScene, found: Response) -> dict[str, Any]:
+    curve, best, case = found.curve, found.best, found.case
+    first = curve[0] if curve[0].rate == table.rates[0] else RodPoint.lost(table.rates[0], "")
+    worm = ChannelWorm(
+        case.coils.pitch, case.channel.diameter, case.worm.diameter, case.worm.length
+    )
+    values = {
+        "velocity_mean": [point.velocity for point in curve],
+        "velocity_error": [point.error for point in curve],
+        "direction": [point.direction for point in curve],
+        "frequency_best": best.rate,
+        "velocity_best": best.velocity,
+        "velocity_best_error": best.error,
+        "velocity_per_frequency_slow": first.velocity / first.rate,
+        "velocity_per_frequency_32": [-worm.velocity_per_frequency(shape) for shape in SHAPES],
+        "arc_length_slow": first.arc_length,
+        "energy_error": max(p.energy_error for p in found.points if not p.reason),
+        "rolloff_frequency": _rolloff(found, first),
+        "standstill_frequencies": [p.rate for p in curve if found.stands(p)],
+        "forward_frequencies": [p.rate for p in curve if p.direction > 0],
+        **_eigenfrequencies(case),
+        **_pattern(found),
+    }
+    if table.sensitivity and found.changed:
+        rates = list(table.sensitivity.rates)
+        values["sensitive_rates"] = rates
+        values["sensitive_to"] = [_largest_change(found, rate) for rate in rates]
+    return values | case.assumed
+
+
+def _rolloff(found: Response, first: RodPoint) -> float | None:
+    """First frequency whose velocity is well below the first slope, against the field."""
+    if first.direction != -1:
+        return None
+    least = _ROLLED * first.velocity / first.rate
+    rolled = [p.rate for p in found.curve if p.velocity / p.rate > least]
+    return rolled[0] if rolled else None
+
+
+def _eigenfrequencies(case: RodCase) -> dict[str, list[float]]:
+    """Of the whole rod, free and pinned at its ends, and of one pitch of it, in Hz."""
+    rod = case.rod
+    whole, part = (
+        channel_rod(one, case.channel.diameter, case.channel.friction)
+        for one in (rod, replace(rod, length=case.coils.pitch))
+    )
+    ends = {"across": [0, rod.count - 1]}
+    return {
+        "eigenfrequencies": _above_zero(vibration_modes(whole, count=_MODES + 3)),
+        "eigenfrequencies_pinned": _above_zero(vibration_modes(whole, ends, count=_MODES + 1)),
+        "eigenfrequencies_segment": _above_zero(vibration_modes(part, ends, count=2)),
+    }
+
+
+def _above_zero(modes: Modes) -> list[float]:
+    return modes.frequencies[modes.frequencies > 0][:_MODES].tolist()
+
+
+def _pattern(found: Response) -> dict[str, Any]:
+    if not found.centres:
+        return {}
+    first, last = found.centres[0], found.centres[-1]
+    return {
+        "pattern_rate": math.exp(last.point["rate"]),
+        "pattern_duration": last.point["duration"],
+        "pattern_shift": last.point["shift"],
+        "pattern_velocity": -last.value,
+        "pattern_velocity_error": last.error,
+        "pattern_gain": last.value / first.value - 1 if first.value > 0 else None,
+    }
+
+
+def _largest_change(found: Response, rate: float) -> str | None:
+    """Number whose change moves the velocity most; None where no move is beyond its error."""
+    base = found.changed["none", 1.0, rate][1]
+    moves = {
+        name: abs(point.velocity - base.velocity)
+        for (name, _, where), (_, point) in sorted(
+            found.changed.items(), key=lambda item: abs(item[1][1].velocity - base.velocity)
+        )
+        if where == rate
+        and abs(point.velocity - base.velocity) > math.hypot(point.error, base.error)
+    }
+    return max(moves, key=lambda name: moves[name], default=None)
+
+
+def _variables(table: RodFrequencyScene, found: Response) -> dict[str, np.ndarray]:
+    values: dict[str, Any] = {}
+    for name, points in (("curve", found.curve), ("refined", found.refined)):
+        if points:
+            for key in ("rate", "velocity", "error", "arc_length"):
+                values[f"{name}_{key}"] = [getattr(point, key) for point in points]
+    if table.sensitivity and found.changed:
+        values |= _changes(table.sensitivity, found)
+    if found.centres:
+        values["centre_rate"] = [math.exp(look.point["rate"]) for look in found.centres]
+        values["centre_duration"] = [look.point["duration"] for look in found.centres]
+        values["centre_shift"] = [look.point["shift"] for look in found.centres]
+        values["centre_velocity"] = [-look.value for look in found.centres]
+    return values
+
+
+def _changes(own: SensitivityTable, found: Response) -> dict[str, Any]:
+    """Motions with changed numbers, over parameter, factor and rate, and without changes."""
+    shape = (len(own.parameters), len(own.factors), len(own.rates))
+    rows = [
+        found.changed[name, factor, rate]
+        for name in own.parameters
+        for factor in own.factors
+        for rate in own.rates
+    ]
+    base = [found.changed["none", 1.0, rate][1] for rate in own.rates]
+    values: dict[str, Any] = {
+        "sensitive_rate": list(own.rates),
+        "changed_factor": np.reshape([factor for factor, _ in rows], shape),
+    }
+    for key in ("velocity", "error"):
+        changed = [getattr(point, key) for _, point in rows]
+        values[f"changed_{key}"] = np.reshape(changed, shape)
+        values[f"unchanged_{key}"] = [getattr(point, key) for point in base]
+    return values

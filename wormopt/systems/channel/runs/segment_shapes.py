@@ -7,38 +7,31 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from itertools import combinations
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from wormopt.errors import SolveError
 from wormopt.magnetics.material import SMALL_STRAIN
-from wormopt.numerics.boundary_values import BoundarySolution, solve_boundary
-from wormopt.numerics.chebyshev import resolve
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Result, conclude
 from wormopt.scene.scene import Scene
+from wormopt.systems.channel import rod_rest
 from wormopt.systems.channel.closed_forms import (
-    SHAPES,
     ChannelWorm,
     segment_count,
     velocity_per_frequency,
 )
-from wormopt.systems.channel.curve import Curve, distances
-from wormopt.systems.channel.elastica import elastica, slender_guess
-from wormopt.systems.channel.elastica_exact import SLEEVE_RISE, exact_elastica
-from wormopt.systems.channel.runs import rod_rest
-from wormopt.systems.channel.runs.channel_worm import assumed_curve, body_of, warnings_of_count
-from wormopt.systems.channel.runs.rod_rest import RodAtRest
+from wormopt.systems.channel.rod_rest import RodAtRest, Sweep
+from wormopt.systems.channel.runs.channel_worm import body_of, warnings_of_count
 from wormopt.systems.channel.scenes.channel import SegmentShapesScene
+from wormopt.systems.channel.segments import (
+    ACCEPTED,
+    SegmentShape,
+    assumed_shapes,
+    distances_between,
+    elastic_shape,
+)
 
-# The elastica is followed from the slender beam of this rise over the span.
-_SLENDER = 0.2
-# Two routes to the elastica may differ by so much of length, force, energy and place.
-_ACCEPTED = 1e-10
 _ASSUMED = {
     "sine, beam, line": "centre lines (33), (34), (35), not computed from forces",
     "point_contact": "elastica; the walls push across the channel only, and nothing pulls along it",
@@ -46,22 +39,6 @@ _ASSUMED = {
     "elastica": "inextensible and thin; the field acts at the walls only; theta = 0 there",
     "cross-section": "solid and round for forces and energies, I = pi d_w^4 / 64",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class SegmentShape:
-    """What is known of one shape; lengths in m."""
-
-    name: str
-    exact: bool  # computed from forces
-    curve: Curve  # centre line, from (0, body / 2)
-    energy: float | None = None  # bending energy over E I, 1/m; None: not finite
-    curvature: float | None = None  # largest, 1/m
-    reaction: float | None = None  # wall force across the channel, over E I, 1/m²
-    tension: float | None = None  # along the channel, over E I, 1/m²
-    spans: bool = True  # goes from wall to wall; else it is no segment
-    trust: dict[str, Any] = field(default_factory=dict)  # how it was found
-    fault: str = ""  # why it is not to be trusted; empty if it is
 
 
 def run(scene: Scene[SegmentShapesScene], report: Report) -> Result:
@@ -72,35 +49,36 @@ def run(scene: Scene[SegmentShapesScene], report: Report) -> Result:
     """
     table, begin = scene.table, time.perf_counter()
     worm = body_of(table.worm)
-    shapes = [*_assumed(worm, report), *_elasticas(worm, table, report)]
-    rod = _rod_of(worm, table, report)
-    assumed = {shape.name: shape.curve for shape in shapes if not shape.exact}
-    swept, swept_variables, swept_warnings = {}, (), []
-    if rod is not None:
-        swept, swept_variables, swept_warnings = rod_rest.sweep_of(worm, rod.table, assumed, report)
+    report("measuring assumed shapes", 0.0)
+    shapes = [*assumed_shapes(worm)]
+    assumed = {shape.name: shape.curve for shape in shapes}
+    for index, closing in enumerate(table.exact):
+        report(f"bending the elastica: {closing}", (1 + 2 * index) / 5)
+        shapes.append(elastic_shape(worm, closing, table.degree))
+    rod, sweep = None, None
+    if table.rod is not None and worm.youngs_modulus is not None:
+        rod = rod_rest.rest_of(worm, table.rod, report)
+        if table.rod.sweep:
+            sweep = rod_rest.sweep_of(worm, table.rod, assumed, report)
         shapes.append(_shape_of(rod))
     solved = time.perf_counter() - begin
     report("comparing", 0.8)
-    apart = _apart(shapes)
-    faults = [shape.fault for shape in shapes if shape.fault]
-    return Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=_scalars(worm, shapes, apart) | _scalars_of_rod(rod, shapes, apart, swept),
-        variables=(*_variables(shapes, apart, table.points), *_rod_variables(rod, swept_variables)),
-        trust={
-            **{shape.name: shape.trust for shape in shapes if shape.trust},
-            "accepted": _ACCEPTED,
+    apart = distances_between(shapes)
+    return conclude(
+        scene,
+        _scalars(worm, shapes, apart) | _scalars_of_rod(rod, sweep, shapes, apart),
+        _variables(shapes, apart, table.points) | _variables_of_rod(rod, sweep),
+        checks=[check for shape in shapes for check in shape.checks],
+        facts={
+            **{shape.name: shape.facts for shape in shapes if shape.facts},
+            "accepted": ACCEPTED,
             "assumptions": _ASSUMED | ({} if rod is None else rod_rest.ASSUMED),
-            "warnings": [
-                *_warnings(worm, shapes), *_warnings_of_rod(rod, table), *swept_warnings,
-            ],
         },
-        timings_s={"solve": solved},
-        scene_text=scene.text,
+        warnings=(
+            *_warnings(worm, shapes), *_warnings_of_rod(rod, table),
+            *(sweep.warnings if sweep else ()),
+        ),
+        timings={"solve": solved},
         attributes={} if rod is None else {
             "pitch": worm.pitch, "coils_on": rod.table.on, "coil_outer": rod.table.outer,
             "coil_clearance": rod.table.clearance,
@@ -108,120 +86,20 @@ def run(scene: Scene[SegmentShapesScene], report: Report) -> Result:
     )  # fmt: skip
 
 
-def _rod_of(worm: ChannelWorm, table: SegmentShapesScene, report: Report) -> RodAtRest | None:
-    if table.rod is None or worm.youngs_modulus is None:
-        return None
-    return rod_rest.rest_of(worm, table.rod, report)
-
-
 def _shape_of(rod: RodAtRest) -> SegmentShape:
     bending, curvature = rod.bending
+    rest = rod.rest
+    facts = {
+        "residual": rest.residual, "imbalance": rest.imbalance, "violation": rest.violation,
+        "complementarity": rest.complementarity, "softest": rest.softest,
+        "stiffest": rest.stiffest, "stable": rest.stable, "iterations": rest.iterations,
+        "field_error": rod.field_error, "mesh_change": rod.mesh_change, "minimum": "local",
+    }  # fmt: skip
     return SegmentShape("rod", True, rod.curve, bending, curvature, spans=rod.reached,
-                        trust=rod.trust(), fault=rod.fault)  # fmt: skip
+                        facts=facts, checks=tuple(rod.checks()))  # fmt: skip
 
 
-def _assumed(worm: ChannelWorm, report: Report) -> Iterator[SegmentShape]:
-    report("measuring assumed shapes", 0.0)
-    for shape in SHAPES:
-        curve = assumed_curve(worm, shape)
-        # a broken line has kinks, of which curvature and energy are infinite
-        energy, curvature = (None, None) if shape == "line" else _bending(curve)
-        yield SegmentShape(shape, False, curve, energy, curvature)
-
-
-def _bending(curve: Curve) -> tuple[float, float]:
-    """Energy over E I, and largest curvature."""
-    angle = resolve(lambda s: curve.points(s)[2:], 0.0, 1.0).derivative()
-    squares = resolve(lambda s: angle(s) ** 2, 0.0, 1.0)
-    energy = float(squares.integral()[0]) / (2 * curve.length)
-    return energy, float(np.max(np.abs(angle.extremes()))) / curve.length
-
-
-def _elasticas(
-    worm: ChannelWorm, table: SegmentShapesScene, report: Report
-) -> Iterator[SegmentShape]:
-    for index, closing in enumerate(table.exact):
-        report(f"bending the elastica: {closing}", (1 + 2 * index) / 5)
-        yield _elastica(worm, closing, table.degree)
-
-
-def _elastica(
-    worm: ChannelWorm, closing: Literal["point_contact", "sleeve"], degree: int
-) -> SegmentShape:
-    pitch, rise = worm.pitch, worm.rise / worm.pitch
-    if closing == "sleeve" and rise > SLEEVE_RISE:
-        raise SolveError(
-            f"a segment that may take any length leaves the walls where it rises by more than "
-            f"{SLEEVE_RISE:.5g} coil distances; this one rises by {rise:.5g}, and the walls would "
-            "have to pull",
-            'write exact = ["point_contact"], or a thicker body, a narrower channel',
-            code="no_contact",
-        )
-    slender = min(rise, _SLENDER)
-    try:
-        found = solve_boundary(
-            elastica(closing), lambda s: slender_guess(closing, slender, s), [[slender], [rise]],
-            most=degree,
-        )  # fmt: skip
-    except SolveError as error:
-        raise SolveError(
-            f"{closing}: {error.reason}", "raise degree, or take a less steep segment",
-            code=error.code,
-        ) from None  # fmt: skip
-
-    def points(share: np.ndarray) -> np.ndarray:
-        theta, _, x, y, _ = found.at(share)
-        return np.array([pitch * x, pitch * y + worm.body / 2, theta])
-
-    length, reaction, tension = (float(number) for number in found.p)
-    error = _recheck(found, closing, rise)
-    return SegmentShape(
-        closing, True, Curve(pitch * length, points),
-        energy=float(found.at([1.0])[4, 0]) / pitch,
-        curvature=float(np.abs(found.at(np.linspace(0, 1, 101))[1]).max()) / pitch,
-        reaction=reaction / pitch**2,
-        tension=tension / pitch**2,
-        trust={
-            "degree": found.degree, "residual": found.residual, "tail": found.tail,
-            "defect": found.defect, "recheck_error": error,
-        },
-        fault=_fault(closing, max(error, found.residual, found.defect)),
-    )  # fmt: skip
-
-
-def _fault(name: str, error: float) -> str:
-    if error <= _ACCEPTED:
-        return ""
-    return f"{name}: off by {error:.2g} from its equations or from the elliptic integrals"
-
-
-def _recheck(
-    found: BoundarySolution, closing: Literal["point_contact", "sleeve"], rise: float
-) -> float:
-    """Largest difference from the elliptic integrals: of numbers, and of places over the span."""
-    exact = exact_elastica(closing, rise)
-    share = np.linspace(0, 1, 51)
-    states = found.at(share)
-    pairs = [
-        (found.p[0], exact.length), (found.p[1], exact.reaction), (states[4, -1], exact.energy),
-        (states[1, 0], exact.curvature),
-    ]  # fmt: skip
-    size = abs(exact.reaction) + abs(exact.tension)
-    scale = [exact.length, size, exact.energy, exact.curvature]
-    errors = [abs(a - b) / c for (a, b), c in zip(pairs, scale, strict=True)]
-    errors.append(abs(found.p[2] - exact.tension) / size)
-    return float(max(*errors, np.abs(states[2:4] - exact.points(share)[:2]).max()))
-
-
-def _apart(shapes: list[SegmentShape]) -> np.ndarray:
-    """Largest and root mean square distance of each from each."""
-    found = np.zeros((len(shapes), len(shapes), 2))
-    for i, j in combinations(range(len(shapes)), 2):
-        found[i, j] = found[j, i] = distances(shapes[i].curve, shapes[j].curve)
-    return found
-
-
-def _scalars(worm: ChannelWorm, shapes: list[SegmentShape], apart: np.ndarray) -> dict[str, Scalar]:
+def _scalars(worm: ChannelWorm, shapes: list[SegmentShape], apart: np.ndarray) -> dict[str, Any]:
     stiffness = worm.bending_stiffness
     lengths = [shape.curve.length for shape in shapes]
     counts = [
@@ -233,84 +111,108 @@ def _scalars(worm: ChannelWorm, shapes: list[SegmentShape], apart: np.ndarray) -
         for length, count in zip(lengths, counts, strict=True)
     ]
     curvatures = [shape.curvature for shape in shapes]
-    found: dict[str, tuple[Any, str]] = {
-        "shapes": ([shape.name for shape in shapes], "count"),
-        "arc_length": (lengths, "length"),
-        "segments": (counts, "count"),
-        "velocity_per_frequency": (velocities, "length"),
-        "curvature_max": (curvatures, "curvature"),
-        "surface_strain": (_times(curvatures, worm.body / 2), "share"),
-        "angle_max": ([shape.curve.steepest() for shape in shapes], "angle"),
-        "rise": (worm.rise, "length"),
-        "body": (worm.body, "length"),
-        "channel": (worm.channel, "length"),
-        "bending_stiffness": (stiffness, "bending_stiffness"),
+    found = {
+        "shapes": [shape.name for shape in shapes],
+        "arc_length": lengths,
+        "segments": counts,
+        "velocity_per_frequency": velocities,
+        "curvature_max": curvatures,
+        "surface_strain": _times(curvatures, worm.body / 2),
+        "angle_max": [shape.curve.steepest() for shape in shapes],
+        "rise": worm.rise,
+        "body": worm.body,
+        "channel": worm.channel,
+        "bending_stiffness": stiffness,
         **_closest(shapes, apart),
     }
-    for name, over, quantity in (
-        ("energy", "curvature", "energy"), ("reaction", "curvature_squared", "force"),
-        ("tension", "curvature_squared", "force"),
-    ):  # fmt: skip
+    for name in ("energy", "reaction", "tension"):
         values = [getattr(shape, name) for shape in shapes]
-        found[f"{name}_over_stiffness"] = (values, over)
-        found[name] = (_times(values, stiffness), quantity)
-    return {name: Scalar(value, unit_of(kind, "SI")) for name, (value, kind) in found.items()}
+        found |= {f"{name}_over_stiffness": values, name: _times(values, stiffness)}
+    return found
 
 
 def _times(values: list[float | None], factor: float | None) -> list[float | None]:
     return [None if v is None or factor is None else v * factor for v in values]
 
 
-def _closest(shapes: list[SegmentShape], apart: np.ndarray) -> dict[str, tuple[Any, str]]:
+def _closest(shapes: list[SegmentShape], apart: np.ndarray) -> dict[str, Any]:
     """For each exact shape the assumed one whose largest distance is the least."""
     assumed = [k for k, shape in enumerate(shapes) if not shape.exact]
     exact = [k for k, shape in enumerate(shapes) if shape.exact]
     best = {e: min(assumed, key=lambda k, e=e: apart[e, k, 0]) for e in exact if shapes[e].spans}
     far = [apart[e, best[e]] if e in best else (None, None) for e in exact]
     return {
-        "exact_shapes": ([shapes[e].name for e in exact], "count"),
-        "closest_shape": ([shapes[best[e]].name if e in best else None for e in exact], "count"),
-        "closest_distance": ([most for most, _ in far], "length"),
-        "closest_distance_rms": ([mean for _, mean in far], "length"),
+        "exact_shapes": [shapes[e].name for e in exact],
+        "closest_shape": [shapes[best[e]].name if e in best else None for e in exact],
+        "closest_distance": [most for most, _ in far],
+        "closest_distance_rms": [mean for _, mean in far],
     }
 
 
-def _variables(shapes: list[SegmentShape], apart: np.ndarray, count: int) -> tuple[Variable, ...]:
+def _variables(shapes: list[SegmentShape], apart: np.ndarray, count: int) -> dict[str, Any]:
     share = np.linspace(0.0, 1.0, count)
     x, y, theta = np.array([shape.curve.points(share) for shape in shapes]).swapaxes(0, 1)
-    along, pairs, m = ("shape", "share"), ("shape", "other_shape"), unit_of("length", "SI")
-    exact = [shape.exact for shape in shapes]
-    return (
-        Variable("share", "1", ("share",), share, "share of the length of the segment"),
-        Variable("x", m, along, x, "place along the channel"),
-        Variable("y", m, along, y, "height of the centre line"),
-        Variable("theta", unit_of("angle", "SI"), along, theta, "angle against the channel"),
-        Variable("distance_max", m, pairs, apart[..., 0], "largest distance at the same share"),
-        Variable("distance_rms", m, pairs, apart[..., 1], "root mean square of that distance"),
-        Variable("exact", "1", ("shape",), np.array(exact), "whether computed from forces"),
-    )
+    return {
+        "share": share,
+        "x": x,
+        "y": y,
+        "theta": theta,
+        "distance_max": apart[..., 0],
+        "distance_rms": apart[..., 1],
+        "exact": np.array([shape.exact for shape in shapes]),
+    }
 
 
 def _scalars_of_rod(
-    rod: RodAtRest | None,
-    shapes: list[SegmentShape],
-    apart: np.ndarray,
-    swept: dict[str, tuple[Any, str]],
-) -> dict[str, Scalar]:
+    rod: RodAtRest | None, sweep: Sweep | None, shapes: list[SegmentShape], apart: np.ndarray
+) -> dict[str, Any]:
     if rod is None:
         return {}
+    table, own, other = rod.table, rod.rest.energy, rod.other_energy
+    upper, lower = (float(part.sum()) for part in rod.walls)
     assumed = [k for k, shape in enumerate(shapes) if not shape.exact]
     best = min(assumed, key=lambda k: apart[-1, k, 0])
-    told = rod.scalars() | swept
-    told["closest_shape_rod"] = (shapes[best].name if rod.reached else None, "count")
-    told["closest_distance_rod"] = (apart[-1, best, 0] if rod.reached else None, "length")
-    return {name: Scalar(value, unit_of(kind, "SI")) for name, (value, kind) in told.items()}
+    return {
+        "rod_reaches_walls": rod.reached,
+        "rod_arc_lengths": list(rod.lengths),
+        "rod_stretch": rod.stretch,
+        "rod_compression_max": rod.compression,
+        "rod_force_upper": upper,
+        "rod_force_lower": lower,
+        "rod_energy": own,
+        "rod_energy_on_one_wall": other,
+        "rod_preferred": None if other is None else own < other,
+        "assumed_susceptibility": table.susceptibility,
+        "assumed_poisson_ratio": table.poisson_ratio,
+        **table.assumed,
+        "coils_on": table.on,
+        **({"sweep_closest_shape": sweep.closest} if sweep else {}),
+        "closest_shape_rod": shapes[best].name if rod.reached else None,
+        "closest_distance_rod": apart[-1, best, 0] if rod.reached else None,
+    }
 
 
-def _rod_variables(rod: RodAtRest | None, swept: tuple[Variable, ...]) -> Iterator[Variable]:
-    if rod is not None:
-        yield from rod.variables()
-        yield from swept
+def _variables_of_rod(rod: RodAtRest | None, sweep: Sweep | None) -> dict[str, np.ndarray]:
+    """Places of the nodes and the forces on them, the lower wall at y = 0."""
+    if rod is None:
+        return {}
+    x, y, angle = rod.rest.places.reshape(3, -1)
+    upper, lower = rod.walls
+    found = {
+        "rod_x": x,
+        "rod_y": y + rod.worm.channel / 2,
+        "rod_angle": angle,
+        "rod_force_upper_at": upper,
+        "rod_force_lower_at": lower,
+        "rod_node_length": rod.rod.weights,
+    }
+    if sweep is None:
+        return found
+    return found | {
+        "sweep": sweep.turns,
+        "sweep_arc_length": sweep.lengths,
+        "sweep_distance": sweep.apart,
+    }
 
 
 def _warnings_of_rod(rod: RodAtRest | None, table: SegmentShapesScene) -> Iterator[str]:

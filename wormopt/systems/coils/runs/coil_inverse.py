@@ -11,22 +11,21 @@ from typing import Any
 import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.magnetics.coils import CoilRow
+from wormopt.magnetics.coils import CoilRow, field_by_quadrature
 from wormopt.magnetics.travelling import MovingProfile, moving_profile
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.coils.row_currents import RowFit, TravellingTarget, fit_currents
-from wormopt.systems.coils.runs.coil_parts import (
+from wormopt.systems.coils.runs.coil_row import (
     ACCEPTED,
-    coil_scalars,
-    field_by_quadrature,
+    in_the_frame,
     interior,
     row_of,
+    sizes,
     warnings_of_coils,
 )
-from wormopt.systems.coils.scenes.coil_inverse import CoilInverseScene
+from wormopt.systems.coils.scenes.coil_rows import CoilInverseScene
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.runs.coil_film import CarriedFilm, carried_film
 from wormopt.systems.film.units import Fluid
@@ -79,39 +78,44 @@ def run(scene: Scene[CoilInverseScene], report: Report) -> Result:
         raise refused(scene, error) from None
     done = time.perf_counter()
     report("second route", 0.9)
-    check = _second(found, table.line.height)
+    recheck, excess = _recheck(found, table.line.height), _excess(found, table)
     film = carried_film(found.wave, found.pressure, found.fluid.tension)
     residual = film.residual if film else None
     if residual is not None and not residual <= _SOLVED:
         film = None
-    excess = _excess(found, table)
-    faults = []
-    if not check["error"] <= ACCEPTED:
-        faults.append(f"H² by quadrature differs by {check['error']:.2g} of the largest")
-    if not excess <= _VIOLATION:
-        faults.append(f"currents exceed their bounds by {excess:.2g} of these")
-    return Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=_scalars(found, table) | _film_scalars(film),
-        variables=(*_variables(found), *_film_variables(film)),
-        trust={
-            "solver": {"status": found.fit.solution.status, "success": found.fit.solution.success,
-                       "iterations": found.fit.solution.iterations},
-            "violation": found.fit.solution.violation,
+    error, solution = recheck["error"], found.fit.solution
+    return conclude(
+        scene,
+        _scalars(found, film) | sizes(table),
+        _variables(found, film),
+        checks=[
+            Check(
+                "field by quadrature",
+                error,
+                ACCEPTED,
+                f"H² by quadrature differs by {error:.2g} of the largest",
+            ),
+            Check(
+                "bounds of the currents",
+                excess,
+                _VIOLATION,
+                f"currents exceed their bounds by {excess:.2g} of these",
+            ),
+        ],
+        facts={
+            "solver": {
+                name: getattr(solution, name) for name in ("status", "success", "iterations")
+            },
+            "violation": solution.violation,
             "bound_violation": excess,
-            "recheck": check,
+            "recheck": recheck,
             "film_residual": residual,
             "film_accepted": _SOLVED,
             "starts": list(found.fit.starts),
-            "warnings": [*_warnings(found, table), *_film_warnings(found, film, residual)],
         },
-        timings_s={"optimise": done - begin, "recheck": time.perf_counter() - done},
-        scene_text=scene.text,
-    )  # fmt: skip
+        warnings=(*_warnings(found, table), *_film_warnings(found, film, residual)),
+        timings={"optimise": done - begin, "recheck": time.perf_counter() - done},
+    )
 
 
 def find_currents(scene: Scene[CoilInverseScene], report: Report) -> CurrentsFound:
@@ -174,7 +178,7 @@ def _target(fluid: Fluid, wave: CosineWave, field: float | None) -> TravellingTa
     )
 
 
-def _second(found: CurrentsFound, z: float) -> dict[str, Any]:
+def _recheck(found: CurrentsFound, z: float) -> dict[str, Any]:
     """H² at a few places and times by quadrature of Biot and Savart's law."""
     share = (np.arange(_POINTS) * 0.6180339887 + 0.1) % 1.0
     places = found.profile.places
@@ -211,54 +215,46 @@ def _excess(found: CurrentsFound, table: CoilInverseScene) -> float:
     return max(float(excess), 0.0)
 
 
-def _scalars(found: CurrentsFound, table: CoilInverseScene) -> dict[str, Scalar]:
+def _scalars(found: CurrentsFound, film: CarriedFilm | None) -> dict[str, Any]:
     fit, target, profile = found.fit, found.target, found.profile
     largest = float(np.max(np.abs(fit.nodes)))
-    numbers = {
-        "field_residual": (profile.residual(found.wanted), "share"),
-        "field_residual_mean": (
-            float(np.sqrt(np.mean((profile.mean - found.wanted) ** 2)) / np.std(found.wanted)),
-            "share",
-        ),
-        "field_residual_program": (fit.residual, "share"),
-        "ripple": (profile.ripple, "share"),
-        "H0": (math.sqrt(fit.square), "magnetic_field"),
-        "H0_least": (math.sqrt(target.least_square), "magnetic_field"),
-        "field_max": (math.sqrt(float(profile.square.max())), "magnetic_field"),
-        "currents_max": (largest, "ampere_turns"),
-        "currents_share": (largest / table.coils.ampere_turns, "share"),
-        "slew_max": (_slew(found), "ampere_turn_rate"),
-        "wavelength": (target.wavelength, "length"),
-        "period": (target.period, "time"),
-        "wave_speed": (target.wavelength / target.period, "speed"),
-        "pressure_unit": (found.fluid.pressure, "stress"),
-        "tension_number": (found.fluid.tension, "share"),
-        "eps": (found.fluid.eps, "share"),
-        "mean_flow": (found.wave.mean_flow, "share"),
+    off = profile.mean - found.wanted
+    return {
+        "field_residual": profile.residual(found.wanted),
+        "field_residual_mean": float(np.sqrt(np.mean(off**2)) / np.std(found.wanted)),
+        "field_residual_program": fit.residual,
+        "ripple": profile.ripple,
+        "H0": math.sqrt(fit.square),
+        "H0_least": math.sqrt(target.least_square),
+        "field_max": math.sqrt(float(profile.square.max())),
+        "currents_max": largest,
+        "currents_share": largest / found.row.coil.ampere_turns,
+        "slew_max": _slew(found),
+        "wavelength": target.wavelength,
+        "period": target.period,
+        "wave_speed": target.wavelength / target.period,
+        "pressure_unit": found.fluid.pressure,
+        "tension_number": found.fluid.tension,
+        "eps": found.fluid.eps,
+        "mean_flow": found.wave.mean_flow,
+        "film_distance": film.distance if film else None,
+        "film_mean_flow": film.mean_flow if film else None,
+        "film_growth_rate": film.growth if film else None,
     }
-    own = {name: Scalar(value, unit_of(kind, "SI")) for name, (value, kind) in numbers.items()}
-    return own | coil_scalars(table.coils, table.line)
 
 
-def _variables(found: CurrentsFound) -> Iterator[Variable]:
-    fit, profile = found.fit, found.profile
-    square, ampere = unit_of("magnetic_field_squared", "SI"), unit_of("ampere_turns", "SI")
-    yield Variable("phase", "rad", ("phase",), profile.xi, "phase of the wave")
-    yield Variable("square_target", square, ("phase",), found.wanted, "H² wanted")
-    for name, values in (
-        ("square_mean", profile.mean),
-        ("square_low", profile.square.min(axis=0)),
-        ("square_high", profile.square.max(axis=0)),
-    ):
-        yield Variable(name, square, ("phase",), values, f"H² in the frame of the wave, {name[7:]}")
-    yield Variable("pressure_mean", "1", ("phase",), found.pressure, "(mu - 1) H² / (8 pi) over P")
-    t = np.linspace(0.0, fit.course.period, _SAMPLES)
-    yield Variable("time", unit_of("time", "SI"), ("time",), t, "time")
-    yield Variable("current", ampere, ("coil", "time"), fit.course(t), "ampere-turns")
-    for name, values in fit.course.arrays().items():
-        dims = ("break",) if name == "breaks" else ("piece", "coil", "power")
-        unit = unit_of("time", "SI") if name == "breaks" else ampere
-        yield Variable(f"gait_{name}", unit, dims, values, f"currents as a Gait: {name}")
+def _variables(found: CurrentsFound, film: CarriedFilm | None) -> dict[str, np.ndarray]:
+    course = found.fit.course
+    t = np.linspace(0.0, course.period, _SAMPLES)
+    told = in_the_frame(found.profile) | {
+        "square_target": found.wanted,
+        "pressure_mean": found.pressure,
+        "time": t,
+        "current": course(t),
+        "gait_breaks": course.breaks,
+        "gait_polynomial": course.polynomial,
+    }
+    return told | ({"film_phase": film.xi, "film_thickness": film.thickness} if film else {})
 
 
 def _warnings(found: CurrentsFound, table: CoilInverseScene) -> Iterator[str]:
@@ -291,25 +287,6 @@ def _poor(residual: float) -> Iterator[str]:
         )
     elif residual > _POOR:
         yield f"the field is little like the one wanted: field_residual is {residual:.3g}; {remedy}"
-
-
-# -- the film that results -------------------------------------------------------------------------
-
-
-def _film_scalars(film: CarriedFilm | None) -> dict[str, Scalar]:
-    """Numbers of the film, unknown where there is none near the wave."""
-    return {
-        "film_distance": Scalar(film.distance if film else None),
-        "film_mean_flow": Scalar(film.mean_flow if film else None),
-        "film_growth_rate": Scalar(film.growth if film else None),
-    }
-
-
-def _film_variables(film: CarriedFilm | None) -> Iterator[Variable]:
-    if film is not None:
-        yield Variable("film_phase", "rad", ("film_phase",), film.xi, "phase of the wave")
-        what = "thickness of the film that results, over the mean"
-        yield Variable("film_thickness", "1", ("film_phase",), film.thickness, what)
 
 
 def _film_warnings(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from decimal import ROUND_FLOOR, Decimal, localcontext
 from typing import Any
 
@@ -12,23 +13,27 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError, SolveError, interruptible
-from wormopt.magnetics.hydrostatics import Fluid, Langevin, Linear, balance
-from wormopt.magnetics.placed import Placed
+from wormopt.magnetics.hydrostatics import Fluid, Langevin, Linear, Placed, balance
+from wormopt.magnetics.material import MU0
 from wormopt.magnetics.winding import Coil
 from wormopt.progress import Report
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.coils.profile import Profile
-from wormopt.systems.coils.runs.coil_forces import ACCEPTED, Rested, checks_of
-from wormopt.systems.coils.runs.coil_maps import scalars_of, variables_of
-from wormopt.systems.coils.scenes.coil_pressure import CoilPressureScene
-from wormopt.systems.coils.settle import Settled, settle
+from wormopt.systems.coils.profile import Profile, Settled, settle
+from wormopt.systems.coils.rested import Rested, field_of_pressure
+from wormopt.systems.coils.scenes.hydrostatics import CoilPressureScene
 
+ACCEPTED = {"defect": 1e-4, "volume_error": 1e-9, "force_imbalance": 1e-6, "field_error": 1e-7}
+"""Largest values of what the trust report holds, for a result that is trusted."""
+_DEMAGNETISED = 0.1
+_STRONG = 10.0  # tesla; more than any magnet in a laboratory but for the largest
 # The field's quadrature is off by exp(-2 _DIGITS) of it at the nearest point.
 _DIGITS = 10.0
 # Of the gap under a coil above, so much may be filled: the field is resolved that far.
 _FILLED = 0.75
 _UNRESOLVED = 1e-3
+# Points along the bottom, up the fluid, and of the map around coil and fluid.
+_ALONG, _DEEP, _WIDE, _HIGH = 401, 13, 97, 61
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,34 +54,29 @@ def run(scene: Scene[CoilPressureScene], report: Report) -> Result:
     """
     table, begin = scene.table, time.perf_counter()
     setup = setup_of(scene)
-    surface = table.surface
     with interruptible():
         settled = settle(
-            setup.profile, tolerance=surface.tolerance, degree=surface.degree, floor=0.0,
-            ceiling=setup.ceiling, report=report,
+            setup.profile, tolerance=table.surface.tolerance, degree=table.surface.degree,
+            floor=0.0, ceiling=setup.ceiling, report=report,
         )  # fmt: skip
     solved = time.perf_counter()
     report("checking", None)
     rested = Rested(setup.fluid, setup.placed, settled, table.coil.ampere_turns * settled.load)
-    result = _result(scene, rested)
-    timings = {"solve": solved - begin, "check": time.perf_counter() - solved}
-    result = _with(result, timings)
+    result = _result(scene, rested, {"solve": solved - begin})
     if settled.stop is not None or not settled.resolved:
         reason, suggestion, code = _why(table, setup, settled)
-        partial = _with(result, timings, status="failed", reason=reason)
-        raise SolveError(reason, suggestion, partial, code)
+        raise SolveError(reason, suggestion, result.failed(reason), code)
     return result
 
 
 def setup_of(scene: Scene[CoilPressureScene]) -> Setup:
     """Make fluid, coil and surface of a scene; SceneError if the coil cannot be."""
     table = scene.table
-    magnet, layer = table.fluid, table.layer
+    magnet, layer, winding = table.fluid, table.layer, table.coil
     law: Linear | Langevin = Linear(magnet.chi)
     if magnet.saturation is not None:
         law = Langevin(magnet.chi, magnet.saturation)
     fluid = Fluid(magnet.density, magnet.surface_tension, law, table.gravity)
-    winding = table.coil
     try:
         coil = Coil(winding.inner_radius, winding.outer_radius, winding.length)
     except ArgumentError as error:
@@ -86,13 +86,8 @@ def setup_of(scene: Scene[CoilPressureScene]) -> Setup:
     if winding.side == "above":
         gap = winding.distance - layer.thickness
         clearance, ceiling = (1 - _FILLED) * gap, layer.thickness + _FILLED * gap
-    profile = _profile(fluid, placed, table, _nodes(coil, clearance))
+    profile = _profile(fluid, placed, table, coil.nodes(clearance, _DIGITS))
     return Setup(fluid, placed, profile, ceiling)
-
-
-def _nodes(coil: Coil, clearance: float) -> int:
-    reach = math.asinh(2 * clearance / (coil.outer - coil.inner))
-    return min(150, 2 + math.ceil(max(_DIGITS / reach, 2.0)))
 
 
 def _profile(fluid: Fluid, placed: Placed, table: CoilPressureScene, nodes: int) -> Profile:
@@ -107,32 +102,135 @@ def _profile(fluid: Fluid, placed: Placed, table: CoilPressureScene, nodes: int)
     )  # fmt: skip
 
 
-def _result(scene: Scene[CoilPressureScene], rested: Rested) -> Result:
-    table = scene.table
-    trust = checks_of(rested, table)
-    faults = [
-        f"{name.replace('_', ' ')} is {trust[name]:.2g}, where {accepted:g} is accepted"
-        for name, accepted in ACCEPTED.items()
-        if not trust[name] <= accepted
-    ]
-    if trust["growth_rate"] >= 0:
-        faults.append("the surface is not stable")
-    return Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=scalars_of(rested, table, trust),
-        variables=variables_of(rested, table),
-        trust=trust,
+def _result(scene: Scene[CoilPressureScene], rested: Rested, timings: dict[str, float]) -> Result:
+    begin, table = time.perf_counter(), scene.table
+    equations, y, load = rested.settled.equations, rested.settled.y, rested.settled.load
+    facts = {
+        "degree": equations.n,
+        "tail": equations.tail(y),
+        "defect": equations.defect(y, load),
+        "volume_error": rested.volume_error,
+        "force_imbalance": rested.force_imbalance,
+        "field_error": rested.field_error,
+        "growth_rate": float(equations.rates_of_growth(y, load)[0].real),
+        "accepted": ACCEPTED,
+        "demagnetisation": rested.demagnetisation,
+    }
+    x = np.linspace(*equations.profile.ends, _ALONG)
+    return conclude(
+        scene,
+        _scalars(rested, table, x)
+        | {name: facts[name] for name in ("volume_error", "demagnetisation")},
+        _along(rested, table, x) | _inside(rested, x[:: _ALONG // 100]) | _around(rested, x),
+        checks=_checks(facts),
+        facts=facts,
+        warnings=_warnings(rested, table, facts["demagnetisation"]),
+        timings=timings | {"check": time.perf_counter() - begin},
         attributes={"winding": rested.placed.section},
-        scene_text=scene.text,
     )
 
 
-def _with(result: Result, timings: dict[str, float], **changes: Any) -> Result:
-    return replace(result, timings_s=timings, **changes)
+def _checks(facts: dict[str, Any]) -> Iterator[Check]:
+    for key, accepted in ACCEPTED.items():
+        name, found = key.replace("_", " "), facts[key]
+        yield Check(name, found, accepted, f"{name} is {found:.2g}, where {accepted:g} is accepted")
+    growth = facts["growth_rate"]
+    yield Check("growth rate", growth, 0.0, "the surface is not stable", passed=growth < 0)
+
+
+def _warnings(rested: Rested, table: CoilPressureScene, demagnetised: float) -> Iterator[str]:
+    if demagnetised > _DEMAGNETISED:
+        yield (
+            f"the field of the coil is taken as if there were no fluid; by the estimate of a flat "
+            f"layer the fluid weakens its pull on the surface by up to {demagnetised:.0%}"
+        )
+    stated = table.stated_pressure
+    if stated is not None:
+        needed = MU0 * field_of_pressure(rested.fluid, stated)
+        if needed > _STRONG:
+            yield (
+                f"stated_pressure = {stated:g} Pa would take a field of {needed:.3g} T in this "
+                "fluid, far beyond that of any coil; check its unit"
+            )
+
+
+# -- what the result holds -------------------------------------------------------------------------
+
+
+def _scalars(rested: Rested, table: CoilPressureScene, x: np.ndarray) -> dict[str, Any]:
+    thickness, fluid = table.layer.thickness, rested.fluid
+    h, bottom = rested.surface(x), rested.pressure(x, np.zeros_like(x))
+    below, above = (np.hypot(*rested.field(x, z)) for z in (np.zeros_like(x), h))
+    still = fluid.weight * thickness
+    change = float(np.max(bottom)) - still
+    ratio = np.asarray(fluid.magnetisation.ratio(below**2))
+    found = {
+        "ampere_turns": rested.current,
+        "pressure_max": np.max(bottom),
+        "pressure_change_max": change,
+        "pressure_without_field": still,
+        "surface_rise_max": np.max(h) - thickness,
+        "surface_drop_max": thickness - np.min(h),
+        "slope_max": np.max(np.abs(rested.surface(x, 1))),
+        "field_bottom_max": np.max(below),
+        "field_surface_max": np.max(above),
+        "induction_bottom_max": np.max(MU0 * (1 + ratio) * below),
+        "magnetic_force": rested.force,
+        "capillary_length": fluid.capillary_length,
+        "stated_pressure": table.stated_pressure,
+    }
+    if table.stated_pressure is None:
+        return found
+    needed = field_of_pressure(fluid, table.stated_pressure)
+    return found | {
+        "pressure_over_stated": change / table.stated_pressure,
+        "field_for_stated": needed,
+        "induction_for_stated": MU0 * needed,
+    }
+
+
+def _along(rested: Rested, table: CoilPressureScene, x: np.ndarray) -> dict[str, np.ndarray]:
+    """What is at the bottom and at the surface, and the branch of surfaces over the current."""
+    h, flat, path = rested.surface(x), np.zeros_like(x), rested.settled.path
+    return {
+        "x": x,
+        "surface": h,
+        "pressure": rested.pressure(x, flat),
+        "field_bottom": np.hypot(*rested.field(x, flat)),
+        "field_surface": np.hypot(*rested.field(x, h)),
+        "branch_current": path[:, 0] * table.coil.ampere_turns,
+        "branch_highest": path[:, 2],
+        "branch_lowest": path[:, 1],
+    }
+
+
+def _inside(rested: Rested, x: np.ndarray) -> dict[str, np.ndarray]:
+    """Pressure in the fluid at equal shares of its height."""
+    share = np.linspace(0, 1, _DEEP)
+    z = share[:, None] * rested.surface(x)
+    p = rested.pressure(np.broadcast_to(x, z.shape), z)
+    return {"share": share, "inside_x": x, "inside_z": z, "inside_pressure": p}
+
+
+def _around(rested: Rested, along: np.ndarray) -> dict[str, np.ndarray]:
+    """Induction on a grid that holds coil and fluid; not a number in the winding."""
+    placed, coil = rested.placed, rested.placed.coil
+    size = coil.length / 2 if placed.axis == "vertical" else coil.outer
+    top = float(np.max(rested.surface(along)))
+    ends = (placed.middle - 1.2 * size, placed.middle + 1.2 * size)
+    x = np.linspace(along[0], along[-1], _WIDE)
+    z = np.linspace(min(0.0, ends[0]), max(1.5 * top, ends[1]), _HIGH)
+    X, Z = np.meshgrid(x, z)
+    free = placed.clearance(X, Z) > 1e-3 * coil.outer
+    B = np.full((2, *X.shape), np.nan)
+    H = np.array(rested.field(X[free], Z[free]))
+    wet = (Z[free] >= 0) & (Z[free] <= rested.surface(X[free]))
+    ratio = np.asarray(rested.fluid.magnetisation.ratio(np.sum(H**2, axis=0)))
+    B[:, free] = MU0 * (1 + wet * ratio) * H
+    return {"map_x": x, "map_z": z, "induction_x": B[0], "induction_z": B[1]}
+
+
+# -- where the surface does not rest ---------------------------------------------------------------
 
 
 def _rounded_down(number: float, digits: int = 3) -> str:
@@ -155,11 +253,8 @@ def _why(table: CoilPressureScene, setup: Setup, settled: Settled) -> tuple[str,
     unsure = not stop.uncertainty <= _UNRESOLVED * stop.load
     at = f"{'about ' if unsure else ''}{current:.{3 if unsure else 6}g} ampere-turns"
     below = f"write coil.ampere_turns below {_rounded_down(current)}"
-    steep = float(
-        np.abs(
-            settled.equations.at(settled.y, np.linspace(*settled.equations.profile.ends, 801), 1)
-        ).max()
-    )
+    x = np.linspace(*settled.equations.profile.ends, 801)
+    steep = float(np.abs(settled.equations.at(settled.y, x, 1)).max())
     words = {
         "fold": (
             f"there is no surface at rest near the layer beyond {at}, where the branch folds: "

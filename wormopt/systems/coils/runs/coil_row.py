@@ -1,4 +1,7 @@
-"""Scenes of kind ``coil-row``: the field of a row of coils that are switched in turn."""
+"""Scenes of kind ``coil-row``: the field of a row of coils that are switched in turn.
+
+Also what scenes of kind ``coil-inverse`` share with it.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.magnetics.coils import CoilRow
+from wormopt.magnetics.coils import Coil, CoilRow, field_by_quadrature
 from wormopt.magnetics.travelling import (
     MovingProfile,
     harmonic_shares,
@@ -17,19 +20,14 @@ from wormopt.magnetics.travelling import (
 )
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.coils.runs.coil_parts import (
-    ACCEPTED,
-    coil_scalars,
-    interior,
-    recheck,
-    row_of,
-    warnings_of_coils,
-)
-from wormopt.systems.coils.scenes.coil_row import CoilRowScene
+from wormopt.systems.coils.scenes.coil_rows import CoilRowScene, CoilsTable, LineTable, RowScene
 
+ACCEPTED = 1e-8
+"""Largest relative difference of fields by formula and by quadrature that is accepted."""
+# What copper carries for long without cooling, in A/m².
+_DENSITY = 5e6
 _PER_PITCH, _PHASES_PER_STEP, _MOST_PHASES = 16, 16, 1024
 _WAVELENGTH_POINTS = 256
 _CHECKED = 3
@@ -41,8 +39,8 @@ def run(scene: Scene[CoilRowScene], report: Report) -> Result:
     Status "failed" where the field found by quadrature is another one.
     """
     table = scene.table
-    row = row_of(table.coils)
-    course, wavelength, amount = _course(table)
+    row, course, amount = row_of(table.coils), _course(table), _ampere_turns(table)
+    wavelength = course.pieces * row.pitch
     z, begin = table.line.height, time.perf_counter()
     report("field along the row", None)
     x = row.pitch * np.linspace(-1, row.count, _PER_PITCH * (row.count + 1) + 1)
@@ -61,31 +59,113 @@ def run(scene: Scene[CoilRowScene], report: Report) -> Result:
     shares = _shares(row, course, wavelength, z, table.switching.on)
     done = time.perf_counter()
     report("second route", 0.8)
-    check = _second(row, course, table)
-    fault = "" if check["error"] <= ACCEPTED else _fault(check["error"])
-    return Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        status="failed" if fault else "ok",
-        reason=fault,
-        scalars=_scalars(table, field, profile, shares, wavelength, amount),
-        variables=tuple(_variables(row, x, course, field, profile)),
-        trust={"recheck": check, "warnings": [*_warnings(table, amount, shares)]},
-        timings_s={"field": done - begin, "recheck": time.perf_counter() - done},
-        scene_text=scene.text,
+    error = _error(row, course, z)
+    speed = table.coils.pitch * table.switching.rate
+    return conclude(
+        scene,
+        {
+            "field_max": float(field.max()),
+            "wave_speed": speed,
+            "wavelength": wavelength,
+            "frequency": speed / wavelength,
+            "first_harmonic_share": shares[0],
+            "harmonic_shares": shares,
+            "ripple": profile.ripple,
+            "currents_max": amount,
+        }
+        | sizes(table),
+        {
+            "place": x,
+            "time": steps,
+            "field": field,
+            "coil_place": row.places,
+            "current": course(steps),
+        }
+        | in_the_frame(profile),
+        checks=[
+            Check(
+                "field by quadrature",
+                error,
+                ACCEPTED,
+                f"the field found by quadrature differs by {error:.2g} of the largest, where "
+                f"{ACCEPTED:g} is accepted; the line is too near to a winding",
+            )
+        ],
+        facts={"recheck": {"error": error, "accepted": ACCEPTED, "points": _CHECKED}},
+        warnings=_warnings(table, amount, shares),
+        timings={"field": done - begin, "recheck": time.perf_counter() - done},
     )
 
 
-def _course(table: CoilRowScene) -> tuple[Gait, float, float]:
-    """Currents, wavelength, ampere-turns of a coil that is on."""
-    coils, switching = table.coils, table.switching
-    given = switching.ampere_turns
-    amount = coils.ampere_turns if given is None else given
-    course = switched_course(
-        coils.count, amount, switching.rate, on=switching.on, every=switching.every
+def row_of(table: CoilsTable) -> CoilRow:
+    """Make the row of a scene."""
+    coil = Coil(table.inner, table.outer, table.length, table.ampere_turns)
+    return CoilRow(coil, table.count, table.pitch, table.axis, table.gap)
+
+
+def interior(row: CoilRow, line: LineTable, per_pitch: int) -> np.ndarray:
+    """Places along the row, in m, far from its ends and evenly over whole pitches.
+
+    One more in all than `per_pitch` gives, so that no two lie alike towards their nearest
+    coil and all together are even over a pitch too.
+    """
+    pitches = row.count - 1 - 2 * line.margin
+    count = pitches * per_pitch + 1
+    return row.pitch * (line.margin + pitches * (np.arange(count) + 0.5) / count)
+
+
+def sizes(table: RowScene) -> dict[str, Any]:
+    """Scalars: sizes of the row, most of them assumptions of the scene."""
+    coils = table.coils
+    section = coils.length * (coils.outer - coils.inner)
+    return {
+        "coils": coils.count,
+        "pitch": coils.pitch,
+        "coil_inner": coils.inner,
+        "coil_outer": coils.outer,
+        "coil_length": coils.length,
+        "coil_gap": coils.gap,
+        "line_height": table.line.height,
+        "currents_limit": coils.ampere_turns,
+        "current_density_limit": coils.ampere_turns / section,
+    }
+
+
+def in_the_frame(profile: MovingProfile) -> dict[str, np.ndarray]:
+    """Variables: H² over the phase of the wave."""
+    return {
+        "phase": profile.xi,
+        "square_mean": profile.mean,
+        "square_low": profile.square.min(axis=0),
+        "square_high": profile.square.max(axis=0),
+    }
+
+
+def warnings_of_coils(table: CoilsTable, largest: float) -> Iterator[str]:
+    """Yield what the formulas neglect of coils at `largest` ampere-turns."""
+    density = largest / (table.length * (table.outer - table.inner))
+    if density > _DENSITY:
+        yield (
+            f"{density / 1e6:.3g} A/mm² over the whole section of the winding; without cooling "
+            f"copper carries about {_DENSITY / 1e6:g} for long"
+        )
+
+
+def _ampere_turns(table: CoilRowScene) -> float:
+    """Of a coil that is on."""
+    given = table.switching.ampere_turns
+    return table.coils.ampere_turns if given is None else given
+
+
+def _course(table: CoilRowScene) -> Gait:
+    switching = table.switching
+    return switched_course(
+        table.coils.count,
+        _ampere_turns(table),
+        switching.rate,
+        on=switching.on,
+        every=switching.every,
     )
-    return course, course.pieces * coils.pitch, amount
 
 
 def _shares(row: CoilRow, course: Gait, wavelength: float, z: float, on: int) -> np.ndarray:
@@ -98,62 +178,18 @@ def _shares(row: CoilRow, course: Gait, wavelength: float, z: float, on: int) ->
     return harmonic_shares(np.sqrt(row.square(centre + wavelength * points, z, currents)[:, 0]))
 
 
-def _second(row: CoilRow, course: Gait, table: CoilRowScene) -> dict[str, Any]:
-    """Compare the field with that by quadrature, at points that are nothing special."""
+def _error(row: CoilRow, course: Gait, z: float) -> float:
+    """Largest difference of the field from that by quadrature, over the largest.
+
+    At points that are nothing special.
+    """
     share = (np.arange(_CHECKED) * 0.6180339887) % 1.0
     x = row.pitch * (row.count - 1) * share
     currents = course(course.period * (share[::-1] + 0.01))
-    return recheck(row, x, table.line.height, currents)
-
-
-def _fault(error: float) -> str:
-    return (
-        f"the field found by quadrature differs by {error:.2g} of the largest, where "
-        f"{ACCEPTED:g} is accepted; the line is too near to a winding"
-    )
-
-
-def _scalars(
-    table: CoilRowScene,
-    field: np.ndarray,
-    profile: MovingProfile,
-    shares: np.ndarray,
-    wavelength: float,
-    amount: float,
-) -> dict[str, Scalar]:
-    rate = table.switching.rate
-    found = {
-        "field_max": (float(field.max()), "magnetic_field"),
-        "wave_speed": (table.coils.pitch * rate, "speed"),
-        "wavelength": (wavelength, "length"),
-        "frequency": (table.coils.pitch * rate / wavelength, "rate"),
-        "first_harmonic_share": (shares[0], "share"),
-        "harmonic_shares": (shares, "share"),
-        "ripple": (profile.ripple, "share"),
-        "currents_max": (amount, "ampere_turns"),
-    }
-    own = {name: Scalar(value, unit_of(kind, "SI")) for name, (value, kind) in found.items()}
-    return own | coil_scalars(table.coils, table.line)
-
-
-def _variables(
-    row: CoilRow, x: np.ndarray, course: Gait, field: np.ndarray, profile: MovingProfile
-) -> Iterator[Variable]:
-    metre, second, ampere = (unit_of(kind, "SI") for kind in ("length", "time", "ampere_turns"))
-    strength, square = unit_of("magnetic_field", "SI"), unit_of("magnetic_field_squared", "SI")
-    steps = (course.breaks[:-1] + course.breaks[1:]) / 2
-    yield Variable("place", metre, ("place",), x, "place along the row")
-    yield Variable("time", second, ("time",), steps, "middle of each step of switching")
-    yield Variable("field", strength, ("time", "place"), field, "field H")
-    yield Variable("coil_place", metre, ("coil",), row.places, "place of the coil")
-    yield Variable("current", ampere, ("coil", "time"), course(steps), "ampere-turns")
-    yield Variable("phase", "rad", ("phase",), profile.xi, "phase of the wave")
-    for name, values in (
-        ("square_mean", profile.mean),
-        ("square_low", profile.square.min(axis=0)),
-        ("square_high", profile.square.max(axis=0)),
-    ):
-        yield Variable(name, square, ("phase",), values, f"H² in the frame of the wave, {name[7:]}")
+    formula = np.einsum("cmk,km->cm", row.influence(x, z), currents)
+    second = field_by_quadrature(row, x, z, currents)
+    largest = float(np.max(np.abs(second), initial=0.0))
+    return float(np.max(np.abs(formula - second))) / largest if largest else 0.0
 
 
 def _warnings(table: CoilRowScene, amount: float, shares: np.ndarray) -> Iterator[str]:

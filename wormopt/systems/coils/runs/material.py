@@ -18,10 +18,9 @@ from wormopt.magnetics.identify import (
 )
 from wormopt.magnetics.material import SMALL_STRAIN, MagnetoElastic
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.coils.scenes.material import MaterialScene, MaterialTable, SampleTable
+from wormopt.systems.coils.scenes.material import MaterialScene, SampleTable
 
 _POINTS = 201
 # The material found again from u0 and E_eff may differ by so much of mu_r - 1 and of eta.
@@ -33,9 +32,9 @@ class MaterialFound:
     """The material of a scene."""
 
     material: MagnetoElastic  # given, or identified
-    trust: dict[str, Any]  # how it was identified, or found again from its own u0 and E_eff
+    facts: dict[str, Any]  # how it was identified, or found again from its own u0 and E_eff
+    checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
-    fault: str = ""  # why it is not to be trusted; empty if it is
 
 
 def run(scene: Scene[MaterialScene], report: Report) -> Result:
@@ -46,54 +45,55 @@ def run(scene: Scene[MaterialScene], report: Report) -> Result:
     """
     table, begin = scene.table, time.perf_counter()
     report("identifying" if table.material.measured else "evaluating", None)
-    found = material_of(scene, table.material)
+    found = material_of(scene)
     identified = time.perf_counter() - begin
     material, field = found.material, table.material.field
-    strain = _strains(table, material.field_strain(field))
-    warnings = [*material.warnings(field, strain), *found.warnings]
-    return Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        status="failed" if found.fault else "ok",
-        reason=found.fault,
-        scalars=_scalars(material, field, table.sample),
-        variables=_lines(material, field, strain),
-        trust={**found.trust, "validity": _validity(material, field, strain), "warnings": warnings},
-        timings_s={"identify": identified},
-        scene_text=scene.text,
+    u0 = material.field_strain(field)
+    low, high = table.strain or (0.0, SMALL_STRAIN if u0 < SMALL_STRAIN else 1.25 * u0)
+    strain = np.linspace(low, high, _POINTS)
+    return conclude(
+        scene,
+        _scalars(material, field, table.sample),
+        {
+            "strain": strain,
+            "stress_with_field": material.stress(strain, field),
+            "stress_without_field": material.stress(strain),
+        },
+        checks=found.checks,
+        facts=found.facts | {"validity": _validity(material, field, strain)},
+        warnings=(*material.warnings(field, strain), *found.warnings),
+        timings={"identify": identified},
     )
 
 
-def material_of(scene: Scene[Any], table: MaterialTable, key: str = "material") -> MaterialFound:
-    """Make the material of a scene, or identify it; `key` is the key path of its table.
+def material_of(scene: Scene[MaterialScene]) -> MaterialFound:
+    """Make the material of a scene, or identify it.
 
     Raises SceneError if the formulas do not hold in the field, or no material has what was
     measured.
     """
+    table = scene.table.material
     try:
         if table.u0 is not None and table.youngs_modulus_eff is not None:
-            found = identify_material(
-                table.u0, table.youngs_modulus_eff, table.field, lame_lambda=table.lame_lambda
+            return _identified(
+                identify_material(
+                    table.u0, table.youngs_modulus_eff, table.field, lame_lambda=table.lame_lambda
+                )
             )
-            return MaterialFound(found.material, _trust(found))
         assert table.mu_r is not None
         assert table.lame_eta is not None
         material = MagnetoElastic(table.mu_r, table.lame_eta, table.lame_lambda)
         material.softening(table.field)
     except ArgumentError as error:
-        raise SceneError(scene.name, [(key, str(error))]) from None
+        raise SceneError(scene.name, [("material", str(error))]) from None
     return _found_again(material, table.field)
 
 
-def _trust(found: Identification) -> dict[str, Any]:
-    return {
-        "identification": {
-            "residual": found.residual,
-            "accepted": ACCEPTED,
-            "roots": [_root(root) for root in found.roots],
-        }
-    }
+def _identified(found: Identification) -> MaterialFound:
+    roots = [_root(root) for root in found.roots]
+    facts = {"residual": found.residual, "accepted": ACCEPTED, "roots": roots}
+    check = Check("identification", found.residual, ACCEPTED)
+    return MaterialFound(found.material, {"identification": facts}, (check,))
 
 
 def _root(root: Root) -> dict[str, Any]:
@@ -110,60 +110,44 @@ def _found_again(material: MagnetoElastic, field: float) -> MaterialFound:
     try:
         again = identify_material(u0, modulus, field).material
     except ArgumentError as error:
-        return MaterialFound(material, {"recheck": None}, (f"not found again: {error}",))
+        warnings = (f"not found again: {error}",)
+        return MaterialFound(material, {"recheck": None}, warnings=warnings)
     error = max(
         abs((again.mu_r - 1) / (material.mu_r - 1) - 1), abs(again.lame_eta / material.lame_eta - 1)
     )
-    fault = ""
-    if not error <= _FOUND_AGAIN:
-        fault = (
-            f"from its own u0 and E_eff the material is found again with an error of {error:.2g}, "
-            f"where {_FOUND_AGAIN:g} is accepted"
-        )
+    advice = (
+        f"from its own u0 and E_eff the material is found again with an error of {error:.2g}, "
+        f"where {_FOUND_AGAIN:g} is accepted"
+    )
     residual = forward_residual(again.mu_r, again.lame_eta, u0, modulus, field)
     recheck = {"error": error, "accepted": _FOUND_AGAIN, "residual": residual}
-    return MaterialFound(material, {"recheck": recheck}, fault=fault)
+    check = Check("material found again", error, _FOUND_AGAIN, advice)
+    return MaterialFound(material, {"recheck": recheck}, (check,))
 
 
-def _strains(table: MaterialScene, u0: float) -> np.ndarray:
-    low, high = table.strain or (0.0, SMALL_STRAIN if u0 < SMALL_STRAIN else 1.25 * u0)
-    return np.linspace(low, high, _POINTS)
-
-
-def _scalars(
-    material: MagnetoElastic, field: float, sample: SampleTable | None
-) -> dict[str, Scalar]:
+def _scalars(material: MagnetoElastic, field: float, sample: SampleTable | None) -> dict[str, Any]:
     modulus, without = material.youngs_modulus(field), material.youngs_modulus()
-    found: dict[str, tuple[float | None, str]] = {
-        "field": (field, "magnetic_field"),
-        "u0": (material.field_strain(field), "share"),
-        "youngs_modulus_eff": (modulus, "stress"),
-        "youngs_modulus": (without, "stress"),
-        "modulus_change": (modulus / without - 1, "share"),
-        "permeability": (material.mu_r, "share"),
-        "lame_eta": (material.lame_eta, "stress"),
-        "lame_lambda": (material.lame_lambda, "stress"),
-        "poisson_ratio": (material.poisson_ratio, "share"),
-        "softening": (material.softening(field), "share"),
-        "largest_field": (material.largest_field, "magnetic_field"),
-        "small_strain": (SMALL_STRAIN, "share"),
+    found = {
+        "field": field,
+        "u0": material.field_strain(field),
+        "youngs_modulus_eff": modulus,
+        "youngs_modulus": without,
+        "modulus_change": modulus / without - 1,
+        "permeability": material.mu_r,
+        "lame_eta": material.lame_eta,
+        "lame_lambda": material.lame_lambda,
+        "poisson_ratio": material.poisson_ratio,
+        "softening": material.softening(field),
+        "largest_field": material.largest_field,
+        "small_strain": SMALL_STRAIN,
     }
-    if sample is not None:
-        bar = (sample.length, sample.area)
-        found["stiffness"] = (material.stiffness(*bar, field), "stiffness")
-        found["stiffness_without_field"] = (material.stiffness(*bar), "stiffness")
-    return {name: Scalar(value, unit_of(kind, "SI")) for name, (value, kind) in found.items()}
-
-
-def _lines(material: MagnetoElastic, field: float, strain: np.ndarray) -> tuple[Variable, ...]:
-    pascal = unit_of("stress", "SI")
-    return (
-        Variable("strain", "1", ("strain",), strain, "strain along the bar"),
-        Variable(
-            "stress_with_field", pascal, ("strain",), material.stress(strain, field), "with field"
-        ),
-        Variable("stress_without_field", pascal, ("strain",), material.stress(strain), "without"),
-    )
+    if sample is None:
+        return found
+    bar = (sample.length, sample.area)
+    return found | {
+        "stiffness": material.stiffness(*bar, field),
+        "stiffness_without_field": material.stiffness(*bar),
+    }
 
 
 def _validity(material: MagnetoElastic, field: float, strain: np.ndarray) -> dict[str, Any]:

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
 from decimal import ROUND_CEILING, Context, Decimal
 from typing import Any
 
-import casadi as ca
 import numpy as np
-from scipy.optimize import brentq
 
 from wormopt.errors import SolveError
 from wormopt.magnetics.material import SMALL_STRAIN
-from wormopt.magnetics.membrane import Membrane
-from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.coils.scenes.membrane import MembraneScene
+from wormopt.systems.coils.membrane import Choice, Membrane
+from wormopt.systems.coils.scenes.hydrostatics import MembraneScene
 
 _THIN = 0.1  # wall over radius up to which the stress counts as even over the wall
 # Logarithms of thicknesses are found to this; limits may be off by as much of themselves.
@@ -30,43 +26,6 @@ _ASSUMED = {
     "free ends": "the ends of the tube are free to shorten, and no stress acts along it; closed "
     "ends that the pressure pulls apart would leave a hoop strain of (1 - nu/2) p R / (E h)"
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """Programs over the logarithm of the thickness; IPOPT solves them."""
-
-    membrane: Membrane  # the tube
-    lifetime: float  # s
-    limits: Mapping[str, float]  # largest "loss", "stress" and "strain"
-
-    def widest(self, span: tuple[float, float], **limits: float) -> tuple[float, float]:
-        """Thickness in m of most strain within limits, and largest relative excess over one.
-
-        `span` is of the thickness's logarithm; limits left out do not count.
-        """
-        measured = ("loss", "stress", "strain")
-        logs = np.array([np.log(limits[name]) if name in limits else np.inf for name in measured])
-        low, high = np.array(span[:1]), np.array(span[1:])
-        bounds = Bounds(low, high, np.full(3, -np.inf), logs, np.zeros(0))
-        start = np.array([np.clip(np.log(1e-4), *span)])
-        found = self._program.solve(start, bounds, Ipopt(tolerance=1e-11))
-        return float(np.exp(found.w[0])), found.violation
-
-    def measures(self, thickness: Any) -> tuple[Any, Any, Any]:
-        """Loss, stress and strain at a thickness in m, of numbers and expressions."""
-        tube = self.membrane
-        loss = tube.loss_share(thickness, self.lifetime)
-        return loss, tube.stress(thickness), tube.strain(thickness)
-
-    @property
-    def _program(self) -> NonlinearProgram:
-        return self.__dict__.setdefault("_made", self._make())
-
-    def _make(self) -> NonlinearProgram:
-        w, none = ca.MX.sym("log_thickness"), ca.MX.sym("none", 0)
-        found = [ca.log(value) for value in self.measures(ca.exp(w))]
-        return NonlinearProgram(w, none, -found[2], ca.vertcat(*found))
 
 
 def run(scene: Scene[MembraneScene], report: Report) -> Result:
@@ -83,56 +42,45 @@ def run(scene: Scene[MembraneScene], report: Report) -> Result:
     )  # fmt: skip
     limits = {"loss": table.loss_max, "stress": tube.stress_max, "strain": tube.strain_max}
     choice = Choice(membrane, table.lifetime, limits)
-    span = tuple(float(np.log(size)) for size in table.thickness)
+    thinnest, thickest = table.thickness
+    span = math.log(thinnest), math.log(thickest)
     report("choosing the thickness", 0.0)
     single = {name: choice.widest(_FREE, **{name: limit})[0] for name, limit in limits.items()}
-    best, violation = choice.widest((span[0], span[1]), **limits)
-    front = _front(choice, table, report)
+    best, violation = choice.widest(span, **limits)
     strictest = max(single, key=lambda name: single[name])
-    binding = strictest if single[strictest] >= table.thickness[0] else "thickness"
-    error = abs(best / _by_brackets(choice, table.thickness) - 1)
-    result = Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        scalars=_scalars(choice, table, best, binding, single),
-        variables=front,
-        trust={
+    error = abs(best / choice.least(thinnest) - 1)
+    reason, suggestion = _conflict(table, single, strictest)
+    result = conclude(
+        scene,
+        _scalars(choice, table, best)
+        | {"limited_by": strictest if single[strictest] >= thinnest else "thickness"}
+        | {f"thickness_for_{name}": size for name, size in single.items()},
+        _front(choice, table, span, report),
+        checks=[
+            Check("limits", violation, _ACCEPTED, reason),
+            Check(
+                "thickness in closed form",
+                error,
+                _ACCEPTED,
+                f"the best thickness is off by {error:.2g} from where the limits begin to hold",
+            ),
+        ],
+        facts={
             "violation": violation,
             "recheck_error": error,
             "accepted": _ACCEPTED,
-            "assumptions": dict(_ASSUMED),
-            "warnings": list(_warnings(choice, best)),
+            "assumptions": _ASSUMED,
         },
-        timings_s={"solve": time.perf_counter() - begin},
-        scene_text=scene.text,
+        warnings=_warnings(choice, best),
+        timings={"solve": time.perf_counter() - begin},
     )
     if not violation <= _ACCEPTED:
-        raise _refused(result, table, single, strictest)
-    if not error <= _ACCEPTED:
-        reason = f"the best thickness is off by {error:.2g} from where the limits begin to hold"
-        return replace(result, status="failed", reason=reason)
+        raise SolveError(reason, suggestion, result.failed(reason), "infeasible")
     return result
 
 
-def _by_brackets(choice: Choice, thickness: tuple[float, ...]) -> float:
-    """Thinnest membrane within all limits, by bracketing where they begin to hold."""
-    limits = list(choice.limits.values())
-
-    def excess(w: float) -> float:
-        return float(np.max(np.log(choice.measures(np.exp(w))) - np.log(limits)))
-
-    low, high = np.log(thickness)
-    if excess(low) <= 0:
-        return thickness[0]
-    if excess(high) > 0:
-        return np.inf
-    return float(np.exp(brentq(excess, low, high, xtol=1e-14)))  # pyright: ignore
-
-
-def _refused(
-    result: Result, table: MembraneScene, single: dict[str, float], strictest: str
-) -> SolveError:
+def _conflict(table: MembraneScene, single: dict[str, float], strictest: str) -> tuple[str, str]:
+    """What to say where no thickness meets all limits, and what to suggest."""
     keys = {"loss": "loss_max", "stress": "membrane.stress_max", "strain": "membrane.strain_max"}
     needed = {name: _rounded_up(size) for name, size in single.items()}
     asks = ", ".join(f"{keys[name]} for {size:g} m" for name, size in needed.items())
@@ -144,8 +92,7 @@ def _refused(
         suggestion += f", or thickness[1] to {needed[strictest]:g}"
     if strictest == "loss":
         suggestion += ", or take a shorter lifetime"
-    partial = replace(result, status="failed", reason=reason)
-    return SolveError(reason, suggestion, partial, "infeasible")
+    return reason, suggestion
 
 
 def _rounded_up(size: float) -> float:
@@ -154,60 +101,39 @@ def _rounded_up(size: float) -> float:
     return float(Context(prec=3, rounding=ROUND_CEILING).plus(enough))
 
 
-def _front(choice: Choice, table: MembraneScene, report: Report) -> tuple[Variable, ...]:
+def _front(
+    choice: Choice, table: MembraneScene, span: tuple[float, float], report: Report
+) -> dict[str, np.ndarray]:
     """Most strain for each allowed loss, from what the thinnest loses to what the thickest does."""
-    low, high = table.thickness
-    losses = choice.measures(high)[0], choice.measures(low)[0]
+    most, least = (choice.measures(size)["loss"] for size in table.thickness)
     found = []
-    for k, allowed in enumerate(np.geomspace(*losses, table.points)):
+    for k, allowed in enumerate(np.geomspace(least, most, table.points)):
         report("front", k / table.points)
-        # on the ends of the range the limit is the thickness itself: no room for rounding
-        span = (float(np.log(low)), float(np.log(high)))
-        found.append(choice.widest(span, loss=allowed * (1 + 1e-12))[0])
+        found.append(choice.widest(span, loss=allowed)[0])
     thickness = np.array(found)
-    loss, stress, strain = choice.measures(thickness)
-    limits = choice.limits
-    within = (
-        (loss <= limits["loss"] * (1 + _ACCEPTED))
-        & (stress <= limits["stress"] * (1 + _ACCEPTED))
-        & (strain <= limits["strain"] * (1 + _ACCEPTED))
-    )
-    columns = {
-        "front_thickness": (thickness, "length", "thickness"),
-        "front_loss": (loss, "share", "share of the fluid lost within the lifetime"),
-        "front_strain": (strain, "share", "strain"),
-        "front_contact_pressure": (
-            choice.membrane.contact_pressure(thickness), "stress", "pressure on the ground",
-        ),
-        "front_within": (within, "count", "whether all limits hold"),
-    }  # fmt: skip
-    return tuple(
-        Variable(name, unit_of(kind, "SI"), ("point",), values, text)
-        for name, (values, kind, text) in columns.items()
-    )
-
-
-def _scalars(
-    choice: Choice, table: MembraneScene, best: float, binding: str, single: dict[str, float]
-) -> dict[str, Scalar]:
-    loss, stress, strain = choice.measures(best)
-    membrane = choice.membrane
-    found: dict[str, tuple[Any, str]] = {
-        "thickness_best": (best, "length"),
-        "limited_by": (binding, "count"),
-        "strain": (strain, "share"),
-        "stress": (stress, "stress"),
-        "loss_share": (loss, "share"),
-        "loss_rate": (membrane.loss_rate(best), "mass_rate_per_length"),
-        "contact_pressure": (membrane.contact_pressure(best), "stress"),
-        "bending_stiffness": (membrane.bending_stiffness(best), "bending_stiffness"),
-        "lifetime": (table.lifetime, "time"),
-        "loss_max": (table.loss_max, "share"),
-        "stress_max": (table.membrane.stress_max, "stress"),
-        "strain_max": (table.membrane.strain_max, "share"),
-        **{f"thickness_for_{name}": (size, "length") for name, size in single.items()},
+    measures = choice.measures(thickness)
+    return {
+        "front_thickness": thickness,
+        "front_loss": measures["loss"],
+        "front_strain": measures["strain"],
+        "front_contact_pressure": choice.membrane.contact_pressure(thickness),
+        "front_within": choice.within(thickness, _ACCEPTED),
     }
-    return {name: Scalar(value, unit_of(kind, "SI")) for name, (value, kind) in found.items()}
+
+
+def _scalars(choice: Choice, table: MembraneScene, best: float) -> dict[str, Any]:
+    measures, membrane = choice.measures(best), choice.membrane
+    return {
+        "thickness_best": best,
+        "strain": measures["strain"],
+        "stress": measures["stress"],
+        "loss_share": measures["loss"],
+        "loss_rate": membrane.loss_rate(best),
+        "contact_pressure": membrane.contact_pressure(best),
+        "bending_stiffness": membrane.bending_stiffness(best),
+        "lifetime": table.lifetime,
+        **{f"{name}_max": limit for name, limit in choice.limits.items()},
+    }
 
 
 def _warnings(choice: Choice, best: float) -> Iterator[str]:

@@ -73,7 +73,7 @@ def of_certificate(
 def _file(task: Task, value: float, wanted: Certify) -> Path:
     key = repr((task, f"{value:.12e}", wanted.sequence, wanted.phases, wanted.gap))
     name = hashlib.sha256(key.encode()).hexdigest()[:32]
-    return checkpoints("certificates") / f"{name}.msgpack"
+    return checkpoints("certificates", certified.__module__) / f"{name}.msgpack"
 
 
 def _bounds(

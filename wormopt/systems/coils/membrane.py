@@ -4,16 +4,21 @@ A tube of the radius R and the wall h_m, small against R, under the pressure p o
 stress p R / h_m, strain p R / (E h_m). The ends are free to shorten, so that no stress acts along
 the tube; ends that the pressure pulls apart would leave a hoop strain of (1 - nu / 2) p R / (E h_m)
 with Poisson's ratio nu. Fluid diffuses through it at the rate D dc / h_m per area.
-All functions take numbers, arrays or CasADi expressions and check nothing; `Membrane` checks.
+All functions take numbers, arrays or CasADi expressions. Loss, stress and strain all fall as the
+membrane gets thicker, so that the best one is the thinnest that keeps within its limits.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from wormopt.magnetics.material import check_number
+from wormopt.numerics.roots import root
 
 
 @dataclass(frozen=True)
@@ -69,3 +74,51 @@ class Membrane:
         """
         filling = math.pi * self.radius**2 * self.fluid_density
         return self.loss_rate(thickness) * lifetime / filling
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The thickness of a membrane that lets it widen most within its limits."""
+
+    membrane: Membrane
+    lifetime: float  # s
+    limits: Mapping[str, float]  # largest "loss", "stress" and "strain"
+
+    def measures(self, thickness: Any) -> dict[str, Any]:
+        """Loss, stress and strain at a thickness in m."""
+        tube = self.membrane
+        return {
+            "loss": tube.loss_share(thickness, self.lifetime),
+            "stress": tube.stress(thickness),
+            "strain": tube.strain(thickness),
+        }
+
+    def widest(self, span: tuple[float, float], **limits: float) -> tuple[float, float]:
+        """Thickness in m of most strain within limits, and largest relative excess over one.
+
+        `span` is of the thickness's logarithm; limits left out do not count.
+        """
+        low, high = span
+
+        def excess(log_thickness: float) -> float:
+            found = self.measures(math.exp(log_thickness))
+            return max(math.log(found[name] / limit) for name, limit in limits.items())
+
+        best = low
+        if excess(low) > 0:
+            best = high if excess(high) > 0 else root(excess, low, high)
+        return math.exp(best), max(excess(best), 0.0)
+
+    def least(self, thinnest: float) -> float:
+        """Least thickness in m, from `thinnest` on, that keeps within all limits.
+
+        In closed form, as a second route: what is limited goes like 1 over the thickness.
+        """
+        at_one = self.measures(1.0)
+        return max(thinnest, *(at_one[name] / limit for name, limit in self.limits.items()))
+
+    def within(self, thickness: np.ndarray, accepted: float) -> np.ndarray:
+        """Whether thicknesses (m,) keep within all limits, but for a share `accepted` of them."""
+        found = self.measures(thickness)
+        fits = [found[name] <= limit * (1 + accepted) for name, limit in self.limits.items()]
+        return np.all(fits, axis=0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,13 +13,16 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.magnetics.blocks import BlockField, channel_field
 from wormopt.magnetics.coils import Coil
 from wormopt.progress import Report
-from wormopt.quantities import Variable, unit_of
-from wormopt.systems.channel.channel_rod import channel_rod
+from wormopt.result import Check
+from wormopt.systems.channel.channel_rod import (
+    block_energy,
+    block_load,
+    channel_rod,
+    magnetic_strength,
+)
 from wormopt.systems.channel.closed_forms import ChannelWorm
-from wormopt.systems.channel.curve import Curve, distances
-from wormopt.systems.channel.magnetic_rod import block_energy, block_load, magnetic_strength
+from wormopt.systems.channel.curve import Curve, RodLine, distances
 from wormopt.systems.channel.rod import Rod
-from wormopt.systems.channel.rod_line import RodLine
 from wormopt.systems.channel.scenes.channel import RestTable
 
 # Where forces count as balanced, and by how much two thirds of the elements may change the length.
@@ -63,75 +65,34 @@ class RodAtRest:
         """Forces of the upper and of the lower wall on the nodes."""
         return self.rest.pressed[::2], self.rest.pressed[1::2]
 
-    @property
-    def fault(self) -> str:
-        """Why it is not to be trusted; empty if it is."""
-        doubt = _doubt(self.rest)
-        if not doubt and not self.mesh_change <= _MESH:
-            doubt = (
-                f"with fewer elements the segment's length changes by {self.mesh_change:.2g} of "
-                "itself; write more rod.elements"
-            )
-        return doubt and f"rod: {doubt}"
+    def checks(self) -> Iterator[Check]:
+        """Why it is not to be trusted, if it is not; the mesh counts where forces balance."""
+        for check in _balance(self.rest):
+            advice = f"rod: {check.advice}"
+            yield Check(f"rod: {check.name}", check.value, check.limit, advice, check.passed)
+            if not check.passed:
+                return
+        yield Check(
+            "rod: change with the mesh",
+            self.mesh_change,
+            _MESH,
+            f"rod: with fewer elements the segment's length changes by {self.mesh_change:.2g} of "
+            "itself; write more rod.elements",
+        )
 
-    def trust(self) -> dict[str, Any]:
-        """How far to trust it."""
-        rest = self.rest
-        return {
-            "residual": rest.residual, "imbalance": rest.imbalance, "violation": rest.violation,
-            "complementarity": rest.complementarity, "softest": rest.softest,
-            "stiffest": rest.stiffest, "stable": rest.stable, "iterations": rest.iterations,
-            "field_error": self.field_error, "mesh_change": self.mesh_change,
-            "minimum": "local",
-        }  # fmt: skip
 
-    def scalars(self) -> dict[str, tuple[Any, str]]:
-        """Numbers with their quantities."""
-        upper, lower = (float(part.sum()) for part in self.walls)
-        other, own = self.other_energy, self.rest.energy
-        table = self.table
-        return {
-            "rod_reaches_walls": (self.reached, "count"),
-            "rod_arc_lengths": (list(self.lengths), "length"),
-            "rod_stretch": (self.stretch, "share"),
-            "rod_compression_max": (self.compression, "share"),
-            "rod_force_upper": (upper, "force"),
-            "rod_force_lower": (lower, "force"),
-            "rod_energy": (own, "energy"),
-            "rod_energy_on_one_wall": (other, "energy"),
-            "rod_preferred": (None if other is None else own < other, "count"),
-            "assumed_susceptibility": (table.susceptibility, "share"),
-            "assumed_poisson_ratio": (table.poisson_ratio, "share"),
-            "assumed_ampere_turns": (table.ampere_turns, "ampere_turns"),
-            "assumed_coil_inner": (table.inner, "length"),
-            "assumed_coil_outer": (table.outer, "length"),
-            "assumed_coil_length": (table.length, "length"),
-            "assumed_coil_clearance": (table.clearance, "length"),
-            "coils_on": (table.on, "count"),
-        }
-
-    def variables(self) -> Iterator[Variable]:
-        """Yield places of the nodes and the forces on them, the lower wall at y = 0."""
-        m, newton = unit_of("length", "SI"), unit_of("force", "SI")
-        x, y, angle = self.rest.places.reshape(3, -1)
-        upper, lower = self.walls
-        for name, unit, values, text in (
-            ("rod_x", m, x, "place of a node along the channel, from the middle of the block"),
-            ("rod_y", m, y + self.worm.channel / 2, "its height"),
-            ("rod_angle", unit_of("angle", "SI"), angle, "angle of its cross section"),
-            ("rod_force_upper_at", newton, upper, "force of the upper wall on it"),
-            ("rod_force_lower_at", newton, lower, "force of the lower wall on it"),
-            ("rod_node_length", m, self.rod.weights, "length that a node stands for"),
-        ):
-            yield Variable(name, unit, ("node",), values, text)
+def _balance(rest: Rest) -> Iterator[Check]:
+    """Whether a rest by itself is to be trusted."""
+    for name in ("residual", "imbalance"):
+        off = getattr(rest, name)
+        yield Check(name, off, _BALANCED, f"forces are off balance by {off:.2g} ({name})")
+    advice = "the rest is not stable; write other rod.ampere_turns"
+    yield Check("stability", rest.softest, 0.0, advice, rest.stable)
 
 
 def _doubt(rest: Rest) -> str:
     """Why a rest by itself is not to be trusted; empty if it is."""
-    for name in ("residual", "imbalance"):
-        if not (off := getattr(rest, name)) <= _BALANCED:
-            return f"forces are off balance by {off:.2g} ({name})"
-    return "" if rest.stable else "the rest is not stable; write other rod.ampere_turns"
+    return next((check.advice for check in _balance(rest) if not check.passed), "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,16 +246,24 @@ def _on_one_wall(bench: _Bench, table: RestTable) -> float | None:
     return rest.energy if alone else None
 
 
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Rests over ampere-turns; NaN where the segment does not span the walls."""
+
+    turns: np.ndarray  # (m,) ampere-turns
+    lengths: np.ndarray  # (m,) of the middle segment, m
+    apart: np.ndarray  # (shapes, m) largest distances from assumed shapes, m
+    closest: list[str | None]  # closest of these
+    warnings: list[str]  # rests that are unstable or unbalanced
+
+
 def sweep_of(
     worm: ChannelWorm, table: RestTable, assumed: dict[str, Curve], report: Report
-) -> tuple[dict[str, tuple[Any, str]], tuple[Variable, ...], list[str]]:
-    """Length and closest `assumed` shape over ampere-turns, each from the rest before.
+) -> Sweep:
+    """Find length and closest `assumed` shape over ampere-turns, each from the rest before.
 
-    Scalars, variables, warnings (rest unstable or unbalanced); empty without a sweep.
-    NaN where the segment does not span the walls. Raises SolveError where there is no rest.
+    Raises SolveError where there is no rest.
     """
-    if not table.sweep:
-        return {}, (), []
     bench, turns = _Bench(worm, table, table.elements), np.array(table.sweep)
     apart = np.full((len(assumed), len(turns)), np.nan)
     lengths = np.full(len(turns), np.nan)
@@ -314,10 +283,4 @@ def sweep_of(
         apart[:, j] = [distances(curve, other)[0] for other in assumed.values()]
     names = list(assumed)
     closest = [None if np.isnan(column[0]) else names[int(np.argmin(column))] for column in apart.T]
-    m = unit_of("length", "SI")
-    return {"sweep_closest_shape": (closest, "count")}, (
-        Variable("sweep", unit_of("ampere_turns", "SI"), ("sweep",), turns, "ampere-turns"),
-        Variable("sweep_arc_length", m, ("sweep",), lengths, "length of the segment"),
-        Variable("sweep_distance", m, ("assumed", "sweep"), apart,
-                 "largest distance from assumed shapes"),
-    ), warnings  # fmt: skip
+    return Sweep(turns, lengths, apart, closest, warnings)

@@ -1,0 +1,68 @@
+"""Checkpoints belong to the code that computes, not to how it is explained."""
+
+from pathlib import Path
+
+import pytest
+
+from wormopt.systems.shared import checkpoints as kept
+from wormopt.systems.shared.checkpoints import checkpoints, fingerprint
+
+ROD = "wormopt.systems.channel.runs.rod_course"
+SOURCE = '''"""A module."""
+
+LIMIT = 3
+"""Of something."""
+
+
+class Thing:
+    """A thing."""
+
+    def twice(self, x):
+        """Double."""
+        return 2 * x  # of course
+'''
+
+
+def test_comments_and_docstrings_do_not_count():
+    less = SOURCE.replace("  # of course", "").replace('        """Double."""\n', "")
+    assert fingerprint(less) == fingerprint(SOURCE)
+    assert fingerprint(SOURCE.replace('"""', "'''")) == fingerprint(SOURCE)
+    for old, new in (("2 * x", "x + x"), ("LIMIT = 3", "LIMIT = 4"), ("x)", "x=1)")):
+        assert fingerprint(SOURCE.replace(old, new)) != fingerprint(SOURCE)
+
+
+def test_what_computes_counts_and_what_shows_does_not():
+    found = kept._imported(ROD, kept._files(kept._ROOT))
+    assert {
+        ROD,
+        "wormopt.magnetics.winding",
+        "wormopt.simulation.moreau",
+        "wormopt.systems.channel.rod",
+    } <= found
+    for room in ("scenes", "plots", "spiked", "film"):
+        assert not [name for name in found if room in name.split(".")]
+
+
+def test_folders_differ_by_work_and_by_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    assert checkpoints("rods", ROD) == checkpoints("rods", ROD)
+    assert checkpoints("rods", ROD) != checkpoints("others", ROD)
+    root = tmp_path / "wormopt"
+    root.mkdir()
+    texts = {"maker": "from wormopt import helper", "helper": "A = 1  # one", "other": "B = 1"}
+
+    def folder(**changed: str) -> Path:
+        for name, text in (texts | changed).items():
+            (root / f"{name}.py").write_text(text)
+        checkpoints.cache_clear()
+        kept._files.cache_clear()
+        return checkpoints("work", "wormopt.maker")
+
+    monkeypatch.setattr(kept, "_ROOT", root)
+    plain = folder()
+    assert folder(helper='"""One."""\nA = 1', other="B = 2") == plain
+    assert folder(helper="A = 2") != plain
+    assert folder(maker="from wormopt import helper, other") != plain
+    monkeypatch.setattr(kept, "_FORM", kept._FORM + 1)
+    assert folder() != plain
+    checkpoints.cache_clear()
+    kept._files.cache_clear()

@@ -1,0 +1,268 @@
+"""Scenes of kinds "coil-pressure" and "membrane": magnetic fluid at rest, and what holds it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+from msgspec import Meta
+
+from wormopt.errors import Fault
+from wormopt.scene.types import NonNegative, Pair, Positive, Table, says, wrong_order
+from wormopt.systems.coils.scenes.material import SIScene
+
+Degree = Annotated[int, Meta(ge=64, le=512, description="a whole number from 64 to 512")]
+Resolution = Annotated[float, Meta(ge=1e-10, le=1e-3, description="a number from 1e-10 to 1e-3")]
+Share = Annotated[float, Meta(gt=0, lt=1, description="a number between 0 and 1")]
+Count = Annotated[int, Meta(ge=3, le=1000, description="a whole number from 3 to 1000")]
+
+
+class FluidTable(Table, frozen=True, kw_only=True):
+    """A magnetic fluid."""
+
+    chi: Annotated[Positive, says("1", "susceptibility; with `saturation`, the initial one")]
+    density: Annotated[Positive, says("density", "of the fluid")] = 1200.0
+    surface_tension: Annotated[Positive, says("surface_tension", "of the fluid")] = 0.03
+    saturation: Annotated[
+        Positive | None,
+        says(
+            "magnetic_field",
+            "saturation magnetisation, for Langevin's law; magnetisation is linear in the field "
+            "if left out",
+        ),
+    ] = None
+
+
+class LayerTable(Table, frozen=True, kw_only=True):
+    """The tank, a long trough across the plane that is computed, and how full it is."""
+
+    thickness: Annotated[Positive, says("length", "of the layer without field")]
+    width: Annotated[Positive, says("length", "of the tank; the coil is in the middle")]
+    walls: Annotated[
+        Literal["upright", "pinned"],
+        says("", "the surface meets the walls at a right angle, or at the height without field"),
+    ] = "upright"
+
+
+class CoilTable(Table, frozen=True, kw_only=True):
+    """The coil, without iron."""
+
+    ampere_turns: Annotated[NonNegative, says("current", "current times turns")] = 3000.0
+    inner_radius: Annotated[Positive, says("length", "of the winding")] = 5e-3
+    outer_radius: Annotated[Positive, says("length", "of the winding")] = 15e-3
+    length: Annotated[Positive, says("length", "of the winding")] = 20e-3
+    distance: Annotated[
+        Positive,
+        says(
+            "length",
+            "from the bottom of the layer to the nearest point of the coil; above "
+            "`layer.thickness` for a coil above",
+        ),
+    ] = 2e-3
+    side: Annotated[Literal["below", "above"], says("", "where the coil is")] = "below"
+    axis: Annotated[
+        Literal["vertical", "along"],
+        says("", "direction of its axis: up, or along the width of the tank"),
+    ] = "vertical"
+
+
+class ResolutionTable(Table, frozen=True, kw_only=True):
+    """How finely the surface is described."""
+
+    tolerance: Annotated[
+        Resolution,
+        says("share", "largest of the last coefficients of its polynomial, over the thickness"),
+    ] = 1e-7
+    degree: Annotated[Degree, says("count", "largest degree of that polynomial")] = 256
+
+
+class CoilPressureScene(SIScene, frozen=True, kw_only=True):
+    """Shape and pressure of a layer of magnetic fluid at a coil.
+
+    A layer of magnetic fluid at rest in a tank, over or under one coil: shape of its surface,
+    pressure on the bottom and inside, field. The current is raised from 0; where the surface does
+    not rest at the full current, the result says at which it no longer does (exit code 3). Theory
+    and assumptions: [theory-hydrostatics.md](../theory-hydrostatics.md). Only `units = "SI"`.
+
+    The trust report: `degree` and `tail` (last coefficients), `defect` (balance between the
+    points, over the thickness), `volume_error`, `force_imbalance` (forces on the fluid, over its
+    weight), `field_error`, what is `accepted` of these, `growth_rate` (of the slowest deviation;
+    must be below 0), `demagnetisation`, `warnings`.
+    """
+
+    scalars: ClassVar = {
+        "pressure_max": ("stress", "highest pressure on the bottom"),
+        "pressure_change_max": ("stress", "the same less `pressure_without_field`"),
+        "pressure_without_field": ("stress", "on the bottom"),
+        "surface_rise_max": ("length", "highest point against the layer without field"),
+        "surface_drop_max": ("length", "lowest point against the layer without field"),
+        "slope_max": ("1", "largest \\|*h*′\\|"),
+        "field_bottom_max": ("magnetic_field", "largest *H* at the bottom"),
+        "field_surface_max": ("magnetic_field", "largest *H* at the surface"),
+        "induction_bottom_max": (
+            "induction",
+            "largest μ<sub>0</sub>(*H* + *M*) at the bottom",
+        ),
+        "magnetic_force": (
+            "force_per_length",
+            "of the field on the fluid, upwards, per depth of the trough",
+        ),
+        "capillary_length": ("length", "√(γ/ρ*g*)"),
+        "volume_error": ("share", "volume by quadrature against that of the layer"),
+        "demagnetisation": ("share", "estimate of what is neglected; above 0.1 a warning"),
+        "ampere_turns": ("current", "at which the surface shown rests"),
+        "stated_pressure": ("stress", "as given"),
+        "pressure_over_stated": ("share", "`pressure_change_max` over `stated_pressure`"),
+        "field_for_stated": ("magnetic_field", "field that has this pressure in the fluid"),
+        "induction_for_stated": ("induction", "μ<sub>0</sub> times it"),
+    }
+    variables: ClassVar = {
+        "x": ("length", ("x",), "place along the bottom"),
+        "surface": ("length", ("x",), "height of the surface"),
+        "pressure": ("stress", ("x",), "pressure on the bottom"),
+        "field_bottom": ("magnetic_field", ("x",), "H at the bottom"),
+        "field_surface": ("magnetic_field", ("x",), "H at the surface"),
+        "share": ("share", ("share",), "height over that of the surface"),
+        "inside_x": ("length", ("inside_x",), "place along the bottom"),
+        "inside_z": ("length", ("share", "inside_x"), "height"),
+        "inside_pressure": ("stress", ("share", "inside_x"), "pressure in the fluid"),
+        "map_x": ("length", ("map_x",), "place along the bottom"),
+        "map_z": ("length", ("map_z",), "height"),
+        # around coil and fluid; not a number in the winding
+        "induction_x": ("induction", ("map_z", "map_x"), "induction along x"),
+        "induction_z": ("induction", ("map_z", "map_x"), "induction along z"),
+        "branch_current": ("current", ("branch",), "current of the branch"),
+        "branch_highest": ("length", ("branch",), "highest point of the surface"),
+        "branch_lowest": ("length", ("branch",), "lowest point of the surface"),
+    }
+
+    kind: Literal["coil-pressure"]
+    want: Annotated[
+        tuple[Literal["coil_pressure"], ...],
+        says("", "`coil_pressure`: figure 25; induction, which is unknown in the winding"),
+    ] = ()
+    fluid: Annotated[FluidTable, says("", "the fluid")]
+    layer: Annotated[LayerTable, says("", "the tank")]
+    coil: Annotated[CoilTable, says("", "the coil")] = CoilTable()
+    surface: Annotated[ResolutionTable, says("", "how finely the surface is described")] = (
+        ResolutionTable()
+    )
+    gravity: Annotated[Positive, says("acceleration", "of the fall")] = 9.81
+    stated_pressure: Annotated[
+        Positive | None,
+        says(
+            "stress", "a change of pressure, stated or measured, to compare with; none if left out"
+        ),
+    ] = None
+
+    def faults(self, folder: Path) -> Iterator[Fault]:
+        """Yield faults that no single key shows."""
+        yield from super().faults(folder)
+        coil, layer = self.coil, self.layer
+        if coil.inner_radius >= coil.outer_radius:
+            yield (
+                "coil.inner_radius",
+                f"{coil.inner_radius:g} is not below coil.outer_radius = {coil.outer_radius:g}; "
+                "the winding lies between them",
+            )
+        if coil.side == "above" and coil.distance <= layer.thickness:
+            yield (
+                "coil.distance",
+                f"the coil lies inside the fluid: {coil.distance:g} m above the bottom of a layer "
+                f"{layer.thickness:g} m thick; write more than layer.thickness",
+            )
+
+
+class TubeTable(Table, frozen=True, kw_only=True):
+    """The membrane, a tube."""
+
+    radius: Annotated[Positive, says("length", "of the tube")] = 4e-3
+    youngs_modulus: Annotated[Positive, says("stress", "of the membrane")] = 5e5
+    diffusivity: Annotated[
+        Positive, says("diffusivity", "of the carrier liquid in the membrane")
+    ] = 1e-11
+    concentration_drop: Annotated[
+        Positive, says("density", "of that liquid, from the inner to the outer face")
+    ] = 0.15
+    stress_max: Annotated[Positive, says("stress", "hoop stress at the full pressure")] = 5e4
+    strain_max: Annotated[Positive, says("share", "strain at the full pressure")] = 0.1
+
+
+class FillingTable(Table, frozen=True, kw_only=True):
+    """The fluid in it."""
+
+    pressure: Annotated[Positive, says("stress", "by the magnetic field, above that outside")]
+    density: Annotated[Positive, says("density", "of the fluid")] = 1200.0
+
+
+class MembraneScene(SIScene, frozen=True, kw_only=True):
+    """The best thickness of a membrane, between actuation and loss of fluid.
+
+    How thick the skin of a worm filled with magnetic fluid should be: thin for strain and force,
+    thick to keep the fluid. The best thickness within limits, and the front of strain and loss.
+    Theory: [theory-hydrostatics.md](../theory-hydrostatics.md#2-the-membrane). Only
+    `units = "SI"`.
+
+    The trust report names its `assumptions`, among them that the tube's ends are free, and has
+    `violation` of limits, `recheck_error` (against a closed form), `accepted`,
+    `warnings`: strains that are not small, a wall above a tenth of the radius, nothing left to
+    push. Exit code 3 where no thickness meets all limits, with what each of them asks for.
+    """
+
+    scalars: ClassVar = {
+        "thickness_best": ("length", "with the most strain within all limits"),
+        "limited_by": (
+            "1",
+            "`loss`, `stress`, `strain`, or `thickness` where the thinnest that can be made will "
+            "do",
+        ),
+        "thickness_for_loss": ("length", "least thickness for this limit alone"),
+        "thickness_for_stress": ("length", "likewise"),
+        "thickness_for_strain": ("length", "likewise"),
+        "strain": ("share", "at the best thickness"),
+        "stress": ("stress", "likewise"),
+        "loss_share": ("share", "likewise"),
+        "loss_rate": ("mass_rate_per_length", "at the beginning"),
+        "contact_pressure": ("stress", "left to push against the channel"),
+        "bending_stiffness": ("bending_stiffness", "of the tube as a beam"),
+        "lifetime": ("time", "as given"),
+        "loss_max": ("share", "as given"),
+        "stress_max": ("stress", "as given"),
+        "strain_max": ("share", "as given"),
+    }
+    variables: ClassVar = {
+        "front_thickness": ("length", ("point",), "thickness"),
+        "front_loss": ("share", ("point",), "share of the fluid lost within the lifetime"),
+        "front_strain": ("share", ("point",), "strain"),
+        "front_contact_pressure": ("stress", ("point",), "pressure on the ground"),
+        "front_within": ("count", ("point",), "whether all limits hold"),
+    }
+
+    kind: Literal["membrane"]
+    want: Annotated[
+        tuple[Literal["membrane"], ...],
+        says("", "`membrane`: strain over loss, and the pressure that is left over thickness"),
+    ] = ()
+    membrane: Annotated[TubeTable, says("", "the membrane")] = TubeTable()
+    fluid: Annotated[FillingTable, says("", "the fluid")]
+    lifetime: Annotated[Positive, says("time", "how long the fluid must last")]
+    loss_max: Annotated[Share, says("share", "largest share of it lost in that time")] = 0.1
+    thickness: Annotated[
+        Pair, says("length", "what can be made; the largest below `membrane.radius`")
+    ] = (2e-5, 2e-3)
+    contact_strain: Annotated[
+        NonNegative, says("share", "at which the worm touches the ground or its channel")
+    ] = 0.02
+    points: Annotated[Count, says("count", "of the front")] = 41
+
+    def faults(self, folder: Path) -> Iterator[Fault]:
+        """Yield faults that no single key shows."""
+        yield from super().faults(folder)
+        yield from wrong_order("thickness", self.thickness, may_be_equal=False)
+        if self.thickness[1] >= self.membrane.radius:
+            yield (
+                "thickness[1]",
+                f"{self.thickness[1]:g} m is no thin wall of a tube of radius "
+                f"{self.membrane.radius:g} m; write less than membrane.radius",
+            )
