@@ -327,8 +327,13 @@ def test_the_page_on_simulation_runs(capsys: pytest.CaptureFixture[str]):
     assert own.partition("def build(")[2].strip() in program
 
 
+def pages() -> str:
+    files = (DOCS / "scenes.md", *(DOCS / "scenes").glob("*.md"))
+    return "\n".join(file.read_text(encoding="utf-8") for file in files)
+
+
 def test_every_key_of_the_scenes_is_documented():
-    text = (DOCS / "scenes.md").read_text(encoding="utf-8")
+    text = pages()
     tables = [TrackScene, SimulateScene, PairWaveformScene, CoilRowScene, CoilInverseScene]
     tables += [FilmWaveScene]
     seen = set()
@@ -349,7 +354,7 @@ def kinds_in(kind: Any) -> list[Any]:
 
 
 def test_every_scalar_and_variable_is_documented(fig05: Result, tmp_path: Path):
-    text = (DOCS / "scenes.md").read_text(encoding="utf-8")
+    text = pages()
     change = [CHANCE, "ensemble.members=3", "time.samples=11", "time.end=0.5"]
     herd = wo.run(load_scene(write(tmp_path, TRACK), change))
     for result in (fig05, herd, wo.run("stiction")):
