@@ -1,0 +1,60 @@
+"""Real results that test_plot.py draws, of packaged scenes that take too long to run for it.
+
+python tests/results/make.py [NAME ...] makes them anew, all or those named; all take two minutes.
+"""
+
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import wormopt as wo
+
+HERE = Path(__file__).parent
+# Scene: what makes it quicker, and its result smaller.
+SCENES = {
+    "compare_tracking": [
+        'units="SI"', "time.end=3.0", "tube.capture=1.0", "time.samples=101", "grid.arcs=15",
+        "draws.members=6", "draws.known=1", "crawl.arcs=30",
+    ],
+    "optimal_crawl": ["mesh.arcs=30"],
+    "resonance_curve": [
+        'pair.friction={kind="stribeck", forward=0.3, backward=0.6, stick_forward=0.9, '
+        "stick_backward=1.8, v_stribeck=0.15}",
+        "sweep.detuning=[0.3, 3.0]", "sweep.points=60", "confirm.time=300.0", "confirm.periods=20",
+    ],
+    "three_masses_harmonic": [
+        'units="SI"', 'worm.friction={kind="stribeck", forward=0.001, backward=0.001, '
+        "stick_forward=0.03, stick_backward=0.03, v_stribeck=0.8}",
+        "course.velocity=0.1", "course.periods=2",
+    ],
+    "random_links": ['units="SI"', "ensemble.members=5", "time.samples=41", "time.end=3.0"],
+    "fig24_travelling_wave": [],
+    "segment_shapes": [],
+    "film_forward": ["course.samples=41", "course.periods=20"],
+    "film_basins": [
+        "film.delta=0.98", "film.tension=1.0", "map.delta=[0.3,0.9,0.98]", "map.tension=[0.1,1.0]",
+        "course.samples=41",
+    ],
+    "film_wave_design": ["sweep={tension=[0.1,0.02], field=[2.0]}"],
+    "fig13_magnetic_pair": ["course.samples=201"],
+    "coil_row_inverse": [],
+    "fig25_coil_pressure": [],
+    "pair_waveform_design": [],
+    "fig21_rod_motion": [],
+    "fig22_frequency_response": [
+        "rates=[5,50,500]", "search.rounds=1", "search.refine=2", "sensitivity.rates=[20,100]",
+        "course.cycles=4", "course.duration=0.5",
+    ],
+}  # fmt: skip
+
+
+def main(names: list[str]) -> None:
+    """Run the scenes and keep their results."""
+    for name in names:
+        with TemporaryDirectory() as folder:
+            wo.run(wo.load_scene(name, SCENES[name])).save(folder)
+            (HERE / f"{name}.nc").write_bytes((Path(folder) / "result.nc").read_bytes())
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:] or list(SCENES))
