@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.values import numbers
-from wormopt.systems.film.cosine import Peak, peak_near
+from wormopt.systems.film.cosine import CosineWave, Peak, peak_near
 from wormopt.systems.film.lubrication import Expression, library_of, symbolic
 
 # Harmonics of 1 / h² and 1 / h³ beyond the grid shall be below this share of the largest.
@@ -238,6 +238,10 @@ class FourierWave:
         best = hills[np.argsort(values[hills])[-_CANDIDATES:]]
         found = [peak_near(self, float(xi[k]), tension) for k in best]
         return max(found, key=lambda peak: peak.value)
+
+
+Wave = CosineWave | FourierWave
+"""A shape of the surface."""
 
 
 def _series(cosines: np.ndarray, sines: np.ndarray, xi: Expression, order: int = 0) -> Expression:

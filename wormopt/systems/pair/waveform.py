@@ -11,9 +11,9 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
-from wormopt.model.model import Model, Signal
+from wormopt.model.model import Model
 from wormopt.ocp.motion import Motion
-from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.ocp.problem import Bound, Ends, Problem, ramped
 
 # Fields by chance have so many harmonics and, as polylines, so many corners.
 _HARMONICS, _CORNERS = 3, 96
@@ -101,20 +101,6 @@ def _limited(pair: Model, limits: FieldLimits) -> Model:
     field = replace(pair.u[0], lower=least, upper=most, nominal=size, value=(least + most) / 2)
     plant = replace(pair, u=[field])
     return plant if limits.slope is None else ramped(plant, limits.slope)
-
-
-def ramped(plant: Model, slope: float) -> Model:
-    """Make the only scalar input of a plant its last state, and its rate (``_rate``) the input.
-
-    The input's bounds become the state's; `slope`: largest size of the rate.
-    Raises ArgumentError if the plant has another number of inputs.
-    """
-    if sum(signal.size for signal in plant.u) != 1:
-        raise ArgumentError(f"{plant.name} has not one scalar input")
-    (level,) = plant.u
-    rate = ca.SX.sym(f"{level.name}_rate")
-    steep = Signal(f"{level.name}_rate", rate, nominal=slope, lower=-slope, upper=slope, value=0.0)
-    return replace(plant, x=[*plant.x, level], ode=ca.vertcat(plant.ode, rate), u=[steep])
 
 
 def field_course(motion: Motion) -> Gait:

@@ -13,11 +13,10 @@ from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.pressure import magnetic_pressure
 from wormopt.result import Result
 from wormopt.scene.scene import Scene
-from wormopt.systems.film.drift import Wave
 from wormopt.systems.film.lubrication import field_slope
 from wormopt.systems.film.runs.film_flow import fluid_of
 from wormopt.systems.film.scenes.film_forward import FilmForwardScene
-from wormopt.systems.film.shapes import grid
+from wormopt.systems.film.shapes import Wave, grid
 from wormopt.systems.film.thin_film import slope_on
 from wormopt.systems.film.units import Fluid
 

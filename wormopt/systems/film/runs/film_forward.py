@@ -15,7 +15,6 @@ from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Result
 from wormopt.scene.scene import Scene
-from wormopt.systems.film.drift import Wave
 from wormopt.systems.film.runs.film_basins import Basins, basins, basins_scalars, basins_variables
 from wormopt.systems.film.runs.film_branches import (
     Waves,
@@ -28,7 +27,7 @@ from wormopt.systems.film.runs.film_fields import GivenField, WaveField, field_o
 from wormopt.systems.film.runs.film_flow import fluid_of, wave_of
 from wormopt.systems.film.runs.film_resolution import Resolved, resolved
 from wormopt.systems.film.scenes.film_forward import FilmForwardScene, StartTable
-from wormopt.systems.film.shapes import grid
+from wormopt.systems.film.shapes import Wave, grid
 from wormopt.systems.film.thin_film import film_volume
 
 # Volume that may be lost, residual of steady films, what a tighter integrator may change.
