@@ -28,7 +28,7 @@ from wormopt.systems.coils.runs.coil_parts import (
 )
 from wormopt.systems.coils.scenes.coil_inverse import CoilInverseScene
 from wormopt.systems.film.cosine import CosineWave
-from wormopt.systems.film.runs.coil_film import CarriedFilm, carried_film
+from wormopt.systems.film.courses import CarriedFilm, carried_film
 from wormopt.systems.film.units import Fluid
 from wormopt.systems.shared.optimum import refused
 
