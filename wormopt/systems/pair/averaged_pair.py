@@ -11,7 +11,7 @@ import casadi as ca
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model
-from wormopt.systems.pair.pair_parts import pair_parts
+from wormopt.systems.pair.magnetic_pair import pair_parts
 from wormopt.systems.pair.slow_pair import slow_outputs, slow_states
 
 

@@ -22,8 +22,8 @@ from wormopt.systems.film.design.wave import WaveAim, WaveLimits, largest_flow
 from wormopt.systems.film.lubrication import surface_velocity
 from wormopt.systems.film.scenes.film_wave import FilmWaveScene, WaveSweepTable
 from wormopt.systems.shared.optimum import (
+    optimum_facts,
     optimum_timings,
-    optimum_trust,
     refused,
     warnings_of_optimum,
 )
@@ -225,7 +225,7 @@ def _facts(waves: list[DesignedWave], checks: tuple[Check, ...]) -> dict[str, An
         "quadrature over the thickness alone", constant.value, constant.limit,
         "the equations of the film",
     )  # fmt: skip
-    trust = optimum_trust(wave.stages, second, ())
+    trust = optimum_facts(wave.stages, second)
     phased = "phases" in wave.stages
     trust["treatment"] = "phases between switches of the field" if phased else "fixed mesh"
     del trust["complementarity_max"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -189,9 +189,8 @@ def _ridden(
 def _checks(rides: Sequence[_Ride], table: FloatScene) -> Iterator[Check]:
     accepted = accepted_error(tolerance_of(table.tolerance))
     for ride in rides:
-        if second := ride.recheck:
-            name, fault = f"second route of {ride.what}s", second.fault
-            yield Check(name, second.error, second.accepted, fault, passed=not fault)
+        if ride.recheck:
+            yield replace(ride.recheck.check, name=f"second route of {ride.what}s")
         for i, error in enumerate(ride.errors):
             if error is not None:
                 advice = f"the simulated drift of {ride.what} {i} is {error:.2g} off its formula"
@@ -279,18 +278,12 @@ def _facts(rides: Sequence[_Ride], table: FloatScene) -> dict[str, Any]:
     facts = {
         "tolerance": {"relative": tolerance.relative, "absolute": tolerance.absolute},
         "route": one_or_all([ride.motion.route for ride in rides]),
-        "recheck": one_or_all(
-            [
-                r and {"route": r.route, "error": r.error, "accepted": r.accepted,
-                       "shared": r.shared}
-                for r in (ride.recheck for ride in rides)
-            ]
-        ),
+        "recheck": one_or_all([ride.recheck and ride.recheck.facts for ride in rides]),
         "drift_error": [error for ride in rides for error in ride.errors],
         "phase_error": rides[0].phase_errors,
         "phase_accepted": _accepted_phase(rides[0], table),
         "drift_accepted": accepted_error(tolerance),
-    }  # fmt: skip
+    }
     return facts | ({"tracers": _left(rides[1])} if len(rides) > 1 else {})
 
 

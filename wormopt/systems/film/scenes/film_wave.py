@@ -19,6 +19,7 @@ from wormopt.scene.types import (
     says,
     wrong_order,
 )
+from wormopt.systems.shared.declared import OPTIMUM
 
 Crests = Annotated[int, Meta(ge=1, le=12, description="a whole number from 1 to 12")]
 Values = Annotated[
@@ -163,12 +164,12 @@ class FilmWaveScene(SceneTable, frozen=True, kw_only=True):
         "thickness_limits": ("1", "as in the scene"),
         "field_limit": ("1", "as in the scene"),
         "n_phases": ("count", "phases between switches of the field, in a wavelength"),
-        "defect_max": ("1", "largest local error of an arc, in nominal sizes of states"),
+        "defect_max": OPTIMUM["defect_max"],
         "recheck_error": (
             "1",
             "difference of *C* between optimiser and quadrature; 1e-6 is accepted",
         ),
-        "solve_iterations": ("count", "iterations of all solves"),
+        "solve_iterations": OPTIMUM["solve_iterations"],
     }
     variables: ClassVar = {
         "xi": ("rad", ("xi",), "phase t - x"),
