@@ -14,6 +14,7 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Quantity -> unit of a scene with units = "SI"; in a dimensionless scene every unit is "1".
 UNITS = {
     "length": "m",
+    "area": "m2",
     "time": "s",
     "speed": "m s-1",
     "acceleration": "m s-2",
