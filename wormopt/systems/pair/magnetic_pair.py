@@ -71,14 +71,7 @@ def magnetic_pair(
     >>> pair.n_x, [contact.name for contact in pair.contacts]
     (4, ['mass 1', 'mass 2'])
     """
-    parts = pair_parts(
-        law=law,
-        mass=mass,
-        stiffness=stiffness,
-        push=push,
-        frequency=frequency,
-        cosines=cosines,
-    )
+    parts = pair_parts(law, mass, stiffness, push, frequency, cosines)
     x, v = ca.SX.sym("x", 2), ca.SX.sym("v", 2)
     stretch, rate = x[1] - x[0], v[1] - v[0]
     pull = parts.stiffness * stretch - parts.push * parts.field
@@ -142,7 +135,6 @@ class PairParts:
 
 
 def pair_parts(
-    *,
     law: Law | Sequence[Law],
     mass: float,
     stiffness: float,
