@@ -17,12 +17,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.systems.film.lubrication import (
-    Expression,
-    field_slope,
-    library_of,
-    symbolic,
-)
+from wormopt.systems.film.lubrication import Expression, field_slope, library_of, symbolic
 
 _STEPS = 50
 

@@ -209,11 +209,7 @@ def _integrated(
 
 
 def _leg(
-    setting: Setting,
-    points: int,
-    state: np.ndarray,
-    span: tuple[float, float],
-    times: np.ndarray,
+    setting: Setting, points: int, state: np.ndarray, span: tuple[float, float], times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, int, bool]:
     failed = False
     try:

@@ -37,11 +37,7 @@ _CLOSED = 1e-8
 
 
 def thin_film(
-    slope: ArrayLike | ca.SX,
-    tension: float | ca.SX,
-    *,
-    order: int = 12,
-    p: Sequence[Signal] = (),
+    slope: ArrayLike | ca.SX, tension: float | ca.SX, *, order: int = 12, p: Sequence[Signal] = ()
 ) -> Model:
     """Model of a film of mean thickness 1 under a travelling field.
 

@@ -284,12 +284,7 @@ def confirmed(
         length = 2 * np.pi / nu * periods
         marks.append([end - 2 * length, end - length, end])
     motions = simulate_ensemble(
-        pair.exact,
-        end,
-        members,
-        times=np.unique(marks),
-        tolerance=tolerance,
-        report=report,
+        pair.exact, end, members, times=np.unique(marks), tolerance=tolerance, report=report
     )
     # displacement over time between the marks of every member
     columns = np.searchsorted(motions.time, marks)

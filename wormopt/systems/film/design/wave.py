@@ -81,10 +81,7 @@ def field_needs(delta: float, tension: float) -> tuple[float, float]:
 
 
 def fitting_cosine(
-    tension: float,
-    thickness: tuple[float, float],
-    field: float,
-    gradient: float = math.inf,
+    tension: float, thickness: tuple[float, float], field: float, gradient: float = math.inf
 ) -> float:
     """Amplitude of the largest cosine wave within limits of thickness, field range and slope.
 

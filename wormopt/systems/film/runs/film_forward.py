@@ -119,10 +119,7 @@ def run(scene: Scene[FilmForwardScene], report: Report) -> Result:
 
 
 def _setting(
-    scene: Scene[FilmForwardScene],
-    field: WaveField | GivenField,
-    wave: Wave | None,
-    tension: float,
+    scene: Scene[FilmForwardScene], field: WaveField | GivenField, wave: Wave | None, tension: float
 ) -> Setting:
     table = scene.table
     start = _start(table.start, wave)

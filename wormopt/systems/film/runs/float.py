@@ -168,12 +168,7 @@ def _periods(drifts: Sequence[Drift]) -> float:
 
 
 def _ridden(
-    what: str,
-    model: Any,
-    drifts: tuple[Drift, ...],
-    end: float,
-    table: FloatScene,
-    report: Report,
+    what: str, model: Any, drifts: tuple[Drift, ...], end: float, table: FloatScene, report: Report
 ) -> _Ride:
     tolerance = tolerance_of(table.tolerance)
     report(f"{what}s", 0.0)
@@ -221,11 +216,7 @@ def _left(ride: _Ride) -> dict[str, float]:
 
 
 def _scalars(
-    table: FloatScene,
-    wave: Wave,
-    lengths: list[float],
-    rides: Sequence[_Ride],
-    fluid: Fluid | None,
+    table: FloatScene, wave: Wave, lengths: list[float], rides: Sequence[_Ride], fluid: Fluid | None
 ) -> dict[str, Any]:
     speed, rate = (fluid.speed, fluid.frequency) if fluid else (1.0, 1.0)
     xi = np.linspace(0.0, _TURN, 4097)

@@ -256,10 +256,7 @@ class FloatScene(SceneTable, frozen=True, kw_only=True):
             "1",
             "amplitude of the cosine wave from which on it holds floats of this length",
         ),
-        "body_speed_max": (
-            "speed",
-            "largest velocity of the float; it is held from the wave's on",
-        ),
+        "body_speed_max": ("speed", "largest velocity of the float; it is held from the wave's on"),
         "mean_flow": ("1", "of the film"),
         "delta": ("1", "amplitude of a cosine wave"),
         "float_length": ("1", "as in the scene"),

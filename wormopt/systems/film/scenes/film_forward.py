@@ -179,8 +179,7 @@ class StepsTable(Table, frozen=True, kw_only=True):
         says("count", "steps after which a run is given up"),
     ] = 200_000
     recheck: Annotated[
-        bool,
-        says("", "whether the motion is found again to a hundredth of these tolerances"),
+        bool, says("", "whether the motion is found again to a hundredth of these tolerances")
     ] = True
 
 

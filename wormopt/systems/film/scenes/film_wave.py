@@ -138,10 +138,7 @@ class FilmWaveScene(SceneTable, frozen=True, kw_only=True):
             "does what is asked, unknown where the thickness or the gradient does not allow it",
         ),
         "cosine_delta": ("1", "amplitude of that wave"),
-        "mean_flow_supremum": (
-            "1",
-            "no wave between the thicknesses carries more, at any field",
-        ),
+        "mean_flow_supremum": ("1", "no wave between the thicknesses carries more, at any field"),
         "gap_to_supremum": ("1", "distance to it"),
         "gain": (
             "1",
@@ -179,11 +176,7 @@ class FilmWaveScene(SceneTable, frozen=True, kw_only=True):
         "surface_velocity": ("1", ("xi",), "velocity of the surface over that of the wave"),
         "xi_cosine": ("rad", ("xi_cosine",), "phase t - x"),
         "height_cosine": ("1", ("xi_cosine",), "thickness of the cosine wave"),
-        "field_pressure_cosine": (
-            "1",
-            ("xi_cosine",),
-            "its least field (mu - 1) H^2 / (8 pi)",
-        ),
+        "field_pressure_cosine": ("1", ("xi_cosine",), "its least field (mu - 1) H^2 / (8 pi)"),
         "surface_velocity_cosine": ("1", ("xi_cosine",), "velocity of its surface"),
         "sweep_tension": ("1", ("sweep_tension",), "number W of surface tension"),
         "sweep_field": ("1", ("sweep_field",), "largest range of the field"),

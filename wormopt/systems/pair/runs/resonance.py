@@ -84,11 +84,7 @@ def _result(
 
 
 def _scalars(
-    table: ResonanceScene,
-    pair: Pair,
-    branches: list[Branch],
-    points: Points,
-    exact: Exact | None,
+    table: ResonanceScene, pair: Pair, branches: list[Branch], points: Points, exact: Exact | None
 ) -> dict[str, Any]:
     speed = Scales.of(table.pair).speed
     scalars = {
@@ -117,11 +113,7 @@ def _largest(values: np.ndarray) -> float | None:
 
 
 def _variables(
-    table: ResonanceScene,
-    pair: Pair,
-    branches: list[Branch],
-    points: Points,
-    exact: Exact | None,
+    table: ResonanceScene, pair: Pair, branches: list[Branch], points: Points, exact: Exact | None
 ) -> dict[str, np.ndarray]:
     scales = Scales.of(table.pair)
     found = {
@@ -146,11 +138,7 @@ def _variables(
 
 
 def _facts(
-    table: ResonanceScene,
-    pair: Pair,
-    branches: list[Branch],
-    points: Points,
-    exact: Exact | None,
+    table: ResonanceScene, pair: Pair, branches: list[Branch], points: Points, exact: Exact | None
 ) -> dict[str, Any]:
     rates = rates_of(pair.averages[0])
     nearest = int(np.argmin(np.abs(points.detuning - table.sweep.detuning[1])))

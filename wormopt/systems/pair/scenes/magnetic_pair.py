@@ -216,8 +216,7 @@ class MagneticPairScene(SceneTable, frozen=True, kw_only=True):
     ] = ()
     pair: ThePair
     detuning: Annotated[
-        Finite,
-        says("1", "*Δ*: the field's frequency is √2 + *εΔ* natural rates √(*c*/*m*)"),
+        Finite, says("1", "*Δ*: the field's frequency is √2 + *εΔ* natural rates √(*c*/*m*)")
     ]
     course: Annotated[CourseTable, says("", "the motion")] = field(default_factory=CourseTable)
     stated_velocity: Annotated[
