@@ -178,7 +178,7 @@ def _variables(motion: Motion, harmonic: Harmonic) -> dict[str, np.ndarray]:
     assert dense is not None
     at = np.mod(share, 1.0) * harmonic.course.period
     x = dense(at)
-    return sampled.arrays(dict(PairWaveformScene.variables)) | {
+    return sampled.arrays(PairWaveformScene.variables) | {
         "field_harmonic": harmonic.course(at)[0],
         "stretch_harmonic": x[1] - x[0],
         "gait_breaks": course.breaks,
