@@ -41,7 +41,7 @@ USES: dict[str, set[str]] = {
     "block": {"chain"},
     "swinging": {"chain"},
     "pair": {"chain"},
-    "film": {"chain", "spiked", "pair"},
+    "film": {"chain", "spiked"},
     "coils": {"film"},
     "channel": {"coils"},
 }

@@ -22,7 +22,7 @@ from wormopt.scene import load_scene
 from wormopt.systems.coils import row_currents
 from wormopt.systems.coils.runs import coil_inverse, coil_row
 from wormopt.systems.film.cosine import CosineWave
-from wormopt.systems.film.runs.coil_film import carried_film
+from wormopt.systems.film.courses import carried_film
 
 ROW, INVERSE = "fig24_travelling_wave", "coil_row_inverse"
 SMALL = ("coils.count=12", "line.margin=2", "search.nodes=16", "search.places=2")

@@ -580,28 +580,3 @@ def test_bad_fluids_are_refused(
 ):
     assert main(["run", "film_field", "--set", change, "-o", str(tmp_path / "out")]) == 2
     assert key in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("name", "changes"),
-    [
-        ("fig15_film_flow", []),
-        ("film_field", []),
-        ("fig27_float", ["tracers={height=[0.5]}", 'units="SI"', f"film.fluid={FLUID}"]),
-    ],
-)
-def test_keys_scalars_and_variables_are_documented(name: str, changes: list[str]):
-    scene = load_scene(name, changes)
-    page = (Path(__file__).parents[1] / "docs" / "scenes.md").read_text(encoding="utf-8")
-    parts = re.split(r"^## ", page, flags=re.MULTILINE)
-    part = "".join(p for p in parts if p.startswith(("kind `film-flow`", "kind `float`")))
-    result = wo.run(scene)
-    written = {word.split(".")[-1] for word in re.findall(r"`([\w.]+)`", part)}
-    missing = [v.name for v in result.variables if v.name not in written]
-    missing += [scalar for scalar in result.scalars if scalar not in written]
-    tables = [scene.table.film, *filter(None, [getattr(scene.table, "floats", None)])]
-    tables += filter(None, [getattr(scene.table, t, None) for t in ("tracers", "curves", "course")])
-    tables += filter(None, [scene.table.film.fluid])
-    missing += [key for table in tables for key in table.__struct_fields__ if key not in written]
-    assert set(missing) <= {"fluid"}  # a table: [film.fluid]
-    assert "[film.fluid]" in part

@@ -68,6 +68,8 @@ def test_the_packaged_film_takes_the_wave():
     assert result.trust["resolution_difference"] < 1e-9
     assert result.trust["closed_form_difference"] < 1e-10
     assert result.trust["warnings"] == []
+    assert len(result.checks) == 6
+    assert all(check.passed for check in result.checks)
 
 
 def test_signals_of_a_course():
@@ -140,6 +142,9 @@ def test_a_film_the_points_cannot_hold_fails_with_the_place(
     assert printed["status"] == "failed"
     assert "leaves what 32 points can hold" in printed["reason"]
     assert "grid.most" in printed["reason"]
+    lost = {k: c for k, c in printed["trust"]["checks"].items() if not c["passed"]}
+    assert [c["advice"] for c in lost.values()] == [printed["reason"]]
+    assert [*lost] == ["points hold the film"]
 
 
 def test_too_few_steps_are_told(tmp_path: Path):

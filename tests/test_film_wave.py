@@ -16,12 +16,18 @@ from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
 from wormopt.result import Result
 from wormopt.scene import load_scene
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
+from wormopt.systems.film.design.check import check_wave, cosine_beside, sampled
 from wormopt.systems.film.design.search import DesignedWave, best_wave
-from wormopt.systems.film.design.wave import WaveAim, WaveLimits, wave_problem
-from wormopt.systems.film.drift import CAPTURE_DELTA, float_drift
-from wormopt.systems.film.limits import field_needs, fitting_cosine, largest_flow, sampled
+from wormopt.systems.film.design.wave import (
+    WaveAim,
+    WaveLimits,
+    field_needs,
+    fitting_cosine,
+    largest_flow,
+    wave_problem,
+)
+from wormopt.systems.film.float import CAPTURE_DELTA, float_drift
 from wormopt.systems.film.runs import film_wave
-from wormopt.systems.film.runs.film_wave_check import check_wave, cosine_beside, faults_of_checks
 from wormopt.systems.film.shapes import (
     FourierWave,
     field_function,
@@ -90,7 +96,8 @@ def test_the_shape_alone_says_the_same_as_the_optimiser(best: Result):
     assert value(best, "recheck_error") < 1e-9
     assert value(best, "defect_max") < 2e-9
     assert best.trust["first_order_gain"] < 1e-7
-    assert best.trust["checks"]["range of the field"] < 1e-5
+    assert best.trust["checks"]["range of the field"]["value"] < 1e-5
+    assert all(check.passed for check in best.checks)
     h = np.interp(grid(4001), best["xi"].values, best["height"].values)
     assert h.min() >= 0.5 - 1e-8
     assert h.max() <= 1.5 + 1e-8
@@ -118,7 +125,7 @@ def test_the_field_jumps_between_its_limits_and_is_straight_where_the_film_rests
 
 def test_a_float_on_the_wave_drifts_as_its_harmonics_say(wave: DesignedWave):
     shape, checks = check_wave(wave, WaveAim())
-    assert not faults_of_checks(checks)
+    assert all(check.passed for check in checks)
     cosines, sines = harmonics_of(wave.thickness(grid(1024)))
     smooth = FourierWave(cosines[:200].tolist(), sines[:200].tolist())
     assert smooth.mean_flow == pytest.approx(wave.mean_flow, abs=1e-6)
@@ -202,7 +209,7 @@ def test_a_weak_field_makes_the_wave_of_the_linear_film():
     found = best_wave(limits, WaveAim())
     assert found.crests == 3
     assert found.mean_flow / 0.02**2 == pytest.approx(small_flow(0.1, 3), rel=1e-4)
-    assert not faults_of_checks(check_wave(found, WaveAim())[1])
+    assert all(check.passed for check in check_wave(found, WaveAim())[1])
 
 
 # -- limits --------------------------------------------------------------------------------------
@@ -296,7 +303,7 @@ def test_the_cosine_beside_does_what_is_asked_or_there_is_none():
 def test_more_room_and_more_field_carry_more_and_tension_hinders(wave: DesignedWave):
     def flow(**changes: Any) -> float:
         found = best_wave(dataclasses.replace(LIMITS, **changes), WaveAim(), crests=2)
-        assert not faults_of_checks(check_wave(found, WaveAim())[1])
+        assert all(check.passed for check in check_wave(found, WaveAim())[1])
         assert found.mean_flow < largest_flow(found.limits.thickness)
         return found.mean_flow
 
@@ -374,6 +381,9 @@ def test_a_wave_that_does_not_do_what_was_found_fails(
     assert result.status == "failed"
     assert "C by quadrature is off by" in result.reason
     assert "thickness beyond its bounds" in result.reason
+    lost = [check for check in result.checks if not check.passed]
+    assert {"C by quadrature", "thickness beyond its bounds"} <= {check.name for check in lost}
+    assert "; ".join(check.advice for check in lost) == result.reason
 
 
 @pytest.mark.parametrize("vain", [("margin", "drift"), ("drift",), ("margin",)])

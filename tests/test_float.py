@@ -20,15 +20,16 @@ from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.film.cosine import CosineWave
-from wormopt.systems.film.drift import (
+from wormopt.systems.film.float import (
     CAPTURE_DELTA,
     body_velocity,
     capture_delta,
     cosine_drift,
     float_drift,
+    floating,
     tracer_drift,
+    tracers,
 )
-from wormopt.systems.film.float import floating, tracers
 from wormopt.systems.film.lubrication import velocities
 from wormopt.systems.film.runs import float as float_study
 from wormopt.systems.film.shapes import FourierWave
@@ -424,6 +425,9 @@ def test_a_float_held_elsewhere_fails(tmp_path: Path, monkeypatch: pytest.Monkey
     result = run_text(tmp_path, FLOAT, "film.delta=0.7")
     assert result.status == "failed"
     assert "off the phase of rest" in result.reason
+    (lost,) = (check for check in result.checks if not check.passed)
+    assert (lost.name, lost.advice) == ("phase of float 0", result.reason)
+    assert abs(lost.value or 0) == pytest.approx(1e-4, rel=1e-2)
 
 
 def test_floats_in_si_units(tmp_path: Path):

@@ -179,6 +179,8 @@ def test_figure_13():
     assert result.trust["settled_to"] < 1e-9
     assert result.trust["closed_form_difference"] < 1e-12
     assert result.trust["quadrature_error"] < 1e-13
+    assert [check.name for check in result.checks] == ["closed form (19)", "second route"]
+    assert all(check.passed for check in result.checks)
 
 
 def test_the_chapters_velocity_is_shown_as_a_discrepancy():

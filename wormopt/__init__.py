@@ -69,8 +69,7 @@ if TYPE_CHECKING:
     from wormopt.systems.channel.closed_forms import ChannelWorm
     from wormopt.systems.channel.rod import Rod
     from wormopt.systems.film.cosine import CosineWave
-    from wormopt.systems.film.drift import float_drift
-    from wormopt.systems.film.float import floating, tracers
+    from wormopt.systems.film.float import float_drift, floating, tracers
     from wormopt.systems.film.shapes import FourierWave
     from wormopt.systems.film.thin_film import thin_film
     from wormopt.systems.film.units import Fluid
@@ -182,7 +181,7 @@ _HOMES = {
     "design": "wormopt.systems.spiked.design.optimize",
     "drive": "wormopt.control.drive",
     "fast_gait": "wormopt.systems.spiked.construct",
-    "float_drift": "wormopt.systems.film.drift",
+    "float_drift": "wormopt.systems.film.float",
     "floating": "wormopt.systems.film.float",
     "follow": "wormopt.control.reference",
     "follow_branch": "wormopt.analysis.continuation",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -186,3 +186,17 @@ class Problem:
         shortest, longest = self.duration
         if not 0 < shortest <= longest:
             raise ValueError(f"duration must be a positive range, not {self.duration}")
+
+
+def ramped(plant: Model, slope: float) -> Model:
+    """Make the only scalar input of a plant its last state, and its rate (``_rate``) the input.
+
+    The input's bounds become the state's; `slope`: largest size of the rate.
+    Raises ArgumentError if the plant has another number of inputs.
+    """
+    if sum(signal.size for signal in plant.u) != 1:
+        raise ArgumentError(f"{plant.name} has not one scalar input")
+    (level,) = plant.u
+    rate = ca.SX.sym(f"{level.name}_rate")
+    steep = Signal(f"{level.name}_rate", rate, nominal=slope, lower=-slope, upper=slope, value=0.0)
+    return replace(plant, x=[*plant.x, level], ode=ca.vertcat(plant.ode, rate), u=[steep])

@@ -99,7 +99,7 @@ PICTURES: dict[str, Picture] = {
         "film.plots.thin_film:basins", ("map_delta", "map_tension", "map_outcome", "map_growth")
     ),
     "film_wave": Picture(
-        "film.plots.film_wave:film_wave", ("xi", "height", "field_pressure", "surface_velocity")
+        "film.plots.film:film_wave", ("xi", "height", "field_pressure", "surface_velocity")
     ),
     "travelling_field": Picture(
         "coils.plots.coils:travelling_field",

@@ -9,6 +9,7 @@ place: `wormopt.systems.film.lubrication`, also to be had from here; any shape b
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
@@ -16,12 +17,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.systems.film.lubrication import (
-    Expression,
-    field_slope,
-    library_of,
-    symbolic,
-)
+from wormopt.systems.film.lubrication import Expression, field_slope, library_of, symbolic
 
 _STEPS = 50
 
@@ -47,8 +43,139 @@ class Peak:
     xi: float  # phase, 0 to 2 pi
 
 
+class Shape:
+    """A shape h(xi) of the surface, of mean 1: its C, and the field function that holds it."""
+
+    @property
+    def constant(self) -> Any:
+        """C, for which alone the field is periodic."""
+        raise NotImplementedError
+
+    @property
+    def mean_flow(self) -> Any:
+        """1 + C."""
+        return 1 + self.constant
+
+    def height(self, xi: Expression, order: int = 0) -> Expression:
+        """Thickness h, or a derivative of it by xi.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase t - x.
+        order : int, optional
+            Of the derivative.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+
+        Examples
+        --------
+        >>> CosineWave(0.5).height(0.0), CosineWave(0.5).height(0.0, 2)
+        (1.5, -0.5)
+        """
+        return self._height(xi, order)
+
+    def pressure(self, xi: Expression) -> Expression:
+        """Pressure in the film less its mean over xi, 3 int d xi (1 / h² + C / h³).
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+            It does not depend on W.
+
+        Examples
+        --------
+        >>> round(CosineWave(0.5).pressure(2.0), 6)
+        1.732069
+        """
+        return self._pressure(xi)
+
+    def inverse(self, xi: Expression, length: float = 0.0) -> Expression:
+        """1 / h, or its mean over a length of film.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase, in the middle of the length.
+        length : float, optional
+            In units of 1 / k: 2 pi is a wavelength.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+
+        Examples
+        --------
+        >>> round(CosineWave(0.6).inverse(1.0, 2 * math.pi), 12)  # the mean, 1 / sqrt(1 - delta²)
+        1.25
+        """
+        return self._mean_inverse(xi, length) if length else 1 / self.height(xi)
+
+    def field_function(self, xi: Expression, tension: Expression = 0.0) -> Expression:
+        """(mu - 1) D / (8 pi) of (30) and (31), with the mean 0, so that H² = H0² - D.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase.
+        tension : float or casadi.SX, optional
+            Number W of surface tension.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+
+        Examples
+        --------
+        >>> CosineWave(0.5).field_function(0.0, tension=2.0)
+        -1.0
+        """
+        return self.pressure(xi) + tension * self.height(xi, 2)
+
+    def peak(self, tension: float = 0.0) -> Peak:
+        """Maximum of the field function.
+
+        Parameters
+        ----------
+        tension : float, optional
+            Number W of surface tension, 0 or above.
+
+        Returns
+        -------
+        Peak
+
+        Examples
+        --------
+        >>> peak = CosineWave(0.5).peak(tension=1.0)
+        >>> round(peak.value, 6), round(peak.xi, 6)
+        (2.212585, 2.383186)
+        """
+        found = (peak_near(self, xi, tension) for xi in self._summits(tension))
+        return max(found, key=lambda peak: peak.value)
+
+    def _height(self, xi: Expression, order: int) -> Expression:
+        raise NotImplementedError
+
+    def _pressure(self, xi: Expression) -> Expression:
+        raise NotImplementedError
+
+    def _mean_inverse(self, xi: Expression, length: float) -> Expression:
+        raise NotImplementedError
+
+    def _summits(self, tension: float) -> Iterable[float]:
+        """Phases near which the maximum of the field function may be."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class CosineWave:
+class CosineWave(Shape):
     """The shape h = 1 + delta cos(xi), all in closed form.
 
     Parameters
@@ -92,74 +219,19 @@ class CosineWave:
         square = self.delta * self.delta
         return 3 * square / (2 + square)
 
-    def height(self, xi: Expression, order: int = 0) -> Expression:
-        """Thickness h, or a derivative of it by xi.
-
-        Parameters
-        ----------
-        xi : float, ndarray or casadi.SX
-            Phase t - x.
-        order : int, optional
-            Of the derivative.
-
-        Returns
-        -------
-        float, ndarray or casadi.SX
-
-        Examples
-        --------
-        >>> CosineWave(0.5).height(0.0), CosineWave(0.5).height(0.0, 2)
-        (1.5, -0.5)
-        """
+    def _height(self, xi: Expression, order: int) -> Expression:
         library = library_of(xi)
         wave = library.sin(xi) if order % 2 else library.cos(xi)
         sign = -1 if order % 4 in (1, 2) else 1
         return (0 if order else 1) + sign * self.delta * wave
 
-    def pressure(self, xi: Expression) -> Expression:
-        """Pressure in the film less its mean over xi, 3 int d xi (1 / h² + C / h³).
-
-        Parameters
-        ----------
-        xi : float, ndarray or casadi.SX
-            Phase.
-
-        Returns
-        -------
-        float, ndarray or casadi.SX
-            It does not depend on W.
-
-        Examples
-        --------
-        >>> round(CosineWave(0.5).pressure(2.0), 6)
-        1.732069
-        """
+    def _pressure(self, xi: Expression) -> Expression:
         library, delta = library_of(xi), self.delta
         h, c = self.height(xi), library.cos(xi)
         square = delta * delta
         return 3 * delta * library.sin(xi) * (2 + delta * c) / ((2 + square) * h * h)
 
-    def inverse(self, xi: Expression, length: float = 0.0) -> Expression:
-        """1 / h, or its mean over a length of film.
-
-        Parameters
-        ----------
-        xi : float, ndarray or casadi.SX
-            Phase, in the middle of the length.
-        length : float, optional
-            In units of 1 / k: 2 pi is a wavelength.
-
-        Returns
-        -------
-        float, ndarray or casadi.SX
-
-        Examples
-        --------
-        >>> round(CosineWave(0.6).inverse(1.0, 2 * math.pi), 12)  # the mean, 1 / sqrt(1 - delta²)
-        1.25
-        """
-        if not length:
-            return 1 / self.height(xi)
+    def _mean_inverse(self, xi: Expression, length: float) -> Expression:
         library, both = library_of(xi), library_of(self.delta)
         root = both.sqrt(1 - self.delta * self.delta)
         # 1 / h = (1 + 2 sum_k (-e)^k cos(k xi)) / root with e = (1 - root) / delta; the sum's
@@ -172,48 +244,10 @@ class CosineWave:
         )
         return (1 - 2 * turn / length) / root
 
-    def field_function(self, xi: Expression, tension: Expression = 0.0) -> Expression:
-        """(mu - 1) D / (8 pi) of (31), with the mean 0.
+    def _summits(self, tension: float) -> Iterable[float]:
+        """Its slope times h³ is a polynomial of degree 8 in exp(i xi) over its fourth power.
 
-        Parameters
-        ----------
-        xi : float, ndarray or casadi.SX
-            Phase.
-        tension : float or casadi.SX, optional
-            Number W of surface tension.
-
-        Returns
-        -------
-        float, ndarray or casadi.SX
-            (mu - 1) (H0² - H²) / (8 pi).
-
-        Examples
-        --------
-        >>> CosineWave(0.5).field_function(0.0, tension=2.0)
-        -1.0
-        """
-        return self.pressure(xi) + tension * self.height(xi, 2)
-
-    def peak(self, tension: float = 0.0) -> Peak:
-        """Maximum of the field function.
-
-        Its slope times h³ is a polynomial of degree 8 in exp(i xi) over its fourth power. The
-        maximum is at the phase of one of its zeros, and nowhere is the function larger.
-
-        Parameters
-        ----------
-        tension : float, optional
-            Number W of surface tension, 0 or above.
-
-        Returns
-        -------
-        Peak
-
-        Examples
-        --------
-        >>> peak = CosineWave(0.5).peak(tension=1.0)
-        >>> round(peak.value, 6), round(peak.xi, 6)
-        (2.212585, 2.383186)
+        The maximum is at the phase of one of its zeros, and nowhere is the function larger.
         """
         h = np.array([self.delta / 2, 1.0, self.delta / 2])  # times exp(i xi)
         flow_ = np.array([self.delta / 2, self.mean_flow, self.delta / 2])
@@ -221,11 +255,10 @@ class CosineWave:
         slope = np.polyadd(tension * self.delta * bend, 3 * np.polymul([1.0, 0, 0, 0], flow_))
         roots = np.roots(slope)
         phases = np.angle(roots[roots != 0])
-        best = phases[np.argmax(self.field_function(phases, tension))]
-        return peak_near(self, float(best), tension)
+        return (float(phases[np.argmax(self.field_function(phases, tension))]),)
 
 
-def peak_near(wave: Any, xi: float, tension: float) -> Peak:
+def peak_near(wave: Shape, xi: float, tension: float) -> Peak:
     """Maximum of the field function near phase `xi`, by Newton's method, to round-off.
 
     `tension` is the number W.

@@ -1,14 +1,17 @@
-"""What a travelling wave carries: floats on the surface of a film, and tracers in it, as Models.
+"""What a travelling wave carries: floats on the surface of a film, and tracers in it.
 
 A float is thin and light: it does not change the film, bends with its surface and goes as fast as
 the surface below it does on average, as viscous drag alone makes it. A tracer is a point of the
-fluid. Lengths along the film are in units of 1/k, times in units of 1/omega: (25).
+fluid. Both as Models, and how fast they go in the long run. Lengths along the film are in units of
+1/k, times in units of 1/omega: (25).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -17,11 +20,188 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.model import TINY, Model, Output, Signal, Switch
+from wormopt.model.values import numbers
+from wormopt.numerics.roots import root
 from wormopt.systems.film.cosine import CosineWave
-from wormopt.systems.film.drift import Wave, body_velocity, check_heights, check_lengths, finite
-from wormopt.systems.film.lubrication import stream_function, velocities
+from wormopt.systems.film.lubrication import (
+    Expression,
+    library_of,
+    stream_function,
+    surface_velocity,
+    velocities,
+)
+from wormopt.systems.film.shapes import Wave, grid
 
+CAPTURE_DELTA = math.sqrt(13) - 3
+"""Amplitude from which on a cosine wave holds a small float: root of delta² + 6 delta = 4."""
+
+# Sums over a period are refined until they agree to this share.
+_AGREED, _LEAST, _MOST = 1e-14, 256, 1 << 20
+_ROUND_OFF = 1e-15
 _LARGEST_BELOW_1 = math.nextafter(1.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How a wave carries something in the long run."""
+
+    velocity: float  # mean, over the wave's; 1 if captured
+    turn: float  # time to be overtaken by a wavelength, in 1 / omega; infinite if captured
+    rests: tuple[float, ...] = ()  # phases xi, 0 to 2 pi, at which it is held
+
+    @property
+    def captured(self) -> bool:
+        """Whether the wave holds it."""
+        return math.isinf(self.turn)
+
+
+def body_velocity(wave: Wave, xi: Expression, length: float = 0.0) -> Expression:
+    """Mean surface velocity under a float, 3/2 (1 + C mean(1/h)), with which it moves.
+
+    `xi`: phase t - x of its middle; `length` 0: a small float.
+    """
+    if not length:
+        return surface_velocity(wave.height(xi), wave.constant)
+    return 1.5 * (1 + wave.constant * wave.inverse(xi, length))
+
+
+def cosine_drift(delta: Expression) -> Expression:
+    """Mean velocity 1 - 2 pi / T_L of a small float on a cosine wave, 1 at `CAPTURE_DELTA`.
+
+    T_L = int d xi / (1 - u_s) = 4 pi (6 y / S - 1), y² = 1 - delta², S² = (4 - delta²)² -
+    36 delta²; without cancellation: 3 delta² (28 - delta²) / (2 (4 y + S) (6 y - S)).
+    """
+    square, library = delta * delta, library_of(delta)
+    y = library.sqrt(1 - square)
+    S = library.sqrt((4 - square - 6 * delta) * (4 - square + 6 * delta))
+    return 3 * square * (28 - square) / (2 * (4 * y + S) * (6 * y - S))
+
+
+@lru_cache(maxsize=256)
+def capture_delta(length: float = 0.0) -> float:
+    """Amplitude from which a cosine wave holds a float of some length, below 2 pi.
+
+    On a crest it is fastest, and held at C mean(1/h) = -1/3; if small: delta² + 6 delta = 4.
+    """
+    length = _lengths(length).item()
+    if not length:
+        return CAPTURE_DELTA
+    return root(lambda delta: 1 - body_velocity(CosineWave(delta), 0.0, length), 0.5, 0.9)
+
+
+def float_drift(wave: Wave, length: float = 0.0) -> Drift:
+    """How a wave carries a float, after as long as it takes.
+
+    Parameters
+    ----------
+    wave : CosineWave or FourierWave
+        Shape of the surface.
+    length : float, optional
+        Of the float, below 2 pi.
+
+    Returns
+    -------
+    Drift
+        In closed form for a small float on a cosine wave, otherwise by quadrature.
+
+    Raises
+    ------
+    ArgumentError
+        If the length is out of range, or the wave so near to holding the float that quadrature
+        does not end.
+
+    Examples
+    --------
+    >>> float_drift(CosineWave(0.5)).velocity == cosine_drift(0.5)
+    True
+    >>> held = float_drift(CosineWave(0.7))
+    >>> held.velocity, [round(phase, 6) for phase in held.rests]
+    (1.0, [5.04554])
+    """
+    length = _lengths(length).item()
+    rests = _rests(wave, length)
+    if rests:
+        return Drift(1.0, math.inf, rests)
+    if isinstance(wave, CosineWave) and not length:
+        velocity = cosine_drift(wave.delta)
+        if not velocity < 1:  # below the amplitude of capture by less than round-off
+            return Drift(1.0, math.inf, (0.0,))
+        return Drift(velocity, 2 * math.pi / (1 - velocity))
+    turn = _turn(lambda xi: 1 / (1 - body_velocity(wave, xi, length)))
+    return Drift(1 - 2 * math.pi / turn, turn)
+
+
+def _rests(wave: Wave, length: float) -> tuple[float, ...]:
+    """Phases at which a float is as fast as the wave, and faster than it behind them."""
+    if isinstance(wave, CosineWave) and not length:
+        if wave.delta <= CAPTURE_DELTA:
+            return (0.0,) if wave.delta == CAPTURE_DELTA else ()
+        return (2 * math.pi - math.acos(-(1 + 3 * wave.constant) / wave.delta),)
+    nodes = 512 if isinstance(wave, CosineWave) else 4 * wave.nodes
+    xi = np.append(grid(nodes), 2 * np.pi)
+
+    def lag(at: Any) -> Any:
+        return 1 - body_velocity(wave, at, length)
+
+    values = lag(xi)
+    falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
+    return tuple(root(lag, xi[k], xi[k + 1]) for k in falls)
+
+
+def tracer_drift(wave: Wave, height: float, position: float = 0.0) -> Drift:
+    """How a wave carries a point of the fluid, by quadrature along its streamline.
+
+    Seen from the wave that runs through the wavelength, or closes under a crest (captured).
+    Held points circle: no rests. Raises ArgumentError outside the film or if quadrature fails.
+    """
+    (z,) = _heights(wave, np.array([position]), np.array([height]))
+    level = stream_function(z, wave.height(-position), wave.constant)
+
+    def per_phase(xi: np.ndarray) -> np.ndarray:
+        h, slope = wave.height(xi), wave.height(xi, 1)
+        u, _ = velocities(_on_level(h, wave.constant, level), h, slope, wave.constant)
+        return 1 / (1 - u)
+
+    reached = _on_level(wave.height(grid(4 * _LEAST)), wave.constant, level)
+    faster = z > _slower_below(np.array([wave.height(-position)]), wave.constant)[0]
+    if faster or np.isnan(reached).any():
+        return Drift(1.0, math.inf)
+    turn = _turn(per_phase)
+    return Drift(1 - 2 * math.pi / turn, turn)
+
+
+def _slower_below(h: np.ndarray, constant: float) -> np.ndarray:
+    """Height up to which the fluid is slower than the wave, the surface at most."""
+    # u = F z (z / 2 - h) = 1
+    flow = h + constant
+    fast = 3 * flow > 2 * h
+    room = np.where(fast, 1 - 2 * h / (3 * np.where(fast, flow, 1.0)), 0.0)
+    return h * (1 - np.sqrt(room))
+
+
+def _on_level(h: np.ndarray, constant: float, level: float) -> np.ndarray:
+    """Height at which the stream function falls to a level for the first time, NaN for none."""
+    low, high = np.zeros_like(h), _slower_below(h, constant)
+    reached = stream_function(high, h, constant) <= level + _ROUND_OFF
+    for _ in range(60):
+        middle = (low + high) / 2
+        above = stream_function(middle, h, constant) > level
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return np.where(reached, (low + high) / 2, np.nan)
+
+
+def _turn(per_phase: Callable[[np.ndarray], np.ndarray]) -> float:
+    """Integral over a period by sums that are refined until they agree."""
+    nodes, before = _LEAST, math.nan
+    while nodes <= _MOST:
+        value = 2 * math.pi * float(np.mean(per_phase(grid(nodes))))
+        if abs(value - before) <= _AGREED * abs(value):
+            return value
+        nodes, before = 2 * nodes, value
+    raise ArgumentError(
+        "the wave all but holds this body: how long it takes to overtake it is not to be found by "
+        "quadrature; take another amplitude"
+    )
 
 
 def floating(wave: Wave, *, length: ArrayLike = 0.0, position: ArrayLike = 0.0) -> Model:
@@ -54,7 +234,7 @@ def floating(wave: Wave, *, length: ArrayLike = 0.0, position: ArrayLike = 0.0) 
     >>> model.n_x, [switch.name for switch in model.switches]
     (2, ['float 0 overtaken', 'float 1 overtaken'])
     """
-    lengths, places = _alike(check_lengths(length), finite("position", position))
+    lengths, places = _alike(_lengths(length), _finite("position", position))
     symbolic, parameters = _lifted(wave)
     t, x = ca.SX.sym("t"), ca.SX.sym("x", len(places))
     xi = t - x
@@ -102,8 +282,8 @@ def tracers(wave: Wave, *, height: ArrayLike, position: ArrayLike = 0.0) -> Mode
     >>> [signal.name for signal in model.x]
     ['position', 'height']
     """
-    heights, places = _alike(finite("height", height), finite("position", position))
-    heights = check_heights(wave, places, heights)
+    heights, places = _alike(_finite("height", height), _finite("position", position))
+    heights = _heights(wave, places, heights)
     symbolic, parameters = _lifted(wave)
     count = len(places)
     t, x, z = ca.SX.sym("t"), ca.SX.sym("x", count), ca.SX.sym("z", count)
@@ -149,3 +329,37 @@ def _alike(*given: np.ndarray) -> tuple[np.ndarray, ...]:
     if any(each.size not in (1, count) for each in given):
         raise ArgumentError(f"give one number for all, or as many of each: {count}")
     return tuple(np.broadcast_to(each, count) for each in given)
+
+
+def _finite(name: str, given: ArrayLike) -> np.ndarray:
+    """Array (n,) of `given`; raises ArgumentError unless it is a list of finite numbers."""
+    found = numbers(name, given).ravel()
+    if not found.size or not np.all(np.isfinite(found)):
+        raise ArgumentError(f"{name} must be a finite number or a list of them, not {given!r}")
+    return found
+
+
+def _lengths(given: ArrayLike) -> np.ndarray:
+    """Float lengths (n,); raises ArgumentError if one is negative or not below a wavelength."""
+    found = _finite("length", given)
+    if not np.all((found >= 0) & (found < 2 * np.pi)):
+        raise ArgumentError(
+            f"a float is shorter than the wave, its length from 0 to below 2 pi, not {given!r}"
+        )
+    return found
+
+
+def _heights(wave: Wave, places: np.ndarray, heights: np.ndarray) -> np.ndarray:
+    """Heights (n,) within the film at time 0, with round-off above the surface clipped.
+
+    Raises ArgumentError if one is below the ground or above the surface.
+    """
+    surface = np.asarray(wave.height(-places))
+    above = (heights < 0) | (heights > surface * (1 + 1e-15))
+    if above.any():
+        k = int(np.argmax(above))
+        raise ArgumentError(
+            f"height {heights[k]:.6g} is not in the film, which reaches from 0 to {surface[k]:.6g} "
+            f"at the position {places[k]:g}"
+        )
+    return np.minimum(heights, surface)

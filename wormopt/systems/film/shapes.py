@@ -7,6 +7,7 @@ expressions; `FourierWave` is a shape by its harmonics that picks a fine enough 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.values import numbers
-from wormopt.systems.film.cosine import Peak, peak_near
+from wormopt.systems.film.cosine import CosineWave, Shape
 from wormopt.systems.film.lubrication import Expression, library_of, symbolic
 
 # Harmonics of 1 / h² and 1 / h³ beyond the grid shall be below this share of the largest.
@@ -64,7 +65,7 @@ def harmonics_of(values: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     return kept.real, -kept.imag
 
 
-class FourierWave:
+class FourierWave(Shape):
     """Shape h = 1 + sum_k (cosines[k-1] cos(k xi) + sines[k-1] sin(k xi)).
 
     Parameters
@@ -110,25 +111,7 @@ class FourierWave:
                 "above 0, write smaller harmonics"
             )
 
-    def height(self, xi: Expression, order: int = 0) -> Expression:
-        """Thickness h, or a derivative of it by xi.
-
-        Parameters
-        ----------
-        xi : float, ndarray or casadi.SX
-            Phase t - x.
-        order : int, optional
-            Of the derivative.
-
-        Returns
-        -------
-        float, ndarray or casadi.SX
-
-        Examples
-        --------
-        >>> FourierWave([0.2], [0.0, 0.1]).height(0.0, 1)
-        0.2
-        """
+    def _height(self, xi: Expression, order: int) -> Expression:
         return (0.0 if order else 1.0) + _series(self.cosines, self.sines, xi, order)
 
     @cached_property
@@ -147,14 +130,9 @@ class FourierWave:
         )
 
     @cached_property
-    def constant(self) -> float:
+    def constant(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
         """C = -int h^-2 / int h^-3."""
         return float(flow_constant(self.height(grid(self.nodes))))
-
-    @property
-    def mean_flow(self) -> float:
-        """1 + C."""
-        return 1 + self.constant
 
     @cached_property
     def _inverse(self) -> tuple[float, np.ndarray, np.ndarray]:
@@ -162,82 +140,32 @@ class FourierWave:
         found = np.fft.rfft(1 / self.height(grid(self.nodes))) / self.nodes
         return float(found[0].real), *_kept(2 * found[1:-1])
 
-    def inverse(self, xi: Expression, length: float = 0.0) -> Expression:
-        """1 / h, or its mean over a length of film.
-
-        Parameters
-        ----------
-        xi : float, ndarray or casadi.SX
-            Phase, in the middle of the length.
-        length : float, optional
-            In units of 1 / k.
-
-        Returns
-        -------
-        float, ndarray or casadi.SX
-        """
-        if not length:
-            return 1 / self.height(xi)
+    def _mean_inverse(self, xi: Expression, length: float) -> Expression:
         mean, cosines, sines = self._inverse
         smooth = np.sinc(np.arange(1, len(cosines) + 1) * length / (2 * np.pi))
         return mean + _series(cosines * smooth, sines * smooth, xi)
 
     @cached_property
-    def _pressure(self) -> tuple[np.ndarray, np.ndarray]:
+    def _pressures(self) -> tuple[np.ndarray, np.ndarray]:
         """Harmonics of the pressure, those of round-off's size left out."""
         h = self.height(grid(self.nodes))
         slope = 3 * (h + self.constant) / h**3
         found = 2 * np.fft.rfft(slope)[1:-1] / self.nodes
         return _kept(found / (1j * np.arange(1, len(found) + 1)))
 
-    def pressure(self, xi: Expression) -> Expression:
-        """Pressure in the film less its mean, 3 int d xi (1 / h² + C / h³).
+    def _pressure(self, xi: Expression) -> Expression:
+        return _series(*self._pressures, xi)
 
-        Parameters
-        ----------
-        xi : float, ndarray or casadi.SX
-            Phase.
-
-        Returns
-        -------
-        float, ndarray or casadi.SX
-        """
-        return _series(*self._pressure, xi)
-
-    def field_function(self, xi: Expression, tension: Expression = 0.0) -> Expression:
-        """(mu - 1) D / (8 pi), with the mean 0, so that H² = H0² - D.
-
-        Parameters
-        ----------
-        xi : float, ndarray or casadi.SX
-            Phase.
-        tension : float or casadi.SX, optional
-            Number W of surface tension.
-
-        Returns
-        -------
-        float, ndarray or casadi.SX
-        """
-        return self.pressure(xi) + tension * self.height(xi, 2)
-
-    def peak(self, tension: float = 0.0) -> Peak:
-        """Maximum of the field function.
-
-        Parameters
-        ----------
-        tension : float, optional
-            Number W of surface tension, 0 or above.
-
-        Returns
-        -------
-        Peak
-        """
+    def _summits(self, tension: float) -> Iterable[float]:
         xi = grid(4 * self.nodes)
         values = field_function(self.height(xi), tension)
         hills = np.flatnonzero((values >= np.roll(values, 1)) & (values >= np.roll(values, -1)))
         best = hills[np.argsort(values[hills])[-_CANDIDATES:]]
-        found = [peak_near(self, float(xi[k]), tension) for k in best]
-        return max(found, key=lambda peak: peak.value)
+        return xi[best].tolist()
+
+
+Wave = CosineWave | FourierWave
+"""A shape of the surface."""
 
 
 def _series(cosines: np.ndarray, sines: np.ndarray, xi: Expression, order: int = 0) -> Expression:

@@ -25,7 +25,8 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, Output, Signal
 from wormopt.model.values import numbers
-from wormopt.systems.film.lubrication import symbolic
+from wormopt.systems.film.lubrication import field_slope, symbolic
+from wormopt.systems.film.shapes import Wave, grid
 
 ORDERS = tuple(range(4, 15, 2))
 _MEAN = 1e-6
@@ -36,11 +37,7 @@ _CLOSED = 1e-8
 
 
 def thin_film(
-    slope: ArrayLike | ca.SX,
-    tension: float | ca.SX,
-    *,
-    order: int = 12,
-    p: Sequence[Signal] = (),
+    slope: ArrayLike | ca.SX, tension: float | ca.SX, *, order: int = 12, p: Sequence[Signal] = ()
 ) -> Model:
     """Model of a film of mean thickness 1 under a travelling field.
 
@@ -210,8 +207,57 @@ def slope_on(points: int, samples: ArrayLike) -> np.ndarray:
             f"{steps[-1]:.3g}, between others by {steps[:-1].max():.3g} at most; give one whole "
             "wavelength, its end left out"
         )
-    found = np.fft.rfft(values) / values.size
-    kept = min((values.size - 1) // 2, (points - 1) // 2)
-    harmonics = np.zeros(points // 2 + 1, dtype=complex)
-    harmonics[1 : kept + 1] = 1j * np.arange(1, kept + 1) * found[1 : kept + 1]
-    return np.fft.irfft(harmonics * points, points)
+    harmonics = _harmonics(values, points)
+    return np.fft.irfft(1j * np.arange(len(harmonics)) * harmonics * points, points)
+
+
+def resampled(samples: np.ndarray, points: int) -> np.ndarray:
+    """Trigonometric polynomial through samples (m,) of a period, at other points (points,)."""
+    return np.fft.irfft(_harmonics(samples, points) * points, points)
+
+
+def _harmonics(samples: np.ndarray, points: int) -> np.ndarray:
+    """Harmonics of that polynomial, those left out that so many points cannot hold."""
+    kept = min((samples.size - 1) // 2, (points - 1) // 2)
+    found = np.zeros(points // 2 + 1, dtype=complex)
+    found[: kept + 1] = np.fft.rfft(samples)[: kept + 1] / samples.size
+    return found
+
+
+class WaveField:
+    """Least field that holds a prescribed wave at number W, as (mu - 1) H² / (8 pi)."""
+
+    def __init__(self, wave: Wave, tension: float) -> None:
+        self.wave, self.tension = wave, tension
+
+    def slope(self, points: int) -> np.ndarray:
+        """Slope at equidistant points (points,)."""
+        xi, wave = grid(points), self.wave
+        return field_slope(wave.height(xi), wave.height(xi, 3), wave.constant, self.tension)
+
+    def values(self, points: int) -> np.ndarray:
+        """Values at equidistant points (points,)."""
+        wave, tension = self.wave, self.tension
+        return wave.peak(tension).value - wave.field_function(grid(points), tension)
+
+
+class GivenField:
+    """A field (mu - 1) H² / (8 pi) by samples (m,) at equidistant phases over a wavelength."""
+
+    def __init__(self, samples: np.ndarray) -> None:
+        self.samples = samples
+
+    def slope(self, points: int) -> np.ndarray:
+        """Slope at equidistant points (points,)."""
+        return slope_on(points, self.samples)
+
+    def values(self, points: int) -> np.ndarray:
+        """Values (points,) at equidistant points, of the same trigonometric polynomial."""
+        return resampled(self.samples, points)
+
+    def left_out(self, points: int) -> float:
+        """Root mean square of the harmonics so many points cannot hold, over that of all."""
+        size = np.abs(np.fft.rfft(self.samples))[1:]
+        kept = min((len(self.samples) - 1) // 2, (points - 1) // 2)
+        whole = float(np.linalg.norm(size))
+        return float(np.linalg.norm(size[kept:])) / whole if whole else 0.0

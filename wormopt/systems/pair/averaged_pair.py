@@ -11,7 +11,7 @@ import casadi as ca
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model
-from wormopt.systems.pair.pair_parts import pair_parts
+from wormopt.systems.pair.magnetic_pair import pair_parts
 from wormopt.systems.pair.slow_pair import slow_outputs, slow_states
 
 
@@ -59,14 +59,7 @@ def averaged_pair(
     """
     if not isinstance(law, Coulomb):
         raise ArgumentError(f"the closed form is for Coulomb(forward, backward), not {law!r}")
-    parts = pair_parts(
-        law=law,
-        mass=mass,
-        stiffness=stiffness,
-        push=push,
-        frequency=frequency,
-        cosines=cosines,
-    )
+    parts = pair_parts(law, mass, stiffness, push, frequency, cosines)
     ahead = sum(-each.slip_force(0.0, 1) for each in parts.laws) / 2
     behind = sum(each.slip_force(0.0, -1) for each in parts.laws) / 2
     V, swing = ca.SX.sym("V"), ca.SX.sym("swing", 2)

@@ -8,12 +8,17 @@ that is weaker forward than backward is what moves them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import casadi as ca
+import numpy as np
 
+from wormopt.errors import ArgumentError
 from wormopt.model.friction import Law
-from wormopt.model.model import Model, Output, Signal
-from wormopt.systems.pair.pair_parts import pair_parts
+from wormopt.model.lift import lift
+from wormopt.model.model import TINY, Contact, Model, Output, Signal
+from wormopt.model.values import numbers
 
 
 def magnetic_pair(
@@ -66,14 +71,7 @@ def magnetic_pair(
     >>> pair.n_x, [contact.name for contact in pair.contacts]
     (4, ['mass 1', 'mass 2'])
     """
-    parts = pair_parts(
-        law=law,
-        mass=mass,
-        stiffness=stiffness,
-        push=push,
-        frequency=frequency,
-        cosines=cosines,
-    )
+    parts = pair_parts(law, mass, stiffness, push, frequency, cosines)
     x, v = ca.SX.sym("x", 2), ca.SX.sym("v", 2)
     stretch, rate = x[1] - x[0], v[1] - v[0]
     pull = parts.stiffness * stretch - parts.push * parts.field
@@ -99,3 +97,103 @@ def magnetic_pair(
         ],
         contacts=parts.contacts(v, push),
     )
+
+
+# -- what all forms of the pair share --------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class PairParts:
+    """What all forms of the pair share."""
+
+    t: ca.SX  # time
+    mass: ca.SX
+    stiffness: ca.SX
+    push: ca.SX
+    frequency: ca.SX
+    field: ca.SX  # G(t), an expression or the symbol of an input
+    harmonics: ca.SX  # coefficients of its cosines, empty for an input
+    inputs: tuple[Signal, ...]
+    parameters: tuple[Signal, ...]
+    laws: tuple[Law, ...]  # friction of both masses, with parameters for numbers
+    forces: ca.SX  # (2, 1) friction forces
+
+    @property
+    def natural_frequency(self) -> ca.SX:
+        """Frequency of the free masses against each other, the square root of 2 in (17)."""
+        return ca.sqrt(2 * self.stiffness / self.mass)
+
+    def contacts(self, velocities: ca.SX, nominal_force: float) -> list[Contact]:
+        """Put both masses, of velocities (2, 1), on the ground.
+
+        `nominal_force`: usual friction.
+        """
+        return [
+            Contact(f"mass {i + 1}", velocities[i], self.forces[i], law, nominal_force)
+            for i, law in enumerate(self.laws)
+        ]
+
+
+def pair_parts(
+    law: Law | Sequence[Law],
+    mass: float,
+    stiffness: float,
+    push: float,
+    frequency: float,
+    cosines: Sequence[float] | None,
+) -> PairParts:
+    """Make the symbols that all forms of the pair share, from arguments of `magnetic_pair`.
+
+    Raises ArgumentError as it does.
+    """
+    t = ca.SX.sym("t")
+    positive = [
+        _positive("mass", mass, "mass"),
+        _positive("stiffness", stiffness, "stiffness"),
+        _positive("push", push, "force"),
+        _positive("frequency", frequency, "angular_frequency"),
+    ]
+    m, c, p, nu = (signal.symbol for signal in positive)
+    if cosines is None:
+        field = ca.SX.sym("field")
+        inputs, shape = (Signal("field", field, value=0.0),), ()
+        harmonics = ca.SX(0, 1)
+    else:
+        inputs, shape = (), (_harmonics(cosines),)
+        harmonics = shape[0].symbol
+        orders = ca.DM(np.arange(harmonics.numel()))
+        field = ca.dot(harmonics, ca.cos(nu * t * orders))
+    laws, friction = lift(_laws(law))
+    ground, known = ca.SX.sym("friction", 2), (*positive, *shape, *friction)
+    return PairParts(t, m, c, p, nu, field, harmonics, inputs, known, laws, ground)
+
+
+def _positive(name: str, value: float, unit: str) -> Signal:
+    number = float(numbers(name, value))
+    signal = Signal(name, ca.SX.sym(name), unit, lower=TINY, value=number)
+    signal.check(np.array([number]))
+    return signal
+
+
+def _harmonics(cosines: Sequence[float]) -> Signal:
+    values = numbers("cosines", cosines).ravel()
+    if not (values.size and np.all(np.isfinite(values))):
+        raise ArgumentError("cosines must be finite numbers, the mean first")
+    return Signal("cosines", ca.SX.sym("cosines", values.size), value=tuple(values.tolist()))
+
+
+def _laws(law: Any) -> list[Law]:
+    laws = list(law) if isinstance(law, list | tuple) else [law, law]
+    if len(laws) != 2 or not all(isinstance(each, Law) for each in laws):
+        raise ArgumentError(f"law must be one friction law or two, not {law!r}")
+    return laws
+
+
+def scaled_law(law: Law, push: float) -> Law:
+    """Law whose forces are told over the push in units of force; a Stribeck width stays."""
+    forces = {
+        item.name: push * getattr(law, item.name)
+        for item in fields(law)  # type: ignore[arg-type]
+        if item.name != "v_stribeck" and getattr(law, item.name) is not None
+    }
+    return replace(law, **forces)  # type: ignore[type-var]

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.model.friction import Law
 from wormopt.model.model import Model, Output, Signal
-from wormopt.systems.pair.pair_parts import pair_parts
+from wormopt.systems.pair.magnetic_pair import pair_parts
 
 
 def slow_pair(
@@ -70,14 +70,7 @@ def slow_pair(
     >>> [signal.name for signal in slow.x]
     ['center_velocity', 'swing']
     """
-    parts = pair_parts(
-        law=law,
-        mass=mass,
-        stiffness=stiffness,
-        push=push,
-        frequency=frequency,
-        cosines=cosines,
-    )
+    parts = pair_parts(law, mass, stiffness, push, frequency, cosines)
     V, swing = ca.SX.sym("V"), ca.SX.sym("swing", 2)
     p, q = ca.vertsplit(swing)
     omega, nu, psi = parts.natural_frequency, parts.frequency, parts.frequency * parts.t

@@ -1,63 +1,63 @@
-"""The best course of the field of a magneto-elastic pair, stated as an optimal-control problem."""
+"""The best course of the field of a magneto-elastic pair, by optimal control, and its proof.
+
+The motion under a harmonic field is where the search starts; phases between switches are made
+exact, and exact simulation tells whether the pair keeps to what was found.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import casadi as ca
 import numpy as np
 
-from wormopt.errors import ArgumentError
+from wormopt.control.drive import drive
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.gait import Gait
-from wormopt.model.model import Model, Signal
-from wormopt.ocp.motion import Motion
-from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.model.model import Model
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.contact import Complementary, Smoothed
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Guess, Motion
+from wormopt.ocp.optimise import Optimum, best_of
+from wormopt.ocp.polish import polish
+from wormopt.ocp.problem import Bound, Ends, Problem, ramped
+from wormopt.progress import Report
+from wormopt.simulation.options import Exact
+from wormopt.simulation.simulate import simulate
+from wormopt.systems.pair.driven_pair import (
+    FieldAim,
+    FieldLimits,
+    Harmonic,
+    Orbit,
+    best_harmonic,
+    from_origin,
+    named,
+    orbit_from,
+    push_left,
+    relative,
+    settle,
+)
 
+PERIODS = 20
+"""Periods of the simulation by which the speed is checked."""
 # Fields by chance have so many harmonics and, as polylines, so many corners.
 _HARMONICS, _CORNERS = 3, 96
+# Widths of the smoothed law, in usual velocities: the masses turn more often than they rest, and a
+# steep law shows the turns with a third of the iterations that complementarity takes.
+_WIDTHS = (0.6, 0.01, 0.3)
+_RELAXED = Complementary(residual=1e-4, first=1.0)
+# State polynomials between switches.
+_EXACT = Collocation(7)
+_REST = "the pair rests under the harmonic field, so that there is no motion to start from"
+# Tops of fields lower than the harmonic one, as shares of the range, and fields by chance that are
+# tried before a pair is said to rest.
+_TOPS, _OTHERS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1), 4
 
 
-@dataclass(frozen=True)
-class FieldLimits:
-    """What a waveform must keep to."""
-
-    field: tuple[float, float]  # least and largest G
-    frequency: tuple[float, float]  # least and largest angular frequency; alike where given
-    slope: float | None = None  # largest |G'|; None: the field may jump
-    strain: float | None = None  # largest |x_2 - x_1|
-
-    def __post_init__(self) -> None:
-        if not self.field[0] < self.field[1]:
-            raise ArgumentError(f"field must be a range [least, largest], not {self.field}")
-        if not 0 < self.frequency[0] <= self.frequency[1]:
-            raise ArgumentError(f"frequency must be a positive range, not {self.frequency}")
-        for name in ("slope", "strain"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ArgumentError(f"{name} must be positive, not {value!r}")
-
-    @property
-    def period(self) -> tuple[float, float]:
-        """Shortest and longest period."""
-        return 2 * math.pi / self.frequency[1], 2 * math.pi / self.frequency[0]
-
-
-@dataclass(frozen=True)
-class FieldAim:
-    """What a waveform is to be good at.
-
-    Least work without a speed raises ArgumentError: a pair at rest takes none.
-    """
-
-    # mean speed; None: least work of the field per distance
-    maximise: Literal["speed"] | None = "speed"
-    speed: float | None = None  # least mean speed
-
-    def __post_init__(self) -> None:
-        if self.maximise is None and not (self.speed or 0.0) > 0:
-            raise ArgumentError("the cheapest motion is rest; give the least speed, above 0")
+# -- the problem -----------------------------------------------------------------------------------
 
 
 def waveform_problem(pair: Model, limits: FieldLimits, aim: FieldAim) -> Problem:
@@ -103,18 +103,7 @@ def _limited(pair: Model, limits: FieldLimits) -> Model:
     return plant if limits.slope is None else ramped(plant, limits.slope)
 
 
-def ramped(plant: Model, slope: float) -> Model:
-    """Make the only scalar input of a plant its last state, and its rate (``_rate``) the input.
-
-    The input's bounds become the state's; `slope`: largest size of the rate.
-    Raises ArgumentError if the plant has another number of inputs.
-    """
-    if sum(signal.size for signal in plant.u) != 1:
-        raise ArgumentError(f"{plant.name} has not one scalar input")
-    (level,) = plant.u
-    rate = ca.SX.sym(f"{level.name}_rate")
-    steep = Signal(f"{level.name}_rate", rate, nominal=slope, lower=-slope, upper=slope, value=0.0)
-    return replace(plant, x=[*plant.x, level], ode=ca.vertcat(plant.ode, rate), u=[steep])
+# -- courses of the field --------------------------------------------------------------------------
 
 
 def field_course(motion: Motion) -> Gait:
@@ -162,3 +151,147 @@ def first_harmonic(field: Gait) -> tuple[float, float]:
         total += np.sum(weights * field.on_piece(piece, at)[0] * wave) * (end - begin) / 2
     found = 2 * total / field.period
     return float(abs(found)), float(np.angle(found))
+
+
+# -- where to start --------------------------------------------------------------------------------
+
+
+def check_strain(limits: FieldLimits, push: float, forward: float) -> None:
+    """Refuse a strain at which the link cannot draw mass 1, of friction `forward`, forward.
+
+    To gather speed forward it must be drawn with more than its friction and the field that pushes
+    it back; and if it never gathers any, these are what the mean force of the link makes up for.
+    Raises SolveError; friction is over the push.
+    """
+    strain, least = limits.strain, push * (limits.field[0] + forward)
+    if strain is not None and strain <= least:
+        raise SolveError(
+            f"limits.strain {strain:.6g} lets nothing move: the link draws mass 1 forward, against "
+            f"friction and the least field, only at strains above {least:.6g}",
+            f"write limits.strain above {least:.6g}, or weaker friction forward",
+        )
+
+
+def first_field(given: Model, limits: FieldLimits, harmonic: Harmonic, report: Report) -> Harmonic:
+    """The harmonic field, or where the strain leaves it none that moves the pair, a lower one."""
+    if limits.strain is None or (harmonic.kept and harmonic.orbit.moves):
+        return harmonic
+    (low, high), nu = limits.field, harmonic.frequency
+    lower = [
+        replace(limits, field=(low, low + top * (high - low)), frequency=(nu, nu)) for top in _TOPS
+    ]
+    found = [best_harmonic(given, part, FieldAim(), report) for part in lower]
+    kept = [lowered for lowered in found if lowered.kept]
+    return max(kept, key=lambda lowered: lowered.orbit.speed, default=harmonic)
+
+
+def guesses(
+    free: Model, limits: FieldLimits, first: Harmonic, push: float, *, starts: int, seed: int
+) -> list[Guess]:
+    """The settled motion under a harmonic field, then those under fields by chance.
+
+    `free`: the pair with the field as its input. Raises SolveError where it always rests.
+    """
+    (low, high), found = limits.field, []
+    lowered = (low, min(high, 2 * first.mean - low))
+    for k in range(starts if first.orbit.moves else max(starts, 1 + _OTHERS)):
+        random = np.random.default_rng([seed, k])
+        course = chance_field(lowered, first.frequency, random) if k else first.course
+        driven = drive(free, course, periodic=True)
+        orbit = settle(driven, course.period, first.orbit.start, strain=limits.strain)
+        if orbit.moves:
+            found.append(_guess(orbit, course, steep=limits.slope is not None))
+    if not found:
+        raise _rests(limits, first, push)
+    return found
+
+
+def _guess(orbit: Orbit, course: Gait, *, steep: bool) -> Guess:
+    dense = orbit.motion.dense
+    assert dense is not None
+
+    def states(t: np.ndarray) -> np.ndarray:
+        return np.vstack([dense(t), course(t)]) if steep else dense(t)
+
+    return Guess(course.period, states, lambda t: course(t, int(steep)))
+
+
+def _rests(limits: FieldLimits, first: Harmonic, push: float) -> SolveError:
+    """Say what holds the pair: the strain, if it cut the harmonic field down, or friction."""
+    (low, high), strain = limits.field, limits.strain
+    whole = min((high - low) / 2, (limits.slope or math.inf) / first.frequency)
+    if strain is None or first.amplitude >= whole:
+        return SolveError(_REST, "write weaker friction, or a wider limits.field")
+    return SolveError(
+        f"limits.strain {strain:.6g} leaves no field that was tried and moves the pair; the steady "
+        f"field {(low + high) / 2:.6g} alone stretches it by about {push * (low + high) / 2:.6g}",
+        "write a larger limits.strain, or weaker friction",
+    )
+
+
+# -- solving ---------------------------------------------------------------------------------------
+
+
+def scaled(pair: Model, harmonic: Harmonic) -> Model:
+    """Pair with the sizes that motions under the harmonic field have."""
+    orbit = harmonic.orbit
+    velocity = max(orbit.strain * harmonic.frequency / 2, 1e-12)
+    sizes = {"position": max(orbit.strain / 2, 1e-12), "velocity": velocity}
+    return replace(
+        pair,
+        x=[replace(signal, nominal=sizes[signal.name]) for signal in pair.x],
+        contacts=[replace(contact, nominal_speed=velocity) for contact in pair.contacts],
+    )
+
+
+def best_field(
+    problem: Problem, mesh: Mesh, starts: Sequence[Guess], tolerance: float, report: Report
+) -> tuple[dict[str, Optimum], tuple[float, ...]]:
+    """Steep friction first, and complementary contact where its phases lead nowhere.
+
+    Returns both solves, that with exact phases last, and what the starts led to. `tolerance`:
+    local error. Raises SolveError where neither leads to one.
+    """
+    speed = problem.model.contacts[0].nominal_speed
+    first, last, ratio = _WIDTHS
+    steep = Smoothed(last * speed, first * speed, ratio)
+    lost: SolveError | None = None
+    for name, treatment in (("smooth", steep), ("complementarity", _RELAXED)):
+        try:
+            relaxed, tries = best_of(problem, mesh, treatment, starts, report=report)
+            report("polishing", 0.6)
+            exact = polish(relaxed, collocation=_EXACT, tolerance=tolerance, report=report)
+        except SolveError as error:
+            lost = lost or error
+            if error.code == "infeasible":
+                break
+            continue
+        return {name: relaxed, "phases": exact}, tries
+    assert lost is not None
+    raise lost
+
+
+# -- exact simulation ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """What exact simulation says of a waveform."""
+
+    orbit: Orbit  # its last period
+    speed: float  # over all periods simulated
+    left: float  # share of a push left, the least over blocks simulated
+
+
+def prove(free: Model, motion: Motion, report: Report) -> Proof:
+    """Simulate the waveform over many periods, from the optimal start and from beside it."""
+    report("simulating the field found", 0.95)
+    course = field_course(motion)
+    driven, period = drive(free, course, periodic=True), course.period
+    start = motion.states(np.zeros(1))[:4, 0]
+    run = simulate(driven, PERIODS * period, contact=Exact(), x0=named(start))
+    speed = float(run.end[0] - start[0]) / (PERIODS * period)
+    size = float(np.max(np.abs(relative(motion.states(np.linspace(0, motion.duration, 200))))))
+    drift = float(np.max(np.abs(relative(run.end) - relative(start)))) / size
+    orbit = orbit_from(driven, period, from_origin(run.end), drift=drift, periods=PERIODS)
+    return Proof(orbit, speed, push_left(driven, period, start, size))

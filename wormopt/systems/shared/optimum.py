@@ -20,14 +20,13 @@ from wormopt.ocp.optimise import Optimum
 from wormopt.ocp.polish import resting_speeds
 from wormopt.ocp.sequence import structure_of
 from wormopt.progress import Report, silent
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Check, Result
-from wormopt.result import conclude as conclude_scene
+from wormopt.quantities import Scalar, unit_of
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Exact, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.shared.declared import INSTANT, OPTIMUM, Declared, over
+from wormopt.systems.shared.declared import Declared
 from wormopt.systems.shared.proof import Recheck
 from wormopt.systems.shared.signals import fitted
 
@@ -151,15 +150,6 @@ class Sampled:
         That is not ``time``, since this scalar of an optimal motion is how long it takes.
         """
         return {"instant": self.time, **fitted(self.values, declared)}
-
-    def variables(self, kinds: Declared, units: str) -> list[Variable]:
-        """As `arrays`, of signals with their own dimensions; until all tables declare theirs."""
-        declared = INSTANT | over(kinds, last="instant")
-        return [
-            Variable(name, unit_of(declared[name][0], units), declared[name][1], values,
-                     declared[name][2])
-            for name, values in self.arrays(declared).items()
-        ]  # fmt: skip
 
 
 def sample_motion(motion: Motion, expressions: Mapping[str, ca.SX]) -> Sampled:
@@ -386,7 +376,7 @@ def conclude_optimum(
     if objective:
         common["objective"] = Scalar(common["objective"], unit_of(objective, scene.table.units))
     motion = [*stages.values()][-1].motion
-    return conclude_scene(
+    return conclude(
         scene,
         {**scalars, **common} | dict(scalars),
         variables,
@@ -406,47 +396,5 @@ def refused(scene: Scene[Any], error: SolveError, variables: Any = ()) -> SolveE
 
     `variables` hold what was found all the same.
     """
-    partial = conclude_scene(scene, {}, variables).failed(str(error))
+    partial = conclude(scene, {}, variables).failed(str(error))
     return SolveError(error.reason, error.suggestion, partial, error.code)
-
-
-# -- until the tables of all systems declare their numbers: kinds pair-waveform and film-wave ------
-
-
-def conclude(
-    scene: Scene[Any],
-    stages: Mapping[str, Optimum],
-    second: Recheck,
-    *,
-    objective: str,
-    scalars: Mapping[str, Scalar],
-    variables: Sequence[Variable],
-    warnings: Sequence[str],
-    timings: Mapping[str, float],
-    faults: Sequence[str] = (),
-    shown: Sequence[str] | None = None,
-) -> Result:
-    """As `conclude_optimum`, with Scalars and Variables of which nothing is declared."""
-    units = scene.table.units
-    common = {
-        name: Scalar(value, unit_of(objective if name == "objective" else OPTIMUM[name][0], units))
-        for name, value in optimum_scalars(stages, second).items()
-    }
-    return conclude_optimum(
-        scene,
-        stages,
-        second,
-        {**scalars, **common},
-        {v.name: v for v in variables},
-        checks=[Check(fault, None, 0.0, fault) for fault in faults],
-        warnings=warnings,
-        timings=timings,
-        shown=shown,
-    )
-
-
-def optimum_trust(
-    stages: Mapping[str, Optimum], second: Recheck, warnings: Sequence[str]
-) -> dict[str, Any]:
-    """As `optimum_facts`, with warnings."""
-    return optimum_facts(stages, second) | {"warnings": list(dict.fromkeys(warnings))}

@@ -27,7 +27,7 @@ from wormopt.systems.coils.runs.coil_row import (
 )
 from wormopt.systems.coils.scenes.coil_rows import CoilInverseScene
 from wormopt.systems.film.cosine import CosineWave
-from wormopt.systems.film.runs.coil_film import CarriedFilm, carried_film
+from wormopt.systems.film.courses import CarriedFilm, carried_film
 from wormopt.systems.film.units import Fluid
 from wormopt.systems.shared.optimum import refused
 

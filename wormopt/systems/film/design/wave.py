@@ -2,7 +2,9 @@
 
 The phase xi takes the place of time. (29) integrates to W h'' + B = m, m' = -3 (h + C) / h³, with
 B = (mu - 1) H² / (8 pi): thickness h, its slope and m are states, B is the input, C a constant to
-choose along with the wave.
+choose along with the wave. Before that, what waves within limits of thickness and field carry: the
+supremum of flow, the best cosine. The range of a field, from least to largest, does not depend on
+H0.
 
 A wave of n crests alike is one of a single crest in a film of n³ times the tension and n times
 the field: with h(xi) = g(n xi), n times the field of h is that of g. So only single crests are
@@ -18,18 +20,16 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import root_scalar
 
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, Signal
 from wormopt.model.values import numbers
+from wormopt.numerics.roots import root
 from wormopt.ocp.motion import Guess
-from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.ocp.problem import Bound, Ends, Problem, ramped
 from wormopt.systems.film.cosine import CosineWave
-from wormopt.systems.film.limits import check_thickness, field_needs, fitting_cosine, largest_flow
 from wormopt.systems.film.lubrication import field_slope
-from wormopt.systems.film.shapes import FourierWave
-from wormopt.systems.pair.waveform import ramped
+from wormopt.systems.film.shapes import FourierWave, grid
 
 Seek = Literal["mean_flow", "margin", "drift", "field"]
 """What is made as large, or of the field as small, as possible."""
@@ -41,6 +41,84 @@ TURN = 2 * math.pi
 _AMPLE = 1.5
 # A cosine wave to start from keeps so far inside its limits.
 _INSIDE = 0.98
+_NODES = 4096
+# The amplitude of a cosine wave is sought between these shares of the largest one. Below the least
+# the needs count as proportional to it; they grow faster, so that limits are kept all the same.
+_LEAST, _TOP = 1e-7, 1 - 1e-12
+
+
+def check_thickness(thickness: tuple[float, float]) -> tuple[float, float]:
+    """Return bounds (least, largest) of h; raises ArgumentError unless 0 < least < 1 < largest."""
+    found = numbers("thickness", thickness).ravel()
+    if found.size != 2 or not (0 < found[0] < 1 < found[1] < math.inf):
+        raise ArgumentError(
+            f"thickness must be [least, largest] with 0 < least < 1 < largest, not {thickness!r}: "
+            "the mean thickness is 1"
+        )
+    return float(found[0]), float(found[1])
+
+
+def largest_flow(thickness: tuple[float, float]) -> float:
+    """Least upper bound of the mean flow 1 + C of all waves with a ≤ h ≤ b, at any field.
+
+    A square wave is best: the lower convex envelope of h^-2 + c h^-3 is a chord. Its C is
+    -(s b^-2 + (1 - s) a^-2) / (s b^-3 + (1 - s) a^-3), s = (1 - a) / (b - a) the share of b.
+    """
+    a, b = check_thickness(thickness)
+    thick = (1 - a) / (b - a)
+    share = np.array([1 - thick, thick])
+    h = np.array([a, b])
+    return float(1 - (share @ h**-2) / (share @ h**-3))
+
+
+def field_needs(delta: float, tension: float) -> tuple[float, float]:
+    """Range and steepest slope of (mu - 1) H² / (8 pi) that a cosine wave needs."""
+    wave, xi = CosineWave(delta), grid(_NODES)
+    D = wave.field_function(xi, tension)
+    h, third = wave.height(xi), wave.height(xi, 3)
+    slope = field_slope(h, third, wave.constant, tension)
+    return highest(D) + highest(-D), max(highest(slope), highest(-slope))
+
+
+def fitting_cosine(
+    tension: float, thickness: tuple[float, float], field: float, gradient: float = math.inf
+) -> float:
+    """Amplitude of the largest cosine wave within limits of thickness, field range and slope.
+
+    Field and slope grow with the amplitude, so the root is unique; linear where it is tiny.
+    """
+    a, b = check_thickness(thickness)
+    if not (field > 0 and gradient > 0):
+        raise ArgumentError(
+            f"field and gradient must be above 0, not {field!r} and {gradient!r}: every wave "
+            "needs some of both"
+        )
+
+    def excess(delta: float) -> float:
+        needed, steep = field_needs(delta, tension)
+        return max(needed / field, steep / gradient) - 1
+
+    top = min(1 - a, b - 1) * _TOP
+    if excess(top) <= 0:
+        return top
+    least = _LEAST * top
+    over = excess(least)
+    if over >= 0:
+        return least / (1 + over)
+    return root(excess, least, top, xtol=1e-10 * least)
+
+
+def carrying_cosine(mean_flow: float) -> float:
+    """Amplitude of the cosine wave of a mean flow, 0 to 1."""
+    return math.sqrt(2 * mean_flow / (3 - mean_flow))
+
+
+def highest(values: np.ndarray) -> float:
+    """Maximum of a smooth periodic function, by a parabola through the three largest values."""
+    k = int(np.argmax(values))
+    left, middle, right = values[k - 1], values[k], values[(k + 1) % len(values)]
+    bend = left - 2 * middle + right
+    return float(middle - (right - left) ** 2 / (8 * bend) if bend < 0 else middle)
 
 
 @dataclass(frozen=True)
@@ -67,6 +145,12 @@ class WaveLimits:
         """Limits for one crest that amount to these for `crests` equal crests in 2 pi."""
         field = None if self.field is None else crests * self.field
         return WaveLimits(self.tension * crests**3, self.thickness, field, self.gradient)
+
+    def cosine(self) -> float:
+        """Amplitude of the largest cosine wave within these limits, that of the field included."""
+        assert self.field is not None
+        gradient = math.inf if self.gradient is None else self.gradient
+        return fitting_cosine(self.tension, self.thickness, self.field, gradient)
 
 
 @dataclass(frozen=True)
@@ -121,7 +205,7 @@ def wave_problem(limits: WaveLimits, aim: WaveAim) -> Problem:
     """
     if (limits.field is None) != (aim.seek == "field"):
         raise ArgumentError("give the largest range of the field, unless the least is sought")
-    delta, size = _nearby(limits, aim)
+    delta, size = nearby_cosine(limits, aim)
     flow = ca.SX.sym("mean_flow")
     strength = ca.SX.sym("field_range") if limits.field is None else ca.SX(limits.field)
     model = _film(limits, flow, strength, size)
@@ -191,21 +275,14 @@ def _at_ends(model: Model, ends: Ends, aim: WaveAim, constant: ca.SX) -> Iterato
         yield Bound("aim.mean_flow", 1 + constant, lower=aim.mean_flow)
 
 
-def _nearby(limits: WaveLimits, aim: WaveAim) -> tuple[float, float]:
+def nearby_cosine(limits: WaveLimits, aim: WaveAim) -> tuple[float, float]:
     """Amplitude of a cosine wave near what is sought, and a range of the field."""
     if limits.field is not None:
-        gradient = math.inf if limits.gradient is None else limits.gradient
-        fits = fitting_cosine(limits.tension, limits.thickness, limits.field, gradient)
-        return _INSIDE * fits, limits.field
+        return _INSIDE * limits.cosine(), limits.field
     a, b = limits.thickness
     flow = max(aim.mean_flow or 0.0, 1 - b / 3 if aim.capture else 0.0)
-    delta = min(math.sqrt(2 * flow / (3 - flow)), _INSIDE * min(1 - a, b - 1))
+    delta = min(carrying_cosine(flow), _INSIDE * min(1 - a, b - 1))
     return delta, _AMPLE * field_needs(delta, limits.tension)[0]
-
-
-def field_size(limits: WaveLimits, aim: WaveAim) -> float:
-    """Range of the field that is allowed, or that may be needed where it is sought."""
-    return _nearby(limits, aim)[1]
 
 
 def wave_guess(limits: WaveLimits, aim: WaveAim, second: int = 1) -> Guess:
@@ -213,7 +290,7 @@ def wave_guess(limits: WaveLimits, aim: WaveAim, second: int = 1) -> Guess:
 
     `second`: harmonic of half the amplitude, for unequal crests; 1 for the cosine alone.
     """
-    delta, size = _nearby(limits, aim)
+    delta, size = nearby_cosine(limits, aim)
     harmonics = np.zeros(second)
     harmonics[0] += delta / 2
     harmonics[-1] += delta / 2
@@ -243,10 +320,7 @@ def wave_guess(limits: WaveLimits, aim: WaveAim, second: int = 1) -> Guess:
 
 def _rise(wave: FourierWave) -> float:
     """Phase at which a wave with a crest at 0 rises to its crest through the mean."""
-    low = -TURN / 2
-    xi = np.linspace(low, 0.0, 2049)
+    xi = np.linspace(-TURN / 2, 0.0, 2049)
     below = np.flatnonzero(np.asarray(wave.height(xi)) <= 1)[-1]
-    found = root_scalar(
-        lambda at: float(wave.height(at)) - 1, bracket=(xi[below], xi[below + 1]), xtol=1e-14
-    )
-    return float(found.root)
+    low, high = xi[below : below + 2].tolist()
+    return root(lambda at: wave.height(at) - 1, low, high, xtol=1e-14)

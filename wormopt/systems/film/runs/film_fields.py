@@ -13,55 +13,11 @@ from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.pressure import magnetic_pressure
 from wormopt.result import Result
 from wormopt.scene.scene import Scene
-from wormopt.systems.film.drift import Wave
-from wormopt.systems.film.lubrication import field_slope
 from wormopt.systems.film.runs.film_flow import fluid_of
 from wormopt.systems.film.scenes.film_forward import FilmForwardScene
-from wormopt.systems.film.shapes import grid
-from wormopt.systems.film.thin_film import slope_on
+from wormopt.systems.film.shapes import Wave, grid
+from wormopt.systems.film.thin_film import GivenField, WaveField
 from wormopt.systems.film.units import Fluid
-
-
-class WaveField:
-    """Least field that holds a prescribed wave at number W, as (mu - 1) H² / (8 pi)."""
-
-    def __init__(self, wave: Wave, tension: float) -> None:
-        self.wave, self.tension = wave, tension
-
-    def slope(self, points: int) -> np.ndarray:
-        """Slope at equidistant points (points,)."""
-        xi, wave = grid(points), self.wave
-        return field_slope(wave.height(xi), wave.height(xi, 3), wave.constant, self.tension)
-
-    def values(self, points: int) -> np.ndarray:
-        """Values at equidistant points (points,)."""
-        wave, tension = self.wave, self.tension
-        return wave.peak(tension).value - wave.field_function(grid(points), tension)
-
-
-class GivenField:
-    """A field (mu - 1) H² / (8 pi) by samples (m,) at equidistant phases over a wavelength."""
-
-    def __init__(self, samples: np.ndarray) -> None:
-        self.samples = samples
-
-    def slope(self, points: int) -> np.ndarray:
-        """Slope at equidistant points (points,)."""
-        return slope_on(points, self.samples)
-
-    def values(self, points: int) -> np.ndarray:
-        """Values (points,) at equidistant points, of the same trigonometric polynomial."""
-        slope = np.fft.rfft(self.slope(points))
-        slope[1:] /= 1j * np.arange(1, len(slope))
-        slope[0] = 0.0
-        return float(self.samples.mean()) + np.fft.irfft(slope, points)
-
-    def left_out(self, points: int) -> float:
-        """Root mean square of the harmonics so many points cannot hold, over that of all."""
-        size = np.abs(np.fft.rfft(self.samples))[1:]
-        kept = min((len(self.samples) - 1) // 2, (points - 1) // 2)
-        whole = float(np.linalg.norm(size))
-        return float(np.linalg.norm(size[kept:])) / whole if whole else 0.0
 
 
 def field_of_scene(

@@ -14,10 +14,9 @@ from wormopt.progress import Report
 from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
-from wormopt.systems.film.drift import Wave
 from wormopt.systems.film.lubrication import field_slope, flow, surface_velocity, velocities
 from wormopt.systems.film.scenes.film import FilmFlowScene, FilmTable
-from wormopt.systems.film.shapes import FourierWave, flow_constant, grid
+from wormopt.systems.film.shapes import FourierWave, Wave, flow_constant, grid
 from wormopt.systems.film.units import Fluid
 
 # Checks are accepted up to this share of the largest value.

@@ -13,24 +13,17 @@ from wormopt.errors import SceneError, SolveError
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.film.cosine import CosineWave
+from wormopt.systems.film.design.check import CosineBeside, Sampled, check_wave, cosine_beside
 from wormopt.systems.film.design.search import DesignedWave, best_wave
-from wormopt.systems.film.design.wave import WaveAim, WaveLimits
-from wormopt.systems.film.limits import Sampled, fitting_cosine, largest_flow
+from wormopt.systems.film.design.wave import WaveAim, WaveLimits, largest_flow
 from wormopt.systems.film.lubrication import surface_velocity
-from wormopt.systems.film.runs.film_wave_check import (
-    CosineBeside,
-    check_wave,
-    cosine_beside,
-    faults_of_checks,
-)
-from wormopt.systems.film.scenes.film_wave import FilmWaveScene
+from wormopt.systems.film.scenes.film_wave import FilmWaveScene, WaveSweepTable
 from wormopt.systems.shared.optimum import (
+    optimum_facts,
     optimum_timings,
-    optimum_trust,
     refused,
     warnings_of_optimum,
 )
@@ -50,7 +43,9 @@ def run(scene: Scene[FilmWaveScene], report: Report) -> Result:
     given = table.limits
     least, most = given.thickness
     limits = WaveLimits(table.film.tension, (least, most), given.field, given.gradient)
-    aim = _aim(table)
+    aim = WaveAim()  # what is sought first
+    if table.aim.minimise:
+        aim = WaveAim("field", table.aim.mean_flow, table.aim.capture)
     impossible = aim.out_of_reach(limits.thickness)
     if impossible:
         key = "aim.mean_flow" if aim.mean_flow is not None else "aim.capture"
@@ -63,31 +58,20 @@ def run(scene: Scene[FilmWaveScene], report: Report) -> Result:
     wave = waves[-1]
     shape, checks = check_wave(wave, aim)
     cosine = cosine_beside(limits, aim)
-    swept = _sweep(table, limits, report) if table.sweep else ()
-    faults = faults_of_checks(checks)
-    return Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=_scalars(table, wave, shape, cosine),
-        variables=(*_variables(wave, shape, cosine), *swept),
-        trust=_trust(table, waves, checks, cosine, missed),
-        timings_s={
+    swept = _sweep(table, table.sweep, limits, report) if table.sweep else {}
+    return conclude(
+        scene,
+        _scalars(table, wave, shape, cosine),
+        _variables(wave, shape, cosine) | swept,
+        checks=checks,
+        facts=_facts(waves, checks),
+        warnings=[*missed, *_warnings(table, wave, cosine)],
+        timings={
             **optimum_timings(wave.stages),
             "optimise": solved - begin,
             "check": time.perf_counter() - solved,
         },
-        scene_text=scene.text,
     )
-
-
-def _aim(table: FilmWaveScene) -> WaveAim:
-    """What is sought first."""
-    if table.aim.minimise:
-        return WaveAim("field", table.aim.mean_flow, table.aim.capture)
-    return WaveAim()
 
 
 def _waves(
@@ -141,7 +125,7 @@ def _options(table: FilmWaveScene) -> dict[str, Any]:
 
 def _scalars(
     table: FilmWaveScene, wave: DesignedWave, shape: Sampled, cosine: CosineBeside
-) -> dict[str, Scalar]:
+) -> dict[str, Any]:
     flow, most = 1 + shape.constant, largest_flow(wave.limits.thickness)
     if table.aim.minimise:
         gain = cosine.field_range / wave.field_range
@@ -150,30 +134,30 @@ def _scalars(
     else:
         gain = flow / cosine.mean_flow
     return {
-        "mean_flow": Scalar(flow),
-        "mean_flow_cosine": Scalar(cosine.mean_flow),
-        "mean_flow_supremum": Scalar(most),
-        "gap_to_supremum": Scalar(most - flow),
-        "gain": Scalar(gain),
-        "c_constant": Scalar(shape.constant),
-        "crests": Scalar(wave.crests),
-        "field_range": Scalar(wave.field_range),
-        "field_range_cosine": Scalar(cosine.field_range),
-        "cosine_delta": Scalar(cosine.delta),
-        "captured": Scalar(shape.drift == 1.0),
-        "float_drift": Scalar(shape.drift),
-        "float_drift_cosine": Scalar(cosine.drift),
-        "capture_margin": Scalar(shape.margin),
-        "thickness_min": Scalar(float(shape.thickness.min())),
-        "thickness_max": Scalar(float(shape.thickness.max())),
-        "plateau_share": Scalar(_on_bounds(shape.thickness, wave.limits.thickness)),
-        "tension_number": Scalar(wave.limits.tension),
-        "thickness_limits": Scalar(list(wave.limits.thickness)),
-        "field_limit": Scalar(wave.limits.field),
-        "n_phases": Scalar(wave.repeats * wave.motion.mesh.phases),
-        "defect_max": Scalar(float(wave.optimum.defects.max())),
-        "recheck_error": Scalar(abs(flow - wave.mean_flow)),
-        "solve_iterations": Scalar(sum(stage.iterations for stage in wave.stages.values())),
+        "mean_flow": flow,
+        "mean_flow_cosine": cosine.mean_flow,
+        "mean_flow_supremum": most,
+        "gap_to_supremum": most - flow,
+        "gain": gain,
+        "c_constant": shape.constant,
+        "crests": wave.crests,
+        "field_range": wave.field_range,
+        "field_range_cosine": cosine.field_range,
+        "cosine_delta": cosine.delta,
+        "captured": shape.drift == 1.0,
+        "float_drift": shape.drift,
+        "float_drift_cosine": cosine.drift,
+        "capture_margin": shape.margin,
+        "thickness_min": float(shape.thickness.min()),
+        "thickness_max": float(shape.thickness.max()),
+        "plateau_share": _on_bounds(shape.thickness, wave.limits.thickness),
+        "tension_number": wave.limits.tension,
+        "thickness_limits": wave.limits.thickness,
+        "field_limit": wave.limits.field,
+        "n_phases": wave.repeats * wave.motion.mesh.phases,
+        "defect_max": float(wave.optimum.defects.max()),
+        "recheck_error": abs(flow - wave.mean_flow),
+        "solve_iterations": sum(stage.iterations for stage in wave.stages.values()),
     }
 
 
@@ -183,98 +167,74 @@ def _on_bounds(h: np.ndarray, thickness: tuple[float, float]) -> float:
     return float(np.mean((h <= thickness[0] + near) | (h >= thickness[1] - near)))
 
 
-def _variables(wave: DesignedWave, shape: Sampled, cosine: CosineBeside) -> list[Variable]:
+def _variables(wave: DesignedWave, shape: Sampled, cosine: CosineBeside) -> dict[str, np.ndarray]:
     xi = wave.instants()
     h = wave.thickness(xi)
-    columns = {
-        "height": (h, "thickness over its mean"),
-        "height_slope": (wave.slope(xi), "slope of the thickness by the phase"),
-        "field_pressure": (wave.field(xi), "field (mu - 1) H^2 / (8 pi), least"),
-        "surface_velocity": (
-            surface_velocity(h, shape.constant),
-            "velocity of the surface over that of the wave",
-        ),
+    found = {
+        "xi": xi,
+        "height": h,
+        "height_slope": wave.slope(xi),
+        "field_pressure": wave.field(xi),
+        "surface_velocity": surface_velocity(h, shape.constant),
     }
-    found = [Variable("xi", "rad", ("xi",), xi, "phase t - x")]
-    found += [Variable(name, "1", ("xi",), *values) for name, values in columns.items()]
-    return [*found, *_cosine_variables(cosine, wave.limits.tension)]
-
-
-def _cosine_variables(cosine: CosineBeside, tension: float) -> Iterator[Variable]:
     if math.isnan(cosine.delta):
-        return
+        return found
     xi, beside = np.linspace(0, 2 * math.pi, _OTHERS), CosineWave(cosine.delta)
-    h = np.asarray(beside.height(xi))
-    D = np.asarray(beside.field_function(xi, tension))
-    speed = surface_velocity(h, beside.constant)
-    yield Variable("xi_cosine", "rad", ("xi_cosine",), xi, "phase t - x")
-    for name, values, what in (
-        ("height_cosine", h, "thickness of the cosine wave"),
-        ("field_pressure_cosine", D.max() - D, "its least field (mu - 1) H^2 / (8 pi)"),
-        ("surface_velocity_cosine", speed, "velocity of its surface"),
-    ):
-        yield Variable(name, "1", ("xi_cosine",), values, what)
+    D = beside.field_function(xi, wave.limits.tension)
+    return found | {
+        "xi_cosine": xi,
+        "height_cosine": beside.height(xi),
+        "field_pressure_cosine": D.max() - D,
+        "surface_velocity_cosine": surface_velocity(beside.height(xi), beside.constant),
+    }
 
 
-def _sweep(table: FilmWaveScene, limits: WaveLimits, report: Report) -> list[Variable]:
+def _sweep(
+    table: FilmWaveScene, sweep: WaveSweepTable, limits: WaveLimits, report: Report
+) -> dict[str, Any]:
     """Best flow of other films and fields; NaN where no wave is found."""
-    assert table.sweep is not None
     assert limits.field is not None
-    tensions = table.sweep.tension or (limits.tension,)
-    fields = table.sweep.field or (limits.field,)
-    names = ("sweep_mean_flow", "sweep_mean_flow_cosine", "sweep_crests")
-    found = np.full((3, len(tensions), len(fields)), np.nan)
-    for k, (i, j) in enumerate(np.ndindex(len(tensions), len(fields))):
-        report(f"sweep: W = {tensions[i]:g}, field {fields[j]:g}", k / found[0].size)
+    tensions, fields = sweep.tension or (limits.tension,), sweep.field or (limits.field,)
+    found, cosine, crests = np.full((3, len(tensions), len(fields)), np.nan)
+    for k, (i, j) in enumerate(np.ndindex(found.shape)):
+        report(f"sweep: W = {tensions[i]:g}, field {fields[j]:g}", k / found.size)
         there = WaveLimits(tensions[i], limits.thickness, fields[j], limits.gradient)
-        gradient = math.inf if limits.gradient is None else limits.gradient
-        delta = fitting_cosine(tensions[i], limits.thickness, fields[j], gradient)
-        found[1, i, j] = CosineWave(delta).mean_flow
+        cosine[i, j] = CosineWave(there.cosine()).mean_flow
         try:
             wave = best_wave(there, WaveAim(), **_options(table))
         except SolveError:
             continue
         shape, checks = check_wave(wave, WaveAim())
-        if not faults_of_checks(checks):
-            found[0, i, j], found[2, i, j] = 1 + shape.constant, wave.crests
-    words = ("largest mean flow", "mean flow of the cosine wave", "crests of the best wave")
-    dims = ("sweep_tension", "sweep_field")
-    return [
-        Variable(dims[0], "1", dims[:1], np.array(tensions), "number W of surface tension"),
-        Variable(dims[1], "1", dims[1:], np.array(fields), "largest range of the field"),
-        *(Variable(n, "1", dims, v, w) for n, v, w in zip(names, found, words, strict=True)),
-    ]
+        if all(check.passed for check in checks):
+            found[i, j], crests[i, j] = 1 + shape.constant, wave.crests
+    return {
+        "sweep_tension": np.array(tensions),
+        "sweep_field": np.array(fields),
+        "sweep_mean_flow": found,
+        "sweep_mean_flow_cosine": cosine,
+        "sweep_crests": crests,
+    }
 
 
 # -- trust -----------------------------------------------------------------------------------------
 
 
-def _trust(
-    table: FilmWaveScene,
-    waves: list[DesignedWave],
-    checks: dict[str, tuple[float, float]],
-    cosine: CosineBeside,
-    missed: list[str],
-) -> dict[str, Any]:
-    wave = waves[-1]
-    error, accepted = checks["C by quadrature"]
+def _facts(waves: list[DesignedWave], checks: tuple[Check, ...]) -> dict[str, Any]:
+    wave, constant = waves[-1], checks[0]
     second = Recheck(
-        "quadrature over the thickness alone", error, accepted, "the equations of the film"
-    )
-    trust = optimum_trust(wave.stages, second, [*missed, *_warnings(table, wave, cosine)])
+        "quadrature over the thickness alone", constant.value, constant.limit,
+        "the equations of the film",
+    )  # fmt: skip
+    trust = optimum_facts(wave.stages, second)
     phased = "phases" in wave.stages
     trust["treatment"] = "phases between switches of the field" if phased else "fixed mesh"
     del trust["complementarity_max"]
-    return {
-        **trust,
-        "checks": {name: value for name, (value, _) in checks.items()},
-        "accepted": {name: most for name, (_, most) in checks.items()},
-        "starts": [
-            {"start": t.start, "crests": t.crests, "reached": t.reached}
-            for each in waves
-            for t in each.tries
-        ],
-    }
+    starts = [
+        {"start": t.start, "crests": t.crests, "reached": t.reached}
+        for each in waves
+        for t in each.tries
+    ]
+    return {**trust, "accepted": {c.name: c.limit for c in checks}, "starts": starts}
 
 
 def _warnings(table: FilmWaveScene, wave: DesignedWave, cosine: CosineBeside) -> Iterator[str]:

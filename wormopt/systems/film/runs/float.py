@@ -5,32 +5,31 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
-from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.runs.chains import tolerance_of
 from wormopt.systems.film.cosine import CosineWave
-from wormopt.systems.film.drift import (
+from wormopt.systems.film.float import (
     Drift,
-    Wave,
     body_velocity,
     capture_delta,
     float_drift,
+    floating,
     tracer_drift,
+    tracers,
 )
-from wormopt.systems.film.float import floating, tracers
 from wormopt.systems.film.runs.film_flow import fluid_of, wave_of
 from wormopt.systems.film.scenes.film import FloatScene
+from wormopt.systems.film.shapes import Wave
 from wormopt.systems.film.units import Fluid
 from wormopt.systems.shared.proof import (
     Recheck,
@@ -93,12 +92,10 @@ class _Ride:
     def phase_errors(self) -> list[float | None]:
         """Simulated phases less those of rest, of bodies that have come to rest."""
         end = self.motion.end_time
-        still = [abs(_apart(*pair)) < _STILL for pair in zip(
-            self._phases(end), self._phases(end - min(_TURN, end / 2)), strict=True
-        )]  # fmt: skip
+        last, before = self._phases(end), self._phases(end - min(_TURN, end / 2))
         return [
-            None if rest is None or not held else _apart(phase, rest)
-            for phase, rest, held in zip(self._phases(end), self.rests, still, strict=True)
+            None if rest is None or abs(_apart(phase, earlier)) >= _STILL else _apart(phase, rest)
+            for phase, earlier, rest in zip(last, before, self.rests, strict=True)
         ]
 
     def _phases(self, time: float) -> list[float]:
@@ -107,10 +104,9 @@ class _Ride:
     @property
     def errors(self) -> list[float | None]:
         """Simulated mean velocities less those by formula, of bodies that are not held."""
-        pairs = zip(self.simulated, self.drifts, strict=True)
         return [
             None if found is None or drift.captured else found - drift.velocity
-            for found, drift in pairs
+            for found, drift in zip(self.simulated, self.drifts, strict=True)
         ]
 
 
@@ -123,65 +119,46 @@ def run(scene: Scene[FloatScene], report: Report) -> Result:
     """
     table, begin = scene.table, time.perf_counter()
     wave, fluid = wave_of(scene, table.film), fluid_of(table.film)
-    places = _Places(table, wave)
-    drifts, below = _drifts(scene, wave, places)
+    lengths = [_TURN * length for length in table.floats.length]
+    given = table.tracers
+    place = _TURN * (given.position if given else 0.0)
+    heights = np.array(given.height if given else ()) * wave.height(-place)
+    drifts, below = _drifts(scene, wave, lengths, heights, place)
     end = _TURN * (table.course.periods or _periods((*drifts, *below)))
-    rides = [
-        _ridden("float", floating(wave, length=places.lengths, position=places.floats), drifts,
-                end, table, report)
-    ]  # fmt: skip
+    floats = floating(wave, length=lengths, position=_TURN * table.floats.position)
+    rides = [_ridden("float", floats, drifts, end, table, report)]
     if below:
-        model = tracers(wave, height=places.heights, position=places.tracers)
-        rides.append(_ridden("tracer", model, below, end, table, report))
-    faults = [*_faults(rides, table)]
-    return Result(
-        scene=scene.name,
-        kind=table.kind,
-        title=table.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=_scalars(table, wave, rides, fluid),
-        variables=(*_variables(table, wave, rides, fluid),),
-        trust=_trust(rides, table, fluid),
-        timings_s={"ride": time.perf_counter() - begin},
-        scene_text=scene.text,
+        points = tracers(wave, height=heights, position=place)
+        rides.append(_ridden("tracer", points, below, end, table, report))
+    return conclude(
+        scene,
+        _scalars(table, wave, lengths, rides, fluid),
+        _variables(wave, lengths, rides, fluid),
+        checks=_checks(rides, table),
+        facts=_facts(rides, table),
+        warnings=[*_warnings(rides, table), *(fluid.warnings() if fluid else ())],
+        timings={"ride": time.perf_counter() - begin},
         attributes={"lengths": list(table.floats.length)},
     )
 
 
-class _Places:
-    """Lengths and starts of a scene, in units of 1/k and of the mean thickness."""
-
-    def __init__(self, table: FloatScene, wave: Wave) -> None:
-        self.lengths = _TURN * np.array(table.floats.length)
-        self.floats = _TURN * table.floats.position
-        shares = np.array(table.tracers.height if table.tracers else ())
-        self.tracers = _TURN * (table.tracers.position if table.tracers else 0.0)
-        self.heights = shares * wave.height(-self.tracers)
-
-
 def _drifts(
-    scene: Scene[FloatScene], wave: Wave, places: _Places
+    scene: Scene[FloatScene], wave: Wave, lengths: list[float], heights: np.ndarray, place: float
 ) -> tuple[tuple[Drift, ...], tuple[Drift, ...]]:
-    """What the formulas say."""
+    """What the formulas say of floats and tracers."""
     try:
-        drifts = tuple(float_drift(wave, length) for length in places.lengths)
-        below = tuple(tracer_drift(wave, height, places.tracers) for height in places.heights)
+        drifts = tuple(float_drift(wave, length) for length in lengths)
+        below = tuple(tracer_drift(wave, height, place) for height in heights)
     except ArgumentError as error:
         raise SceneError(scene.name, [("film", str(error))]) from None
-    top = [k for k, share in enumerate(_shares(scene.table)) if share == 1]
-    if top and float_drift(wave).captured:
-        key = f"tracers.height[{top[0]}]"
+    shares = scene.table.tracers.height if scene.table.tracers else ()
+    if 1 in shares and float_drift(wave).captured:
         message = (
             "this wave holds what floats, and at the place where it does any error takes a point "
             "off the surface; write a height below 1, and let floats tell of the surface"
         )
-        raise SceneError(scene.name, [(key, message)])
+        raise SceneError(scene.name, [(f"tracers.height[{shares.index(1)}]", message)])
     return drifts, below
-
-
-def _shares(table: FloatScene) -> tuple[float, ...]:
-    return table.tracers.height if table.tracers else ()
 
 
 def _periods(drifts: Sequence[Drift]) -> float:
@@ -191,23 +168,12 @@ def _periods(drifts: Sequence[Drift]) -> float:
 
 
 def _ridden(
-    what: str,
-    model: Any,
-    drifts: tuple[Drift, ...],
-    end: float,
-    table: FloatScene,
-    report: Report,
+    what: str, model: Any, drifts: tuple[Drift, ...], end: float, table: FloatScene, report: Report
 ) -> _Ride:
     tolerance = tolerance_of(table.tolerance)
     report(f"{what}s", 0.0)
-    motion = simulate(
-        model,
-        end,
-        times=np.linspace(0.0, end, table.course.samples),
-        dense=True,
-        tolerance=tolerance,
-        report=report,
-    )
+    times = np.linspace(0.0, end, table.course.samples)
+    motion = simulate(model, end, times=times, dense=True, tolerance=tolerance, report=report)
     second = recheck(model, motion, tolerance, report=report) if table.tolerance.recheck else None
     return _Ride(what, drifts, motion, second)
 
@@ -215,32 +181,28 @@ def _ridden(
 # -- what is told ----------------------------------------------------------------------------------
 
 
-def _faults(rides: Sequence[_Ride], table: FloatScene) -> Iterator[str]:
-    accepted = accepted_error(_tolerance(table))
+def _checks(rides: Sequence[_Ride], table: FloatScene) -> Iterator[Check]:
+    accepted = accepted_error(tolerance_of(table.tolerance))
     for ride in rides:
-        if ride.recheck and ride.recheck.fault:
-            yield ride.recheck.fault
+        if ride.recheck:
+            yield replace(ride.recheck.check, name=f"second route of {ride.what}s")
         for i, error in enumerate(ride.errors):
-            if error is not None and not abs(error) <= accepted:
-                yield f"the simulated drift of {ride.what} {i} is {error:.2g} off its formula"
+            if error is not None:
+                advice = f"the simulated drift of {ride.what} {i} is {error:.2g} off its formula"
+                yield Check(f"drift of {ride.what} {i}", error, accepted, advice)
         for i, error in enumerate(ride.phase_errors):
-            if error is not None and not abs(error) <= _accepted_phase(ride, table):
-                yield f"{ride.what} {i} is held {error:.2g} rad off the phase of rest"
-    if len(rides) > 1:
-        for name, value in _left(rides[1]).items():
-            if not value <= accepted:
-                yield f"{name} {value:.2g}, where {accepted:.2g} is accepted"
+            if error is not None:
+                limit = _accepted_phase(ride, table)
+                advice = f"{ride.what} {i} is held {error:.2g} rad off the phase of rest"
+                yield Check(f"phase of {ride.what} {i}", error, limit, advice)
+    for name, value in _left(rides[1]).items() if len(rides) > 1 else ():
+        yield Check(name, value, accepted, f"{name} {value:.2g}, where {accepted:.2g} is accepted")
 
 
 def _accepted_phase(ride: _Ride, table: FloatScene) -> float:
     """What is accepted of a phase t - x, the difference of two numbers as large as the time."""
-    return max(
-        _STILL, accepted_error(_tolerance(table)), table.tolerance.relative * ride.motion.end_time
-    )
-
-
-def _tolerance(table: FloatScene) -> Tolerance:
-    return Tolerance(table.tolerance.relative, table.tolerance.absolute)
+    accepted = accepted_error(tolerance_of(table.tolerance))
+    return max(_STILL, accepted, table.tolerance.relative * ride.motion.end_time)
 
 
 def _left(ride: _Ride) -> dict[str, float]:
@@ -254,98 +216,66 @@ def _left(ride: _Ride) -> dict[str, float]:
 
 
 def _scalars(
-    table: FloatScene, wave: Wave, rides: Sequence[_Ride], fluid: Fluid | None
-) -> dict[str, Scalar]:
-    size, speed = (fluid.speed, unit_of("speed", "SI")) if fluid else (1.0, "1")
-    lengths = [_TURN * length for length in table.floats.length]
+    table: FloatScene, wave: Wave, lengths: list[float], rides: Sequence[_Ride], fluid: Fluid | None
+) -> dict[str, Any]:
+    speed, rate = (fluid.speed, fluid.frequency) if fluid else (1.0, 1.0)
+    xi = np.linspace(0.0, _TURN, 4097)
+    fastest = [float(np.max(body_velocity(wave, xi, length))) * speed for length in lengths]
     found = {
-        "float_length": Scalar(one_or_all(list(table.floats.length))),
-        "trapped": Scalar(one_or_all([drift.captured for drift in rides[0].drifts])),
-        "mean_flow": Scalar(wave.mean_flow),
-        "body_speed_max": Scalar(
-            one_or_all([float(np.max(_speeds(wave, length))) * size for length in lengths]), speed
-        ),
-        "phase_trapped": Scalar(one_or_all(rides[0].rests), "rad"),
-        "phase_trapped_error": Scalar(one_or_all(rides[0].phase_errors), "rad"),
+        "float_length": one_or_all(table.floats.length),
+        "trapped": one_or_all([drift.captured for drift in rides[0].drifts]),
+        "mean_flow": wave.mean_flow,
+        "body_speed_max": one_or_all(fastest),
+        "phase_trapped": one_or_all(rides[0].rests),
+        "phase_trapped_error": one_or_all(rides[0].phase_errors),
     }
     if isinstance(wave, CosineWave):
-        captures = [capture_delta(length) for length in lengths]
-        found["delta"] = Scalar(wave.delta)
-        found["delta_capture"] = Scalar(one_or_all(captures))
+        found["delta"] = wave.delta
+        found["delta_capture"] = one_or_all([capture_delta(length) for length in lengths])
     for ride in rides:
-        closed = [drift.velocity * size for drift in ride.drifts]
-        simulated = [value and value * size for value in ride.simulated]
-        turns = [drift.turn / (fluid.frequency if fluid else 1.0) for drift in ride.drifts]
-        found[f"{ride.what}_drift"] = Scalar(one_or_all(simulated), speed)
-        found[f"{ride.what}_drift_closed"] = Scalar(one_or_all(closed), speed)
-        found[f"{ride.what}_drift_error"] = Scalar(one_or_all(ride.errors))
-        found[f"{ride.what}_turn"] = Scalar(
-            one_or_all(turns), unit_of("time", "SI" if fluid else "dimensionless")
-        )
+        simulated = [value and value * speed for value in ride.simulated]
+        found[f"{ride.what}_drift"] = one_or_all(simulated)
+        found[f"{ride.what}_drift_closed"] = one_or_all([d.velocity * speed for d in ride.drifts])
+        found[f"{ride.what}_drift_error"] = one_or_all(ride.errors)
+        found[f"{ride.what}_turn"] = one_or_all([drift.turn / rate for drift in ride.drifts])
     if len(rides) > 1:
-        found["tracer_trapped"] = Scalar(one_or_all([d.captured for d in rides[1].drifts]))
-    if fluid:
-        found["wave_speed"] = Scalar(fluid.speed, speed)
-        found["wavelength"] = Scalar(fluid.wavelength, unit_of("length", "SI"))
-    return found
-
-
-def _speeds(wave: Wave, length: float) -> np.ndarray:
-    return body_velocity(wave, np.linspace(0.0, _TURN, 4097), length)
+        found["tracer_trapped"] = one_or_all([drift.captured for drift in rides[1].drifts])
+    return found | ({"wave_speed": speed, "wavelength": fluid.wavelength} if fluid else {})
 
 
 def _variables(
-    table: FloatScene, wave: Wave, rides: Sequence[_Ride], fluid: Fluid | None
-) -> Iterator[Variable]:
-    units = "SI" if fluid else "dimensionless"
-    along = 1 / fluid.wave_number if fluid else 1.0
-    across = fluid.depth if fluid else 1.0
-    duration = 1 / fluid.frequency if fluid else 1.0
-    length, floats = unit_of("length", units), rides[0].motion
-    yield Variable("time", unit_of("time", units), ("time",), floats.time * duration, "time")
-    yield Variable(
-        "float_position", length, ("body", "time"), floats.state("position") * along,
-        "middles of the floats",
-    )  # fmt: skip
-    xi = np.linspace(0.0, _TURN, 401)
-    yield Variable("xi", "rad", ("xi",), xi, "phase t - x of the wave")
-    yield Variable("height", length, ("xi",), wave.height(xi) * across, "thickness of the film")
-    speed = fluid.speed if fluid else 1.0
-    speeds = np.array([body_velocity(wave, xi, _TURN * each) for each in table.floats.length])
-    yield Variable(
-        "body_velocity", unit_of("speed", units), ("body", "xi"), speeds * speed,
-        "velocity of the floats by phase",
-    )  # fmt: skip
+    wave: Wave, lengths: list[float], rides: Sequence[_Ride], fluid: Fluid | None
+) -> dict[str, np.ndarray]:
+    along, across = (1 / fluid.wave_number, fluid.depth) if fluid else (1.0, 1.0)
+    speed, duration = (fluid.speed, 1 / fluid.frequency) if fluid else (1.0, 1.0)
+    floats, xi = rides[0].motion, np.linspace(0.0, _TURN, 401)
+    speeds = np.array([body_velocity(wave, xi, length) for length in lengths])
+    found = {
+        "time": floats.time * duration,
+        "float_position": floats.state("position") * along,
+        "xi": xi,
+        "height": wave.height(xi) * across,
+        "body_velocity": speeds * speed,
+    }
     if len(rides) > 1:
         points = rides[1].motion
-        rows = {"tracer_position": ("position", along), "tracer_height": ("height", across)}
-        for name, (state, size) in rows.items():
-            values = points.state(state) * size
-            yield Variable(name, length, ("tracer", "time"), values, f"{state} of the tracers")
+        found["tracer_position"] = points.state("position") * along
+        found["tracer_height"] = points.state("height") * across
+    return found
 
 
-def _trust(rides: Sequence[_Ride], table: FloatScene, fluid: Fluid | None) -> dict[str, Any]:
-    trust: dict[str, Any] = {
-        "tolerance": {
-            "relative": table.tolerance.relative, "absolute": table.tolerance.absolute
-        },
+def _facts(rides: Sequence[_Ride], table: FloatScene) -> dict[str, Any]:
+    tolerance = tolerance_of(table.tolerance)
+    facts = {
+        "tolerance": {"relative": tolerance.relative, "absolute": tolerance.absolute},
         "route": one_or_all([ride.motion.route for ride in rides]),
-        "recheck": one_or_all(
-            [
-                r and {"route": r.route, "error": r.error, "accepted": r.accepted,
-                       "shared": r.shared}
-                for r in (ride.recheck for ride in rides)
-            ]
-        ),
+        "recheck": one_or_all([ride.recheck and ride.recheck.facts for ride in rides]),
         "drift_error": [error for ride in rides for error in ride.errors],
         "phase_error": rides[0].phase_errors,
         "phase_accepted": _accepted_phase(rides[0], table),
-        "drift_accepted": accepted_error(_tolerance(table)),
-    }  # fmt: skip
-    if len(rides) > 1:
-        trust["tracers"] = _left(rides[1])
-    warnings = [*_warnings(rides, table), *(fluid.warnings() if fluid else ())]
-    return trust | {"warnings": list(dict.fromkeys(warnings))}
+        "drift_accepted": accepted_error(tolerance),
+    }
+    return facts | ({"tracers": _left(rides[1])} if len(rides) > 1 else {})
 
 
 def _warnings(rides: Sequence[_Ride], table: FloatScene) -> Iterator[str]:
@@ -360,8 +290,7 @@ def _warnings(rides: Sequence[_Ride], table: FloatScene) -> Iterator[str]:
                 )
             elif drift.captured and ride.what == "float" and (off is None or abs(found - 1) > 1e-6):
                 yield f"{ride.what} {i} has not come to rest on the wave; write more course.periods"
-    longest = max(table.floats.length)
-    if longest > 0:
+    if max(table.floats.length) > 0:
         yield (
             "floats with a length bend with the surface and are thin; that the film under them "
             "flows as if they were not there is an assumption"

@@ -175,84 +175,115 @@ class FilmFlowScene(SceneTable, frozen=True, kw_only=True):
 
 
 class FloatsTable(Table, frozen=True, kw_only=True):
-    """Bodies on the surface.
+    """Bodies on the surface."""
 
-    Parameters
-    ----------
-    length : tuple of float
-        Their lengths in wavelengths; 0 is a small float.
-    position : float
-        Place of their middles at time 0, in wavelengths ahead of a crest.
-    """
-
-    length: Lengths = (0.0,)
-    position: Finite = 0.0
+    length: Annotated[Lengths, says("1", "their lengths in wavelengths; 0 is a small float")] = (
+        0.0,
+    )
+    position: Annotated[
+        Finite, says("1", "place of their middles at time 0, in wavelengths ahead of a crest")
+    ] = 0.0
 
 
 class TracersTable(Table, frozen=True, kw_only=True):
-    """Points of the fluid.
+    """Points of the fluid; without this table there are none."""
 
-    Parameters
-    ----------
-    height : tuple of float
-        Over the ground at time 0, as shares of the thickness there; 1 is on the surface.
-    position : float
-        Place at time 0, in wavelengths ahead of a crest.
-    """
-
-    height: Levels
-    position: Finite = 0.0
+    height: Annotated[
+        Levels, says("1", "at time 0, as shares of the thickness there; 1 is on the surface")
+    ]
+    position: Annotated[Finite, says("1", "as for floats")] = 0.0
 
 
 class RideTable(Table, frozen=True, kw_only=True):
-    """How long is simulated.
+    """How long is simulated."""
 
-    Parameters
-    ----------
-    periods : float, optional
-        Of the wave; long enough for every body to be overtaken three times if left out.
-    samples : int
-        Times that are kept.
-    """
-
-    periods: Positive | None = None
-    samples: Points = 1001
+    periods: Annotated[
+        Positive | None,
+        says("1", "of the wave; if left out as many as it takes to overtake every body thrice"),
+    ] = None
+    samples: Annotated[Points, says("count", "times that are kept")] = 1001
 
 
 class FloatScene(SceneTable, frozen=True, kw_only=True):
     """What a travelling wave carries.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"float"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether the fluid is given in SI units.
-    want : tuple of str
-        Pictures to draw.
-    film : FilmTable
-        The film.
-    floats : FloatsTable
-        Bodies on the surface.
-    tracers : TracersTable, optional
-        Points of the fluid.
-    course : RideTable
-        The time.
-    tolerance : ToleranceTable
-        How exact simulations are.
+    Floats of several lengths, and points of the fluid, simulated and by formulas. Theory:
+    [theory-film.md](../theory-film.md#2-floats-and-tracers). With several floats or tracers
+    scalars are lists. Speeds are over the wave's, in SI scenes in m/s.
+
+    Refused: a tracer on the surface of a wave that holds floats, since it cannot be followed
+    there, and a body that the wave all but holds.
+
+    A drift that is off its formula by more than 1e-7 or a thousand tolerances fails the result,
+    and so does a float held off its phase of rest by more than 1e-6, a thousand absolute
+    tolerances or the relative tolerance times the time, and a tracer that leaves its line or the
+    film.
     """
 
+    scalars: ClassVar = {
+        "float_drift": (
+            "speed",
+            "mean velocity by simulation, between the first and the last trough that passed; of "
+            "what is held, over the second half of the time; unknown where fewer than two troughs "
+            "passed",
+        ),
+        "float_drift_closed": (
+            "speed",
+            "the same in closed form (small floats on a cosine wave) or by quadrature; 1 of what "
+            "is held",
+        ),
+        "float_drift_error": ("1", "their difference"),
+        "float_turn": (
+            "time",
+            "in which the wave overtakes it by a wavelength; unknown of what is held",
+        ),
+        "trapped": ("1", "whether the wave holds the float"),
+        "tracer_drift": ("speed", "of tracers, as of floats"),
+        "tracer_drift_closed": ("speed", "of tracers, by quadrature"),
+        "tracer_drift_error": ("1", "their difference"),
+        "tracer_turn": ("time", "of tracers, as of floats"),
+        "tracer_trapped": ("1", "whether the wave holds the tracer"),
+        "phase_trapped": (
+            "rad",
+            "phase *t* − *x* at which it holds the float; where several crests hold floats, the "
+            "one nearest to where it ends",
+        ),
+        "phase_trapped_error": (
+            "rad",
+            "simulated phase at the end less this; unknown of floats that still move on the wave",
+        ),
+        "delta_capture": (
+            "1",
+            "amplitude of the cosine wave from which on it holds floats of this length",
+        ),
+        "body_speed_max": ("speed", "largest velocity of the float; it is held from the wave's on"),
+        "mean_flow": ("1", "of the film"),
+        "delta": ("1", "amplitude of a cosine wave"),
+        "float_length": ("1", "as in the scene"),
+        "wave_speed": ("speed", "speed of the wave (SI)"),
+        "wavelength": ("length", "of the wave (SI)"),
+    }
+    variables: ClassVar = {
+        "time": ("time", ("time",), "time"),
+        "float_position": ("length", ("body", "time"), "middles of the floats"),
+        "tracer_position": ("length", ("tracer", "time"), "position of the tracers"),
+        "tracer_height": ("length", ("tracer", "time"), "height of the tracers"),
+        "xi": ("rad", ("xi",), "phase t - x of the wave"),
+        "height": ("length", ("xi",), "thickness of the film"),
+        "body_velocity": ("speed", ("body", "xi"), "velocity of the floats by phase"),
+    }
+
     kind: Literal["float"]
-    want: tuple[Literal["ride"], ...] = ()
-    film: FilmTable
-    floats: FloatsTable = field(default_factory=FloatsTable)
-    tracers: TracersTable | None = None
-    course: RideTable = field(default_factory=RideTable)
-    tolerance: ToleranceTable = field(default_factory=ToleranceTable)
+    want: Annotated[tuple[Literal["ride"], ...], says("", "`ride`: paths over the wave")] = ()
+    film: Annotated[FilmTable, says("", "film and wave, without `tension`")]
+    floats: Annotated[FloatsTable, says("", "bodies on the surface")] = field(
+        default_factory=FloatsTable
+    )
+    tracers: Annotated[TracersTable | None, says("", "points of the fluid")] = None
+    course: Annotated[RideTable, says("", "the time")] = field(default_factory=RideTable)
+    tolerance: Annotated[ToleranceTable, says("", "how exact simulations are")] = field(
+        default_factory=ToleranceTable
+    )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""

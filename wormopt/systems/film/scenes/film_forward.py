@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 from msgspec import Meta
@@ -16,6 +16,7 @@ from wormopt.scene.types import (
     SceneTable,
     Table,
     extreme_numbers,
+    says,
     wrong_order,
 )
 from wormopt.systems.film.scenes.film import FilmTable, Permeability, Share, SharePair
@@ -40,28 +41,40 @@ Name = Annotated[str, Meta(min_length=1, description="text that is not empty")]
 
 
 class FieldTable(Table, frozen=True, kw_only=True):
-    """A field over one wavelength, at equidistant phases xi = t - x from 0 on.
+    """A field over one wavelength, by `samples` or from a `file`.
 
-    Parameters
-    ----------
-    samples : tuple of float, optional
-        The values themselves.
-    file : str, optional
-        A .csv file, whose last column they are, or an earlier result: its folder or result.nc.
-    variable : str, optional
-        Which variable of the result.
-    quantity : {"pressure", "field_squared", "field"}
-        Whether values are (mu - 1) H² / (8 pi), H² or H; of the last two in A²/m² and A/m where
-        the scene is in SI units.
-    mu_r : float, optional
-        Relative permeability, for fields in scenes without units.
+    Values are at equidistant phases *ξ* = *t* − *x* from 0 on, the end left out.
+
+    The result of a row of coils is such a field: `file` is the folder of a
+    [`coil-inverse`](coil-inverse.md) run, `variable = "pressure_mean"`, `film.delta` and
+    `film.tension` those of its wave. `file` is relative to the scene's folder, so write a scene of
+    your own beside the results, without `[branch]`. Under the packaged row's field the film is
+    after 100 periods within 0.007 of the steady film, itself within 0.017 of the wave; it still
+    moves slowly, and pumps 0.0318 against 0.0334.
     """
 
-    samples: Samples | None = None
-    file: Name | None = None
-    variable: Name | None = None
-    quantity: Literal["pressure", "field_squared", "field"] = "pressure"
-    mu_r: Permeability | None = None
+    samples: Annotated[Samples | None, says("", "the values themselves")] = None
+    file: Annotated[
+        Name | None,
+        says(
+            "",
+            "a .csv file (one column, or *ξ* and the values; a heading is passed over), or an "
+            "earlier result, its folder or its `result.nc`",
+        ),
+    ] = None
+    variable: Annotated[Name | None, says("", "which variable of the result")] = None
+    quantity: Annotated[
+        Literal["pressure", "field_squared", "field"],
+        says(
+            "",
+            "whether values are (*μ* − 1)*H*²/(8π) over *P*, *H*² or *H*; in SI scenes the last "
+            "two are in A²/m² and A/m",
+        ),
+    ] = "pressure"
+    mu_r: Annotated[
+        Permeability | None,
+        says("1", "permeability, needed for *H* and *H*² in scenes without units"),
+    ] = None
 
     def faults(self, units: str, folder: Path) -> Iterator[Fault]:
         """Yield key path and message of what is wrong between the keys of this table."""
@@ -91,168 +104,229 @@ class FieldTable(Table, frozen=True, kw_only=True):
 
 
 class StartTable(Table, frozen=True, kw_only=True):
-    """The film at time 0.
+    """The film at time 0."""
 
-    Parameters
-    ----------
-    shape : {"flat", "wave", "samples"}
-        Flat, the prescribed wave, or given.
-    samples : tuple of float, optional
-        Thickness at equidistant phases from 0 on, of mean 1.
-    nudge : float
-        Amplitude of a ripple added to it, cos(harmonic xi).
-    harmonic : int
-        Which harmonic the ripple is.
-    """
-
-    shape: Literal["flat", "wave", "samples"] = "flat"
-    samples: Thicknesses | None = None
-    nudge: Finite = 0.0
-    harmonic: Annotated[int, Meta(ge=1, le=16, description="a whole number from 1 to 16")] = 1
+    shape: Annotated[
+        Literal["flat", "wave", "samples"], says("", "flat, the prescribed wave, or given")
+    ] = "flat"
+    samples: Annotated[
+        Thicknesses | None, says("1", "thickness at equidistant phases from 0 on, of mean 1")
+    ] = None
+    nudge: Annotated[Finite, says("1", "a ripple `nudge` cos(`harmonic` *ξ*) on top")] = 0.0
+    harmonic: Annotated[
+        int,
+        Meta(ge=1, le=16, description="a whole number from 1 to 16"),
+        says("count", "which harmonic the ripple is"),
+    ] = 1
 
 
 class GridTable(Table, frozen=True, kw_only=True):
-    """How finely the film is resolved.
+    """How finely the film is resolved."""
 
-    Parameters
-    ----------
-    points : int
-        Equidistant points over a wavelength at first.
-    most : int
-        Most points, to which they are doubled until two resolutions agree.
-    order : int
-        Of the differences.
-    agreement : float
-        By how much the ends of two resolutions may differ.
-    """
-
-    points: Annotated[int, Meta(ge=32, le=512, description="a whole number from 32 to 512")] = 128
-    most: Annotated[int, Meta(ge=32, le=2048, description="a whole number from 32 to 2048")] = 512
-    order: Literal[4, 6, 8, 10, 12, 14] = 12
-    agreement: Annotated[float, Meta(gt=0, le=0.1, description="a number above 0, up to 0.1")] = (
-        1e-2
-    )
+    points: Annotated[
+        int,
+        Meta(ge=32, le=512, description="a whole number from 32 to 512"),
+        says("count", "equidistant points over a wavelength at first"),
+    ] = 128
+    most: Annotated[
+        int,
+        Meta(ge=32, le=2048, description="a whole number from 32 to 2048"),
+        says("count", "points up to which they are doubled until two resolutions agree"),
+    ] = 512
+    order: Annotated[Literal[4, 6, 8, 10, 12, 14], says("count", "of the differences")] = 12
+    agreement: Annotated[
+        float,
+        Meta(gt=0, le=0.1, description="a number above 0, up to 0.1"),
+        says("1", "by how much the ends of two resolutions may differ"),
+    ] = 1e-2
 
 
 class CourseTable(Table, frozen=True, kw_only=True):
-    """How long the film is followed.
+    """How long the film is followed."""
 
-    Parameters
-    ----------
-    periods : float
-        Of the wave.
-    samples : int
-        Equidistant times that are kept.
-    rupture : float
-        Thickness, over the mean one, below which the film counts as broken.
-    settled : float
-        Distance from a steady wave below which it counts as reached.
-    """
-
-    periods: Annotated[float, Meta(ge=1, le=1e5, description="a number from 1 to 1e5")] = 100.0
-    samples: Annotated[int, Meta(ge=20, le=20_000, description="a whole number, 20 to 20000")] = 401
-    rupture: Annotated[float, Meta(gt=0, lt=1, description="a number above 0 and below 1")] = 0.02
-    settled: Annotated[float, Meta(gt=0, le=1e-2, description="a number above 0, up to 0.01")] = (
-        1e-6
-    )
+    periods: Annotated[
+        float, Meta(ge=1, le=1e5, description="a number from 1 to 1e5"), says("1", "of the wave")
+    ] = 100.0
+    samples: Annotated[
+        int,
+        Meta(ge=20, le=20_000, description="a whole number, 20 to 20000"),
+        says("count", "times that are kept"),
+    ] = 401
+    rupture: Annotated[
+        float,
+        Meta(gt=0, lt=1, description="a number above 0 and below 1"),
+        says("1", "a film thinner than this share of its mean counts as broken: an assumption"),
+    ] = 0.02
+    settled: Annotated[
+        float,
+        Meta(gt=0, le=1e-2, description="a number above 0, up to 0.01"),
+        says("1", "distance from a steady film at which it counts as reached"),
+    ] = 1e-6
 
 
 class StepsTable(Table, frozen=True, kw_only=True):
-    """How exact the motion shall be.
-
-    Parameters
-    ----------
-    relative, absolute : float
-        Error of a step against the size of a state, and against 1.
-    max_steps : int
-        Steps after which a run is given up.
-    recheck : bool
-        Whether the motion is found again to a hundredth of these tolerances.
-    """
+    """How exact the motion shall be."""
 
     relative: Annotated[
-        float, Meta(ge=1e-12, le=1e-3, description="a number from 1e-12 to 1e-3")
+        float,
+        Meta(ge=1e-12, le=1e-3, description="a number from 1e-12 to 1e-3"),
+        says("1", "error of a step, against the size of a state"),
     ] = 1e-8
-    absolute: Positive = 1e-10
-    max_steps: Annotated[int, Meta(ge=1, le=10**9, description="a whole number, 1 or above")] = (
-        200_000
-    )
-    recheck: bool = True
+    absolute: Annotated[Positive, says("1", "the same, against 1")] = 1e-10
+    max_steps: Annotated[
+        int,
+        Meta(ge=1, le=10**9, description="a whole number, 1 or above"),
+        says("count", "steps after which a run is given up"),
+    ] = 200_000
+    recheck: Annotated[
+        bool, says("", "whether the motion is found again to a hundredth of these tolerances")
+    ] = True
 
 
 class MapTable(Table, frozen=True, kw_only=True):
-    """Where flat films go under the fields of cosine waves.
+    """Where a flat film goes under the field of every cosine wave.
 
-    Parameters
-    ----------
-    delta : tuple of float
-        Amplitudes.
-    tension : tuple of float
-        Numbers W of surface tension.
+    The map is content with one resolution where harmonics have died out.
     """
 
-    delta: Amplitudes
-    tension: Tensions
+    delta: Annotated[Amplitudes, says("1", "amplitudes, ascending")]
+    tension: Annotated[Tensions, says("1", "numbers *W* of surface tension, ascending")]
 
 
 class BranchTable(Table, frozen=True, kw_only=True):
-    """Steady waves followed along the amplitude of the wave that the field prescribes.
+    """Steady films followed along the amplitude of the cosine wave that the field prescribes."""
 
-    Parameters
-    ----------
-    delta : (float, float)
-        Least and largest amplitude.
-    points : int
-        Equidistant points over a wavelength.
-    """
+    delta: Annotated[SharePair, says("1", "least and largest amplitude; folds are gone around")]
+    points: Annotated[
+        int,
+        Meta(ge=32, le=256, description="a whole number from 32 to 256"),
+        says("count", "equidistant points over a wavelength"),
+    ] = 64
 
-    delta: SharePair
-    points: Annotated[int, Meta(ge=32, le=256, description="a whole number from 32 to 256")] = 64
+
+_MAP = ("map_delta", "map_tension")
 
 
 class FilmForwardScene(SceneTable, frozen=True, kw_only=True):
     """What a film does under a travelling field.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"film-forward"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether the fluid is given in SI units.
-    want : tuple of str
-        Pictures to draw.
-    film : FilmTable
-        Surface tension, and the wave whose field acts unless there is another.
-    field : FieldTable, optional
-        Another field.
-    start : StartTable
-        The film at time 0.
-    course : CourseTable
-        The time.
-    grid : GridTable
-        The points.
-    tolerance : StepsTable
-        How exact simulations are.
-    branch : BranchTable, optional
-        Steady waves along the amplitude.
-    map : MapTable, optional
-        Flat films under other fields.
+    Does the film take the wave for which the field was made, and is the wave stable? Theory:
+    [theory-film.md](../theory-film.md#3-forward-problem). `[film]` is the prescribed wave, with
+    the least field that holds it, and surface tension. With `[field]` another field acts; the wave
+    may then be left out, or is what the film is compared with. All results are without units, in
+    the scales of (25), in SI scenes too.
+
+    Refused: surface tension 0 (the equation is then of first order and its fronts break), fields
+    that jump from their last sample to their first, permeabilities not above 1, too few points
+    for the order.
+
+    The trust report: both resolutions with their outcomes and difference, the share of the highest
+    harmonics, the run with tighter tolerances, residuals of Newton's method, the closed form of the
+    wave against the film the points hold (`closed_form_difference`), assumptions. A film that ends
+    otherwise on twice the points, or with tighter tolerances, is `failed`.
     """
 
+    scalars: ClassVar = {
+        "outcome": (
+            "1",
+            "`wave`: it settles on the prescribed wave (under a field of its own: on the steady "
+            "film next to that wave); `other`: on another steady film; `moving`: it still moves at "
+            "the end; `breaks`: it becomes thinner than `rupture`; `unresolved`: the points cannot "
+            "hold it, status `failed`",
+        ),
+        "distance_to_wave": (
+            "1",
+            "largest difference of thickness at the end from the prescribed wave",
+        ),
+        "distance_to_steady": ("1", "the same from the steady film next to the end"),
+        "growth_rate_max": (
+            "1",
+            "largest rate at which small deviations grow from the prescribed wave (under a field "
+            "of its own: from the steady film next to it); below 0: stable",
+        ),
+        "growth_rate_end": ("1", "the same from the steady film next to the end"),
+        "mean_flow": ("1", "mean of *Q* at the end"),
+        "mean_flow_wave": ("1", "of the prescribed wave"),
+        "volume_error": ("1", "largest deviation of the mean thickness from 1"),
+        "thickness_max": ("1", "largest thickness at the end"),
+        "thickness_min": ("1", "least thickness at the end"),
+        "thickness_least": ("1", "least thickness over all times"),
+        "broke_time": ("1", "when it broke"),
+        "broke_xi": ("rad", "where it broke"),
+        "tension_number": ("1", "*W*"),
+        "rupture_thickness": ("1", "as in the scene"),
+        "points": ("count", "points at last"),
+        "branches": ("count", "how many branches of steady films were followed"),
+        "delta_fold": ("1", "amplitudes at which they turn back"),
+        "delta_stability": ("1", "amplitudes near which stability changes"),
+        "map_wave": ("count", "films of the map that take the wave"),
+        "map_other": ("count", "films of the map that settle elsewhere"),
+        "map_moving": ("count", "films of the map that still move"),
+        "map_breaks": ("count", "films of the map that break"),
+        "map_unresolved": ("count", "films of the map that the points cannot hold"),
+        "map_wave_unstable": ("count", "waves of the map that are not stable"),
+        "map_wave_stable_not_reached": (
+            "count",
+            "waves of the map that are stable, but not where the flat film goes",
+        ),
+    }
+    variables: ClassVar = {
+        "xi": ("rad", ("xi",), "phase t - x"),
+        "time": ("1", ("time",), "time"),
+        "thickness": ("1", ("time", "xi"), "thickness over the mean one"),
+        "thickness_end": ("1", ("xi",), "thickness at the end"),
+        "thickness_wave": ("1", ("xi",), "prescribed thickness"),
+        "flow_end": ("1", ("xi",), "flow Q at the end"),
+        "field_pressure": ("1", ("xi",), "(mu - 1) H² / (8 pi)"),
+        "growth_wave": ("1", ("mode_wave",), "rates of growth"),
+        "swing_wave": ("1", ("mode_wave",), "angular rates"),
+        "growth_end": ("1", ("mode_end",), "rates of growth"),
+        "swing_end": ("1", ("mode_end",), "angular rates"),
+        "branch_delta": ("1", ("branch",), "amplitude of the wave that the field prescribes"),
+        "branch_thickness_max": ("1", ("branch",), "largest thickness"),
+        "branch_thickness_min": ("1", ("branch",), "least thickness"),
+        "branch_mean_flow": ("1", ("branch",), "mean flow"),
+        "branch_growth": ("1", ("branch",), "largest rate of growth"),
+        "branch_number": ("1", ("branch",), "number of the branch"),
+        "map_delta": ("1", ("map_delta",), "amplitude of the wave"),
+        "map_tension": ("1", ("map_tension",), "surface tension W"),
+        "map_outcome": ("1", _MAP, "0 wave, 1 other, 2 moving, 3 breaks, 4 unresolved"),
+        "map_distance": ("1", _MAP, "distance from the prescribed wave at the end"),
+        "map_growth": ("1", _MAP, "largest rate of growth on the prescribed wave"),
+        "map_growth_end": ("1", _MAP, "largest rate of growth on the steady film at the end"),
+        "map_crest": ("1", _MAP, "largest thickness at the end"),
+        "map_least": ("1", _MAP, "least thickness over time"),
+        "map_time": ("1", _MAP, "time until the end, or until it broke"),
+        "map_points": ("1", _MAP, "points"),
+    }
+
     kind: Literal["film-forward"]
-    want: tuple[Literal["forward", "basins"], ...] = ()
-    film: FilmTable
-    field: FieldTable | None = None
-    start: StartTable = msgspec.field(default_factory=StartTable)
-    course: CourseTable = msgspec.field(default_factory=CourseTable)
-    grid: GridTable = msgspec.field(default_factory=GridTable)
-    tolerance: StepsTable = msgspec.field(default_factory=StepsTable)
-    branch: BranchTable | None = None
-    map: MapTable | None = None
+    want: Annotated[
+        tuple[Literal["forward", "basins"], ...],
+        says(
+            "",
+            "`forward`: thickness over phase and time, film, field, eigenvalues, branches; "
+            "`basins`: the map",
+        ),
+    ] = ()
+    film: Annotated[FilmTable, says("", "prescribed wave, and surface tension above 0")]
+    field: Annotated[FieldTable | None, says("", "another field that acts instead")] = None
+    start: Annotated[StartTable, says("", "the film at time 0")] = msgspec.field(
+        default_factory=StartTable
+    )
+    course: Annotated[CourseTable, says("", "the time")] = msgspec.field(
+        default_factory=CourseTable
+    )
+    grid: Annotated[GridTable, says("", "the points")] = msgspec.field(default_factory=GridTable)
+    tolerance: Annotated[StepsTable, says("", "how exact simulations are")] = msgspec.field(
+        default_factory=StepsTable
+    )
+    branch: Annotated[
+        BranchTable | None, says("", "steady films along the amplitude; none if left out")
+    ] = None
+    map: Annotated[MapTable | None, says("", "flat films under other fields; none if left out")] = (
+        None
+    )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,14 @@ import numpy as np
 from wormopt.analysis.steady import SteadyState
 from wormopt.errors import SolveError
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Result
+from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.runs.chains import tolerance_of
-from wormopt.systems.pair.runs.pair import Pair, Scales, no_steady_motion, warnings_of_pair
+from wormopt.systems.pair.runs.pair import Scales, no_steady_motion, pair_of, warnings_of_pair
 from wormopt.systems.pair.scenes.magnetic_pair import MagneticPairScene
+from wormopt.systems.pair.steady import Pair
 from wormopt.systems.shared.proof import Recheck, recheck
 
 # The average of first order shall settle, and agree with (19), to this.
@@ -37,7 +38,7 @@ class _Found:
     """All that was computed, dimensionless."""
 
     pair: Pair
-    frequency: float
+    detuning: float
     states: tuple[SteadyState, ...]
     first: Trajectory
     second: Trajectory | None
@@ -46,6 +47,11 @@ class _Found:
     means: tuple[float, float]
 
     @property
+    def frequency(self) -> float:
+        """Of the field."""
+        return self.pair.frequency(self.detuning)
+
+    @cached_property
     def state(self) -> SteadyState:
         """The steady state to which the first average settles."""
         gaps = [np.abs(state.x - self.first.end).max() for state in self.states]
@@ -56,10 +62,15 @@ class _Found:
         """How far from it the first average ends."""
         return float(np.abs(self.state.x - self.first.end).max())
 
-    @property
+    @cached_property
     def refined(self) -> SteadyState | None:
         """The same of second order."""
         return self.pair.refined(self.state)
+
+    @cached_property
+    def difference(self) -> float | None:
+        """Of that state from (19), where this applies."""
+        return self.pair.closed_form_difference(self.state.x, self.detuning)
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
@@ -70,7 +81,7 @@ def run(scene: Scene[MagneticPairScene], report: Report) -> Result:
     SolveError without a steady motion, or where a motion cannot be followed.
     """
     table, begin = scene.table, time.perf_counter()
-    pair, scales = Pair(table.pair, table.averaging.nodes), Scales.of(table.pair)
+    pair, scales = pair_of(table.pair, table.averaging.nodes), Scales.of(table.pair)
     report("averaging", 0.0)
     states = pair.steady(table.detuning)
     if not states:
@@ -78,18 +89,16 @@ def run(scene: Scene[MagneticPairScene], report: Report) -> Result:
     averaged = time.perf_counter()
     found = _simulated(table, pair, scales, states, report)
     simulated = time.perf_counter()
-    faults = [*_faults(table, found)]
-    return Result(
-        scene=scene.name,
-        kind=table.kind,
-        title=scene.title,
-        status="failed" if faults else "ok",
-        reason="; ".join(faults),
-        scalars=_scalars(table, found, scales),
-        variables=(*_variables(table, found, scales),),
-        trust=_trust(table, found),
-        timings_s={"average": averaged - begin, "simulate": simulated - averaged},
-        scene_text=scene.text,
+    sticks = [event.time for event in found.exact.events if event.kind == "stick"]
+    late = sum(at > found.exact.end_time / 2 for at in sticks)
+    return conclude(
+        scene,
+        _scalars(table, found, scales),
+        _variables(found, scales),
+        checks=_checks(found),
+        facts=_facts(found, len(sticks), late),
+        warnings=_warnings(table, found, late),
+        timings={"average": averaged - begin, "simulate": simulated - averaged},
     )
 
 
@@ -117,7 +126,7 @@ def _simulated(
         second_route = recheck(pair.exact, exact, tolerance, p={"frequency": nu}, report=report)
     return _Found(
         pair,
-        nu,
+        table.detuning,
         states,
         first,
         _second(pair, first, given),
@@ -164,76 +173,63 @@ def _means(exact: Trajectory, end: float, length: float) -> tuple[float, float]:
 # -- what is told ----------------------------------------------------------------------------------
 
 
-def _faults(table: MagneticPairScene, found: _Found) -> Iterator[str]:
-    difference = found.pair.closed_form_difference(found.state.x, table.detuning)
-    if difference is not None and difference > _SETTLED:
-        yield f"the averaged model's steady state differs from (19) by {difference:.2g} of its size"
-    if found.recheck and found.recheck.fault:
-        yield found.recheck.fault
+def _checks(found: _Found) -> Iterator[Check]:
+    off = found.difference
+    if off is not None:
+        advice = f"the averaged model's steady state differs from (19) by {off:.2g} of its size"
+        yield Check("closed form (19)", off, _SETTLED, advice)
+    if found.recheck:
+        yield found.recheck.check
 
 
-def _scalars(table: MagneticPairScene, found: _Found, scales: Scales) -> dict[str, Scalar]:
-    state, refined, exact = found.state, found.refined, found.means[1]
-    first = float(state.x[0])
-    second = float(refined.x[0]) if refined else None
+def _scalars(table: MagneticPairScene, found: _Found, scales: Scales) -> dict[str, Any]:
+    state, exact = found.state, found.means[1]
+    first, amplitude = float(state.x[0]), float(state.output("amplitude")[0])
+    second = float(found.refined.x[0]) if found.refined else None
     scalars = {
-        "eps": Scalar(found.pair.eps),
-        "frequency": Scalar(
-            found.frequency / scales.time, unit_of("angular_frequency", table.units)
-        ),
-        "velocity_steady": Scalar(first),
-        "amplitude_steady": Scalar(float(state.output("amplitude")[0])),
-        "phase_steady": Scalar(float(state.output("lag")[0]), "rad"),
-        "velocity_steady_second": Scalar(second),
-        "velocity_exact_mean": Scalar(exact),
-        "averaging_error": Scalar(abs(first - exact)),
-        "averaging_error_second": Scalar(None if second is None else abs(second - exact)),
-        "stable": Scalar(state.stable),
-        "decay_rate": Scalar(-float(state.eigenvalues[0].real) / scales.time,
-                             unit_of("rate", table.units)),
-        "strain_amplitude": Scalar(2 * float(state.output("amplitude")[0])),
-    }  # fmt: skip
-    if table.pair.sample is not None:
-        speed = unit_of("speed", table.units)
+        "eps": found.pair.eps,
+        "frequency": found.frequency / scales.time,
+        "velocity_steady": first,
+        "amplitude_steady": amplitude,
+        "phase_steady": float(state.output("lag")[0]),
+        "velocity_steady_second": second,
+        "velocity_exact_mean": exact,
+        "averaging_error": abs(first - exact),
+        "averaging_error_second": None if second is None else abs(second - exact),
+        "stable": state.stable,
+        "decay_rate": -float(state.eigenvalues[0].real) / scales.time,
+        "strain_amplitude": 2 * amplitude,
+    }
+    if sample := table.pair.sample:
         scalars |= {
-            "u0": Scalar(table.pair.sample.strain),
-            "stiffness": Scalar(
-                table.pair.sample.mass / scales.time**2, unit_of("stiffness", table.units)
-            ),
-            "natural_rate": Scalar(1 / scales.time, unit_of("angular_frequency", table.units)),
-            "velocity_steady_si": Scalar(first * scales.speed, speed),
-            "velocity_exact_mean_si": Scalar(exact * scales.speed, speed),
+            "u0": sample.strain,
+            "stiffness": sample.mass / scales.time**2,
+            "natural_rate": 1 / scales.time,
+            "velocity_steady_si": first * scales.speed,
+            "velocity_exact_mean_si": exact * scales.speed,
         }
     if table.stated_velocity is not None:
-        unit = unit_of("speed", table.units)
-        scalars["velocity_stated"] = Scalar(table.stated_velocity, unit)
-        scalars["velocity_stated_deviation"] = Scalar(
-            table.stated_velocity - first * scales.speed, unit
-        )
+        scalars["velocity_stated"] = table.stated_velocity
+        scalars["velocity_stated_deviation"] = table.stated_velocity - first * scales.speed
     return scalars
 
 
-def _variables(table: MagneticPairScene, found: _Found, scales: Scales) -> Iterator[Variable]:
-    t, speed = found.exact.time, unit_of("speed", table.units)
-
-    def of(name: str, values: np.ndarray, what: str) -> Variable:
-        return Variable(name, speed, ("time",), values * scales.speed, what)
-
-    yield Variable("time", unit_of("time", table.units), ("time",), t * scales.time, "time")
-    yield of("velocity", found.exact.output("center_velocity")[0], "velocity of the centre, exact")
-    yield of("velocity_period", _sliding(found), "its mean over a period of the field")
-    yield of("velocity_first", found.first.state("center_velocity")[0], "average, first order")
+def _variables(found: _Found, scales: Scales) -> dict[str, np.ndarray]:
+    t = found.exact.time
     late = t[-1] - np.linspace(_LATE * 2 * np.pi / found.frequency, 0.0, _LATE_SAMPLES)
     close = found.exact.at(np.clip(late, 0.0, t[-1])).output("center_velocity")[0]
-    unit = unit_of("time", table.units)
-    yield Variable("late_time", unit, ("late",), late * scales.time, "time in the last periods")
-    yield Variable(
-        "late_velocity", speed, ("late",), close * scales.speed, "velocity of the centre, exact"
-    )
+    velocities = {
+        "velocity": found.exact.output("center_velocity")[0],
+        "velocity_period": _sliding(found),
+        "velocity_first": found.first.state("center_velocity")[0],
+        "late_velocity": close,
+    }
     if found.second is not None:
-        late = np.full(len(t), np.nan)
-        late[len(t) - len(found.second.time) :] = found.second.state("center_velocity")[0]
-        yield of("velocity_second", late, "average, second order")
+        velocities["velocity_second"] = np.full(len(t), np.nan)
+        begun = len(t) - len(found.second.time)
+        velocities["velocity_second"][begun:] = found.second.state("center_velocity")[0]
+    times = {"time": t * scales.time, "late_time": late * scales.time}
+    return times | {name: values * scales.speed for name, values in velocities.items()}
 
 
 def _sliding(found: _Found) -> np.ndarray:
@@ -248,21 +244,19 @@ def _sliding(found: _Found) -> np.ndarray:
     return values
 
 
-def _trust(table: MagneticPairScene, found: _Found) -> dict[str, Any]:
+def _facts(found: _Found, rests: int, late: int) -> dict[str, Any]:
     state, refined = found.state, found.refined
-    sticks = [event.time for event in found.exact.events if event.kind == "stick"]
-    late = sum(time > found.exact.end_time / 2 for time in sticks)
     return {
         "steady_states": len(found.states),
         "steady_residual": state.residual,
         "steady_residual_second": refined.residual if refined else None,
         "settled_to": found.settled,
-        "closed_form_difference": found.pair.closed_form_difference(state.x, table.detuning),
+        "closed_form_difference": found.difference,
         "quadrature_error": found.pair.quadrature_error(state),
         "exact": {
             "route": found.exact.route,
             "events": len(found.exact.events),
-            "rests": len(sticks),
+            "rests": rests,
             "rests_in_second_half": late,
             "mean_before": found.means[0],
             "recheck": None if found.recheck is None else found.recheck.error,
@@ -270,7 +264,6 @@ def _trust(table: MagneticPairScene, found: _Found) -> dict[str, Any]:
             "recheck_shares": "" if found.recheck is None else found.recheck.shared,
         },
         "eigenvalues": [[value.real, value.imag] for value in state.eigenvalues],
-        "warnings": [*_warnings(table, found, late)],
     }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta, field
 
@@ -18,6 +18,7 @@ from wormopt.scene.types import (
     Table,
     extreme_numbers,
     per,
+    says,
     wrong_order,
 )
 from wormopt.systems.chain.scenes.chain import (
@@ -40,46 +41,40 @@ FinitePair = Annotated[
 
 
 class SampleTable(Table, frozen=True, kw_only=True):
-    """The magneto-elastic link as a sample of material, in SI units.
+    """The magneto-elastic link as a sample of material, in SI units; *ε* is half its strain."""
 
-    Parameters
-    ----------
-    mass : float
-        Each of the two masses, kg.
-    youngs_modulus : float
-        Effective modulus E in the field, Pa.
-    strain : float
-        Strain u0 in the field without force.
-    length, area : float
-        Length l0 and cross-section S0, m and m2.
-    """
-
-    mass: Positive
-    youngs_modulus: Positive
-    strain: Strain
-    length: Positive
-    area: Positive
+    mass: Annotated[Positive, says("mass", "each of the two masses")]
+    youngs_modulus: Annotated[Positive, says("stress", "effective modulus in the field")]
+    strain: Annotated[Strain, says("share", "*u*<sub>0</sub>, in the field without force")]
+    length: Annotated[Positive, says("length", "of the link")]
+    area: Annotated[Positive, says("area", "cross-section of the link")]
 
 
 class MagneticPairTable(Table, frozen=True, kw_only=True):
-    """Two equal masses on a link, under a pulsating field.
+    """Two equal masses on a link, under a pulsating field: `eps`, or `sample` in SI scenes."""
 
-    Parameters
-    ----------
-    eps : float, optional
-        Push of the field over stiffness times length, for scenes without units.
-    sample : SampleTable, optional
-        The link in SI units instead; eps is half its strain.
-    friction : table
-        Law of the ground; forces over the push, velocities over length times natural rate.
-    cosines : tuple of float
-        Field G(t) = sum_k cosines[k] cos(k nu t).
-    """
-
-    eps: Positive | None = None
-    sample: SampleTable | None = None
-    friction: Friction
-    cosines: Cosines = (1.0, 1.0)
+    eps: Annotated[
+        Positive | None,
+        says(
+            "share", "*ε*: push of the field over stiffness times length; in scenes without units"
+        ),
+    ] = None
+    sample: Annotated[SampleTable | None, says("", 'instead, with `units = "SI"`')] = None
+    friction: Annotated[
+        Friction,
+        says(
+            "",
+            "law of the ground, but no spikes; forces are told over the push, velocities over "
+            "length times natural rate; one number or one per mass",
+        ),
+    ]
+    cosines: Annotated[
+        Cosines,
+        says(
+            "share",
+            "*G*(*t*) = Σ `cosines[k]` cos(*kνt*); the second drives the swing and is not 0",
+        ),
+    ] = (1.0, 1.0)
 
     @property
     def smallness(self) -> float:
@@ -124,63 +119,111 @@ class MagneticPairTable(Table, frozen=True, kw_only=True):
 
 
 class CourseTable(Table, frozen=True, kw_only=True):
-    """The motion that is simulated from rest.
+    """The motion that is simulated from rest."""
 
-    Parameters
-    ----------
-    end : float, optional
-        Last time; if left out 60 / eps natural times, or 25 times that in which the slowest
-        deviation falls to 1/e.
-    samples : int
-        Equidistant times at which it is kept.
-    periods : int
-        Last periods of the field over which the exact motion is averaged, and as many before.
-    """
+    end: Annotated[
+        Positive | None,
+        says(
+            "time",
+            "last time, at least twice `periods`; if left out 60/*ε* natural times, longer where "
+            "deviations fade slowly",
+        ),
+    ] = None
+    samples: Annotated[
+        int,
+        Meta(ge=2, le=100_000, description="a whole number, 2 to 100000"),
+        says("count", "equidistant times at which it is kept"),
+    ] = 2001
+    periods: Annotated[
+        int,
+        Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
+        says(
+            "count",
+            "last periods of the field over which the exact motion is averaged, and as many "
+            "before, to see whether it has settled",
+        ),
+    ] = 20
 
-    end: Positive | None = None
-    samples: Annotated[int, Meta(ge=2, le=100_000, description="a whole number, 2 to 100000")] = (
-        2001
-    )
-    periods: Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")] = 20
+
+ThePair = Annotated[MagneticPairTable, says("", "the pair")]
+Averaging = Annotated[AveragingTable, says("", "how averages are computed")]
+ToleranceOf = Annotated[ToleranceTable, says("", "how exact simulations are")]
 
 
 class MagneticPairScene(SceneTable, frozen=True, kw_only=True):
     """Velocity of the pair over time, exactly and on average.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"magnetic-pair"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether the pair is a sample in SI units.
-    want : tuple of str
-        Pictures to draw.
-    pair : MagneticPairTable
-        The pair.
-    detuning : float
-        Delta: the field's frequency is the natural one plus eps Delta, in natural rates.
-    course : CourseTable
-        The motion.
-    stated_velocity : float, optional
-        A velocity that somebody stated, to compare with.
-    averaging : AveragingTable
-        How averages are computed.
-    tolerance : ToleranceTable
-        How exact simulations are.
+    Two masses on a magneto-elastic bar in a pulsating field, from rest: the exact motion, its
+    averages of first and second order, and the steady motion they settle on. Theory:
+    [theory-magnetics.md](../theory-magnetics.md#2-the-pair).
+
+    The trust report: `closed_form_difference` from (19) where friction is dry and alike,
+    `settled_to` (how far the average ends from its steady state), `quadrature_error` (change of the
+    mean rates with twice the nodes, over *ε*), residuals, and of the exact motion its events,
+    rests, and a second route. Exit code 3 where there is no steady motion: at detuning 0, or where
+    friction takes more than the field gives.
+
+    Limits: averages are asymptotic in *ε*; a warning stands where it is above 0.1. They assume
+    that masses pass through 0 and do not rest, which the exact motion is asked about. Beyond
+    strains of 0.1 a warning says that the law of the material ends.
     """
 
+    scalars: ClassVar = {
+        "eps": ("1", "*ε*, the small parameter"),
+        "frequency": ("angular_frequency", "of the field"),
+        "velocity_steady": ("1", "*V* of the steady motion, first order, dimensionless"),
+        "amplitude_steady": ("1", "its *a*, of half the stretch"),
+        "phase_steady": ("rad", "its *ξ*"),
+        "velocity_steady_second": (
+            "1",
+            "*V* of second order; unknown where the swing is below 4 *ε*",
+        ),
+        "velocity_exact_mean": (
+            "1",
+            "displacement of the exact motion over time, in the last whole periods",
+        ),
+        "averaging_error": ("1", "difference of the first order from it"),
+        "averaging_error_second": ("1", "difference of the second order from it"),
+        "stable": ("1", "whether small deviations die out"),
+        "decay_rate": ("rate", "how fast the slowest of them does"),
+        "strain_amplitude": ("1", "2*a*, amplitude of the stretch"),
+        "velocity_steady_si": ("speed", "`velocity_steady`, with a sample"),
+        "velocity_exact_mean_si": ("speed", "`velocity_exact_mean`, with a sample"),
+        "u0": ("1", "of the sample"),
+        "stiffness": ("stiffness", "of the sample"),
+        "natural_rate": ("angular_frequency", "of the sample, √(*c*/*m*)"),
+        "velocity_stated": ("speed", "what was stated"),
+        "velocity_stated_deviation": ("speed", "by how much it is off"),
+    }
+    variables: ClassVar = {
+        "time": ("time", ("time",), "time"),
+        "velocity": ("speed", ("time",), "velocity of the centre, exact"),
+        "velocity_period": ("speed", ("time",), "its mean over a period of the field"),
+        "velocity_first": ("speed", ("time",), "average, first order"),
+        "velocity_second": ("speed", ("time",), "average, second order"),
+        "late_time": ("time", ("late",), "time in the last periods"),
+        "late_velocity": ("speed", ("late",), "velocity of the centre, exact"),
+    }
+
     kind: Literal["magnetic-pair"]
-    want: tuple[Literal["velocity"], ...] = ()
-    pair: MagneticPairTable
-    detuning: Finite
-    course: CourseTable = field(default_factory=CourseTable)
-    stated_velocity: Finite | None = None
-    averaging: AveragingTable = field(default_factory=AveragingTable)
-    tolerance: ToleranceTable = field(default_factory=ToleranceTable)
+    want: Annotated[
+        tuple[Literal["velocity"], ...],
+        says(
+            "",
+            "`velocity`: the chapter's figure 13, and the last four periods closely; the average "
+            "of second order begins where the swing reaches 4 *ε*",
+        ),
+    ] = ()
+    pair: ThePair
+    detuning: Annotated[
+        Finite, says("1", "*Δ*: the field's frequency is √2 + *εΔ* natural rates √(*c*/*m*)")
+    ]
+    course: Annotated[CourseTable, says("", "the motion")] = field(default_factory=CourseTable)
+    stated_velocity: Annotated[
+        Finite | None, says("speed", "a velocity that somebody stated, to compare with")
+    ] = None
+    averaging: Averaging = field(default_factory=AveragingTable)
+    tolerance: ToleranceOf = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
@@ -201,72 +244,83 @@ class MagneticPairScene(SceneTable, frozen=True, kw_only=True):
 
 
 class SweepTable(Table, frozen=True, kw_only=True):
-    """Frequencies along which steady motions are followed.
+    """Frequencies along which steady motions are followed."""
 
-    Parameters
-    ----------
-    detuning : (float, float)
-        Least and largest detuning Delta.
-    points : int
-        Equidistant values between them at which states are given.
-    largest : float
-        Amplitude a, in lengths of the link, at which a branch is given up as running away.
-    """
-
-    detuning: FinitePair = (-2.0, 2.0)
-    points: Annotated[int, Meta(ge=2, le=10_000, description="a whole number, 2 to 10000")] = 400
-    largest: Positive = 100.0
+    detuning: Annotated[FinitePair, says("1", "least and largest *Δ*")] = (-2.0, 2.0)
+    points: Annotated[
+        int,
+        Meta(ge=2, le=10_000, description="a whole number, 2 to 10000"),
+        says("count", "equidistant values between them at which states are given"),
+    ] = 400
+    largest: Annotated[
+        Positive,
+        says("1", "amplitude in lengths of the link at which a branch counts as running away"),
+    ] = 100.0
 
 
 class ConfirmTable(Table, frozen=True, kw_only=True):
-    """Exact simulations from every stable state that is given.
+    """Exact simulations from every stable state that is given; none without this table."""
 
-    Parameters
-    ----------
-    time : float
-        How long each is, in natural times 1 / sqrt(c / m).
-    periods : int
-        Last periods of the field that are averaged, and as many before.
-    """
-
-    time: Positive = 2000.0
-    periods: Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")] = 50
+    time: Annotated[
+        Positive, says("1", "how long each is, in natural times √(*m*/*c*), in SI scenes too")
+    ] = 2000.0
+    periods: Annotated[
+        int,
+        Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
+        says("count", "last periods of the field that are averaged, and as many before"),
+    ] = 50
 
 
 class ResonanceScene(SceneTable, frozen=True, kw_only=True):
-    """Steady motions of the pair along the field's frequency.
+    """Steady motions of the pair along the frequency of its field.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"resonance"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless", "SI"}
-        Whether the pair is a sample in SI units.
-    want : tuple of str
-        Pictures to draw.
-    pair : MagneticPairTable
-        The pair.
-    sweep : SweepTable
-        Along which frequencies.
-    confirm : ConfirmTable, optional
-        Exact simulations to compare with; none if left out.
-    averaging : AveragingTable
-        How averages are computed.
-    tolerance : ToleranceTable
-        How exact simulations are.
+    All branches of the average, folds, stability, and an exact motion from every stable point.
+    Variables over `curve` are the branches as they were followed; at detunings without a steady
+    motion no state is given. Theory: [theory-magnetics.md](../theory-magnetics.md#2-the-pair).
     """
 
+    scalars: ClassVar = {
+        "eps": ("1", "*ε*, the small parameter"),
+        "delta_fold": (
+            "1",
+            "detunings at which branches turn back, ascending; empty without folds",
+        ),
+        "branches": ("count", "branches"),
+        "steady_motions": ("count", "states given"),
+        "stable": ("count", "how many of these are stable"),
+        "velocity_largest": ("speed", "largest \\|*V*\\| among them"),
+        "confirmed": ("count", "exact motions that settled"),
+        "averaging_error": ("1", "largest difference of *V* from these, first order"),
+        "averaging_error_second": ("1", "the same of second order"),
+        "u0": ("1", "strain of the sample"),
+    }
+    variables: ClassVar = {
+        "detuning": ("1", ("point",), "detuning of the field"),
+        "velocity_steady": ("speed", ("point",), "velocity of the centre"),
+        "amplitude_steady": ("length", ("point",), "amplitude of half the stretch"),
+        "stable_point": ("1", ("point",), "whether it is stable"),
+        "branch": ("1", ("point",), "number of its branch"),
+        "velocity_second": ("speed", ("point",), "velocity of the centre, second order"),
+        "velocity_exact": ("speed", ("point",), "velocity of the centre, exact mean"),
+        "curve_detuning": ("1", ("curve",), "detuning of the field"),
+        "curve_velocity": ("speed", ("curve",), "velocity of the centre"),
+        "curve_amplitude": ("length", ("curve",), "amplitude of half the stretch"),
+        "curve_stable": ("1", ("curve",), "whether it is stable"),
+        "curve_branch": ("1", ("curve",), "number of the branch"),
+    }
+
     kind: Literal["resonance"]
-    want: tuple[Literal["resonance"], ...] = ()
-    pair: MagneticPairTable
-    sweep: SweepTable = field(default_factory=SweepTable)
-    confirm: ConfirmTable | None = None
-    averaging: AveragingTable = field(default_factory=AveragingTable)
-    tolerance: ToleranceTable = field(default_factory=ToleranceTable)
+    want: Annotated[
+        tuple[Literal["resonance"], ...],
+        says("", "`resonance`: velocity and amplitude along the detuning"),
+    ] = ()
+    pair: ThePair
+    sweep: Annotated[SweepTable, says("", "along which frequencies")] = field(
+        default_factory=SweepTable
+    )
+    confirm: Annotated[ConfirmTable | None, says("", "exact motions to compare with")] = None
+    averaging: Averaging = field(default_factory=AveragingTable)
+    tolerance: ToleranceOf = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""

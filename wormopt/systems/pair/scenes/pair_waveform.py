@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta, field
 
@@ -20,9 +20,11 @@ from wormopt.scene.types import (
     Table,
     extreme_numbers,
     per,
+    says,
     wrong_order,
 )
 from wormopt.systems.chain.scenes.chain import CoulombFriction, Friction, faults_of_law
+from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 NATURAL = math.sqrt(2)
 """Frequency at which the free masses swing against each other, over sqrt(c / m)."""
@@ -34,18 +36,17 @@ FieldRange = Annotated[
 
 
 class DrivenPairTable(Table, frozen=True, kw_only=True):
-    """Two masses on a magneto-elastic link, without units.
+    """Two masses on a magneto-elastic link, without units."""
 
-    Parameters
-    ----------
-    eps : float
-        Push of the field over stiffness times length.
-    friction : table
-        Dry friction of the ground, forces over the push; numbers alike or one per mass.
-    """
-
-    eps: Positive
-    friction: Friction
+    eps: Annotated[Positive, says("share", "push of the field over stiffness times length")]
+    friction: Annotated[
+        Friction,
+        says(
+            "",
+            'law of the ground, with `kind = "coulomb"`; forces over the push, alike or one per '
+            "mass; weaker forward than backward",
+        ),
+    ]
 
     def faults(self) -> Iterator[Fault]:
         """Yield what is wrong between the keys of this table."""
@@ -64,22 +65,26 @@ class DrivenPairTable(Table, frozen=True, kw_only=True):
 class FieldLimitsTable(Table, frozen=True, kw_only=True):
     """What the field must keep to.
 
-    Parameters
-    ----------
-    field : (float, float)
-        Least and largest G; it follows the square of the field strength.
-    frequency : float or (float, float)
-        Angular frequency over sqrt(c / m), or the range in which to choose it.
-    slope : float, optional
-        Largest |G'|; without it the field may jump.
-    strain : float, optional
-        Largest |x_2 - x_1|, over the length of the link.
+    Refused: frequencies that contain √2 or √2/*k* for a whole *k*, without `strain`. There the
+    field, or its *k*-th harmonic, lets the swing grow without bound, and the speed with it.
+    Refused as well (exit code 3): `strain` up to `eps` times the sum of the least field and mass
+    1's friction forward, with which the link cannot draw mass 1 on.
     """
 
-    field: FieldRange
-    frequency: PositiveOrPair
-    slope: Positive | None = None
-    strain: Positive | None = None
+    field: Annotated[
+        FieldRange, says("share", "range of *G*, which follows the square of the field strength")
+    ]
+    frequency: Annotated[
+        PositiveOrPair,
+        says("angular_frequency", "over √(*c*/*m*): fixed, or the range in which to choose it"),
+    ]
+    slope: Annotated[
+        Positive | None, says("1", "largest |*G*′|; without it the field may jump")
+    ] = None
+    strain: Annotated[
+        Positive | None,
+        says("share", "largest |*x*<sub>2</sub> − *x*<sub>1</sub>|, over the link's length"),
+    ] = None
 
     @property
     def frequency_range(self) -> tuple[float, float]:
@@ -108,21 +113,18 @@ class FieldLimitsTable(Table, frozen=True, kw_only=True):
 
 
 class WaveformAimTable(Table, frozen=True, kw_only=True):
-    """What the waveform is to be good at; one of both is sought.
+    """What the waveform is to be good at: exactly one of `maximise` and `minimise`."""
 
-    Parameters
-    ----------
-    maximise : {"speed"}, optional
-        Mean speed.
-    minimise : {"work_per_distance"}, optional
-        Work of the field over the distance, at a mean speed of at least ``speed``.
-    speed : float, optional
-        Least mean speed.
-    """
-
-    maximise: Literal["speed"] | None = None
-    minimise: Literal["work_per_distance"] | None = None
-    speed: Positive | None = None
+    maximise: Annotated[Literal["speed"] | None, says("", "mean speed")] = None
+    minimise: Annotated[
+        Literal["work_per_distance"] | None,
+        says(
+            "",
+            "work of the field over the distance, what flows back taken off; `speed` is required "
+            "then",
+        ),
+    ] = None
+    speed: Annotated[Positive | None, says("speed", "least mean speed")] = None
 
     def faults(self) -> Iterator[Fault]:
         """Yield what does not fit together."""
@@ -135,55 +137,112 @@ class WaveformAimTable(Table, frozen=True, kw_only=True):
 
 
 class WaveformSearchTable(Table, frozen=True, kw_only=True):
-    """Where searches begin.
+    """Where searches begin."""
 
-    Parameters
-    ----------
-    starts : int
-        Number of starts: the harmonic field first, then fields of three harmonics by chance.
-    seed : int
-        The same seed gives the same starts.
-    """
-
-    starts: Annotated[int, Meta(ge=1, le=100, description="a whole number from 1 to 100")] = 1
-    seed: Seed = 0
+    starts: Annotated[
+        int,
+        Meta(ge=1, le=100, description="a whole number from 1 to 100"),
+        says("count", "the harmonic field first, then fields of three harmonics by chance"),
+    ] = 1
+    seed: Annotated[Seed, says("", "the same seed gives the same starts")] = 0
 
 
 class PairWaveformScene(SceneTable, frozen=True, kw_only=True):
     """The periodic field that moves the pair fastest, or cheapest, beside the harmonic one.
 
-    Parameters
-    ----------
-    schema : int
-        Version of the scene form, 1.
-    kind : {"pair-waveform"}
-        The kind.
-    title : str
-        Title of pictures and reports.
-    units : {"dimensionless"}
-        Lengths over that of the link, times over sqrt(m / c).
-    want : tuple of str
-        Pictures to draw.
-    pair : DrivenPairTable
-        The pair.
-    limits : FieldLimitsTable
-        What the field must keep to.
-    aim : WaveformAimTable
-        What it is to be good at.
-    mesh : MeshTable
-        How finely.
-    search : WaveformSearchTable
-        Where to begin.
+    The magneto-elastic pair (16) under the best field, and under the harmonic one within the same
+    limits. Velocities return after a period, positions up to the advance; friction is dry and told
+    exactly. See [optimal.md](../optimal.md#the-field-of-a-magneto-elastic-pair). Without units:
+    lengths over that of the link, times over √(*m*/*c*).
+
+    The harmonic field goes about the middle of `limits.field`, with the largest amplitude that
+    range, slope and strain allow (for `minimise`: the smallest that has the speed), at the best
+    frequency of the range. Where its mean alone, put on at rest, stretches the link beyond
+    `limits.strain`, a warning says so, `gain` is unknown, and the search starts from the fastest
+    harmonic field about a lower mean; so it does where that strain leaves a harmonic field too
+    weak to move the pair. Where the pair rests under the first field, four by chance are tried.
+
+    `input_rms` and `input_peak` are those of *G*, with a slope of *G*′. Where arcs join, an
+    instant stands twice. `gait_breaks` and `gait_polynomial` are the field exactly, as a Gait of
+    one row: `drive(magnetic_pair(..., cosines=None), load_gait("result.nc"), periodic=True)` moves
+    the pair with it. `timings_s`: `build` and `solve` (of all programs), `harmonic`, `optimise`
+    and `check`.
     """
 
+    scalars: ClassVar = {
+        "speed": ("speed", "as optimised"),
+        "speed_simulated": (
+            "speed",
+            "from an exact simulation of 20 periods under the field found",
+        ),
+        "speed_harmonic": (
+            "speed",
+            "on the periodic orbit under the harmonic field, by exact simulation",
+        ),
+        "gain": (
+            "share",
+            "ratio of the last two; for `minimise` of the works per distance; unknown where the "
+            "harmonic field does not move the pair, or not as fast as asked",
+        ),
+        "frequency": ("angular_frequency", "of the field found"),
+        "frequency_harmonic": ("angular_frequency", "of the harmonic field"),
+        "first_harmonic": ("share", "amplitude of the first harmonic of the field found"),
+        "amplitude_harmonic": ("share", "amplitude of the harmonic field"),
+        "strain_max": ("share", "largest \\|*x*<sub>2</sub> − *x*<sub>1</sub>\\|"),
+        "strain_max_harmonic": ("share", "the same under the harmonic field"),
+        "swing": ("share", "half of largest less smallest stretch"),
+        "work_per_distance": ("energy_per_distance", "work of the field over the distance"),
+        "work_per_distance_harmonic": ("energy_per_distance", "the same of the harmonic field"),
+        "drift": ("share", "change of stretch and velocities over the 20 periods"),
+        "drift_harmonic": ("share", "the same over the last block of `periods_harmonic`"),
+        "periods_harmonic": (
+            "count",
+            "periods simulated until the motion under the harmonic field repeated itself",
+        ),
+        "push_left": (
+            "share",
+            "what was left at the least of a push of a thousandth, over up to 1200 periods; the "
+            "simulation ends below 0.5. A warning says where it never is",
+        ),
+        **OPTIMUM,
+    }
+    variables: ClassVar = INSTANT | {
+        "field": ("share", ("instant",), "field G"),
+        "field_harmonic": ("share", ("instant",), "harmonic field"),
+        "stretch": ("length", ("instant",), "stretch x_2 - x_1"),
+        "stretch_harmonic": ("length", ("instant",), "stretch under it"),
+        "position": ("length", ("mass", "instant"), "position of the mass"),
+        "velocity": ("speed", ("mass", "instant"), "velocity of the mass"),
+        "contact_force": ("force", ("mass", "instant"), "force of the ground"),
+        "gait_breaks": ("time", ("gait_break",), "times of the field's pieces"),
+        "gait_polynomial": (
+            "share",
+            ("gait_piece", "link", "gait_power"),
+            "field, coefficients of s^k, s the time since the piece began",
+        ),
+    }
+
     kind: Literal["pair-waveform"]
-    units: Literal["dimensionless"] = "dimensionless"
-    want: tuple[Literal["waveform"], ...] = ()
-    pair: DrivenPairTable
-    limits: FieldLimitsTable
-    aim: WaveformAimTable
-    mesh: MeshTable = field(default_factory=lambda: MeshTable(arcs=100))
-    search: WaveformSearchTable = field(default_factory=WaveformSearchTable)
+    units: Annotated[
+        Literal["dimensionless"], says("", "lengths over that of the link, times over √(*m*/*c*)")
+    ] = "dimensionless"
+    want: Annotated[
+        tuple[Literal["waveform"], ...],
+        says(
+            "",
+            "`waveform`: field, stretch and velocities over a period; the harmonic field, run "
+            "through in the same time, is shifted so that its crest is that of the first harmonic",
+        ),
+    ] = ()
+    pair: Annotated[DrivenPairTable, says("", "the pair")]
+    limits: Annotated[FieldLimitsTable, says("", "what the field must keep to")]
+    aim: Annotated[WaveformAimTable, says("", "what it is to be good at")]
+    mesh: Annotated[MeshTable, says("", "how finely; 100 arcs if left out")] = field(
+        default_factory=lambda: MeshTable(arcs=100)
+    )
+    search: Annotated[WaveformSearchTable, says("", "where to begin")] = field(
+        default_factory=WaveformSearchTable
+    )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""

@@ -1,4 +1,8 @@
-"""Where a film goes under a travelling field: followed in time, on points fine enough for it."""
+"""Where a film goes under a travelling field: followed in time, on points fine enough for it.
+
+Steady films next to a given one are found by Newton's method, with the rates at which deviations
+from them grow.
+"""
 
 from __future__ import annotations
 
@@ -17,19 +21,24 @@ from wormopt.model.model import Model, Signal, pack
 from wormopt.progress import Report, silent
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.film.scenes.film_forward import CourseTable, GridTable, StepsTable
+from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.shapes import grid
-from wormopt.systems.film.thin_film import film_thickness, film_volume, thin_film
+from wormopt.systems.film.thin_film import GivenField, film_thickness, film_volume, thin_film
 
 Outcome = Literal["wave", "other", "moving", "breaks", "unresolved"]
 OUTCOMES: tuple[Outcome, ...] = ("wave", "other", "moving", "breaks", "unresolved")
 """What may become of a film, by the numbers that stand for it in results."""
 
+TAIL = 1e-3
+"""Highest harmonics of a resolved film, over the largest one."""
+
 # Spans from one look at the thinnest place to the next, in periods; each longer by this factor.
 _FIRST_SPAN, _LONGER = 2.0, 10.0
-# Highest harmonics of a resolved film, over the largest one.
-_TAIL = 1e-3
 _CLOSER = 64
+# A film whose highest harmonics are below this share is resolved by itself.
+_ENOUGH = 1e-6
+# Points of the film under a row of coils.
+_POINTS = 256
 # Steps that become this short, and numbers that are none: the film leaves what the points can hold.
 _GIVEN_UP = ("solver_failed", "not_finite", "step_too_small")
 
@@ -43,9 +52,15 @@ class Setting:
     start: Callable[[np.ndarray], np.ndarray]  # phases to the thickness at time 0
     # phases to the thickness of the prescribed wave
     wave: Callable[[np.ndarray], np.ndarray] | None
-    course: CourseTable  # how long, and what counts as settled or broken
-    grid: GridTable
-    tolerance: StepsTable
+    periods: float = 100.0  # how long, in periods of the wave
+    samples: int = 401  # times that are kept
+    rupture: float = 0.02  # thickness below which a film counts as broken
+    settled: float = 1e-6  # distance from a steady film at which it counts as reached
+    points: int = 128  # at first; doubled until two resolutions agree, up to `most`
+    most: int = 512
+    order: int = 12  # of the differences
+    agreement: float = 1e-2  # by how much the ends of two resolutions may differ
+    tolerance: Tolerance = Tolerance(1e-8, 1e-10, 200_000)  # noqa: RUF009  frozen
 
     def given(self, points: int) -> dict[str, Any]:
         """Parameters of `film_model` by name."""
@@ -116,7 +131,7 @@ def _rates(points: int, order: int) -> Rates:
 
 def steady(setting: Setting, points: int, thickness: np.ndarray) -> Steady | None:
     """Steady film of positive thickness next to `thickness` (points,), by Newton; None without."""
-    order, rates = setting.grid.order, _rates(points, setting.grid.order)
+    order, rates = setting.order, _rates(points, setting.order)
     p = rates.parameters(setting.given(points))
     x, found = rates.newton(film_volume(thickness, order=order)[None], p)
     if not found[0]:
@@ -129,7 +144,7 @@ def steady(setting: Setting, points: int, thickness: np.ndarray) -> Steady | Non
 
 def flow(setting: Setting, thickness: np.ndarray) -> np.ndarray:
     """Flow Q (points,) of a film of given thickness (points,)."""
-    points, order = len(thickness), setting.grid.order
+    points, order = len(thickness), setting.order
     model, rates = film_model(points, order), _rates(points, order)
     at = ca.Function("flow", [pack(model.x), pack(model.p)], [model.output("flow")])
     state = film_volume(thickness, order=order)
@@ -140,7 +155,7 @@ def follow(setting: Setting, points: int, report: Report = silent) -> Course:
     """Follow a film in time on given points; raises SolveError if the allowed steps run out."""
     time, h, steps, failed = _integrated(setting, points, report)
     broke = None
-    if h.min() < setting.course.rupture:
+    if h.min() < setting.rupture:
         time, h, broke = _broken(setting, points, time, h)
     wave = None
     if setting.wave is not None:
@@ -156,8 +171,8 @@ def follow(setting: Setting, points: int, report: Report = silent) -> Course:
 
 
 def _outcome(setting: Setting, course: Course, failed: bool) -> Outcome:
-    near = setting.course.settled
-    if failed or course.tail > _TAIL:
+    near = setting.settled
+    if failed or course.tail > TAIL:
         return "unresolved"
     if course.broke is not None:
         return "breaks"
@@ -170,17 +185,11 @@ def _integrated(
     setting: Setting, points: int, report: Report
 ) -> tuple[np.ndarray, np.ndarray, int, bool]:
     """Times, thickness there, steps, and whether the integrator gave up."""
-    table, order, turn = setting.course, setting.grid.order, 2 * math.pi
-    kept = np.linspace(0.0, table.periods * turn, table.samples)
+    order, turn = setting.order, 2 * math.pi
+    kept = np.linspace(0.0, setting.periods * turn, setting.samples)
     state = film_volume(setting.start(grid(points)), order=order)
-    times, states, steps, span, begin, failed = (
-        [kept[:1]],
-        [state[:, None]],
-        0,
-        _FIRST_SPAN,
-        0.0,
-        False,
-    )
+    times, states = [kept[:1]], [state[:, None]]
+    steps, span, begin, failed = 0, _FIRST_SPAN, 0.0, False
     while begin < kept[-1] and not failed:
         end = min(begin + span * turn, kept[-1])
         end = kept[-1] if kept[-1] - end < 0.5 * (end - begin) else end
@@ -193,30 +202,24 @@ def _integrated(
         states.append(found)
         if found.shape[1]:
             state = found[:, -1]
-            if film_thickness(found, order=order).min() < table.rupture:
+            if film_thickness(found, order=order).min() < setting.rupture:
                 break
         begin, span = end, _LONGER * span
     return np.concatenate(times), film_thickness(np.hstack(states), order=order), steps, failed
 
 
 def _leg(
-    setting: Setting,
-    points: int,
-    state: np.ndarray,
-    span: tuple[float, float],
-    times: np.ndarray,
+    setting: Setting, points: int, state: np.ndarray, span: tuple[float, float], times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, int, bool]:
-    numbers = setting.tolerance
-    tolerance = Tolerance(numbers.relative, numbers.absolute, numbers.max_steps)
     failed = False
     try:
         motion = simulate(
-            film_model(points, setting.grid.order),
+            film_model(points, setting.order),
             span,
             x0={"volume": state},
             p=setting.given(points),
             times=times,
-            tolerance=tolerance,
+            tolerance=setting.tolerance,
             route="cvodes",
         )
     except SolveError as error:
@@ -232,15 +235,15 @@ def _broken(
     setting: Setting, points: int, time: np.ndarray, h: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
     """Cut the course where it first is too thin, which is located more closely."""
-    first = int(np.flatnonzero(h.min(axis=0) < setting.course.rupture)[0])
+    first = int(np.flatnonzero(h.min(axis=0) < setting.rupture)[0])
     if first == 0:
         return time[:1], h[:, :1], (float(time[0]), float(grid(points)[int(np.argmin(h[:, 0]))]))
-    order = setting.grid.order
+    order = setting.order
     state = film_volume(h[:, first - 1], order=order)
     span = (float(time[first - 1]), float(time[first]))
     close, found, _, _ = _leg(setting, points, state, span, np.linspace(*span, _CLOSER)[1:])
     near = film_thickness(found, order=order)
-    thin = np.flatnonzero(near.min(axis=0) < setting.course.rupture)
+    thin = np.flatnonzero(near.min(axis=0) < setting.rupture)
     at, shape = (close[thin[0]], near[:, thin[0]]) if len(thin) else (time[first], h[:, first])
     time, h = np.append(time[:first], at), np.column_stack([h[:, :first], shape])
     return time, h, (float(at), float(grid(points)[int(np.argmin(shape))]))
@@ -248,3 +251,76 @@ def _broken(
 
 def _apart(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.abs(one - other).max())
+
+
+# -- on points fine enough -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Resolved:
+    """A course and the one on half as many points with which it was compared."""
+
+    course: Course  # on the most points
+    coarser: Course | None  # on half as many points
+    # of last thicknesses at common points; None if outcomes or end times differ
+    difference: float | None
+
+
+def resolved(setting: Setting, report: Report = silent, *, once: bool = False) -> Resolved:
+    """Follow a film on more and more points until two resolutions agree; callers check that.
+
+    `once`: be content with one resolution where its harmonics have died out.
+    """
+    points = setting.points
+    found = Resolved(follow(setting, points, report), None, None)
+    while 2 * points <= setting.most:
+        if once and found.course.outcome != "unresolved" and found.course.tail < _ENOUGH:
+            break
+        points *= 2
+        finer = follow(setting, points, report)
+        found = Resolved(finer, found.course, _difference(found.course, finer))
+        if found.difference is not None and found.difference <= setting.agreement:
+            break
+    return found
+
+
+def _difference(coarse: Course, fine: Course) -> float | None:
+    if coarse.outcome != fine.outcome or fine.outcome == "unresolved":
+        return None
+    if fine.broke is not None and coarse.broke is not None:
+        last = fine.broke[0]  # the shapes are those of other times
+        return abs(coarse.broke[0] - last) / max(last, 2 * math.pi)
+    return float(np.abs(coarse.thickness[:, -1] - fine.thickness[::2, -1]).max())
+
+
+# -- under the field of a row of coils -------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedFilm:
+    """A steady film that travels with the mean field of a row."""
+
+    xi: np.ndarray  # (points,) phases
+    thickness: np.ndarray  # (points,) over the mean
+    distance: float  # largest difference of thickness from the wave wanted
+    mean_flow: float  # 1 + C
+    growth: float  # largest growth rate of a small deviation
+    residual: float  # of Newton's method
+
+
+def carried_film(wave: CosineWave, pressure: np.ndarray, tension: float) -> CarriedFilm | None:
+    """Steady film near `wave` under a field that is not quite the wave's own; None without one.
+
+    `pressure` (m,): (mu - 1) H² / (8 pi) over one wavelength, in units of the film.
+    """
+    setting = Setting(GivenField(pressure).slope, tension, np.ones_like, wave.height)
+    xi = grid(_POINTS)
+    film = steady(setting, _POINTS, wave.height(xi))
+    if film is None:
+        return None
+    # Q at rest on the ground is h + C everywhere
+    carried = flow(setting, film.thickness).mean()
+    distance = float(np.abs(film.thickness - wave.height(xi)).max())
+    return CarriedFilm(
+        xi, film.thickness, distance, float(carried), film.growth, film.state.residual
+    )

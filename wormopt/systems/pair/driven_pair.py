@@ -8,16 +8,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
+from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.simulation.options import Exact
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.pair.waveform import FieldAim, FieldLimits
 from wormopt.systems.shared.signals import largest
 
 FADED = 0.5
@@ -39,6 +40,47 @@ _LOST = 3.0
 _TRIALS, _MET, _SOON = 14, 1e-6, 1e-8
 # Frequencies looked at, then so many rounds of so many nearer ones.
 _FREQUENCIES, _ROUNDS, _NEARER = 9, 4, 4
+
+
+@dataclass(frozen=True)
+class FieldLimits:
+    """What a waveform must keep to."""
+
+    field: tuple[float, float]  # least and largest G
+    frequency: tuple[float, float]  # least and largest angular frequency; alike where given
+    slope: float | None = None  # largest |G'|; None: the field may jump
+    strain: float | None = None  # largest |x_2 - x_1|
+
+    def __post_init__(self) -> None:
+        if not self.field[0] < self.field[1]:
+            raise ArgumentError(f"field must be a range [least, largest], not {self.field}")
+        if not 0 < self.frequency[0] <= self.frequency[1]:
+            raise ArgumentError(f"frequency must be a positive range, not {self.frequency}")
+        for name in ("slope", "strain"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ArgumentError(f"{name} must be positive, not {value!r}")
+
+    @property
+    def period(self) -> tuple[float, float]:
+        """Shortest and longest period."""
+        return 2 * math.pi / self.frequency[1], 2 * math.pi / self.frequency[0]
+
+
+@dataclass(frozen=True)
+class FieldAim:
+    """What a waveform is to be good at.
+
+    Least work without a speed raises ArgumentError: a pair at rest takes none.
+    """
+
+    # mean speed; None: least work of the field per distance
+    maximise: Literal["speed"] | None = "speed"
+    speed: float | None = None  # least mean speed
+
+    def __post_init__(self) -> None:
+        if self.maximise is None and not (self.speed or 0.0) > 0:
+            raise ArgumentError("the cheapest motion is rest; give the least speed, above 0")
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +138,16 @@ def relative(state: np.ndarray) -> np.ndarray:
     return np.array([state[1] - state[0], state[2], state[3]])
 
 
+def from_origin(state: np.ndarray) -> np.ndarray:
+    """The same state (4,) with mass 1 at 0."""
+    return np.concatenate([state[:2] - state[0], state[2:]])
+
+
+def named(state: np.ndarray) -> dict[str, np.ndarray]:
+    """Positions and velocities of a state (4,) by name."""
+    return {"position": state[:2], "velocity": state[2:]}
+
+
 def orbit_from(
     plant: Model,
     period: float,
@@ -109,7 +161,7 @@ def orbit_from(
 
     `p`: parameters other than the model's own; `drift`, `periods`: known of the way there.
     """
-    motion = simulate(plant, period, contact=Exact(), x0=_named(start), p=p, dense=True)
+    motion = simulate(plant, period, contact=Exact(), x0=named(start), p=p, dense=True)
     assert motion.dense is not None
     edges = motion.dense.time
     s, weights = np.polynomial.legendre.leggauss(8)
@@ -143,11 +195,11 @@ def settle(
     total, block, drift = 0, _BLOCK, math.inf
     enough, most = (_SOON, _MOST_SOON) if soon else (_SETTLED, _MOST)
     while drift > enough and total < most:
-        run = simulate(plant, block * period, contact=Exact(), x0=_named(start), p=p)
+        run = simulate(plant, block * period, contact=Exact(), x0=named(start), p=p)
         before, after = relative(start), relative(run.end)
         size = max(float(np.max(np.abs(after))), 1e-300)
         drift = float(np.max(np.abs(after - before))) / size
-        start = np.concatenate([run.end[:2] - run.end[0], run.end[2:]])
+        start = from_origin(run.end)
         total, block = total + block, min(2 * block, most - total - block)
         if strain is not None and size > _LOST * strain:
             break
@@ -162,7 +214,7 @@ def push_left(driven: Model, period: float, start: np.ndarray, size: float) -> f
     push = _PUSH * size * _DIRECTION
     state, least = start + np.concatenate([[0.0], push]), math.inf
     for _ in range(MOST_PERIODS // _LOOK):
-        state = simulate(driven, _LOOK * period, contact=Exact(), x0=_named(state)).end
+        state = simulate(driven, _LOOK * period, contact=Exact(), x0=named(state)).end
         left = np.linalg.norm(relative(state) - relative(start)) / np.linalg.norm(push)
         least = min(least, float(left))
         if least < FADED or left > 1 / _PUSH:
@@ -177,7 +229,7 @@ def best_harmonic(pair: Model, limits: FieldLimits, aim: FieldAim, report: Repor
     best. Not ``kept``, amplitude 0 where the mean put on at rest exceeds the strain.
     """
     least, most = limits.frequency
-    grid = [least] if least == most else np.linspace(least, most, _FREQUENCIES)
+    grid = np.linspace(least, most, 1 if least == most else _FREQUENCIES)
     found = [_at(pair, limits, aim, float(nu)) for nu in grid]
     if least < most:
         step = (most - least) / (_FREQUENCIES - 1)
@@ -259,7 +311,3 @@ def _merit(harmonic: Harmonic, aim: FieldAim) -> float:
         return harmonic.orbit.speed
     work = harmonic.orbit.work_per_distance
     return -work if harmonic.reached and work is not None else harmonic.orbit.speed - 1e9
-
-
-def _named(state: np.ndarray) -> dict[str, np.ndarray]:
-    return {"position": state[:2], "velocity": state[2:]}

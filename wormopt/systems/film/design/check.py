@@ -1,0 +1,121 @@
+"""What an optimal wave does by its shape alone, by quadrature, and the cosine wave beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from wormopt.result import Check
+from wormopt.systems.film.cosine import CosineWave
+from wormopt.systems.film.design.search import DesignedWave
+from wormopt.systems.film.design.wave import (
+    WaveAim,
+    WaveLimits,
+    carrying_cosine,
+    field_needs,
+    highest,
+)
+from wormopt.systems.film.float import CAPTURE_DELTA, cosine_drift
+from wormopt.systems.film.shapes import field_function, flow_constant, grid
+
+# Phases at which the thickness is taken. Where the field jumps, differences blur it over two.
+_NODES = 16384
+# Slopes of the field are taken over so many of them: they are third differences of the thickness.
+_APART = 16
+# A wave that just holds a float misses it by no more than round-off and quadrature leave.
+_HELD = 1e-6
+# Accepted: of numbers of order 1; of the field over its range; of its slope over the largest.
+_NUMBER, _FIELD, _SLOPE = 1e-6, 1e-3, 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """What a wave does, from values of its thickness alone."""
+
+    thickness: np.ndarray  # (nodes,) on `grid`
+    constant: float  # C, by quadrature
+    # (nodes,) (mu - 1) H² / (8 pi), least 0, by quadrature of (30) and second differences
+    field: np.ndarray
+    mean: float  # mean thickness
+    margin: float  # largest thickness + 3 C; a small float is held if ≥ 0
+    drift: float  # of a small float over the wave's speed; 1 if held
+
+
+def sampled(h: np.ndarray, tension: float) -> Sampled:
+    """What a wave does, from its thickness `h` (nodes,) on `grid`; its slope may have corners.
+
+    Second differences blur a curvature jump over two points, without harmonics' overshoot.
+    """
+    C, apart = float(flow_constant(h)), 2 * np.pi / len(h)
+    bend = (np.roll(h, 1) - 2 * h + np.roll(h, -1)) / apart**2
+    field = -(np.asarray(field_function(h)) + tension * bend)
+    margin = highest(h) + 3 * C
+    # the surface is slower than the wave by (-3 C - h) / (2 h)
+    held = margin >= -_HELD
+    drift = 1.0 if held else float(1 - 1 / np.mean(2 * h / (-3 * C - h)))
+    return Sampled(h, C, field - field.min(), float(h.mean()), margin, drift)
+
+
+def check_wave(wave: DesignedWave, aim: WaveAim) -> tuple[Sampled, tuple[Check, ...]]:
+    """Find flow, field and float of a wave again, from values of its thickness alone.
+
+    Checks tell how far the optimiser's numbers and limits are missed, and how far is accepted.
+    """
+    xi, limits = grid(_NODES), wave.limits
+    h = wave.thickness(xi)
+    shape = sampled(h, limits.tension)
+    return shape, tuple(_checks(wave, aim, shape, shape.field - wave.field(xi)))
+
+
+def _checks(wave: DesignedWave, aim: WaveAim, shape: Sampled, apart: np.ndarray) -> Iterator[Check]:
+    h, (least, most), limits = shape.thickness, wave.limits.thickness, wave.limits
+    needed = float(np.ptp(shape.field)) / wave.field_range
+    mean = float(np.mean(np.abs(apart - np.median(apart)))) / wave.field_range
+    yield _check("C by quadrature", abs(shape.constant + 1 - wave.mean_flow), _NUMBER)
+    yield _check("mean thickness", abs(shape.mean - 1), _NUMBER)
+    beyond = max(least - h.min(), h.max() - most, 0.0)
+    yield _check("thickness beyond its bounds", beyond, _NUMBER)
+    yield _check("range of the field", max(0.0, needed - 1), _FIELD)
+    yield _check("field by (30), mean difference", mean, _FIELD)
+    if limits.gradient is not None:
+        rise = np.roll(shape.field, -_APART) - shape.field
+        steepest = np.abs(rise).max() * _NODES / (2 * np.pi * _APART)
+        yield _check("slope of the field", max(0.0, steepest / limits.gradient - 1), _SLOPE)
+    if aim.mean_flow is not None:
+        yield _check("aim.mean_flow", max(0.0, aim.mean_flow - 1 - shape.constant), _NUMBER)
+    if aim.capture:
+        yield _check("aim.capture", max(0.0, -shape.margin), _NUMBER)
+
+
+def _check(name: str, off: float, accepted: float) -> Check:
+    advice = f"{name} is off by {off:.2g} where {accepted:g} is accepted"
+    return Check(name, float(off), accepted, advice)
+
+
+@dataclass(frozen=True)
+class CosineBeside:
+    """The cosine wave within the same limits; all NaN where none does what is asked."""
+
+    delta: float = math.nan  # amplitude
+    mean_flow: float = math.nan
+    field_range: float = math.nan
+    drift: float = math.nan  # of a small float over the speed of the wave
+
+
+def cosine_beside(limits: WaveLimits, aim: WaveAim) -> CosineBeside:
+    """Find the largest cosine wave within the limits, or the smallest that does what is asked."""
+    if limits.field is not None:
+        delta = limits.cosine()
+    else:
+        delta = carrying_cosine(aim.mean_flow or 0.0)
+        delta = max(delta, CAPTURE_DELTA if aim.capture else 0.0)
+        a, b = limits.thickness
+        steep = field_needs(delta, limits.tension)[1] > (limits.gradient or math.inf)
+        if delta > min(1 - a, b - 1) or steep:
+            return CosineBeside()
+    needed, _ = field_needs(delta, limits.tension)
+    drift = 1.0 if delta >= CAPTURE_DELTA else float(cosine_drift(delta))
+    return CosineBeside(delta, CosineWave(delta).mean_flow, needed, drift)
