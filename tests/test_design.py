@@ -333,7 +333,7 @@ def test_limits_that_are_exceeded_are_faults(monkeypatch):
     from wormopt.systems.spiked.runs import gait_design
 
     spoil(monkeypatch, gait_design, 0.8)
-    motor = "motor={lead=0.5, rate_max=2.0, acceleration_max=40.0}"
+    motor = "motor={lead=0.5, rate_max=2.0, acceleration_max=45.0}"
     result = run('search.effort="quick"', "search.sequence=[[0],[1],[2]]", motor)
     assert result.status == "failed"
     exceeded = {"gait.period", "gait.rate", "gait.acceleration", "gait.resting", "sigma"}
@@ -456,3 +456,13 @@ def test_a_required_speed_above_the_ceiling_is_refused_before_any_search():
     task = Task(G1_WORM, G1_LIMITS, Objective("energy_per_distance", 1.1))
     with pytest.raises(SolveError, match=r"objective\.speed = 1\.1 is above the ceiling 1"):
         designed(task, Search(), lambda *_: pytest.fail("it searched"))
+
+
+def test_a_front_whose_first_gait_loses_a_phase_is_designed(tmp_path: Path, monkeypatch):
+    from wormopt.systems.spiked.runs import gait_pareto
+
+    monkeypatch.setattr(gait_pareto, "user_cache_path", lambda _: tmp_path)
+    changes = ["pareto.points=3", 'search.effort="quick"']
+    result = wo.run(wo.load_scene("pareto_speed_load", changes))
+    assert result.status == "ok"
+    assert np.all(np.diff(result["front_value"].values) >= -1e-9)  # more speed costs more load

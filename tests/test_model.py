@@ -120,7 +120,7 @@ def test_the_spiked_worm_tells_what_it_is():
         assert isinstance(contact.law, Spike)
         assert contact.nominal_force == pytest.approx(100.0)  # mean mass 2 times 50
         assert contact.law.scale == contact.nominal_force
-    with pytest.raises(KeyError, match=r"no output 'speed'.*reaction_mean.*actuator_force.*power"):
+    with pytest.raises(KeyError, match=r"no signal 'speed'.*reaction_mean.*actuator_force.*power"):
         worm.output("speed")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, reject, settings
+from hypothesis import example, given, reject, settings
 from hypothesis import strategies as st
 from test_certify import one_link_speed, one_links
 
@@ -144,6 +144,7 @@ orders = st.sampled_from([((0,), (2,)), G1_ORDER, ((0,), (1,), (2,)), ((0,), (1,
 
 
 @settings(max_examples=20, deadline=None, derandomize=True)
+@example(0.203125, 5.0, 0.0, ((0,), (2,), (1,)), 4, 1)  # a length turns next to a joint of arcs
 @given(
     st.floats(0.2, 2.0),
     st.floats(5.0, 40.0),

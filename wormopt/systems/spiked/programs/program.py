@@ -145,14 +145,15 @@ class GaitProgram(GaitRows):
             return begins | long
         slopes = (v[:, 1] - v[:, 0]) / np.where(long, h, 1.0)[:, None]
         rates = np.diff(v, axis=2)
+        ways = np.where(np.abs(rates) < 1e-6, 0.0, np.sign(rates))
         for k in range(self.total):
             if begins[k]:
                 last = k if long[k] else -1
             elif long[k]:
                 if last >= 0:
                     bends = np.abs(slopes[k] - slopes[last]) > 1e-6 * (1 + np.abs(slopes[k]))
-                    turns = rates[last, 0] * rates[k, 1] < 0
-                    begins[k] = bends.any() or (turns & (np.abs(rates[k, 0]) < 1e-6)).any()
+                    turns = ways[last, 0] * ways[k, 1] < 0
+                    begins[k] = bends.any() or turns.any()
                     if self.patterns and self.patterns[k] != self.patterns[last]:
                         begins[k] = True
                 last = k

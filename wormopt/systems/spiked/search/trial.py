@@ -176,7 +176,7 @@ class Trier:
             fast = self._fast_enough(program, durations, random)
             if fast is None:
                 return None
-            program = type(program)(self.task, sequence, period, fast.program.arcs)
+            program = type(program)(self.task, fast.program.sequence, period, fast.program.arcs)
             if not has_cost_columns(self.task):
                 begin = program.start_arcs(fast.program.widths(fast.point))
             elif fast.value < self.task.objective.speed:
