@@ -286,11 +286,9 @@ def _draw(result: Result, pictures: dict[str, str], folder: Path) -> None:
         try:
             draw(result, name, folder / file)
         except Exception as error:  # a picture must not cost the result
-            why = (
-                f"the result does not hold {error}, see its trust report"
-                if isinstance(error, KeyError)
-                else f"it could not be drawn ({type(error).__name__}: {error}); please report this"
-            )
+            why = f"it could not be drawn ({type(error).__name__}: {error}); please report this"
+            if isinstance(error, KeyError):
+                why = f"{error}, see its trust report"
             _say(f"{file} left out: {why}")
 
 

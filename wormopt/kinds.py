@@ -19,7 +19,9 @@ class Kind:
     summary: str  # what such a scene computes, in one line
     table: str  # "module:Class" of the typed table of its scenes
     study: str  # module whose ``run(scene, report)`` computes the Result
-    pictures: tuple[str, ...]  # words of ``want`` that stand for a picture
+    # word of ``want`` -> "module:function" that composes the picture of a result; of a function
+    # first_frame the module moves it by ``pose``, over so many FRAMES
+    pictures: Mapping[str, str]
     table_file: bool = False  # whether results have a table file of their own
     # file name -> "module:function" giving its text of the result, or None
     exports: Mapping[str, str] = field(default_factory=dict)
@@ -44,25 +46,44 @@ KINDS: dict[str, Kind] = {
         summary="what a given gait does: speed, resting masses, spike loads, forces, energy",
         table="wormopt.systems.spiked.scenes.gait:GaitScene",
         study="wormopt.systems.spiked.runs.gait",
-        pictures=("gait", "motion", "spikes", "animation"),
+        pictures={
+            "gait": "wormopt.systems.spiked.plots.gaits:gait",
+            "motion": "wormopt.systems.spiked.plots.gaits:motion",
+            "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
+            "animation": "wormopt.systems.spiked.plots.gaits:first_frame",
+        },
     ),
     "gait-design": Kind(
         summary="the best gait within limits on links, spikes and actuators",
         table="wormopt.systems.spiked.scenes.gait_design:GaitDesignScene",
         study="wormopt.systems.spiked.runs.gait_design",
-        pictures=("gait", "motion", "spikes", "limits", "certificate", "animation"),
+        pictures={
+            "gait": "wormopt.systems.spiked.plots.gaits:gait",
+            "motion": "wormopt.systems.spiked.plots.gaits:motion",
+            "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
+            "limits": "wormopt.systems.spiked.plots.gaits:limits",
+            "certificate": "wormopt.systems.spiked.plots.gaits:certificate",
+            "animation": "wormopt.systems.spiked.plots.gaits:first_frame",
+        },
     ),
     "gait-pareto": Kind(
         summary="front of the best gaits between speed and a second objective",
         table="wormopt.systems.spiked.scenes.gait_design:GaitParetoScene",
         study="wormopt.systems.spiked.runs.gait_pareto",
-        pictures=("front", "gait", "motion", "spikes"),
+        pictures={
+            "front": "wormopt.systems.spiked.plots.gaits:front",
+            "gait": "wormopt.systems.spiked.plots.gaits:gait",
+            "motion": "wormopt.systems.spiked.plots.gaits:motion",
+            "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
+        },
     ),
     "stepper": Kind(
         summary="a gait as commands for stepping motors, and how the worm moves by them",
         table="wormopt.systems.spiked.scenes.stepper:StepperScene",
         study="wormopt.systems.spiked.runs.stepper",
-        pictures=("steps",),
+        pictures={
+            "steps": "wormopt.systems.spiked.plots.stepper:steps",
+        },
         exports={
             "steps.csv": "wormopt.systems.spiked.runs.stepper:as_csv",
             "steps.c": "wormopt.systems.spiked.runs.stepper:as_c",
@@ -72,151 +93,209 @@ KINDS: dict[str, Kind] = {
         summary="a chain whose links follow a gait by adaptive trackers, under friction",
         table="wormopt.systems.chain.scenes.track:TrackScene",
         study="wormopt.systems.chain.runs.track",
-        pictures=("trackers", "motion", "bands"),
+        pictures={
+            "trackers": "wormopt.systems.chain.plots.simulation:trackers",
+            "motion": "wormopt.systems.chain.plots.simulation:motion",
+            "bands": "wormopt.systems.chain.plots.simulation:bands",
+        },
     ),
     "track-optimal": Kind(
         summary="a chain whose links follow a gait by the best input, replayed by the simulator",
         table="wormopt.systems.chain.scenes.track_optimal:TrackOptimalScene",
         study="wormopt.systems.chain.runs.track_optimal",
-        pictures=("trackers", "motion"),
+        pictures={
+            "trackers": "wormopt.systems.chain.plots.simulation:trackers",
+            "motion": "wormopt.systems.chain.plots.simulation:motion",
+        },
     ),
     "compare-tracking": Kind(
         summary="trackers, LQR and optimal inputs side by side, also on plants not as believed",
         table="wormopt.systems.chain.scenes.compare_tracking:CompareScene",
         study="wormopt.systems.chain.runs.compare_tracking",
-        pictures=("comparison", "draws"),
+        pictures={
+            "comparison": "wormopt.systems.chain.plots.comparison:comparison",
+            "draws": "wormopt.systems.chain.plots.comparison:draws",
+        },
         table_file=True,
     ),
     "simulate": Kind(
         summary="a chain with given inputs, or a model of your own, moving in time",
         table="wormopt.systems.chain.scenes.simulate:SimulateScene",
         study="wormopt.systems.chain.runs.simulate",
-        pictures=("motion", "signals"),
+        pictures={
+            "motion": "wormopt.systems.chain.plots.simulation:motion",
+            "signals": "wormopt.systems.chain.plots.simulation:signals",
+        },
     ),
     "optimal-crawl": Kind(
         summary="the inputs by which a chain crawls fastest or cheapest under dry friction",
         table="wormopt.systems.chain.scenes.optimal_crawl:OptimalCrawlScene",
         study="wormopt.systems.chain.runs.optimal_crawl",
-        pictures=("signals", "convergence"),
+        pictures={
+            "signals": "wormopt.systems.chain.plots.optimum:signals",
+            "convergence": "wormopt.systems.chain.plots.optimum:convergence",
+        },
     ),
     "slide": Kind(
         summary="a block on dry ground that goes somewhere in the shortest time, or least effort",
         table="wormopt.systems.block.scenes:SlideScene",
         study="wormopt.systems.block.run",
-        pictures=("signals",),
+        pictures={
+            "signals": "wormopt.systems.chain.plots.optimum:signals",
+        },
     ),
     "two-mass": Kind(
         summary="two masses on rough ground, slow stroke and fast return, best ratio of masses",
         table="wormopt.systems.swinging.scenes.internal_mass:TwoMassScene",
         study="wormopt.systems.swinging.runs.internal_mass",
-        pictures=("signals",),
+        pictures={
+            "signals": "wormopt.systems.chain.plots.optimum:signals",
+        },
     ),
     "capsule": Kind(
         summary="a capsule driven by a mass that jumps to and fro inside, fastest cycle",
         table="wormopt.systems.swinging.scenes.internal_mass:CapsuleScene",
         study="wormopt.systems.swinging.runs.internal_mass",
-        pictures=("signals",),
+        pictures={
+            "signals": "wormopt.systems.chain.plots.optimum:signals",
+        },
     ),
     "pair-waveform": Kind(
         summary="the periodic field that moves a magneto-elastic pair fastest, or cheapest",
         table="wormopt.systems.pair.scenes.pair_waveform:PairWaveformScene",
         study="wormopt.systems.pair.runs.pair_waveform",
-        pictures=("waveform",),
+        pictures={
+            "waveform": "wormopt.systems.pair.plots.waveform:waveform",
+        },
     ),
     "harmonic-masses": Kind(
         summary="masses that swing about their centre as prescribed: their speed, averaged, exact",
         table="wormopt.systems.swinging.scenes.harmonic_masses:HarmonicMassesScene",
         study="wormopt.systems.swinging.runs.harmonic_masses",
-        pictures=("reversals",),
+        pictures={
+            "reversals": "wormopt.systems.pair.plots.averaging:reversals",
+        },
     ),
     "material": Kind(
         summary="an elastic composite in a magnetic field: strain, modulus, and which one it is",
         table="wormopt.systems.coils.scenes.material:MaterialScene",
         study="wormopt.systems.coils.runs.material",
-        pictures=("stress_strain",),
+        pictures={
+            "stress_strain": "wormopt.systems.coils.plots.magnetics:stress_strain",
+        },
     ),
     "magnetic-pair": Kind(
         summary="two masses on a magneto-elastic link in a pulsating field, exactly and averaged",
         table="wormopt.systems.pair.scenes.magnetic_pair:MagneticPairScene",
         study="wormopt.systems.pair.runs.magnetic_pair",
-        pictures=("velocity",),
+        pictures={
+            "velocity": "wormopt.systems.coils.plots.magnetics:velocity",
+        },
     ),
     "resonance": Kind(
         summary="steady motions of the magneto-elastic pair along the frequency of its field",
         table="wormopt.systems.pair.scenes.magnetic_pair:ResonanceScene",
         study="wormopt.systems.pair.runs.resonance",
-        pictures=("resonance",),
+        pictures={
+            "resonance": "wormopt.systems.coils.plots.magnetics:resonance",
+        },
     ),
     "film-flow": Kind(
         summary="a film of magnetic fluid under a wave: its mean flow, and the field it takes",
         table="wormopt.systems.film.scenes.film:FilmFlowScene",
         study="wormopt.systems.film.runs.film_flow",
-        pictures=("film",),
+        pictures={
+            "film": "wormopt.systems.film.plots.film:film",
+        },
     ),
     "float": Kind(
         summary="what the wave on a film carries: floats on the surface, points of the fluid",
         table="wormopt.systems.film.scenes.film:FloatScene",
         study="wormopt.systems.film.runs.float",
-        pictures=("ride",),
+        pictures={
+            "ride": "wormopt.systems.film.plots.film:ride",
+        },
     ),
     "film-wave": Kind(
         summary="the wave of a film of magnetic fluid that carries most, or needs the least field",
         table="wormopt.systems.film.scenes.film_wave:FilmWaveScene",
         study="wormopt.systems.film.runs.film_wave",
-        pictures=("film_wave",),
+        pictures={
+            "film_wave": "wormopt.systems.film.plots.film:film_wave",
+        },
     ),
     "coil-row": Kind(
         summary="the travelling magnetic field of a row of coils that are switched in turn",
         table="wormopt.systems.coils.scenes.coil_rows:CoilRowScene",
         study="wormopt.systems.coils.runs.coil_row",
-        pictures=("travelling_field",),
+        pictures={
+            "travelling_field": "wormopt.systems.coils.plots.coils:travelling_field",
+        },
     ),
     "coil-inverse": Kind(
         summary="currents of a row of coils whose field comes nearest to what a film's wave needs",
         table="wormopt.systems.coils.scenes.coil_rows:CoilInverseScene",
         study="wormopt.systems.coils.runs.coil_inverse",
-        pictures=("row_currents",),
+        pictures={
+            "row_currents": "wormopt.systems.coils.plots.coils:row_currents",
+        },
     ),
     "film-forward": Kind(
         summary="which wave a film of magnetic fluid takes under a given field, and its stability",
         table="wormopt.systems.film.scenes.film_forward:FilmForwardScene",
         study="wormopt.systems.film.runs.film_forward",
-        pictures=("forward", "basins"),
+        pictures={
+            "forward": "wormopt.systems.film.plots.thin_film:forward",
+            "basins": "wormopt.systems.film.plots.thin_film:basins",
+        },
     ),
     "coil-pressure": Kind(
         summary="surface and pressure of a layer of magnetic fluid at an excited coil",
         table="wormopt.systems.coils.scenes.hydrostatics:CoilPressureScene",
         study="wormopt.systems.coils.runs.coil_pressure",
-        pictures=("coil_pressure",),
+        pictures={
+            "coil_pressure": "wormopt.systems.coils.plots.hydrostatics:coil_pressure",
+        },
     ),
     "membrane": Kind(
         summary="the thickness of a membrane between strain and loss of fluid, and the front",
         table="wormopt.systems.coils.scenes.hydrostatics:MembraneScene",
         study="wormopt.systems.coils.runs.membrane",
-        pictures=("membrane",),
+        pictures={
+            "membrane": "wormopt.systems.coils.plots.hydrostatics:membrane",
+        },
     ),
     "rod-frequency": Kind(
         summary="how fast a magnetisable rod crawls over the frequency of its coils, and why",
         table="wormopt.systems.channel.scenes.rod_frequency:RodFrequencyScene",
         study="wormopt.systems.channel.runs.rod_frequency",
-        pictures=("rod_frequency",),
+        pictures={
+            "rod_frequency": "wormopt.systems.channel.plots.rod:rod_frequency",
+        },
     ),
     "rod-motion": Kind(
         summary="a magnetisable rod between walls, moved by coils switched in turn: how it crawls",
         table="wormopt.systems.channel.scenes.rod:RodMotionScene",
         study="wormopt.systems.channel.runs.rod_motion",
-        pictures=("rod_motion", "animation"),
+        pictures={
+            "rod_motion": "wormopt.systems.channel.plots.rod:rod_motion",
+            "animation": "wormopt.systems.channel.plots.rod:first_frame",
+        },
     ),
     "channel-worm": Kind(
         summary="a magnetisable body in a channel: its velocity over the frequency of the coils",
         table="wormopt.systems.channel.scenes.channel:ChannelWormScene",
         study="wormopt.systems.channel.runs.channel_worm",
-        pictures=("channel_velocity",),
+        pictures={
+            "channel_velocity": "wormopt.systems.channel.plots.channel:channel_velocity",
+        },
     ),
     "segment-shapes": Kind(
         summary="a segment of that body between two coils: assumed shapes and the exact elastica",
         table="wormopt.systems.channel.scenes.channel:SegmentShapesScene",
         study="wormopt.systems.channel.runs.segment_shapes",
-        pictures=("segment_shapes",),
+        pictures={
+            "segment_shapes": "wormopt.systems.channel.plots.channel:segment_shapes",
+        },
     ),
 }
