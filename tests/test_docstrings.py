@@ -7,6 +7,7 @@ import os
 import pkgutil
 import re
 from collections.abc import Iterator
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -77,9 +78,16 @@ def test_everything_public_is_described(name: str):
         assert thing.__doc__, f"{name}.{label} has no docstring"
 
 
-@pytest.mark.parametrize("name", wormopt.__all__)
+SPACES = [name for name in wormopt.__all__ if inspect.ismodule(getattr(wormopt, name))]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [*wormopt.__all__, *(f"{s}.{name}" for s in SPACES for name in getattr(wormopt, s).__all__)],
+)
 def test_what_users_import_is_documented_in_full(name: str):
-    thing = getattr(wormopt, name)
+    thing = attrgetter(name)(wormopt)
+    name = name.rpartition(".")[2]
     if not callable(thing) or (inspect.isclass(thing) and not takes_own_parameters(thing)):
         return
     module = importlib.import_module(thing.__module__)

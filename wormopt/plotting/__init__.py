@@ -36,10 +36,37 @@ def figure(result: Result, picture: str) -> Figure:
 
 
 def draw(result: Result, picture: str, path: str | Path) -> None:
-    """Write a picture of a result's kind to a file, which appears only when it is complete.
+    """Write a picture to a file, which appears only when it is complete.
 
-    Suffix: one matplotlib knows, ``.gif`` for an animation. ValueError if there is no such
-    picture, KeyError naming missing variables, OSError if the file cannot be written.
+    Parameters
+    ----------
+    result : Result
+        What to show.
+    picture : str
+        A key of `PICTURES`.
+    path : path
+        A name in a folder that exists, with a suffix matplotlib knows; ``.gif`` for an animation.
+
+    Raises
+    ------
+    ValueError
+        If there is no such picture.
+    KeyError
+        Naming the variables that the picture needs and the result lacks.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from wormopt.result import Variable
+    >>> columns = {"front_speed": [0.5, 0.7], "front_value": [12.0, 20.0], "front_accepted": [1, 0]}
+    >>> points = [Variable(name, "1", ("point",), column) for name, column in columns.items()]
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "front.png"
+    ...     draw(Result("trade", "gait-pareto", variables=tuple(points)), "front", path)
+    ...     path.stat().st_size > 10_000
+    True
     """
     path = Path(path)
     unfinished = path.with_name(f".unfinished-{path.name}")

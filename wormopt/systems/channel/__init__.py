@@ -1,1 +1,5 @@
 """Magnetisable worms in a channel: closed forms, shapes of a segment, rods."""
+
+from wormopt.lazy import names_of
+
+__getattr__, __dir__, __all__ = names_of(__name__, __file__)

@@ -58,7 +58,23 @@ def field_slope(
 ) -> Expression:
     """Derivative of (mu - 1) H² / (8 pi) by xi, (29) with C / h³.
 
-    `third`: third derivative of h; `constant`: C; `tension`: number W.
+    Parameters
+    ----------
+    h, third : float, ndarray or casadi.SX
+        Thickness and its third derivative.
+    constant : float or casadi.SX
+        C.
+    tension : float or casadi.SX, optional
+        Number W of surface tension.
+
+    Returns
+    -------
+    float, ndarray or casadi.SX
+
+    Examples
+    --------
+    >>> field_slope(1.0, 0.5, -0.5, tension=2.0)
+    -2.5
     """
     return pressure_gradient(h, constant) - tension * third
 

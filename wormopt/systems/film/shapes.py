@@ -25,7 +25,22 @@ _CANDIDATES = 8
 
 
 def grid(nodes: int) -> np.ndarray:
-    """Equidistant phases (nodes,) from 0 on, the end of the period left out."""
+    """Equidistant phases from 0 on, the end of the period left out.
+
+    Parameters
+    ----------
+    nodes : int
+        How many.
+
+    Returns
+    -------
+    ndarray, shape (nodes,)
+
+    Examples
+    --------
+    >>> (grid(4) / np.pi).tolist()
+    [0.0, 0.5, 1.0, 1.5]
+    """
     return 2 * np.pi * np.arange(nodes) / nodes
 
 

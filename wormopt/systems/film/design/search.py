@@ -169,10 +169,37 @@ def best_wave(
     tolerance: float = 1e-9,
     report: Report = silent,
 ) -> DesignedWave:
-    """Optimise waves from 1 to `crests` crests, and solve the best (a local optimum) exactly.
+    """Optimise waves of 1, 2, ... crests, and make the best one exact.
 
-    Starts: cosine waves, also with one crest higher where a crest is asked about, and `near`.
-    `tolerance`: final local error on each arc. Raises SolveError if no start leads to one.
+    Starts are cosine waves of 1, 2, ... crests alike, and where a crest itself is asked about
+    also such waves with one crest higher than the others.
+
+    Parameters
+    ----------
+    limits : WaveLimits
+        What the wave must keep to.
+    aim : WaveAim
+        What it is to be good at.
+    crests : int, optional
+        Most crests to start from.
+    near : DesignedWave, optional
+        Another start: the best wave for another aim within the same limits.
+    mesh : Mesh, optional
+        Of the first solves.
+    tolerance : float, optional
+        Local error allowed on each arc in the end.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    DesignedWave
+        A local optimum, the best of those found.
+
+    Raises
+    ------
+    SolveError
+        If no start leads to a wave.
     """
     waves: list[DesignedWave] = []
     tries: list[Try] = []

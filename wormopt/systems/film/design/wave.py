@@ -123,7 +123,30 @@ def highest(values: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class WaveLimits:
-    """What a wave must keep to."""
+    """What a wave must keep to.
+
+    Parameters
+    ----------
+    tension : float
+        Number W of surface tension, positive.
+    thickness : tuple of float
+        Least and largest h, around the mean 1.
+    field : float, optional
+        Largest range of (mu - 1) H² / (8 pi), from least to largest; without it the range is what
+        is sought.
+    gradient : float, optional
+        Largest size of its slope by the phase; without it the field may jump.
+
+    Raises
+    ------
+    ArgumentError
+        If a number is not positive, or the mean 1 is not between the thicknesses.
+
+    Examples
+    --------
+    >>> WaveLimits(0.1, (0.5, 1.5), 4.0).single(2)
+    WaveLimits(tension=0.8, thickness=(0.5, 1.5), field=8.0, gradient=None)
+    """
 
     tension: float  # number W of surface tension, positive
     thickness: tuple[float, float]  # least and largest h, around the mean 1
@@ -142,7 +165,17 @@ class WaveLimits:
                 raise ArgumentError(f"{name} must be a number above 0, not {value!r}")
 
     def single(self, crests: int) -> WaveLimits:
-        """Limits for one crest that amount to these for `crests` equal crests in 2 pi."""
+        """Limits within which one crest is what a number of crests alike is within these.
+
+        Parameters
+        ----------
+        crests : int
+            Crests in 2 pi.
+
+        Returns
+        -------
+        WaveLimits
+        """
         field = None if self.field is None else crests * self.field
         return WaveLimits(self.tension * crests**3, self.thickness, field, self.gradient)
 
@@ -157,8 +190,24 @@ class WaveLimits:
 class WaveAim:
     """What a wave is to be good at.
 
-    `seek`: largest mean flow; largest thickness + 3 C at a crest (≥ 0 holds a small float);
-    largest drift of a float that is not held; or least range of the field.
+    Parameters
+    ----------
+    seek : {"mean_flow", "margin", "drift", "field"}
+        The largest mean flow; the largest thickness + 3 C at a crest, which is not negative where
+        a small float is held; the largest drift of a float that is not held; the least range of
+        the field.
+    mean_flow : float, optional
+        With "field": least mean flow.
+    capture : bool, optional
+        With "field": whether a small float is to be held.
+    margin : float, optional
+        With "drift": a margin below 0 that no wave within the limits exceeds.
+
+    Raises
+    ------
+    ArgumentError
+        If a flow is not from 0 to 1, a margin not negative, or nothing is asked of a wave of the
+        least field.
     """
 
     seek: Seek = "mean_flow"
@@ -181,7 +230,24 @@ class WaveAim:
         return self.seek == "margin" or self.capture
 
     def out_of_reach(self, thickness: tuple[float, float]) -> str | None:
-        """Advice where no wave between two thicknesses can do this at any field, else None."""
+        """Say what no wave between two thicknesses does, however strong its field.
+
+        Parameters
+        ----------
+        thickness : tuple of float
+            Least and largest h.
+
+        Returns
+        -------
+        str or None
+            What to do about it, None where nothing is.
+
+        Examples
+        --------
+        >>> WaveAim("field", mean_flow=0.3).out_of_reach((0.5, 1.5))
+        >>> WaveAim("field", capture=True).out_of_reach((0.9, 1.1))[:37]
+        'no wave between these thicknesses hol'
+        """
         most = largest_flow(thickness)
         if self.mean_flow is not None and self.mean_flow >= most:
             return (

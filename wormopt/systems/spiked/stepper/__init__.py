@@ -1,1 +1,5 @@
 """Gaits on stepping motors, and how the worm then moves."""
+
+from wormopt.lazy import names_of
+
+__getattr__, __dir__, __all__ = names_of(__name__, __file__)
