@@ -15,7 +15,7 @@ from wormopt import cli
 from wormopt.bench import CASES, run, sweeps, work_precision
 from wormopt.bench.cases import GOAL, WORK_PRECISION, mag2_plant, track
 from wormopt.bench.driven_chain import DrivenChain, Grip, linear_flow
-from wormopt.bench.integrators import Smoothed, event_loop
+from wormopt.bench.integrators import Regularised, event_loop
 from wormopt.bench.ocp import PEERS, even, measure_ocp
 from wormopt.bench.peers import (
     SOLVERS,
@@ -134,7 +134,7 @@ def test_event_loops_that_cannot_go_on_say_so():
 
 @pytest.mark.parametrize("feedback", ["filter", "derivative"])
 def test_right_hand_sides_written_by_hand_are_those_of_the_model(feedback):
-    smoothed = Smoothed(track(feedback), 1 / 40)
+    smoothed = Regularised(track(feedback), 1 / 40)
     dice = np.random.default_rng(1)
     for piece, (_, _, middle, wave) in zip(smoothed.pieces(2.0), thirds(2.0), strict=True):
         y, t = dice.normal(size=len(smoothed.start)), dice.uniform(piece.start, piece.end)

@@ -18,7 +18,7 @@ from wormopt.systems.spiked.certify.tree import Solver
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.runs import gait_certificate, gait_design
 from wormopt.systems.spiked.search.orders import letters_of
-from wormopt.systems.spiked.task import Certify, Search, Task, Worm
+from wormopt.systems.spiked.task import Certify, GaitProblem, Search, Worm
 
 OWN = ["search.sequence=[[0],[1],[2]]", 'search.effort="quick"', "search.workers=1"]
 QUICK = Search(sequence=((0,), (1,), (2,)), effort="quick", workers=1)
@@ -210,7 +210,7 @@ def test_python_proves_what_a_scene_proves():
 
 
 def test_a_proof_without_time_says_the_ceiling():
-    found = designed_once(Task(Worm(2, load=5.0), G1_LIMITS), QUICK)
+    found = designed_once(GaitProblem(Worm(2, load=5.0), G1_LIMITS), QUICK)
     assert wo.certify(found, time_limit=1e-9).bound <= found.ceiling * (1 + 1e-6)
 
 
@@ -228,7 +228,7 @@ def test_a_proof_without_time_says_the_ceiling():
     ],
 )
 def test_a_proof_refuses_what_it_cannot_use(given: dict[str, Any], said: str):
-    found = designed_once(Task(Worm(2, load=5.0), G1_LIMITS), QUICK)
+    found = designed_once(GaitProblem(Worm(2, load=5.0), G1_LIMITS), QUICK)
     with pytest.raises(ArgumentError) as refused:
         wo.certify(found, **given)
     assert str(refused.value).startswith(said)

@@ -20,7 +20,7 @@ from wormopt.systems.spiked.certify.cuts import Cut, Cuts
 from wormopt.systems.spiked.certify.proof import _Best, prove
 from wormopt.systems.spiked.certify.relaxation import Box, Relaxation, Relaxed
 from wormopt.systems.spiked.certify.tree import (
-    Branch,
+    Node,
     Programs,
     Solver,
     Tree,
@@ -35,7 +35,7 @@ from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.programs.scaled_limits import ScaledLimits, Slope
 from wormopt.systems.spiked.search.orders import all_sequences
 from wormopt.systems.spiked.sequences import Sequence_, canonical, is_gait
-from wormopt.systems.spiked.task import Certify, Objective, Search, Task, Worm
+from wormopt.systems.spiked.task import Certify, GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.verify import violations
 
 G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1
@@ -46,13 +46,13 @@ LEAST_PEAK = 585 / 23  # of G1 at speed 0.75
 SPEED = Objective()
 
 
-def g1(links: int = 2, objective: Objective = SPEED, **changed) -> Task:
+def g1(links: int = 2, objective: Objective = SPEED, **changed) -> GaitProblem:
     limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     limits = replace(limits, **changed)
-    return Task(Worm(links=links, mass=1.0, load=5.0), limits, objective)
+    return GaitProblem(Worm(links=links, mass=1.0, load=5.0), limits, objective)
 
 
-def proof(task: Task, value: float, gap: float = 1e-3, report=silent, **changed):
+def proof(task: GaitProblem, value: float, gap: float = 1e-3, report=silent, **changed):
     options = {"phases": 4, "time_limit": 120.0, "sequence": None, "workers": 1} | changed
     begun, improve = (options.pop(name, None) for name in ("begun", "improve"))
     return prove(task, value, Certify(gap=gap, **options), report, begun, improve=improve)
@@ -176,7 +176,7 @@ WIDER = 1 + 1e-11
 
 def extremes_as_limits(
     motion: Motion, worm: Worm, margin: float, sharing: str, jumps: bool
-) -> tuple[Task, Crawl]:
+) -> tuple[GaitProblem, Crawl]:
     """The worm and limits of which every one is met at some instant."""
     gait = motion.gait(0.1)
     forces = worm.drag * motion.velocity.c
@@ -204,7 +204,7 @@ def extremes_as_limits(
             "spike_load": tuple(np.where(loads > 0, loads, loads.max()) * WIDER),
             "actuator_force": tuple(largest(crawled, "actuator_force") * WIDER),
         }
-    return Task(worm, Limits(**given), SPEED), crawled
+    return GaitProblem(worm, Limits(**given), SPEED), crawled
 
 
 def largest(motion: Crawl, signal: str) -> np.ndarray:
@@ -275,7 +275,7 @@ def excess(program: Relaxation, x: np.ndarray, box: Box) -> float:
     return float(max(rows.max(), (lp._lower - x).max(), (x - lp._upper).max()))
 
 
-def box_around(motion: Motion, task: Task, widths: np.ndarray) -> Box:
+def box_around(motion: Motion, task: GaitProblem, widths: np.ndarray) -> Box:
     """A box that holds the shares of the period and the period, with one width more for it."""
     share = np.append(motion.durations / motion.period, motion.period / task.limits.period_range[1])
     low, high = np.maximum(share - widths, 0.0), np.minimum(share + widths[::-1], 1.0)
@@ -402,7 +402,7 @@ def test_bounds_do_not_depend_on_units(making, units):
     def scaled(key: str, unit: float):
         return tuple(np.multiply(given_[key], unit).tolist())
 
-    other = Task(
+    other = GaitProblem(
         Worm(
             links=2,
             mass=tuple(m * mass for m in worm.masses),
@@ -496,7 +496,7 @@ def test_one_link_is_certified_at_its_closed_form(given_):
         spike_load=None if given_["spike"] is None else 2 * load * given_["spike"],
         sigma_margin=load * given_["margin"],
     )
-    task = Task(Worm(links=1, mass=given_["masses"], load=load), limits, SPEED)
+    task = GaitProblem(Worm(links=1, mass=given_["masses"], load=load), limits, SPEED)
     # a cycle may be any whole part of the period
     cycles = (replace(limits, period=given_["period"] / count) for count in range(1, 65))
     best = max(one_link_speed(task.worm, cycle) for cycle in cycles)
@@ -505,7 +505,7 @@ def test_one_link_is_certified_at_its_closed_form(given_):
     assert found.gap <= 1e-2
 
 
-def coasting() -> tuple[Task, float]:
+def coasting() -> tuple[GaitProblem, float]:
     """One link slows down against drag and load alone: m v' = -k v - 2 Gamma; and its speed."""
     k, load = 2.0, 4.0
     stop = np.log(1 + k / (2 * load)) / k
@@ -622,7 +622,7 @@ def test_a_relaxed_period_may_pass_the_longest_by_a_rounding():
         told.append(durations)
         return -np.inf
 
-    branch = Branch(1.0, G1_ORDER, root(3), family=(G1_ORDER,))
+    branch = Node(1.0, G1_ORDER, root(3), family=(G1_ORDER,))
     point_beyond = np.array([*G1_DURATIONS, 1 + 1e-9])
     relaxed = Relaxed(1.0, point_beyond, np.zeros(4), np.zeros(4))
     _Best(g1(), 0.7, improve).look(branch, relaxed)
@@ -692,7 +692,9 @@ def test_what_holds_for_a_family_holds_for_its_members(making, sharing):
 # -- gaits found by the designer ---------------------------------------------------------------
 
 
-def check_certificate(task: Task, sequence: Sequence_, speed: float, gap: float = 1e-2) -> None:
+def check_certificate(
+    task: GaitProblem, sequence: Sequence_, speed: float, gap: float = 1e-2
+) -> None:
     found = proof(task, speed, gap, sequence=sequence, time_limit=10.0)
     check_bound(found.progress.bound, speed)
     assert found.gap <= gap or found.ending == "time limit"
@@ -711,7 +713,7 @@ designed_limits = {
 }
 
 
-def designed(given_: dict) -> tuple[Task, float]:
+def designed(given_: dict) -> tuple[GaitProblem, float]:
     """A task with random limits and the speed of a gait that meets them."""
     limits = Limits(
         period=given_["period"],
@@ -721,7 +723,7 @@ def designed(given_: dict) -> tuple[Task, float]:
         spike_load=None if given_["spike"] is None else given_["spike"] * given_["load"],
     )
     worm = Worm(links=2, mass=1.0, load=given_["load"], drag=given_["drag"])
-    task = Task(worm, limits, SPEED)
+    task = GaitProblem(worm, limits, SPEED)
     own = Search(sequence=given_["sequence"], effort="quick", workers=1)
     try:
         found = designed_by(task, own, silent)
@@ -935,7 +937,7 @@ class Dice:
     def __init__(self, seed: int) -> None:
         self._random = np.random.default_rng(seed)
 
-    def solve(self, branch: Branch, cutoff: float) -> Relaxed:
+    def solve(self, branch: Node, cutoff: float) -> Relaxed:
         random, n = self._random, len(branch.sequence) + 1
         kind, none = random.integers(6), np.empty(0)
         bound = min(branch.bound, 3.0) * random.uniform(0.8, 1.05)

@@ -25,7 +25,7 @@ from wormopt.systems.spiked.files import gait_of_result
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.search.trial import Trier
 from wormopt.systems.spiked.sequences import sequences
-from wormopt.systems.spiked.task import Objective, Search, Task, Worm
+from wormopt.systems.spiked.task import GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.verify import violations
 
 G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1
@@ -351,13 +351,13 @@ def test_limits_that_are_exceeded_are_faults(monkeypatch):
 def test_a_second_route_that_finds_something_else_is_a_fault(monkeypatch):
     from wormopt.systems.spiked.runs import gait
 
-    original = gait.recheck
+    original = gait.cross_check
 
     def elsewhere(motion):
         again = original(motion)
         return replace(again, speed=1.01 * again.speed, lambda_max=2 * again.lambda_max)
 
-    monkeypatch.setattr(gait, "recheck", elsewhere)
+    monkeypatch.setattr(gait, "cross_check", elsewhere)
     result = wo.run("fast_gait")
     assert result.status == "failed"
     assert faults_of(result) == {"speed, second route", "largest load, second route"}
@@ -448,12 +448,12 @@ def test_impulses_reach_what_accelerations_cannot():
 def test_limits_survive_being_sent_to_another_process():
     import pickle
 
-    task = Task(G1_WORM, G1_LIMITS)
+    task = GaitProblem(G1_WORM, G1_LIMITS)
     assert pickle.loads(pickle.dumps(task)) == task
 
 
 def test_a_required_speed_above_the_ceiling_is_refused_before_any_search():
-    task = Task(G1_WORM, G1_LIMITS, Objective("energy_per_distance", 1.1))
+    task = GaitProblem(G1_WORM, G1_LIMITS, Objective("energy_per_distance", 1.1))
     with pytest.raises(SolveError, match=r"objective\.speed = 1\.1 is above the ceiling 1"):
         designed(task, Search(), lambda *_: pytest.fail("it searched"))
 

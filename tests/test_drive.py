@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from wormopt.control.drive import drive
-from wormopt.control.reference import follow
+from wormopt.control.reference import gait_reference
 from wormopt.model.friction import Coulomb
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal, Switch
@@ -167,7 +167,7 @@ def test_a_reference_that_ends_holds_its_ends(shift: float):
     """Harmonics and polynomials; before, after, and inside against the gait itself."""
     for gait in (travelling_sine(2, 1.3), CUBICS):
         time = ca.SX.sym("t")
-        reference = follow(gait, time, shift=shift, periodic=False)
+        reference = gait_reference(gait, time, shift=shift, periodic=False)
         (schedule,) = reference.schedules
         f = ca.Function(
             "f", [time, schedule.symbol, schedule.begin], [reference.value, reference.rate]

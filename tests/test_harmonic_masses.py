@@ -23,7 +23,7 @@ from wormopt.result import Result
 from wormopt.scene import load_scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.shared.proof import Recheck
+from wormopt.systems.shared.proof import CrossCheck
 from wormopt.systems.swinging import steady as steadies
 from wormopt.systems.swinging.harmonic_masses import harmonic_masses, imbalance, steady_masses
 from wormopt.systems.swinging.runs import harmonic_masses as study
@@ -446,7 +446,7 @@ def test_without_recheck_there_is_none_and_a_warning(monkeypatch: pytest.MonkeyP
     def never(*given: Any, **options: Any):
         raise AssertionError
 
-    monkeypatch.setattr(steadies, "recheck", never)
+    monkeypatch.setattr(steadies, "cross_check", never)
     result = solved("tolerance.recheck=false", "course.periods=80")
     assert result.status == "ok"
     assert value(result, "recheck_error") is None
@@ -500,11 +500,11 @@ def failed_checks(result: Result) -> list[str]:
 
 
 def test_a_second_route_that_ends_elsewhere_fails(monkeypatch: pytest.MonkeyPatch):
-    def elsewhere(*given: Any, **options: Any) -> Recheck:
+    def elsewhere(*given: Any, **options: Any) -> CrossCheck:
         return dataclasses.replace(honest(*given, **options), error=1e-3)
 
-    honest = steadies.recheck
-    monkeypatch.setattr(steadies, "recheck", elsewhere)
+    honest = steadies.cross_check
+    monkeypatch.setattr(steadies, "cross_check", elsewhere)
     result = solved()
     assert result.status == "failed"
     assert "ends elsewhere" in result.reason

@@ -19,10 +19,10 @@ from matplotlib.figure import Figure
 from wormopt.analysis.bode import bode, frequencies
 from wormopt.analysis.identically import identically_zero
 from wormopt.analysis.lie import relative_degree
-from wormopt.analysis.linearise import Linear, linearise
+from wormopt.analysis.linearise import LinearModel, linearise
 from wormopt.analysis.pencil import balanced, invariant_zeros
 from wormopt.control.lambda_tracker import Decay, lambda_tracker
-from wormopt.control.reference import follow
+from wormopt.control.reference import gait_reference
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.model import Model, Output, Signal
 from wormopt.model.path import ParameterPath, piecewise_constant
@@ -155,7 +155,7 @@ def test_what_does_not_fit_is_refused():
         linearise(unbounded, output="length", p={"mass": 0.0})
     one = np.eye(1)
     with pytest.raises(ValueError, match="shapes"):
-        Linear("crooked", one, one, one, one, ("x",), ("u", "v"), ("y",))
+        LinearModel("crooked", one, one, one, one, ("x",), ("u", "v"), ("y",))
 
 
 # -- high-frequency gain and relative degree -----------------------------------------------------
@@ -238,7 +238,7 @@ def test_time_has_a_part_in_the_relative_degree():
 
 def test_a_closed_loop_has_no_inputs():
     plant = worm(2, DRY)
-    loop = lambda_tracker(plant, follow(fast_gait(1.0), plant.t), tube_radius=0.2)
+    loop = lambda_tracker(plant, gait_reference(fast_gait(1.0), plant.t), tube_radius=0.2)
     linear = linearise(loop, output="length", t=0.4)
     assert linear.inputs == ()
     assert relative_degree(loop, output="length") == linear.relative_degree == (math.inf,) * 2
@@ -422,7 +422,7 @@ def test_an_output_told_twice_adds_no_zero():
     once = linearise(worm(2, drag=0.4), output="length")
     twice = linearise(worm(2, drag=0.4), output=["length", "length"])
     assert len(twice.outputs) == 2  # a name counts once
-    doubled = Linear("twice", once.A, np.hstack([once.B] * 2), np.vstack([once.C] * 2),
+    doubled = LinearModel("twice", once.A, np.hstack([once.B] * 2), np.vstack([once.C] * 2),
                      np.zeros((4, 4)), once.states, tuple("abcd"), tuple("efgh"))  # fmt: skip
     assert doubled.zeros == pytest.approx(once.zeros, abs=1e-12)
 
@@ -439,7 +439,7 @@ def test_repeated_zeros_on_the_axis_are_marginal():
     mixed = np.linalg.qr(np.random.default_rng(3).normal(size=(4, 4)))[0]
     top = np.array([[0.0, 0.0, 0.0, 1.0]])
     system = mixed @ a @ mixed.T, mixed @ np.eye(4)[:, 3:], top @ mixed.T, np.zeros((1, 1))
-    linear = Linear("threefold", *system, tuple("abcd"), ("u",), ("y",))
+    linear = LinearModel("threefold", *system, tuple("abcd"), ("u",), ("y",))
     assert len(linear.zeros) == 3
     assert linear.phase_kind == "marginal"
 
@@ -614,7 +614,7 @@ def closed_loop() -> Model:
     """TRACK14 of docs/verification.md."""
     plant = worm(2, DRY, rest_length=0.0, position=(0.0, 2.0, 4.0))
     return lambda_tracker(
-        plant, follow(fast_gait(1.0), plant.t), tube_radius=0.2, feedback="filter"
+        plant, gait_reference(fast_gait(1.0), plant.t), tube_radius=0.2, feedback="filter"
     )
 
 
@@ -644,7 +644,7 @@ def test_control_reproduces_the_benchmark(control: Any):
 
 def test_switches_have_no_place_in_control(control: Any):
     plant = worm(2, DRY)
-    reference = follow(fast_gait(1.0), plant.t)
+    reference = gait_reference(fast_gait(1.0), plant.t)
     loop = lambda_tracker(plant, reference, tube_radius=0.2, adaptation=Decay(dwell=0.1, decay=1.0))
     with pytest.raises(ValueError, match="switches"):
         loop.to_control(output="length")

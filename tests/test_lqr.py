@@ -12,7 +12,7 @@ from scipy.integrate import simpson
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 from wormopt.control.lqr import lqr
-from wormopt.control.reference import follow
+from wormopt.control.reference import gait_reference
 from wormopt.model.friction import Coulomb
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal, pack
@@ -83,7 +83,7 @@ def built(seed: int) -> tuple[Model, int, dict[str, Any], dict[str, Any]]:
     numbers = random_numbers(seed)
     n = len(numbers["stiffness"])
     plant, given = worm(n, **numbers), weights(seed, n)
-    reference = follow(travelling_sine(n, 1.0, 2.0, 0.4, lag=0.2), plant.t)
+    reference = gait_reference(travelling_sine(n, 1.0, 2.0, 0.4, lag=0.2), plant.t)
     return lqr(plant, reference, **given), n, numbers, given
 
 
@@ -160,7 +160,7 @@ def test_the_force_at_a_point(seed: int):
 def test_without_friction_an_error_of_zero_stays_zero(extra: dict[str, Any]):
     """The feed-forward is exact for any masses and loads, and for drag in proportion to masses."""
     plant, gait = worm(3, **extra), travelling_sine(3, 1.0, 2.0, 0.5, lag=0.15)
-    loop = lqr(plant, follow(gait, plant.t), error_weight=100.0)
+    loop = lqr(plant, gait_reference(gait, plant.t), error_weight=100.0)
     y, dy = (gait(np.zeros(1), k)[:, 0] for k in range(2))
     x0 = {name: np.append(np.cumsum(v[::-1])[::-1], 0.0) for name, v in
           (("position", y), ("velocity", dy))}  # fmt: skip
@@ -173,7 +173,7 @@ def test_the_error_falls_as_the_exponential_says_and_costs_what_it_should():
     numbers = random_numbers(4)
     n = len(numbers["stiffness"])
     plant, given_ = worm(n, **numbers), weights(4, n)
-    loop = lqr(plant, follow(travelling_sine(n, 1.0), plant.t), **given_)
+    loop = lqr(plant, gait_reference(travelling_sine(n, 1.0), plant.t), **given_)
     times = np.linspace(0.0, 15.0, 6001)
     motion = simulate(loop, 15.0, times=times)
     rate = -np.diff(motion.state("velocity"), axis=0)
@@ -191,7 +191,7 @@ def test_the_error_falls_as_the_exponential_says_and_costs_what_it_should():
 def test_the_controller_does_not_know_another_plant():
     """Stiffness 10 believed, 12 true: the error comes to rest at (10 - 12)(y - l0)/(12 + K_0)."""
     plant = worm(1, rest_length=1.5)
-    still = follow(Gait(np.array([0.0, 1.0]), np.full((1, 1, 1), 2.0)), plant.t)
+    still = gait_reference(Gait(np.array([0.0, 1.0]), np.full((1, 1, 1), 2.0)), plant.t)
     loop = lqr(plant, still, error_weight=400.0)
     motion = simulate(loop, 30.0, p={"stiffness": 12.0})
     assert motion.output("feedforward") == pytest.approx(10.0 * 0.5)
@@ -213,8 +213,8 @@ def test_links_that_vary_count_as_they_are_at_the_start():
     steps = ParameterPath(np.array([0.0, 0.5, 1.0]), values)
     plant, fixed = worm(stiffness=steps), worm(stiffness=[10.0, 8.0])
     gait = fast_gait(1.0)
-    varying = lqr(plant, follow(gait, plant.t), error_weight=9.0)
-    constant = lqr(fixed, follow(gait, fixed.t), error_weight=9.0)
+    varying = lqr(plant, gait_reference(gait, plant.t), error_weight=9.0)
+    constant = lqr(fixed, gait_reference(gait, fixed.t), error_weight=9.0)
     assert [s.name for s in varying.schedules] == ["stiffness", "reference"]
     assert gains(varying, 2) == pytest.approx(gains(constant, 2))
 
@@ -224,7 +224,7 @@ def test_a_real_worm_under_exact_friction_follows_the_fast_gait():
     largest = []
     for error_weight in (1e2, 1e4, 1e6):
         plant = worm(law=Coulomb(1.0, 10.0), rest_length=1.0)
-        loop = lqr(plant, follow(fast_gait(1.0), plant.t), error_weight=error_weight)
+        loop = lqr(plant, gait_reference(fast_gait(1.0), plant.t), error_weight=error_weight)
         t = np.linspace(8.0, 9.0, 101)
         motion = simulate(loop, 10.0, times=np.append(t, t + 1))
         assert any(event.kind == "stick" for event in motion.events)
@@ -247,7 +247,7 @@ def test_feedback_around_a_given_course():
         y, dy = y + dy * h + a * h**2 / 2 + b * h**3 / 6, dy + a * h + b * h**2 / 2
     optimum, course = Gait(breaks, np.array(cubics)), Gait(breaks, forces)
     plant = worm(mass=[1.0, 2.0, 0.5], stiffness=0.0, damping=0.0)
-    reference = follow(optimum, plant.t, periodic=False)
+    reference = gait_reference(optimum, plant.t, periodic=False)
     loop = lqr(plant, reference, error_weight=25.0, feedforward=course)
     assert [s.name for s in loop.schedules] == ["reference", "feedforward"]
     assert [p.name for p in loop.p[len(plant.p) :]] == ["error_gain", "rate_gain"]
@@ -268,14 +268,14 @@ def test_feedback_around_a_given_course():
 def test_a_course_repeats_with_the_reference():
     plant = worm()
     course = Gait(np.array([0.0, 0.5, 1.0]), np.array([[[1.0], [2.0]], [[3.0], [4.0]]]))
-    loop = lqr(plant, follow(fast_gait(1.0), plant.t), error_weight=1.0, feedforward=course)
+    loop = lqr(plant, gait_reference(fast_gait(1.0), plant.t), error_weight=1.0, feedforward=course)
     motion = simulate(loop, 3.0, times=[0.1, 0.6, 1.1, 2.6])
     assert motion.output("feedforward")[0] == pytest.approx([1.0, 3.0, 1.0, 3.0])
 
 
 def test_a_loop_tells_what_it_is():
     plant = worm(law=Coulomb(1.0, 10.0))
-    loop = lqr(plant, follow(fast_gait(1.0), plant.t), error_weight=1.0)
+    loop = lqr(plant, gait_reference(fast_gait(1.0), plant.t), error_weight=1.0)
     assert [p.name for p in loop.p[len(plant.p) :]] == [
         "error_gain", "rate_gain", "feedforward_inertia", "feedforward_damping",
         "feedforward_stiffness", "feedforward_force",
@@ -310,7 +310,7 @@ def idle() -> Model:
 def loop_of(plant: Model, **options: Any) -> Model:
     gait = Gait(np.array([0.0, 1.0]), np.full((1, plant.output("length").numel(), 1), 2.0))
     options = {"error_weight": 1.0} | options
-    return lqr(plant, follow(gait, plant.t), **options)
+    return lqr(plant, gait_reference(gait, plant.t), **options)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.model.friction import Coulomb, Spike
 from wormopt.model.model import Contact, Model, Output, Signal, pack
-from wormopt.simulation.moreau import Marcher, Steps
+from wormopt.simulation.moreau import MoreauJean, StepRecord
 from wormopt.systems.channel.channel_rod import channel_rod, straight
 from wormopt.systems.channel.rod import Rod
 
@@ -37,10 +37,10 @@ def block() -> Model:
     )
 
 
-BLOCK = Marcher(block(), integrals=["power"])
+BLOCK = MoreauJean(block(), integrals=["power"])
 
 
-def kinetic(steps: Steps) -> np.ndarray:
+def kinetic(steps: StepRecord) -> np.ndarray:
     return (steps.states[2] ** 2 + steps.states[3] ** 2) * 2.0 / 2
 
 
@@ -76,7 +76,7 @@ def test_what_friction_cannot_hold_slides(sign: int):
     assert found.states[:, -1] == pytest.approx([sign * MU * G / 4, 0, sign * MU * G / 2, 0])
 
 
-def dropped(step: float, speed: float = 0.3) -> Steps:
+def dropped(step: float, speed: float = 0.3) -> StepRecord:
     """A block thrown from the height of 0.5: it falls, hits the floor, slides and stops."""
     return BLOCK.march(1.0, np.array([0.0, 0.5, speed, 0.0]), step=step)
 
@@ -116,8 +116,8 @@ def test_impacts_are_met_to_first_order():
 # -- rods ---------------------------------------------------------------------------------------
 
 ROD = Rod(48e-3, 4e-3, 5e4, 1100.0, elements=4, degree=2)
-FREE = Marcher(channel_rod(ROD, 1.0, 0.5))
-NARROW = Marcher(channel_rod(ROD, 11e-3, 0.5), integrals=["damping_power", "load_power"])
+FREE = MoreauJean(channel_rod(ROD, 1.0, 0.5))
+NARROW = MoreauJean(channel_rod(ROD, 11e-3, 0.5), integrals=["damping_power", "load_power"])
 
 
 def flung(size: float, spin: float = 2.0) -> np.ndarray:
@@ -130,7 +130,7 @@ def flung(size: float, spin: float = 2.0) -> np.ndarray:
     return np.concatenate([state[signal.name] for signal in FREE.model.x])
 
 
-def energy(marcher: Marcher, states: np.ndarray) -> np.ndarray:
+def energy(marcher: MoreauJean, states: np.ndarray) -> np.ndarray:
     """Elastic and kinetic energy at each look."""
     model = marcher.model
     p = np.array([5e4, 1100.0, 0.0, 0.5])
@@ -166,7 +166,7 @@ def test_momentum_is_kept():
         assert np.abs(momentum - momentum[0]).max() < 1e-12 * mass.sum()
 
 
-def final(marcher: Marcher, x0: np.ndarray, end: float, count: int) -> np.ndarray:
+def final(marcher: MoreauJean, x0: np.ndarray, end: float, count: int) -> np.ndarray:
     return marcher.march(end, x0, step=end / count).states[: 3 * ROD.count, -1]
 
 
@@ -202,18 +202,18 @@ def test_between_walls_energy_is_accounted_for_and_only_lost():
 def test_models_of_another_form_are_refused():
     q, t = ca.SX.sym("q"), ca.SX.sym("t")
     with pytest.raises(ArgumentError, match="places, then their rates"):
-        Marcher(Model("decay", x=[Signal("q", q)], ode=-q))
+        MoreauJean(Model("decay", x=[Signal("q", q)], ode=-q))
     whole = block()
     (floor,) = whole.contacts
     flat = replace(floor, gap=None, normal_force=None)
     with pytest.raises(ArgumentError, match="gaps and normal forces"):
-        Marcher(replace(whole, contacts=[flat]))
+        MoreauJean(replace(whole, contacts=[flat]))
     with pytest.raises(ArgumentError, match="slide both ways"):
-        Marcher(replace(whole, contacts=[replace(floor, law=Spike())]))
+        MoreauJean(replace(whole, contacts=[replace(floor, law=Spike())]))
     with pytest.raises(ArgumentError, match="depend on time"):
-        Marcher(replace(whole, t=t, ode=whole.ode + ca.vertcat(0, 0, t, 0)))
+        MoreauJean(replace(whole, t=t, ode=whole.ode + ca.vertcat(0, 0, t, 0)))
     with pytest.raises(ArgumentError, match="affine"):
-        Marcher(replace(whole, ode=whole.ode + ca.vertcat(0, 0, floor.force**2, 0)))
+        MoreauJean(replace(whole, ode=whole.ode + ca.vertcat(0, 0, floor.force**2, 0)))
 
 
 def test_contacts_that_act_on_one_another_are_refused():
@@ -230,7 +230,7 @@ def test_contacts_that_act_on_one_another_are_refused():
         ode += ca.vertcat(0, 0, 3 * side * pressed, pressed)
     bar = Model("bar", x=[Signal("q", q), Signal("v", v)], ode=ode, contacts=feet)
     with pytest.raises(ArgumentError, match="foot 1 and foot -1 act on one another"):
-        Marcher(bar).march(1.0, np.zeros(4), step=0.1)
+        MoreauJean(bar).march(1.0, np.zeros(4), step=0.1)
 
 
 @pytest.mark.parametrize(("end", "step"), [(1.0, None), (1.0, 0.0), (1.0, math.nan), (-1.0, 0.1)])

@@ -10,7 +10,7 @@ import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.friction import Coulomb
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Smoothed
+from wormopt.ocp.contact import Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess
 from wormopt.ocp.optimise import optimise
@@ -149,7 +149,7 @@ def test_one_input_for_two_worms_serves_the_slower_one_best_when_the_worst_count
 
     def speeds(judge) -> np.ndarray:
         problem = crawl_problem(plant, limits, Aim(effort=1e-3, judge=judge))
-        found = optimise(problem, mesh, Smoothed(0.05, 1.0), Guess(1.0, states))
+        found = optimise(problem, mesh, Regularised(0.05, 1.0), Guess(1.0, states))
         ends = found.motion.states(np.array([0.0, 1.0]))
         return (ends[:, 1] - ends[:, 0])[[0, 6]]
 

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 import wormopt as wo
 from wormopt.control.loop import with_reference
 from wormopt.control.lqr import lqr
-from wormopt.control.reference import follow
+from wormopt.control.reference import gait_reference
 from wormopt.errors import SceneError, SolveError
 from wormopt.model.friction import Coulomb
 from wormopt.numerics.collocation import Collocation
@@ -56,12 +56,12 @@ def test_a_mesh_refuses_breaks_that_do_not_ascend(breaks: list[float]):
 
 def test_breaks_of_a_model_are_those_of_all_its_schedules():
     plant = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0)
-    model = with_reference(plant, follow(fast_gait(1.0), plant.t, shift=0.1))
+    model = with_reference(plant, gait_reference(fast_gait(1.0), plant.t, shift=0.1))
     expected = [0.0, *(k / 3 - 0.1 for k in range(1, 7)), 2.0]
     assert model.breaks(2.0) == pytest.approx(expected, abs=1e-12)
     assert len(model.breaks(2.0)) == 8
     # an end that is a break stands once
-    whole = with_reference(plant, follow(fast_gait(1.0), plant.t))
+    whole = with_reference(plant, gait_reference(fast_gait(1.0), plant.t))
     assert len(whole.breaks(10.0)) == 31
 
 
@@ -82,7 +82,7 @@ def test_without_friction_optimal_tracking_is_the_lq_optimum():
     gait = fast_gait(1.0)
     found = optimal_input(
         plant,
-        follow(gait, plant.t),
+        gait_reference(gait, plant.t),
         end,
         LeastError(input_weight=rho),
         TUBE,
@@ -115,7 +115,7 @@ def test_without_friction_optimal_tracking_is_the_lq_optimum():
     # inputs that are constant on 180 arcs cost a little more, of second order in their length
     assert optimum <= found.objective <= optimum * (1 + 2e-5)
     coarse = optimal_input(
-        plant, follow(gait, plant.t), end, LeastError(input_weight=rho), TUBE,
+        plant, gait_reference(gait, plant.t), end, LeastError(input_weight=rho), TUBE,
         GridTable(arcs=45, degree=3), RelaxationTable(), period=1.0,
     )  # fmt: skip
     ratio = (coarse.objective - optimum) / (found.objective - optimum)
@@ -154,7 +154,7 @@ def test_least_error_is_found_again_and_beats_lqr():
     found, exact = value(result, "objective_found"), value(result, "objective")
     assert exact == pytest.approx(found, rel=0.01)
     plant = chain(2, law=Coulomb(1.0, 10.0), **PLANT)
-    loop = lqr(plant, follow(fast_gait(1.0), plant.t), error_weight=1e3)
+    loop = lqr(plant, gait_reference(fast_gait(1.0), plant.t), error_weight=1e3)
     numbers = judged_numbers(simulate(judged(loop, TUBE), 1.5), TUBE)
     other = numbers["error_integral"] + 1e-3 * numbers["input_integral"]
     assert exact < 0.8 * other
@@ -162,7 +162,7 @@ def test_least_error_is_found_again_and_beats_lqr():
 
 def test_what_is_measured_agrees_with_quadrature():
     plant = chain(2, law=Coulomb(1.0, 10.0), **PLANT)
-    loop = lqr(plant, follow(fast_gait(1.0), plant.t), error_weight=10.0)
+    loop = lqr(plant, gait_reference(fast_gait(1.0), plant.t), error_weight=10.0)
     motion = simulate(judged(loop, TUBE), 3.0, dense=True)
     numbers = judged_numbers(motion, TUBE)
     t = np.linspace(0.0, 3.0, 30_001)

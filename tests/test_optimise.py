@@ -14,21 +14,21 @@ from wormopt.model.friction import Coulomb, Viscous
 from wormopt.model.model import Contact, Model, Schedule, Signal
 from wormopt.model.modes import ModeSequence
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Complementary, Prescribed, Smoothed
+from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess
 from wormopt.ocp.nlp import Ipopt, Plugin
 from wormopt.ocp.optimise import Optimum, best_of, optimise, refine
-from wormopt.ocp.polish import polish
-from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.ocp.problem import Constraint, Ends, Problem
+from wormopt.ocp.switching import optimise_switching_times
 from wormopt.simulation.options import Smooth
 from wormopt.systems.block.block import block
-from wormopt.systems.shared.optimum import modes_of, recheck, replay
+from wormopt.systems.shared.optimum import cross_check, modes_of, replay
 
 SLIDE = math.sqrt(1.5)
 BACK = 0.25 + math.sqrt(0.3)
 SMOOTH_SLIDE = 1.2221708186  # tanh(40 v): twelve digits by independent code
-RELAXED = Complementary(residual=1e-3, first=1e-1)
+RELAXED = Complementarity(residual=1e-3, first=1e-1)
 LINE = Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.6]))
 BRAKE = Guess(0.8, lambda t: np.vstack([t * (1 - t / 0.8) ** 2, (1 - t / 0.8) * (1 - 3 * t / 0.8)]))
 
@@ -37,8 +37,11 @@ def slide(start: tuple[float, float] = (0.0, 0.0), end: float = 1.0) -> Problem:
     """Shortest time of a block with F+ = 1, F- = 2, |u| <= 3."""
     model = block(Coulomb(1.0, 2.0), force=3.0)
     ends = Ends.of(model)
-    at_ends = [Bound("start", ends.start, start, start), Bound("end", ends.end, [end, 0], [end, 0])]
-    return Problem(model, ends, ends.duration, (0.01, 10.0), at_ends=at_ends)
+    at_ends = [
+        Constraint("start", ends.start, start, start),
+        Constraint("end", ends.end, [end, 0], [end, 0]),
+    ]
+    return Problem(model, ends, ends.duration, (0.01, 10.0), boundary_constraints=at_ends)
 
 
 def even(arcs: int, degree: int = 2, phases: int = 1) -> Mesh:
@@ -47,7 +50,7 @@ def even(arcs: int, degree: int = 2, phases: int = 1) -> Mesh:
 
 def difference(*given: Any) -> float:
     """How far from the optimiser's end a simulation ends."""
-    error = recheck(*given).error
+    error = cross_check(*given).error
     assert error is not None
     return error
 
@@ -56,7 +59,7 @@ def difference(*given: Any) -> float:
 
 
 @pytest.mark.parametrize("arcs", [15, 20, 40])
-@pytest.mark.parametrize("treatment", [RELAXED, Smoothed(0.03, 0.3)])
+@pytest.mark.parametrize("treatment", [RELAXED, Regularised(0.03, 0.3)])
 @pytest.mark.parametrize(
     ("start", "end", "guess", "exact", "modes"),
     [
@@ -69,7 +72,7 @@ def test_the_phases_read_off_a_relaxed_optimum_lead_to_the_exact_one(
 ):
     if end == 0.0 and arcs == 15 and treatment is not RELAXED:
         pytest.skip("on some processors the coarse smoothed solve shows a fourth phase")
-    found = polish(optimise(slide(start, end), even(arcs), treatment, guess))
+    found = optimise_switching_times(optimise(slide(start, end), even(arcs), treatment, guess))
     assert found.objective == pytest.approx(exact, abs=1e-9)
     assert modes_of(found)[0] == modes
     assert found.complementarity < 1e-12
@@ -78,7 +81,7 @@ def test_the_phases_read_off_a_relaxed_optimum_lead_to_the_exact_one(
 
 
 def test_relaxed_contact_comes_near_the_exact_optimum_from_a_coarse_grid():
-    found = optimise(slide(), even(40), Complementary(1e-6), LINE)
+    found = optimise(slide(), even(40), Complementarity(1e-6), LINE)
     assert found.objective == pytest.approx(SLIDE, abs=2e-3)
     assert 1e-8 < found.complementarity <= 1.01e-6
     assert [level.level for level in found.levels] == sorted(
@@ -87,7 +90,7 @@ def test_relaxed_contact_comes_near_the_exact_optimum_from_a_coarse_grid():
 
 
 def test_the_smooth_slide_is_found_to_the_tolerance_asked_for():
-    drive = Smoothed(1 / 40, 1 / 40, active=((1,), (-1,)))
+    drive = Regularised(1 / 40, 1 / 40, active=((1,), (-1,)))
     coarse = optimise(slide(), even(10, 3, phases=2), drive, LINE)
     fine = refine(coarse, 1e-9, rounds=8, solver=Ipopt(tolerance=1e-11))
     assert abs(coarse.objective - SMOOTH_SLIDE) > 1e-5
@@ -100,7 +103,7 @@ def test_the_smooth_slide_is_found_to_the_tolerance_asked_for():
 
 
 def test_refinement_that_is_cut_short_shows_in_the_defects():
-    coarse = optimise(slide(), even(4, 2, phases=2), Smoothed(1 / 40, 1 / 40), LINE)
+    coarse = optimise(slide(), even(4, 2, phases=2), Regularised(1 / 40, 1 / 40), LINE)
     once = refine(coarse, 1e-9, rounds=1)
     assert once.defects.max() > 1e-9
     assert refine(coarse, 1e-9, most_arcs=8) is coarse
@@ -125,11 +128,11 @@ def sprung() -> Problem:
     ground = Contact("block", v, f, Coulomb(1.0, 1.0))
     model = Model("sprung block", x=states, ode=ca.vertcat(v, f - 4 * x), contacts=[ground])
     ends = Ends.of(model)
-    thrown = Bound("start", ends.start, [0, 1.5], [0, 1.5])
-    return Problem(model, ends, ca.SX(0), (SPRUNG_END, SPRUNG_END), at_ends=[thrown])
+    thrown = Constraint("start", ends.start, [0, 1.5], [0, 1.5])
+    return Problem(model, ends, ca.SX(0), (SPRUNG_END, SPRUNG_END), boundary_constraints=[thrown])
 
 
-def sprung_error(mesh: Mesh, treatment: Prescribed | Complementary) -> float:
+def sprung_error(mesh: Mesh, treatment: FixedModes | Complementarity) -> float:
     """Error of the integral of x; where it sticks tells little of when it turned."""
     swing = Guess(SPRUNG_END, lambda t: np.vstack([FAR * np.sin(2 * t), 1.5 * np.cos(2 * t)]))
     found = optimise(sprung(), mesh, treatment, swing, solver=Ipopt(tolerance=1e-12))
@@ -140,7 +143,7 @@ def sprung_error(mesh: Mesh, treatment: Prescribed | Complementary) -> float:
 
 @pytest.mark.parametrize(("scheme", "order", "most"), [("legendre", 4, 2e-5), ("radau", 3, 5e-4)])
 def test_phases_keep_the_full_order_through_a_reversal_and_a_stick(scheme, order, most):
-    modes = Prescribed(ModeSequence(((1,), (-1,), (0,))))
+    modes = FixedModes(ModeSequence(((1,), (-1,), (0,))))
     arcs = np.array([2, 4, 8])
     meshes = [Mesh.even(3, int(n), Collocation(2, scheme)) for n in arcs]
     errors = [sprung_error(mesh, modes) for mesh in meshes]
@@ -156,7 +159,9 @@ def test_without_phases_switches_inside_arcs_leave_order_one(scheme):
     means = [
         np.mean(
             [
-                sprung_error(Mesh.even(1, int(n + k), Collocation(2, scheme)), Complementary(1e-8))
+                sprung_error(
+                    Mesh.even(1, int(n + k), Collocation(2, scheme)), Complementarity(1e-8)
+                )
                 for k in range(6)
             ]
         )
@@ -171,11 +176,11 @@ def test_without_phases_switches_inside_arcs_leave_order_one(scheme):
 
 
 def test_other_solvers_of_casadi_find_the_same_slides():
-    modes = Prescribed(ModeSequence(((1,), (1,))))
+    modes = FixedModes(ModeSequence(((1,), (1,))))
     quiet = Plugin("fatrop", (("fatrop.print_level", 0),))
     found = optimise(slide(), even(1, 3, phases=2), modes, LINE, solver=quiet)
     assert found.objective == pytest.approx(SLIDE, abs=1e-9)
-    mesh, law = even(10, 3, phases=2), Smoothed(1 / 40, 1 / 10)
+    mesh, law = even(10, 3, phases=2), Regularised(1 / 40, 1 / 10)
     silent = (("print_iter", False), ("print_header", False), ("error_on_fail", False))
     options = (("qpsol", "qrqp"), ("qpsol_options", silent), ("print_header", False))
     options += (("print_iteration", False), ("print_status", False))
@@ -186,11 +191,11 @@ def test_other_solvers_of_casadi_find_the_same_slides():
 
 def test_a_solver_that_is_not_there_is_refused():
     with pytest.raises(ArgumentError, match="no NLP solver 'nonesuch'"):
-        optimise(slide(), even(2), Smoothed(0.1, 0.1), LINE, solver=Plugin("nonesuch"))
+        optimise(slide(), even(2), Regularised(0.1, 0.1), LINE, solver=Plugin("nonesuch"))
 
 
 def test_a_warm_start_from_a_motion_costs_less():
-    law = Smoothed(0.02, 0.02)
+    law = Regularised(0.02, 0.02)
     cold = optimise(slide(), even(20, 3), law, LINE)
     near = Ipopt(mu_init=1e-6, warm=True)
     warm = optimise(slide(), even(20, 3), law, cold.motion.guess, solver=near)
@@ -226,8 +231,8 @@ def error_of(problem: Problem, guess: Guess = LINE) -> SolveError:
 
 def test_a_way_too_long_for_its_time_names_what_has_to_give_way():
     problem = slide()
-    hurry = Bound("time", problem.ends.duration, upper=1.0)
-    error = error_of(replace(problem, at_ends=[*problem.at_ends, hurry]))
+    hurry = Constraint("time", problem.ends.duration, upper=1.0)
+    error = error_of(replace(problem, boundary_constraints=[*problem.boundary_constraints, hurry]))
     assert error.code == "infeasible"
     found = float(str(error).split("time by ")[1].split(";")[0])
     assert found == pytest.approx(SLIDE - 1.0, abs=5e-3)
@@ -250,7 +255,7 @@ def test_an_objective_without_bound_is_called_so():
         model=replace(problem.model, u=free),
         minimise=-problem.ends.end[0],
         duration=(1.0, 1.0),
-        at_ends=problem.at_ends[:1],
+        boundary_constraints=problem.boundary_constraints[:1],
     )
     error = error_of(away)
     assert error.code == "unbounded"
@@ -267,7 +272,7 @@ def test_phases_that_lead_nowhere_are_refused():
     relaxed = optimise(slide(), even(10), RELAXED, LINE)
     better = replace(relaxed, solution=replace(relaxed.solution, objective=0.1))
     with pytest.raises(SolveError, match="more arcs") as caught:
-        polish(better)
+        optimise_switching_times(better)
     assert caught.value.code == "no_phases"
 
 
@@ -275,7 +280,7 @@ def test_phases_that_lead_nowhere_are_refused():
 
 
 def test_a_replay_takes_nothing_from_the_optimiser_but_start_and_inputs():
-    found: Optimum = polish(optimise(slide(), even(20), RELAXED, LINE))
+    found: Optimum = optimise_switching_times(optimise(slide(), even(20), RELAXED, LINE))
     (motion,) = replay(found.motion, dense=True)
     t = np.linspace(0, found.motion.duration, 50)
     assert motion.at(t).states == pytest.approx(found.motion.states(t), abs=1e-9)
@@ -286,7 +291,7 @@ def test_a_replay_takes_nothing_from_the_optimiser_but_start_and_inputs():
 
 
 def test_an_optimal_motion_answers_by_name_as_its_simulation_does():
-    found = polish(optimise(slide(), even(20), RELAXED, LINE)).motion
+    found = optimise_switching_times(optimise(slide(), even(20), RELAXED, LINE)).motion
     (motion,) = replay(found, dense=True)
     again = motion.at(found.time)
     for name in ("position", "velocity"):
@@ -309,13 +314,13 @@ def ball(**limits) -> Problem:
         u=[Signal("gust", u, lower=0.0, upper=0.1)],
     )
     ends = Ends.of(model)
-    ground = [Bound("start", ends.start[0], 0, 0), Bound("end", ends.end[0], 0, 0)]
-    return Problem(model, ends, -ends.duration, (0.1, 10.0), at_ends=ground)
+    ground = [Constraint("start", ends.start[0], 0, 0), Constraint("end", ends.end[0], 0, 0)]
+    return Problem(model, ends, -ends.duration, (0.1, 10.0), boundary_constraints=ground)
 
 
 def test_bounds_of_states_hold_inside_arcs():
     guess = Guess(2.0, lambda t: np.vstack([t * (2 - t) / 2, 1 - t]))
-    found = optimise(ball(upper=0.5), Mesh.even(1, 4, Collocation(3)), Prescribed(), guess)
+    found = optimise(ball(upper=0.5), Mesh.even(1, 4, Collocation(3)), FixedModes(), guess)
     t = np.linspace(0, found.motion.duration, 400)
     assert found.motion.state("height", t).max() <= 0.5 + 1e-9
     # the gust bears it up both ways: twice sqrt(2 * 0.5 / 0.9)
@@ -332,10 +337,10 @@ def switching(pins):
         "leaf", x=[Signal("x", x)], ode=w + 0 * u, t=t, u=[Signal("u", u)], schedules=[pieces]
     )
     ends = Ends.of(model)
-    at_ends = [Bound("start", ends.start, 0, 0), Bound("end", ends.end, 2, 2)]
-    problem = Problem(model, ends, ends.duration, (0.1, 5.0), at_ends=at_ends)
+    at_ends = [Constraint("start", ends.start, 0, 0), Constraint("end", ends.end, 2, 2)]
+    problem = Problem(model, ends, ends.duration, (0.1, 5.0), boundary_constraints=at_ends)
     guess = Guess(1.5, lambda t: t[None] * 4 / 3)
-    treatment = Prescribed(ModeSequence(((), ())))
+    treatment = FixedModes(ModeSequence(((), ())))
     return optimise(problem, Mesh.even(2, 1, Collocation(2)), treatment, guess, pins=pins)
 
 
@@ -352,7 +357,9 @@ def test_polish_keeps_the_parameters_of_the_relaxed_motion():
     heavy = {"mass": 2.0}
     relaxed = optimise(problem, Mesh.even(1, 20, Collocation(2, "radau")), RELAXED, LINE, p=heavy)
     # (3 - 1) / 2 forward, (3 + 1) / 2 braking
-    assert polish(relaxed).objective == pytest.approx(math.sqrt(2 * (1 + 1 / 2)), abs=1e-9)
+    assert optimise_switching_times(relaxed).objective == pytest.approx(
+        math.sqrt(2 * (1 + 1 / 2)), abs=1e-9
+    )
 
 
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
@@ -360,18 +367,18 @@ def test_phases_are_read_whatever_the_unit_of_force(size: float):
     """Forces and mass in another unit; the motion is the same."""
     model = block(Coulomb(1.0 * size, 2.0 * size), mass=size, force=3.0 * size)
     ends = Ends.of(model)
-    at_ends = [Bound("start", ends.start, 0, 0), Bound("end", ends.end, [1, 0], [1, 0])]
-    problem = Problem(model, ends, ends.duration, (0.01, 10.0), at_ends=at_ends)
+    at_ends = [Constraint("start", ends.start, 0, 0), Constraint("end", ends.end, [1, 0], [1, 0])]
+    problem = Problem(model, ends, ends.duration, (0.01, 10.0), boundary_constraints=at_ends)
     relaxed = optimise(problem, Mesh.even(1, 20, Collocation(2, "radau")), RELAXED, LINE)
-    assert polish(relaxed).objective == pytest.approx(SLIDE, abs=1e-9)
+    assert optimise_switching_times(relaxed).objective == pytest.approx(SLIDE, abs=1e-9)
 
 
 def test_viscous_drag_is_itself_in_a_complementary_problem():
     """x'' = u - x', |u| <= 3: the shortest way, against the equation of the switching time."""
     model = block(Viscous(1.0), force=3.0)
     ends = Ends.of(model)
-    at_ends = [Bound("start", ends.start, 0, 0), Bound("end", ends.end, [1, 0], [1, 0])]
-    problem = Problem(model, ends, ends.duration, (0.01, 10.0), at_ends=at_ends)
+    at_ends = [Constraint("start", ends.start, 0, 0), Constraint("end", ends.end, [1, 0], [1, 0])]
+    problem = Problem(model, ends, ends.duration, (0.01, 10.0), boundary_constraints=at_ends)
     found = optimise(problem, Mesh.even(2, 8, Collocation(3)), RELAXED, LINE)
 
     # v + x changes by 3 (t1 - t2); v' + v = +-3 solved on both parts
@@ -385,9 +392,11 @@ def test_viscous_drag_is_itself_in_a_complementary_problem():
 
 def test_arguments_that_cannot_be_used_are_named():
     problem, mesh = slide(), Mesh.even(1, 4, Collocation(2))
-    with pytest.raises(ArgumentError, match="is Smoothed, Complementary or Prescribed, not Smooth"):
+    with pytest.raises(
+        ArgumentError, match="is Regularised, Complementarity or FixedModes, not Smooth"
+    ):
         optimise(problem, mesh, Smooth(0.1), LINE)  # type: ignore[arg-type]
     with pytest.raises(ArgumentError, match=r"it must give \(2, 8\)"):
         optimise(problem, mesh, RELAXED, Guess(1.0, lambda t: t[None]))
     with pytest.raises(ArgumentError, match="upper has 3 entries for an expression of 2"):
-        Bound("end", problem.ends.end, upper=[1.0, 2.0, 3.0])
+        Constraint("end", problem.ends.end, upper=[1.0, 2.0, 3.0])

@@ -18,7 +18,7 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.model.model import Schedule
-from wormopt.simulation.moreau import Marcher
+from wormopt.simulation.moreau import MoreauJean
 from wormopt.systems.channel.channel_rod import (
     block_energy,
     block_load,
@@ -287,7 +287,7 @@ def test_a_damped_motion_ends_where_the_energy_is_least():
     """Neither IPOPT nor the energy: the same rod let go in its channel, until it is at rest."""
     rod, loaded = attracted(24)
     rest, n = bent(24), rod.count
-    marcher = Marcher(loaded.model, inputs=loaded.inputs)
+    marcher = MoreauJean(loaded.model, inputs=loaded.inputs)
     coils, begin = ca.SX.sym("coils", 4), ca.SX.sym("begin")
     always = Schedule("coils", coils, begin, np.array([0.0, 1.0]), np.array([numbers(rod)]))
     p = {"friction": 1e-7, "damping_time": 1e-2, "density": 2500.0}

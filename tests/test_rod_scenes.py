@@ -18,7 +18,7 @@ from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.numerics.compass import Look, compass
 from wormopt.progress import silent
-from wormopt.simulation.moreau import Marcher
+from wormopt.simulation.moreau import MoreauJean
 from wormopt.systems.channel.channel_rod import (
     block_load,
     block_schedule,
@@ -406,7 +406,7 @@ def test_a_stopped_motion_is_told_without_a_traceback(tmp_path: Path, monkeypatc
     def stop(*given: Any, **more: Any) -> Any:
         raise Interrupted
 
-    monkeypatch.setattr(Marcher, "march", stop)
+    monkeypatch.setattr(MoreauJean, "march", stop)
     assert main(["run", "fig21_rod_motion", "-o", str(tmp_path / "out"), "--quiet"]) == 130
 
 

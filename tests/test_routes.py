@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wormopt.control.lambda_tracker import lambda_tracker
-from wormopt.control.reference import follow
+from wormopt.control.reference import gait_reference
 from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.model import Contact, Model, Schedule, Signal, Switch
@@ -59,7 +59,7 @@ def tracked(feedback: str, rest: float = 0.0, **options: float | bool) -> Model:
         2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=rest, law=Coulomb(1.0, 10.0),
         position=start,
     )  # fmt: skip
-    reference = follow(fast_gait(1.0, 2.0, 0.15), time=worm.t)
+    reference = gait_reference(fast_gait(1.0, 2.0, 0.15), time=worm.t)
     return lambda_tracker(worm, reference, tube_radius=0.2, feedback=feedback, **options)  # type: ignore[arg-type]
 
 

@@ -30,7 +30,7 @@ from wormopt.systems.spiked.search import search as search_module
 from wormopt.systems.spiked.search import trial
 from wormopt.systems.spiked.search.race import Race
 from wormopt.systems.spiked.sequences import neighbours
-from wormopt.systems.spiked.task import Cost, Objective, Search, Task, Worm
+from wormopt.systems.spiked.task import Cost, GaitProblem, Objective, Search, Worm
 
 OWN = Search(sequence=G1_ORDER, effort="quick", workers=1)
 
@@ -468,7 +468,7 @@ def test_a_gait_of_several_cycles_is_not_above_its_bound(tmp_path: Path, monkeyp
 
 
 def test_a_design_does_not_depend_on_the_number_of_threads():
-    task = Task(replace(G1_WORM, mass=(1.0, 2.0, 1.5)), replace(G1_LIMITS, period=2.5))
+    task = GaitProblem(replace(G1_WORM, mass=(1.0, 2.0, 1.5)), replace(G1_LIMITS, period=2.5))
     one, two = (designed(task, Search(effort="quick", workers=k), lambda *_: None)
                 for k in (1, 2))  # fmt: skip
     assert one.sequence == two.sequence
@@ -479,14 +479,14 @@ def test_numbers_of_numpy_are_numbers():
     links: Any = np.int64(2)
     mass: Any = np.ones(3, int)
     given: dict[str, Any] = {"length": np.array([1, 2]), "acceleration": np.float32(20)}
-    task = Task(Worm(links, mass, load=5.0), Limits(period=1.0, rate=1, **given))
+    task = GaitProblem(Worm(links, mass, load=5.0), Limits(period=1.0, rate=1, **given))
     assert (task.worm.masses, task.limits.length_ranges(2)) == ((1, 1, 1), ((1, 2), (1, 2)))
 
 
 def test_numbers_without_a_list_are_kept_as_numbers():
     zero_d: Any = np.array(2.0)
     worm = Worm(2, mass=zero_d, drag=zero_d, load=zero_d)
-    task = Task(worm, replace(G1_LIMITS, rate=zero_d), Objective("peak_spike_load", zero_d))
+    task = GaitProblem(worm, replace(G1_LIMITS, rate=zero_d), Objective("peak_spike_load", zero_d))
     assert worm == Worm(2, 2.0, 2.0, 2.0)
     assert hash(task) == hash(replace(task))
 

@@ -24,7 +24,7 @@ from wormopt.systems.spiked.design.sensitivity import (
     sensitivities,
 )
 from wormopt.systems.spiked.limits import Limits, Rates
-from wormopt.systems.spiked.task import Objective, Search, Task, Worm
+from wormopt.systems.spiked.task import GaitProblem, Objective, Search, Worm
 
 LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
 G1 = Worm(2, load=5.0)
@@ -188,7 +188,7 @@ def test_other_units_describe_the_same_worm(seed):
 
 def test_names_are_those_of_the_scene_and_each_moves_its_own_number():
     limits = replace(LIMITS, period=(0.5, 1.0), rate=Rates(1.0, (1.0, 2.0)), spike_load=40.0)
-    task = Task(replace(G1, load=(4.0, 4.0)), limits)
+    task = GaitProblem(replace(G1, load=(4.0, 4.0)), limits)
     moved = {limit.name: limit.moved(1.1 * limit.value) for limit in limits_of(task)}
     assert list(moved) == [
         "limits.period.shortest", "limits.period.longest", "limits.length.shortest",

@@ -13,12 +13,12 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from wormopt.control.lambda_tracker import Exponent, lambda_tracker
-from wormopt.control.reference import follow
+from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.lift import lift
 from wormopt.model.model import Contact, Model, Schedule, Signal, Switch
-from wormopt.simulation.ensemble import Member, simulate_ensemble
+from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
@@ -470,11 +470,11 @@ def test_parameters_out_of_their_bounds_are_refused_by_name(
 ):
     law = Stribeck(1.0, 2.0, stick_forward=1.0, stick_backward=2.0, v_stribeck=0.1)
     worm = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=law)
-    reference = follow(fast_gait(1.0), worm.t)
+    reference = gait_reference(fast_gait(1.0), worm.t)
     loop = lambda_tracker(worm, reference, tube_radius=0.2, adaptation=Exponent(2.0))
     with pytest.raises(ArgumentError, match=words):
         simulate(loop, 0.1, p={name: value})
-    members = [Member(), Member(p={name: value})]
+    members = [Scenario(), Scenario(p={name: value})]
     with pytest.raises(ArgumentError, match=words):
         simulate_ensemble(loop, 0.001, members)
 
@@ -605,7 +605,7 @@ def test_harmonic_velocities_with_small_friction_drift_as_averaging_says():
 
 def test_an_ensemble_is_its_members_one_by_one():
     worm = crawler()
-    members = [Member(p={"stiffness": c}) for c in (15.0, 20.0, 25.0)]
+    members = [Scenario(p={"stiffness": c}) for c in (15.0, 20.0, 25.0)]
     t = np.linspace(0, 6, 7)
     together = simulate_ensemble(worm, 6.0, members, times=t)
     assert together.codes == ("", "", "")
@@ -618,7 +618,7 @@ def test_an_ensemble_is_its_members_one_by_one():
 def test_a_member_that_fails_is_marked_and_the_others_are_kept():
     x, a = ca.SX.sym("x"), ca.SX.sym("a")
     model = Model("blow-up", x=[Signal("x", x, value=1.0)], ode=a * x**2, p=[Signal("a", a)])
-    members = [Member(p={"a": value}) for value in (0.0, 1.0, -1.0)]
+    members = [Scenario(p={"a": value}) for value in (0.0, 1.0, -1.0)]
     found = simulate_ensemble(model, 2.0, members, times=[0.0, 0.5, 2.0])
     assert found.codes[0] == found.codes[2] == ""
     assert found.codes[1] in ("step_too_small", "not_finite")

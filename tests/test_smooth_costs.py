@@ -11,7 +11,7 @@ from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.task import Objective, Search, Task, Worm
+from wormopt.systems.spiked.task import GaitProblem, Objective, Search, Worm
 
 LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
 ORDERS = [((0,), (2,)), ((0,), (1,), (2,)), ((0,), (0, 1), (1,), (1, 2), (2,), (0, 2))]
@@ -36,7 +36,7 @@ def motion_of(trial: Trial):
 def test_costs_of_a_program_are_those_of_the_crawling_worm(order, cost, drag):
     """The program sums over arcs and masses, `crawl` integrates the power of the gait."""
     worm = Worm(2, mass=(1.0, 2.0, 0.7), load=5.0, drag=drag)
-    trial = Trier(Task(worm, LIMITS, Objective(cost, 0.5))).free(order)
+    trial = Trier(GaitProblem(worm, LIMITS, Objective(cost, 0.5))).free(order)
     assert trial is not None
     motion = motion_of(trial)
     assert motion.speed >= 0.5 - 1e-9
@@ -66,7 +66,7 @@ def test_costs_do_not_depend_on_units(cost):
 def test_a_motion_with_given_arcs_is_charged_what_it_costs():
     """Half an arc in the wrong direction: the bound counts |force| times rate at both ends."""
     program = GaitProgram(
-        Task(Worm(1, load=5.0), LIMITS, Objective("energy_per_distance", 0.1)),
+        GaitProblem(Worm(1, load=5.0), LIMITS, Objective("energy_per_distance", 0.1)),
         ((0,), (1,)),
         (1.0, 1.0),
         arcs=2,
@@ -84,11 +84,11 @@ def test_a_motion_with_given_arcs_is_charged_what_it_costs():
 
 
 def test_waves_cost_what_all_their_phases_do():
-    task = Task(Worm(2, load=5.0), LIMITS, Objective("energy_per_distance", 0.5))
+    task = GaitProblem(Worm(2, load=5.0), LIMITS, Objective("energy_per_distance", 0.5))
     order = ((2,), (1,), (0,))
     whole = GaitProgram(task, order, (1.0, 1.0), 3)
     wave = WaveProgram(task, order, (1.0, 1.0), 3)
-    fast = WaveProgram(Task(task.worm, LIMITS), order, (1.0, 1.0), 3)
+    fast = WaveProgram(GaitProblem(task.worm, LIMITS), order, (1.0, 1.0), 3)
     start = fast.start(np.full(3, 1 / 3))
     assert start is not None
     found = wave.moving(*fast.motion(start))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 
 from wormopt.analysis.average import average
-from wormopt.analysis.continuation import follow_branch
+from wormopt.analysis.continuation import continue_branch
 from wormopt.analysis.steady import Rates, steady_states
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.friction import Coulomb, Law, Stribeck, Viscous
@@ -145,7 +145,7 @@ def test_models_that_are_not_autonomous_are_refused():
 def test_a_branch_goes_around_both_folds_of_a_cusp():
     model = scalar_model(lambda x, r: r + x - x**3, value=-2.0)
     (start,) = steady_states(model, {"x": (-3.0, 3.0)})
-    branch = follow_branch(start, "r", (-2.0, 2.0))
+    branch = continue_branch(start, "r", (-2.0, 2.0))
     assert [f.parameter for f in branch.folds] == pytest.approx(
         [2 / 27**0.5, -2 / 27**0.5], abs=1e-12
     )
@@ -161,7 +161,7 @@ def test_a_branch_goes_around_both_folds_of_a_cusp():
 def test_a_branch_is_sampled_where_it_is_asked_for():
     model = scalar_model(lambda x, r: r + x - x**3, value=-2.0)
     (start,) = steady_states(model, {"x": (-3.0, 3.0)})
-    branch = follow_branch(start, "r", (-2.0, 2.0))
+    branch = continue_branch(start, "r", (-2.0, 2.0))
     grid = np.linspace(-2.0, 2.0, 41)
     sampled = branch.at(grid)
     for value in grid:
@@ -175,7 +175,7 @@ def test_near_a_fold_both_sheets_are_found():
     model = scalar_model(lambda x, r: r + x - x**3, value=-2.0)
     (start,) = steady_states(model, {"x": (-3.0, 3.0)})
     near = 2 / 27**0.5 - 1e-3
-    found = follow_branch(start, "r", (-2.0, 2.0)).at(near)
+    found = continue_branch(start, "r", (-2.0, 2.0)).at(near)
     expected = np.sort(np.roots([-1.0, 0.0, 1.0, near]).real)
     assert np.sort(found.x[:, 0]) == pytest.approx(expected, abs=1e-9)
 
@@ -185,7 +185,7 @@ def test_a_branch_goes_on_where_another_one_crosses_its_fold(share: float):
     """x' = r x - x^3: the outer branch turns back at r = 0, where x = 0 crosses it."""
     model = scalar_model(lambda x, r: r * x - x**3, value=share)
     start = steady_states(model, {"x": (0.01, 2.0)})[0]
-    branch = follow_branch(start, "r", (-1.0, 1.0))
+    branch = continue_branch(start, "r", (-1.0, 1.0))
     outer = np.abs(branch.x[:, 0]) > 1e-3
     assert branch.x[outer, 0] ** 2 == pytest.approx(branch.parameter[outer], abs=1e-9)
     assert [fold.parameter for fold in branch.folds] == pytest.approx([0.0], abs=1e-3)
@@ -195,7 +195,7 @@ def test_a_branch_goes_on_where_another_one_crosses_its_fold(share: float):
 def test_a_branch_that_starts_at_an_end_of_its_range_is_whole(value: float):
     model = scalar_model(lambda x, r: r - x, value=value)
     (start,) = steady_states(model, {"x": (-2.0, 2.0)})
-    branch = follow_branch(start, "r", (-1.0, 1.0))
+    branch = continue_branch(start, "r", (-1.0, 1.0))
     assert np.all(np.diff(branch.parameter) > 0)
     grid = np.linspace(-1.0, 1.0, 9)
     assert branch.at(grid).x[:, 0] == pytest.approx(grid, abs=1e-12)
@@ -203,7 +203,7 @@ def test_a_branch_that_starts_at_an_end_of_its_range_is_whole(value: float):
 
 def test_a_branch_that_comes_back_to_its_start_is_closed():
     start = steady_states(oval(), {"x": (0.0, 2.0), "y": (0.0, 2.0)})[0]
-    branch = follow_branch(start, "r", (-1.0, 1.0))
+    branch = continue_branch(start, "r", (-1.0, 1.0))
     assert branch.ends == ("closed", "closed")
     assert sorted(f.parameter for f in branch.folds) == pytest.approx([-0.5, 0.5], abs=1e-12)
     assert branch.x[0] == pytest.approx(branch.x[-1])
@@ -213,7 +213,7 @@ def test_a_branch_that_comes_back_to_its_start_is_closed():
 def test_a_branch_that_grows_without_bound_is_given_up():
     model = scalar_model(lambda x, r: 1 - r * x, value=1.0)
     (start,) = steady_states(model, {"x": (0.0, 2.0)})
-    branch = follow_branch(start, "r", (-1.0, 2.0), largest=50.0)
+    branch = continue_branch(start, "r", (-1.0, 2.0), largest=50.0)
     assert sorted(branch.ends) == ["range", "runaway"]
     assert 50.0 < branch.x.max() < 60.0
 
@@ -223,7 +223,7 @@ def test_the_resonance_of_a_linear_swing_is_the_known_one():
     eps, drag = 0.01, 0.3
     model = pair(Viscous(eps * drag), eps)
     (start,) = steady_states(model, BOX)
-    branch = follow_branch(start, "frequency", (NATURAL - 2 * eps, NATURAL + 2 * eps))
+    branch = continue_branch(start, "frequency", (NATURAL - 2 * eps, NATURAL + 2 * eps))
     detuning = (branch.parameter - NATURAL) / eps
     size = np.hypot(*branch.states("swing"))
     expected = 1 / (2 * NATURAL * np.sqrt(detuning**2 + (drag / 2) ** 2))
@@ -240,7 +240,7 @@ def test_friction_that_falls_with_velocity_folds_the_resonance():
     model = pair(law, eps, detuning=1.0)
     start = max(steady_states(model, BOX), key=lambda state: state.x[0])
     span = (NATURAL + 0.3 * eps, NATURAL + 3 * eps)
-    branch = follow_branch(start, "frequency", span)
+    branch = continue_branch(start, "frequency", span)
     (fold,) = branch.folds
     assert (branch.parameter <= fold.parameter + 1e-12).all()
     above, below = (
@@ -274,7 +274,7 @@ def test_branches_that_cannot_be_followed_are_refused(parameter: str, span, mess
     )
     (start,) = steady_states(model, {"x": (0.0, 1.0)})
     with pytest.raises((ArgumentError, UnknownNameError), match=message):
-        follow_branch(start, parameter, span)
+        continue_branch(start, parameter, span)
 
 
 def test_contacts_are_averaged_first():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from wormopt.analysis.continuation import follow_branch
+from wormopt.analysis.continuation import continue_branch
 from wormopt.analysis.steady import Rates
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Signal
@@ -189,7 +189,7 @@ def test_a_drop_folds_where_it_loses_stability():
     drop = rates.steady(x[0], np.array([0.5]))
     assert drop.stable
     assert film_thickness(x[0], order=8).max() == pytest.approx(3.256, abs=0.01)
-    branch = follow_branch(drop, "delta", (0.4, 0.55), max_points=60)
+    branch = continue_branch(drop, "delta", (0.4, 0.55), max_points=60)
     (fold,) = branch.folds
     assert fold.parameter == pytest.approx(0.4175, abs=1e-3)
     lost = np.flatnonzero(np.diff(branch.stable.astype(int)) != 0)

@@ -21,7 +21,7 @@ from wormopt.control.lambda_tracker import (
     lambda_tracker,
 )
 from wormopt.control.loop import FeedForward
-from wormopt.control.reference import Reference, follow
+from wormopt.control.reference import Reference, gait_reference
 from wormopt.model.friction import Coulomb
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Schedule, Signal, pack
@@ -162,7 +162,7 @@ TRACKS: dict[Feedback, list[float]] = {
 def test_the_trackers_reproduce_the_benchmarks(feedback: Feedback):
     """TRACK14 and TRACK13: the chapter's data, rest length 0, x(0) = (0, 2, 4), at t = 10."""
     plant = worm(rest_length=0.0, position=(0.0, 2.0, 4.0))
-    reference = follow(fast_gait(1.0), plant.t)
+    reference = gait_reference(fast_gait(1.0), plant.t)
     loop = lambda_tracker(plant, reference, tube_radius=0.2, feedback=feedback)
     run = Run(loop, 10.0)
     assert run.end == pytest.approx(TRACKS[feedback], abs=1e-9)
@@ -209,7 +209,7 @@ def test_a_reference_is_the_gait_and_its_exact_derivatives(name: str, t: float, 
     at = np.mod(t + shift, gait.period)
     if np.abs(at - gait.breaks).min() < 1e-9:
         return
-    found = evaluated(follow(gait, time, shift=shift), time, t)
+    found = evaluated(gait_reference(gait, time, shift=shift), time, t)
     for derivative, part in enumerate(found):
         expected = gait(np.array([t + shift]), derivative)[:, 0]
         assert part == pytest.approx(expected, rel=1e-9, abs=1e-9)
@@ -219,7 +219,7 @@ def test_a_reference_is_the_gait_and_its_exact_derivatives(name: str, t: float, 
 def test_rates_are_slopes_of_the_values(name: str):
     """Central differences inside a piece, which know nothing of derivatives."""
     gait, time, h = GAITS[name], ca.SX.sym("t"), 1e-5
-    reference = follow(gait, time, shift=0.1)
+    reference = gait_reference(gait, time, shift=0.1)
     for t in (gait.breaks[:-1] + gait.breaks[1:]) / 2 - 0.1 + 3 * gait.period:
         ahead, now, behind = (evaluated(reference, time, t + d) for d in (h, 0.0, -h))
         for k in (0, 1):
@@ -229,7 +229,7 @@ def test_rates_are_slopes_of_the_values(name: str):
 
 def test_a_reference_may_have_no_shift_that_is_no_number():
     with pytest.raises(ValueError, match="shift must be finite"):
-        follow(fast_gait(1.0), ca.SX.sym("t"), shift=float("nan"))
+        gait_reference(fast_gait(1.0), ca.SX.sym("t"), shift=float("nan"))
 
 
 def test_the_travelling_sine_is_what_it_says():
@@ -273,7 +273,7 @@ def test_the_force_of_a_tracker_at_a_point(seed: int, feedback: Feedback):
     believed = FeedForward(stiffness=[8.0, 9.0, 11.0], rest_length=1.9, damping=4.0)
     loop = lambda_tracker(
         plant,
-        follow(gait, plant.t),
+        gait_reference(gait, plant.t),
         tube_radius=0.3,
         feedback=feedback,
         adaptation=Quadratic(growth=2.5),
@@ -313,7 +313,9 @@ def test_a_true_feed_forward_leaves_links_on_the_reference_without_force():
     a, b = np.array([2.0, 1.8]), np.array([0.5, -0.7])
     gait = Gait(np.array([0.0, 1.0]), np.stack([a, b], axis=1)[None])
     believed = FeedForward([9.0, 12.0], [1.5, 1.0], [3.0, 4.0])
-    loop = lambda_tracker(plant, follow(gait, plant.t), tube_radius=0.2, feedforward=believed)
+    loop = lambda_tracker(
+        plant, gait_reference(gait, plant.t), tube_radius=0.2, feedforward=believed
+    )
     y = a + 0.4 * b
     x = {"position": [y.sum(), y[1], 0.0], "velocity": [b.sum() + 1, b[1] + 1, 1.0], "gain": 5.0}
     at = point(loop, x, [a, b])
@@ -360,7 +362,7 @@ def puppet(law: Adaptation, pieces: Sequence[tuple[float, float]], **options: An
     )
     t, e = np.array(pieces).T
     polynomial = np.stack([-e[:-1], -np.diff(e) / np.diff(t)], axis=1)[:, None, :]
-    reference = follow(Gait(t, polynomial), plant.t)
+    reference = gait_reference(Gait(t, polynomial), plant.t)
     return lambda_tracker(plant, reference, tube_radius=0.2, adaptation=law, **options)
 
 
@@ -422,7 +424,7 @@ def test_watching_the_tube_locates_crossings_and_changes_nothing():
     """On the real worm with a small gain: the error enters and leaves the tube many times."""
     plant = worm()
     options: dict[str, Any] = {"tube_radius": 0.2, "adaptation": Quadratic(5.0)}
-    reference = follow(fast_gait(1.0), plant.t)
+    reference = gait_reference(fast_gait(1.0), plant.t)
     watched = Run(lambda_tracker(plant, reference, watch=True, **options), 3.0)
     plain = Run(lambda_tracker(plant, reference, **options), 3.0)
     assert plain.events == []
@@ -449,7 +451,7 @@ def test_random_links_and_a_gait_run_through_one_loop():
 
     def end(stiffness: Any) -> np.ndarray:
         plant = worm(stiffness=stiffness)
-        reference = follow(fast_gait(1.0), plant.t, shift=0.2)
+        reference = gait_reference(fast_gait(1.0), plant.t, shift=0.2)
         loop = lambda_tracker(plant, reference, tube_radius=0.2, feedback="filter")
         names = [s.name for s in loop.schedules]
         assert names == ([] if isinstance(stiffness, float) else ["stiffness"]) + ["reference"]
@@ -471,7 +473,7 @@ def test_members_of_an_ensemble_share_their_expressions():
     def loop(seed: int) -> Model:
         path = ornstein_uhlenbeck(np.random.default_rng(seed), [10.0, 10.0], 2.0, 1.0, 0.5, 1.5)
         plant = worm(stiffness=path)
-        return lambda_tracker(plant, follow(fast_gait(1.0), plant.t), tube_radius=0.2)
+        return lambda_tracker(plant, gait_reference(fast_gait(1.0), plant.t), tube_radius=0.2)
 
     first, second = loop(1), loop(2)
     assert str(first.ode) == str(second.ode)
@@ -488,7 +490,7 @@ def test_members_of_an_ensemble_share_their_expressions():
 def test_the_funnel_controller_keeps_both_errors_in_their_funnels():
     plant = worm(position=(4.3, 2.0, 0.0))
     outer, inner = Funnel(0.8, 0.1, time=0.5), Funnel(3.0, 1.5, time=0.5)
-    reference = follow(fast_gait(1.0), plant.t)
+    reference = gait_reference(fast_gait(1.0), plant.t)
     loop = funnel_tracker(plant, reference, funnel=outer, rate_funnel=inner, gain=4.0)
     run = Run(loop, 3.0, rtol=1e-10)
     assert np.all(run.output("error_norm") < run.output("funnel"))
@@ -507,7 +509,7 @@ def test_the_force_of_the_funnel_controller_at_a_point(seed: int):
     gait = Gait(np.array([0.0, 1.0]), np.array([[[2.0, 0.0], [2.0, 0.0]]]))
     loop = funnel_tracker(
         plant,
-        follow(gait, plant.t),
+        gait_reference(gait, plant.t),
         funnel=Funnel(2.0, 0.5, time=2.0),
         rate_funnel=Funnel(9.0, 3.0, time=1.0),
         gain=3.0,
@@ -535,7 +537,7 @@ def test_a_start_outside_a_funnel_is_refused_with_its_numbers():
     plant = worm(position=(4.7, 2.4, 0.0), velocity=(0.9, 0.0, 0.0))
     # The gait shifted by a quarter of its two pieces: the second piece counts, 2 throughout.
     polynomial = np.array([[[9.0], [9.0]], [[2.0], [2.0]]])
-    reference = follow(Gait(np.array([0.0, 0.5, 1.0]), polynomial), plant.t, shift=-1.25)
+    reference = gait_reference(Gait(np.array([0.0, 0.5, 1.0]), polynomial), plant.t, shift=-1.25)
     wide = Funnel(9.0, 1.0, time=1.0)
     with pytest.raises(ValueError, match=r"the error starts at 0\.5, outside its funnel of 0\.5"):
         funnel_tracker(plant, reference, funnel=Funnel(0.5, 0.1, time=1.0), rate_funnel=wide)
@@ -559,7 +561,7 @@ def test_a_closed_loop_tells_what_it_is():
     plant = worm()
     loop = lambda_tracker(
         plant,
-        follow(fast_gait(1.0), plant.t),
+        gait_reference(fast_gait(1.0), plant.t),
         tube_radius=0.25,
         feedback="filter",
         adaptation=Decay(2.0, 0.1, growth=3.0),
@@ -597,7 +599,7 @@ def test_a_closed_loop_tells_what_it_is():
 def test_loops_of_many_links_stay_linear_in_size():
     def instructions(links: int) -> int:
         plant = worm(links)
-        reference = follow(travelling_sine(links, 1.0), plant.t)
+        reference = gait_reference(travelling_sine(links, 1.0), plant.t)
         loop = lambda_tracker(plant, reference, tube_radius=0.2, feedback="filter")
         (schedule,) = loop.schedules
         symbols = [loop.t, pack(loop.x), pack(loop.p), loop.forces, schedule.symbol, schedule.begin]
@@ -655,9 +657,9 @@ def test_loops_that_make_no_sense_are_refused(build: Callable[[], object], messa
 
 def test_a_misspelt_feedback_and_a_reference_of_another_time_are_refused():
     plant = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0)
-    reference = follow(fast_gait(1.0), plant.t)
+    reference = gait_reference(fast_gait(1.0), plant.t)
     with pytest.raises(ValueError, match="feedback must be"):
         lambda_tracker(plant, reference, tube_radius=0.2, feedback="derivativ")  # type: ignore[arg-type]
-    other = follow(fast_gait(1.0), ca.SX.sym("t"))
+    other = gait_reference(fast_gait(1.0), ca.SX.sym("t"))
     with pytest.raises(ValueError, match=r"plant\.t"):
         lambda_tracker(plant, other, tube_radius=0.2)

@@ -11,7 +11,7 @@ from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.elastic import elastic
 from wormopt.ocp.mesh import Mesh, on_finer_mesh
 from wormopt.ocp.nlp import Ipopt
-from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.ocp.transcription import Transcription
 
 ROOT_ONE_AND_A_HALF = 1.224744871391589
@@ -38,7 +38,10 @@ def fastest(model: Model, start: tuple[float, ...], end: tuple[float, float]) ->
         ends,
         ends.duration,
         (0.01, 10.0),
-        at_ends=[Bound("start", begin, start, start), Bound("end", ends.end, end, end)],
+        boundary_constraints=[
+            Constraint("start", begin, start, start),
+            Constraint("end", ends.end, end, end),
+        ],
     )
 
 
@@ -97,9 +100,9 @@ def oscillator(scheme, degree: int, arcs: int) -> float:
         ends.integrals[0],
         (1.0, 1.0),
         integrands=u**2 / 2,
-        at_ends=[
-            Bound("start", ends.start, [0, 0], [0, 0]),
-            Bound("end", ends.end, [1, 0], [1, 0]),
+        boundary_constraints=[
+            Constraint("start", ends.start, [0, 0], [0, 0]),
+            Constraint("end", ends.end, [1, 0], [1, 0]),
         ],
     )
     mesh = Mesh.even(1, int(arcs), Collocation(degree, scheme), degree - 1)
@@ -137,8 +140,11 @@ def test_bounds_hold_inside_arcs_not_only_at_nodes():
         ends,
         -ends.duration,
         (0.1, 10.0),
-        along=[Bound("ceiling", y, upper=0.5)],
-        at_ends=[Bound("start", ends.start[0], 0, 0), Bound("end", ends.end[0], 0, 0)],
+        path_constraints=[Constraint("ceiling", y, upper=0.5)],
+        boundary_constraints=[
+            Constraint("start", ends.start[0], 0, 0),
+            Constraint("end", ends.end[0], 0, 0),
+        ],
     )
     program = Transcription(problem, Mesh(1, 4, Collocation(2)))
     bounds = program.bounds(ModeSequence(((),)))
@@ -185,10 +191,10 @@ def test_an_impossible_problem_is_explained_by_the_limits_in_conflict():
         ends,
         ca.SX(0),
         (1.0, 1.0),
-        along=[Bound("speed limit", model.x[1].symbol, -0.5, 0.5)],
-        at_ends=[
-            Bound("start", ends.start, [0, 0], [0, 0]),
-            Bound("distance", ends.end[0], 2.0),
+        path_constraints=[Constraint("speed limit", model.x[1].symbol, -0.5, 0.5)],
+        boundary_constraints=[
+            Constraint("start", ends.start, [0, 0], [0, 0]),
+            Constraint("distance", ends.end[0], 2.0),
         ],
     )
     program = Transcription(elastic(problem), Mesh(1, 4, Collocation(2)))
@@ -227,7 +233,7 @@ def test_a_model_may_depend_on_time_and_have_algebraic_equations():
         ends.integrals[0],
         (1.5, 1.5),
         integrands=(u - z) ** 2,
-        at_ends=[Bound("start", ends.start, 0, 0)],
+        boundary_constraints=[Constraint("start", ends.start, 0, 0)],
     )
     program = Transcription(problem, Mesh.even(1, 6, Collocation(5), input_degree=4))
     bounds = program.bounds(ModeSequence(((),)))

@@ -11,7 +11,7 @@ import scipy.linalg
 import skfem
 from scipy.optimize import brentq
 
-from wormopt.analysis.vibration import Modes, vibration_modes
+from wormopt.analysis.vibration import VibrationModes, vibration_modes
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.model import Model, Output, Signal
 from wormopt.systems.channel.channel_rod import channel_rod
@@ -31,7 +31,7 @@ def slender(density: float, length: float = 48e-3, elements: int = 20, by: float
     return rubber(elements, length=length, diameter=4e-3 / by, density=density / by**2)
 
 
-def bending(modes: Modes) -> np.ndarray:
+def bending(modes: VibrationModes) -> np.ndarray:
     """Frequencies of the vibrations across, without rigid motions."""
     along, across = (np.abs(modes.shapes[name]).max(axis=0) for name in ("along", "across"))
     return modes.frequencies[(modes.frequencies > 0) & (across > along)]

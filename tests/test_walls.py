@@ -14,7 +14,7 @@ from wormopt.magnetics.blocks import block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Schedule, Signal
-from wormopt.simulation.moreau import Marcher, Steps
+from wormopt.simulation.moreau import MoreauJean, StepRecord
 from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
@@ -68,9 +68,9 @@ def softened(level: float) -> Trajectory:
     )
 
 
-def marched(step: float) -> Steps:
+def marched(step: float) -> StepRecord:
     symbols = ca.MX.sym("q", 2), ca.MX.sym("c", 2)
-    marcher = Marcher(BLOCK, inputs=ca.Function("inputs", symbols, [symbols[1]]))
+    marcher = MoreauJean(BLOCK, inputs=ca.Function("inputs", symbols, [symbols[1]]))
     return marcher.march(END, np.zeros(4), schedule=PUSHED, step=step)
 
 
@@ -155,7 +155,7 @@ def test_a_rod_in_a_travelling_field_moves_alike():
     rod, model, load, schedule = pulled(elements=8)
     start, end = straight(rod, along=30e-3), 0.15
     x0 = np.concatenate([start[signal.name] for signal in model.x])
-    sharp = Marcher(model, inputs=load).march(end, x0, schedule=schedule, step=1e-6)
+    sharp = MoreauJean(model, inputs=load).march(end, x0, schedule=schedule, step=1e-6)
     fed, n = with_pull(model, load, schedule), rod.count
     centre, across = rod.weights @ sharp.states[:n] / rod.length, sharp.states[n : 2 * n]
     apart = []

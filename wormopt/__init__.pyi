@@ -2,13 +2,13 @@ from wormopt import magnetics as magnetics
 from wormopt.analysis.average import average as average
 from wormopt.analysis.bode import bode as bode
 from wormopt.analysis.continuation import Branch as Branch
-from wormopt.analysis.continuation import follow_branch as follow_branch
+from wormopt.analysis.continuation import continue_branch as continue_branch
 from wormopt.analysis.lie import relative_degree as relative_degree
-from wormopt.analysis.linearise import Linear as Linear
+from wormopt.analysis.linearise import LinearModel as LinearModel
 from wormopt.analysis.linearise import linearise as linearise
 from wormopt.analysis.steady import SteadyState as SteadyState
 from wormopt.analysis.steady import steady_states as steady_states
-from wormopt.analysis.vibration import Modes as Modes
+from wormopt.analysis.vibration import VibrationModes as VibrationModes
 from wormopt.analysis.vibration import vibration_modes as vibration_modes
 from wormopt.control.drive import drive as drive
 from wormopt.control.funnel import Funnel as Funnel
@@ -20,7 +20,7 @@ from wormopt.control.lambda_tracker import lambda_tracker as lambda_tracker
 from wormopt.control.loop import FeedForward as FeedForward
 from wormopt.control.lqr import lqr as lqr
 from wormopt.control.reference import Reference as Reference
-from wormopt.control.reference import follow as follow
+from wormopt.control.reference import gait_reference as gait_reference
 from wormopt.errors import ArgumentError as ArgumentError
 from wormopt.errors import Interrupted as Interrupted
 from wormopt.errors import SceneError as SceneError
@@ -41,9 +41,9 @@ from wormopt.model.model import Signal as Signal
 from wormopt.model.model import Switch as Switch
 from wormopt.model.modes import ModeSequence as ModeSequence
 from wormopt.numerics.collocation import Collocation as Collocation
-from wormopt.ocp.contact import Complementary as Complementary
-from wormopt.ocp.contact import Prescribed as Prescribed
-from wormopt.ocp.contact import Smoothed as Smoothed
+from wormopt.ocp.contact import Complementarity as Complementarity
+from wormopt.ocp.contact import FixedModes as FixedModes
+from wormopt.ocp.contact import Regularised as Regularised
 from wormopt.ocp.mesh import Mesh as Mesh
 from wormopt.ocp.motion import Guess as Guess
 from wormopt.ocp.motion import Motion as Motion
@@ -53,10 +53,10 @@ from wormopt.ocp.optimise import Optimum as Optimum
 from wormopt.ocp.optimise import best_of as best_of
 from wormopt.ocp.optimise import optimise as optimise
 from wormopt.ocp.optimise import refine as refine
-from wormopt.ocp.polish import polish as polish
-from wormopt.ocp.problem import Bound as Bound
+from wormopt.ocp.problem import Constraint as Constraint
 from wormopt.ocp.problem import Ends as Ends
 from wormopt.ocp.problem import Problem as Problem
+from wormopt.ocp.switching import optimise_switching_times as optimise_switching_times
 from wormopt.plotting import draw as draw
 from wormopt.quantities import Scalar as Scalar
 from wormopt.quantities import Variable as Variable
@@ -66,9 +66,9 @@ from wormopt.runner import run as run
 from wormopt.scene import Scene as Scene
 from wormopt.scene import load_scene as load_scene
 from wormopt.simulation.ensemble import Ensemble as Ensemble
-from wormopt.simulation.ensemble import Member as Member
+from wormopt.simulation.ensemble import Scenario as Scenario
 from wormopt.simulation.ensemble import simulate_ensemble as simulate_ensemble
-from wormopt.simulation.moreau import Marcher as Marcher
+from wormopt.simulation.moreau import MoreauJean as MoreauJean
 from wormopt.simulation.options import Exact as Exact
 from wormopt.simulation.options import Smooth as Smooth
 from wormopt.simulation.options import Tolerance as Tolerance
@@ -97,9 +97,9 @@ from wormopt.systems.spiked.design.sensitivity import sensitivities as sensitivi
 from wormopt.systems.spiked.files import load_gait as load_gait
 from wormopt.systems.spiked.limits import Limits as Limits
 from wormopt.systems.spiked.limits import Rates as Rates
+from wormopt.systems.spiked.task import GaitProblem as GaitProblem
 from wormopt.systems.spiked.task import Objective as Objective
 from wormopt.systems.spiked.task import Search as Search
-from wormopt.systems.spiked.task import Task as Task
 from wormopt.systems.spiked.task import Worm as Worm
 from wormopt.systems.spiked.verify import violations as violations
 

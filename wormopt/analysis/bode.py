@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike
 
-from wormopt.analysis.linearise import Linear
+from wormopt.analysis.linearise import LinearModel
 from wormopt.errors import ArgumentError
 
 _COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00")  # Okabe and Ito; dashed from the fifth on
 
 
-def frequencies(linear: Linear) -> np.ndarray:
+def frequencies(linear: LinearModel) -> np.ndarray:
     """Choose frequencies that show the effect of poles and zeros, with resonances resolved.
 
     Ascending, from a decade below to a decade above all poles and zeros but those at 0.
@@ -39,7 +39,7 @@ def _around(corner: complex) -> np.ndarray:
 
 
 def bode(
-    linear: Linear,
+    linear: LinearModel,
     to: str | PathLike[str] | np.ndarray | None = None,
     *,
     omega: ArrayLike | None = None,

@@ -136,7 +136,7 @@ class Branch:
         return replace(self, parameter=parameter[found], x=x[found], eigenvalues=spectra)
 
 
-def follow_branch(
+def continue_branch(
     start: SteadyState,
     parameter: str,
     span: tuple[float, float],
@@ -180,7 +180,7 @@ def follow_branch(
     >>> x, r = ca.SX.sym("x"), ca.SX.sym("r")
     >>> cusp = Model("cusp", x=[Signal("x", x)], ode=r + x - x**3, p=[Signal("r", r, value=-2.0)])
     >>> (low,) = steady_states(cusp, {"x": (-3, 3)})
-    >>> branch = follow_branch(low, "r", (-2.0, 2.0))
+    >>> branch = continue_branch(low, "r", (-2.0, 2.0))
     >>> [round(fold.parameter * 27**0.5, 9) for fold in branch.folds], branch.ends
     ([2.0, -2.0], ('range', 'range'))
     """

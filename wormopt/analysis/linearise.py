@@ -7,7 +7,7 @@ with the link lengths as outputs that is the common motion of all masses, whose 
 -sum k_i / sum m_i with the slopes k_i of drag and friction.
 
 A worm's place changes neither rates nor outputs. This shift, a zero at 0, does not count against
-minimum phase; see `Linear.phase_kind`.
+minimum phase; see `LinearModel.phase_kind`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _REGULAR = 1e12  # condition up to which a matrix counts as regular
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
+class LinearModel:
     """Linear system x' = A x + B u, y = C x + D u of deviations from an operating point.
 
     Parameters
@@ -59,7 +59,8 @@ class Linear:
     A mass 2 on a dashpot 1, force to position, has the transfer function 1 / (s (2 s + 1)):
 
     >>> a, b = np.array([[0.0, 1.0], [0.0, -0.5]]), np.array([[0.0], [0.5]])
-    >>> cart = Linear("cart", a, b, np.eye(2)[:1], np.zeros((1, 1)), ("x", "v"), ("f",), ("y",))
+    >>> c, d = np.eye(2)[:1], np.zeros((1, 1))
+    >>> cart = LinearModel("cart", a, b, c, d, ("x", "v"), ("f",), ("y",))
     >>> cart.relative_degree, cart.high_frequency_gain, cart.poles.real
     ((2,), array([[0.5]]), array([-0.5,  0. ]))
     """
@@ -233,7 +234,7 @@ class Linear:
 
         Examples
         --------
-        >>> low_pass = Linear("low", -np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)),
+        >>> low_pass = LinearModel("low", -np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)),
         ...                   ("x",), ("u",), ("y",))
         >>> low_pass.frequency_response([1.0])[0, 0].round(12)
         array([0.5-0.5j])
@@ -288,7 +289,7 @@ def linearise(
     p: Values | None = None,
     v_reg: float = 1 / 40,
     t: float = 0.0,
-) -> Linear:
+) -> LinearModel:
     """Linearise a model at an operating point, by exact derivatives.
 
     Contacts follow the smooth law: where a mass slides faster than a few v_reg, dry friction is a
@@ -351,4 +352,4 @@ def linearise(
         v_reg,
         explicit.scheduled(t),
     )
-    return Linear(model.name, *(matrix.full() for matrix in matrices), **explicit.names)
+    return LinearModel(model.name, *(matrix.full() for matrix in matrices), **explicit.names)

@@ -174,7 +174,7 @@ def steady_states(
 
     Newton's method from many points that fill the box evenly, and smaller ones around its middle
     (R_d sequence of M. Roberts, 2018). What it finds are steady states; that there are no others
-    is likely, not proven. `follow_branch` leads to others that hang together with them.
+    is likely, not proven. `continue_branch` leads to others that hang together with them.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ _ROUNDINGS = 100.0
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class VibrationModes:
     """Natural vibrations, slow ones first.
 
     Parameters
@@ -51,7 +51,7 @@ def vibration_modes(
     x0: Mapping[str, ArrayLike] | None = None,
     p: Mapping[str, ArrayLike] | None = None,
     count: int = 8,
-) -> Modes:
+) -> VibrationModes:
     """Find the slowest natural vibrations.
 
     Parameters
@@ -116,7 +116,7 @@ def vibration_modes(
     shapes = np.zeros((sum(s.size for s in places), len(squares)))
     shapes[free] = vectors
     residual = _residual(K, M, squares, vectors)
-    return Modes(np.sqrt(squares) / (2 * np.pi), by_name(places, shapes), residual)
+    return VibrationModes(np.sqrt(squares) / (2 * np.pi), by_name(places, shapes), residual)
 
 
 def _free(places: Sequence[Signal], held: Mapping[str, Sequence[int]]) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.integrate import IntegrationWarning, quad
 
 from wormopt.analysis.average import average
-from wormopt.analysis.continuation import follow_branch
+from wormopt.analysis.continuation import continue_branch
 from wormopt.analysis.steady import steady_states
 from wormopt.bench.run import Found, aligned, axes, curve, save, seconds, timed
 from wormopt.model.friction import Coulomb
@@ -131,7 +131,7 @@ def _followed(model: Model) -> float:
     (state,) = steady_states(model, box)
     span = (_NATURAL + 0.01 * _EPS, _NATURAL + 2 * _EPS)
     frequency = _NATURAL + _EPS * np.linspace(0.02, 2.0, _POINTS)
-    branch = follow_branch(state, "frequency", span).at(frequency)
+    branch = continue_branch(state, "frequency", span).at(frequency)
     if len(branch.parameter) != _POINTS:
         return math.nan
     exact = [steady_pair(0.5, 1.0, (nu - _NATURAL) / _EPS).velocity for nu in branch.parameter]

@@ -11,7 +11,7 @@ import numpy as np
 
 from wormopt.bench.driven_chain import DrivenChain, Grip, Plant
 from wormopt.control.lambda_tracker import Feedback, lambda_tracker
-from wormopt.control.reference import follow
+from wormopt.control.reference import gait_reference
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal
 from wormopt.simulation.options import Exact, Smooth, Treatment
@@ -66,7 +66,7 @@ def track(feedback: Feedback) -> Model:
         law=Coulomb(1.0, 10.0),
         position=(0.0, 2.0, 4.0),
     )
-    reference = follow(fast_gait(1.0), worm.t)
+    reference = gait_reference(fast_gait(1.0), worm.t)
     return lambda_tracker(worm, reference, tube_radius=0.2, feedback=feedback)
 
 

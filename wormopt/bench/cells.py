@@ -11,7 +11,7 @@ import numpy as np
 
 from wormopt.bench.driven_chain import DrivenChain, Grip
 from wormopt.control.lambda_tracker import Feedback, lambda_tracker
-from wormopt.control.reference import follow
+from wormopt.control.reference import gait_reference
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.simulation.options import Exact, Smooth, Treatment
@@ -59,7 +59,7 @@ class Cell:
         plant = worm.worm(2.0)
         return lambda_tracker(
             plant,
-            follow(worm.gait, plant.t),
+            gait_reference(worm.gait, plant.t),
             tube_radius=tracker.radius,
             feedback=tracker.feedback,
             gain_start=tracker.gain,

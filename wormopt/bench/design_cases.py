@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.systems.spiked.limits import Limits, Rates
-from wormopt.systems.spiked.task import Task, Worm
+from wormopt.systems.spiked.task import GaitProblem, Worm
 
 Case = dict[str, Any]
 """``name``, and the tables ``worm`` and ``gait`` of a scene of kind gait-design."""
@@ -176,12 +176,12 @@ def _rounded(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-def task_of(case: Case) -> Task:
+def task_of(case: Case) -> GaitProblem:
     """The problem as the designer takes it."""
     gait = dict(case["gait"])
     if isinstance(gait.get("rate"), dict):
         gait["rate"] = Rates(**gait["rate"])
-    return Task(Worm(**case["worm"]), Limits(**gait))
+    return GaitProblem(Worm(**case["worm"]), Limits(**gait))
 
 
 # -- the judge -----------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import matrix_balance
 
 from wormopt.control.loop import FeedForward, TrackingError, close
-from wormopt.control.reference import follow
+from wormopt.control.reference import gait_reference
 from wormopt.model.friction import Coulomb, Law, Spike
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
@@ -147,7 +147,7 @@ class DrivenChain:
     def model(self) -> Model:
         """Build the Model of the chain under its command."""
         worm = self.worm(0.0)
-        reference = follow(self.gait, worm.t)
+        reference = gait_reference(self.gait, worm.t)
         force, believed = FeedForward(self.stiffness, 0.0).force(reference)
         error = TrackingError.of(worm, reference)
         return close(worm, reference, error, force, name="command", parameters=believed)

@@ -170,7 +170,7 @@ class Piece:
 
 
 @dataclass(frozen=True, eq=False)
-class Smoothed:
+class Regularised:
     """x' = rates(t, x, q), q what changes from piece to piece; other numbers as in the model."""
 
     model: Model  # without switches or algebraic equations
@@ -240,7 +240,7 @@ def _stretches(schedule: Schedule, span: float) -> tuple[np.ndarray, np.ndarray]
 def called(function: ca.Function) -> Rates:
     """Wrap a CasADi function of (t, x, q) to avoid the overhead of its calls.
 
-    The result is flat by columns. For `Smoothed.function` or `Smoothed.jacobian`.
+    The result is flat by columns. For `Regularised.function` or `Regularised.jacobian`.
     """
     buffer, run = function.buffer()
     arrays = [np.zeros(function.numel_in(k)) for k in range(3)]
@@ -259,7 +259,7 @@ def called(function: ca.Function) -> Rates:
 
 
 def by_casadi(
-    smoothed: Smoothed, plugin: str, times: np.ndarray, relative: float, **options: Any
+    smoothed: Regularised, plugin: str, times: np.ndarray, relative: float, **options: Any
 ) -> Callable[[np.ndarray], np.ndarray]:
     """CasADi's integrator `plugin`: (n_x,) at the start to (n_x, m) at the `times`, ascending.
 
@@ -280,7 +280,7 @@ def by_casadi(
 
 
 def by_lsoda(
-    smoothed: Smoothed, times: np.ndarray, start: np.ndarray, relative: float
+    smoothed: Regularised, times: np.ndarray, start: np.ndarray, relative: float
 ) -> np.ndarray:
     """States (n_x, m) at the `times`, ascending, by SciPy's LSODA with an analytic Jacobian."""
     rates, jacobian = called(smoothed.function), called(smoothed.jacobian)

@@ -20,12 +20,12 @@ import numpy as np
 from wormopt.bench.run import OWN, Found, aligned, colour, seconds, timed, why
 from wormopt.model.friction import Coulomb
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Smoothed
+from wormopt.ocp.contact import Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess, sample
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import optimise, refine
-from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.ocp.transcription import Transcription
 from wormopt.progress import Report
 from wormopt.systems.block.block import block
@@ -73,7 +73,7 @@ def graded(tolerance: float) -> Grid:
 
     `tolerance`: local error of an arc.
     """
-    law = Smoothed(_V_REG, _V_REG, active=((1,), (-1,)))
+    law = Regularised(_V_REG, _V_REG, active=((1,), (-1,)))
     mesh = Mesh.even(2, 10, Collocation(3, "radau"))
     found = refine(optimise(_problem(), mesh, law, _guess()), tolerance, rounds=8).motion.mesh
     edges, shares = np.cumsum([0, *found.counts]), found.shares or ()
@@ -98,10 +98,10 @@ def _problem() -> Problem:
     model = block(Coulomb(1.0, 2.0), force=_FORCE)
     ends = Ends.of(model)
     at_ends = [
-        Bound("start", ends.start, [0.0, 0.0], [0.0, 0.0]),
-        Bound("end", ends.end, [1.0, 0.0], [1.0, 0.0]),
+        Constraint("start", ends.start, [0.0, 0.0], [0.0, 0.0]),
+        Constraint("end", ends.end, [1.0, 0.0], [1.0, 0.0]),
     ]
-    return Problem(model, ends, ends.duration, (0.01, _LATEST), at_ends=at_ends)
+    return Problem(model, ends, ends.duration, (0.01, _LATEST), boundary_constraints=at_ends)
 
 
 def _guess() -> Guess:
@@ -123,7 +123,7 @@ def wormopt(grid: Grid) -> Solve:
     """Build the program by the general transcription of a Problem."""
     counts, shares = tuple(map(len, grid.shares)), tuple(share for _, share, *_ in grid.arcs)
     mesh = Mesh(len(counts), counts, Collocation(grid.degree, "radau"), shares=shares)
-    program = Transcription(_problem(), mesh, Smoothed(_V_REG, _V_REG))
+    program = Transcription(_problem(), mesh, Regularised(_V_REG, _V_REG))
     bounds = program.bounds(_V_REG, active=[(held,) for held in grid.held])
     start = sample(program, _guess(), bounds)
     program.nlp.prepare(Ipopt())

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from wormopt.bench.cases import Case
-from wormopt.bench.integrators import Smoothed, by_casadi, event_loop
+from wormopt.bench.integrators import Regularised, by_casadi, event_loop
 from wormopt.control.lambda_tracker import Feedback
 from wormopt.simulation.native.build import library
 from wormopt.simulation.options import Smooth, Tolerance
@@ -219,7 +219,7 @@ def _event_loop(method: str, case: Case) -> Run:
 
 def _casadi(plugin: str, case: Case, **options: str) -> Run:
     assert isinstance(case.contact, Smooth)
-    smoothed, times = Smoothed(case.build(), case.contact.v_reg), np.array([case.span])
+    smoothed, times = Regularised(case.build(), case.contact.v_reg), np.array([case.span])
 
     @cache
     def integrator(relative: float) -> Callable[[np.ndarray], np.ndarray]:

@@ -31,7 +31,7 @@ import numpy as np
 
 from wormopt.bench.cells import Cell, cells
 from wormopt.bench.driven_chain import Plant, linear_flow
-from wormopt.bench.integrators import Smoothed, by_casadi, by_lsoda, called, event_loop
+from wormopt.bench.integrators import Regularised, by_casadi, by_lsoda, called, event_loop
 from wormopt.errors import SolveError
 from wormopt.model.model import Model
 from wormopt.progress import Report
@@ -169,7 +169,7 @@ def _means(
             return event_loop(plant, span, times, **asked).states
 
         return plant.start, loop
-    smoothed = Smoothed(model, cell.v_reg)
+    smoothed = Regularised(model, cell.v_reg)
     if implicit or cell.group == "jumps":  # CasADi goes on over jumps without a new start
         return smoothed.start, lambda start, rtol: by_lsoda(smoothed, times, start, rtol)
 
@@ -181,7 +181,7 @@ def _means(
 
 def _plant(cell: Cell, model: Model) -> Plant:
     """Closed loop of a tracker with the contact forces left open."""
-    free = Smoothed(model, None)
+    free = Regularised(model, None)
     call, pieces = called(free.function), list(free.pieces(cell.span))
     starts = np.array([piece.start for piece in pieces])
     masses = cell.worm.links + 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from wormopt.control.loop import feed
-from wormopt.control.reference import follow
+from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output
@@ -54,7 +54,7 @@ def drive(plant: Model, inputs: Gait, *, periodic: bool = False) -> Model:
     size = sum(signal.size for signal in plant.u)
     if inputs.links != size:
         raise ArgumentError(f"{plant.name} has {size} scalar inputs, the course {inputs.links}")
-    course = follow(inputs, plant.t, periodic=periodic, name="input")
+    course = gait_reference(inputs, plant.t, periodic=periodic, name="input")
     units = {signal.unit for signal in plant.u}
     shown = Output("input", course.value, units.pop() if len(units) == 1 else "1")
     fed = feed(plant, plant.u, course.value)

@@ -117,12 +117,12 @@ def funnel_tracker(
     Examples
     --------
     >>> from wormopt.model.gait import Gait
-    >>> from wormopt.control.reference import follow
+    >>> from wormopt.control.reference import gait_reference
     >>> from wormopt.systems.chain.build import chain
     >>> worm = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, drag=0.1)
     >>> still = Gait(np.array([0.0, 1.0]), np.full((1, 2, 1), 2.5))
     >>> wide, narrow = Funnel(2.0, 0.1, time=1.0), Funnel(4.0, 1.0, time=1.0)
-    >>> loop = funnel_tracker(worm, follow(still, worm.t), funnel=wide, rate_funnel=narrow)
+    >>> loop = funnel_tracker(worm, gait_reference(still, worm.t), funnel=wide, rate_funnel=narrow)
     >>> [signal.name for signal in loop.x]
     ['position', 'velocity']
     """

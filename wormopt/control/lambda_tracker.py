@@ -249,11 +249,12 @@ def lambda_tracker(
     Examples
     --------
     >>> from wormopt.model.gait import Gait
-    >>> from wormopt.control.reference import follow
+    >>> from wormopt.control.reference import gait_reference
     >>> from wormopt.systems.chain.build import chain
     >>> worm = chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, drag=0.1)
     >>> still = Gait(np.array([0.0, 1.0]), np.full((1, 2, 1), 2.5))
-    >>> loop = lambda_tracker(worm, follow(still, worm.t), tube_radius=0.2, feedback="filter")
+    >>> reference = gait_reference(still, worm.t)
+    >>> loop = lambda_tracker(worm, reference, tube_radius=0.2, feedback="filter")
     >>> [signal.name for signal in loop.x]
     ['position', 'velocity', 'gain', 'filter']
     """

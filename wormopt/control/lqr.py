@@ -11,7 +11,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from wormopt.control.loop import TrackingError, at_zero, close, input_of, lie
-from wormopt.control.reference import Reference, follow
+from wormopt.control.reference import Reference, gait_reference
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal, pack
@@ -92,7 +92,7 @@ def lqr(
     >>> from wormopt.systems.chain.build import chain
     >>> worm = chain(1, mass=1.0, stiffness=0.0, damping=0.0, rest_length=2.0)
     >>> still = Gait(np.array([0.0, 1.0]), np.full((1, 1, 1), 2.5))
-    >>> loop = lqr(worm, follow(still, worm.t), error_weight=16.0)
+    >>> loop = lqr(worm, gait_reference(still, worm.t), error_weight=16.0)
     >>> {s.name: np.round(s.value, 12).tolist() for s in loop.p if s.name.endswith("gain")}
     {'error_gain': [4.0], 'rate_gain': [2.0]}
     """
@@ -224,4 +224,4 @@ def _course(feedforward: Gait, plant: Model, reference: Reference) -> Reference:
     if feedforward.links != n:
         raise ArgumentError(f"the feedforward has {feedforward.links} rows, the worm {n} links")
     repeats = any(schedule.periodic for schedule in reference.schedules)
-    return follow(feedforward, plant.t, periodic=repeats, name="feedforward")
+    return gait_reference(feedforward, plant.t, periodic=repeats, name="feedforward")

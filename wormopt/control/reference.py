@@ -35,7 +35,7 @@ class Reference:
         return () if self.schedule is None else (self.schedule,)
 
 
-def follow(
+def gait_reference(
     gait: Gait,
     time: ca.SX,
     *,
@@ -74,7 +74,7 @@ def follow(
     --------
     >>> import casadi as ca
     >>> gait = Gait(np.array([0.0, 1.0, 2.0]), np.array([[[1.0, 0.5]], [[1.5, -0.5]]]))
-    >>> reference = follow(gait, ca.SX.sym("t"), shift=0.25)
+    >>> reference = gait_reference(gait, ca.SX.sym("t"), shift=0.25)
     >>> reference.schedule.values, reference.schedule.start
     (array([[ 1. ,  0.5],
            [ 1.5, -0.5]]), -0.25)

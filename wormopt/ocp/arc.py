@@ -11,9 +11,9 @@ import numpy as np
 
 from wormopt.model.model import Signal, pack
 from wormopt.numerics.collocation import bernstein_matrix
-from wormopt.ocp.contact import Prescribed, Treatment, never_rests
+from wormopt.ocp.contact import FixedModes, Treatment, never_rests
 from wormopt.ocp.mesh import Mesh
-from wormopt.ocp.problem import Bound, Problem
+from wormopt.ocp.problem import Constraint, Problem
 
 
 def _nominals(signals: Sequence[Signal]) -> np.ndarray:
@@ -62,12 +62,15 @@ class Arc:
         model = problem.model
         self.problem, self.mesh = problem, mesh
         self.closure = treatment.close(model)
-        self.modal = isinstance(treatment, Prescribed)
+        self.modal = isinstance(treatment, FixedModes)
         if problem.impulses and not self.modal:
             raise ValueError("impulses need prescribed contact modes")
         self.timed = bool(model.schedules) or ca.depends_on(
             ca.vertcat(
-                model.ode, model.alg, problem.integrands, *(b.expression for b in problem.along)
+                model.ode,
+                model.alg,
+                problem.integrands,
+                *(b.expression for b in problem.path_constraints),
             ),
             model.t,
         )
@@ -164,14 +167,14 @@ class Arc:
         return np.asarray(values, dtype=float).reshape(-1, 2) / self.f_nominal[:, None]
 
     @cached_property
-    def along(self) -> list[Bound]:
+    def along(self) -> list[Constraint]:
         """Bounds at every instant: the problem's, and those the model has for its states."""
         own = [
-            Bound(s.name, s.symbol, s.lower, s.upper, s.nominal)
+            Constraint(s.name, s.symbol, s.lower, s.upper, s.nominal)
             for s in self.problem.model.x
             if np.isfinite(s.lower) or np.isfinite(s.upper)
         ]
-        return [*own, *self.problem.along]
+        return [*own, *self.problem.path_constraints]
 
     @cached_property
     def _bounds(self) -> list[ca.SX]:

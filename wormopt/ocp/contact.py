@@ -43,7 +43,7 @@ class Treatment(Protocol):
 
 
 @dataclass(frozen=True)
-class Prescribed:
+class FixedModes:
     """Which contact sticks or slides is told phase by phase; switching times are left free.
 
     Between switches everything is smooth, so that collocation keeps its full order. A contact may
@@ -82,7 +82,7 @@ class Prescribed:
 
 
 @dataclass(frozen=True)
-class Smoothed:
+class Regularised:
     """The law is smoothed over the width ``v_reg``, narrowed from solve to solve.
 
     Parameters
@@ -103,7 +103,7 @@ class Smoothed:
 
     Examples
     --------
-    >>> Smoothed(v_reg=0.01, first=0.1, ratio=0.25).levels
+    >>> Regularised(v_reg=0.01, first=0.1, ratio=0.25).levels
     (0.1, 0.025, 0.01)
     """
 
@@ -138,7 +138,7 @@ class Smoothed:
 
 
 @dataclass(frozen=True)
-class Complementary:
+class Complementarity:
     """The set-valued law itself, by complementarity at every collocation point.
 
     The velocity of a contact is split into parts w >= 0, one for each direction in which it may
@@ -167,7 +167,7 @@ class Complementary:
 
     Examples
     --------
-    >>> Complementary(residual=1e-6, first=1e-2, ratio=0.01).levels
+    >>> Complementarity(residual=1e-6, first=1e-2, ratio=0.01).levels
     (0.01, 0.0001, 1e-06)
     """
 

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.model.model import Signal
-from wormopt.ocp.problem import Bound, Problem
+from wormopt.ocp.problem import Constraint, Problem
 
 
 def with_input_limits(problem: Problem) -> Problem:
@@ -18,11 +18,15 @@ def with_input_limits(problem: Problem) -> Problem:
     """
     free = [replace(s, lower=-np.inf, upper=np.inf) for s in problem.model.u]
     limits = [
-        Bound(s.name, s.symbol, s.lower, s.upper, s.nominal)
+        Constraint(s.name, s.symbol, s.lower, s.upper, s.nominal)
         for s in problem.model.u
         if np.isfinite(s.lower) or np.isfinite(s.upper)
     ]
-    return replace(problem, model=replace(problem.model, u=free), along=[*problem.along, *limits])
+    return replace(
+        problem,
+        model=replace(problem.model, u=free),
+        path_constraints=[*problem.path_constraints, *limits],
+    )
 
 
 def elastic(problem: Problem) -> Problem:
@@ -31,10 +35,16 @@ def elastic(problem: Problem) -> Problem:
     Adds a design constant "slack <name>" per name of a bound, in units of its nominal size;
     those that come out positive name the limits in conflict.
     """
-    names = sorted({b.name for b in (*problem.along, *problem.at_ends) if not _is_equality(b)})
+    names = sorted(
+        {
+            b.name
+            for b in (*problem.path_constraints, *problem.boundary_constraints)
+            if not _is_equality(b)
+        }
+    )
     slack = {name: Signal(f"slack {name}", ca.SX.sym("slack"), "1", 1.0, 0.0) for name in names}
 
-    def give(bound: Bound) -> list[Bound]:
+    def give(bound: Constraint) -> list[Constraint]:
         if _is_equality(bound):
             return [bound]
         low, high = bound.scaled
@@ -42,20 +52,20 @@ def elastic(problem: Problem) -> Problem:
         expression = bound.expression / bound.nominal
         parts = []
         if np.any(np.isfinite(low)):
-            parts.append(Bound(bound.name, expression + size, low.tolist()))
+            parts.append(Constraint(bound.name, expression + size, low.tolist()))
         if np.any(np.isfinite(high)):
-            parts.append(Bound(bound.name, expression - size, upper=high.tolist()))
+            parts.append(Constraint(bound.name, expression - size, upper=high.tolist()))
         return parts
 
     return replace(
         problem,
         minimise=ca.sum1(ca.vertcat(ca.SX(0), *(s.symbol for s in slack.values()))),
-        along=[part for b in problem.along for part in give(b)],
-        at_ends=[part for b in problem.at_ends for part in give(b)],
+        path_constraints=[part for b in problem.path_constraints for part in give(b)],
+        boundary_constraints=[part for b in problem.boundary_constraints for part in give(b)],
         design=[*problem.design, *slack.values()],
     )
 
 
-def _is_equality(bound: Bound) -> bool:
+def _is_equality(bound: Constraint) -> bool:
     low, high = bound.scaled
     return bool(np.all(low == high))

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.modes import ModeSequence
-from wormopt.ocp.contact import Complementary, Prescribed, Smoothed
+from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.ocp.defects import defects, finer
-from wormopt.ocp.failure import failure
+from wormopt.ocp.diagnostics import failure
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess, Motion, sample
 from wormopt.ocp.nlp import Bounds, Ipopt, Solution, Solver
@@ -22,7 +22,7 @@ from wormopt.ocp.problem import Problem
 from wormopt.ocp.transcription import Transcription
 from wormopt.progress import Report, silent
 
-Contacts = Smoothed | Complementary | Prescribed
+Contacts = Regularised | Complementarity | FixedModes
 
 FEASIBLE = 1e-6
 """Largest violation, in nominal sizes, of what counts as a solution."""
@@ -64,7 +64,7 @@ class Optimum:
         How the last nonlinear program ended.
     levels : tuple of Level
         All solves, in order.
-    treatment : Smoothed, Complementary or Prescribed
+    treatment : Regularised, Complementarity or FixedModes
         How contacts were treated.
     build_s : float
         Seconds to build the program and its derivatives.
@@ -156,7 +156,7 @@ def optimise(
         What to optimise.
     mesh : Mesh
         Phases, arcs and polynomials.
-    treatment : Smoothed, Complementary or Prescribed
+    treatment : Regularised, Complementarity or FixedModes
         How contacts are treated, and through which levels.
     guess : Guess
         From where to start: a `Motion.guess`, a simulation's curves, or any.
@@ -193,7 +193,7 @@ def optimise(
     >>> from wormopt.model.friction import Coulomb
     >>> from wormopt.model.model import Contact, Model, Signal
     >>> from wormopt.numerics.collocation import Collocation
-    >>> from wormopt.ocp.problem import Bound, Ends
+    >>> from wormopt.ocp.problem import Constraint, Ends
     >>> x, v, u, f = (ca.SX.sym(name) for name in "xvuf")
     >>> block = Model(
     ...     "block",
@@ -203,9 +203,11 @@ def optimise(
     ...     contacts=[Contact("sole", v, f, Coulomb(1.0, 2.0))],
     ... )
     >>> ends = Ends.of(block)
-    >>> bounds = [Bound("start", ends.start, 0, 0), Bound("end", ends.end, [1, 0], [1, 0])]
-    >>> problem = Problem(block, ends, ends.duration, (0.1, 10.0), at_ends=bounds)
-    >>> slides = Prescribed(ModeSequence(((1,), (1,))))
+    >>> start = Constraint("start", ends.start, 0, 0)
+    >>> rest = Constraint("end", ends.end, [1, 0], [1, 0])
+    >>> time = ends.duration
+    >>> problem = Problem(block, ends, time, (0.1, 10.0), boundary_constraints=[start, rest])
+    >>> slides = FixedModes(ModeSequence(((1,), (1,))))
     >>> guess = Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.7]))
     >>> found = optimise(problem, Mesh.even(2, 1, Collocation(2)), slides, guess)
     >>> round(found.objective**2, 9)
@@ -213,13 +215,14 @@ def optimise(
     """
     if not isinstance(treatment, Contacts):
         raise ArgumentError(
-            f"contact in an optimisation is Smoothed, Complementary or Prescribed, not {treatment}"
+            "contact in an optimisation is Regularised, Complementarity or FixedModes, not "
+            f"{treatment}"
         )
     solver = solver or Ipopt()
     begin = time.perf_counter()
     program = Transcription(problem, mesh, treatment)
     build = time.perf_counter() - begin
-    held = None if isinstance(treatment, Complementary) else treatment.active
+    held = None if isinstance(treatment, Complementarity) else treatment.active
     targets = _targets(treatment)
     steps = [program.bounds(target, p=p, pins=pins, active=held) for target in targets]
     w = sample(program, guess, steps[0])
@@ -250,7 +253,7 @@ def _level(target: ModeSequence | float, solution: Solution) -> Level:
 
 
 def _targets(treatment: Contacts) -> Sequence[ModeSequence | float]:
-    if not isinstance(treatment, Prescribed):
+    if not isinstance(treatment, FixedModes):
         return treatment.levels
     return (treatment.modes if treatment.modes is not None else ModeSequence(((),)),)
 
@@ -346,7 +349,7 @@ def refine(
             break
         report(f"refining to {mesh.total} arcs", k / rounds)
         last = optimum.treatment
-        if not isinstance(last, Prescribed):
+        if not isinstance(last, FixedModes):
             last = replace(last, first=last.levels[-1])
         motion = optimum.motion
         problem = motion.program.problem
@@ -378,7 +381,7 @@ def best_of(
         What to optimise.
     mesh : Mesh
         Phases, arcs and polynomials.
-    treatment : Smoothed, Complementary or Prescribed
+    treatment : Regularised, Complementarity or FixedModes
         How contacts are treated.
     guesses : iterable of Guess
         Where to start.

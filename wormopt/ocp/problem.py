@@ -14,7 +14,7 @@ from wormopt.model.model import Model, Signal
 
 
 @dataclass(frozen=True, eq=False)
-class Bound:
+class Constraint:
     """Interval for an expression: ``lower <= expression <= upper``, row by row.
 
     Parameters
@@ -113,7 +113,7 @@ class Problem:
     model : Model
         The system.
     ends : Ends
-        Symbols used in ``minimise`` and ``at_ends``.
+        Symbols used in ``minimise`` and ``boundary_constraints``.
     minimise : casadi.SX
         Scalar in the symbols of ``ends`` and the design parameters.
     duration : tuple of float
@@ -125,9 +125,9 @@ class Problem:
         entries of such a state: positions of masses, for instance.
     integrands : casadi.SX, optional
         Column of expressions along the way; their integrals are ``ends.integrals``.
-    along : sequence of Bound, optional
+    path_constraints : sequence of Constraint, optional
         Bounds at every instant, in states, inputs, slacks, contact forces, parameters.
-    at_ends : sequence of Bound, optional
+    boundary_constraints : sequence of Constraint, optional
         Bounds in the symbols of ``ends``.
     slacks : sequence of Signal, optional
         Free functions of time without equations (epigraphs of max and absolute value).
@@ -158,13 +158,13 @@ class Problem:
     ...     ends=ends,
     ...     minimise=ends.duration,
     ...     duration=(0.1, 10.0),
-    ...     along=[Bound("force", u, -1.0, 1.0)],
-    ...     at_ends=[
-    ...         Bound("start", ends.start, 0.0, 0.0),
-    ...         Bound("target", ends.end, [1.0, 0.0], [1.0, 0.0]),
+    ...     path_constraints=[Constraint("force", u, -1.0, 1.0)],
+    ...     boundary_constraints=[
+    ...         Constraint("start", ends.start, 0.0, 0.0),
+    ...         Constraint("target", ends.end, [1.0, 0.0], [1.0, 0.0]),
     ...     ],
     ... )
-    >>> [bound.name for bound in problem.at_ends]
+    >>> [bound.name for bound in problem.boundary_constraints]
     ['start', 'target']
     """
 
@@ -175,8 +175,8 @@ class Problem:
     periodic: Sequence[str] = ()
     displaced: Sequence[str] = ()
     integrands: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
-    along: Sequence[Bound] = ()
-    at_ends: Sequence[Bound] = ()
+    path_constraints: Sequence[Constraint] = ()
+    boundary_constraints: Sequence[Constraint] = ()
     slacks: Sequence[Signal] = ()
     design: Sequence[Signal] = ()
     sharing: Callable[[ca.SX], ca.SX] | None = None

@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike
 
 from wormopt.model.modes import ModeSequence
 from wormopt.ocp.arc import Arc
-from wormopt.ocp.contact import Prescribed, Treatment
-from wormopt.ocp.limits import Limits
+from wormopt.ocp.bounds import ProgramBounds
+from wormopt.ocp.contact import FixedModes, Treatment
 from wormopt.ocp.mesh import Arcs, Mesh, interpolation
 from wormopt.ocp.nlp import Bounds, NonlinearProgram
 from wormopt.ocp.problem import Problem
@@ -36,7 +36,7 @@ class Transcription:
 
     def __init__(self, problem: Problem, mesh: Mesh, treatment: Treatment | None = None) -> None:
         self.problem, self.mesh = problem, mesh
-        self.treatment = treatment or Prescribed()
+        self.treatment = treatment or FixedModes()
         self.arc = Arc(problem, mesh, self.treatment)
         self.nlp = self._assemble()
 
@@ -81,7 +81,7 @@ class Transcription:
             "rows": rows.shape[0],
             "joints": joints.shape[0],
         }
-        self._limits = Limits(self.arc, rows_of_kinds, n_x + 1 + n_integrals * n)
+        self._limits = ProgramBounds(self.arc, rows_of_kinds, n_x + 1 + n_integrals * n)
         constraints = ca.vertcat(
             ca.vec(equal),
             ca.vec(small),
@@ -89,11 +89,11 @@ class Transcription:
             ca.vec(rows),
             joints,
         )
-        objective, at_ends = self._finish(before[:, 0], last, total, tally[:, n - 1], design, p)
+        objective, boundary = self._finish(before[:, 0], last, total, tally[:, n - 1], design, p)
         parameters = ca.vertcat(levels, schedules, p)
         sums = [ca.sum2(integrals[:, : k + 1]) for k in range(n if n_integrals else 0)]
         self._totals = ca.Function("totals", [w, parameters], [ca.vertcat(ends, *sums)])
-        return NonlinearProgram(w, parameters, objective, ca.vertcat(constraints, at_ends))
+        return NonlinearProgram(w, parameters, objective, ca.vertcat(constraints, boundary))
 
     def _total_duration(self, y: ca.MX) -> ca.MX:
         """Sum of all durations; by those of the first arcs where shares tell the others."""
@@ -129,13 +129,13 @@ class Transcription:
     ) -> tuple[ca.MX, ca.MX]:
         """Objective and bounds at the ends."""
         problem = self.problem
-        bounded = (b.expression / b.nominal for b in problem.at_ends)
+        bounded = (b.expression / b.nominal for b in problem.boundary_constraints)
         finish = ca.Function(
             "finish",
             [*vars(problem.ends).values(), *self.arc.constants[2:]],
             [problem.minimise, ca.vertcat(ca.SX(0, 1), *bounded)],
         )
-        objective, at_ends = finish(
+        objective, boundary = finish(
             first * self.arc.x_nominal,
             last * self.arc.x_nominal,
             total * self.arc.time_nominal,
@@ -143,7 +143,7 @@ class Transcription:
             design * self.arc.design_nominal,
             p,
         )
-        return objective, at_ends
+        return objective, boundary
 
     def rows_of(self, name: str) -> list[int]:
         """Rows of the state called `name` among all scalar states; ValueError if there is none."""

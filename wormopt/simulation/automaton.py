@@ -10,8 +10,8 @@ from wormopt.errors import interruptible
 from wormopt.progress import Report
 from wormopt.simulation.contacts import Contacts
 from wormopt.simulation.crossings import Crossing, Watch
+from wormopt.simulation.initial_value import KINDS, InitialValueProblem, Outcome
 from wormopt.simulation.layer import Layer
-from wormopt.simulation.motion_task import KINDS, Outcome, Task
 from wormopt.simulation.steps import Call, GivenUp, Step, Stepper
 
 _SWITCH = KINDS.index("switch")
@@ -19,7 +19,7 @@ _STEPS_PER_REPORT = 500
 _ROUND_OFF = 4 * float(np.finfo(float).eps)
 
 
-def integrate(task: Task, report: Report, *, stiff: bool = False) -> Outcome:
+def integrate(task: InitialValueProblem, report: Report, *, stiff: bool = False) -> Outcome:
     """Integrate a task in Python.
 
     Explicit steps of order 8, or if `stiff` implicit ones (Radau IIA of order 5).
@@ -33,7 +33,7 @@ def integrate(task: Task, report: Report, *, stiff: bool = False) -> Outcome:
 class _Clock:
     """Schedules: write their values into the parameters and tell when they change next."""
 
-    def __init__(self, task: Task, p: np.ndarray) -> None:
+    def __init__(self, task: InitialValueProblem, p: np.ndarray) -> None:
         self._p, self._schedules = p, task.schedules
         sizes = [1 + schedule.symbol.numel() for schedule in task.schedules]
         self._offsets = task.system.n_fixed + np.cumsum([0, *sizes])
@@ -53,7 +53,7 @@ class _Clock:
 class _Record:
     """What is kept of a motion."""
 
-    task: Task
+    task: InitialValueProblem
     samples: list[np.ndarray] = field(default_factory=list)
     events: list[tuple[float, float, float, float]] = field(default_factory=list)
     modes: list[np.ndarray] = field(default_factory=list)
@@ -76,7 +76,7 @@ class _Record:
         self.samples.extend([x] * (reached - len(self.samples)))
 
 
-def _stepper(task: Task, p: np.ndarray, modes: np.ndarray, stiff: bool) -> Stepper:
+def _stepper(task: InitialValueProblem, p: np.ndarray, modes: np.ndarray, stiff: bool) -> Stepper:
     if stiff:
         from wormopt.simulation.radau import Stiff
 
@@ -89,7 +89,7 @@ def _stepper(task: Task, p: np.ndarray, modes: np.ndarray, stiff: bool) -> Stepp
 class _Motion:
     """A motion under way."""
 
-    def __init__(self, task: Task, stiff: bool) -> None:
+    def __init__(self, task: InitialValueProblem, stiff: bool) -> None:
         system, p = task.system, task.p.copy()
         modes = np.ones(len(system.contacts) if system.exact else 0)
         self._task, self._modes, self._record = task, modes, _Record(task)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wormopt.simulation.motion_task import KINDS, Task
+from wormopt.simulation.initial_value import KINDS, InitialValueProblem
 from wormopt.simulation.steps import Call, GivenUp
 
 _REVERSAL, _STICK, _RELEASE, _IMPACT = (
@@ -50,7 +50,7 @@ class Contacts:
     `modes` (+1, -1, 0) are rewritten here and by nobody else.
     """
 
-    def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
+    def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
         system, shared = task.system, (("p", p), ("s", modes))
         self._modes, self._coupled = modes, system.coupled
         self._v_rest, self._f_rest = task.v_rest, task.f_rest

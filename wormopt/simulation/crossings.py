@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar, root_scalar
 
 from wormopt.simulation.functions import System
-from wormopt.simulation.motion_task import Task
+from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.steps import Call, GivenUp, Step, Stepper, floor_of_step
 
 _SAMPLES = np.array([0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0])
@@ -49,7 +49,7 @@ class Watch:
     `p` and `modes` are rewritten by their owners.
     """
 
-    def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
+    def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
         system, shared = task.system, (("p", p), ("s", modes))
         self._task, self._modes = task, modes
         self.n_contacts = len(modes)

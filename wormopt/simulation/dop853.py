@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from wormopt.simulation.functions import System
-from wormopt.simulation.motion_task import Task
+from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.steps import Call, GivenUp, Step, floor_of_step
 
 # Steps are given up where so many more would be needed for stability alone: some seconds.
@@ -27,7 +27,7 @@ class Explicit:
     Whoever rewrites the parameters `p` or the modes must call `restart`.
     """
 
-    def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
+    def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
         self.h, self.n_rejected, self.n_evaluations = 0.0, 0, 0
         self._task, self._t, self._x = task, task.span[0], task.x0
         take, polynomial = _dop853(task.system)

@@ -21,7 +21,7 @@ from wormopt.simulation.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
-class Member:
+class Scenario:
     """What one motion of an ensemble has of its own.
 
     Parameters
@@ -33,7 +33,7 @@ class Member:
 
     Examples
     --------
-    >>> Member(p={"stiffness": 9.5}).p["stiffness"]
+    >>> Scenario(p={"stiffness": 9.5}).p["stiffness"]
     9.5
     """
 
@@ -95,7 +95,7 @@ class Ensemble:
 def simulate_ensemble(
     model: Model,
     span: float | tuple[float, float],
-    members: Sequence[Member],
+    members: Sequence[Scenario],
     *,
     contact: Treatment = Exact(),  # noqa: B008  frozen
     times: ArrayLike | None = None,
@@ -146,7 +146,7 @@ def simulate_ensemble(
     >>> x, rate = ca.SX.sym("x"), ca.SX.sym("rate")
     >>> states, rates = [Signal("x", x, value=1.0)], [Signal("rate", rate)]
     >>> decay = Model("decay", x=states, ode=-rate * x, p=rates)
-    >>> members = [Member(p={"rate": value}) for value in (0.0, np.log(2.0))]
+    >>> members = [Scenario(p={"rate": value}) for value in (0.0, np.log(2.0))]
     >>> simulate_ensemble(decay, 1.0, members).end.round(9)
     array([[1. ],
            [0.5]])
@@ -154,7 +154,7 @@ def simulate_ensemble(
     if not members:
         raise ArgumentError("an ensemble needs at least one member")
     for member in members:
-        if not isinstance(member, Member):
+        if not isinstance(member, Scenario):
             raise ArgumentError(f"write each member as Member(p=..., x0=...), not {member!r}")
     stopped = Event()
     one = partial(
@@ -192,7 +192,7 @@ def simulate_ensemble(
 def _one(
     model: Model,
     span: float | tuple[float, float],
-    member: Member,
+    member: Scenario,
     *,
     contact: Treatment,
     times: ArrayLike | None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wormopt.simulation.motion_task import Task
+from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.steps import Call, Step
 
 _SAMPLES = np.linspace(0.0, 1.0, 17)
@@ -18,7 +18,7 @@ class Layer:
     The parameters `p` and the modes are rewritten by their owners.
     """
 
-    def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
+    def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
         system = task.system
         self._states: list[int] = system.velocity_state.tolist()
         self._layers: list[float] = [] if system.exact else (_WIDTHS * task.v_layer).tolist()

@@ -38,7 +38,7 @@ _SAFE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class Steps:
+class StepRecord:
     """A motion, looked at every few steps."""
 
     time: np.ndarray  # (m,)
@@ -51,7 +51,7 @@ class Steps:
 
 
 @dataclass(frozen=True, eq=False)
-class Marcher:
+class MoreauJean:
     """The steps of one model, compiled once for all its parameters.
 
     Parameters
@@ -89,7 +89,7 @@ class Marcher:
         schedule: Schedule | None = None,
         step: float | None = None,
         report: Report = silent,
-    ) -> Steps:
+    ) -> StepRecord:
         """Follow the motion.
 
         Parameters
@@ -204,14 +204,14 @@ class Marcher:
     def _span(self) -> ca.Function:
         return self._stride.mapaccum("march", _SPAN)
 
-    def _steps(self, times: np.ndarray, columns: list[np.ndarray]) -> Steps:
+    def _steps(self, times: np.ndarray, columns: list[np.ndarray]) -> StepRecord:
         found = np.hstack(columns)
         count, n_c = found.shape[1], len(self.model.contacts)
         states, gathered = found[: self.model.n_x], found[self.model.n_x :]
         work, impulses = gathered[: -2 * n_c or None], gathered[len(gathered) - 2 * n_c :]
         forces = np.diff(impulses, axis=1) / np.diff(times[:count])
         names = ("walls", "friction", *self.integrals)
-        return Steps(
+        return StepRecord(
             time=times[:count],
             states=states,
             pressed=forces[:n_c],

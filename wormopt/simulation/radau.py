@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import Radau
 
 from wormopt.simulation.functions import System
-from wormopt.simulation.motion_task import Task
+from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.steps import Call, GivenUp, Step, floor_of_step, powers
 
 # Scipy refuses smaller relative tolerances, with a warning.
@@ -26,7 +26,7 @@ class Stiff:
     Whoever rewrites the parameters `p` or the modes must call `restart`.
     """
 
-    def __init__(self, task: Task, p: np.ndarray, modes: np.ndarray) -> None:
+    def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
         self.h, self.n_rejected, self.n_evaluations = 0.0, 0, 0
         self._task, self._solver = task, None
         self._t, self._x = task.span[0], task.x0

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from wormopt.progress import Report
-from wormopt.simulation.motion_task import Outcome, Task
+from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.options import Route
 
 
-def integrate(task: Task, route: Route, report: Report) -> Outcome:
+def integrate(task: InitialValueProblem, route: Route, report: Report) -> Outcome:
     """Integrate by the route asked for; "auto" is the first that can.
 
     Raises ValueError if the route cannot take the task, CompilerError if the native route is
@@ -32,13 +32,13 @@ def integrate(task: Task, route: Route, report: Report) -> Outcome:
     return _native(task, report, required=False, stiff_steps=2**62) or outcome
 
 
-def _needs_own_steps(task: Task) -> bool:
+def _needs_own_steps(task: InitialValueProblem) -> bool:
     """Whether what is asked for is more than SUNDIALS gives."""
     return bool(task.system.model.switches) or task.dense
 
 
 def _native(
-    task: Task, report: Report, *, required: bool, stiff_steps: int = 1_000_000
+    task: InitialValueProblem, report: Report, *, required: bool, stiff_steps: int = 1_000_000
 ) -> Outcome | None:
     from wormopt.simulation.native.build import CompilerError
     from wormopt.simulation.native.kernel import compiled, integrate
@@ -52,13 +52,13 @@ def _native(
     return integrate(task, ready, report, stiff_steps)
 
 
-def _in_python(task: Task, report: Report, *, stiff: bool = False) -> Outcome:
+def _in_python(task: InitialValueProblem, report: Report, *, stiff: bool = False) -> Outcome:
     from wormopt.simulation.automaton import integrate
 
     return integrate(task, report, stiff=stiff)
 
 
-def _implicitly(task: Task, report: Report) -> Outcome:
+def _implicitly(task: InitialValueProblem, report: Report) -> Outcome:
     from wormopt.simulation.sundials import integrate
 
     return integrate(task, report)

@@ -15,7 +15,7 @@ from wormopt.model.model import Model, Schedule
 from wormopt.model.values import check_names, numbers, signal_values
 from wormopt.progress import Report, silent
 from wormopt.simulation.functions import System
-from wormopt.simulation.motion_task import KINDS, Outcome, Task
+from wormopt.simulation.initial_value import KINDS, InitialValueProblem, Outcome
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.routes import integrate
 from wormopt.simulation.trajectory import Dense, Event, Trajectory
@@ -177,7 +177,7 @@ def _task(
     times: ArrayLike | None,
     dense: bool,
     tolerance: Tolerance,
-) -> Task:
+) -> InitialValueProblem:
     system = _system(model, contact)
     start, end = _ends(span)
     sampled = np.array([start, end]) if times is None else numbers("times", times).ravel()
@@ -185,7 +185,7 @@ def _task(
         np.all(np.diff(sampled) >= 0) and start <= sampled[0] and sampled[-1] <= end
     ):
         raise ArgumentError(f"sample times must ascend within [{start:g}, {end:g}]")
-    return Task(
+    return InitialValueProblem(
         system=system,
         span=(start, end),
         x0=np.append(signal_values(model.x, x0, "state", fill=0.0), np.zeros(system.n_pushes)),
@@ -216,7 +216,7 @@ def _with_values(
     )
 
 
-def _trajectory(task: Task, outcome: Outcome) -> Trajectory:
+def _trajectory(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
     """What an integrator found, refused if it did not come to the end."""
     reached, n_x = task.times[: len(outcome.samples)], task.system.model.n_x
     motion = Trajectory(

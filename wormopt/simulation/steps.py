@@ -10,7 +10,7 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
-from wormopt.simulation.motion_task import Task
+from wormopt.simulation.initial_value import InitialValueProblem
 
 
 class GivenUp(Exception):
@@ -87,7 +87,7 @@ class Step:
         return powers(s) @ self.rows
 
 
-def floor_of_step(task: Task, t: float) -> float:
+def floor_of_step(task: InitialValueProblem, t: float) -> float:
     """Length below which a step is nothing but rounding."""
     return 8 * float(np.finfo(float).eps) * max(abs(t), 1e-3 * (task.span[1] - task.span[0]))
 

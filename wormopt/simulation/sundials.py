@@ -22,7 +22,7 @@ from wormopt.errors import interruptible
 from wormopt.model.model import Schedule
 from wormopt.model.values import signal_values
 from wormopt.progress import Report
-from wormopt.simulation.motion_task import Outcome, Task
+from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.options import Smooth
 
 # Runs agree if they differ by no more than so many tolerances of the first.
@@ -37,7 +37,7 @@ _STATIONS = 64
 _CHUNK = 200
 
 
-def integrate(task: Task, report: Report) -> Outcome:
+def integrate(task: InitialValueProblem, report: Report) -> Outcome:
     """Integrate a smooth task without switches by CVODES or IDAS, with the exact Jacobian.
 
     Gives the run to the smallest tolerance; status "layer_not_resolved" where runs disagree.
@@ -60,7 +60,7 @@ def integrate(task: Task, report: Report) -> Outcome:
     return ended[-1].outcome(ended[-2]) if len(ended) > 1 else runs[-1].outcome()
 
 
-def _refuse(task: Task) -> None:
+def _refuse(task: InitialValueProblem) -> None:
     model, treatment = task.system.model, task.system.treatment
     if task.system.contacts and not isinstance(treatment, Smooth):
         raise ValueError("CVODES and IDAS know no exact contact; treat it as Smooth")
@@ -78,7 +78,7 @@ class _Grid:
     where inputs change, does so at breaks and nowhere else.
     """
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: InitialValueProblem) -> None:
         start, end = task.span
         pieces = [_pieces(schedule, start, end) for schedule in task.schedules]
         wanted = [task.times, np.linspace(start, end, _STATIONS + 1), *(p[0] for p in pieces)]
@@ -110,7 +110,7 @@ def _pieces(schedule: Schedule, start: float, end: float) -> tuple[np.ndarray, n
 class _Run:
     """A motion found to one tolerance."""
 
-    task: Task
+    task: InitialValueProblem
     grid: _Grid
     relative: float
     states: list[np.ndarray]
@@ -149,11 +149,11 @@ class _Run:
         )
 
 
-def _plugin(task: Task) -> str:
+def _plugin(task: InitialValueProblem) -> str:
     return "idas" if task.system.model.alg.numel() else "cvodes"
 
 
-def _run(task: Task, grid: _Grid, relative: float, report: Report) -> _Run:
+def _run(task: InitialValueProblem, grid: _Grid, relative: float, report: Report) -> _Run:
     """Find the motion to a relative tolerance."""
     run = _Run(task, grid, relative, [task.x0])
     if not np.all(np.isfinite(task.x0)):
@@ -224,12 +224,12 @@ def _advance(run: _Run, solver: ca.Function, guess: np.ndarray, first: int, end:
     return np.array(found["zf"])[:, -1]
 
 
-def _sizes(task: Task) -> np.ndarray:
+def _sizes(task: InitialValueProblem) -> np.ndarray:
     """Nominal size of every state."""
     return task.absolute / task.tolerance.absolute
 
 
-def _scaled(task: Task) -> dict[str, ca.SX]:
+def _scaled(task: InitialValueProblem) -> dict[str, ca.SX]:
     """The system in states of nominal size 1, since both codes know but one absolute tolerance."""
     dae, scale, n_fixed = task.system.dae, ca.DM(_sizes(task)), task.system.n_fixed
     x = ca.SX.sym("x", scale.numel())

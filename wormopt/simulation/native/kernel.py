@@ -17,7 +17,7 @@ import numpy as np
 from wormopt.model.model import Schedule
 from wormopt.progress import Report as Progress
 from wormopt.simulation.functions import System
-from wormopt.simulation.motion_task import Outcome, Task
+from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.native.build import library
 
 _FUNCTIONS = ("rhs", "velocities", "probe", "project", "guards", "resets")
@@ -217,7 +217,9 @@ def _schedules(schedules: Sequence[Schedule], offset: int) -> tuple[ctypes.Array
     return (_Schedule * len(rows))(*rows), kept
 
 
-def integrate(task: Task, ready: Compiled, report: Progress, stiff_steps: int) -> Outcome:
+def integrate(
+    task: InitialValueProblem, ready: Compiled, report: Progress, stiff_steps: int
+) -> Outcome:
     """Integrate a task by the compiled driver; raises MemoryError if no memory is left.
 
     A smooth motion is given up where stability alone would need `stiff_steps` more steps.
@@ -261,7 +263,7 @@ def integrate(task: Task, ready: Compiled, report: Progress, stiff_steps: int) -
         del kept
 
 
-def _advance(driver: ctypes.CDLL, run: Any, task: Task, report: Progress) -> None:
+def _advance(driver: ctypes.CDLL, run: Any, task: InitialValueProblem, report: Progress) -> None:
     """Go to the end, or as far as it goes."""
     start, end = task.span
     chunk = max(_WORK_PER_CALL // len(task.x0), 20)
@@ -270,7 +272,7 @@ def _advance(driver: ctypes.CDLL, run: Any, task: Task, report: Progress) -> Non
         report("simulating", (run.contents.t - start) / (end - start))
 
 
-def _outcome(found: _Report, status: str, n_x: int, task: Task) -> Outcome:
+def _outcome(found: _Report, status: str, n_x: int, task: InitialValueProblem) -> Outcome:
     dense = found.dense.array()
     samples = np.ctypeslib.as_array(found.samples, (max(found.n_sampled, 1), n_x))
     return Outcome(

@@ -12,7 +12,7 @@ from wormopt.model.friction import Law
 from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.ocp.motion import Guess
-from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.systems.block.scenes import SlideScene
 from wormopt.systems.chain.runs.chains import law_of
 from wormopt.systems.shared.signals import symbol
@@ -62,7 +62,7 @@ def problem_of(table: SlideScene) -> Problem:
     ends = Ends.of(model, int(effort))
     sizes = np.array([s.nominal for s in model.x])
     at_ends = [
-        Bound(f"{name}.{signal.name}", state[k] / sizes[k], value / sizes[k], value / sizes[k])
+        Constraint(f"{name}.{signal.name}", state[k] / sizes[k], value / sizes[k], value / sizes[k])
         for name, place, state in (("start", table.start, ends.start), ("end", table.end, ends.end))
         for k, signal, value in zip(
             range(2), model.x, (place.position, place.velocity), strict=False
@@ -70,7 +70,7 @@ def problem_of(table: SlideScene) -> Problem:
     ]
     longest = _LONGEST * slow
     if table.time is not None:
-        at_ends.append(Bound("time", ends.duration, upper=table.time, nominal=table.time))
+        at_ends.append(Constraint("time", ends.duration, upper=table.time, nominal=table.time))
         longest = max(longest, 2 * table.time)
     return Problem(
         model,
@@ -78,7 +78,7 @@ def problem_of(table: SlideScene) -> Problem:
         ends.integrals[0] if effort else ends.duration,
         (1e-6 * slow, longest),
         integrands=ca.sumsqr(symbol(model, "force")) if effort else ca.SX(0, 1),
-        at_ends=at_ends,
+        boundary_constraints=at_ends,
     )
 
 

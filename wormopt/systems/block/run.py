@@ -9,13 +9,13 @@ import numpy as np
 
 from wormopt.errors import SolveError
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Complementary, Smoothed
+from wormopt.ocp.contact import Complementarity, Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Motion
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import Optimum, optimise, refine
-from wormopt.ocp.polish import polish
-from wormopt.ocp.sequence import structure_of
+from wormopt.ocp.structure import structure_of
+from wormopt.ocp.switching import optimise_switching_times
 from wormopt.progress import Report
 from wormopt.result import Result
 from wormopt.scene.numerics import SmoothContact
@@ -26,7 +26,7 @@ from wormopt.systems.chain.runs.chains import law_of, treatment_of
 from wormopt.systems.shared.optimum import (
     ACCEPTED,
     conclude_optimum,
-    recheck,
+    cross_check,
     refused,
     sample_motion,
     warnings_of_optimum,
@@ -36,7 +36,7 @@ from wormopt.systems.shared.proof import warnings_of_contact
 from wormopt.systems.shared.signals import symbol
 
 # Of a solve that only has to show the phases.
-_RELAXED = Complementary(residual=1e-3, first=1e-1)
+_RELAXED = Complementarity(residual=1e-3, first=1e-1)
 # First width of the smooth law, in usual speeds, and how often the mesh is refined.
 _WIDE, _ROUNDS = 0.1, 8
 # A simulation may end elsewhere by so many defects of a single arc.
@@ -58,7 +58,7 @@ def run(scene: Scene[SlideScene], report: Report) -> Result:
     optimum, solved = [*stages.values()][-1], time.perf_counter()
     accepted = max(ACCEPTED, _DEFECTS * table.mesh.tolerance)
     treatment = treatment_of(table.contact)
-    second = recheck(optimum.motion, treatment, accepted=accepted, report=report)
+    second = cross_check(optimum.motion, treatment, accepted=accepted, report=report)
     return conclude_optimum(
         scene,
         stages,
@@ -88,9 +88,12 @@ def _solve(table: SlideScene, report: Report) -> dict[str, Optimum]:
     plain = Mesh.even(1, mesh.arcs, Collocation(mesh.degree, mesh.scheme))
     if not isinstance(table.contact, SmoothContact):
         relaxed = optimise(problem, plain, _RELAXED, cubic_guess(table), report=report)
-        return {"relaxed": relaxed, "phases": polish(relaxed, tolerance=mesh.tolerance)}
+        return {
+            "relaxed": relaxed,
+            "phases": optimise_switching_times(relaxed, tolerance=mesh.tolerance),
+        }
     width, size = table.contact.v_reg, problem.model.x[1].nominal
-    smoothed = Smoothed(width, max(width, _WIDE * size))
+    smoothed = Regularised(width, max(width, _WIDE * size))
     coarse = optimise(problem, plain, smoothed, cubic_guess(table), report=report)
     return {"smooth": coarse, "switched": _switched(coarse, mesh.tolerance, report)}
 
@@ -101,12 +104,12 @@ def _switched(coarse: Optimum, tolerance: float, report: Report) -> Optimum:
     found = structure_of(motion, speed=None, least=2)
     phases, arcs = len(found.durations), motion.mesh.total
     counts = tuple(max(2, round(arcs * d / motion.duration)) for d in found.durations)
-    assert isinstance(coarse.treatment, Smoothed)
+    assert isinstance(coarse.treatment, Regularised)
     width = coarse.treatment.v_reg
     again = optimise(
         motion.program.problem,
         Mesh.even(phases, counts, motion.mesh.collocation),
-        Smoothed(width, width, active=found.active),
+        Regularised(width, width, active=found.active),
         replace(motion.guess, phases=found.durations),
         solver=solver,
         report=report,

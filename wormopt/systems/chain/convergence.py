@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Complementary, Smoothed
+from wormopt.ocp.contact import Complementarity, Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.optimise import Optimum, optimise
 from wormopt.progress import Report
 from wormopt.systems.shared.optimum import modes_of
 
 # Widths of the smoothed law, in usual speeds, of which the last ones show its order.
-_WIDTHS, _SHOWN_WIDTHS = Smoothed(v_reg=0.4**6, first=1.0, ratio=0.4), 5
+_WIDTHS, _SHOWN_WIDTHS = Regularised(v_reg=0.4**6, first=1.0, ratio=0.4), 5
 # Relaxation of complementarity, in usual speeds times usual forces, small against the error of the
 # grid.
-_TIGHT = Complementary(1e-5, first=1.0)
+_TIGHT = Complementarity(1e-5, first=1.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Signal
 from wormopt.ocp.motion import Guess
-from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 
@@ -62,20 +62,22 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
     places = _rows(plant, "position")
     advances = [ends.end[rows[0]] - ends.start[rows[0]] for rows in places]
     speeds = ca.vertcat(*advances) / ends.duration
-    at_ends = [Bound("start", ca.vertcat(*(ends.start[rows[-1]] for rows in places)), 0.0, 0.0)]
+    at_ends = [
+        Constraint("start", ca.vertcat(*(ends.start[rows[-1]] for rows in places)), 0.0, 0.0)
+    ]
     if aim.speed is not None:
-        at_ends.append(Bound("aim.speed", speeds, aim.speed))
+        at_ends.append(Constraint("aim.speed", speeds, aim.speed))
     along = []
     if limits.length is not None:
         lengths = ca.vertcat(*_outputs(plant, "length"))
-        along.append(Bound("limits.length", lengths, *limits.length, nominal=limits.length[1]))
+        along.append(Constraint("limits.length", lengths, *limits.length, nominal=limits.length[1]))
     cost = _transport(plant, speeds) if costs else _effort(plant)
     design: list[Signal] = []
     merit = ca.sum1(speeds) / speeds.numel()
     if aim.judge == "worst" and speeds.numel() > 1:
         worst = Signal("worst speed", ca.SX.sym("worst"), "speed")
         design.append(worst)
-        at_ends.append(Bound("worst speed", speeds - worst.symbol, 0.0))
+        at_ends.append(Constraint("worst speed", speeds - worst.symbol, 0.0))
         merit = worst.symbol
     mean = ends.integrals[0] / ends.duration
     minimise = (
@@ -89,8 +91,8 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
         periodic=[s.name for s in plant.x if s.name.startswith("velocity")],
         displaced=[s.name for s in plant.x if s.name.startswith("position")],
         integrands=cost.integrand,
-        along=[*along, *cost.along],
-        at_ends=at_ends,
+        path_constraints=[*along, *cost.along],
+        boundary_constraints=at_ends,
         slacks=cost.slacks,
         design=design,
     )
@@ -135,7 +137,7 @@ class _Cost:
     """Rate of a cost, and what it needs."""
 
     integrand: ca.SX
-    along: tuple[Bound, ...] = ()
+    along: tuple[Constraint, ...] = ()
     slacks: tuple[Signal, ...] = ()
 
 
@@ -147,7 +149,7 @@ def _transport(plant: Model, speeds: ca.SX) -> _Cost:
     """Positive power of the actuators over the worm's mass, by slacks above 0 and above it."""
     power = ca.vertcat(*_outputs(plant, "power"))
     spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", lower=0.0)
-    bounds = (Bound("power", spent.symbol - power, 0.0),)
+    bounds = (Constraint("power", spent.symbol - power, 0.0),)
     masses = [s.symbol for s in plant.p if s.name == "mass"]
     if not masses:
         raise ArgumentError(

@@ -22,7 +22,7 @@ from wormopt.systems.chain.runs.chains import tube_radius
 from wormopt.systems.chain.scenes.track import FunnelTracker, Tracker, TrackScene
 from wormopt.systems.chain.scenes.track_optimal import TubeTable
 from wormopt.systems.shared.declared import JUDGED
-from wormopt.systems.shared.proof import Recheck, accepted_error, motion_facts, one_or_all
+from wormopt.systems.shared.proof import CrossCheck, accepted_error, motion_facts, one_or_all
 from wormopt.systems.shared.signals import (
     at_ends,
     chain_expressions,
@@ -264,7 +264,7 @@ def time_in_tube(motion: Trajectory) -> tuple[float, float | None]:
 
 
 def chain_checks(
-    second: Recheck | None, energies: Balance | None, tolerance: Tolerance, label: str = ""
+    second: CrossCheck | None, energies: Balance | None, tolerance: Tolerance, label: str = ""
 ) -> Iterator[Check]:
     """Lines of a trust report on one motion of a chain; those of several begin with a `label`."""
     found = [second.check] if second else []
@@ -277,7 +277,7 @@ def chain_checks(
 
 def chain_facts(
     motions: Sequence[Trajectory],
-    rechecks: Sequence[Recheck | None],
+    rechecks: Sequence[CrossCheck | None],
     tolerance: Tolerance,
     energies: Sequence[Balance | None],
 ) -> dict[str, Any]:

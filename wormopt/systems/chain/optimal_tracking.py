@@ -16,12 +16,12 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Schedule, pack
 from wormopt.model.values import signal_values
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Complementary
+from wormopt.ocp.contact import Complementarity
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess, Motion
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import FEASIBLE, Optimum, optimise
-from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.progress import Report, silent
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.scenes.track_optimal import (
@@ -63,7 +63,7 @@ def tracking_problem(
         asked = _asked_from(tube.capture, end)
         model = replace(model, schedules=[*model.schedules, asked])
         radius = (1 - objective.margin) * tube.radius
-        along = [Bound("tube", asked.symbol * error.square / radius**2, upper=1.0)]
+        along = [Constraint("tube", asked.symbol * error.square / radius**2, upper=1.0)]
     u = input_of(plant, error.value.numel()).symbol
     start = signal_values(plant.x, None, "state")
     return Problem(
@@ -72,8 +72,8 @@ def tracking_problem(
         cost,
         (end, end),
         integrands=ca.vertcat(error.square, ca.sumsqr(u)),
-        along=along,
-        at_ends=[Bound("start", ends.start, start, start)],
+        path_constraints=along,
+        boundary_constraints=[Constraint("start", ends.start, start, start)],
     )
 
 
@@ -126,7 +126,7 @@ def optimal_input(
     mesh = Mesh.over(breaks, period / grid.arcs, Collocation(grid.degree, "radau"))
     weight = 1 / objective.input_weight if isinstance(objective, LeastError) else _STIFF
     guess = first_guess(plant, reference, end, weight)
-    treatment = Complementary(relaxation.last, relaxation.first)
+    treatment = Complementarity(relaxation.last, relaxation.first)
     # An LQR is next to what tracks best, but not to what tracks with least effort.
     solver = _WARM if isinstance(objective, LeastError) else _SOLVER
     return optimise(problem, mesh, treatment, guess, solver=solver, report=report)

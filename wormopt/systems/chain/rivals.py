@@ -15,15 +15,15 @@ import numpy as np
 from wormopt.control.drive import drive
 from wormopt.control.loop import with_reference
 from wormopt.control.lqr import lqr
-from wormopt.control.reference import follow
+from wormopt.control.reference import gait_reference
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Complementary
+from wormopt.ocp.contact import Complementarity
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.optimise import Optimum, optimise
-from wormopt.ocp.polish import polish
+from wormopt.ocp.switching import optimise_switching_times
 from wormopt.systems.chain.copies import draw_factors, numbers_of
 from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem, sine_guess
 from wormopt.systems.chain.optimal_tracking import knowing, lengths_of, optimal_input
@@ -40,7 +40,7 @@ PLANS = ("optimal tracking", "optimal tube", "fastest crawl")
 """What is planned, by the names that tables and pictures show."""
 
 # The crawl's relaxed contact.
-_RELAXED = Complementary(residual=1e-3, first=1.0)
+_RELAXED = Complementarity(residual=1e-3, first=1.0)
 # Cubics in the course of a length on each arc of the crawl's exact motion, which are long.
 _PARTS = 6
 
@@ -90,7 +90,7 @@ def solve(job: Job) -> Answer:
     motion, parts = optimum.motion, 1
     if periodic:
         with suppress(SolveError):  # the relaxed input serves too: its simulation is exact
-            motion, parts = polish(optimum).motion, _PARTS
+            motion, parts = optimise_switching_times(optimum).motion, _PARTS
     known = [knowing(optimum, draw) for draw in job.draws]
     return Answer(
         Plan(motion.input_course(), lengths_of(motion, parts), periodic),
@@ -123,7 +123,7 @@ def _track(job: Job) -> Optimum:
         objective = LeastInput(margin=optimal.margin)
     return optimal_input(
         plant,
-        follow(job.gait, plant.t),
+        gait_reference(job.gait, plant.t),
         table.time.end,
         objective,
         table.tube,
@@ -162,7 +162,7 @@ def rivals(table: CompareScene, gait: Gait, plans: Mapping[str, Plan | None]) ->
     """
     for name, tracker in zip(labels(table.tracker), table.tracker, strict=True):
         plant = plant_of(table, gait)
-        yield Rival(name, close_loop(plant, follow(gait, plant.t), tracker, table.worm))
+        yield Rival(name, close_loop(plant, gait_reference(gait, plant.t), tracker, table.worm))
     yield Rival(LQR, _lqr(table, gait, None))
     found = {name: plan for name, plan in plans.items() if plan is not None}
     for name, plan in found.items():
@@ -174,17 +174,17 @@ def rivals(table: CompareScene, gait: Gait, plans: Mapping[str, Plan | None]) ->
 def driven(table: CompareScene, gait: Gait, plan: Plan) -> Model:
     """Plant under a plan, open loop, judged by the reference `gait`."""
     plant = plant_of(table, gait)
-    compared = with_reference(plant, follow(gait, plant.t))
+    compared = with_reference(plant, gait_reference(gait, plant.t))
     return drive(compared, plan.inputs, periodic=plan.periodic)
 
 
 def _lqr(table: CompareScene, gait: Gait, plan: Plan | None) -> Model:
     """LQR on the reference, or around a plan: its input fed forward, its lengths as reference."""
     plant, weights = plant_of(table, gait), table.lqr
-    reference = follow(gait, plant.t)
+    reference = gait_reference(gait, plant.t)
     aim = reference
     if plan is not None:
-        aim = follow(plan.lengths, plant.t, periodic=plan.periodic, name="course")
+        aim = gait_reference(plan.lengths, plant.t, periodic=plan.periodic, name="course")
     loop = lqr(
         plant,
         aim,

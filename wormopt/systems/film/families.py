@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from wormopt.analysis.continuation import Branch, follow_branch
+from wormopt.analysis.continuation import Branch, continue_branch
 from wormopt.analysis.steady import rates_of
 from wormopt.errors import SolveError
 from wormopt.model.model import Signal
@@ -64,7 +64,7 @@ def steady_branches(
         x, found = rates.newton(guess[None], p)
         if found[0]:
             start = rates.steady(x[0], p)
-            branches.append(follow_branch(start, "delta", span, max_points=_MOST))
+            branches.append(continue_branch(start, "delta", span, max_points=_MOST))
     return branches
 
 

@@ -12,13 +12,13 @@ import casadi as ca
 import numpy as np
 
 from wormopt.analysis.average import average
-from wormopt.analysis.continuation import Branch, follow_branch
+from wormopt.analysis.continuation import Branch, continue_branch
 from wormopt.analysis.steady import SteadyState, rates_of, steady_states
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Law
 from wormopt.model.model import Model
 from wormopt.progress import Report
-from wormopt.simulation.ensemble import Member, simulate_ensemble
+from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Tolerance
 from wormopt.systems.pair.averaged_pair import SteadyPair, steady_pair
 from wormopt.systems.pair.magnetic_pair import magnetic_pair, scaled_law
@@ -219,7 +219,7 @@ def branches_of(pair: Pair, detuning: tuple[float, float], largest: float) -> li
     while places:
         for state in pair.steady(places.pop(0)):
             if not any(_on(branch, state) for branch in found) and len(found) < _MOST:
-                found.append(follow_branch(state, "frequency", span, largest=largest))
+                found.append(continue_branch(state, "frequency", span, largest=largest))
         for branch in found[seen:]:
             crossings = map(pair.detuning, _crossings(branch))
             places += [detuning for detuning in crossings if low <= detuning <= high]
@@ -280,7 +280,7 @@ def confirmed(
     members, marks = [], []
     for k in which:
         nu = pair.frequency(points.detuning[k])
-        members.append(Member(x0=pair.start(points.x[k], nu), p={"frequency": nu}))
+        members.append(Scenario(x0=pair.start(points.x[k], nu), p={"frequency": nu}))
         length = 2 * np.pi / nu * periods
         marks.append([end - 2 * length, end - length, end])
     motions = simulate_ensemble(

@@ -18,12 +18,12 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Complementary, Smoothed
+from wormopt.ocp.contact import Complementarity, Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess, Motion
 from wormopt.ocp.optimise import Optimum, best_of
-from wormopt.ocp.polish import polish
-from wormopt.ocp.problem import Bound, Ends, Problem, ramped
+from wormopt.ocp.problem import Constraint, Ends, Problem, ramped
+from wormopt.ocp.switching import optimise_switching_times
 from wormopt.progress import Report
 from wormopt.simulation.options import Exact
 from wormopt.simulation.simulate import simulate
@@ -48,7 +48,7 @@ _HARMONICS, _CORNERS = 3, 96
 # Widths of the smoothed law, in usual velocities: the masses turn more often than they rest, and a
 # steep law shows the turns with a third of the iterations that complementarity takes.
 _WIDTHS = (0.6, 0.01, 0.3)
-_RELAXED = Complementary(residual=1e-4, first=1.0)
+_RELAXED = Complementarity(residual=1e-4, first=1.0)
 # State polynomials between switches.
 _EXACT = Collocation(7)
 _REST = "the pair rests under the harmonic field, so that there is no motion to start from"
@@ -70,13 +70,13 @@ def waveform_problem(pair: Model, limits: FieldLimits, aim: FieldAim) -> Problem
     ends = Ends.of(plant, 1)
     advance = ends.end[0] - ends.start[0]
     speed = advance / ends.duration
-    at_ends = [Bound("start", ends.start[0], 0.0, 0.0, plant.x[0].nominal)]
+    at_ends = [Constraint("start", ends.start[0], 0.0, 0.0, plant.x[0].nominal)]
     if aim.speed is not None:
-        at_ends.append(Bound("aim.speed", speed, aim.speed, nominal=plant.x[1].nominal))
+        at_ends.append(Constraint("aim.speed", speed, aim.speed, nominal=plant.x[1].nominal))
     along = []
     if limits.strain is not None:
         stretch, most = plant.output("stretch"), limits.strain
-        along.append(Bound("limits.strain", stretch, -most, most, nominal=most))
+        along.append(Constraint("limits.strain", stretch, -most, most, nominal=most))
     least = (aim.speed or 0.0) / 2  # keeps the quotient finite on the way
     work = ends.integrals[0] / (ends.duration * ca.fmax(speed, least))
     return Problem(
@@ -87,8 +87,8 @@ def waveform_problem(pair: Model, limits: FieldLimits, aim: FieldAim) -> Problem
         periodic=[signal.name for signal in plant.x if signal.name != "position"],
         displaced=["position"],
         integrands=plant.output("power"),
-        along=along,
-        at_ends=at_ends,
+        path_constraints=along,
+        boundary_constraints=at_ends,
     )
 
 
@@ -254,13 +254,15 @@ def best_field(
     """
     speed = problem.model.contacts[0].nominal_speed
     first, last, ratio = _WIDTHS
-    steep = Smoothed(last * speed, first * speed, ratio)
+    steep = Regularised(last * speed, first * speed, ratio)
     lost: SolveError | None = None
     for name, treatment in (("smooth", steep), ("complementarity", _RELAXED)):
         try:
             relaxed, tries = best_of(problem, mesh, treatment, starts, report=report)
             report("polishing", 0.6)
-            exact = polish(relaxed, collocation=_EXACT, tolerance=tolerance, report=report)
+            exact = optimise_switching_times(
+                relaxed, collocation=_EXACT, tolerance=tolerance, report=report
+            )
         except SolveError as error:
             lost = lost or error
             if error.code == "infeasible":

@@ -13,12 +13,12 @@ from wormopt.control.drive import drive
 from wormopt.errors import SolveError
 from wormopt.model.model import Model
 from wormopt.model.values import by_name
-from wormopt.ocp.contact import Complementary, Prescribed, Smoothed
+from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.ocp.mesh import interpolation
 from wormopt.ocp.motion import Motion
 from wormopt.ocp.optimise import Optimum
-from wormopt.ocp.polish import resting_speeds
-from wormopt.ocp.sequence import structure_of
+from wormopt.ocp.structure import structure_of
+from wormopt.ocp.switching import resting_speeds
 from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, unit_of
 from wormopt.result import Check, Result, conclude
@@ -27,7 +27,7 @@ from wormopt.simulation.options import Exact, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.shared.declared import Declared
-from wormopt.systems.shared.proof import Recheck
+from wormopt.systems.shared.proof import CrossCheck
 from wormopt.systems.shared.signals import fitted
 
 ACCEPTED = 1e-7
@@ -86,13 +86,13 @@ def replay(
     return found
 
 
-def recheck(
+def cross_check(
     motion: Motion,
     contact: Treatment = Exact(),  # noqa: B008  frozen
     *,
     accepted: float = ACCEPTED,
     report: Report = silent,
-) -> Recheck:
+) -> CrossCheck:
     """Compare the end of a motion with that of its simulation.
 
     Differences, up to `accepted`, are over the larger of a state's size and nominal size.
@@ -101,10 +101,10 @@ def recheck(
     try:
         end = replay(motion, contact, report=report)[-1].end
     except SolveError as error:
-        return Recheck(label, None, accepted, "the model", error.reason)
+        return CrossCheck(label, None, accepted, "the model", error.reason)
     found = motion.states(np.array([motion.duration]))[:, 0]
     size = np.maximum(motion.program.arc.x_nominal, np.abs(end))
-    return Recheck(label, float(np.max(np.abs(found - end) / size)), accepted, "the model")
+    return CrossCheck(label, float(np.max(np.abs(found - end) / size)), accepted, "the model")
 
 
 def _plant(motion: Motion) -> Model:
@@ -175,7 +175,7 @@ def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
     out. There is one more time than phases.
     """
     motion, treatment = optimum.motion, optimum.treatment
-    if isinstance(treatment, Prescribed):
+    if isinstance(treatment, FixedModes):
         edges = motion.phase_breaks()
         modes = treatment.modes.phases if treatment.modes else ((),) * motion.mesh.phases
     else:
@@ -190,7 +190,7 @@ def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
 # -- numbers ---------------------------------------------------------------------------------------
 
 
-def optimum_scalars(stages: Mapping[str, Optimum], second: Recheck) -> dict[str, Any]:
+def optimum_scalars(stages: Mapping[str, Optimum], second: CrossCheck) -> dict[str, Any]:
     """Numbers of `OPTIMUM`; inputs are unknown where they act by impulses.
 
     The last of `stages` is the result, `second` its simulation.
@@ -259,7 +259,7 @@ def optimum_timings(stages: Mapping[str, Optimum]) -> dict[str, float]:
 # -- trust -----------------------------------------------------------------------------------------
 
 
-def optimum_facts(stages: Mapping[str, Optimum], second: Recheck) -> dict[str, Any]:
+def optimum_facts(stages: Mapping[str, Optimum], second: CrossCheck) -> dict[str, Any]:
     """What the trust reports of all optimal motions say.
 
     The last of `stages` is the result, `second` its simulation.
@@ -277,7 +277,7 @@ def optimum_facts(stages: Mapping[str, Optimum], second: Recheck) -> dict[str, A
     }
 
 
-def replay_check(second: Recheck) -> Check:
+def replay_check(second: CrossCheck) -> Check:
     """Whether an optimum and the simulation of its inputs end alike."""
     advice = (
         f"the inputs found cannot be simulated: {second.reason}"
@@ -290,9 +290,9 @@ def replay_check(second: Recheck) -> Check:
 
 def _treatment_in_words(optimum: Optimum) -> str:
     treatment = optimum.treatment
-    if isinstance(treatment, Smoothed):
+    if isinstance(treatment, Regularised):
         return f"smooth, v_reg = {treatment.v_reg:.6g}"
-    if isinstance(treatment, Complementary):
+    if isinstance(treatment, Complementarity):
         return f"complementarity, relaxed to {treatment.residual:.6g}"
     return "exact: prescribed modes, switching times free"
 
@@ -356,7 +356,7 @@ def warnings_of_reading(relaxed: Optimum, exact: Optimum) -> Iterator[str]:
 def conclude_optimum(
     scene: Scene[Any],
     stages: Mapping[str, Optimum],
-    second: Recheck,
+    second: CrossCheck,
     scalars: Mapping[str, Any],
     variables: Mapping[str, Any],
     *,

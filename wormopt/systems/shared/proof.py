@@ -33,7 +33,7 @@ _MORE_STEPS = 100
 
 
 @dataclass(frozen=True)
-class Recheck:
+class CrossCheck:
     """What the second route found."""
 
     route: str  # by what it went; empty: there was none
@@ -69,7 +69,7 @@ class Recheck:
         return {name: getattr(self, name) for name in ("route", "error", "accepted", "shared")}
 
 
-def recheck(
+def cross_check(
     model: Model,
     motion: Trajectory,
     tolerance: Tolerance,
@@ -77,7 +77,7 @@ def recheck(
     p: Values | None = None,
     schedules: Mapping[str, np.ndarray] | None = None,
     report: Report,
-) -> Recheck:
+) -> CrossCheck:
     """Simulate again by another route and compare the ends; the model's states come first.
 
     Smooth systems go to CasADi's implicit integrators, exact contact and switches to the
@@ -107,11 +107,11 @@ def recheck(
             report=lambda _, fraction: report("rechecking", fraction),
         )
     except SolveError as error:
-        return Recheck(label, None, accepted, shared, error.reason)
+        return CrossCheck(label, None, accepted, shared, error.reason)
     sizes = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
     size = np.maximum(sizes, np.abs(again.end))
     error = np.max(np.abs(motion.end[: model.n_x] - again.end) / size)
-    return Recheck(label, float(error), accepted, shared)
+    return CrossCheck(label, float(error), accepted, shared)
 
 
 def accepted_error(tolerance: Tolerance) -> float:
@@ -162,7 +162,7 @@ def one_or_all(values: Sequence[Any]) -> Any:
     return values[0] if len(values) == 1 else list(values)
 
 
-def warnings_of_motion(motion: Trajectory, second: Recheck | None) -> Iterator[str]:
+def warnings_of_motion(motion: Trajectory, second: CrossCheck | None) -> Iterator[str]:
     """Warn where a motion was not integrated the usual way."""
     from wormopt.simulation.native.build import compiler
 
@@ -175,7 +175,7 @@ def warnings_of_motion(motion: Trajectory, second: Recheck | None) -> Iterator[s
 
 
 def motion_facts(
-    motions: Sequence[Trajectory], rechecks: Sequence[Recheck | None], tolerance: Tolerance
+    motions: Sequence[Trajectory], rechecks: Sequence[CrossCheck | None], tolerance: Tolerance
 ) -> dict[str, Any]:
     """What the trust reports of all simulations say; sequences have one entry per tracker.
 

@@ -13,7 +13,7 @@ from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
-from wormopt.simulation.motion_task import KINDS
+from wormopt.simulation.initial_value import KINDS
 from wormopt.simulation.options import Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory

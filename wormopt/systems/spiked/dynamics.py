@@ -10,9 +10,9 @@ import numpy as np
 
 from wormopt.model.friction import Spike
 from wormopt.model.model import Contact, Model, Output, Signal
-from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.systems.spiked.limits import Limits
-from wormopt.systems.spiked.task import Cost, Objective, Task, Worm
+from wormopt.systems.spiked.task import Cost, GaitProblem, Objective, Worm
 
 
 def spiked_worm(
@@ -84,11 +84,11 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
     ends = Ends.of(model, 1)
     advance = ends.end[0] - ends.start[0]
     speed_nominal = float(np.max(limits.rate_bounds(n)))
-    at_ends = [Bound("start", ends.start[0], 0.0, 0.0, nominal=float(ranges.max()))]
+    at_ends = [Constraint("start", ends.start[0], 0.0, 0.0, nominal=float(ranges.max()))]
     way = advance
     if objective.speed is not None:
         at_ends.append(
-            Bound(
+            Constraint(
                 "objective.speed", advance / ends.duration, objective.speed, nominal=speed_nominal
             )
         )
@@ -101,24 +101,28 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
         ends=ends,
         duration=period_range,
         periodic=["length", "velocity", "rate"],
-        along=[*_limits_along(model, limits, n, ranges), *cost.pop("along", ())],
-        at_ends=at_ends,
-        sharing=_sharing(model, limits, Task(worm, limits, objective).loads_matter),
+        path_constraints=[*_limits_along(model, limits, n, ranges), *cost.pop("along", ())],
+        boundary_constraints=at_ends,
+        sharing=_sharing(model, limits, GaitProblem(worm, limits, objective).loads_matter),
         impulses=limits.impulses,
         **cost,
     )
 
 
-def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) -> list[Bound]:
+def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) -> list[Constraint]:
     x = {s.name: s for s in model.x}
     bounds = [
-        Bound("limits.length", x["length"].symbol, ranges[:, 0], ranges[:, 1], x["length"].nominal)
+        Constraint(
+            "limits.length", x["length"].symbol, ranges[:, 0], ranges[:, 1], x["length"].nominal
+        )
     ]
     rates = limits.rate_limits(links)
     if rates is not None:
         size = float(np.max(rates))
         bounds.append(
-            Bound("limits.rate", x["rate"].symbol, -np.array(rates[0]), np.array(rates[1]), size)
+            Constraint(
+                "limits.rate", x["rate"].symbol, -np.array(rates[0]), np.array(rates[1]), size
+            )
         )
     for key, expression in (
         ("acceleration", model.u[0].symbol),
@@ -128,11 +132,13 @@ def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) 
         if getattr(limits, key) is not None:
             most = np.broadcast_to(getattr(limits, key), expression.numel())
             least = -np.inf if key == "spike_load" else -most  # spikes do not pull
-            bounds.append(Bound(f"limits.{key}", expression, least, most, float(most.max())))
+            bounds.append(Constraint(f"limits.{key}", expression, least, most, float(most.max())))
     if limits.sigma_margin > 0:
         sigma = model.output("reaction_mean")
         bounds.append(
-            Bound("limits.sigma_margin", sigma, limits.sigma_margin, nominal=limits.sigma_margin)
+            Constraint(
+                "limits.sigma_margin", sigma, limits.sigma_margin, nominal=limits.sigma_margin
+            )
         )
     return bounds
 
@@ -180,13 +186,13 @@ def _cost(
                 "integrands": ca.sum1(spent.symbol) / nominal / time,
                 "slacks": (spent,),
                 "along": (
-                    Bound("power", spent.symbol - power, 0.0, nominal=nominal),
-                    Bound("power", spent.symbol, 0.0, nominal=nominal),
+                    Constraint("power", spent.symbol - power, 0.0, nominal=nominal),
+                    Constraint("power", spent.symbol, 0.0, nominal=nominal),
                 ),
             }
     forces = model.forces
     if minimise == "peak_actuator_force":
         forces = ca.vertcat(model.output("actuator_force"), -model.output("actuator_force"))
     peak = Signal("peak", ca.SX.sym("peak"), "force", force, 0.0)  # their smallest upper bound
-    bound = Bound(minimise, forces - peak.symbol, upper=0.0, nominal=force)
+    bound = Constraint(minimise, forces - peak.symbol, upper=0.0, nominal=force)
     return {"minimise": peak.symbol / force, "along": (bound,), "design": (peak,)}

@@ -196,7 +196,7 @@ class Certify(Frozen):
         yield from _faults_of_workers(self.workers)
         yield from _faults_of_sequence(self.sequence, links, resting)
 
-    def faults_of_orders(self, task: Task) -> Iterator[Fault]:
+    def faults_of_orders(self, task: GaitProblem) -> Iterator[Fault]:
         """Yield a fault if a task has more orders of rest than can be looked at."""
         if self.sequence is not None:
             return
@@ -291,7 +291,7 @@ def _faults_of_sequence(sequence: Any, links: int, resting: int) -> Iterator[Fau
 
 
 @dataclass(frozen=True)
-class Task:
+class GaitProblem:
     """A problem of gait design; it can be hashed and sent to other processes.
 
     Parameters
@@ -310,7 +310,8 @@ class Task:
 
     Examples
     --------
-    >>> Task(Worm(links=2, mass=(1.0, 1.0)), Limits(1.0, (0.7, 1.3), rate=1.0, impulses=True))
+    >>> limits = Limits(1.0, (0.7, 1.3), rate=1.0, impulses=True)
+    >>> GaitProblem(Worm(links=2, mass=(1.0, 1.0)), limits)
     Traceback (most recent call last):
     wormopt.errors.ArgumentError: worm.mass: 2 entries for 3 masses; write one number for all ...
     """

@@ -12,7 +12,7 @@ from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.ocp.motion import Guess
-from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.systems.swinging.scenes.internal_mass import CapsuleTable
 
 
@@ -58,10 +58,10 @@ def capsule_problem(table: CapsuleTable) -> Problem:
         -(ends.end[0] - ends.start[0]) / ends.duration,
         (1e-3 * slow, 10 * slow),
         periodic=["velocity", "inner_position", "inner_velocity"],
-        at_ends=[
-            Bound("start", ends.start[0], 0.0, 0.0, sizes[0]),
-            Bound("inner start", ends.start[2], 0.0, 0.0, sizes[2]),
-            Bound("momentum", ends.end[1] + table.share * ends.end[3], 0.0, 0.0, sizes[1]),
+        boundary_constraints=[
+            Constraint("start", ends.start[0], 0.0, 0.0, sizes[0]),
+            Constraint("inner start", ends.start[2], 0.0, 0.0, sizes[2]),
+            Constraint("momentum", ends.end[1] + table.share * ends.end[3], 0.0, 0.0, sizes[1]),
         ],
         impulses=True,
     )

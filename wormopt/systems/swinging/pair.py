@@ -12,7 +12,7 @@ from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.ocp.motion import Guess
-from wormopt.ocp.problem import Bound, Ends, Problem
+from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.systems.swinging.scenes.internal_mass import PairTable
 
 
@@ -79,11 +79,11 @@ def pair_problem(table: PairTable) -> Problem:
         ends,
         -advance(table, ratio) / ends.duration,
         (1e-3 * slow, 10 * slow),
-        at_ends=[
-            Bound("start", ends.start[:2], 0.0, 0.0, size),
-            Bound("rest at the start", ends.start[3], 0.0, 0.0, model.x[1].nominal),
-            Bound("stroke", ends.end[1] - ends.end[0], size, size, size),
-            Bound("rest at the end", ends.end[3], 0.0, 0.0, model.x[1].nominal),
+        boundary_constraints=[
+            Constraint("start", ends.start[:2], 0.0, 0.0, size),
+            Constraint("rest at the start", ends.start[3], 0.0, 0.0, model.x[1].nominal),
+            Constraint("stroke", ends.end[1] - ends.end[0], size, size, size),
+            Constraint("rest at the end", ends.end[3], 0.0, 0.0, model.x[1].nominal),
         ],
         design=[Signal("mass_ratio", ratio, "share", 0.5, low, high)],
     )

@@ -24,7 +24,7 @@ from wormopt.progress import Report
 from wormopt.simulation.options import Exact, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.shared.proof import Recheck, recheck
+from wormopt.systems.shared.proof import CrossCheck, cross_check
 from wormopt.systems.shared.signals import rests
 
 # Points between two velocities at which a mass begins or ceases to reverse, and the distance kept
@@ -141,7 +141,7 @@ class Orbit:
     power: float  # mean, of the actuators
     rest_share: float  # largest share of the period one contact rests
     motion: Trajectory  # over several periods
-    second: Recheck | None  # check by another route; None: not wanted
+    second: CrossCheck | None  # check by another route; None: not wanted
     trials: int  # simulations to find it
 
 
@@ -219,7 +219,7 @@ class Runner:
         )
         second = None
         if check:
-            second = recheck(
+            second = cross_check(
                 replace(self.model, x=x0), motion, self.tolerance, p=self.p, report=self.report
             )
         time, V = _PERIODS * self.period, motion.state("center_velocity")[0]

@@ -12,7 +12,7 @@ import numpy as np
 from wormopt.control.funnel import Funnel, funnel_tracker
 from wormopt.control.lambda_tracker import Adaptation, Decay, Exponent, Quadratic, lambda_tracker
 from wormopt.control.loop import FeedForward
-from wormopt.control.reference import Reference, follow
+from wormopt.control.reference import Reference, gait_reference
 from wormopt.errors import SceneError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.gait import Gait
@@ -189,7 +189,7 @@ def build_loop(scene: Scene[TrackScene], index: int, gait: Gait, links: Links) -
     """
     table = scene.table
     plant = chain_for(table.worm, table.start, links, gait)
-    reference = follow(gait, plant.t, shift=table.reference.shift % gait.period)
+    reference = gait_reference(gait, plant.t, shift=table.reference.shift % gait.period)
     try:
         return close_loop(plant, reference, table.trackers[index], table.worm)
     except ValueError as error:

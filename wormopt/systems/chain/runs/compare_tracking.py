@@ -16,7 +16,7 @@ from wormopt.numerics.workers import Workers
 from wormopt.progress import Report, silent
 from wormopt.result import Result, conclude
 from wormopt.scene.scene import Scene
-from wormopt.simulation.ensemble import Member, simulate_ensemble
+from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Exact, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
@@ -36,7 +36,7 @@ from wormopt.systems.chain.runs.chains import tolerance_of
 from wormopt.systems.chain.runs.compare_tables import Drawn, Known, table_of
 from wormopt.systems.chain.scenes.compare_tracking import COMPARED, CompareScene, DesignedShape
 from wormopt.systems.shared.declared import JUDGED
-from wormopt.systems.shared.proof import Recheck, accepted_error, recheck
+from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
 from wormopt.systems.shared.signals import fitted, sample, simulate_whole, symbol
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.limits import Limits
@@ -57,7 +57,7 @@ class _Run:
 
     rival: Rival
     motion: Trajectory  # of the worm as it is believed
-    second: Recheck | None  # its second route
+    second: CrossCheck | None  # its second route
     numbers: dict[str, Any]  # of `motion`
     drawn: Drawn  # of the other plants
 
@@ -139,11 +139,11 @@ def _judge(
     motion = simulate_whole(model, table.time.end, table.time.samples, Exact(), tolerance, silent)
     # Trackers are rechecked in scenes of their own kind: their many steps take long in Python.
     check &= table.tolerance.recheck and not any(s.name == "gain" for s in rival.model.x)
-    second = recheck(rival.model, motion, tolerance, report=silent) if check else None
+    second = cross_check(rival.model, motion, tolerance, report=silent) if check else None
     ensemble = simulate_ensemble(
         model,
         table.time.end,
-        [Member(p=draw) for draw in draws],
+        [Scenario(p=draw) for draw in draws],
         times=np.linspace(0.0, table.time.end, _SAMPLES),
         tolerance=_LOOSE,
     )

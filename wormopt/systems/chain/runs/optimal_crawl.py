@@ -13,12 +13,12 @@ from wormopt.control.drive import drive
 from wormopt.errors import SceneError, SolveError
 from wormopt.model.model import Model
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Complementary
+from wormopt.ocp.contact import Complementarity
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess, Motion
 from wormopt.ocp.optimise import Optimum, best_of
-from wormopt.ocp.polish import polish
 from wormopt.ocp.problem import Problem
+from wormopt.ocp.switching import optimise_switching_times
 from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.numerics import Start
@@ -33,7 +33,7 @@ from wormopt.systems.chain.scenes.optimal_crawl import OptimalCrawlScene, Robust
 from wormopt.systems.shared.optimum import (
     ACCEPTED,
     conclude_optimum,
-    recheck,
+    cross_check,
     refused,
     sample_motion,
     warnings_of_optimum,
@@ -43,7 +43,7 @@ from wormopt.systems.shared.signals import chain_expressions
 
 _SHOWN = ("length", "velocity", "contact_force", "input")
 # Relaxation of complementarity, in usual speeds times usual forces: it only has to show the phases.
-_RELAXED = Complementary(residual=1e-3, first=1.0)
+_RELAXED = Complementarity(residual=1e-3, first=1.0)
 # State polynomials between switches.
 _EXACT = Collocation(7)
 # A robust crawl is not solved exactly; its simulation may end elsewhere by so much.
@@ -69,7 +69,7 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
     except SolveError as error:
         raise refused(scene, error) from None
     accepted = _ACCEPTED_ROBUST if table.robust else ACCEPTED
-    second = recheck(exact.motion, accepted=accepted, report=report)
+    second = cross_check(exact.motion, accepted=accepted, report=report)
     kept, convergence, lost = _kept(numbers, accepted), None, ""
     if "convergence" in table.want:
         try:
@@ -132,7 +132,9 @@ def _solve(
     if table.robust:
         return {"complementarity": relaxed}, tries
     report("polishing", 0.6)
-    exact = polish(relaxed, collocation=_EXACT, tolerance=table.mesh.tolerance, report=report)
+    exact = optimise_switching_times(
+        relaxed, collocation=_EXACT, tolerance=table.mesh.tolerance, report=report
+    )
     return {"complementarity": relaxed, "phases": exact}, tries
 
 

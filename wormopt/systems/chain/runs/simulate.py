@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.control.loop import TrackingError, close
-from wormopt.control.reference import Reference, follow
+from wormopt.control.reference import Reference, gait_reference
 from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output
@@ -40,9 +40,9 @@ from wormopt.systems.chain.runs.own_model import load_model
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.chain.scenes.simulate import ConstantForce, HarmonicChange, SimulateScene
 from wormopt.systems.shared.proof import (
-    Recheck,
+    CrossCheck,
+    cross_check,
     motion_facts,
-    recheck,
     warnings_of_contact,
     warnings_of_motion,
 )
@@ -93,7 +93,7 @@ def run(scene: Scene[SimulateScene], report: Report) -> Result:
     simulated = time.perf_counter()
     try:
         wanted = table.tolerance.recheck
-        second = recheck(plain, motion, tolerance, report=report) if wanted else None
+        second = cross_check(plain, motion, tolerance, report=report) if wanted else None
     except KeyboardInterrupt:
         why = "interrupted before the second route was done"
         raise Interrupted(_unfinished(scene, motion, why)) from None
@@ -134,7 +134,7 @@ def _driven_chain(scene: Scene[SimulateScene], worm: ChainTable) -> Model:
         return replace(model, u=[replace(signal, value=held) for signal in model.u])
     if gait is None:
         return model
-    command = follow(gait, model.t, shift=shift % gait.period)
+    command = gait_reference(gait, model.t, shift=shift % gait.period)
     # (11): c_j times the change of rest length, with the link's own c_j
     x = symbol(model, "position")
     stiffness = ca.diag(ca.jacobian(model.output("spring_force"), x)[:, : worm.links])
@@ -242,7 +242,7 @@ def _scalars(scene: Scene[SimulateScene], motion: Trajectory) -> dict[str, Any]:
 
 
 def _warnings(
-    scene: Scene[SimulateScene], motion: Trajectory, second: Recheck | None
+    scene: Scene[SimulateScene], motion: Trajectory, second: CrossCheck | None
 ) -> Iterator[str]:
     table = scene.table
     laws = (

@@ -35,9 +35,9 @@ from wormopt.systems.chain.runs.chains import (
 )
 from wormopt.systems.chain.scenes.track import FunnelTracker, TrackScene
 from wormopt.systems.shared.proof import (
-    Recheck,
+    CrossCheck,
+    cross_check,
     one_or_all,
-    recheck,
     warnings_of_contact,
     warnings_of_motion,
 )
@@ -72,7 +72,7 @@ def run(scene: Scene[TrackScene], report: Report) -> Result:
         simulated = time.perf_counter()
         tolerance = tolerance_of(table.tolerance)
         seconds = [
-            recheck(each.loop, each.motion, tolerance, report=report)
+            cross_check(each.loop, each.motion, tolerance, report=report)
             if table.tolerance.recheck
             else None
             for each in found
@@ -117,7 +117,7 @@ def _result(
     scene: Scene[TrackScene],
     gait: Gait,
     found: Sequence[Tracked],
-    seconds: Sequence[Recheck | None],
+    seconds: Sequence[CrossCheck | None],
     timings: dict[str, float],
 ) -> Result:
     tolerance = tolerance_of(scene.table.tolerance)
@@ -196,7 +196,7 @@ def _warnings(
     scene: Scene[TrackScene],
     gait: Gait,
     found: Sequence[Tracked],
-    seconds: Sequence[Recheck | None],
+    seconds: Sequence[CrossCheck | None],
 ) -> Iterator[str]:
     table = scene.table
     yield from warnings_of_contact(treatment_of(table.contact), laws_of(table.worm))

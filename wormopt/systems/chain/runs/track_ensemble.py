@@ -15,7 +15,7 @@ from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
-from wormopt.simulation.ensemble import Ensemble, Member, simulate_ensemble
+from wormopt.simulation.ensemble import Ensemble, Scenario, simulate_ensemble
 from wormopt.systems.chain.measured import (
     Tracked,
     balance,
@@ -36,9 +36,9 @@ from wormopt.systems.chain.runs.chains import (
 )
 from wormopt.systems.chain.scenes.track import Tracker, TrackScene
 from wormopt.systems.shared.proof import (
-    Recheck,
+    CrossCheck,
+    cross_check,
     one_or_all,
-    recheck,
     warnings_of_contact,
     warnings_of_motion,
 )
@@ -89,14 +89,14 @@ def run_ensemble(scene: Scene[TrackScene], report: Report) -> Result:
     return _result(scene, gait, herds, seconds, timings)
 
 
-def _members(table: TrackScene) -> list[Member]:
+def _members(table: TrackScene) -> list[Scenario]:
     assert table.ensemble is not None
     drawn = [draw_links(table.worm, table.time.end, k) for k in range(table.ensemble.members)]
-    return [Member(p=links.numbers, schedules=links.paths) for links in drawn]
+    return [Scenario(p=links.numbers, schedules=links.paths) for links in drawn]
 
 
 def _simulate(
-    scene: Scene[TrackScene], index: int, gait: Gait, members: Sequence[Member], report: Report
+    scene: Scene[TrackScene], index: int, gait: Gait, members: Sequence[Scenario], report: Report
 ) -> _Herd:
     table = scene.table
     tracker, label = table.trackers[index], labels(table.trackers)[index]
@@ -151,8 +151,8 @@ def _interrupted(
 
 
 def _seconds(
-    scene: Scene[TrackScene], herd: _Herd, members: Sequence[Member], report: Report
-) -> list[Recheck]:
+    scene: Scene[TrackScene], herd: _Herd, members: Sequence[Scenario], report: Report
+) -> list[CrossCheck]:
     """Recheck the first, the slowest and the fastest member."""
     table = scene.table
     if not table.tolerance.recheck:
@@ -160,7 +160,7 @@ def _seconds(
     order = np.argsort(herd.values("distance"))
     chosen = {herd.whole[k] for k in (0, int(order[0]), int(order[-1]))}
     return [
-        recheck(
+        cross_check(
             herd.first.loop,
             herd.ensemble.motions[k],
             tolerance_of(table.tolerance),
@@ -179,7 +179,7 @@ def _result(
     scene: Scene[TrackScene],
     gait: Gait,
     herds: Sequence[_Herd],
-    seconds: Sequence[Sequence[Recheck]],
+    seconds: Sequence[Sequence[CrossCheck]],
     timings: dict[str, float],
 ) -> Result:
     table, tolerance = scene.table, tolerance_of(scene.table.tolerance)
@@ -205,7 +205,7 @@ def _result(
     )
 
 
-def _badness(second: Recheck) -> float:
+def _badness(second: CrossCheck) -> float:
     return np.inf if second.error is None else second.error
 
 
@@ -217,7 +217,7 @@ def _checks(herd: _Herd) -> Iterator[Check]:
     yield from funnel_checks({f"{before}member {k}: ": herd.member(k) for k in herd.whole}, before)
 
 
-def _warnings(herd: _Herd, second: Recheck | None) -> Iterator[str]:
+def _warnings(herd: _Herd, second: CrossCheck | None) -> Iterator[str]:
     yield from warnings_of_motion(herd.first.motion, second)
     never = sum(time is None for time in herd.values("capture_time"))
     if never:
@@ -225,7 +225,7 @@ def _warnings(herd: _Herd, second: Recheck | None) -> Iterator[str]:
         yield f"{herd.first.label}: {never} of {len(herd.whole)} {what}"
 
 
-def _scalars(herds: Sequence[_Herd], found: Sequence[Recheck | None]) -> dict[str, Any]:
+def _scalars(herds: Sequence[_Herd], found: Sequence[CrossCheck | None]) -> dict[str, Any]:
     scalars = {
         name: one_or_all([_median(herd.values(name)) for herd in herds])
         for name in herds[0].numbers[0]

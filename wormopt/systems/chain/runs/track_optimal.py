@@ -10,7 +10,7 @@ import numpy as np
 
 from wormopt.control.drive import drive
 from wormopt.control.loop import with_reference
-from wormopt.control.reference import follow
+from wormopt.control.reference import gait_reference
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
@@ -26,7 +26,7 @@ from wormopt.systems.chain.optimal_tracking import optimal_input
 from wormopt.systems.chain.runs.chains import chain_for, draw_links, tolerance_of
 from wormopt.systems.chain.scenes.track_optimal import LeastError, TrackOptimalScene
 from wormopt.systems.shared.optimum import optimum_timings, refused, statistics
-from wormopt.systems.shared.proof import Recheck, accepted_error, recheck
+from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
 from wormopt.systems.shared.signals import (
     chain_expressions,
     event_arrays,
@@ -53,7 +53,7 @@ def run(scene: Scene[TrackOptimalScene], report: Report) -> Result:
     table = scene.table
     gait = gait_of_shape(table.reference.gait, scene, "reference.gait")
     plant = chain_for(table.worm, table.start, draw_links(table.worm, table.time.end), gait)
-    reference = follow(gait, plant.t, shift=table.reference.shift % gait.period)
+    reference = gait_reference(gait, plant.t, shift=table.reference.shift % gait.period)
     tolerance = tolerance_of(table.tolerance)
     try:
         optimum = optimal_input(
@@ -81,7 +81,9 @@ def run(scene: Scene[TrackOptimalScene], report: Report) -> Result:
         raise refused(scene, error) from None
     replayed = _replayed(optimum, driven, motion)
     checked = time.perf_counter()
-    second = recheck(driven, motion, tolerance, report=report) if table.tolerance.recheck else None
+    second = (
+        cross_check(driven, motion, tolerance, report=report) if table.tolerance.recheck else None
+    )
     energy, numbers = balance(motion), judged_numbers(motion, table.tube)
     return conclude(
         scene,
@@ -153,7 +155,7 @@ def _signals(table: TrackOptimalScene, gait: Gait, motion: Trajectory) -> dict[s
 
 
 def _warnings(
-    table: TrackOptimalScene, numbers: dict[str, Any], second: Recheck | None
+    table: TrackOptimalScene, numbers: dict[str, Any], second: CrossCheck | None
 ) -> Iterator[str]:
     if second is None:
         yield "not rechecked by a second route: tolerance.recheck is false"

@@ -13,7 +13,7 @@ import numpy as np
 from wormopt.magnetics.blocks import BlockField, channel_field
 from wormopt.magnetics.coils import Coil
 from wormopt.model.model import Schedule
-from wormopt.simulation.moreau import Marcher
+from wormopt.simulation.moreau import MoreauJean
 from wormopt.systems.channel.channel_rod import (
     Blocks,
     block_load,
@@ -141,7 +141,7 @@ class RodCase:
         }
 
     @property
-    def marcher(self) -> Marcher:
+    def marcher(self) -> MoreauJean:
         """Time stepper of the rod, compiled once for all materials, frictions and frequencies."""
         rod = self.rod
         sizes = rod.length, rod.diameter, rod.poisson_ratio, rod.elements, rod.degree
@@ -190,9 +190,9 @@ def _marcher(
     degree: int,
     channel: float,
     fields: tuple[BlockField, ...],
-) -> Marcher:
+) -> MoreauJean:
     """Steps of a rod, whatever its material and friction: those are parameters."""
     rod = Rod(length, diameter, 1.0, 1.0, poisson_ratio=poisson_ratio, elements=elements,
               degree=degree)  # fmt: skip
     model = channel_rod(rod, channel, friction=1.0)
-    return Marcher(model, integrals=_POWERS, inputs=block_load(rod, fields))
+    return MoreauJean(model, integrals=_POWERS, inputs=block_load(rod, fields))

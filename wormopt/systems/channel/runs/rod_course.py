@@ -29,7 +29,7 @@ from wormopt.model.model import Model, pack
 from wormopt.numerics.workers import Workers
 from wormopt.progress import Report, silent
 from wormopt.result import Check
-from wormopt.simulation.moreau import Steps
+from wormopt.simulation.moreau import StepRecord
 from wormopt.systems.channel.runs.rod_case import RodCase
 from wormopt.systems.shared.checkpoints import forget as forget_file
 from wormopt.systems.shared.checkpoints import keep
@@ -121,7 +121,7 @@ class RodPoint:
 class RodCourse:
     """A motion and its outcome."""
 
-    steps: Steps
+    steps: StepRecord
     centre: np.ndarray  # (m,) mean place of the rod, m
     count: int  # number of nodes
     point: RodPoint
@@ -249,7 +249,7 @@ def checks_of_change(
         )
 
 
-def _energy_error(model: Model, steps: Steps, numbers: dict[str, float]) -> float:
+def _energy_error(model: Model, steps: StepRecord, numbers: dict[str, float]) -> float:
     """Largest difference of the energy from what has been done on the rod."""
     energy = ca.Function(
         "energy",
@@ -264,7 +264,7 @@ def _energy_error(model: Model, steps: Steps, numbers: dict[str, float]) -> floa
     return float(np.abs(stored - stored[0] - done).max() / scale) if scale else 0.0
 
 
-def _segment_length(case: RodCase, count_of_nodes: int, steps: Steps) -> float:
+def _segment_length(case: RodCase, count_of_nodes: int, steps: StepRecord) -> float:
     """Mean length of the rod from coil to coil of a block just before the coils change, in m.
 
     NaN where the rod never reached over a block. Durations that coils are on are rounded to

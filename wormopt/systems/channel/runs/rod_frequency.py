@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.analysis.vibration import Modes, vibration_modes
+from wormopt.analysis.vibration import VibrationModes, vibration_modes
 from wormopt.errors import Interrupted, SolveError
 from wormopt.numerics.compass import Look, compass
 from wormopt.progress import Report
@@ -325,7 +325,7 @@ def _eigenfrequencies(case: RodCase) -> dict[str, list[float]]:
     }
 
 
-def _above_zero(modes: Modes) -> list[float]:
+def _above_zero(modes: VibrationModes) -> list[float]:
     return modes.frequencies[modes.frequencies > 0][:_MODES].tolist()
 
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from wormopt.errors import SolveError
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Smoothed
+from wormopt.ocp.contact import Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess, Motion
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import Optimum, optimise, refine
-from wormopt.ocp.sequence import structure_of
+from wormopt.ocp.structure import structure_of
 from wormopt.progress import Report, silent
 from wormopt.systems.film.design.wave import (
     TURN,
@@ -268,7 +268,7 @@ def _first(limits: WaveLimits, aim: WaveAim, guess: Guess | int, mesh: Mesh) -> 
             guess = wave_guess(there, aim, second=guess)
         assert isinstance(guess, Guess)
         problem = wave_problem(there, aim)
-        optimum = optimise(problem, mesh, Smoothed(_WIDTH, _WIDTH), guess, solver=solver)
+        optimum = optimise(problem, mesh, Regularised(_WIDTH, _WIDTH), guess, solver=solver)
     assert optimum is not None
     return optimum
 
@@ -313,7 +313,7 @@ def _exact_phases(first: Optimum, tolerance: float, report: Report) -> dict[str,
 def _touching(found: Optimum, tolerance: float) -> Optimum:
     """Let the field stay at limits that it reaches just where a phase ends, if that is better."""
     motion = found.motion
-    assert isinstance(found.treatment, Smoothed)
+    assert isinstance(found.treatment, Regularised)
     active, edges = found.treatment.active or (), motion.phase_breaks()
     phases: list[tuple[int, ...]] = []
     spans: list[float] = []
@@ -365,7 +365,7 @@ def _between(motion: Motion, active: tuple[tuple[int, ...], ...], durations: np.
     return optimise(
         motion.program.problem,
         mesh,
-        Smoothed(_WIDTH, _WIDTH, active=active),
+        Regularised(_WIDTH, _WIDTH, active=active),
         replace(motion.guess, phases=durations),
         solver=_TIGHT,
     )

@@ -26,7 +26,7 @@ from wormopt.model.model import Model, Signal
 from wormopt.model.values import numbers
 from wormopt.numerics.roots import root
 from wormopt.ocp.motion import Guess
-from wormopt.ocp.problem import Bound, Ends, Problem, ramped
+from wormopt.ocp.problem import Constraint, Ends, Problem, ramped
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.lubrication import field_slope
 from wormopt.systems.film.shapes import FourierWave, grid
@@ -291,9 +291,9 @@ def wave_problem(limits: WaveLimits, aim: WaveAim) -> Problem:
         design.append(Signal("field_range", strength, nominal=size, lower=0.0))
         if limits.gradient is not None:
             room = strength - model.x[3].symbol
-            along.append(Bound("limits.field", room, 0.0, nominal=size))
+            along.append(Constraint("limits.field", room, 0.0, nominal=size))
     if aim.margin is not None:
-        along.append(Bound("margin", slower, -aim.margin / 2))
+        along.append(Constraint("margin", slower, -aim.margin / 2))
     return Problem(
         model=model,
         ends=ends,
@@ -301,8 +301,8 @@ def wave_problem(limits: WaveLimits, aim: WaveAim) -> Problem:
         duration=(TURN, TURN),
         periodic=[signal.name for signal in model.x],
         integrands=ca.vertcat(h, 2 * h / slower) if drift else h,
-        along=along,
-        at_ends=[*_at_ends(model, ends, aim, constant)],
+        path_constraints=along,
+        boundary_constraints=[*_at_ends(model, ends, aim, constant)],
         design=design,
     )
 
@@ -326,19 +326,19 @@ def _film(limits: WaveLimits, flow: ca.SX, strength: ca.SX, size: float) -> Mode
     return plain if limits.gradient is None else ramped(plain, limits.gradient)
 
 
-def _at_ends(model: Model, ends: Ends, aim: WaveAim, constant: ca.SX) -> Iterator[Bound]:
-    yield Bound("volume", ends.integrals[0], TURN, TURN, TURN)
+def _at_ends(model: Model, ends: Ends, aim: WaveAim, constant: ca.SX) -> Iterator[Constraint]:
+    yield Constraint("volume", ends.integrals[0], TURN, TURN, TURN)
     steep = model.x[1].nominal
     if aim.on_crest:
-        yield Bound("phase", ends.start[1], 0.0, 0.0, steep)
-        yield Bound("crest", ends.start[0], lower=1.0)
+        yield Constraint("phase", ends.start[1], 0.0, 0.0, steep)
+        yield Constraint("crest", ends.start[0], lower=1.0)
     else:
-        yield Bound("phase", ends.start[0], 1.0, 1.0)
-        yield Bound("front", ends.start[1], lower=0.0, nominal=steep)
+        yield Constraint("phase", ends.start[0], 1.0, 1.0)
+        yield Constraint("front", ends.start[1], lower=0.0, nominal=steep)
     if aim.capture:
-        yield Bound("aim.capture", ends.start[0] + 3 * constant, lower=0.0)
+        yield Constraint("aim.capture", ends.start[0] + 3 * constant, lower=0.0)
     if aim.mean_flow is not None:
-        yield Bound("aim.mean_flow", 1 + constant, lower=aim.mean_flow)
+        yield Constraint("aim.mean_flow", 1 + constant, lower=aim.mean_flow)
 
 
 def nearby_cosine(limits: WaveLimits, aim: WaveAim) -> tuple[float, float]:

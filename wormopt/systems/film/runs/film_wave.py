@@ -27,7 +27,7 @@ from wormopt.systems.shared.optimum import (
     refused,
     warnings_of_optimum,
 )
-from wormopt.systems.shared.proof import Recheck
+from wormopt.systems.shared.proof import CrossCheck
 
 _OTHERS = 401
 
@@ -221,7 +221,7 @@ def _sweep(
 
 def _facts(waves: list[DesignedWave], checks: tuple[Check, ...]) -> dict[str, Any]:
     wave, constant = waves[-1], checks[0]
-    second = Recheck(
+    second = CrossCheck(
         "quadrature over the thickness alone", constant.value, constant.limit,
         "the equations of the film",
     )  # fmt: skip

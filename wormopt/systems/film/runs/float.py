@@ -32,10 +32,10 @@ from wormopt.systems.film.scenes.film import FloatScene
 from wormopt.systems.film.shapes import Wave
 from wormopt.systems.film.units import Fluid
 from wormopt.systems.shared.proof import (
-    Recheck,
+    CrossCheck,
     accepted_error,
+    cross_check,
     one_or_all,
-    recheck,
     warnings_of_motion,
 )
 
@@ -58,7 +58,7 @@ class _Ride:
     what: str
     drifts: tuple[Drift, ...]
     motion: Trajectory
-    recheck: Recheck | None
+    cross_check: CrossCheck | None
 
     @property
     def simulated(self) -> list[float | None]:
@@ -174,7 +174,9 @@ def _ridden(
     report(f"{what}s", 0.0)
     times = np.linspace(0.0, end, table.course.samples)
     motion = simulate(model, end, times=times, dense=True, tolerance=tolerance, report=report)
-    second = recheck(model, motion, tolerance, report=report) if table.tolerance.recheck else None
+    second = (
+        cross_check(model, motion, tolerance, report=report) if table.tolerance.recheck else None
+    )
     return _Ride(what, drifts, motion, second)
 
 
@@ -184,8 +186,8 @@ def _ridden(
 def _checks(rides: Sequence[_Ride], table: FloatScene) -> Iterator[Check]:
     accepted = accepted_error(tolerance_of(table.tolerance))
     for ride in rides:
-        if ride.recheck:
-            yield replace(ride.recheck.check, name=f"second route of {ride.what}s")
+        if ride.cross_check:
+            yield replace(ride.cross_check.check, name=f"second route of {ride.what}s")
         for i, error in enumerate(ride.errors):
             if error is not None:
                 advice = f"the simulated drift of {ride.what} {i} is {error:.2g} off its formula"
@@ -269,7 +271,7 @@ def _facts(rides: Sequence[_Ride], table: FloatScene) -> dict[str, Any]:
     facts = {
         "tolerance": {"relative": tolerance.relative, "absolute": tolerance.absolute},
         "route": one_or_all([ride.motion.route for ride in rides]),
-        "recheck": one_or_all([ride.recheck and ride.recheck.facts for ride in rides]),
+        "recheck": one_or_all([ride.cross_check and ride.cross_check.facts for ride in rides]),
         "drift_error": [error for ride in rides for error in ride.errors],
         "phase_error": rides[0].phase_errors,
         "phase_accepted": _accepted_phase(rides[0], table),
@@ -280,7 +282,7 @@ def _facts(rides: Sequence[_Ride], table: FloatScene) -> dict[str, Any]:
 
 def _warnings(rides: Sequence[_Ride], table: FloatScene) -> Iterator[str]:
     for ride in rides:
-        yield from warnings_of_motion(ride.motion, ride.recheck)
+        yield from warnings_of_motion(ride.motion, ride.cross_check)
         rows = zip(ride.simulated, ride.drifts, ride.phase_errors, strict=True)
         for i, (found, drift, off) in enumerate(rows):
             if found is None:

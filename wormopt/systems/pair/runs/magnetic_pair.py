@@ -21,7 +21,7 @@ from wormopt.systems.chain.runs.chains import tolerance_of
 from wormopt.systems.pair.runs.pair import Scales, no_steady_motion, pair_of, warnings_of_pair
 from wormopt.systems.pair.scenes.magnetic_pair import MagneticPairScene
 from wormopt.systems.pair.steady import Pair
-from wormopt.systems.shared.proof import Recheck, recheck
+from wormopt.systems.shared.proof import CrossCheck, cross_check
 
 # The average of first order shall settle, and agree with (19), to this.
 _SETTLED = 1e-9
@@ -43,7 +43,7 @@ class _Found:
     first: Trajectory
     second: Trajectory | None
     exact: Trajectory
-    recheck: Recheck | None
+    cross_check: CrossCheck | None
     means: tuple[float, float]
 
     @property
@@ -123,7 +123,7 @@ def _simulated(
     exact = simulate(pair.exact, end, times=times, dense=True, report=report, **given)
     second_route = None
     if table.tolerance.recheck:
-        second_route = recheck(pair.exact, exact, tolerance, p={"frequency": nu}, report=report)
+        second_route = cross_check(pair.exact, exact, tolerance, p={"frequency": nu}, report=report)
     return _Found(
         pair,
         table.detuning,
@@ -178,8 +178,8 @@ def _checks(found: _Found) -> Iterator[Check]:
     if off is not None:
         advice = f"the averaged model's steady state differs from (19) by {off:.2g} of its size"
         yield Check("closed form (19)", off, _SETTLED, advice)
-    if found.recheck:
-        yield found.recheck.check
+    if found.cross_check:
+        yield found.cross_check.check
 
 
 def _scalars(table: MagneticPairScene, found: _Found, scales: Scales) -> dict[str, Any]:
@@ -259,9 +259,9 @@ def _facts(found: _Found, rests: int, late: int) -> dict[str, Any]:
             "rests": rests,
             "rests_in_second_half": late,
             "mean_before": found.means[0],
-            "recheck": None if found.recheck is None else found.recheck.error,
-            "recheck_route": "" if found.recheck is None else found.recheck.route,
-            "recheck_shares": "" if found.recheck is None else found.recheck.shared,
+            "recheck": None if found.cross_check is None else found.cross_check.error,
+            "recheck_route": "" if found.cross_check is None else found.cross_check.route,
+            "recheck_shares": "" if found.cross_check is None else found.cross_check.shared,
         },
         "eigenvalues": [[value.real, value.imag] for value in state.eigenvalues],
     }

@@ -47,7 +47,7 @@ from wormopt.systems.pair.waveform import (
 from wormopt.systems.shared.optimum import (
     ACCEPTED,
     conclude_optimum,
-    recheck,
+    cross_check,
     refused,
     sample_motion,
     warnings_of_optimum,
@@ -87,7 +87,7 @@ def run(scene: Scene[PairWaveformScene], report: Report) -> Result:
         proof = prove(free, motion, report)
     except SolveError as error:
         raise refused(scene, error) from None
-    second = recheck(motion, report=report)
+    second = cross_check(motion, report=report)
     return conclude_optimum(
         scene,
         stages,

@@ -22,12 +22,12 @@ from wormopt.errors import ArgumentError
 from wormopt.model.given import check_kind, per
 from wormopt.progress import Report, silent
 from wormopt.systems.spiked.certify.relaxation import Relaxed
-from wormopt.systems.spiked.certify.tree import Branch, Solver, Tree, periods, plant
+from wormopt.systems.spiked.certify.tree import Node, Solver, Tree, periods, plant
 from wormopt.systems.spiked.design.design import Design, finished
 from wormopt.systems.spiked.search.orders import all_sequences
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.sequences import Sequence_, ascending
-from wormopt.systems.spiked.task import Certify, Objective, Task
+from wormopt.systems.spiked.task import Certify, GaitProblem, Objective
 
 Improve = Callable[[Sequence_, tuple[float, ...]], float]
 Ending = Literal["gap reached", "time limit", "finest cells", "interrupted"]
@@ -212,7 +212,7 @@ def _begun(design: Design) -> Progress:
 
 
 def prove(
-    task: Task,
+    task: GaitProblem,
     value: float,
     wanted: Certify,
     report: Report,
@@ -259,14 +259,14 @@ def prove(
 class _Best:
     """The best speed known, and who may raise it."""
 
-    def __init__(self, task: Task, speed: float, improve: Improve | None) -> None:
+    def __init__(self, task: GaitProblem, speed: float, improve: Improve | None) -> None:
         self.speed = speed
         shortest, self._unit = task.limits.period_range
         self._shortest, self._improve = shortest / self._unit, improve
         self._seen: Counter[Sequence_] = Counter()
         self._tries: Counter[Sequence_] = Counter()
 
-    def look(self, branch: Branch, relaxed: Relaxed) -> None:
+    def look(self, branch: Node, relaxed: Relaxed) -> None:
         """Try a relaxed gait now and then; of one sequence ever fewer, as boxes become alike."""
         if self._improve is None or not relaxed.point.size or len(branch.family) > 1:
             return
@@ -284,7 +284,7 @@ class _Best:
 
 
 def _prove(
-    task: Task, value: float, wanted: Certify, begun: Progress, improve: Improve | None
+    task: GaitProblem, value: float, wanted: Certify, begun: Progress, improve: Improve | None
 ) -> Generator[Progress]:
     """Improve a bound step by step; stopping between two steps loses nothing.
 
@@ -318,14 +318,16 @@ def _prove(
                 yield progress
 
 
-def _planted(task: Task, wanted: Certify) -> Tree:
+def _planted(task: GaitProblem, wanted: Certify) -> Tree:
     own, phases = wanted.sequence, wanted.phases
     sequences = [ascending(own)] if own else all_sequences(task, phases)
     shortest, longest = task.limits.period_range
     return plant(sequences, [s for s in sequences if len(s) == 3], shortest / longest)
 
 
-def _steps(task: Task, value: float, gap: float) -> list[tuple[Task, float | None, float | None]]:
+def _steps(
+    task: GaitProblem, value: float, gap: float
+) -> list[tuple[GaitProblem, float | None, float | None]]:
     """Tasks, the speeds that nothing in them must pass, and the costs that this proves.
 
     Of a speed only the task: nothing must pass the best gait by more than the gap.

@@ -35,7 +35,7 @@ from wormopt.systems.spiked.certify.cuts import (
 )
 from wormopt.systems.spiked.programs.scaled_limits import Form, scaled
 from wormopt.systems.spiked.sequences import Sequence_
-from wormopt.systems.spiked.task import Task
+from wormopt.systems.spiked.task import GaitProblem
 
 # Averages above what cuts allow are worth a row if they are so by this share of what the bound is
 # above the cutoff; then by shares of the speed from the second to the third.
@@ -68,7 +68,7 @@ class Relaxation:
     """
 
     def __init__(
-        self, task: Task, sequence: Sequence_, cells: int, more: tuple[int, ...] = ()
+        self, task: GaitProblem, sequence: Sequence_, cells: int, more: tuple[int, ...] = ()
     ) -> None:
         self._limits = scaled(task)
         self._sequence, self._cells = sequence, cells

@@ -26,7 +26,7 @@ import numpy as np
 from wormopt.numerics.workers import Workers
 from wormopt.systems.spiked.certify.relaxation import Box, Relaxation, Relaxed
 from wormopt.systems.spiked.sequences import Sequence_, canonical
-from wormopt.systems.spiked.task import Task
+from wormopt.systems.spiked.task import GaitProblem
 
 CELLS = 2  # per phase, to begin with
 _MOST_CELLS = 128
@@ -55,7 +55,7 @@ _SENT, _BOXES, _JOBS = 4, 16, 2
 Family = tuple[Sequence_, ...]
 
 
-class Branch(NamedTuple):
+class Node(NamedTuple):
     """All gaits of a sequence in a box."""
 
     bound: float  # proven: none of them is faster
@@ -82,9 +82,9 @@ class Branch(NamedTuple):
 class Tree:
     """What is known of all gaits, as branches that together contain every one of them."""
 
-    open: tuple[Branch, ...]  # in heap order: the largest bound first
+    open: tuple[Node, ...]  # in heap order: the largest bound first
     done: float = -np.inf  # largest bound of the branches that are done with
-    leaves: tuple[Branch, ...] = ()  # branches done with, of sequences in `watched`
+    leaves: tuple[Node, ...] = ()  # branches done with, of sequences in `watched`
     boxes: int = 0  # linear programs solved
     watched: tuple[Sequence_, ...] = ()  # sequences whose leaves are kept, for a picture
     shortest: float = 1.0  # shortest period / longest; cycles last a whole part of a period
@@ -104,7 +104,7 @@ def plant(
     """
     halves = (periods(shortest, 0.0, 1 / _WIDEST), periods(shortest, 1 / _WIDEST, 1.0))
     roots = [
-        Branch(np.inf, common, ((0.0, 1.0),) * len(common) + (period,), family=family)
+        Node(np.inf, common, ((0.0, 1.0),) * len(common) + (period,), family=family)
         for common, family in families(sequences).items()
         for period in halves
     ]
@@ -117,7 +117,7 @@ class Solver:
     `workers` defaults to the number of processors.
     """
 
-    def __init__(self, task: Task, workers: int | None = None) -> None:
+    def __init__(self, task: GaitProblem, workers: int | None = None) -> None:
         self._workers = Workers(workers)
         self._task, self._programs = task, Programs(task)
 
@@ -161,18 +161,18 @@ class Solver:
         self.close()
 
 
-Look = Callable[[Branch, Relaxed], None]
+Look = Callable[[Node, Relaxed], None]
 _NOTHING_DONE: dict[str, Any] = {"done": -np.inf, "leaves": (), "boxes": 0}
 
 
 class Programs:
     """Relaxations of a task; those used last are kept, with their bases and cuts."""
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: GaitProblem) -> None:
         self._task = task
         self._kept = OrderedDict[tuple, Relaxation]()
 
-    def solve(self, branch: Branch, cutoff: float) -> Relaxed:
+    def solve(self, branch: Node, cutoff: float) -> Relaxed:
         """Solve the relaxation of a branch; bounds below `cutoff` are not wanted."""
         key = (branch.sequence, branch.cells, branch.more)
         relaxation = self._kept.pop(key, None) or Relaxation(self._task, *key)
@@ -183,18 +183,18 @@ class Programs:
 
 
 @lru_cache(maxsize=1)
-def _programs(task: Task) -> Programs:
+def _programs(task: GaitProblem) -> Programs:
     return Programs(task)
 
 
 def _grown(
-    task: Task, cutoff: float, found: float | None, tree: Tree
-) -> tuple[Tree, tuple[Branch, Relaxed] | None]:
+    task: GaitProblem, cutoff: float, found: float | None, tree: Tree
+) -> tuple[Tree, tuple[Node, Relaxed] | None]:
     """Grow a tree for a while; with its most promising branch of those seen, relaxed."""
-    seen: list[tuple[Branch, Relaxed]] = []
+    seen: list[tuple[Node, Relaxed]] = []
     most = _BOXES if tree.bound < np.inf else len(tree.open)  # first there must be any bound
 
-    def look(branch: Branch, relaxed: Relaxed) -> None:
+    def look(branch: Node, relaxed: Relaxed) -> None:
         seen.append((branch, relaxed))
 
     while tree.boxes < most and tree.open and tree.bound > cutoff:
@@ -202,7 +202,7 @@ def _grown(
     return tree, max(seen, key=lambda pair: pair[0].bound, default=None)
 
 
-def _joined(tree: Tree, rest: list[Branch], parts: Sequence[Tree]) -> Tree:
+def _joined(tree: Tree, rest: list[Node], parts: Sequence[Tree]) -> Tree:
     """The tree with these branches as they were, and the others as they have grown."""
     opened = [*rest, *chain(*(part.open for part in parts))]
     return replace(
@@ -214,7 +214,7 @@ def _joined(tree: Tree, rest: list[Branch], parts: Sequence[Tree]) -> Tree:
     )
 
 
-def _promise(branch: Branch) -> tuple[float, Branch]:
+def _promise(branch: Node) -> tuple[float, Node]:
     return -branch.bound, branch
 
 
@@ -227,7 +227,7 @@ def grow(
 ) -> Tree:
     """Look at the two most promising branches; see `Solver.grow`."""
     heap = [(-branch.bound, branch) for branch in tree.open]
-    batch: list[Branch] = []
+    batch: list[Node] = []
     while heap and len(batch) < 2 and -heap[0][0] > cutoff:
         batch.append(heapq.heappop(heap)[1])
     done, leaves, aim = tree.done, list(tree.leaves), cutoff if found is None else found
@@ -254,8 +254,8 @@ def grow(
 
 
 def _twigs(
-    branch: Branch, relaxed: Relaxed, before: float, cutoff: float, aim: float, shortest: float
-) -> list[Branch]:
+    branch: Node, relaxed: Relaxed, before: float, cutoff: float, aim: float, shortest: float
+) -> list[Node]:
     """Parts of a branch, or the branch with finer cells; nothing if that leads no further."""
     if not relaxed.point.size:  # the solver failed
         longest = int(np.argmax(np.ptp(np.array(branch.box), axis=1)))
@@ -283,7 +283,7 @@ def _twigs(
     return _cut(branch, side, float(relaxed.point[side]), shortest)
 
 
-def _members(branch: Branch) -> list[Branch]:
+def _members(branch: Node) -> list[Node]:
     """The parts of a family that differ in the phase where most others may rest."""
     phase = int(np.argmax(branch.more))
     twigs = []
@@ -295,7 +295,7 @@ def _members(branch: Branch) -> list[Branch]:
     return twigs
 
 
-def _cut(branch: Branch, side: int, at: float, shortest: float) -> list[Branch]:
+def _cut(branch: Node, side: int, at: float, shortest: float) -> list[Node]:
     low, high = branch.box[side]
     if high - low < _NARROWEST:
         return []
@@ -309,7 +309,7 @@ def _cut(branch: Branch, side: int, at: float, shortest: float) -> list[Branch]:
     return [twig for twig in twigs if all(low <= high for low, high in twig.box)]
 
 
-def _ordered(branch: Branch) -> Branch:
+def _ordered(branch: Node) -> Node:
     """Of a word that repeats itself the gaits that begin with the shortest of the like phases."""
     word, box = branch.sequence, list(branch.box)
     for k in range(1, len(word)):

@@ -19,7 +19,7 @@ from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.search.search import Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.sequences import Sequence_, lasting
-from wormopt.systems.spiked.task import Cost, Search, Task
+from wormopt.systems.spiked.task import Cost, GaitProblem, Search
 from wormopt.systems.spiked.verify import violations
 
 # Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
@@ -81,7 +81,7 @@ class Design:
     (0.425, ((0,), (1,)), True)
     """
 
-    task: Task
+    task: GaitProblem
     gait: Gait = field(repr=False)
     cycles: int
     sequence: Sequence_
@@ -135,12 +135,12 @@ class Design:
         return _violations(self.task, self.gait, self.cycles)
 
 
-def _motion_under(load: float, task: Task, gait: Gait) -> Crawl:
+def _motion_under(load: float, task: GaitProblem, gait: Gait) -> Crawl:
     worm, limits = task.worm, task.limits
     return crawl(gait, worm.masses, worm.drag, load, limits.sharing, limits.spike_load)
 
 
-def _violations(task: Task, gait: Gait, cycles: int) -> dict[str, float]:
+def _violations(task: GaitProblem, gait: Gait, cycles: int) -> dict[str, float]:
     """Excess over each limit, the worst under both ends and the middle of the load's range."""
     low, high = task.worm.load_range
     found = [
@@ -166,7 +166,7 @@ def objective_of(motion: Crawl, minimise: Cost | None) -> float:
 
 
 def of_trial(
-    task: Task, trial: Trial, error: float, ceiling: float, survey: Survey, ended: str
+    task: GaitProblem, trial: Trial, error: float, ceiling: float, survey: Survey, ended: str
 ) -> Design:
     """Make a design of a trial as it is; the other parameters are those of `Design`."""
     sequence, durations = lasting(trial.sequence, trial.durations.tolist())
@@ -191,7 +191,9 @@ def of_trial(
     )
 
 
-def sharpest(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
+def sharpest(
+    task: GaitProblem, settings: Search, survey: Survey, bound: float, report: Report
+) -> Design:
     """Halve the arcs of the best trials until that gains nothing, and take the best vertex.
 
     `survey` holds the trials of the search; `bound` is the ceiling.
@@ -232,7 +234,7 @@ def finished(design: Design, trial: Trial) -> Design:
     return replace(found, timings_s=design.timings_s)
 
 
-def _keeps(task: Task, trial: Trial) -> bool:
+def _keeps(task: GaitProblem, trial: Trial) -> bool:
     """Whether the gait keeps all limits, with the split of all masses that rest in fact.
 
     The program knows of those that are to rest; more may, and take their share. And it keeps

@@ -18,7 +18,7 @@ from wormopt.systems.spiked.search.orders import ceiling_of, first_orders
 from wormopt.systems.spiked.search.search import Survey, search
 from wormopt.systems.spiked.search.trial import Trial
 from wormopt.systems.spiked.sequences import Sequence_, ascending
-from wormopt.systems.spiked.task import Cost, Objective, Search, Task, Worm
+from wormopt.systems.spiked.task import Cost, GaitProblem, Objective, Search, Worm
 
 _SEARCH = Search()
 # Limits of a design are exceeded by no more than this share of their size.
@@ -77,7 +77,7 @@ def design(
     Traceback (most recent call last):
     wormopt.errors.SolveError: objective.speed = 2 is above the ceiling 1 that ...
     """
-    task = Task(worm, limits, Objective.of(objective, speed))
+    task = GaitProblem(worm, limits, Objective.of(objective, speed))
     check_kind("search", search, Search)
     for key, message in search.faults(worm.links, limits.resting):
         raise ArgumentError(f"search.{key}: {message}")
@@ -93,7 +93,7 @@ def design(
 
 
 def designed(
-    task: Task,
+    task: GaitProblem,
     settings: Search,
     report: Report,
     hints: Iterable[Sequence_] = (),
@@ -131,7 +131,7 @@ def designed(
     return replace(found, timings_s=timings)
 
 
-def _nothing(task: Task, settings: Search, survey: Survey, report: Report) -> BaseException:
+def _nothing(task: GaitProblem, settings: Search, survey: Survey, report: Report) -> BaseException:
     if survey.ended == "interrupted":
         return KeyboardInterrupt()
     if survey.ended == "time limit":

@@ -23,7 +23,7 @@ from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.limits import Rates
 from wormopt.systems.spiked.programs.program import GaitProgram
 from wormopt.systems.spiked.search.trial import Trial
-from wormopt.systems.spiked.task import Objective, Task
+from wormopt.systems.spiked.task import GaitProblem, Objective
 
 # Limits are moved by this share; what they gain is evaluated by multipliers, without rounding.
 _SHARE = 1e-5
@@ -44,7 +44,7 @@ class Limit:
     name: str  # in the task: "limits.acceleration[1]"
     value: float
     quantity: str  # what it measures, as `unit_of` takes it
-    moved: Callable[[float], Task]  # the task with another number in its place
+    moved: Callable[[float], GaitProblem]  # the task with another number in its place
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def scaling_error(known: Iterable[Sensitivity], objective: Objective) -> float:
     return float(np.abs(sums - _POWERS[objective.quantity]).max())
 
 
-def _sensitivity(task: Task, trial: Trial, limit: Limit) -> Sensitivity:
+def _sensitivity(task: GaitProblem, trial: Trial, limit: Limit) -> Sensitivity:
     sign = 1.0 if task.objective.minimise is None else -1.0
     value = abs(trial.value)
     scale = limit.value or trial.program.limits.force  # only forces may be 0
@@ -181,13 +181,13 @@ def _gain_again(trial: Trial, limit: Limit, step: float) -> float:
     return (moved.objective(moved.bilinear.climb(start, _AGAIN)) - trial.value) / step
 
 
-def _moved(trial: Trial, task: Task) -> GaitProgram:
+def _moved(trial: Trial, task: GaitProblem) -> GaitProgram:
     shortest, longest = task.limits.period_range
     cycles = max(1, trial.cycles)
     return trial.program.moved(task, (shortest / cycles, longest / cycles))
 
 
-def limits_of(task: Task) -> Iterator[Limit]:
+def limits_of(task: GaitProblem) -> Iterator[Limit]:
     """All numbers of a task that may be moved a little: limits, worm, required speed.
 
     One for each number as it is written; a drag or limit left out is none.
@@ -204,8 +204,8 @@ def limits_of(task: Task) -> Iterator[Limit]:
 
 
 def _replaced(
-    task: Task, part: str, key: str, rebuilt: Callable[[float], Any], number: float
-) -> Task:
+    task: GaitProblem, part: str, key: str, rebuilt: Callable[[float], Any], number: float
+) -> GaitProblem:
     """The task with another number in one of its fields."""
     return replace(task, **{part: replace(getattr(task, part), **{key: rebuilt(number)})})
 

@@ -30,7 +30,7 @@ from wormopt.systems.spiked.programs.gait_rows import has_cost_columns, is_energ
 from wormopt.systems.spiked.search.search import Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.sequences import Sequence_, lasting
-from wormopt.systems.spiked.task import Objective, Search, Task
+from wormopt.systems.spiked.task import GaitProblem, Objective, Search
 
 # Refinement stops when halving every arc changes the cost by less than this, relatively.
 _RESOLVED = 1e-6
@@ -50,7 +50,9 @@ _GAINED, _KEPT = 3e-7, 1e-9
 _MOST = 8
 
 
-def smoothest(task: Task, settings: Search, survey: Survey, bound: float, report: Report) -> Design:
+def smoothest(
+    task: GaitProblem, settings: Search, survey: Survey, bound: float, report: Report
+) -> Design:
     """Resolve the best trials of a smooth cost, solve for it from the best; take the best gait.
 
     Parameters are those of `sharpest`. Costs of gaits are compared at last, in closed form.
@@ -87,7 +89,7 @@ def _cost(found: Design) -> float:
 
 
 def _resolved(
-    task: Task, settings: Search, trials: list[Trial], report: Report
+    task: GaitProblem, settings: Search, trials: list[Trial], report: Report
 ) -> tuple[list[Trial], float]:
     """Halve arcs of the best trials while that helps; best first, and its last relative gain."""
     trier, found = Trier(task), []
@@ -107,7 +109,7 @@ def _resolved(
 
 
 def _solved(
-    task: Task, trials: list[Trial], error: float, ended: str
+    task: GaitProblem, trials: list[Trial], error: float, ended: str
 ) -> tuple[Solved | None, float]:
     """The best solution from some trials, refined where those are not resolved, and its error."""
     resolved = is_energy(task)
@@ -119,7 +121,7 @@ def _solved(
 
 
 def _of_solved(
-    task: Task, best: Solved, survey: Survey, bound: float, error: float, ended: str
+    task: GaitProblem, best: Solved, survey: Survey, bound: float, error: float, ended: str
 ) -> Design:
     mesh = best.program.mesh
     durations = np.bincount(mesh.phase, weights=best.arcs.duration)
@@ -163,14 +165,14 @@ def mesh_of(sequence: Sequence_, arcs: int) -> Mesh:
     return Mesh(len(sequence), arcs, Collocation(2), 0)
 
 
-def resting_state(task: Task) -> np.ndarray:
+def resting_state(task: GaitProblem) -> np.ndarray:
     """State of `spiked_worm` at rest, links in the middle of their ranges, shape (2n + 2,)."""
     lengths = np.mean(task.limits.length_ranges(task.worm.links), axis=1)
     return np.concatenate([[0.0], lengths, [0.0], 0.0 * lengths])
 
 
 @lru_cache(maxsize=16)
-def _program(task: Task, mesh: Mesh) -> Transcription:
+def _program(task: GaitProblem, mesh: Mesh) -> Transcription:
     return Transcription(gait_problem(task.worm, task.limits, task.objective), mesh)
 
 
@@ -180,7 +182,7 @@ def _bounds(program: Transcription, sequence: Sequence_) -> Bounds:
     return program.bounds(ModeSequence.of_resting(sequence, masses))
 
 
-def solve_cost(task: Task, trial: Trial) -> Solved | None:
+def solve_cost(task: GaitProblem, trial: Trial) -> Solved | None:
     """Solve for a smooth cost, started from a trial that is fast enough; None: no motion found."""
     cycle = replace(task, limits=replace(task.limits, period=trial.program.period))
     mesh = replace(mesh_of(trial.sequence, _ARCS), arcs=tuple(trial.program.arcs.tolist()))
@@ -203,7 +205,7 @@ def solve_cost(task: Task, trial: Trial) -> Solved | None:
     return Solved(trial, program, bounds, found) if found.violation <= _ACCEPTED else None
 
 
-def _fast(task: Task, trial: Trial, mesh: Mesh) -> Arcs | None:
+def _fast(task: GaitProblem, trial: Trial, mesh: Mesh) -> Arcs | None:
     """The fastest motion with the durations of a trial, whose velocities may jump."""
     program = _program(task, mesh)
     rest = program.rest(trial.program.widths(trial.point), resting_state(task))
@@ -330,7 +332,10 @@ def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
 
 
 def conflict(
-    task: Task, sequences: Sequence[Sequence_], report: Report = silent, seconds: float = np.inf
+    task: GaitProblem,
+    sequences: Sequence[Sequence_],
+    report: Report = silent,
+    seconds: float = np.inf,
 ) -> SolveError:
     """Explain which limits conflict, by the least slack that lets a gait exist; to be raised.
 
@@ -353,7 +358,7 @@ def conflict(
         answer = program.nlp.solve(w, bounds, Ipopt(tolerance=1e-7))
         if answer.violation < 1e-5 and answer.objective < least:
             least, slack = answer.objective, program.unpack(answer.w).design
-    nominal = {b.name: b.nominal for b in (*rigid.along, *rigid.at_ends)}
+    nominal = {b.name: b.nominal for b in (*rigid.path_constraints, *rigid.boundary_constraints)}
     given = [
         f"{name} by {size * nominal[name]:.4g}"
         for signal, size in zip(problem.design, slack, strict=True)

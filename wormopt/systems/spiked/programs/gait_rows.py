@@ -21,7 +21,7 @@ from wormopt.numerics.linearised import Excess
 from wormopt.systems.spiked.programs.scaled_limits import Form, ScaledLimits, scaled
 from wormopt.systems.spiked.programs.split import Pattern, lines_of, split_matters
 from wormopt.systems.spiked.sequences import Resting, Sequence_
-from wormopt.systems.spiked.task import Task
+from wormopt.systems.spiked.task import GaitProblem
 
 # A cost of an arc is less than this, in units of force times way or of rate squared over time.
 _MOST_COST = 1e6
@@ -34,7 +34,7 @@ class GaitRows:
 
     def __init__(
         self,
-        task: Task,
+        task: GaitProblem,
         sequence: Sequence_,
         period: tuple[float, float],
         arcs: int | Sequence[int] | np.ndarray = 6,
@@ -293,12 +293,12 @@ class GaitRows:
         return BilinearProgram(self.rows, np.unique(self.h), low)
 
 
-def has_cost_columns(task: Task) -> bool:
+def has_cost_columns(task: GaitProblem) -> bool:
     """Whether the cost of a task is part of its bilinear program."""
     return task.objective.is_smooth and task.limits.acceleration is not None
 
 
-def is_energy(task: Task) -> bool:
+def is_energy(task: GaitProblem) -> bool:
     """Whether the cost of a task is what actuators absorb."""
     return has_cost_columns(task) and task.objective.minimise == "energy_per_distance"
 

@@ -27,7 +27,7 @@ from wormopt.systems.spiked.programs.split import (
     split_matters,
 )
 from wormopt.systems.spiked.sequences import Sequence_, is_gait, wave_direction
-from wormopt.systems.spiked.task import Task
+from wormopt.systems.spiked.task import GaitProblem
 
 # Arcs of a smaller share of the cycle count as having no duration.
 _SHORT = 1e-6
@@ -57,7 +57,7 @@ class GaitProgram(GaitRows):
         sums = np.add.reduceat(shares, self._edges[:-1])
         return self.start_arcs(shares * np.repeat(np.asarray(durations) / sums, self.arcs))
 
-    def moved(self, task: Task, period: tuple[float, float]) -> GaitProgram:
+    def moved(self, task: GaitProblem, period: tuple[float, float]) -> GaitProgram:
         """The same unknowns, rows and units with the numbers of another task of the same form.
 
         `period` is the shortest and longest duration of its cycle.

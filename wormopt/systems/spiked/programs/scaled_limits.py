@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wormopt.systems.spiked.sequences import Resting
-from wormopt.systems.spiked.task import Task
+from wormopt.systems.spiked.task import GaitProblem
 
 # Limits are widened by this share of the numbers that they are the difference of.
 _ROUNDING = 1e-14
@@ -51,7 +51,7 @@ class Bounds(NamedTuple):
 class ScaledLimits:
     """A task in units of its largest link rate, longest period and mean mass."""
 
-    task: Task
+    task: GaitProblem
     like: ScaledLimits | None = None  # whose units are taken instead, to compare the two
 
     @property
@@ -283,7 +283,7 @@ class ScaledLimits:
 
 
 @lru_cache(maxsize=64)
-def scaled(task: Task) -> ScaledLimits:
+def scaled(task: GaitProblem) -> ScaledLimits:
     """Give the limits of a task in units of size 1; those of the last few tasks are kept."""
     return ScaledLimits(task)
 

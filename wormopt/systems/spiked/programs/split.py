@@ -16,13 +16,13 @@ import numpy as np
 
 from wormopt.systems.spiked.crawl import share_load
 from wormopt.systems.spiked.sequences import Resting
-from wormopt.systems.spiked.task import Task
+from wormopt.systems.spiked.task import GaitProblem
 
 # For each resting mass, ascending: -1 where its spike is unloaded, 1 where it is full, else 0.
 Pattern = tuple[int, ...]
 
 
-def split_matters(task: Task, resting: Resting) -> bool:
+def split_matters(task: GaitProblem, resting: Resting) -> bool:
     """Whether limits or cost depend on a split of the load that statics leaves open."""
     peaks = ("peak_spike_load", "peak_actuator_force")
     asked = task.limits.actuator_force is not None or task.objective.minimise in peaks

@@ -11,10 +11,10 @@ from wormopt.scene.scene import Scene
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.runs.motion import (
     agreement,
+    cross_check,
     motion_facts,
     motion_scalars,
     motion_variables,
-    recheck,
 )
 from wormopt.systems.spiked.runs.reference import gait_of_shape
 from wormopt.systems.spiked.scenes.gait import GaitScene
@@ -31,7 +31,7 @@ def run(scene: Scene[GaitScene], report: Report) -> Result:
     gait = gait_of_shape(table.gait, scene)
     motion = crawl(gait, worm.masses, worm.drag, worm.worm.load_range[1], table.gait.sharing)
     crawled = time.perf_counter()
-    again = recheck(motion)
+    again = cross_check(motion)
     return conclude(
         scene,
         motion_scalars(motion, again),

@@ -21,7 +21,7 @@ from wormopt.systems.spiked.runs.motion import Findings
 from wormopt.systems.spiked.scenes.gait_design import GaitDesignScene
 from wormopt.systems.spiked.search.orders import is_mirror_symmetric
 from wormopt.systems.spiked.sequences import Sequence_, mirrored
-from wormopt.systems.spiked.task import Certify, Task
+from wormopt.systems.spiked.task import Certify, GaitProblem
 
 # Rounding of the certificate and of the gait's own value, relative.
 _ROUNDING = 1e-12
@@ -70,7 +70,7 @@ def of_certificate(
     return bounds | _leaves(proof, better), better
 
 
-def _file(task: Task, value: float, wanted: Certify) -> Path:
+def _file(task: GaitProblem, value: float, wanted: Certify) -> Path:
     key = repr((task, f"{value:.12e}", wanted.sequence, wanted.phases, wanted.gap))
     name = hashlib.sha256(key.encode()).hexdigest()[:32]
     return checkpoints("certificates", certified.__module__) / f"{name}.msgpack"

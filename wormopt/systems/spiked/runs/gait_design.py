@@ -24,10 +24,10 @@ from wormopt.systems.spiked.design.sensitivity import Sensitivity, scaling_error
 from wormopt.systems.spiked.runs.motion import (
     Findings,
     agreement,
+    cross_check,
     motion_facts,
     motion_scalars,
     motion_variables,
-    recheck,
 )
 from wormopt.systems.spiked.scenes.design_tables import in_scene
 from wormopt.systems.spiked.scenes.gait_design import DesignTable, GaitDesignScene
@@ -107,7 +107,7 @@ def of_design(table: DesignTable, found: Design) -> Findings:
     """
     clock = time.perf_counter()
     motion, objective = found.motion, found.task.objective
-    again = recheck(motion)
+    again = cross_check(motion)
     excess = {in_scene(name): value for name, value in found.violations.items()}
     if objective.speed is not None:
         excess["objective.speed"] = 1.0 - motion.speed / objective.speed
@@ -145,7 +145,7 @@ def _under_loads(found: Design) -> Iterator[Check]:
     low, high = found.task.worm.load_range
     for load in np.linspace(low, high, 5)[:-1].tolist() if low < high else ():
         motion = found.motion_under(load)
-        yield from agreement(motion, recheck(motion), f"under the load {load:g}: ")
+        yield from agreement(motion, cross_check(motion), f"under the load {load:g}: ")
 
 
 def _scalars(table: DesignTable, found: Design, motion: Crawl) -> dict[str, Any]:

@@ -107,7 +107,7 @@ def gait_arrays(gait: Gait) -> dict[str, np.ndarray]:
     return {f"gait_{name}": values for name, values in gait.arrays().items()}
 
 
-def recheck(motion: Crawl) -> BimodalMotion:
+def cross_check(motion: Crawl) -> BimodalMotion:
     """Integrate (7) for the same gait by the second, event-located route.
 
     Raises SolveError where that route finds no periodic motion.
@@ -117,7 +117,7 @@ def recheck(motion: Crawl) -> BimodalMotion:
 
 
 def motion_facts(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:
-    """Residuals of a motion, and what the second route (`recheck`) found.
+    """Residuals of a motion, and what the second route (`cross_check`) found.
 
     ``force_balance``: largest mu_{n+1}; ``impulse_balance``: mean lambda - k speed - Gamma;
     ``energy_balance``: (net work - dissipation) / (force scale × distance).

@@ -15,7 +15,7 @@ from wormopt.progress import Report
 from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.spiked.crawl import Crawl, crawl
-from wormopt.systems.spiked.runs.motion import agreement, gait_arrays, motion_facts, recheck
+from wormopt.systems.spiked.runs.motion import agreement, cross_check, gait_arrays, motion_facts
 from wormopt.systems.spiked.runs.reference import gait_of_shape
 from wormopt.systems.spiked.scenes.stepper import StepperScene
 from wormopt.systems.spiked.stepper.bristles import BristleMotion, ratchet
@@ -59,7 +59,7 @@ def run(scene: Scene[StepperScene], report: Report) -> Result:
     report("crawling", 0.4)
     worm = table.worm
     ideal = crawl(gait, worm.masses, worm.drag, worm.worm.load_range[1], table.gait.sharing)
-    again = recheck(ideal)
+    again = cross_check(ideal)
     report("moving by steps", 0.7)
     bristles = table.bristles
     moved = ratchet(steps, bristles.backslip, bristles.settle_time)

@@ -23,7 +23,7 @@ from wormopt.systems.spiked.scenes.design_tables import (
 from wormopt.systems.spiked.scenes.gait import MOTION_SCALARS, MOTION_VARIABLES, WormTable
 from wormopt.systems.spiked.scenes.shapes import GAIT_VARIABLES
 from wormopt.systems.spiked.scenes.stepper import MotorTable
-from wormopt.systems.spiked.task import Cost, Objective, Task
+from wormopt.systems.spiked.task import Cost, GaitProblem, Objective
 
 Points = Annotated[int, Meta(ge=3, le=50, description="a whole number from 3 to 50")]
 
@@ -100,9 +100,9 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
             return own
         return own.within(motor.length_rate, motor.length_acceleration, self.worm.links)
 
-    def task(self, objective: Objective) -> Task:
+    def task(self, objective: Objective) -> GaitProblem:
         """The problem of design with the given objective."""
-        return Task(self.worm.worm, self.limits, objective)
+        return GaitProblem(self.worm.worm, self.limits, objective)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""

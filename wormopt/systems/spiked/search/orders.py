@@ -20,7 +20,7 @@ from wormopt.systems.spiked.sequences import (
     sequences,
     wave_orders,
 )
-from wormopt.systems.spiked.task import Task
+from wormopt.systems.spiked.task import GaitProblem
 
 # Sets are all listed up to so many, words of them up to so many.
 _MOST_SETS, _MOST_WORDS = 64, 4000
@@ -28,7 +28,7 @@ _MOST_SETS, _MOST_WORDS = 64, 4000
 _MIXES = 3
 
 
-def all_sequences(task: Task, phases: int) -> list[Sequence_]:
+def all_sequences(task: GaitProblem, phases: int) -> list[Sequence_]:
     """List sequences of 2 to `phases` phases such that every gait has one of them, short first.
 
     A pause of all masses is a set of its own only where no fewer spikes can hold the worm.
@@ -41,7 +41,7 @@ def all_sequences(task: Task, phases: int) -> list[Sequence_]:
     return [s for p in range(2, phases + 1) for s in sequences(masses, letters, p, mirror=mirror)]
 
 
-def is_mirror_symmetric(task: Task) -> bool:
+def is_mirror_symmetric(task: GaitProblem) -> bool:
     """Whether i -> n - i with l_j -> shortest + longest - l_{n+1-j} maps gaits on gaits."""
     n, limits = task.worm.links, task.limits
     contraction, extension = limits.rate_bounds(n)
@@ -58,13 +58,13 @@ def is_mirror_symmetric(task: Task) -> bool:
     )
 
 
-def letters_of(task: Task) -> list[Resting]:
+def letters_of(task: GaitProblem) -> list[Resting]:
     """Sets of resting masses that may occur."""
     masses = range(task.worm.links + 1)
     return [s for size in task.resting_sizes for s in combinations(masses, size)]
 
 
-def first_orders(task: Task) -> list[Sequence_]:
+def first_orders(task: GaitProblem) -> list[Sequence_]:
     """Orders that no search should fall behind, whatever the number of links.
 
     Head and tail in turn, with and without a block between; the ceiling's resting sets in
@@ -88,7 +88,7 @@ def _ends_in_turn(links: int, resting: int) -> Iterator[Sequence_]:
         yield (head, tuple(range(start, start + resting)), tail)
 
 
-def _best_sets_in_turn(task: Task) -> Iterator[Sequence_]:
+def _best_sets_in_turn(task: GaitProblem) -> Iterator[Sequence_]:
     """All cyclic orders of the sets by which the ceiling is reached, where they are few."""
     contraction, extension = task.limits.rate_bounds(task.worm.links)
     count = _MIXES if task.worm.links <= 12 else 1
@@ -98,7 +98,7 @@ def _best_sets_in_turn(task: Task) -> Iterator[Sequence_]:
             yield from ((first, *order) for order in permutations(others))
 
 
-def search_letters(task: Task) -> list[Resting]:
+def search_letters(task: GaitProblem) -> list[Resting]:
     """Sets of resting masses that orders are made of.
 
     All sets, where they are few; else blocks of neighbours round the ends.
@@ -112,7 +112,7 @@ def search_letters(task: Task) -> list[Resting]:
     return sorted(found, key=lambda s: (len(s), s))
 
 
-def plain_orders(task: Task, phases: int | None = None) -> list[Sequence_]:
+def plain_orders(task: GaitProblem, phases: int | None = None) -> list[Sequence_]:
     """Orders of at most `phases` phases, the highest ceilings first, then the shortest.
 
     Of exactly as many resting masses as asked for, and of more in short orders only.
@@ -128,17 +128,17 @@ def plain_orders(task: Task, phases: int | None = None) -> list[Sequence_]:
     return sorted(found, key=lambda s: (-_rounded_ceiling(task, s), len(s), s))
 
 
-def _rounded_ceiling(task: Task, sequence: Sequence_) -> float:
+def _rounded_ceiling(task: GaitProblem, sequence: Sequence_) -> float:
     """Ceiling of an order to six digits; of long worms it takes too long."""
     return float(f"{ceiling_of(task, sequence):.6g}") if task.worm.links <= 8 else 0.0
 
 
-def ceiling_of(task: Task, sequence: Sequence_ | None = None) -> float:
+def ceiling_of(task: GaitProblem, sequence: Sequence_ | None = None) -> float:
     """Bound on the speed by rates and the resting sets of a sequence, or any, see `ceiling`."""
     return _ceiling_of_sets(task, sequence and frozenset(sequence))
 
 
 @lru_cache(maxsize=4096)
-def _ceiling_of_sets(task: Task, sets: frozenset[Resting] | None) -> float:
+def _ceiling_of_sets(task: GaitProblem, sets: frozenset[Resting] | None) -> float:
     contraction, extension = task.limits.rate_bounds(task.worm.links)
     return ceiling(contraction, extension, task.limits.resting, sets)

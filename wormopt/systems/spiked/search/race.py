@@ -17,7 +17,7 @@ from wormopt.systems.spiked.programs.scaled_limits import scaled
 from wormopt.systems.spiked.search.orders import ceiling_of, is_mirror_symmetric
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.sequences import Sequence_, canonical
-from wormopt.systems.spiked.task import Task
+from wormopt.systems.spiked.task import GaitProblem
 
 Better = Callable[[Trial], None]
 
@@ -45,7 +45,7 @@ class Start(NamedTuple):
 class Race:
     """Best trial of every order so far, others that may end higher, each level's best value."""
 
-    task: Task
+    task: GaitProblem
     trier: Trier
     workers: int  # processes
     report: Report

@@ -28,7 +28,7 @@ from wormopt.systems.spiked.sequences import (
     mirrored,
     neighbours,
 )
-from wormopt.systems.spiked.task import Search, Task
+from wormopt.systems.spiked.task import GaitProblem, Search
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Survey:
 
 
 def search(
-    task: Task,
+    task: GaitProblem,
     settings: Search,
     report: Report,
     hints: Iterable[Sequence_] = (),

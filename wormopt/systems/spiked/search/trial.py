@@ -15,7 +15,7 @@ from wormopt.systems.spiked.programs.gait_rows import has_cost_columns
 from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 from wormopt.systems.spiked.programs.split import split_matters
 from wormopt.systems.spiked.sequences import Sequence_, wave_direction
-from wormopt.systems.spiked.task import Objective, Task
+from wormopt.systems.spiked.task import GaitProblem, Objective
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class Trier:
     """
 
     def __init__(
-        self, task: Task, arcs: int = 4, until: float = np.inf, work: float = np.inf
+        self, task: GaitProblem, arcs: int = 4, until: float = np.inf, work: float = np.inf
     ) -> None:
         self.task, self._arcs, self._until, self._most = task, arcs, until, work
         self.programs = self.work = 0  # linear programs of all climbs; pivots, rows and columns
@@ -190,7 +190,7 @@ class Trier:
     ) -> Trial | None:
         """Climb to the required speed; with few arcs it may be just out of reach, with more not."""
         required = self.task.objective.speed or 0.0
-        fastest = Task(self.task.worm, self.task.limits, Objective())
+        fastest = GaitProblem(self.task.worm, self.task.limits, Objective())
         program = type(like)(fastest, like.sequence, like.period, self._arcs)
         start = program.start(durations, random)
         if start is None:

@@ -10,7 +10,7 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.model.modes import ModeSequence
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Prescribed
+from wormopt.ocp.contact import FixedModes
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Motion
 from wormopt.ocp.nlp import Ipopt
@@ -20,7 +20,7 @@ from wormopt.result import Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.shared.optimum import (
     conclude_optimum,
-    recheck,
+    cross_check,
     refused,
     sample_motion,
     warnings_of_optimum,
@@ -53,7 +53,7 @@ def run(scene: Scene[TwoMassScene] | Scene[CapsuleScene], report: Report) -> Res
         optimum = optimise(
             problem,
             Mesh.even(2, 1, Collocation(2)),
-            Prescribed(modes),
+            FixedModes(modes),
             guess,
             solver=Ipopt(tolerance=1e-10),
             report=report,
@@ -61,7 +61,7 @@ def run(scene: Scene[TwoMassScene] | Scene[CapsuleScene], report: Report) -> Res
     except SolveError as error:
         raise refused(scene, error) from None
     solved, motion = time.perf_counter(), optimum.motion
-    second = recheck(motion, report=report)
+    second = cross_check(motion, report=report)
     signals = {
         name: problem.model.forces if name.startswith("contact") else symbol(problem.model, name)
         for name in table.variables

@@ -19,7 +19,7 @@ from wormopt.ocp.nlp import Bounds
 _WITHIN = 1e-9
 
 
-class Limits:
+class ProgramBounds:
     """What limits the nonlinear program of a `Transcription`, for any modes or level.
 
     `sizes`: rows per arc of each kind of constraint, of joints in all; `n_totals`: number of
@@ -59,7 +59,7 @@ class Limits:
             (-following, following),
             rows,
             (np.zeros(self._sizes["joints"]), np.zeros(self._sizes["joints"])),
-            *(b.scaled for b in self.problem.at_ends),
+            *(b.scaled for b in self.problem.boundary_constraints),
         ]
         lbg, ubg = (np.concatenate([part[k] for part in parts]) for k in range(2))
         design = limits_of(self.problem.design)
@@ -294,6 +294,8 @@ class Limits:
         if row < n * len(per_arc):
             return per_arc[row % len(per_arc)]
         row -= n * len(per_arc)
-        ends = [b.name for b in self.problem.at_ends for _ in range(b.expression.numel())]
+        ends = [
+            b.name for b in self.problem.boundary_constraints for _ in range(b.expression.numel())
+        ]
         rest = ["continuity or the period"] * self._sizes["joints"] + ends
         return rest[row]

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import SolveError
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Complementary, Prescribed, Smoothed
+from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.nlp import Ipopt, Solver
 from wormopt.ocp.optimise import Optimum, optimise, refine
-from wormopt.ocp.sequence import Structure, structure_of
+from wormopt.ocp.structure import Structure, structure_of
 from wormopt.progress import Report, silent
 
 # An exact optimum worse than the relaxed one by more than the first part of the objective may come
@@ -25,7 +25,7 @@ _ALIKE, _FAMILIAR = 0.01, 0.1
 _READINGS = 6
 
 
-def polish(
+def optimise_switching_times(
     relaxed: Optimum,
     *,
     collocation: Collocation | None = None,
@@ -120,9 +120,9 @@ def resting_speeds(relaxed: Optimum) -> tuple[float, ...]:
     v = motion.observe(motion.program.problem.model.contact_velocities, t)
     largest = float(np.max(np.abs(v), initial=0.0))
     treatment = relaxed.treatment
-    if isinstance(treatment, Smoothed):
+    if isinstance(treatment, Regularised):
         return (3 * treatment.v_reg, treatment.v_reg, 10 * treatment.v_reg)
-    assert isinstance(treatment, Complementary)
+    assert isinstance(treatment, Complementarity)
     return (1e-2 * largest, 1e-3 * largest, 5e-2 * largest)
 
 
@@ -137,5 +137,5 @@ def _solve(
     guess = replace(relaxed.motion.guess, phases=structure.durations)
     problem = relaxed.motion.program.problem
     return optimise(
-        problem, mesh, Prescribed(structure.modes, structure.active), guess, p=p, solver=solver
+        problem, mesh, FixedModes(structure.modes, structure.active), guess, p=p, solver=solver
     )

@@ -17,7 +17,7 @@ KINDS = ("reversal", "stick", "release", "impact", "switch")
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class InitialValueProblem:
     """One motion to integrate."""
 
     system: System

@@ -9,7 +9,7 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.model.modes import ModeSequence
 from wormopt.model.values import by_name
-from wormopt.ocp.contact import Complementary, Smoothed, Treatment
+from wormopt.ocp.contact import Complementarity, Regularised, Treatment
 from wormopt.ocp.elastic import elastic, with_input_limits
 from wormopt.ocp.motion import Motion
 from wormopt.ocp.nlp import Bounds, Ipopt, Solution
@@ -88,7 +88,9 @@ def _conflict(
         w, objective = answer.w, answer.objective
     if objective < _GIVES_WAY:
         return {}
-    nominal = {b.name: b.nominal for b in (*problem.along, *problem.at_ends)}
+    nominal = {
+        b.name: b.nominal for b in (*problem.path_constraints, *problem.boundary_constraints)
+    }
     names = [s.name.removeprefix("slack ") for s in loose.design[-n:]]
     return {
         name: float(size) * nominal[name]
@@ -101,7 +103,7 @@ def _levels_from(
     treatment: Treatment, level: ModeSequence | float
 ) -> Sequence[ModeSequence | float]:
     """Level at which a solve failed, and those that would have followed."""
-    if isinstance(level, ModeSequence) or not isinstance(treatment, Smoothed | Complementary):
+    if isinstance(level, ModeSequence) or not isinstance(treatment, Regularised | Complementarity):
         return (level,)
     return [each for each in treatment.levels if each <= level]
 
