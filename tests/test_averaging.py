@@ -749,15 +749,15 @@ def test_both_forms_of_the_pair_move_alike():
         slow_pair(**settings_), 60.0, times=t,
         x0={"center_velocity": begin["center_velocity"], "swing": begin["swing"]},
     )  # fmt: skip
-    expected = to_slow(t, there.state("position"), there.state("velocity"), frequency=NU)
-    assert slow.state("center_velocity")[0] == pytest.approx(expected["center_velocity"], abs=1e-9)
-    assert slow.state("swing") == pytest.approx(expected["swing"], abs=1e-9)
+    expected = to_slow(t, there["position"], there["velocity"], frequency=NU)
+    assert slow["center_velocity"][0] == pytest.approx(expected["center_velocity"], abs=1e-9)
+    assert slow["swing"] == pytest.approx(expected["swing"], abs=1e-9)
     back = from_slow(
-        t, slow.state("center_velocity")[0], slow.state("swing"), center=expected["center"],
+        t, slow["center_velocity"][0], slow["swing"], center=expected["center"],
         frequency=NU,
     )  # fmt: skip
-    assert back["position"] == pytest.approx(there.state("position"), abs=1e-9)
-    assert back["velocity"] == pytest.approx(there.state("velocity"), abs=1e-9)
+    assert back["position"] == pytest.approx(there["position"], abs=1e-9)
+    assert back["velocity"] == pytest.approx(there["velocity"], abs=1e-9)
     assert sum(event.kind == "reversal" for event in there.events) > 40
 
 
@@ -790,8 +790,8 @@ def test_a_pair_with_dimensions_is_the_scaled_one():
     )  # fmt: skip
     t = np.linspace(0.0, 80.0, 41)
     one, other = simulate(plain, 80.0, times=t), simulate(scaled, 80.0 * time, times=t * time)
-    assert other.state("position") / length == pytest.approx(one.state("position"), abs=1e-9)
-    assert other.state("velocity") * time / length == pytest.approx(one.state("velocity"), abs=1e-9)
+    assert other["position"] / length == pytest.approx(one["position"], abs=1e-9)
+    assert other["velocity"] * time / length == pytest.approx(one["velocity"], abs=1e-9)
     averages = averaged(slow_pair(law=COULOMB, **PAIR), 2)
     big = averaged(
         slow_pair(

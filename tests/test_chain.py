@@ -113,9 +113,9 @@ def test_every_mass_obeys_newton_with_the_forces_shown(links: int, seed: int):
 def test_energy_changes_by_the_power_of_inputs_less_what_is_lost(links: int, seed: int):
     model = worm(links)
     at = drawn(model, seed)
-    slope = value(model, ca.jtimes(model.output("energy"), pack(model.x), model.ode), at)[0]
-    v, rate = at["velocity"], value(model, model.output("rate"), at)
-    made = value(model, model.output("power"), at).sum() + at["force"] @ v
+    slope = value(model, ca.jtimes(model["energy"], pack(model.x), model.ode), at)[0]
+    v, rate = at["velocity"], value(model, model["rate"], at)
+    made = value(model, model["power"], at).sum() + at["force"] @ v
     lost = at["damping"] @ rate**2 + at["drag"] @ v**2 + at["load"] @ v
     assert slope == pytest.approx(made - lost, abs=1e-10)
 
@@ -130,7 +130,7 @@ def test_a_stiffness_that_varies_in_time_adds_its_own_power(seed: int):
     (schedule,) = model.schedules
     assert schedule.name == "stiffness"
     assert "stiffness" not in [p.name for p in model.p]
-    energy, x = model.output("energy"), pack(model.x)
+    energy, x = model["energy"], pack(model.x)
     slope = ca.jtimes(energy, x, model.ode) + ca.jacobian(energy, model.t)
     signals = [*model.x, *model.u, *model.p]
     symbols = [*(s.symbol for s in signals), schedule.symbol, schedule.begin, model.t]
@@ -146,7 +146,7 @@ def test_relative_degree_two_and_high_frequency_gain():
     """y'' = ... + [[2, -1], [-1, 2]] u / m, and y' knows nothing of u."""
     model = worm(2, mass=4.0)
     x, u = pack(model.x), pack(model.u)
-    rate = ca.jtimes(model.output("length"), x, model.ode)
+    rate = ca.jtimes(model["length"], x, model.ode)
     assert not ca.depends_on(rate, u)
     gain = ca.jacobian(ca.jtimes(rate, x, model.ode), u)
     mass = model.p[0]

@@ -91,11 +91,11 @@ def test_outputs_show_the_inputs_wherever_they_stand():
     inside = CUBICS(np.minimum(t[:5], 1.0999))
     last = CUBICS.on_piece(2, np.array([0.1]))
     u = np.hstack([inside, last, last])
-    assert motion.output("input") == pytest.approx(u, abs=1e-12)
-    rate = -np.diff(motion.state("velocity"), axis=0)
-    assert motion.output("power") == pytest.approx(u * rate, abs=1e-11)
-    spring = motion.output("spring_force")
-    assert motion.output("link_force") == pytest.approx(spring - u, abs=1e-11)
+    assert motion["input"] == pytest.approx(u, abs=1e-12)
+    rate = -np.diff(motion["velocity"], axis=0)
+    assert motion["power"] == pytest.approx(u * rate, abs=1e-11)
+    spring = motion["spring_force"]
+    assert motion["link_force"] == pytest.approx(spring - u, abs=1e-11)
     assert [o.name for o in driven.outputs] == [*(o.name for o in plant.outputs), "input"]
 
 
@@ -108,7 +108,7 @@ def test_forces_that_jump_move_a_free_link_without_any_error():
     for h, u in ((0.7, 3.0), (1.2, -5.0), (0.1, 1.0), (2.0, 1.0)):
         length, rate = length + rate * h + u * h**2 / 2, rate + u * h
         by_hand.append(length)
-    assert motion.output("length")[0] == pytest.approx(by_hand, abs=1e-13)
+    assert motion["length"][0] == pytest.approx(by_hand, abs=1e-13)
     assert motion.n_rejected == 0
 
 
@@ -123,7 +123,7 @@ def test_rest_and_sliding_of_a_driven_pair():
     driven = drive(plant, Gait(np.array([0.0, 2.0, 3.0, 4.0]), values))
     motion = simulate(driven, 5.0, times=[0.9, 2.0, 2.7, 4.0, 5.0])
     moved = np.array([0.0, 1 / 6, 7 / 24, 7 / 24 - 1 / 4, 7 / 24 - 1])
-    assert motion.state("position") == pytest.approx(np.array([3 + moved, -moved]), abs=1e-10)
+    assert motion["position"] == pytest.approx(np.array([3 + moved, -moved]), abs=1e-10)
     events = {(round(e.time, 9), e.kind) for e in motion.events}
     assert events == {(1.0, "release"), (2.5, "stick"), (3.0, "release")}
 
@@ -151,8 +151,8 @@ def test_all_inputs_of_a_plant_are_driven_in_their_order():
     motion = simulate(driven, 1.0)
     assert [e.time for e in motion.events] == [pytest.approx(0.25)]
     assert motion.end == pytest.approx([2.0, -3 - 3 * 0.75])  # it jumps to b = -3 at t = 1/4
-    assert motion.output("input")[:, -1] == pytest.approx([2.0, -3.0])
-    assert motion.output("difference")[0, -1] == pytest.approx(5.0)
+    assert motion["input"][:, -1] == pytest.approx([2.0, -3.0])
+    assert motion["difference"][0, -1] == pytest.approx(5.0)
 
 
 def test_accelerations_drive_a_spiked_worm():

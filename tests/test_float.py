@@ -239,21 +239,21 @@ def below(delta: float) -> Trajectory:
 @pytest.mark.parametrize("delta", [0.2, 0.5, 0.59])
 def test_what_starts_on_the_surface_stays_on_it(delta: float):
     motion = below(delta)
-    assert np.max(np.abs(motion.output("depth")[-1])) < 1e-8
-    assert np.min(motion.output("depth")[:-1]) > 0
-    assert np.min(motion.state("height")) > 0
+    assert np.max(np.abs(motion["depth"][-1])) < 1e-8
+    assert np.min(motion["depth"][:-1]) > 0
+    assert np.min(motion["height"]) > 0
 
 
 @pytest.mark.parametrize("delta", [0.2, 0.5, 0.59])
 def test_a_tracer_on_the_surface_is_a_small_float(delta: float):
     floats = simulate(floating(CosineWave(delta)), 100.0, times=np.linspace(0, 100, 1001))
-    places = below(delta).state("position")[-1]
-    assert places == pytest.approx(floats.state("position")[0], abs=1e-8)
+    places = below(delta)["position"][-1]
+    assert places == pytest.approx(floats["position"][0], abs=1e-8)
 
 
 @pytest.mark.parametrize("delta", [0.2, 0.5, 0.59])
 def test_tracers_stay_on_lines_of_the_stream_function(delta: float):
-    assert np.max(np.ptp(below(delta).output("stream"), axis=1)) < 1e-9
+    assert np.max(np.ptp(below(delta)["stream"], axis=1)) < 1e-9
 
 
 def test_simulated_drifts_of_tracers():
@@ -310,10 +310,10 @@ def test_a_high_wave_holds_fluid_under_its_crest():
     assert not any(tracer_drift(CosineWave(0.6), s * 1.6).captured for s in (0.2, 0.6, 0.99))
     model = tracers(wave, height=1.7 * np.array([0.2, 0.35, 0.4, 0.8]))
     motion = simulate(model, 200.0, times=np.linspace(0, 200, 400))
-    phase = motion.output("phase")
+    phase = motion["phase"]
     assert np.max(np.abs(phase[2:])) < math.pi
     assert np.min(phase[:2, -1]) > 4 * math.pi
-    assert np.max(np.ptp(motion.output("stream"), axis=1)) < 1e-8
+    assert np.max(np.ptp(motion["stream"], axis=1)) < 1e-8
 
 
 # -- what cannot be --------------------------------------------------------------------------------

@@ -57,13 +57,13 @@ def test_displacements_are_integrals_of_the_velocities():
     model = harmonic_masses(cosines, sines, law=COULOMB, frequency=1.7, velocity=0.3, place=True)
     times = np.linspace(0.0, 9.0, 4001)
     motion = simulate(model, 9.0, times=times)
-    v, x = motion.output("velocity"), motion.output("displacement")
+    v, x = motion["velocity"], motion["displacement"]
     steps = np.diff(times)
     # Simpson's rule over pairs of steps; where masses reverse velocities bend, which costs 2e-8
     inner = (v[:, :-2:2] + 4 * v[:, 1:-1:2] + v[:, 2::2]) * steps[0] / 3
     assert x[:, 2::2] - x[:, [0]] == pytest.approx(np.cumsum(inner, axis=1), abs=1e-7)
-    assert v.mean(axis=0) == pytest.approx(motion.state("center_velocity")[0], abs=1e-15)
-    assert motion.output("relative_velocity").sum(axis=0) == pytest.approx(0.0, abs=1e-15)
+    assert v.mean(axis=0) == pytest.approx(motion["center_velocity"][0], abs=1e-15)
+    assert motion["relative_velocity"].sum(axis=0) == pytest.approx(0.0, abs=1e-15)
 
 
 def test_the_law_of_motion_is_that_of_the_whole_mass():

@@ -144,9 +144,9 @@ def test_the_force_at_a_point(seed: int):
     ahead = numbers["stiffness"] * (y - numbers["rest_length"]) + numbers["damping"] * dy
     ahead += np.linalg.solve(gain_by_hand(numbers["mass"]), ddy)
     start = simulate(loop, 1e-6, x0=x)
-    assert start.output("feedforward")[:, 0] == pytest.approx(ahead, rel=1e-9, abs=1e-9)
+    assert start["feedforward"][:, 0] == pytest.approx(ahead, rel=1e-9, abs=1e-9)
     u = ahead - gains(loop, n) @ np.append(e, de)
-    assert start.output("input")[:, 0] == pytest.approx(u, rel=1e-9, abs=1e-9)
+    assert start["input"][:, 0] == pytest.approx(u, rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -165,8 +165,8 @@ def test_without_friction_an_error_of_zero_stays_zero(extra: dict[str, Any]):
     x0 = {name: np.append(np.cumsum(v[::-1])[::-1], 0.0) for name, v in
           (("position", y), ("velocity", dy))}  # fmt: skip
     motion = simulate(loop, 5.0, x0=x0, times=np.linspace(0, 5, 501))
-    assert np.abs(motion.output("error")).max() < 1e-10
-    assert motion.output("input") == pytest.approx(motion.output("feedforward"), abs=1e-8)
+    assert np.abs(motion["error"]).max() < 1e-10
+    assert motion["input"] == pytest.approx(motion["feedforward"], abs=1e-8)
 
 
 def test_the_error_falls_as_the_exponential_says_and_costs_what_it_should():
@@ -176,13 +176,13 @@ def test_the_error_falls_as_the_exponential_says_and_costs_what_it_should():
     loop = lqr(plant, gait_reference(travelling_sine(n, 1.0), plant.t), **given_)
     times = np.linspace(0.0, 15.0, 6001)
     motion = simulate(loop, 15.0, times=times)
-    rate = -np.diff(motion.state("velocity"), axis=0)
-    z = np.vstack([motion.output("error"), rate - travelling_sine(n, 1.0)(times, 1)])
+    rate = -np.diff(motion["velocity"], axis=0)
+    z = np.vstack([motion["error"], rate - travelling_sine(n, 1.0)(times, 1)])
     (A, B), (Q, R), K = pair_by_hand(numbers), as_matrices(given_, n), gains(loop, n)
     closed = A - B @ K
     for k in (200, 800):
         assert z[:, k] == pytest.approx(expm(closed * times[k]) @ z[:, 0], abs=1e-9)
-    v = motion.output("input") - motion.output("feedforward")
+    v = motion["input"] - motion["feedforward"]
     density = np.sum(z * (Q @ z), axis=0) + np.sum(v * (R @ v), axis=0)
     P = solve_continuous_lyapunov(closed.T, -(Q + K.T @ R @ K))
     assert simpson(density, x=times) == pytest.approx(z[:, 0] @ P @ z[:, 0], rel=1e-7)
@@ -194,18 +194,18 @@ def test_the_controller_does_not_know_another_plant():
     still = gait_reference(Gait(np.array([0.0, 1.0]), np.full((1, 1, 1), 2.0)), plant.t)
     loop = lqr(plant, still, error_weight=400.0)
     motion = simulate(loop, 30.0, p={"stiffness": 12.0})
-    assert motion.output("feedforward") == pytest.approx(10.0 * 0.5)
+    assert motion["feedforward"] == pytest.approx(10.0 * 0.5)
     k0 = matrix(loop, "error_gain", 1)[0, 0]
-    assert motion.output("error")[0, -1] == pytest.approx(-2 * 0.5 / (12 + k0), rel=1e-8)
+    assert motion["error"][0, -1] == pytest.approx(-2 * 0.5 / (12 + k0), rel=1e-8)
     knows = lqr(plant, still, error_weight=400.0, p={"stiffness": 12.0})
     assert [p.value for p in knows.p[: len(plant.p)]] == [p.value for p in plant.p]
     motion = simulate(knows, 30.0, p={"stiffness": 12.0})
-    assert motion.output("error")[0, -1] == pytest.approx(0, abs=1e-9)
+    assert motion["error"][0, -1] == pytest.approx(0, abs=1e-9)
     # told by its parameters it is the same
     told = {"feedforward_stiffness": matrix(knows, "feedforward_stiffness", 1)[0]}
     told |= {"feedforward_force": matrix(knows, "feedforward_force", 1)[0]}
     motion = simulate(loop, 30.0, p={"stiffness": 12.0, **told})
-    assert motion.output("error")[0, -1] == pytest.approx(0, abs=1e-9)
+    assert motion["error"][0, -1] == pytest.approx(0, abs=1e-9)
 
 
 def test_links_that_vary_count_as_they_are_at_the_start():
@@ -228,7 +228,7 @@ def test_a_real_worm_under_exact_friction_follows_the_fast_gait():
         t = np.linspace(8.0, 9.0, 101)
         motion = simulate(loop, 10.0, times=np.append(t, t + 1))
         assert any(event.kind == "stick" for event in motion.events)
-        error = motion.output("error")
+        error = motion["error"]
         assert error[:, 101:] == pytest.approx(error[:, :101], abs=1e-6)
         largest.append(np.abs(error).max())
         assert motion.end[0] > 3.0  # it crawls
@@ -253,15 +253,15 @@ def test_feedback_around_a_given_course():
     assert [p.name for p in loop.p[len(plant.p) :]] == ["error_gain", "rate_gain"]
     times = np.linspace(0.0, 1.5, 31)
     motion = simulate(loop, 1.5, times=times)
-    assert np.abs(motion.output("error")).max() < 1e-11
-    assert motion.output("input")[:, :-1] == pytest.approx(course(times[:-1]), abs=1e-10)
+    assert np.abs(motion["error"]).max() < 1e-11
+    assert motion["input"][:, :-1] == pytest.approx(course(times[:-1]), abs=1e-10)
     disturbed = simulate(loop, 1.5, x0={"position": [4.3, 2.1, 0.0]}, times=times)
     numbers = {"mass": np.array([1.0, 2.0, 0.5]), "stiffness": np.zeros(2), "damping": np.zeros(2)}
     A, B = pair_by_hand(numbers)
     z = [expm((A - B @ gains(loop, 2)) * t) @ [0.2, 0.1, 0.0, 0.0] for t in times]
-    assert disturbed.output("error") == pytest.approx(np.array(z)[:, :2].T, abs=1e-10)
+    assert disturbed["error"] == pytest.approx(np.array(z)[:, :2].T, abs=1e-10)
     # afterwards the last length is held, and the last force
-    after = simulate(loop, 4.0).output("feedforward")[:, -1]
+    after = simulate(loop, 4.0)["feedforward"][:, -1]
     assert after == pytest.approx([-2.0 + 1.5 * 0.9, 0.4])
 
 
@@ -270,7 +270,7 @@ def test_a_course_repeats_with_the_reference():
     course = Gait(np.array([0.0, 0.5, 1.0]), np.array([[[1.0], [2.0]], [[3.0], [4.0]]]))
     loop = lqr(plant, gait_reference(fast_gait(1.0), plant.t), error_weight=1.0, feedforward=course)
     motion = simulate(loop, 3.0, times=[0.1, 0.6, 1.1, 2.6])
-    assert motion.output("feedforward")[0] == pytest.approx([1.0, 3.0, 1.0, 3.0])
+    assert motion["feedforward"][0] == pytest.approx([1.0, 3.0, 1.0, 3.0])
 
 
 def test_a_loop_tells_what_it_is():
@@ -308,7 +308,7 @@ def idle() -> Model:
 
 
 def loop_of(plant: Model, **options: Any) -> Model:
-    gait = Gait(np.array([0.0, 1.0]), np.full((1, plant.output("length").numel(), 1), 2.0))
+    gait = Gait(np.array([0.0, 1.0]), np.full((1, plant["length"].numel(), 1), 2.0))
     options = {"error_weight": 1.0} | options
     return lqr(plant, gait_reference(gait, plant.t), **options)
 

@@ -58,7 +58,7 @@ def exact_velocity(eps: float) -> float:
         x0=from_slow(0.0, closed.velocity, swing, frequency=nu),
         times=[begin, begin + length],
     )
-    return float(np.diff(motion.output("center")[0])[0] / length)
+    return float(np.diff(motion["center"][0])[0] / length)
 
 
 # -- (19) and the exact motion ---------------------------------------------------------------------
@@ -84,7 +84,7 @@ def test_the_closed_form_is_at_rest_in_its_steady_motion():
 def test_the_averaged_motion_from_rest_settles_on_it():
     model = averaged_pair(**numbers(0.0355))  # type: ignore[arg-type]
     motion = simulate(model, 80 / 0.0355)
-    amplitude, lag = motion.output("amplitude")[0, -1], motion.output("lag")[0, -1]
+    amplitude, lag = motion["amplitude"][0, -1], motion["lag"][0, -1]
     closed = steady_pair(0.5, 1.0, 0.5)
     found = (motion.end[0], amplitude, lag)
     assert found == pytest.approx((closed.velocity, closed.amplitude, closed.lag), abs=1e-9)

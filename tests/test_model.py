@@ -121,7 +121,7 @@ def test_the_spiked_worm_tells_what_it_is():
         assert contact.nominal_force == pytest.approx(100.0)  # mean mass 2 times 50
         assert contact.law.scale == contact.nominal_force
     with pytest.raises(KeyError, match=r"no signal 'speed'.*reaction_mean.*actuator_force.*power"):
-        worm.output("speed")
+        worm["speed"]
 
 
 def test_time_in_a_contact_velocity_is_differentiated_too():
@@ -140,7 +140,7 @@ def test_a_model_without_contacts_has_empty_columns():
     assert (model.n_x, pack(model.u).shape, model.forces.shape) == (2, (0, 1), (0, 1))
     assert model.contact_velocities.shape == (0, 1)
     assert model.delassus.shape == (0, 0)
-    assert ca.is_equal(model.output("twice"), 2 * v, 2)
+    assert ca.is_equal(model["twice"], 2 * v, 2)
 
 
 def test_models_that_do_not_fit_together_are_refused():

@@ -134,7 +134,7 @@ def energy(marcher: MoreauJean, states: np.ndarray) -> np.ndarray:
     """Elastic and kinetic energy at each look."""
     model = marcher.model
     p = np.array([5e4, 1100.0, 0.0, 0.5])
-    total = model.output("strain_energy") + model.output("kinetic_energy")
+    total = model["strain_energy"] + model["kinetic_energy"]
     of = ca.Function("energy", [pack(model.x), pack(model.p)], [total])
     return np.array(of.map(states.shape[1])(states, np.tile(p[:, None], states.shape[1]))).ravel()
 

@@ -125,8 +125,8 @@ def test_copies_of_a_worm_move_like_the_worm_itself():
     for k, own in enumerate(({}, stiff)):
         alone = simulate(worm(), 1.0, p={**push, **own})
         for name in ("position", "velocity"):
-            shared = together.state(f"{name} [{k}]")[:, -1]
-            assert shared == pytest.approx(alone.state(name)[:, -1], abs=1e-9)
+            shared = together[f"{name} [{k}]"][:, -1]
+            assert shared == pytest.approx(alone[name][:, -1], abs=1e-9)
 
 
 def test_copies_need_a_draw():

@@ -167,7 +167,7 @@ def test_what_is_measured_agrees_with_quadrature():
     numbers = judged_numbers(motion, TUBE)
     t = np.linspace(0.0, 3.0, 30_001)
     fine = motion.at(t)
-    error, power = fine.output("error"), fine.output("input") * fine.output("rate")
+    error, power = fine["error"], fine["input"] * fine["rate"]
     assert numbers["error_integral"] == pytest.approx(
         np.trapezoid((error**2).sum(axis=0), t), rel=1e-5
     )

@@ -236,7 +236,7 @@ def test_no_admissible_move_lowers_the_energy(seed: int, size: float):
 def energy(loaded: Loaded, q: np.ndarray, given: list[float]) -> float:
     assert loaded.potential is not None
     own = ca.Function("own", [*(s.symbol for s in (*loaded.model.x, *loaded.model.p))],
-                      [loaded.model.output("strain_energy")])  # fmt: skip
+                      [loaded.model["strain_energy"]])  # fmt: skip
     n = loaded.n_q // 3
     p = [s.value for s in loaded.model.p]
     stored: Any = own(*q.reshape(3, n), *[0 * np.ones(n)] * 3, *p)

@@ -256,7 +256,7 @@ def forces_and_energy(rod: Rod) -> tuple[ca.Function, ca.Function]:
     mass, turning = rod.inertia
     inertia = np.concatenate([mass, mass, turning])
     forces = ca.DM(inertia) * ode[model.n_x // 2 :]
-    energy = [model.output("strain_energy"), model.output("kinetic_energy")]
+    energy = [model["strain_energy"], model["kinetic_energy"]]
     return ca.Function("forces", [x, p], [forces]), ca.Function("energy", [x, p], energy)
 
 
@@ -300,7 +300,7 @@ def test_damping_takes_energy_and_nothing_else():
     rod = rubber(elements=3, damping_time=1e-2)
     forces, _ = forces_and_energy(rod)
     model, half = channel_rod(rod, 11e-3, 0.5), 3 * rod.count
-    power = ca.Function("power", [pack(model.x), pack(model.p)], [model.output("damping_power")])
+    power = ca.Function("power", [pack(model.x), pack(model.p)], [model["damping_power"]])
     x = random_state(rod, 3, moving=1.0)
     with_, without = [5e4, 1100.0, 1e-2, 0.5], [5e4, 1100.0, 0.0, 0.5]
     damping = np.array(forces(x, with_) - forces(x, without)).ravel()

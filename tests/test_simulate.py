@@ -204,7 +204,7 @@ def test_a_spike_stops_backward_motion_at_once_and_never_gives_way():
     )  # fmt: skip
     t = np.linspace(0, 10, 4001)
     motion = simulate(actuated(worm, 0.3 * ca.sin(4 * worm.t) * ca.DM.ones(2)), 10.0, times=t)
-    v = motion.state("velocity")
+    v = motion["velocity"]
     assert v.min() > -1e-11
     assert v[:, 0] == pytest.approx([0.0, 0.5, 2.0])
     resting = motion.modes_at(t) == 0
@@ -524,16 +524,16 @@ def test_energy_put_in_is_stored_or_dissipated():
     work, loss = ca.SX.sym("work"), ca.SX.sym("loss")
     v = worm.contact_velocities
     d = next(s.symbol for s in worm.p if s.name == "damping")
-    rate = worm.output("rate")
-    rates = ca.vertcat(ca.sum1(worm.output("power")), ca.dot(d, rate**2) - ca.dot(worm.forces, v))
+    rate = worm["rate"]
+    rates = ca.vertcat(ca.sum1(worm["power"]), ca.dot(d, rate**2) - ca.dot(worm.forces, v))
     accounts = [Signal("work", work, value=0.0), Signal("loss", loss, value=0.0)]
     model = replace(worm, x=[*worm.x, *accounts], ode=ca.vertcat(worm.ode, rates))
     t = np.linspace(0, 30, 301)
     motion = simulate(model, 30.0, times=t, tolerance=SHARP)
     assert {"stick", "release"} <= set(kinds(motion))
-    energy = motion.output("energy")[0]
-    gap = energy - energy[0] - motion.state("work")[0] + motion.state("loss")[0]
-    assert motion.state("loss")[0, -1] > 10.0
+    energy = motion["energy"][0]
+    gap = energy - energy[0] - motion["work"][0] + motion["loss"][0]
+    assert motion["loss"][0, -1] > 10.0
     assert np.abs(gap).max() < 1e-9
 
 
@@ -568,7 +568,7 @@ def test_a_chain_stretched_slowly_advances_as_statics_says(
         command = stroke * (1 - ca.cos(2 * np.pi * worm.t / period)) / 2
         model = actuated(worm, command * ca.DM.ones(masses - 1))
         motion = simulate(model, 3 * period, times=period * np.arange(4.0))
-        advance = np.diff(motion.state("position")[0])
+        advance = np.diff(motion["position"][0])
         assert advance[2] == pytest.approx(advance[1], abs=1e-6)
         advances.append(advance[2] / (stroke * (masses - 1)))
     rest = min(masses - 1, int(masses * backward / (forward + backward)))
@@ -595,7 +595,7 @@ def test_harmonic_velocities_with_small_friction_drift_as_averaging_says():
         model = Model("drift", x=states, ode=ca.vertcat(v, ca.sum1(f) / 3), t=t, contacts=contacts)
         settled, window = 2 * np.pi * round(5 / eps), 40 * np.pi
         motion = simulate(model, settled + window, times=[settled, settled + window])
-        gaps.append(np.diff(motion.state("position")[0])[0] / window - expected)
+        gaps.append(np.diff(motion["position"][0])[0] / window - expected)
     assert abs(gaps[0]) < 1e-3
     assert gaps[0] / gaps[1] == pytest.approx(2.0, abs=0.5)  # first order in eps
 
@@ -612,7 +612,7 @@ def test_an_ensemble_is_its_members_one_by_one():
     for k, member in enumerate(members):
         alone = simulate(worm, 6.0, p=member.p, times=t)
         assert together.states[k].tolist() == alone.states.tolist()
-    assert together.output("length").shape == (3, 2, 7)
+    assert together["length"].shape == (3, 2, 7)
 
 
 def test_a_member_that_fails_is_marked_and_the_others_are_kept():

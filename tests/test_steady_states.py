@@ -76,9 +76,9 @@ def test_eigenvalues_are_those_of_the_system():
 
 def test_outputs_and_names_of_a_steady_state():
     (state,) = steady_states(pair(Coulomb(0.005, 0.01), 0.01), BOX)
-    assert state.output("amplitude")[0] == pytest.approx(np.hypot(*state.states["swing"]))
+    assert state["amplitude"][0] == pytest.approx(np.hypot(*state.states["swing"]))
     with pytest.raises(UnknownNameError, match="amplitude"):
-        state.output("height")
+        state["height"]
 
 
 @pytest.mark.parametrize("detuning", [-1.5, -0.3, 0.2, 0.5, 2.0])
@@ -90,8 +90,8 @@ def test_the_averaged_pair_rests_where_19_says(detuning: float, forward: float, 
     closed = steady_pair(forward, backward, detuning)
     assert state.stable
     assert state.x[0] == pytest.approx(closed.velocity, abs=1e-12)
-    assert state.output("amplitude")[0] == pytest.approx(closed.amplitude, abs=1e-12)
-    assert state.output("lag")[0] == pytest.approx(closed.lag, abs=1e-12)
+    assert state["amplitude"][0] == pytest.approx(closed.amplitude, abs=1e-12)
+    assert state["lag"][0] == pytest.approx(closed.lag, abs=1e-12)
 
 
 def test_a_pair_with_too_much_friction_has_no_steady_swing():

@@ -101,7 +101,7 @@ def test_the_error_of_the_steady_wave_falls_with_the_order(order: int):
 def test_flow_at_the_points_of_a_steady_film_is_28():
     wave = CosineWave(0.7)
     rates, x = newton(wave, 0.3, 128)
-    flow = rates.steady(x, np.zeros(0)).output("flow")
+    flow = rates.steady(x, np.zeros(0))["flow"]
     assert np.abs(flow - (wave.height(grid(128)) + wave.constant)).max() < 1e-8
 
 
@@ -120,7 +120,7 @@ def test_ripples_of_a_flat_film_without_field_follow_the_dispersion_relation():
     )
     decayed = size * math.exp(-tension * k**4 / 3 * end)
     exact = 1 + decayed * np.cos(k * (grid(points) - end))
-    assert np.abs(motion.output("thickness")[:, -1] - exact).max() < 1e-4 * decayed
+    assert np.abs(motion["thickness"][:, -1] - exact).max() < 1e-4 * decayed
 
 
 def test_growth_of_a_ripple_on_an_unstable_wave():
@@ -157,7 +157,7 @@ def test_a_flat_film_settles_on_the_cosine_wave():
     motion = simulate(
         film, times[-1], times=times, route="cvodes", tolerance=Tolerance(1e-8, 1e-10)
     )
-    h = motion.output("thickness")
+    h = motion["thickness"]
     assert np.abs(h[:, -1] - wave.height(grid(points))).max() < 1e-9
     assert np.abs(h.mean(axis=0) - 1).max() < 1e-12
 
@@ -171,7 +171,7 @@ def test_two_integrators_and_two_discretisations_agree():
         theirs.rates, (0, end), np.ones(135), "BDF", jac=theirs.slopes, rtol=1e-9, atol=1e-11
     )
     shared = np.arange(27) * 8  # phases that both have: 216 and 135 are multiples of 27
-    gap = ours.output("thickness")[shared, -1] - found.y[::5, -1]
+    gap = ours["thickness"][shared, -1] - found.y[::5, -1]
     assert np.abs(gap).max() < 1e-7
 
 

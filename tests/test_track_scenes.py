@@ -83,10 +83,10 @@ def test_inputs_are_measured_along_the_whole_motion(fig05: Result):
         ends = whole.dense.time
         nodes, weights = np.polynomial.legendre.leggauss(4)
         t = (ends[:-1, None] + np.diff(ends)[:, None] * (nodes + 1) / 2).ravel()
-        square = (whole.at(t).output("input") ** 2).sum(axis=0).reshape(-1, 4) @ weights / 2
+        square = (whole.at(t)["input"] ** 2).sum(axis=0).reshape(-1, 4) @ weights / 2
         rms = np.sqrt(square @ np.diff(ends) / 10)
         assert value(fig05, "input_rms")[k] == pytest.approx(rms, rel=1e-9)
-        peak = np.abs(whole.at(np.linspace(0, 0.5, 5001)).output("input")).max()
+        peak = np.abs(whole.at(np.linspace(0, 0.5, 5001))["input"]).max()
         assert value(fig05, "input_peak")[k] == pytest.approx(peak, rel=1e-6)
         assert value(fig05, "input_peak")[k] >= peak * (1 - 1e-12)
 
@@ -231,7 +231,7 @@ def test_time_in_the_tube_against_a_fine_grid(tmp_path: Path, feedback: str):
     result = wo.run(scene)
     loop = build_loop(scene, 0, fast_gait(1.0), draw_links(scene.table.worm, 6.0))
     t = np.linspace(0, 6, 30_001)
-    excess = simulate(loop, 6.0, times=t).output("error_norm")[0] - 0.2
+    excess = simulate(loop, 6.0, times=t)["error_norm"][0] - 0.2
     change = np.flatnonzero(np.diff(np.sign(excess)))
     zeros = t[change] - excess[change] * (t[change + 1] - t[change]) / np.diff(excess)[change]
     assert excess[0] < 0

@@ -122,14 +122,13 @@ class Run:
     def end(self) -> np.ndarray:
         return self.states[-1]
 
-    def state(self, name: str) -> np.ndarray:
-        """Values of one state at the ends of all stretches, shape (stretches + 1, size)."""
-        sizes = np.cumsum([0] + [s.size for s in self.model.x])
-        k = [s.name for s in self.model.x].index(name)
-        return np.array(self.states)[:, sizes[k] : sizes[k + 1]]
-
-    def output(self, name: str) -> np.ndarray:
-        function = Compiled(self.model, self.model.output(name), self.v_reg)
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Values of a state or an output at the ends of all stretches, (stretches + 1, size)."""
+        names = [s.name for s in self.model.x]
+        if name in names:
+            k, sizes = names.index(name), np.cumsum([0] + [s.size for s in self.model.x])
+            return np.array(self.states)[:, sizes[k] : sizes[k + 1]]
+        function = Compiled(self.model, self.model[name], self.v_reg)
         rows = []
         for t, x in zip(self.times, self.states, strict=True):
             function.set_pieces(self.model.schedules, t)
@@ -166,7 +165,7 @@ def test_the_trackers_reproduce_the_benchmarks(feedback: Feedback):
     loop = lambda_tracker(plant, reference, tube_radius=0.2, feedback=feedback)
     run = Run(loop, 10.0)
     assert run.end == pytest.approx(TRACKS[feedback], abs=1e-9)
-    assert run.output("error_norm").min() > 0.2  # the tube is never reached
+    assert run["error_norm"].min() > 0.2  # the tube is never reached
 
 
 # -- references ----------------------------------------------------------------------------------
@@ -392,14 +391,14 @@ def test_decay_goes_through_all_its_regimes():
         ("dwell time passes", pytest.approx(2.9)),
         ("leaves the tube", pytest.approx(5.2)),
     ]
-    gain, times = run.state("gain")[:, 0], np.array(run.times)
+    gain, times = run["gain"][:, 0], np.array(run.times)
     peak = 1 + 2 * (7 / 3 + 2 / 3)
     low = peak * np.exp(-0.3 * 2.3)
     by_hand = {1.0: 1 + 14 / 3, 2.0: peak, 2.9: peak, 5.2: low, 6.0: low + 4 / 3 * 0.8**1.5}
     for t, expected in by_hand.items():
         k = int(np.argmin(np.abs(times - t)))
         assert gain[k] == pytest.approx(expected, abs=2e-9)
-    decaying = run.state("gain_decaying")[:, 0]
+    decaying = run["gain_decaying"][:, 0]
     assert np.array_equal(decaying == 1, (times > 2.8999) & (times < 5.1999))
 
 
@@ -433,7 +432,7 @@ def test_watching_the_tube_locates_crossings_and_changes_nothing():
     assert set(names[::2]) == {"leaves the tube"}  # it starts on the reference
     assert set(names[1::2]) == {"enters the tube"}
     assert watched.end == pytest.approx(plain.end, abs=1e-8)
-    norm, gain = watched.output("error_norm")[:, 0], watched.state("gain")[:, 0]
+    norm, gain = watched["error_norm"][:, 0], watched["gain"][:, 0]
     times = np.array(watched.times)
     for (name, t), (_, until) in zip(watched.events[:-1], watched.events[1:], strict=True):
         first, last = (int(np.argmin(np.abs(times - s))) for s in (t, until))
@@ -493,11 +492,11 @@ def test_the_funnel_controller_keeps_both_errors_in_their_funnels():
     reference = gait_reference(fast_gait(1.0), plant.t)
     loop = funnel_tracker(plant, reference, funnel=outer, rate_funnel=inner, gain=4.0)
     run = Run(loop, 3.0, rtol=1e-10)
-    assert np.all(run.output("error_norm") < run.output("funnel"))
-    assert np.all(run.output("rate_error_norm") < run.output("rate_funnel"))
+    assert np.all(run["error_norm"] < run["funnel"])
+    assert np.all(run["rate_error_norm"] < run["rate_funnel"])
     width = 0.1 + 0.7 * np.exp(-np.array(run.times) / 0.5)
-    assert run.output("funnel")[:, 0] == pytest.approx(width)
-    assert run.output("error_norm")[-1] < 0.1
+    assert run["funnel"][:, 0] == pytest.approx(width)
+    assert run["error_norm"][-1] < 0.1
 
 
 @settings(deadline=None, max_examples=20)

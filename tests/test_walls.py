@@ -100,7 +100,7 @@ def test_a_resting_block_enters_the_wall_by_its_weight():
     soft = smooth_walls(BLOCK, 1e4, smoothing=1e-8, relaxation=0.02)
     motion = simulate(soft, 2.0, contact=Smooth(1e-3), tolerance=LOOSE)
     assert motion.end[1] == pytest.approx(1e-8 / G - G / 1e4, rel=1e-6)  # N (N / k + g) = epsilon
-    assert motion.output("wall_force")[0, -1] == pytest.approx(G, rel=1e-6)
+    assert motion["wall_force"][0, -1] == pytest.approx(G, rel=1e-6)
 
 
 @pytest.mark.parametrize(("relaxation", "least", "most"), [(0.0, 0.98, 1.0), (0.02, -2e-3, 0.0)])
@@ -117,7 +117,7 @@ def test_impacts_lose_what_the_relaxation_takes(relaxation: float, least: float,
 def test_far_walls_hardly_push():
     soft = smooth_walls(BLOCK, 1e4, smoothing=1e-8, relaxation=0.0)
     far = ca.Function("far", [soft.x[0].symbol, soft.x[1].symbol, *(s.symbol for s in soft.p)],
-                      [soft.output("wall_force")])  # fmt: skip
+                      [soft["wall_force"]])  # fmt: skip
     for gap in (1e-6, 1e-3, 0.1):
         force = float(far([0.0, gap], [0, 0], 1e4, 1e-8, 0.0)[0])
         assert force * (force / 1e4 + gap) == pytest.approx(1e-8, rel=1e-12)

@@ -220,7 +220,7 @@ class Loaded:
         """Elastic energy and gaps by places."""
         model = self.model
         gaps = [c.gap for c in model.contacts if c.gap is not None]
-        found = [model.output(self.stored), ca.vertcat(ca.SX(0, 1), *gaps)]
+        found = [model[self.stored], ca.vertcat(ca.SX(0, 1), *gaps)]
         found = ca.substitute(found, [pack(model.p)], [ca.SX(ca.DM(self._numbers))])
         return ca.Function("own", [pack(model.x)[: self.n_q]], found)
 

@@ -57,25 +57,10 @@ class SteadyState:
         """States by name."""
         return by_name(self.model.x, self.x)
 
-    def output(self, name: str) -> np.ndarray:
-        """Value of an output of the model.
-
-        Parameters
-        ----------
-        name : str
-            Name of an output.
-
-        Returns
-        -------
-        ndarray, shape (size,)
-
-        Raises
-        ------
-        UnknownNameError
-            If there is none of that name; the message lists those there are.
-        """
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Value (size,) of a state or an output of the model; UnknownNameError if there is none."""
         fixed = ca.vertcat(pack(self.model.p), pack(self.model.u))
-        at = ca.Function(name, [pack(self.model.x), fixed], [self.model.output(name)])
+        at = ca.Function(name, [pack(self.model.x), fixed], [self.model[name]])
         return np.array(at(self.x, self.p)).ravel()
 
 

@@ -140,8 +140,8 @@ def _matrices(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stiffness and mass."""
     x, half = pack(model.x), model.n_x // 2
-    stiffness = ca.hessian(model.output("strain_energy"), x[:half])[0]
-    mass = ca.hessian(model.output("kinetic_energy"), x[half:])[0]
+    stiffness = ca.hessian(model["strain_energy"], x[:half])[0]
+    mass = ca.hessian(model["kinetic_energy"], x[half:])[0]
     both = [ca.densify(stiffness), ca.densify(mass)]
     function = ca.Function("matrices", [x, pack(model.p)], both)
     state = signal_values(model.x, x0, "state", fill=0.0)

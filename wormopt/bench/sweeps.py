@@ -95,7 +95,7 @@ def _widths(quick: bool, report: Report) -> Iterator[Found]:
     for k, width in enumerate(widths):
         report(f"smoothing: v_reg = {width:.1e}", k / len(widths))
         smooth = simulate(model, _END, contact=Smooth(width), times=times)
-        apart = float(np.abs(smooth.state("position") - exact.state("position")).max())
+        apart = float(np.abs(smooth["position"] - exact["position"]).max())
         rows.append({"v_reg": width, "difference": apart, "steps": smooth.n_steps, **counts})
         small = [s for s in rows if s["v_reg"] < 1e-2]
         order = exponent([s["v_reg"] for s in small], [s["difference"] for s in small])

@@ -89,7 +89,7 @@ class TrackingError:
         used = ca.symvar(ca.vertcat(reference.value, reference.rate))
         if not all(symbol.element_hash() in known for symbol in used):
             raise ArgumentError("the reference must be a function of the plant's own time, plant.t")
-        y = plant.output("length")
+        y = plant["length"]
         if y.shape != reference.value.shape:
             raise ArgumentError(
                 f"the reference has {reference.value.numel()} links, the worm {y.numel()}"

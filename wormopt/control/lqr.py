@@ -135,7 +135,7 @@ class _Links:
     def of(cls, plant: Model, n: int, p: Mapping[str, ArrayLike] | None) -> _Links:
         """Take them from a plant, by Lie derivatives of its output."""
         x, u = pack(plant.x), input_of(plant, n).symbol
-        y = plant.output("length")
+        y = plant["length"]
         rate = lie(plant, y)
         acceleration = lie(plant, rate)
         both = ca.vertcat(y, rate)

@@ -426,16 +426,6 @@ class Model:
             raise UnknownNameError(self.name, "signal", [name], list(found))
         return found[name]
 
-    def output(self, name: str) -> ca.SX:
-        """Give an output.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-        """
-        return self[name]
-
     def to_control(
         self,
         *,

@@ -293,7 +293,7 @@ class Motion(SampledMotion):
         KeyError
             If there is no such output.
         """
-        return self.observe(self.program.problem.model.output(name), t)
+        return self.observe(self.program.problem.model[name], t)
 
     @property
     def guess(self) -> Guess:

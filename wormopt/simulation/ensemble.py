@@ -71,25 +71,12 @@ class Ensemble:
         ends[[code != "" for code in self.codes]] = np.nan
         return ends
 
-    def output(self, name: str) -> np.ndarray:
-        """Samples of an output of the model.
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Samples (N, size, m) of a signal, NaN from where a member was given up.
 
-        Parameters
-        ----------
-        name : str
-            Name of an output.
-
-        Returns
-        -------
-        ndarray, shape (N, size, m)
-            NaN from where a member was given up.
-
-        Raises
-        ------
-        UnknownNameError
-            If there is none of that name; the message lists those there are.
+        UnknownNameError, a KeyError, where there is none; the message lists those there are.
         """
-        return np.array([_filled(motion.output(name), len(self.time)) for motion in self.motions])
+        return np.array([_filled(motion[name], len(self.time)) for motion in self.motions])
 
 
 def simulate_ensemble(

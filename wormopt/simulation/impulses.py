@@ -42,7 +42,7 @@ class Impulses:
             self._refuse("algebraic variables and switches are not stepped over")
         timed = [model.t, *(s for part in model.schedules for s in (part.symbol, part.begin))]
         if ca.depends_on(
-            ca.vertcat(model.ode, *map(model.output, self.integrals)), ca.vertcat(*timed)
+            ca.vertcat(model.ode, *map(model.__getitem__, self.integrals)), ca.vertcat(*timed)
         ):
             self._refuse("nothing may depend on time but its inputs")
         if ca.depends_on(self._pushes, self._impulse_symbols):
@@ -147,7 +147,7 @@ class Impulses:
 
     @cached_property
     def _powers(self) -> ca.SX:
-        outputs = [self.model.output(name) for name in self.integrals]
+        outputs = [self.model[name] for name in self.integrals]
         return self._without_contacts(ca.vertcat(ca.SX(0, 1), *outputs))
 
     @cached_property

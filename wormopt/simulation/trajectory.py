@@ -197,18 +197,6 @@ class Trajectory(SampledMotion):
         p = self.system.scheduled(self.p, self.schedules, self.time)
         return np.array(function(self.time[None, :], self.states, p, self.modes_at(self.time)))
 
-    def state(self, name: str) -> np.ndarray:
-        """Give a signal.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-        """
-        return self[name]
-
-    output = state
-
     def stick_intervals(self) -> list[tuple[str, float, float]]:
         """Find when contacts rest; known only where contact was treated as exact.
 

@@ -60,8 +60,8 @@ def measure_power(model: Model) -> Model:
     ``input_square`` (integral of |u|^2), ``input_work``, ``spring_work`` (taken up by
     springs) and ``losses`` (to dashpots, ground, drag and load).
     """
-    u, rate, v = inputs(model), model.output("rate"), symbol(model, "velocity")
-    spring, links = model.output("spring_force"), rate.numel()
+    u, rate, v = inputs(model), model["rate"], symbol(model, "velocity")
+    spring, links = model["spring_force"], rate.numel()
     # the spring force is c (l - l0) + d l', and l_j' = v_{j-1} - v_j
     damping = ca.diag(ca.jacobian(spring, v)[:, :links])
     lost = ca.dot(damping, rate**2)
@@ -89,7 +89,7 @@ def measure_tracking(model: Model) -> Model:
     ``error_square`` (integral of |e|^2) and ``positive_work`` (integral of the positive part
     of each actuator's power: nothing is recovered).
     """
-    error, power = model.output("error"), inputs(model) * model.output("rate")
+    error, power = model["error"], inputs(model) * model["rate"]
     force, length = np.float64(_nominal(model, "input")), _nominal(model, "position")
     states = [
         Signal("error_square", ca.SX.sym("error_square"), nominal=length**2, value=0.0),
@@ -112,7 +112,7 @@ def _observer(system: System) -> tuple[tuple[str, ...], ca.Function]:
     """What numbers need, all at once, made once for all motions of a model."""
     model = system.model
     rows = {
-        "center": model.output("center_of_mass"),
+        "center": model["center_of_mass"],
         "input": ca.norm_inf(inputs(model)),
         "mass": ca.sum1(symbol(model, "mass")),
         **{o.name: o.expression for o in model.outputs if o.name == "error_norm"},
@@ -140,11 +140,11 @@ def chain_numbers(motion: Trajectory) -> dict[str, Any]:
     distance = _change(seen["center"])
     whole = motion.dense is not None
     return {
-        "x_end": motion.state("position")[:, -1],
-        "v_end": motion.state("velocity")[:, -1],
+        "x_end": motion["position"][:, -1],
+        "v_end": motion["velocity"][:, -1],
         "distance": distance,
         "mean_speed": distance / time,
-        "input_rms": float(np.sqrt(_change(motion.state("input_square")[0]) / time)),
+        "input_rms": float(np.sqrt(_change(motion["input_square"][0]) / time)),
         "input_peak": largest(motion, inputs(motion.system.model))
         if whole
         else float(seen["input"].max()),
@@ -182,9 +182,9 @@ def balance(motion: Trajectory) -> Balance | None:
     model = motion.system.model
     v, motion = symbol(model, "velocity"), at_ends(motion)
     kinetic = motion.observe(ca.dot(symbol(model, "mass"), v**2) / 2)[0]
-    energy = motion.output("energy")[0]
+    energy = motion["energy"][0]
     work, lost, springs = (
-        _change(motion.state(name)[0]) for name in ("input_work", "losses", "spring_work")
+        _change(motion[name][0]) for name in ("input_work", "losses", "spring_work")
     )
     # Springs of constant numbers keep what they take up, which is known without integration.
     vary = any(schedule.name in _SPRINGS for schedule in model.schedules)
@@ -209,7 +209,7 @@ def watch_tube(model: Model, radius: float) -> Model:
     """
     own = [p.symbol for p in model.p if p.name == "tube_radius"]
     width = own[0] if own else ca.SX(radius)
-    error = model.output("error")
+    error = model["error"]
     outside, x = ca.dot(error, error) - width**2, pack(model.x)
     switches = list(model.switches)
     known = {switch.name for switch in switches}
@@ -254,9 +254,9 @@ def time_in_tube(motion: Trajectory) -> tuple[float, float | None]:
     size = _seen(motion)["outside"]
     start, end = motion.time[0], motion.time[-1]
     # crossings have been counted with the sign of their direction; the ends complete the sum
-    total = float(motion.state("tube_time")[0, -1])
+    total = float(motion["tube_time"][0, -1])
     total += (end if size[-1] > 0 else 0.0) - (start if size[0] > 0 else 0.0)
-    entered = float(motion.state("tube_entered")[0, -1])
+    entered = float(motion["tube_entered"][0, -1])
     return float(total), None if size[-1] > 0 else entered
 
 
@@ -311,7 +311,7 @@ def loop_numbers(each: Tracked) -> dict[str, Any]:
     filtered = any(signal.name == "filter" for signal in each.loop.x)
     found = chain_numbers(motion) | {
         "k_end": at_ends(motion).observe(_gain(each))[0, -1],
-        "filter_end": motion.state("filter")[:, -1] if filtered else None,
+        "filter_end": motion["filter"][:, -1] if filtered else None,
         "time_outside_tube": outside,
         "capture_time": captured,
     }
@@ -321,14 +321,14 @@ def loop_numbers(each: Tracked) -> dict[str, Any]:
 def _gain(each: Tracked) -> ca.SX:
     """Factor of the error's rate in the input."""
     if isinstance(each.tracker, FunnelTracker):
-        return symbol(each.loop, "gain") * each.loop.output("funnel_gain")[1]
+        return symbol(each.loop, "gain") * each.loop["funnel_gain"][1]
     return symbol(each.loop, "gain")
 
 
 def loop_expressions(each: Tracked) -> dict[str, ca.SX]:
     """Signals of a tracker's motion, by name."""
     return chain_expressions(each.motion.system.model) | {
-        "error_norm": each.loop.output("error_norm"),
+        "error_norm": each.loop["error_norm"],
         "tube": ca.SX(tube_radius(each.tracker)),
         "gain": _gain(each),
     }
@@ -341,7 +341,7 @@ def funnel_checks(motions: Mapping[str, Tracked], label: str = "") -> Iterator[C
         return
     for norm, width in (("error_norm", "funnel"), ("rate_error_norm", "rate_funnel")):
         shares = {
-            name: largest(each.motion, each.loop.output(norm) / each.loop.output(width))
+            name: largest(each.motion, each.loop[norm] / each.loop[width])
             for name, each in motions.items()
         }
         advice = [
@@ -376,14 +376,14 @@ def judged_numbers(motion: Trajectory, tube: TubeTable) -> dict[str, Any]:
     """
     seen, chain = _seen(motion), chain_numbers(motion)
     missed, work, net_work, spent = (
-        float(motion.state(name)[0, -1])
+        float(motion[name][0, -1])
         for name in ("error_square", "positive_work", "input_work", "input_square")
     )
     distance = chain["distance"]
     errors = seen["error_norm"][motion.time >= tube.capture]
     if motion.dense is not None:
         whole = motion.at(np.linspace(tube.capture, motion.end_time, _INSTANTS))
-        errors = whole.output("error_norm")
+        errors = whole["error_norm"]
     found = chain | {
         "capture_time": time_in_tube(motion)[1],
         "time_outside_tube": outside_between(motion, bool(seen["outside"][0] > 0), tube.capture),

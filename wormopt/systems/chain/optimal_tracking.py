@@ -97,7 +97,7 @@ def first_guess(plant: Model, reference: Reference, end: float, error_weight: fl
         return motion.at(np.clip(t, 0.0, end)).states
 
     def inputs(t: np.ndarray) -> np.ndarray:
-        return motion.at(np.clip(t, 0.0, end)).output("input")
+        return motion.at(np.clip(t, 0.0, end))["input"]
 
     def forces(t: np.ndarray) -> np.ndarray:
         return motion.at(np.clip(t, 0.0, end)).observe(loop.forces)
@@ -159,7 +159,7 @@ def lengths_of(motion: Motion, parts: int = 1) -> Gait:
     kept[0] = 0.0
     t = np.append((kept[:-1, None] + np.outer(np.diff(kept), np.arange(parts) / parts)), kept[-1])
     states = motion.states(t)
-    observe = ca.Function("links", [pack(model.x)], [model.output("length"), model.output("rate")])
+    observe = ca.Function("links", [pack(model.x)], [model["length"], model["rate"]])
     length, rate = (np.array(part) for part in observe(states))
     h = np.diff(t)
     step = np.diff(length) / h

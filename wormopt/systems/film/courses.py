@@ -146,7 +146,7 @@ def flow(setting: Setting, thickness: np.ndarray) -> np.ndarray:
     """Flow Q (points,) of a film of given thickness (points,)."""
     points, order = len(thickness), setting.order
     model, rates = film_model(points, order), _rates(points, order)
-    at = ca.Function("flow", [pack(model.x), pack(model.p)], [model.output("flow")])
+    at = ca.Function("flow", [pack(model.x), pack(model.p)], [model["flow"]])
     state = film_volume(thickness, order=order)
     return np.array(at(state, rates.parameters(setting.given(points)))).ravel()
 
@@ -228,7 +228,7 @@ def _leg(
         motion, failed = error.partial, True
     except Interrupted:
         raise KeyboardInterrupt from None  # a leg alone is nothing to keep
-    return motion.time, motion.state("volume"), motion.n_steps, failed
+    return motion.time, motion["volume"], motion.n_steps, failed
 
 
 def _broken(

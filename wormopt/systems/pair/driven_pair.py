@@ -167,11 +167,11 @@ def orbit_from(
     s, weights = np.polynomial.legendre.leggauss(8)
     spans = np.diff(edges)[:, None] / 2
     t = (edges[:-1, None] + spans * (s + 1)).ravel()
-    power = motion.at(t).observe(plant.output("power")).reshape(spans.size, -1)
+    power = motion.at(t).observe(plant["power"]).reshape(spans.size, -1)
     return Orbit(
         start,
         float(motion.end[0] - start[0]) / period,
-        largest(motion, plant.output("stretch")),
+        largest(motion, plant["stretch"]),
         float(np.sum(power * weights * spans)),
         drift,
         periods,

@@ -75,7 +75,7 @@ def waveform_problem(pair: Model, limits: FieldLimits, aim: FieldAim) -> Problem
         at_ends.append(Constraint("aim.speed", speed, aim.speed, nominal=plant.x[1].nominal))
     along = []
     if limits.strain is not None:
-        stretch, most = plant.output("stretch"), limits.strain
+        stretch, most = plant["stretch"], limits.strain
         along.append(Constraint("limits.strain", stretch, -most, most, nominal=most))
     least = (aim.speed or 0.0) / 2  # keeps the quotient finite on the way
     work = ends.integrals[0] / (ends.duration * ca.fmax(speed, least))
@@ -86,7 +86,7 @@ def waveform_problem(pair: Model, limits: FieldLimits, aim: FieldAim) -> Problem
         duration=limits.period,
         periodic=[signal.name for signal in plant.x if signal.name != "position"],
         displaced=["position"],
-        integrands=plant.output("power"),
+        integrands=plant["power"],
         path_constraints=along,
         boundary_constraints=at_ends,
     )

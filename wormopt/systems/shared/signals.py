@@ -45,7 +45,7 @@ def symbol(model: Model, name: str) -> ca.SX:
 def inputs(model: Model) -> ca.SX:
     """Forces of a chain's actuators, whether a controller gives them or they are held."""
     closed = any(output.name == "input" for output in model.outputs)
-    return model.output("input") if closed else symbol(model, "input")
+    return model["input"] if closed else symbol(model, "input")
 
 
 def chain_expressions(model: Model) -> dict[str, ca.SX]:
@@ -57,10 +57,7 @@ def chain_expressions(model: Model) -> dict[str, ca.SX]:
         "position": symbol(model, "position"),
         "velocity": symbol(model, "velocity"),
         "input": inputs(model),
-        **{
-            name: model.output(name)
-            for name in ("length", "link_force", "energy", "center_velocity")
-        },
+        **{name: model[name] for name in ("length", "link_force", "energy", "center_velocity")},
     }
     return found | ({"contact_force": model.forces} if model.contacts else {})
 

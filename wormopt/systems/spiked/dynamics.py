@@ -127,14 +127,14 @@ def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) 
     for key, expression in (
         ("acceleration", model.u[0].symbol),
         ("spike_load", model.forces),
-        ("actuator_force", model.output("actuator_force")),
+        ("actuator_force", model["actuator_force"]),
     ):
         if getattr(limits, key) is not None:
             most = np.broadcast_to(getattr(limits, key), expression.numel())
             least = -np.inf if key == "spike_load" else -most  # spikes do not pull
             bounds.append(Constraint(f"limits.{key}", expression, least, most, float(most.max())))
     if limits.sigma_margin > 0:
-        sigma = model.output("reaction_mean")
+        sigma = model["reaction_mean"]
         bounds.append(
             Constraint(
                 "limits.sigma_margin", sigma, limits.sigma_margin, nominal=limits.sigma_margin
@@ -153,7 +153,7 @@ def _sharing(model: Model, limits: Limits, matter: bool) -> Callable[[ca.SX], ca
 
     def least_actuation(stick: ca.SX) -> ca.SX:
         # Stationarity: between neighbouring resting masses the actuator forces sum to zero.
-        force = ca.vertcat(0, model.output("actuator_force"))
+        force = ca.vertcat(0, model["actuator_force"])
         rows = [ca.SX(0)]
         for i in range(1, stick.numel()):
             rows.append(force[i] + (1 - stick[i - 1]) * rows[-1])
@@ -179,7 +179,7 @@ def _cost(
                 "integrands": ca.sumsqr(u.symbol / u.nominal) / time,
             }
         case "energy_per_distance":
-            power, nominal = model.output("power"), force * speed
+            power, nominal = model["power"], force * speed
             spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", nominal, 0)
             return {
                 "minimise": ends.integrals[0] * time * speed / way,
@@ -192,7 +192,7 @@ def _cost(
             }
     forces = model.forces
     if minimise == "peak_actuator_force":
-        forces = ca.vertcat(model.output("actuator_force"), -model.output("actuator_force"))
+        forces = ca.vertcat(model["actuator_force"], -model["actuator_force"])
     peak = Signal("peak", ca.SX.sym("peak"), "force", force, 0.0)  # their smallest upper bound
     bound = Constraint(minimise, forces - peak.symbol, upper=0.0, nominal=force)
     return {"minimise": peak.symbol / force, "along": (bound,), "design": (peak,)}

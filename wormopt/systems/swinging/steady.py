@@ -159,7 +159,7 @@ def measured(model: Model) -> Model:
             Signal("impulse", impulse, "impulse", size, value=(0.0,) * impulse.numel()),
             Signal("work", work, "energy", size, value=0.0),
         ],
-        ode=ca.vertcat(model.ode, model.forces, model.output("power")),
+        ode=ca.vertcat(model.ode, model.forces, model["power"]),
     )
 
 
@@ -222,17 +222,17 @@ class Runner:
             second = cross_check(
                 replace(self.model, x=x0), motion, self.tolerance, p=self.p, report=self.report
             )
-        time, V = _PERIODS * self.period, motion.state("center_velocity")[0]
+        time, V = _PERIODS * self.period, motion["center_velocity"][0]
         rested: dict[int, float] = {}
         for contact, begin, end in rests(motion):
             rested[contact] = rested.get(contact, 0.0) + (end - begin) / time
         return Orbit(
-            velocity=float(motion.state("center")[0, -1]) / time,
+            velocity=float(motion["center"][0, -1]) / time,
             start=start,
             drift=float(V[-1] - V[0]),
             ripple=float(np.ptp(V)),
-            force=motion.state("impulse")[:, -1] / time,
-            power=float(motion.state("work")[0, -1]) / time,
+            force=motion["impulse"][:, -1] / time,
+            power=float(motion["work"][0, -1]) / time,
             rest_share=max(rested.values(), default=0.0),
             motion=motion,
             second=second,
@@ -244,7 +244,7 @@ class Runner:
         size = next(s.nominal for s in self.model.x if s.name == "center_velocity")
 
         def change(V: float) -> float:
-            return float(self.run(V, 1).state("center_velocity")[0, -1]) - V
+            return float(self.run(V, 1)["center_velocity"][0, -1]) - V
 
         # not at the guess itself, which is where masses like to reverse at once
         before, V = guess + 0.7 * _FIRST * size, guess + _FIRST * size

@@ -283,7 +283,7 @@ def _signals(
     found: dict[str, Any] = {
         "time": runs[0][0].motion.time,
         **fitted(arrays, table.variables),
-        "aim": np.array([row[0].motion.output("reference") for row in runs]),
+        "aim": np.array([row[0].motion["reference"] for row in runs]),
     }
     for name in _TOLD:
         drawn = [[e.drawn.values[name] if e else none for e in row] for row in rows]
@@ -295,7 +295,7 @@ def _signals(
 
 def _sampled(each: _Run) -> dict[str, np.ndarray]:
     model = each.rival.model
-    outputs = {name: model.output(name) for name in COMPARED if name != "position"}
+    outputs = {name: model[name] for name in COMPARED if name != "position"}
     return sample(each.motion, outputs | {"position": symbol(model, "position")})
 
 

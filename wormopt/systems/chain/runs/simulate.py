@@ -137,7 +137,7 @@ def _driven_chain(scene: Scene[SimulateScene], worm: ChainTable) -> Model:
     command = gait_reference(gait, model.t, shift=shift % gait.period)
     # (11): c_j times the change of rest length, with the link's own c_j
     x = symbol(model, "position")
-    stiffness = ca.diag(ca.jacobian(model.output("spring_force"), x)[:, : worm.links])
+    stiffness = ca.diag(ca.jacobian(model["spring_force"], x)[:, : worm.links])
     return _with_input(model, command, stiffness * (command.value - rest))
 
 
@@ -196,7 +196,7 @@ def _signals(scene: Scene[SimulateScene], motion: Trajectory) -> dict[str, Any]:
         return {"time": motion.time, **_own_variables(scene, motion), **events}
     expressions = chain_expressions(model)
     if any(output.name == "command" for output in model.outputs):
-        expressions["command"] = model.output("command")
+        expressions["command"] = model["command"]
     arrays = fitted(sample(motion, expressions), SimulateScene.variables)
     return {"time": motion.time, **arrays, **events}
 

@@ -176,7 +176,7 @@ def _signals(gait: Gait, found: Sequence[Tracked]) -> dict[str, Any]:
     arrays = {name: np.array([s[name][:, :count] for s in signals]) for name in signals[0]}
     if any(isinstance(each.tracker, FunnelTracker) for each in found):
         widths = [
-            each.motion.output("funnel")[:, :count]
+            each.motion["funnel"][:, :count]
             if isinstance(each.tracker, FunnelTracker)
             else np.full((1, count), np.nan)
             for each in found
@@ -185,7 +185,7 @@ def _signals(gait: Gait, found: Sequence[Tracked]) -> dict[str, Any]:
     first = found[0]
     return {
         "time": first.motion.time[:count],
-        "reference": first.motion.observe(first.loop.output("reference"))[:, :count],
+        "reference": first.motion.observe(first.loop["reference"])[:, :count],
         **fitted(arrays, TrackScene.variables),
         **event_arrays([each.motion for each in found], several=True),
         **gait_arrays(gait),

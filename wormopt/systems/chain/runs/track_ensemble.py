@@ -265,7 +265,7 @@ def _signals(scene: Scene[TrackScene], gait: Gait, herds: Sequence[_Herd]) -> di
     return {
         "time": herds[0].ensemble.time,
         "quantile": QUANTILES,
-        "reference": first.motion.observe(first.loop.output("reference")),
+        "reference": first.motion.observe(first.loop["reference"]),
         **fitted({"tube": tubes, **bands}, TrackScene.variables),
         **{
             name: np.array([_of_all(herd, name.removeprefix("member_")) for herd in herds])

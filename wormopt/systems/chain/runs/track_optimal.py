@@ -142,12 +142,12 @@ def _scalars(
 
 def _signals(table: TrackOptimalScene, gait: Gait, motion: Trajectory) -> dict[str, Any]:
     model = motion.system.model
-    expressions = chain_expressions(model) | {"error_norm": model.output("error_norm")}
+    expressions = chain_expressions(model) | {"error_norm": model["error_norm"]}
     arrays = {name: values[None] for name, values in sample(motion, expressions).items()}
     arrays["tube"] = np.full((1, 1, len(motion.time)), table.tube.radius)
     return {
         "time": motion.time,
-        "reference": motion.output("reference"),
+        "reference": motion["reference"],
         **fitted(arrays, table.variables),
         **event_arrays([motion], several=True),
         **gait_arrays(gait),

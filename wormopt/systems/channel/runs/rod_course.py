@@ -254,7 +254,7 @@ def _energy_error(model: Model, steps: StepRecord, numbers: dict[str, float]) ->
     energy = ca.Function(
         "energy",
         [pack(model.x), pack(model.p)],
-        [model.output("strain_energy") + model.output("kinetic_energy")],
+        [model["strain_energy"] + model["kinetic_energy"]],
     )
     count = steps.states.shape[1]
     p = np.array([numbers[signal.name] for signal in model.p])

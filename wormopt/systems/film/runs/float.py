@@ -67,7 +67,7 @@ class _Ride:
         Of bodies that are held, over the second half of the time.
         """
         end = self.motion.end_time
-        middle, last = self.motion.at(np.array([end / 2, end])).state("position").T
+        middle, last = self.motion.at(np.array([end / 2, end]))["position"].T
         found: list[float | None] = []
         for i, drift in enumerate(self.drifts):
             name = f"{self.what} {i} overtaken"
@@ -99,7 +99,7 @@ class _Ride:
         ]
 
     def _phases(self, time: float) -> list[float]:
-        return [time - x for x in self.motion.at(np.array([time])).state("position")[:, 0]]
+        return [time - x for x in self.motion.at(np.array([time]))["position"][:, 0]]
 
     @property
     def errors(self) -> list[float | None]:
@@ -209,8 +209,8 @@ def _accepted_phase(ride: _Ride, table: FloatScene) -> float:
 
 def _left(ride: _Ride) -> dict[str, float]:
     """How far tracers leave their lines, and the film."""
-    stream, depth = ride.motion.output("stream"), ride.motion.output("depth")
-    low = min(float(depth.min()), float(ride.motion.state("height").min()))
+    stream, depth = ride.motion["stream"], ride.motion["depth"]
+    low = min(float(depth.min()), float(ride.motion["height"].min()))
     return {
         "the stream function along paths changes by": float(np.ptp(stream, axis=1).max()),
         "tracers are outside the film by": max(0.0, -low),
@@ -254,15 +254,15 @@ def _variables(
     speeds = np.array([body_velocity(wave, xi, length) for length in lengths])
     found = {
         "time": floats.time * duration,
-        "float_position": floats.state("position") * along,
+        "float_position": floats["position"] * along,
         "xi": xi,
         "height": wave.height(xi) * across,
         "body_velocity": speeds * speed,
     }
     if len(rides) > 1:
         points = rides[1].motion
-        found["tracer_position"] = points.state("position") * along
-        found["tracer_height"] = points.state("height") * across
+        found["tracer_position"] = points["position"] * along
+        found["tracer_height"] = points["height"] * across
     return found
 
 

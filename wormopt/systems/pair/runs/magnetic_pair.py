@@ -154,18 +154,18 @@ def _first(pair: Pair, end: float, times: np.ndarray, given: dict[str, Any]) -> 
 
 def _second(pair: Pair, first: Trajectory, given: dict[str, Any]) -> Trajectory | None:
     """Average of second order, from where the first has swung up enough for it."""
-    large = np.flatnonzero(pair.swung(first.state("swing")))
+    large = np.flatnonzero(pair.swung(first["swing"]))
     if not large.size or large[0] == len(first.time) - 1:
         return None
     k = int(large[0])
-    x0 = {name: first.state(name)[:, k] for name in ("center_velocity", "swing")}
+    x0 = {name: first[name][:, k] for name in ("center_velocity", "swing")}
     span = (float(first.time[k]), float(first.time[-1]))
     return simulate(pair.averages[1], span, x0=x0, times=first.time[k:], **given)
 
 
 def _means(exact: Trajectory, end: float, length: float) -> tuple[float, float]:
     """Displacement over time in the last whole periods, and in as many before."""
-    places = exact.at(np.array([end - 2 * length, end - length, end])).output("center")[0]
+    places = exact.at(np.array([end - 2 * length, end - length, end]))["center"][0]
     before, last = np.diff(places) / length
     return float(before), float(last)
 
@@ -184,14 +184,14 @@ def _checks(found: _Found) -> Iterator[Check]:
 
 def _scalars(table: MagneticPairScene, found: _Found, scales: Scales) -> dict[str, Any]:
     state, exact = found.state, found.means[1]
-    first, amplitude = float(state.x[0]), float(state.output("amplitude")[0])
+    first, amplitude = float(state.x[0]), float(state["amplitude"][0])
     second = float(found.refined.x[0]) if found.refined else None
     scalars = {
         "eps": found.pair.eps,
         "frequency": found.frequency / scales.time,
         "velocity_steady": first,
         "amplitude_steady": amplitude,
-        "phase_steady": float(state.output("lag")[0]),
+        "phase_steady": float(state["lag"][0]),
         "velocity_steady_second": second,
         "velocity_exact_mean": exact,
         "averaging_error": abs(first - exact),
@@ -217,17 +217,17 @@ def _scalars(table: MagneticPairScene, found: _Found, scales: Scales) -> dict[st
 def _variables(found: _Found, scales: Scales) -> dict[str, np.ndarray]:
     t = found.exact.time
     late = t[-1] - np.linspace(_LATE * 2 * np.pi / found.frequency, 0.0, _LATE_SAMPLES)
-    close = found.exact.at(np.clip(late, 0.0, t[-1])).output("center_velocity")[0]
+    close = found.exact.at(np.clip(late, 0.0, t[-1]))["center_velocity"][0]
     velocities = {
-        "velocity": found.exact.output("center_velocity")[0],
+        "velocity": found.exact["center_velocity"][0],
         "velocity_period": _sliding(found),
-        "velocity_first": found.first.state("center_velocity")[0],
+        "velocity_first": found.first["center_velocity"][0],
         "late_velocity": close,
     }
     if found.second is not None:
         velocities["velocity_second"] = np.full(len(t), np.nan)
         begun = len(t) - len(found.second.time)
-        velocities["velocity_second"][begun:] = found.second.state("center_velocity")[0]
+        velocities["velocity_second"][begun:] = found.second["center_velocity"][0]
     times = {"time": t * scales.time, "late_time": late * scales.time}
     return times | {name: values * scales.speed for name, values in velocities.items()}
 
@@ -237,9 +237,7 @@ def _sliding(found: _Found) -> np.ndarray:
     t, half = found.exact.time, np.pi / found.frequency
     inside = (t >= half) & (t <= t[-1] - half)
     values = np.full(len(t), np.nan)
-    ahead, behind = (
-        found.exact.at(t[inside] + side * half).output("center")[0] for side in (1, -1)
-    )
+    ahead, behind = (found.exact.at(t[inside] + side * half)["center"][0] for side in (1, -1))
     values[inside] = (ahead - behind) / (2 * half)
     return values
 

@@ -167,8 +167,8 @@ def _variables(motion: Motion, harmonic: Harmonic) -> dict[str, np.ndarray]:
         "position": symbol(model, "position"),
         "velocity": symbol(model, "velocity"),
         "contact_force": model.forces,
-        "stretch": model.output("stretch"),
-        "field": model.output("field"),
+        "stretch": model["stretch"],
+        "field": model["field"],
     }
     sampled = sample_motion(motion, expressions)
     course = field_course(motion)

@@ -279,11 +279,11 @@ def _signals(found: _Found) -> dict[str, Any]:
         "share": theta,
         "relative_velocity": relative_velocities(worm, theta),
         "time": found.averaged.time,
-        "center_velocity_averaged": found.averaged.state("center_velocity")[0],
+        "center_velocity_averaged": found.averaged["center_velocity"][0],
     }
     if found.course is not None:
         for name in ("center_velocity", "center"):
-            signals[name] = found.course.state(name)[0]
+            signals[name] = found.course[name][0]
     if found.orbit is None:
         return signals
     # events of the first period: which mass reverses when
@@ -408,7 +408,7 @@ def _warnings(found: _Found) -> Iterator[str]:
         yield "the steady velocity told is not stable: the course starts on it"
     course = found.course
     if course is not None:
-        left = abs(course.state("center_velocity")[0, -1] - orbit.start)
+        left = abs(course["center_velocity"][0, -1] - orbit.start)
         if left > 0.01 * found.size:
             yield (
                 f"the course has not come to the steady motion by its end, but to within "
