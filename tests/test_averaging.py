@@ -19,7 +19,8 @@ from wormopt.control.drive import drive
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.gait import Gait
-from wormopt.model.model import Contact, Model, Output, Schedule, Signal, Switch, pack
+from wormopt.model.model import Contact, Model, Output, Signal, Switch, pack
+from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.pair.averaged_pair import averaged_pair

@@ -9,14 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wormopt.model.gait import Gait
+from wormopt.quantities import Variable
 from wormopt.result import Result
+from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.construct import (
     Profile,
     accordion,
     block_wave,
     fast_gait,
 )
-from wormopt.systems.spiked.files import gait_of_result, gait_variables, load_gait
+from wormopt.systems.spiked.files import gait_of_result, load_gait
 from wormopt.systems.spiked.sequences import block_wave_sequence
 
 # How many derivatives of the lengths are continuous.
@@ -279,7 +281,11 @@ def test_a_file_that_is_not_there_is_an_oserror(tmp_path: Path):
 
 @pytest.mark.parametrize("gait", [fast_gait(0.7), block_wave(3, 2, 1.1, (0.9, 1.3), "quintic")])
 def test_a_gait_comes_back_from_a_saved_result_bit_by_bit(tmp_path: Path, gait: Gait):
-    Result("walk", "gait", variables=tuple(gait_variables(gait, "SI"))).save(tmp_path)
+    variables = tuple(
+        Variable(f"gait_{name}", "1", GAIT[f"gait_{name}"][1], values)
+        for name, values in gait.arrays().items()
+    )
+    Result("walk", "gait", variables=variables).save(tmp_path)
     for path in (tmp_path, tmp_path / "result.nc"):
         back = load_gait(path)
         assert back.arrays().keys() == gait.arrays().keys()

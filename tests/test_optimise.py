@@ -11,8 +11,9 @@ from scipy.optimize import root_scalar
 
 from wormopt.errors import ArgumentError, SolveError, UnknownNameError
 from wormopt.model.friction import Coulomb, Viscous
-from wormopt.model.model import Contact, Model, Schedule, Signal
+from wormopt.model.model import Contact, Model, Signal
 from wormopt.model.modes import ModeSequence
+from wormopt.model.schedule import Schedule
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.ocp.mesh import Mesh

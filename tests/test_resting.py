@@ -17,7 +17,7 @@ from wormopt.analysis.resting import Loaded, Rest
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
-from wormopt.model.model import Schedule
+from wormopt.model.schedule import Schedule
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.systems.channel.channel_rod import (
     block_energy,

@@ -14,7 +14,8 @@ from wormopt.control.lambda_tracker import lambda_tracker
 from wormopt.control.reference import gait_reference
 from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
-from wormopt.model.model import Contact, Model, Schedule, Signal, Switch
+from wormopt.model.model import Contact, Model, Signal, Switch
+from wormopt.model.schedule import Schedule
 from wormopt.simulation.native import build, kernel
 from wormopt.simulation.native.build import CompilerError
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment

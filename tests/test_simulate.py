@@ -17,7 +17,8 @@ from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.lift import lift
-from wormopt.model.model import Contact, Model, Schedule, Signal, Switch
+from wormopt.model.model import Contact, Model, Signal, Switch
+from wormopt.model.schedule import Schedule
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate

@@ -218,7 +218,7 @@ def test_an_unbounded_problem_ends_in_the_right_exit_code(
             model=dataclasses.replace(problem.model, u=free),
             minimise=-problem.ends.end[0],
             duration=(1.0, 1.0),
-            at_ends=problem.boundary_constraints[:2],
+            boundary_constraints=problem.boundary_constraints[:2],
         )
 
     problem_of = slide.problem_of

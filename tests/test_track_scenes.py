@@ -17,6 +17,7 @@ from wormopt.result import Result
 from wormopt.scene import load_scene
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain import measured
 from wormopt.systems.chain.runs import track
 from wormopt.systems.chain.runs.chains import build_loop, draw_links
@@ -287,7 +288,7 @@ def test_energies_that_do_not_balance_and_errors_out_of_their_funnel_make_the_re
     def unbalanced(second: Any, energies: measured.Balance, *given: Any) -> Any:
         return honest(second, dataclasses.replace(energies, residual=0.1), *given)
 
-    monkeypatch.setattr(measured, "largest", lambda *_: 1.5)
+    monkeypatch.setattr(Trajectory, "largest", lambda *_: 1.5)
     monkeypatch.setattr(track, "chain_checks", unbalanced)
     change = [FUNNELS, "time.end=0.2", "tolerance.recheck=false"]
     result = wo.run(load_scene(write(tmp_path, TRACK), change))

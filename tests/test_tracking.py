@@ -24,8 +24,9 @@ from wormopt.control.loop import FeedForward
 from wormopt.control.reference import Reference, gait_reference
 from wormopt.model.friction import Coulomb
 from wormopt.model.gait import Gait
-from wormopt.model.model import Model, Output, Schedule, Signal, pack
+from wormopt.model.model import Model, Output, Signal, pack
 from wormopt.model.path import ornstein_uhlenbeck, piecewise_constant
+from wormopt.model.schedule import Schedule
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import accordion, block_wave, fast_gait, travelling_sine
 

@@ -13,7 +13,8 @@ from wormopt.errors import ArgumentError
 from wormopt.magnetics.blocks import block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.model.friction import Coulomb
-from wormopt.model.model import Contact, Model, Schedule, Signal
+from wormopt.model.model import Contact, Model, Signal
+from wormopt.model.schedule import Schedule
 from wormopt.simulation.moreau import MoreauJean, StepRecord
 from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate

@@ -36,10 +36,10 @@ from wormopt.model.gait import Gait as Gait
 from wormopt.model.model import Contact as Contact
 from wormopt.model.model import Model as Model
 from wormopt.model.model import Output as Output
-from wormopt.model.model import Schedule as Schedule
 from wormopt.model.model import Signal as Signal
 from wormopt.model.model import Switch as Switch
 from wormopt.model.modes import ModeSequence as ModeSequence
+from wormopt.model.schedule import Schedule as Schedule
 from wormopt.numerics.collocation import Collocation as Collocation
 from wormopt.ocp.contact import Complementarity as Complementarity
 from wormopt.ocp.contact import FixedModes as FixedModes

@@ -288,7 +288,7 @@ def _draw(result: Result, pictures: dict[str, str], folder: Path) -> None:
         except Exception as error:  # a picture must not cost the result
             why = f"it could not be drawn ({type(error).__name__}: {error}); please report this"
             if isinstance(error, KeyError):
-                why = f"{error}, see its trust report"
+                why = f"{str(error).partition(';')[0]}, see its trust report"
             _say(f"{file} left out: {why}")
 
 

@@ -24,7 +24,6 @@ from wormopt.model.values import signal_values
 from wormopt.progress import Report
 from wormopt.systems.pair.averaged_pair import averaged_pair, steady_pair
 from wormopt.systems.pair.slow_pair import slow_pair
-from wormopt.systems.shared.signals import symbol
 
 _EPS, _NATURAL = 0.0355, math.sqrt(2)
 _NUMBERS: Any = {
@@ -74,7 +73,7 @@ def _rates(model: Model) -> Rates:
 
 
 def _averaged(model: Model, **options: Any) -> Model:
-    return average(model, 2 * ca.pi / symbol(model, "frequency"), **options)
+    return average(model, 2 * ca.pi / model["frequency"], **options)
 
 
 def _by_nodes(model: Model, count: int) -> Rates:

@@ -21,7 +21,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from wormopt.bench.driven_chain import Happening, Motion, Plant, Rates
-from wormopt.model.model import Model, Schedule, Signal, pack
+from wormopt.model.model import Model, Signal, pack
+from wormopt.model.schedule import Schedule
 
 _SLACK = 1e-12
 

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError
-from wormopt.model.model import Model, Output, Schedule, Signal, Switch, pack
+from wormopt.model.model import Model, Output, Signal, Switch, pack
+from wormopt.model.schedule import Schedule
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
-from wormopt.model.model import Schedule
+from wormopt.model.schedule import Schedule
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
-from wormopt.model.model import Schedule
+from wormopt.model.schedule import Schedule
 
 
 @dataclass(frozen=True, eq=False)

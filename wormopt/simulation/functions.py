@@ -15,7 +15,8 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.model.model import Contact, Model, Schedule, Signal, pack
+from wormopt.model.model import Contact, Model, Signal, pack
+from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.simulation.options import Smooth, Treatment
 

@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from wormopt.model.model import Schedule, Signal
+from wormopt.model.model import Signal
+from wormopt.model.schedule import Schedule
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Smooth, Tolerance
 

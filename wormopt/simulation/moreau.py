@@ -24,7 +24,8 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, interruptible
-from wormopt.model.model import Model, Schedule
+from wormopt.model.model import Model
+from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.progress import Report, silent
 from wormopt.simulation.impulses import Impulses

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError
-from wormopt.model.model import Model, Schedule
+from wormopt.model.model import Model
+from wormopt.model.schedule import Schedule
 from wormopt.model.values import check_names, numbers, signal_values
 from wormopt.progress import Report, silent
 from wormopt.simulation.functions import System

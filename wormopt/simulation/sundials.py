@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import interruptible
-from wormopt.model.model import Schedule
+from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.progress import Report
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome

@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.model.model import Schedule
 from wormopt.model.motion import SampledMotion
+from wormopt.model.schedule import Schedule
 from wormopt.simulation.functions import System
 
 # Within a step, where a largest value is sought first; then its neighbourhood, so many times.

@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from wormopt.model.model import Schedule
+from wormopt.model.schedule import Schedule
 from wormopt.progress import Report as Progress
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome

@@ -15,7 +15,6 @@ from wormopt.ocp.motion import Guess
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.systems.block.scenes import SlideScene
 from wormopt.systems.chain.runs.chains import law_of
-from wormopt.systems.shared.signals import symbol
 
 # No motion takes longer than so many times a plain one, see `_plain_time`.
 _LONGEST = 10.0
@@ -77,7 +76,7 @@ def problem_of(table: SlideScene) -> Problem:
         ends,
         ends.integrals[0] if effort else ends.duration,
         (1e-6 * slow, longest),
-        integrands=ca.sumsqr(symbol(model, "force")) if effort else ca.SX(0, 1),
+        integrands=ca.sumsqr(model["force"]) if effort else ca.SX(0, 1),
         boundary_constraints=at_ends,
     )
 

@@ -33,7 +33,6 @@ from wormopt.systems.shared.optimum import (
     warnings_of_reading,
 )
 from wormopt.systems.shared.proof import warnings_of_contact
-from wormopt.systems.shared.signals import symbol
 
 # Of a solve that only has to show the phases.
 _RELAXED = Complementarity(residual=1e-3, first=1e-1)
@@ -77,7 +76,7 @@ def run(scene: Scene[SlideScene], report: Report) -> Result:
 
 def _signals(motion: Motion) -> dict[str, np.ndarray]:
     model = motion.program.problem.model
-    signals = {name: symbol(model, name) for name in ("position", "velocity", "force")}
+    signals = {name: model[name] for name in ("position", "velocity", "force")}
     return sample_motion(motion, {**signals, "contact_force": model.forces}).arrays(
         SlideScene.variables
     )

@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Law
 from wormopt.model.lift import lift
-from wormopt.model.model import TINY, Contact, Model, Output, Schedule, Signal
+from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.model.path import ParameterPath
+from wormopt.model.schedule import Schedule
 from wormopt.model.values import numbers
 
 _LEAST = {"mass": TINY, "stiffness": 0.0, "damping": 0.0, "drag": 0.0}

@@ -26,9 +26,6 @@ from wormopt.systems.shared.proof import CrossCheck, accepted_error, motion_fact
 from wormopt.systems.shared.signals import (
     at_ends,
     chain_expressions,
-    inputs,
-    largest,
-    symbol,
 )
 
 ENTERS, LEAVES = "enters the tube", "leaves the tube"
@@ -60,12 +57,12 @@ def measure_power(model: Model) -> Model:
     ``input_square`` (integral of |u|^2), ``input_work``, ``spring_work`` (taken up by
     springs) and ``losses`` (to dashpots, ground, drag and load).
     """
-    u, rate, v = inputs(model), model["rate"], symbol(model, "velocity")
+    u, rate, v = model["input"], model["rate"], model["velocity"]
     spring, links = model["spring_force"], rate.numel()
     # the spring force is c (l - l0) + d l', and l_j' = v_{j-1} - v_j
     damping = ca.diag(ca.jacobian(spring, v)[:, :links])
     lost = ca.dot(damping, rate**2)
-    lost += ca.dot(symbol(model, "drag") * v + symbol(model, "load"), v)
+    lost += ca.dot(model["drag"] * v + model["load"], v)
     for contact in model.contacts:
         lost -= contact.force * contact.velocity
     force, length = np.float64(_nominal(model, "input")), _nominal(model, "position")
@@ -89,7 +86,7 @@ def measure_tracking(model: Model) -> Model:
     ``error_square`` (integral of |e|^2) and ``positive_work`` (integral of the positive part
     of each actuator's power: nothing is recovered).
     """
-    error, power = model["error"], inputs(model) * model["rate"]
+    error, power = model["error"], model["input"] * model["rate"]
     force, length = np.float64(_nominal(model, "input")), _nominal(model, "position")
     states = [
         Signal("error_square", ca.SX.sym("error_square"), nominal=length**2, value=0.0),
@@ -113,8 +110,8 @@ def _observer(system: System) -> tuple[tuple[str, ...], ca.Function]:
     model = system.model
     rows = {
         "center": model["center_of_mass"],
-        "input": ca.norm_inf(inputs(model)),
-        "mass": ca.sum1(symbol(model, "mass")),
+        "input": ca.norm_inf(model["input"]),
+        "mass": ca.sum1(model["mass"]),
         **{o.name: o.expression for o in model.outputs if o.name == "error_norm"},
     }
     for switch in model.switches:
@@ -145,7 +142,7 @@ def chain_numbers(motion: Trajectory) -> dict[str, Any]:
         "distance": distance,
         "mean_speed": distance / time,
         "input_rms": float(np.sqrt(_change(motion["input_square"][0]) / time)),
-        "input_peak": largest(motion, inputs(motion.system.model))
+        "input_peak": motion.largest(motion.system.model["input"])
         if whole
         else float(seen["input"].max()),
         "n_events": len(motion.events),
@@ -180,8 +177,8 @@ def balance(motion: Trajectory) -> Balance | None:
     if any(event.kind == "impact" and event.time > motion.time[0] for event in motion.events):
         return None
     model = motion.system.model
-    v, motion = symbol(model, "velocity"), at_ends(motion)
-    kinetic = motion.observe(ca.dot(symbol(model, "mass"), v**2) / 2)[0]
+    v, motion = model["velocity"], at_ends(motion)
+    kinetic = motion.observe(ca.dot(model["mass"], v**2) / 2)[0]
     energy = motion["energy"][0]
     work, lost, springs = (
         _change(motion[name][0]) for name in ("input_work", "losses", "spring_work")
@@ -321,8 +318,8 @@ def loop_numbers(each: Tracked) -> dict[str, Any]:
 def _gain(each: Tracked) -> ca.SX:
     """Factor of the error's rate in the input."""
     if isinstance(each.tracker, FunnelTracker):
-        return symbol(each.loop, "gain") * each.loop["funnel_gain"][1]
-    return symbol(each.loop, "gain")
+        return each.loop["gain"] * each.loop["funnel_gain"][1]
+    return each.loop["gain"]
 
 
 def loop_expressions(each: Tracked) -> dict[str, ca.SX]:
@@ -341,7 +338,7 @@ def funnel_checks(motions: Mapping[str, Tracked], label: str = "") -> Iterator[C
         return
     for norm, width in (("error_norm", "funnel"), ("rate_error_norm", "rate_funnel")):
         shares = {
-            name: largest(each.motion, each.loop[norm] / each.loop[width])
+            name: each.motion.largest(each.loop[norm] / each.loop[width])
             for name, each in motions.items()
         }
         advice = [

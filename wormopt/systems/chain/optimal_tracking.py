@@ -13,7 +13,8 @@ from wormopt.control.loop import TrackingError, input_of, with_reference
 from wormopt.control.lqr import lqr
 from wormopt.control.reference import Reference
 from wormopt.model.gait import Gait
-from wormopt.model.model import Model, Schedule, pack
+from wormopt.model.model import Model, pack
+from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Complementarity

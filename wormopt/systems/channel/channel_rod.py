@@ -23,7 +23,8 @@ from wormopt.errors import ArgumentError
 from wormopt.magnetics.blocks import BlockField
 from wormopt.magnetics.material import MU0
 from wormopt.model.friction import Coulomb
-from wormopt.model.model import TINY, Contact, Model, Output, Schedule, Signal
+from wormopt.model.model import TINY, Contact, Model, Output, Signal
+from wormopt.model.schedule import Schedule
 from wormopt.systems.channel.rod import Rod
 
 WALLS = (("upper", 1.0), ("lower", -1.0))

@@ -19,7 +19,6 @@ from wormopt.progress import Report
 from wormopt.simulation.options import Exact
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.shared.signals import largest
 
 FADED = 0.5
 """Share of a small push of which at most so much must be left."""
@@ -171,7 +170,7 @@ def orbit_from(
     return Orbit(
         start,
         float(motion.end[0] - start[0]) / period,
-        largest(motion, plant["stretch"]),
+        motion.largest(plant["stretch"]),
         float(np.sum(power * weights * spans)),
         drift,
         periods,

@@ -24,7 +24,6 @@ from wormopt.systems.pair.averaged_pair import SteadyPair, steady_pair
 from wormopt.systems.pair.magnetic_pair import magnetic_pair, scaled_law
 from wormopt.systems.pair.scenes.pair_waveform import NATURAL
 from wormopt.systems.pair.slow_pair import from_slow, slow_pair
-from wormopt.systems.shared.signals import symbol
 
 # Swings beyond which averages are not asked for.
 _LARGEST = 100.0
@@ -74,7 +73,7 @@ class Pair:
         return self._average(1, self.nodes), self._average(2, self.nodes)
 
     def _average(self, order: Literal[1, 2], nodes: int) -> Model:
-        period = 2 * ca.pi / symbol(self.slow, "frequency")
+        period = 2 * ca.pi / self.slow["frequency"]
         return average(self.slow, period, order=order, nodes=nodes)
 
     def frequency(self, detuning: Any) -> Any:

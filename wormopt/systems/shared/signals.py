@@ -19,33 +19,8 @@ from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.shared.declared import Declared
 
-# Within a step, where a largest value is sought first; then its neighbourhood, so many times.
-_WITHIN = np.array([0.0, 0.25, 0.5, 0.75])
-_ZOOMS, _ZOOM_POINTS = 4, 41
-# Expressions are evaluated at so many times at once.
-_CHUNK = 50_000
 # Bytes that the polynomials of all steps may take.
 _MEMORY = 5e8
-
-Kind = tuple[str, tuple[str, ...], str]
-"""Quantity and own dimensions of a signal, and what it is."""
-
-
-def symbol(model: Model, name: str) -> ca.SX:
-    """Symbol of a state, an input or a parameter of a model.
-
-    Raises KeyError if there is none.
-    """
-    for signal in (*model.x, *model.u, *model.p):
-        if signal.name == name:
-            return signal.symbol
-    raise KeyError(name)
-
-
-def inputs(model: Model) -> ca.SX:
-    """Forces of a chain's actuators, whether a controller gives them or they are held."""
-    closed = any(output.name == "input" for output in model.outputs)
-    return model["input"] if closed else symbol(model, "input")
 
 
 def chain_expressions(model: Model) -> dict[str, ca.SX]:
@@ -54,9 +29,9 @@ def chain_expressions(model: Model) -> dict[str, ca.SX]:
     Without ``contact_force`` where nothing touches the ground.
     """
     found = {
-        "position": symbol(model, "position"),
-        "velocity": symbol(model, "velocity"),
-        "input": inputs(model),
+        "position": model["position"],
+        "velocity": model["velocity"],
+        "input": model["input"],
         **{name: model[name] for name in ("length", "link_force", "energy", "center_velocity")},
     }
     return found | ({"contact_force": model.forces} if model.contacts else {})
@@ -106,52 +81,10 @@ def sample(motion: Trajectory, expressions: Mapping[str, ca.SX]) -> dict[str, np
     return dict(zip(expressions, parts, strict=True))
 
 
-def largest(motion: Trajectory, expression: ca.SX) -> float:
-    """Largest absolute value of a column expression's entries over all time.
-
-    Samples decide where the motion was not kept whole.
-    """
-    if motion.dense is None:
-        return float(np.max(np.abs(motion.observe(expression))))
-    function = motion.system.observe(expression)
-
-    def sizes(t: np.ndarray) -> np.ndarray:
-        at = motion.at(t)
-        p = at.system.scheduled(at.p, at.schedules, t)
-        return np.abs(np.array(function(t[None, :], at.states, p, at.modes_at(t)))).max(axis=0)
-
-    ends = motion.dense.time
-    t = (ends[:-1, None] + np.diff(ends)[:, None] * _WITHIN).ravel()
-    t = np.append(t, ends[-1])
-    found = np.concatenate([sizes(t[k : k + _CHUNK]) for k in range(0, len(t), _CHUNK)])
-    best = found.max()
-    for _ in range(_ZOOMS):
-        k = int(np.argmax(found))
-        t = np.linspace(t[max(k - 1, 0)], t[min(k + 1, len(t) - 1)], _ZOOM_POINTS)
-        found = sizes(t)
-        best = max(best, found.max())
-    return float(best)
-
-
 def rests(motion: Trajectory) -> list[tuple[int, float, float]]:
-    """When contacts rest: (index among all contacts of the model, begin, end).
-
-    Known only for motions with exact contact.
-    """
-    names = [contact.name for contact in motion.system.model.contacts]
-    found = []
-    for column, contact in enumerate(motion.system.contacts, start=1):
-        resting = np.append(motion.modes[:, column] == 0, False) if len(motion.modes) else []
-        times = np.append(motion.modes[:, 0], motion.end_time)
-        begun = None
-        for time, holds in zip(times, resting, strict=False):
-            if holds and begun is None:
-                begun = float(time)
-            elif not holds and begun is not None:
-                if time > begun:
-                    found.append((names.index(contact.name), begun, float(time)))
-                begun = None
-    return sorted(found, key=lambda rest: rest[1])
+    """When contacts rest: (index among all contacts of the model, begin, end)."""
+    places = {contact.name: k for k, contact in enumerate(motion.system.model.contacts)}
+    return [(places[name], begin, end) for name, begin, end in motion.stick_intervals()]
 
 
 def fitted(arrays: Mapping[str, Any], declared: Declared) -> dict[str, np.ndarray]:

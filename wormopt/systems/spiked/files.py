@@ -6,7 +6,6 @@ from pathlib import Path
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
-from wormopt.quantities import Variable, unit_of
 from wormopt.result import Result
 
 _DIMS = {
@@ -16,25 +15,6 @@ _DIMS = {
     "cosine": ("gait_piece", "link"),
     "sine": ("gait_piece", "link"),
 }
-
-
-def gait_variables(gait: Gait, units: str) -> list[Variable]:
-    """Variables of a Result from which `gait_of_result` reads the gait back exactly.
-
-    ``gait_breaks``, ``gait_polynomial`` and, where there are harmonics, three more.
-    """
-    long_names = {
-        "breaks": ("time", "times at which pieces of the gait begin"),
-        "polynomial": ("length", "coefficients of s^k, s the time since the piece began"),
-        "omega": ("angular_frequency", "angular frequency of the piece's harmonic"),
-        "cosine": ("length", "amplitude of cos(omega s)"),
-        "sine": ("length", "amplitude of sin(omega s)"),
-    }
-    return [
-        Variable(f"gait_{name}", unit_of(quantity, units), _DIMS[name], values, long_name)
-        for name, values in gait.arrays().items()
-        for quantity, long_name in [long_names[name]]
-    ]
 
 
 def gait_of_result(result: Result) -> Gait:

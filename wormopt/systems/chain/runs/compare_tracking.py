@@ -37,7 +37,7 @@ from wormopt.systems.chain.runs.compare_tables import Drawn, Known, table_of
 from wormopt.systems.chain.scenes.compare_tracking import COMPARED, CompareScene, DesignedShape
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
-from wormopt.systems.shared.signals import fitted, sample, simulate_whole, symbol
+from wormopt.systems.shared.signals import fitted, sample, simulate_whole
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.runs.reference import gait_of_shape
@@ -296,7 +296,7 @@ def _signals(
 def _sampled(each: _Run) -> dict[str, np.ndarray]:
     model = each.rival.model
     outputs = {name: model[name] for name in COMPARED if name != "position"}
-    return sample(each.motion, outputs | {"position": symbol(model, "position")})
+    return sample(each.motion, outputs | {"position": model["position"]})
 
 
 def _warnings(

@@ -52,7 +52,6 @@ from wormopt.systems.shared.signals import (
     fitted,
     sample,
     simulate_whole,
-    symbol,
 )
 from wormopt.systems.spiked.runs.reference import gait_of_shape
 
@@ -136,7 +135,7 @@ def _driven_chain(scene: Scene[SimulateScene], worm: ChainTable) -> Model:
         return model
     command = gait_reference(gait, model.t, shift=shift % gait.period)
     # (11): c_j times the change of rest length, with the link's own c_j
-    x = symbol(model, "position")
+    x = model["position"]
     stiffness = ca.diag(ca.jacobian(model["spring_force"], x)[:, : worm.links])
     return _with_input(model, command, stiffness * (command.value - rest))
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from wormopt.magnetics.blocks import BlockField, channel_field
 from wormopt.magnetics.coils import Coil
-from wormopt.model.model import Schedule
+from wormopt.model.schedule import Schedule
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.systems.channel.channel_rod import (
     Blocks,

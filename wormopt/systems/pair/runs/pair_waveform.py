@@ -53,7 +53,6 @@ from wormopt.systems.shared.optimum import (
     warnings_of_optimum,
     warnings_of_reading,
 )
-from wormopt.systems.shared.signals import symbol
 
 # Strain from which on the model of the link says nothing any more.
 _WIDE = 1.0
@@ -164,8 +163,8 @@ def _scalars(aim: FieldAim, motion: Motion, proof: Proof, harmonic: Harmonic) ->
 def _variables(motion: Motion, harmonic: Harmonic) -> dict[str, np.ndarray]:
     model = motion.program.problem.model
     expressions: dict[str, ca.SX] = {
-        "position": symbol(model, "position"),
-        "velocity": symbol(model, "velocity"),
+        "position": model["position"],
+        "velocity": model["velocity"],
         "contact_force": model.forces,
         "stretch": model["stretch"],
         "field": model["field"],

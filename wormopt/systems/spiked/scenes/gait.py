@@ -10,9 +10,9 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.scene.types import NonNegative, NonNegativeOrPair, PerMass, SceneTable, Table, says
+from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.limits import Sharing
 from wormopt.systems.spiked.scenes.shapes import (
-    GAIT_VARIABLES,
     AccordionShape,
     BlockWaveShape,
     FastShape,
@@ -187,7 +187,7 @@ class GaitScene(SceneTable, frozen=True, kw_only=True):
     """
 
     scalars: ClassVar = MOTION_SCALARS
-    variables: ClassVar = MOTION_VARIABLES | GAIT_VARIABLES
+    variables: ClassVar = MOTION_VARIABLES | GAIT
 
     kind: Literal["gait"]
     want: Annotated[

@@ -12,6 +12,7 @@ from msgspec import Meta, field
 
 from wormopt.errors import ArgumentError, Fault
 from wormopt.scene.types import SceneTable, Table, says
+from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.scenes.design_tables import (
     COST_WORDS,
@@ -21,7 +22,6 @@ from wormopt.systems.spiked.scenes.design_tables import (
     in_scene,
 )
 from wormopt.systems.spiked.scenes.gait import MOTION_SCALARS, MOTION_VARIABLES, WormTable
-from wormopt.systems.spiked.scenes.shapes import GAIT_VARIABLES
 from wormopt.systems.spiked.scenes.stepper import MotorTable
 from wormopt.systems.spiked.task import Cost, GaitProblem, Objective
 
@@ -215,7 +215,7 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     }
     variables: ClassVar = {
         **MOTION_VARIABLES,
-        **GAIT_VARIABLES,
+        **GAIT,
         "proof_time": ("s", ("proof",), "time spent on the proof"),
         "proof_bound": ("speed", ("proof",), "proven bound"),
         "proof_value": ("speed", ("proof",), "of the gait"),
@@ -300,7 +300,7 @@ class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
     }
     variables: ClassVar = {
         **MOTION_VARIABLES,
-        **GAIT_VARIABLES,
+        **GAIT,
         "front_speed": ("speed", ("point",), "mean speed"),
         "front_value": ("force", ("point",), "the cost"),
         "front_accepted": ("1", ("point",), "1 where the point counts"),

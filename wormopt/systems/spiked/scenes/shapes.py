@@ -18,21 +18,8 @@ GaitPath = Annotated[str, Meta(min_length=1, description="the name of a .csv or 
 Period = Annotated[Positive, says("time", "period *T*")]
 
 _PIECE = ("gait_piece", "link")
-GAIT_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
-    "gait_breaks": ("time", ("gait_break",), "times at which pieces of the gait begin"),
-    "gait_polynomial": (
-        "length",
-        (*_PIECE, "gait_power"),
-        "coefficients of s^k, s the time since the piece began",
-    ),
-    "gait_omega": (
-        "angular_frequency",
-        ("gait_piece",),
-        "angular frequency of the piece's harmonic",
-    ),
-    "gait_cosine": ("length", _PIECE, "amplitude of cos(omega s)"),
-    "gait_sine": ("length", _PIECE, "amplitude of sin(omega s)"),
-}
+
+
 """Variables from which `wormopt.systems.spiked.files.gait_of_result` reads a gait back exactly."""
 
 

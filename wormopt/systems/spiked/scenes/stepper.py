@@ -10,8 +10,8 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.scene.types import NonNegative, Positive, SceneTable, Table, extreme_numbers, says
+from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.scenes.gait import GivenGait, WormTable
-from wormopt.systems.spiked.scenes.shapes import GAIT_VARIABLES
 
 Count = Annotated[int, Meta(ge=1, le=100_000, description="a whole number from 1 to 100000")]
 Slack = Annotated[float, Meta(ge=0, le=0.4, description="a number from 0 to 0.4")]
@@ -141,7 +141,7 @@ class StepperScene(SceneTable, frozen=True, kw_only=True):
         "turn_length": ("length", ("turn_time",), "length of the gait"),
         "turn_commanded": ("length", ("turn_time",), "commanded length"),
         "turn_link": ("1", ("turn",), "link shown"),
-        **GAIT_VARIABLES,
+        **GAIT,
     }
 
     kind: Literal["stepper"]

@@ -19,7 +19,6 @@ from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.runs.chains import tolerance_of
 from wormopt.systems.shared.proof import accepted_error, count_events, warnings_of_motion
-from wormopt.systems.shared.signals import symbol
 from wormopt.systems.swinging.harmonic_masses import (
     closed_form,
     extremes_of,
@@ -172,7 +171,7 @@ def _apart(exact: float | None, other: float | None) -> float | None:
 def _steady(
     slow: Model, table: HarmonicMassesScene, extremes: np.ndarray
 ) -> tuple[list[Steady], list[Steady | None], list[Steady]]:
-    period, nodes = 2 * np.pi / symbol(slow, "frequency"), table.averaging.nodes
+    period, nodes = 2 * np.pi / slow["frequency"], table.averaging.nodes
     first = SlowVelocity(slow, period, 1, nodes).steady(extremes.tolist())
     if not first:
         raise SolveError("no velocity is steady", "write friction that resists both ways")
@@ -200,7 +199,7 @@ def _tends_to(velocity: float, steady: Sequence[Steady], near: float) -> int:
 
 
 def _averaged_course(slow: Model, table: HarmonicMassesScene) -> Trajectory:
-    period = 2 * np.pi / symbol(slow, "frequency")
+    period = 2 * np.pi / slow["frequency"]
     averaged = SlowVelocity(slow, period, 1, table.averaging.nodes).averaged
     end = table.course.periods * _period(table.worm)
     return simulate(

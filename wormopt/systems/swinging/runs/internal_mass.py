@@ -25,7 +25,6 @@ from wormopt.systems.shared.optimum import (
     sample_motion,
     warnings_of_optimum,
 )
-from wormopt.systems.shared.signals import symbol
 from wormopt.systems.swinging.capsule import capsule_guess, capsule_problem
 from wormopt.systems.swinging.pair import advance, pair_guess, pair_problem
 from wormopt.systems.swinging.scenes.internal_mass import CapsuleScene, TwoMassScene
@@ -63,7 +62,7 @@ def run(scene: Scene[TwoMassScene] | Scene[CapsuleScene], report: Report) -> Res
     solved, motion = time.perf_counter(), optimum.motion
     second = cross_check(motion, report=report)
     signals = {
-        name: problem.model.forces if name.startswith("contact") else symbol(problem.model, name)
+        name: problem.model.forces if name.startswith("contact") else problem.model[name]
         for name in table.variables
         if name != "instant"
     }
