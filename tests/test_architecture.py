@@ -1,6 +1,7 @@
 """Imports point downward only, those inside functions and for type checkers included."""
 
 import ast
+import re
 from collections.abc import Iterable, Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -116,6 +117,24 @@ def sideways(graph: dict[str, set[str]]) -> list[str]:
     ]
 
 
+def undeclared(root: Path) -> list[str]:
+    """Imports from within another system, past the names that its ``__init__`` declares."""
+    found = []
+    for path in root.rglob("*.py"):
+        importer = module_name(path, root)
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.ImportFrom) or not system(node.module or ""):
+                continue
+            used = system(node.module or "")
+            if system(importer) in {"", "shared", used} or used == "shared":
+                continue
+            stub = root / "systems" / used / "__init__.pyi"
+            face = set(re.findall(r" as (\w+)$", stub.read_text("utf-8"), re.MULTILINE))
+            if (node.module or "").count(".") > 2 or {a.name for a in node.names} - face:
+                found.append(f"{importer} imports from {node.module}")
+    return found
+
+
 def rooms(graph: dict[str, set[str]]) -> dict[str, set[str]]:
     merged: dict[str, set[str]] = {}
     for importer, targets in graph.items():
@@ -137,6 +156,26 @@ def test_systems_use_no_others_than_they_say():
         if system(importer):
             used[system(importer)] |= {*map(system, targets)} - {"", "shared", system(importer)}
     assert used == USES
+
+
+def test_systems_meet_each_other_at_the_door():
+    assert undeclared(PACKAGE) == []
+
+
+def test_a_way_past_the_door_would_be_seen(tmp_path: Path):
+    root = tmp_path / "wormopt"
+    for name in ("systems/a", "systems/b"):
+        (root / name).mkdir(parents=True)
+    (root / "systems/a/__init__.pyi").write_text(
+        "from wormopt.systems.a.model import worm as worm\n"
+    )
+    for text, seen in (
+        ("from wormopt.systems.a import worm", 0),
+        ("from wormopt.systems.a import other", 1),
+        ("def f():\n    from wormopt.systems.a.model import worm", 1),
+    ):
+        (root / "systems/b/run.py").write_text(text + "\n")
+        assert len(undeclared(root)) == seen
 
 
 def test_no_import_is_circular():

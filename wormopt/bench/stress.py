@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, Literal
@@ -34,6 +33,7 @@ from wormopt.bench.driven_chain import Plant, linear_flow
 from wormopt.bench.integrators import Regularised, by_casadi, by_lsoda, called, event_loop
 from wormopt.errors import SolveError
 from wormopt.model.model import Model
+from wormopt.numerics.workers import Workers
 from wormopt.progress import Report
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
@@ -202,20 +202,13 @@ def stress(*, quick: bool, report: Report) -> Iterator[Verdict]:
 
     `quick`: a few cells of each group only.
     """
-    from loky import get_reusable_executor
-
     todo = sorted(cells(quick=quick), key=lambda c: -c.span)  # what takes long comes first
-    executor = get_reusable_executor(max_workers=2)
-    futures = [executor.submit(judge, cell) for cell in todo]
     wrong = 0
-    try:
-        for k, future in enumerate(as_completed(futures), start=1):
-            verdict = future.result()
+    with Workers(2) as workers:
+        for k, (_, verdict) in enumerate(workers.as_completed(judge, todo), start=1):
             wrong += verdict.verdict == "wrong"
             report(f"{k} of {len(todo)} cells, {wrong} wrong", k / len(todo))
             yield verdict
-    finally:
-        executor.shutdown(wait=True, kill_workers=True)
 
 
 def summary(verdicts: Sequence[Verdict], *, complete: bool = True) -> dict[str, Any]:

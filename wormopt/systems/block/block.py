@@ -14,7 +14,7 @@ from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.ocp.motion import Guess
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.systems.block.scenes import SlideScene
-from wormopt.systems.chain.runs.chains import law_of
+from wormopt.systems.chain import law_of
 
 # No motion takes longer than so many times a plain one, see `_plain_time`.
 _LONGEST = 10.0

@@ -22,7 +22,7 @@ from wormopt.scene.numerics import SmoothContact
 from wormopt.scene.scene import Scene
 from wormopt.systems.block.block import cubic_guess, problem_of
 from wormopt.systems.block.scenes import SlideScene
-from wormopt.systems.chain.runs.chains import law_of, treatment_of
+from wormopt.systems.chain import law_of, treatment_of
 from wormopt.systems.shared.optimum import (
     ACCEPTED,
     conclude_optimum,

@@ -11,7 +11,7 @@ from msgspec import field
 from wormopt.errors import Fault
 from wormopt.scene.numerics import Contacts, ExactContact, MeshTable
 from wormopt.scene.types import Finite, Positive, SceneTable, Table, extreme_numbers, says
-from wormopt.systems.chain.scenes.chain import Friction, faults_of_law
+from wormopt.systems.chain import Friction, faults_of_law
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 

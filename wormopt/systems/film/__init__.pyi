@@ -1,4 +1,6 @@
 from wormopt.systems.film.cosine import CosineWave as CosineWave
+from wormopt.systems.film.courses import CarriedFilm as CarriedFilm
+from wormopt.systems.film.courses import carried_film as carried_film
 from wormopt.systems.film.design.search import best_wave as best_wave
 from wormopt.systems.film.design.wave import WaveAim as WaveAim
 from wormopt.systems.film.design.wave import WaveLimits as WaveLimits

@@ -298,7 +298,21 @@ def _difference(coarse: Course, fine: Course) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class CarriedFilm:
-    """A steady film that travels with the mean field of a row."""
+    """A steady film that travels with the mean field of a row.
+
+    Parameters
+    ----------
+    xi, thickness : ndarray, shape (points,)
+        Phases and thickness over the mean.
+    distance : float
+        Largest difference of the thickness from the wave wanted.
+    mean_flow : float
+        That it carries, 1 + C.
+    growth : float
+        Largest rate at which a small deviation grows.
+    residual : float
+        Of Newton's method.
+    """
 
     xi: np.ndarray  # (points,) phases
     thickness: np.ndarray  # (points,) over the mean
@@ -309,9 +323,21 @@ class CarriedFilm:
 
 
 def carried_film(wave: CosineWave, pressure: np.ndarray, tension: float) -> CarriedFilm | None:
-    """Steady film near `wave` under a field that is not quite the wave's own; None without one.
+    """Find the steady film next to a wave under a field that is not quite the wave's own.
 
-    `pressure` (m,): (mu - 1) H² / (8 pi) over one wavelength, in units of the film.
+    Parameters
+    ----------
+    wave : CosineWave
+        Wanted.
+    pressure : ndarray, shape (m,)
+        (mu - 1) H² / (8 pi) over one wavelength, in units of the film.
+    tension : float
+        Number W of surface tension, above 0.
+
+    Returns
+    -------
+    CarriedFilm or None
+        None if there is none near the wave.
     """
     setting = Setting(GivenField(pressure).slope, tension, np.ones_like, wave.height)
     xi = grid(_POINTS)

@@ -21,7 +21,7 @@ from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.model.values import numbers
 from wormopt.scene.types import per
-from wormopt.systems.chain.runs.chains import laws_of
+from wormopt.systems.chain import laws_of
 from wormopt.systems.swinging.scenes.harmonic_masses import SwingingTable
 
 # Of the largest relative momentum of a mass: so much may be left of their sum.

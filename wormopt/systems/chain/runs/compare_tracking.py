@@ -38,10 +38,7 @@ from wormopt.systems.chain.scenes.compare_tracking import COMPARED, CompareScene
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
 from wormopt.systems.shared.signals import fitted, sample, simulate_whole
-from wormopt.systems.spiked.design.optimize import design
-from wormopt.systems.spiked.limits import Limits
-from wormopt.systems.spiked.runs.reference import gait_of_shape
-from wormopt.systems.spiked.task import Search, Worm
+from wormopt.systems.spiked import Limits, Search, Worm, design, gait_of_shape
 
 # Plants that are not as believed are simulated less exactly: they differ by far more.
 _LOOSE = Tolerance(relative=1e-8, absolute=1e-9)

@@ -53,7 +53,7 @@ from wormopt.systems.shared.signals import (
     sample,
     simulate_whole,
 )
-from wormopt.systems.spiked.runs.reference import gait_of_shape
+from wormopt.systems.spiked import gait_of_shape
 
 # Signals of a chain that the picture shows, in this order.
 _SHOWN = ("length", "velocity", "contact_force", "input")

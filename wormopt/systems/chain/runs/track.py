@@ -48,7 +48,7 @@ from wormopt.systems.shared.signals import (
     sample,
     simulate_whole,
 )
-from wormopt.systems.spiked.runs.reference import gait_of_shape
+from wormopt.systems.spiked import gait_of_shape
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters

@@ -43,7 +43,7 @@ from wormopt.systems.shared.proof import (
     warnings_of_motion,
 )
 from wormopt.systems.shared.signals import fitted, gait_arrays, sample
-from wormopt.systems.spiked.runs.reference import gait_of_shape
+from wormopt.systems.spiked import gait_of_shape
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Shares of the members that lie below the lines of a band."""

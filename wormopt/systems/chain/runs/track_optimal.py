@@ -35,7 +35,7 @@ from wormopt.systems.shared.signals import (
     sample,
     simulate_whole,
 )
-from wormopt.systems.spiked.runs.reference import gait_of_shape
+from wormopt.systems.spiked import gait_of_shape
 
 # Largest difference of any state, at any time, between the optimiser's motion and the exact
 # simulation of its input that is accepted: open loop, errors of the grid add up.

@@ -26,7 +26,7 @@ from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
 from wormopt.systems.chain.scenes.track import DerivativeTracker, FilterTracker
 from wormopt.systems.chain.scenes.track_optimal import GridTable, RelaxationTable, Share, TubeTable
 from wormopt.systems.shared.declared import JUDGED, LOOP_SIGNALS, TIME, over
-from wormopt.systems.spiked.scenes.shapes import Shape
+from wormopt.systems.spiked import Shape
 
 
 class DesignedShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="designed"):

@@ -24,7 +24,7 @@ from wormopt.scene.types import (
 )
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.shared.declared import CHAIN_SIGNALS, INSTANT, OPTIMUM, over
-from wormopt.systems.spiked.scenes.shapes import why_unreadable
+from wormopt.systems.spiked import why_unreadable
 
 
 class CrawlLimitsTable(Table, frozen=True, kw_only=True):

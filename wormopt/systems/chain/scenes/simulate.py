@@ -32,7 +32,7 @@ from wormopt.scene.types import (
 )
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.shared.declared import CHAIN, CHAIN_SIGNALS, EVENTS, TIME, over
-from wormopt.systems.spiked.scenes.shapes import Shape, why_unreadable
+from wormopt.systems.spiked import Shape, why_unreadable
 
 
 class ConstantForce(Table, frozen=True, kw_only=True, tag_field="law", tag="constant"):

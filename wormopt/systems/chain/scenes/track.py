@@ -41,7 +41,7 @@ from wormopt.systems.shared.declared import (
     Scalars,
     over,
 )
-from wormopt.systems.spiked.scenes.shapes import Shape
+from wormopt.systems.spiked import Shape
 
 
 class Reference(Table, frozen=True, kw_only=True):

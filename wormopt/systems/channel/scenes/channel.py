@@ -20,7 +20,7 @@ from wormopt.systems.channel.scenes.rod import (
     WindingTable,
 )
 from wormopt.systems.channel.scenes.rod import Degree as ElementDegree
-from wormopt.systems.coils.scenes.material import SIScene
+from wormopt.systems.coils import SIScene
 
 STEEPEST, FLATTEST = 10.0, 1e-3
 """Rises over the coil distance; below, l_s - L is lost in rounding."""

@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.scene.types import Positive, Table, says
-from wormopt.systems.coils.scenes.material import SIScene
+from wormopt.systems.coils import SIScene
 
 Coils = Annotated[int, Meta(ge=2, le=40, description="a whole number from 2 to 40")]
 Elements = Annotated[int, Meta(ge=4, le=200, description="a whole number from 4 to 200")]

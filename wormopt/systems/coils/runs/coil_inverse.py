@@ -26,9 +26,7 @@ from wormopt.systems.coils.runs.coil_row import (
     warnings_of_coils,
 )
 from wormopt.systems.coils.scenes.coil_rows import CoilInverseScene
-from wormopt.systems.film.cosine import CosineWave
-from wormopt.systems.film.courses import CarriedFilm, carried_film
-from wormopt.systems.film.units import Fluid
+from wormopt.systems.film import CarriedFilm, CosineWave, Fluid, carried_film
 from wormopt.systems.shared.optimum import refused
 
 # The grid of the check is so many times finer, in places and in phases.

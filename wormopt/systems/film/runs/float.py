@@ -16,7 +16,7 @@ from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.chain.runs.chains import tolerance_of
+from wormopt.systems.chain import tolerance_of
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.float import (
     Drift,

@@ -20,7 +20,7 @@ from wormopt.scene.types import (
     wrong_order,
 )
 from wormopt.systems.film.scenes.film import FilmTable, Permeability, Share, SharePair
-from wormopt.systems.spiked.scenes.shapes import why_unreadable
+from wormopt.systems.spiked import why_unreadable
 
 Samples = Annotated[
     tuple[Finite, ...],

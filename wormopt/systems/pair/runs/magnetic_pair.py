@@ -17,7 +17,7 @@ from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.chain.runs.chains import tolerance_of
+from wormopt.systems.chain import tolerance_of
 from wormopt.systems.pair.runs.pair import Scales, no_steady_motion, pair_of, warnings_of_pair
 from wormopt.systems.pair.scenes.magnetic_pair import MagneticPairScene
 from wormopt.systems.pair.steady import Pair

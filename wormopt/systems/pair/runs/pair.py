@@ -13,7 +13,7 @@ from wormopt.errors import SolveError
 from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.result import conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.chain.runs.chains import law_of
+from wormopt.systems.chain import law_of
 from wormopt.systems.pair.scenes.magnetic_pair import MagneticPairTable
 from wormopt.systems.pair.steady import Pair
 

@@ -20,7 +20,7 @@ from wormopt.ocp.optimise import Optimum
 from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.scene import Scene
-from wormopt.systems.chain.runs.chains import law_of
+from wormopt.systems.chain import law_of
 from wormopt.systems.pair.driven_pair import (
     FADED,
     MOST_PERIODS,

@@ -15,7 +15,7 @@ from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.progress import Report
 from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.chain.runs.chains import tolerance_of
+from wormopt.systems.chain import tolerance_of
 from wormopt.systems.pair.runs.pair import Scales, no_steady_motion, pair_of, warnings_of_pair
 from wormopt.systems.pair.scenes.magnetic_pair import ResonanceScene
 from wormopt.systems.pair.steady import Exact, Pair, Points, branches_of, confirmed, points_of

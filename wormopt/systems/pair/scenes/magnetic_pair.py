@@ -21,7 +21,7 @@ from wormopt.scene.types import (
     says,
     wrong_order,
 )
-from wormopt.systems.chain.scenes.chain import (
+from wormopt.systems.chain import (
     Friction,
     SpikeFriction,
     ViscousFriction,

@@ -23,7 +23,7 @@ from wormopt.scene.types import (
     says,
     wrong_order,
 )
-from wormopt.systems.chain.scenes.chain import CoulombFriction, Friction, faults_of_law
+from wormopt.systems.chain import CoulombFriction, Friction, faults_of_law
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 NATURAL = math.sqrt(2)

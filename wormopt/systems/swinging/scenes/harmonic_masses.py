@@ -24,7 +24,7 @@ from wormopt.scene.types import (
     says,
     wrong_count,
 )
-from wormopt.systems.chain.scenes.chain import (
+from wormopt.systems.chain import (
     Friction,
     SpikeFriction,
     ViscousFriction,

@@ -1,0 +1,1 @@
+from wormopt.systems.coils.scenes.material import SIScene as SIScene
