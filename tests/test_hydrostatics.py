@@ -245,10 +245,10 @@ def test_no_current_leaves_the_layer_flat():
     result = solved("coil.ampere_turns=0")
     assert result.status == "ok"
     assert result["surface"].values == pytest.approx(4e-3, rel=1e-14)
-    assert result["pressure"].values == pytest.approx(1200 * 9.81 * 4e-3, rel=1e-13)
+    assert result["pressure"].values == pytest.approx(1200 * 9.80665 * 4e-3, rel=1e-13)
     assert value(result, "pressure_change_max") == pytest.approx(0, abs=1e-12)
     depth = 4e-3 - result["inside_z"].values
-    assert result["inside_pressure"].values == pytest.approx(1200 * 9.81 * depth, abs=1e-11)
+    assert result["inside_pressure"].values == pytest.approx(1200 * 9.80665 * depth, abs=1e-11)
     assert value(result, "magnetic_force") == 0
     figure(result, "coil_pressure").draw_without_rendering()
 

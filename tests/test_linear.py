@@ -4,7 +4,6 @@ import math
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -657,22 +656,6 @@ def test_what_control_cannot_be_told_is_refused(control: Any):
         worm().to_control(output="length", p={"weight": 1.0})
     with pytest.raises(KeyError, match="no output"):
         worm().to_control(output="size")
-
-
-MAKERS: list[Callable[[], Any]] = [
-    lambda: worm().to_control(output="length"),
-    lambda: linearise(worm(), output="length").to_control(),
-]
-
-
-@pytest.mark.parametrize("make", MAKERS)
-def test_without_control_the_message_names_the_extra(
-    make: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setitem(sys.modules, "control", None)
-    with pytest.raises(ImportError, match=re.escape("pip install 'wormopt[control]'")) as caught:
-        make()
-    assert caught.value.name == "control"
 
 
 def test_what_needs_no_control_loads_none(tmp_path: Path):

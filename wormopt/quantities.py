@@ -54,6 +54,8 @@ UNITS = {
     "share": "1",
     "count": "1",
 }
+GRAVITY = 9.80665
+"""Standard acceleration of the fall, m/s²."""
 # Units that scenes of both kinds use as they are.
 ABSOLUTE = ("rad", "s", "Oe", "1")
 

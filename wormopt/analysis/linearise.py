@@ -261,10 +261,6 @@ class LinearModel:
         -------
         control.StateSpace
 
-        Raises
-        ------
-        ImportError
-            If python-control is not installed.
         """
         return import_control().ss(
             *self._matrices,

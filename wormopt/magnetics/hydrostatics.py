@@ -26,6 +26,7 @@ from scipy.special import zeta
 from wormopt.errors import ArgumentError
 from wormopt.magnetics.material import MU0, check_number
 from wormopt.magnetics.winding import Coil
+from wormopt.quantities import GRAVITY
 
 Direction = Literal["vertical", "along"]
 Side = Literal["below", "above"]
@@ -96,7 +97,7 @@ class Fluid:
     density: float  # kg/m³
     surface_tension: float  # N/m
     magnetisation: Magnetisation
-    gravity: float = 9.81  # m/s²
+    gravity: float = GRAVITY  # m/s²
 
     def __post_init__(self) -> None:
         for name in ("density", "surface_tension", "gravity"):

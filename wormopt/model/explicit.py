@@ -47,15 +47,8 @@ class Described(Protocol):
 
 
 def import_control() -> Any:
-    """Import python-control, which takes two seconds: only for what cannot do without.
-
-    Raises ImportError, saying how to get it, if it is not installed.
-    """
-    try:
-        return import_module("control")
-    except ImportError as error:
-        message = "this needs the package control; install it with: pip install 'wormopt[control]'"
-        raise ImportError(message, name="control") from error
+    """Import python-control, which takes two seconds: only for what cannot do without."""
+    return import_module("control")
 
 
 def scalar_names(sizes: Mapping[str, int]) -> tuple[str, ...]:

@@ -353,8 +353,6 @@ class Model:
 
         Raises
         ------
-        ImportError
-            If python-control is not installed.
         ArgumentError
             If names or sizes do not fit, or the model has switches or algebraic variables.
         UnknownNameError

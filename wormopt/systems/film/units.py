@@ -12,9 +12,8 @@ from wormopt.errors import ArgumentError
 from wormopt.magnetics.material import check_number
 from wormopt.magnetics.pressure import OERSTED, field_of
 from wormopt.model.values import numbers
+from wormopt.quantities import GRAVITY
 
-GRAVITY = 9.80665
-"""Standard acceleration of free fall in m/s²."""
 # Numbers that shall be small against 1 are warned of above this.
 _SMALL = 0.1
 

@@ -148,7 +148,7 @@ class CoilPressureScene(SIScene, frozen=True, kw_only=True):
     surface: Annotated[ResolutionTable, says("", "how finely the surface is described")] = (
         ResolutionTable()
     )
-    gravity: Annotated[Positive, says("acceleration", "of the fall")] = 9.81
+    gravity: Annotated[Positive, says("acceleration", "of the fall")] = 9.80665
     stated_pressure: Annotated[
         Positive | None,
         says(
