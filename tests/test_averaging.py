@@ -23,9 +23,9 @@ from wormopt.model.model import Contact, Model, Output, Signal, Switch, pack
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.pair.averaged_pair import averaged_pair
-from wormopt.systems.pair.magnetic_pair import magnetic_pair
-from wormopt.systems.pair.slow_pair import from_slow, slow_pair, to_slow
+from wormopt.systems.pair.averaged import averaged_pair
+from wormopt.systems.pair.exact import magnetic_pair
+from wormopt.systems.pair.slow import from_slow, slow_pair, to_slow
 from wormopt.systems.swinging.harmonic_masses import harmonic_masses
 
 EPS, OMEGA = 0.01, math.sqrt(2)

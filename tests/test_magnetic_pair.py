@@ -17,9 +17,9 @@ from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.friction import Coulomb
 from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.pair.averaged_pair import averaged_pair, steady_pair
-from wormopt.systems.pair.magnetic_pair import magnetic_pair
-from wormopt.systems.pair.slow_pair import from_slow, slow_pair
+from wormopt.systems.pair.averaged import averaged_pair, steady_pair
+from wormopt.systems.pair.exact import magnetic_pair
+from wormopt.systems.pair.slow import from_slow, slow_pair
 
 NATURAL = math.sqrt(2)
 # docs/verification.md: steady motion (19) at the chapter's data, and exact mean velocities.

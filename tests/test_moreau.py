@@ -13,8 +13,8 @@ from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.model.friction import Coulomb, Spike
 from wormopt.model.model import Contact, Model, Output, Signal, pack
 from wormopt.simulation.moreau import MoreauJean, StepRecord
-from wormopt.systems.channel.channel_rod import channel_rod, straight
 from wormopt.systems.channel.rod import Rod
+from wormopt.systems.channel.rod_model import channel_rod, straight
 
 G, MU = 9.81, 0.4
 

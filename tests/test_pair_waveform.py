@@ -21,7 +21,7 @@ from wormopt.result import Result
 from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.pair import waveform
-from wormopt.systems.pair.averaged_pair import steady_pair
+from wormopt.systems.pair.averaged import steady_pair
 from wormopt.systems.pair.driven_pair import (
     FADED,
     FieldAim,
@@ -30,7 +30,7 @@ from wormopt.systems.pair.driven_pair import (
     push_left,
     settle,
 )
-from wormopt.systems.pair.magnetic_pair import magnetic_pair
+from wormopt.systems.pair.exact import magnetic_pair
 from wormopt.systems.pair.runs import pair_waveform
 from wormopt.systems.pair.waveform import first_harmonic, waveform_problem
 

@@ -19,14 +19,14 @@ from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.model.schedule import Schedule
 from wormopt.simulation.moreau import MoreauJean
-from wormopt.systems.channel.channel_rod import (
+from wormopt.systems.channel.curve import Curve, RodLine, distances
+from wormopt.systems.channel.rod import Rod
+from wormopt.systems.channel.rod_model import (
     block_energy,
     block_load,
     channel_rod,
     magnetic_strength,
 )
-from wormopt.systems.channel.curve import Curve, RodLine, distances
-from wormopt.systems.channel.rod import Rod
 
 CHANNEL, ROOM = 11e-3, 3.5e-3
 

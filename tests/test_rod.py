@@ -15,8 +15,8 @@ from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 from wormopt.errors import ArgumentError
 from wormopt.model.model import pack
-from wormopt.systems.channel.channel_rod import channel_rod, straight
 from wormopt.systems.channel.rod import Rod, Stiffness
+from wormopt.systems.channel.rod_model import channel_rod, straight
 
 DEGREES = (1, 2, 3)
 

@@ -19,13 +19,13 @@ from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.numerics.compass import Look, compass
 from wormopt.progress import silent
 from wormopt.simulation.moreau import MoreauJean
-from wormopt.systems.channel.channel_rod import (
+from wormopt.systems.channel.rod import Rod
+from wormopt.systems.channel.rod_model import (
     block_load,
     block_schedule,
     magnetic_strength,
     switched_blocks,
 )
-from wormopt.systems.channel.rod import Rod
 from wormopt.systems.channel.runs import rod_course, rod_frequency
 from wormopt.systems.channel.runs.rod_case import RodCase
 from wormopt.systems.channel.runs.rod_course import (

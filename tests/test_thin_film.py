@@ -15,9 +15,9 @@ from wormopt.model.model import Signal
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.film.cosine import CosineWave
+from wormopt.systems.film.given_field import film_thickness, film_volume, slope_on, thin_film
 from wormopt.systems.film.lubrication import field_slope
 from wormopt.systems.film.shapes import FourierWave, grid
-from wormopt.systems.film.thin_film import film_thickness, film_volume, slope_on, thin_film
 
 
 def slope_of(wave: Any, tension: Any, points: int) -> Any:

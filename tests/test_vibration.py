@@ -14,8 +14,8 @@ from scipy.optimize import brentq
 from wormopt.analysis.vibration import VibrationModes, vibration_modes
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.model import Model, Output, Signal
-from wormopt.systems.channel.channel_rod import channel_rod
 from wormopt.systems.channel.rod import Rod
+from wormopt.systems.channel.rod_model import channel_rod
 
 PINNED = {"across": [0, -1]}
 

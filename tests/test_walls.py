@@ -20,7 +20,8 @@ from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.simulation.walls import smooth_walls
-from wormopt.systems.channel.channel_rod import (
+from wormopt.systems.channel.rod import Rod
+from wormopt.systems.channel.rod_model import (
     block_load,
     block_schedule,
     channel_rod,
@@ -28,7 +29,6 @@ from wormopt.systems.channel.channel_rod import (
     straight,
     switched_blocks,
 )
-from wormopt.systems.channel.rod import Rod
 
 G, MU = 9.81, 0.4
 LOOSE = Tolerance(1e-5, 1e-5)

@@ -22,8 +22,8 @@ from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model, pack
 from wormopt.model.values import signal_values
 from wormopt.progress import Report
-from wormopt.systems.pair.averaged_pair import averaged_pair, steady_pair
-from wormopt.systems.pair.slow_pair import slow_pair
+from wormopt.systems.pair.averaged import averaged_pair, steady_pair
+from wormopt.systems.pair.slow import slow_pair
 
 _EPS, _NATURAL = 0.0355, math.sqrt(2)
 _NUMBERS: Any = {

@@ -14,15 +14,15 @@ from wormopt.magnetics.blocks import BlockField, channel_field
 from wormopt.magnetics.coils import Coil
 from wormopt.progress import Report
 from wormopt.result import Check
-from wormopt.systems.channel.channel_rod import (
+from wormopt.systems.channel.closed_forms import ChannelWorm
+from wormopt.systems.channel.curve import Curve, RodLine, distances
+from wormopt.systems.channel.rod import Rod
+from wormopt.systems.channel.rod_model import (
     block_energy,
     block_load,
     channel_rod,
     magnetic_strength,
 )
-from wormopt.systems.channel.closed_forms import ChannelWorm
-from wormopt.systems.channel.curve import Curve, RodLine, distances
-from wormopt.systems.channel.rod import Rod
 from wormopt.systems.channel.scenes.channel import RestTable
 
 # Where forces count as balanced, and by how much two thirds of the elements may change the length.

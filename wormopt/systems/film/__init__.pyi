@@ -7,8 +7,8 @@ from wormopt.systems.film.design.wave import WaveLimits as WaveLimits
 from wormopt.systems.film.float import float_drift as float_drift
 from wormopt.systems.film.float import floating as floating
 from wormopt.systems.film.float import tracers as tracers
+from wormopt.systems.film.given_field import thin_film as thin_film
 from wormopt.systems.film.lubrication import field_slope as field_slope
 from wormopt.systems.film.shapes import FourierWave as FourierWave
 from wormopt.systems.film.shapes import grid as grid
-from wormopt.systems.film.thin_film import thin_film as thin_film
 from wormopt.systems.film.units import Fluid as Fluid

@@ -22,8 +22,8 @@ from wormopt.progress import Report, silent
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.film.cosine import CosineWave
+from wormopt.systems.film.given_field import GivenField, film_thickness, film_volume, thin_film
 from wormopt.systems.film.shapes import grid
-from wormopt.systems.film.thin_film import GivenField, film_thickness, film_volume, thin_film
 
 Outcome = Literal["wave", "other", "moving", "breaks", "unresolved"]
 OUTCOMES: tuple[Outcome, ...] = ("wave", "other", "moving", "breaks", "unresolved")

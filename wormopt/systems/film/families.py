@@ -16,15 +16,15 @@ from wormopt.model.model import Signal
 from wormopt.progress import Report
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.courses import OUTCOMES, Course, Setting, resolved
-from wormopt.systems.film.lubrication import field_slope
-from wormopt.systems.film.shapes import grid
-from wormopt.systems.film.thin_film import (
+from wormopt.systems.film.given_field import (
     WaveField,
     film_thickness,
     film_volume,
     resampled,
     thin_film,
 )
+from wormopt.systems.film.lubrication import field_slope
+from wormopt.systems.film.shapes import grid
 
 _MOST = 400  # points of a branch
 # Films that differ by less are the same.

@@ -20,10 +20,10 @@ from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Tolerance
-from wormopt.systems.pair.averaged_pair import SteadyPair, steady_pair
-from wormopt.systems.pair.magnetic_pair import magnetic_pair, scaled_law
+from wormopt.systems.pair.averaged import SteadyPair, steady_pair
+from wormopt.systems.pair.exact import magnetic_pair, scaled_law
 from wormopt.systems.pair.scenes.pair_waveform import NATURAL
-from wormopt.systems.pair.slow_pair import from_slow, slow_pair
+from wormopt.systems.pair.slow import from_slow, slow_pair
 
 # Swings beyond which averages are not asked for.
 _LARGEST = 100.0

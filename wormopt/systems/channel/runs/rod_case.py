@@ -14,7 +14,8 @@ from wormopt.magnetics.blocks import BlockField, channel_field
 from wormopt.magnetics.coils import Coil
 from wormopt.model.schedule import Schedule
 from wormopt.simulation.moreau import MoreauJean
-from wormopt.systems.channel.channel_rod import (
+from wormopt.systems.channel.rod import Rod
+from wormopt.systems.channel.rod_model import (
     Blocks,
     block_load,
     block_schedule,
@@ -23,7 +24,6 @@ from wormopt.systems.channel.channel_rod import (
     straight,
     switched_blocks,
 )
-from wormopt.systems.channel.rod import Rod
 from wormopt.systems.channel.scenes.rod import (
     ChannelTable,
     CourseTable,

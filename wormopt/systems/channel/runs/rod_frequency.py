@@ -17,8 +17,8 @@ from wormopt.numerics.compass import Look, compass
 from wormopt.progress import Report
 from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.channel.channel_rod import channel_rod
 from wormopt.systems.channel.closed_forms import SHAPES, ChannelWorm
+from wormopt.systems.channel.rod_model import channel_rod
 from wormopt.systems.channel.runs.rod_case import ASSUMED, RodCase
 from wormopt.systems.channel.runs.rod_course import (
     RodPoint,

@@ -13,10 +13,10 @@ from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.pressure import magnetic_pressure
 from wormopt.result import Result
 from wormopt.scene.scene import Scene
+from wormopt.systems.film.given_field import GivenField, WaveField
 from wormopt.systems.film.runs.film_flow import fluid_of
 from wormopt.systems.film.scenes.film_forward import FilmForwardScene
 from wormopt.systems.film.shapes import Wave, grid
-from wormopt.systems.film.thin_film import GivenField, WaveField
 from wormopt.systems.film.units import Fluid
 
 

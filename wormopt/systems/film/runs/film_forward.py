@@ -25,11 +25,11 @@ from wormopt.systems.film.families import (
     map_variables,
     steady_branches,
 )
+from wormopt.systems.film.given_field import GivenField, WaveField, film_volume, resampled
 from wormopt.systems.film.runs.film_fields import field_of_scene
 from wormopt.systems.film.runs.film_flow import fluid_of, wave_of
 from wormopt.systems.film.scenes.film_forward import FilmForwardScene, StartTable
 from wormopt.systems.film.shapes import Wave, grid
-from wormopt.systems.film.thin_film import GivenField, WaveField, film_volume, resampled
 
 # Volume that may be lost, residual of steady films, what a tighter integrator may change.
 _VOLUME, _RESIDUAL, _STEPS = 1e-12, 1e-6, 1e-5

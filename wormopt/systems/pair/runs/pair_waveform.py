@@ -29,7 +29,7 @@ from wormopt.systems.pair.driven_pair import (
     Harmonic,
     best_harmonic,
 )
-from wormopt.systems.pair.magnetic_pair import magnetic_pair, scaled_law
+from wormopt.systems.pair.exact import magnetic_pair, scaled_law
 from wormopt.systems.pair.scenes.pair_waveform import DrivenPairTable, PairWaveformScene
 from wormopt.systems.pair.waveform import (
     PERIODS,

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.model.friction import Law
 from wormopt.model.model import Model, Output, Signal
-from wormopt.systems.pair.magnetic_pair import pair_parts
+from wormopt.systems.pair.exact import pair_parts
 
 
 def slow_pair(

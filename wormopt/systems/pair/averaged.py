@@ -11,8 +11,8 @@ import casadi as ca
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model
-from wormopt.systems.pair.magnetic_pair import pair_parts
-from wormopt.systems.pair.slow_pair import slow_outputs, slow_states
+from wormopt.systems.pair.exact import pair_parts
+from wormopt.systems.pair.slow import slow_outputs, slow_states
 
 
 def averaged_pair(
