@@ -1,6 +1,7 @@
 """Nothing is loaded that is not needed. Each check runs in a process of its own."""
 
 import json
+import re
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -57,6 +58,18 @@ def test_reading_and_checking_load_no_numerics(code: str, tmp_path: Path):
 @pytest.mark.parametrize("name", wo.__all__)
 def test_every_public_name_is_where_it_is_looked_for(name: str):
     assert getattr(wo, name) is not None
+
+
+def test_no_public_name_is_hidden_by_a_module():
+    """A function is not called as a module beside it, which would take its place once loaded."""
+    package = Path(wo.__file__).parent
+    for stub in package.rglob("__init__.pyi"):
+        beside = {p.stem for p in stub.parent.glob("*.py")} | {
+            p.parent.name for p in stub.parent.glob("*/__init__.py")
+        }
+        names = re.findall(r"^from (\S+) import (\w+) as", stub.read_text("utf-8"), re.MULTILINE)
+        own = ".".join(("wormopt", *stub.parent.relative_to(package).parts))
+        assert not {name for module, name in names if module != own} & beside, stub
 
 
 def test_the_check_would_see_a_heavy_module(tmp_path: Path):

@@ -84,7 +84,7 @@ class MoreauJean:
     def march(
         self,
         end: float,
-        x0: np.ndarray,
+        x0: np.ndarray | None = None,
         *,
         p: dict[str, float] | None = None,
         schedule: Schedule | None = None,
@@ -97,8 +97,8 @@ class MoreauJean:
         ----------
         end : float
             Last time; the first is 0.
-        x0 : ndarray, shape (n_x,)
-            State at time 0.
+        x0 : ndarray, shape (n_x,), optional
+            State at time 0; the model's own start if left out.
         p : dict, optional
             Parameters by name, where they are not the model's own.
         schedule : Schedule, optional
@@ -110,7 +110,7 @@ class MoreauJean:
 
         Returns
         -------
-        Steps
+        StepRecord
 
         Raises
         ------
@@ -123,6 +123,7 @@ class MoreauJean:
             If the user stopped it; likewise.
         """
         numbers = signal_values(tuple(self.model.p), p, "parameter")
+        x0 = signal_values(self.model.x, None, "state", fill=0.0) if x0 is None else x0
         self._impulses.check(x0, numbers)
         longest = self.safe_step(x0, numbers) if step is None else step
         if not (0 < longest < math.inf and 0 < end < math.inf):

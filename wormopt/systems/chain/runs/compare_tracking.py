@@ -38,7 +38,15 @@ from wormopt.systems.chain.scenes.compare_tracking import COMPARED, CompareScene
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
 from wormopt.systems.shared.signals import fitted, sample, simulate_whole
-from wormopt.systems.spiked import Limits, Search, Worm, design, gait_of_shape
+from wormopt.systems.spiked import (
+    GaitProblem,
+    Limits,
+    Objective,
+    Search,
+    Worm,
+    designed,
+    gait_of_shape,
+)
 
 # Plants that are not as believed are simulated less exactly: they differ by far more.
 _LOOSE = Tolerance(relative=1e-8, absolute=1e-9)
@@ -98,7 +106,8 @@ def _gait(scene: Scene[CompareScene], index: int) -> Gait:
     links = scene.table.worm.links
     limits = Limits(shape.period, shape.length, rate=shape.rate, acceleration=shape.acceleration)
     order = Search(sequence=tuple((i,) for i in range(links, -1, -1)))
-    found = design(Worm(links, load=shape.load), limits, search=order)
+    problem = GaitProblem(Worm(links, load=shape.load), limits, Objective())
+    found = designed(problem, order, silent)
     return _without_short_pieces(found.gait)
 
 
