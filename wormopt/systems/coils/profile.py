@@ -18,6 +18,7 @@ from numpy.polynomial import chebyshev
 
 from wormopt.analysis.continuation import Fold, Walk
 from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.numerics.newton import newton
 from wormopt.progress import Report, silent
 
 Walls = Literal["upright", "pinned"]
@@ -139,30 +140,10 @@ class Collocation:
         """Jacobians (m, n + 2, n + 2) at unknowns `x` (m, n + 2) and load `p` (1,)."""
         return np.array([self._jacobian(y, np.ravel(p)[0]) for y in x])
 
-    def newton(
-        self, y: np.ndarray, load: float, steps: int = 30, tolerance: float = 1e-10
-    ) -> tuple[np.ndarray, bool]:
-        """Newton's method at one load, each step shortened until the equations improve.
-
-        Returns the unknowns (n + 2,) and whether the last step was below `tolerance`, over
-        the mean.
-        """
-        rest = self._residual(y, load)
-        for _ in range(steps):
-            matrix = self._jacobian(y, load)
-            if not np.isfinite(matrix).all() or not np.linalg.slogdet(matrix)[0]:
-                return y, False
-            step = np.linalg.solve(matrix, -rest)
-            if np.abs(step).max() < tolerance * self.profile.mean:
-                return y + step, True
-            share = 1.0
-            while share > 1e-3:
-                ahead = self._residual(y + share * step, load)
-                if np.linalg.norm(ahead) < (1 - share / 4) * np.linalg.norm(rest):
-                    break
-                share /= 2
-            y, rest = y + share * step, self._residual(y + share * step, load)
-        return y, False
+    def newton(self, y: np.ndarray, load: float) -> tuple[np.ndarray, bool]:
+        """Unknowns (n + 2,) at one load, and whether Newton's last step was as good as none."""
+        (y,), (found,) = newton(self, y[None], np.array([load]))
+        return y, bool(found)
 
     def at(self, y: np.ndarray, x: Any, order: int = 0) -> np.ndarray:
         """Values (m,) of h, or of a derivative of it, anywhere in the interval."""
