@@ -368,7 +368,7 @@ def test_a_second_route_that_finds_something_else_is_a_fault(monkeypatch):
 def test_a_front_without_an_accepted_gait_fails(monkeypatch, tmp_path: Path):
     from wormopt.systems.spiked.runs import gait_pareto
 
-    monkeypatch.setattr(gait_pareto, "user_cache_path", lambda _: tmp_path)
+    monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path)
     spoil(monkeypatch, gait_pareto, 0.8)
     changes = ["pareto.points=3", 'search.effort="quick"', "search.sequence=[[0],[2],[1]]"]
     result = wo.run(wo.load_scene("pareto_speed_load", changes))
@@ -380,7 +380,7 @@ def test_a_front_without_an_accepted_gait_fails(monkeypatch, tmp_path: Path):
 def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
     from wormopt.systems.spiked.runs import gait_pareto
 
-    monkeypatch.setattr(gait_pareto, "user_cache_path", lambda _: tmp_path)
+    monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path)
     scene = wo.load_scene(
         "pareto_speed_load",
         ["pareto.points=3", 'search.effort="quick"', "search.sequence=[[0],[2],[1]]"],
@@ -411,7 +411,7 @@ def test_a_front_says_in_words_of_the_scene_why_there_is_no_gait(
 ):
     from wormopt.systems.spiked.runs import gait_pareto
 
-    monkeypatch.setattr(gait_pareto, "user_cache_path", lambda _: tmp_path / "kept")
+    monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path / "kept")
     original, calls = gait_pareto.designed, []
 
     def refusing(*args):
@@ -461,7 +461,7 @@ def test_a_required_speed_above_the_ceiling_is_refused_before_any_search():
 def test_a_front_whose_first_gait_loses_a_phase_is_designed(tmp_path: Path, monkeypatch):
     from wormopt.systems.spiked.runs import gait_pareto
 
-    monkeypatch.setattr(gait_pareto, "user_cache_path", lambda _: tmp_path)
+    monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path)
     changes = ["pareto.points=3", 'search.effort="quick"']
     result = wo.run(wo.load_scene("pareto_speed_load", changes))
     assert result.status == "ok"

@@ -254,6 +254,7 @@ def test_the_compiler_of_ziglang_is_the_last_choice(monkeypatch: pytest.MonkeyPa
 def test_ziglang_compiles_the_driver(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("CC", f"{sys.executable} -m ziglang cc")
     run(SIMULATE)
+    assert simulate(model(), 1.0).route == "native"
 
 
 def test_what_the_compiler_complains_of_is_passed_on(logged: Compiler):

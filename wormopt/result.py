@@ -317,6 +317,7 @@ def conclude(
     trust: dict[str, Any] = dict(facts or {})
     if checks:
         trust["checks"] = {check.name: check.found() for check in checks}
+        assert len(trust["checks"]) == len(checks), [check.name for check in checks]
     reasons = dict.fromkeys(c.advice for c in checks if not c.passed)
     return Result(
         scene.name,

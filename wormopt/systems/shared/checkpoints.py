@@ -74,11 +74,18 @@ def _imports(tree: ast.Module) -> Iterator[str]:
 
 @cache
 def _files(root: Path) -> dict[str, Path]:
-    """Files of the package by the names of their modules."""
-    found = {}
-    for path in root.rglob("*.py"):
+    """Files of the package by the names of their modules, and of the names that stubs declare."""
+
+    def name(path: Path) -> str:
         parts = path.relative_to(root.parent).with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+        return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+    found = {name(path): path for path in root.rglob("*.py")}
+    for stub in root.rglob("__init__.pyi"):
+        for node in ast.parse(stub.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ImportFrom) and node.module in found:
+                home = found[node.module]
+                found |= {f"{name(stub)}.{alias.name}": home for alias in node.names}
     return found
 
 

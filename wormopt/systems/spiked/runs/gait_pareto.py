@@ -9,13 +9,13 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from platformdirs import user_cache_path
 
 from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
 from wormopt.quantities import Variable
 from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
+from wormopt.systems.shared.checkpoints import checkpoints
 from wormopt.systems.spiked.design.design import objective_of
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.runs.gait_design import COST_SCALARS, of_design, refused
@@ -23,7 +23,6 @@ from wormopt.systems.spiked.runs.motion import Findings
 from wormopt.systems.spiked.scenes.gait_design import GaitParetoScene
 from wormopt.systems.spiked.sequences import Sequence_
 from wormopt.systems.spiked.task import Objective
-from wormopt.version import VERSION
 
 
 def run(scene: Scene[GaitParetoScene], report: Report) -> Result:
@@ -33,7 +32,7 @@ def run(scene: Scene[GaitParetoScene], report: Report) -> Result:
     Raises SolveError where no fastest gait is found, Interrupted with the points so far.
     """
     clock = perf_counter()
-    saved = user_cache_path("wormopt") / "checkpoints" / f"{VERSION}-{scene.key}"
+    saved = checkpoints("fronts", __name__) / scene.key
     points, lost = [], []
     total = scene.table.pareto.points
     try:
