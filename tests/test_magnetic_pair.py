@@ -15,6 +15,7 @@ from wormopt.analysis.steady import Rates, steady_states
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.friction import Coulomb
+from wormopt.numerics.newton import newton
 from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.pair.averaged import averaged_pair, steady_pair
@@ -41,7 +42,7 @@ def steady_velocity(eps: float, order: int) -> float:
     model = average(slow, 2 * math.pi / (NATURAL + 0.5 * eps), order=order)  # type: ignore[arg-type]
     rates, closed = Rates(model), steady_pair(0.5, 1.0, 0.5)
     swing = closed.amplitude * np.array([math.cos(closed.lag), math.sin(closed.lag)])
-    x, found = rates.newton(np.array([[closed.velocity, *swing]]), rates.parameters(None))
+    x, found = newton(rates, np.array([[closed.velocity, *swing]]), rates.parameters(None))
     assert found.all()
     return float(x[0, 0])
 

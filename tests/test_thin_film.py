@@ -12,6 +12,7 @@ from wormopt.analysis.continuation import continue_branch
 from wormopt.analysis.steady import Rates
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Signal
+from wormopt.numerics.newton import newton
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.film.cosine import CosineWave
@@ -25,11 +26,13 @@ def slope_of(wave: Any, tension: Any, points: int) -> Any:
     return field_slope(wave.height(xi), wave.height(xi, 3), wave.constant, tension)
 
 
-def newton(wave: Any, tension: float, points: int, order: int = 12) -> tuple[Rates, np.ndarray]:
+def steady_film(
+    wave: Any, tension: float, points: int, order: int = 12
+) -> tuple[Rates, np.ndarray]:
     """Steady film next to a wave under the wave's field."""
     rates = Rates(thin_film(slope_of(wave, tension, points), tension, order=order))
     start = film_volume(wave.height(grid(points)), order=order)
-    x, found = rates.newton(start[None], np.zeros(0))
+    x, found = newton(rates, start[None], np.zeros(0))
     assert found.all()
     return rates, x[0]
 
@@ -82,7 +85,7 @@ def test_rates_are_those_of_the_conservation_law(points: int):
 
 @pytest.mark.parametrize("wave", [CosineWave(0.5), FourierWave([0.4, 0.1], [0.0, 0.1])])
 def test_newtons_wave_is_the_closed_form(wave: Any):
-    _, x = newton(wave, 0.1, 128)
+    _, x = steady_film(wave, 0.1, 128)
     assert np.abs(film_thickness(x) - wave.height(grid(128))).max() < 1e-10
 
 
@@ -91,7 +94,7 @@ def test_the_error_of_the_steady_wave_falls_with_the_order(order: int):
     wave, points = FourierWave([0.4, 0.1], [0.0, 0.1]), np.array([32, 48, 64, 96])
     errors = []
     for count in points.tolist():
-        _, x = newton(wave, 0.1, count, order)
+        _, x = steady_film(wave, 0.1, count, order)
         errors.append(np.abs(film_thickness(x, order=order) - wave.height(grid(count))).max())
     slope = -np.polyfit(np.log(points), np.log(errors), 1)[0]
     assert order - 0.4 < slope < order + 0.6
@@ -100,7 +103,7 @@ def test_the_error_of_the_steady_wave_falls_with_the_order(order: int):
 
 def test_flow_at_the_points_of_a_steady_film_is_28():
     wave = CosineWave(0.7)
-    rates, x = newton(wave, 0.3, 128)
+    rates, x = steady_film(wave, 0.3, 128)
     flow = rates.steady(x, np.zeros(0))["flow"]
     assert np.abs(flow - (wave.height(grid(128)) + wave.constant)).max() < 1e-8
 
@@ -126,7 +129,7 @@ def test_ripples_of_a_flat_film_without_field_follow_the_dispersion_relation():
 def test_growth_of_a_ripple_on_an_unstable_wave():
     """delta = 0.9, W = 1: the wave that the field holds does not stay."""
     wave, points = CosineWave(0.9), 128
-    rates, x = newton(wave, 1.0, points)
+    rates, x = steady_film(wave, 1.0, points)
     growth = rates.steady(x, np.zeros(0)).eigenvalues[0]
     assert growth.imag == 0
     odd = np.linalg.eigvals(Spectral(wave, 1.0, 129).slopes(0.0, wave.height(grid(129))))
@@ -184,7 +187,7 @@ def test_a_drop_folds_where_it_loses_stability():
     film = thin_film(slope, 0.01, order=8, p=[Signal("delta", delta, value=0.5)])
     motion = simulate(film, 120.0, route="cvodes", tolerance=Tolerance(1e-8, 1e-10))
     rates = Rates(film)
-    x, found = rates.newton(motion.end[None], np.array([0.5]))
+    x, found = newton(rates, motion.end[None], np.array([0.5]))
     assert found.all()
     drop = rates.steady(x[0], np.array([0.5]))
     assert drop.stable

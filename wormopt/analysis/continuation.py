@@ -20,7 +20,7 @@ from wormopt.analysis.steady import ZERO, SteadyState, eigenvalues, rates_of
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model
 from wormopt.model.values import by_name, check_names
-from wormopt.numerics.newton import Equations
+from wormopt.numerics.newton import Equations, newton
 
 End = Literal["range", "runaway", "lost", "steps", "closed", "stopped"]
 
@@ -127,7 +127,7 @@ class Branch:
         p = np.tile(self.p, (len(x), 1))
         p[:, rates.place(self.name)] = parameter
         sought = x
-        x, found = rates.newton(sought, p)
+        x, found = newton(rates, sought, p)
         # elsewhere it is another branch
         away = np.abs((x - sought) / rates.nominal).max(axis=1, initial=0.0)
         found &= away <= _FAR * np.array(steps)

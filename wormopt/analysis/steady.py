@@ -121,10 +121,6 @@ class Rates:
         slope = ca.densify(ca.jacobian(self.model.ode, symbol))
         return ca.Function("slope", self._symbols, [slope])
 
-    def newton(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As `wormopt.numerics.newton.newton`."""
-        return newton(self, x, p)
-
     def steady(self, x: np.ndarray, p: np.ndarray) -> SteadyState:
         """Describe the steady state `x` (n_x,) at the parameters `p` (n_p,)."""
         residual = float(np.abs(self(x[None], p) / self.nominal).max())
@@ -200,7 +196,7 @@ def steady_states(
         raise ArgumentError(f"starts must be a whole number, 1 or above, not {starts!r}")
     _check_alone(rates, low + (high - low) * _even(5, len(low)), fixed)
     shrunk = 0.5 + (_even(starts, len(low)) - 0.5) * _SCALES[np.arange(starts) % 3, None]
-    ended, found = rates.newton(low + (high - low) * shrunk, fixed)
+    ended, found = newton(rates, low + (high - low) * shrunk, fixed)
     inside = found & np.all((low <= ended) & (ended <= high), axis=1)
     kept: list[np.ndarray] = []
     for x in ended[inside]:

@@ -18,6 +18,7 @@ import numpy as np
 from wormopt.analysis.steady import Rates, SteadyState
 from wormopt.errors import Interrupted, SolveError
 from wormopt.model.model import Model, Signal, pack
+from wormopt.numerics.newton import newton
 from wormopt.progress import Report, silent
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
@@ -133,7 +134,7 @@ def steady(setting: Setting, points: int, thickness: np.ndarray) -> Steady | Non
     """Steady film of positive thickness next to `thickness` (points,), by Newton; None without."""
     order, rates = setting.order, _rates(points, setting.order)
     p = rates.parameters(setting.given(points))
-    x, found = rates.newton(film_volume(thickness, order=order)[None], p)
+    x, found = newton(rates, film_volume(thickness, order=order)[None], p)
     if not found[0]:
         return None
     h = film_thickness(x[0], order=order)

@@ -13,6 +13,7 @@ from wormopt.analysis.continuation import Branch, continue_branch
 from wormopt.analysis.steady import rates_of
 from wormopt.errors import SolveError
 from wormopt.model.model import Signal
+from wormopt.numerics.newton import newton
 from wormopt.progress import Report
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.courses import OUTCOMES, Course, Setting, resolved
@@ -61,7 +62,7 @@ def steady_branches(
     for k, thickness in enumerate(starts):
         report("following steady films", k / len(starts))
         guess = film_volume(resampled(thickness, points), order=order)
-        x, found = rates.newton(guess[None], p)
+        x, found = newton(rates, guess[None], p)
         if found[0]:
             start = rates.steady(x[0], p)
             branches.append(continue_branch(start, "delta", span, max_points=_MOST))

@@ -17,6 +17,7 @@ from wormopt.analysis.steady import SteadyState, rates_of, steady_states
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Law
 from wormopt.model.model import Model
+from wormopt.numerics.newton import newton
 from wormopt.progress import Report
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Tolerance
@@ -107,7 +108,7 @@ class Pair:
         if not self.swung(state.states["swing"]):
             return None
         rates = rates_of(self.averages[1])
-        (x,), (found,) = rates.newton(state.x[None], state.p)
+        (x,), (found,) = newton(rates, state.x[None], state.p)
         return rates.steady(x, state.p) if found else None
 
     def swung(self, swing: np.ndarray) -> np.ndarray:
@@ -266,7 +267,7 @@ def _second(pair: Pair, x: np.ndarray, frequency: np.ndarray) -> np.ndarray:
     rates = rates_of(pair.averages[1])
     p = np.tile(rates.parameters(None), (int(large.sum()), 1))
     p[:, rates.place("frequency")] = frequency[large]
-    refined, found = rates.newton(x[large], p)
+    refined, found = newton(rates, x[large], p)
     velocity[large] = np.where(found, refined[:, 0], np.nan)
     return velocity
 
