@@ -7,7 +7,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from wormopt.errors import interruptible
+from wormopt.errors import Interrupted, SolveError, interruptible
 from wormopt.kinds import KINDS
 from wormopt.progress import Report, silent
 from wormopt.scene import Scene, load_scene
@@ -55,3 +55,23 @@ def run(scene: Scene[Any] | str | Path, report: Report = silent) -> Result:
         result = study.run(scene, report)
     timings = {"load": loaded - start, **result.timings_s, "study": perf_counter() - loaded}
     return dataclasses.replace(result, timings_s=timings)
+
+
+def attempt(scene: Scene[Any], report: Report = silent) -> Result:
+    """Run a scene; what it found before it failed is a Result too, with the reason.
+
+    Raises Interrupted, with such a Result, where it was stopped.
+    """
+    try:
+        return run(scene, report)
+    except SolveError as error:
+        return _failed(scene, error.partial, str(error))
+    except Interrupted as stop:
+        reason = stop.partial.reason if stop.partial else ""
+        raise Interrupted(_failed(scene, stop.partial, reason or "interrupted")) from None
+
+
+def _failed(scene: Scene[Any], partial: Result | None, reason: str) -> Result:
+    from wormopt.result import conclude
+
+    return (partial or conclude(scene, {})).failed(reason)

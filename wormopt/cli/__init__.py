@@ -1,0 +1,55 @@
+"""The command line: one module for each group of commands, which adds them and does them.
+
+Exit codes: 0 done; 2 bad input; 3 the solver did not reach an accepted result; 130 interrupted.
+Results go to stdout, everything else to stderr.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import os
+import sys
+from collections.abc import Sequence
+
+from wormopt.cli import measuring, running, scenes
+from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, say
+from wormopt.errors import OutputError, SceneError
+from wormopt.version import VERSION
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line (by default of the process) and return the exit code.
+
+    Raises SystemExit after ``--help`` and on arguments that cannot be understood.
+    """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A terminal that knows no λ shall show its code instead of ending the program.
+        sys.stdout.reconfigure(errors="backslashreplace")
+    options = parser().parse_args(arguments)
+    try:
+        return options.command(options)
+    except (SceneError, OutputError) as error:
+        say(str(error))
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        say("interrupted; nothing saved")
+        return INTERRUPTED
+    except BrokenPipeError:  # whoever read our output has had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+
+
+def parser() -> argparse.ArgumentParser:
+    """Make the parser of all commands."""
+    found = argparse.ArgumentParser(
+        prog="wormopt",
+        description="Design, simulation and optimal control of worm-like locomotion systems.",
+        epilog="exit codes: 0 done, 2 bad input, 3 no accepted result, 130 interrupted",
+        allow_abbrev=False,
+    )
+    found.add_argument("--version", action="version", version=f"wormopt {VERSION}")
+    commands = found.add_subparsers(metavar="COMMAND", required=True)
+    for group in (running, scenes, measuring):
+        group.add(commands)
+    return found

@@ -1,0 +1,121 @@
+"""``wormopt bench`` and ``stress``: time against error, and hard cases."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from wormopt.bench import CASES
+from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, NOT_SOLVED, say
+from wormopt.errors import OutputError
+from wormopt.progress import shown_on_stderr
+
+
+def add(commands: Any) -> None:
+    """Add the commands to a parser's."""
+    command = commands.add_parser(
+        "bench",
+        help="measure the simulation against others",
+        description=_BENCH + "".join(f"\n  {name:14}{what}" for name, what in CASES.items()),
+        epilog=_BENCH_COLUMNS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    command.set_defaults(command=_bench)
+    command.add_argument(
+        "cases", metavar="CASE", nargs="*", help="in any letter case; all if left out"
+    )
+    command.add_argument(
+        "-o", "--output", metavar="DIR", default="results/bench", help="for pictures (%(default)s)"
+    )
+    _add_measuring(command, "fewer tolerances, rounds and lengths")
+
+    command = commands.add_parser(
+        "stress",
+        help="compare the simulation with a second route",
+        description=_STRESS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    command.set_defaults(command=_stress)
+    _add_measuring(command, "a few cells of each group only")
+
+
+_BENCH = """\
+Run each case with several integrators at several tolerances and compare the times
+they need for the same error. A case takes minutes; with --quick, all of them take
+about one and a half.
+
+cases:"""
+_BENCH_COLUMNS = """\
+columns of the table:
+  first run      time of the first run, compilation included
+  time at 1e-09  median time of later runs with errors of 1e-9 in positions and
+                 velocities, interpolated between tolerances
+  ours/theirs    wormopt's time over that of the solver: below 1 wormopt is faster
+  best error     smallest error of all runs
+  failed         runs that failed, or ended with success on a wrong answer"""
+_STRESS = """\
+Run some 450 seeded worms, many of them extreme, and compare each motion with a
+second route that shares no code with the simulator. Takes some minutes, with
+--quick under one.
+
+columns of the table, by group of cells:
+  right      as near as any computation of that precision can be
+  refused    given up by simulate, with a reason
+  undecided  the second route fails, or nothing can be known
+  wrong      none of these; exit code 3 if there is any, or if an ordinary cell is
+             not right"""
+
+
+def _add_measuring(command: argparse.ArgumentParser, quick: str) -> None:
+    command.add_argument("--quick", action="store_true", help=quick)
+    command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+    command.add_argument("--quiet", action="store_true", help="show no progress")
+
+
+def _bench(options: argparse.Namespace) -> int:
+    cases = [name.lower() for name in options.cases]
+    unknown = [name for name in cases if name not in CASES]
+    if unknown:
+        say(f"no benchmark is called {', '.join(unknown)}; there are {', '.join(CASES)}")
+        return BAD_INPUT
+    from wormopt.bench.run import bench, machine, table
+
+    folder, known, code = Path(options.output), {}, DONE
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in cases or CASES:
+            with shown_on_stderr(options.quiet) as report:
+                for found in bench(name, quick=options.quick, folder=folder, report=report):
+                    known[name] = found
+            if not options.json:
+                print(table(known[name]), end="\n\n", flush=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+        unfinished = [found for found in known.values() if not found["done"]]
+        if not options.json:
+            print("\n\n".join(map(table, unfinished)))
+    if options.json:
+        print(json.dumps({"machine": machine(), "quick": options.quick, "cases": known}))
+    return code
+
+
+def _stress(options: argparse.Namespace) -> int:
+    from wormopt.bench.stress import stress, summary, table
+
+    verdicts, code = [], DONE
+    try:
+        with shown_on_stderr(options.quiet) as report:
+            for verdict in stress(quick=options.quick, report=report):
+                verdicts.append(verdict)  # noqa: PERF402  one by one: it may be interrupted
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    complete = code == DONE
+    found = summary(verdicts, complete=complete)
+    print(json.dumps(found) if options.json else table(verdicts, complete=complete))
+    return NOT_SOLVED if complete and not found["passed"] else code

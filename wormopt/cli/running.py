@@ -1,0 +1,83 @@
+"""``wormopt run``: a scene in, a folder of results out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED, say
+from wormopt.cli.printing import print_result
+from wormopt.errors import Interrupted
+from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, picture_file
+from wormopt.kinds import KINDS
+from wormopt.progress import shown_on_stderr
+from wormopt.runner import attempt
+from wormopt.scene import Scene, load_scene
+from wormopt.scene.output import check_output, output_folder
+
+if TYPE_CHECKING:
+    from wormopt.result import Result
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's."""
+    command = commands.add_parser("run", help="compute a scene", allow_abbrev=False)
+    command.set_defaults(command=_run)
+    command.add_argument("scene", metavar="SCENE", help="a TOML file, or the name of a scene")
+    command.add_argument("-o", "--output", metavar="DIR", help="where results go (results/<scene>)")
+    command.add_argument(
+        "--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene"
+    )
+    command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+    command.add_argument("--no-plots", action="store_true", help="draw no pictures")
+    command.add_argument("--quiet", action="store_true", help="show no progress")
+    command.add_argument("--force", action="store_true", help="write over what is in the way")
+
+
+def _run(options: argparse.Namespace) -> int:
+    scene = load_scene(options.scene, options.set)
+    pictures = {} if options.no_plots else _pictures(scene)
+    folder = Path(options.output) if options.output else Path("results") / scene.name
+    kind = KINDS[scene.table.kind]
+    tables = [TABLE_FILE] * kind.table_file
+    files = [RESULT_FILE, SUMMARY_FILE, *tables, *kind.exports, *pictures.values()]
+    folder = check_output(folder, scene.name, files, options.force)
+    with shown_on_stderr(options.quiet) as report:
+        try:
+            result = attempt(scene, report)
+            code = DONE if result.status == "ok" else NOT_SOLVED
+        except Interrupted as stop:
+            result, code = stop.partial, INTERRUPTED
+    with output_folder(folder) as staging:
+        result.save(staging, tuple(pictures.values()))
+        _draw(result, pictures, staging)
+    if options.json:
+        print(json.dumps(result.summary(), allow_nan=False))
+    else:
+        print_result(result, folder)
+    if result.status == "failed":
+        say(f"{scene.name}: failed: {result.reason}")
+    return code
+
+
+def _pictures(scene: Scene[Any]) -> dict[str, str]:
+    """Wanted pictures and the files they go to."""
+    drawable = KINDS[scene.table.kind].pictures
+    return {name: picture_file(name) for name in scene.table.want if name in drawable}
+
+
+def _draw(result: Result, pictures: dict[str, str], folder: Path) -> None:
+    if not pictures or not result.variables:
+        return
+    from wormopt.plotting import draw
+
+    for name, file in pictures.items():
+        try:
+            draw(result, name, folder / file)
+        except Exception as error:  # a picture must not cost the result
+            why = f"it could not be drawn ({type(error).__name__}: {error}); please report this"
+            if isinstance(error, KeyError):
+                why = f"{str(error).partition(';')[0]}, see its trust report"
+            say(f"{file} left out: {why}")
