@@ -117,6 +117,8 @@ class Workers:
             try:
                 while todo and (self._local or len(jobs) < 2 or not self._ready(work)):
                     yield work(todo.popleft())
+                if not todo:
+                    return
                 self._asked = asked = deque(self._submit(work, todo))
                 while asked:
                     answer = self._answer(asked[0])

@@ -38,13 +38,14 @@ def read_table(raw: Mapping[str, Any], table: type[T], path: str, faults: list[F
     values = {}
     for key, item in known.items():
         if key in raw:
-            values[key] = _read_value(raw[key], item.type, _join(path, key), faults)
+            values[key] = read_value(raw[key], item.type, _join(path, key), faults)
         elif item.required:
             faults.append((_join(path, key), f"missing; write {describe(item.type)}"))
     return table(**values) if len(faults) == before else None
 
 
-def _read_value(raw: Any, kind: Any, path: str, faults: list[Fault]) -> Any:
+def read_value(raw: Any, kind: Any, path: str, faults: list[Fault]) -> Any:
+    """Convert a raw value to a type; every fault is added to `faults`, and gives None."""
     kind = bare(kind)
     tables = tables_in(kind)
     if isinstance(raw, Mapping) and tables:
@@ -52,9 +53,7 @@ def _read_value(raw: Any, kind: Any, path: str, faults: list[Fault]) -> Any:
         return table and read_table(raw, table, path, faults)
     listed = _listed_in(kind)
     if isinstance(raw, list) and listed is not None:
-        return tuple(
-            _read_value(item, listed, f"{path}[{i}]", faults) for i, item in enumerate(raw)
-        )
+        return tuple(read_value(item, listed, f"{path}[{i}]", faults) for i, item in enumerate(raw))
     try:
         return msgspec.convert(raw, kind)
     except msgspec.ValidationError as error:

@@ -15,6 +15,7 @@ import msgspec
 
 from wormopt.kinds import KINDS
 from wormopt.scene.read import bare, describe, tables_in
+from wormopt.scene.swept import Swept
 from wormopt.scene.types import SceneTable
 
 _COMMON = ("schema", "kind", "title", "units")
@@ -23,9 +24,12 @@ _COMMON = ("schema", "kind", "title", "units")
 def schema(kind: str) -> dict[str, Any]:
     """JSON Schema of the scenes of a kind, with what every key means."""
     table = KINDS[kind].load_table()
-    (found,), parts = msgspec.json.schema_components([table], ref_template="#/$defs/{name}")
+    (found, sweep), parts = msgspec.json.schema_components(
+        [table, Swept], ref_template="#/$defs/{name}"
+    )
     found = {"$schema": "https://json-schema.org/draft/2020-12/schema", **found, "$defs": parts}
-    for part in tables_below(table):
+    parts[table.__name__]["properties"]["sweep"] = sweep
+    for part in (*tables_below(table), Swept):
         properties = parts[part.__name__]["properties"]
         for field in msgspec.structs.fields(part):
             said = meaning(field.type)
@@ -68,6 +72,16 @@ def meaning(kind: Any) -> tuple[str, str] | None:
         return None
     said = [meta.extra for meta in get_args(kind)[1:] if meta.extra]
     return (said[-1]["quantity"], said[-1]["meaning"]) if said else None
+
+
+def quantity_of(table: type[msgspec.Struct], key: str) -> str:
+    """Quantity of a dotted key, "" where it has none."""
+    inside, said = [table], None
+    for name in (part for part in re.split(r"[.\[\]]+", key) if not part.isdecimal()):
+        fields = [f for t in inside for f in msgspec.structs.fields(t) if f.encode_name == name]
+        said = next(filter(None, (meaning(field.type) for field in fields)), None)
+        inside = [part for field in fields for part in tables_in(_single(field.type))]
+    return said[0] if said else ""
 
 
 def _prose(table: type) -> list[str]:

@@ -16,7 +16,8 @@ import msgspec
 
 from wormopt.errors import Fault, SceneError
 from wormopt.kinds import KINDS
-from wormopt.scene.read import read_table
+from wormopt.scene.read import read_table, read_value
+from wormopt.scene.swept import Swept
 from wormopt.scene.types import SceneTable
 
 TableT = TypeVar("TableT", bound=SceneTable, covariant=True)
@@ -34,6 +35,8 @@ class Scene(Generic[TableT]):
         Folder of the file; file names in the scene are relative to it.
     table : SceneTable
         The typed content, a table of the scene's kind.
+    sweep : Swept, optional
+        Which keys are varied when the scene is swept.
 
     Examples
     --------
@@ -45,6 +48,7 @@ class Scene(Generic[TableT]):
     name: str
     folder: Path
     table: TableT
+    sweep: Swept | None = None
 
     @property
     def title(self) -> str:
@@ -92,13 +96,14 @@ def load_scene(source: str | Path, overrides: Iterable[str] = ()) -> Scene[Any]:
     path = _find(file)
     raw = _parse(file, path)
     _override(file, raw, overrides)
-    table = _read_kind(file, raw)
+    table, sweep = _read_kind(file, raw)
     wrong = list(table.faults(path.parent))
+    wrong += [(f"sweep.{key}", what) for key, what in (sweep.faults() if sweep else ())]
     if wrong:
         raise SceneError(file, wrong)
     # A file name need not be valid text; results and reports must be.
     name = path.stem.encode(errors="replace").decode()
-    return Scene(name, path.parent, table)
+    return Scene(name, path.parent, table, sweep)
 
 
 def packaged_scenes() -> dict[str, Path]:
@@ -188,17 +193,19 @@ def _set(inside: Any, keys: list[str], value: Any, name: str = "") -> None:
     _set(inside[place], rest, value, f"{name}.{key}" if name else key)
 
 
-def _read_kind(file: str, raw: dict[str, Any]) -> SceneTable:
+def _read_kind(file: str, raw: dict[str, Any]) -> tuple[SceneTable, Swept | None]:
     kind = raw.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         what = f"{kind!r} is no kind of scene" if "kind" in raw else "missing"
         allowed = ", ".join(f'"{name}"' for name in KINDS)
         raise SceneError(file, [("kind", f"{what}; write one of {allowed}")])
     faults: list[Fault] = []
+    sweep = raw.pop("sweep", None)
+    swept = None if sweep is None else read_value(sweep, Swept, "sweep", faults)
     table = read_table(raw, KINDS[kind].load_table(), "", faults)
-    if table is None:
+    if table is None or faults:
         raise SceneError(file, faults)
-    return table
+    return table, swept
 
 
 def _without_none(value: Any) -> Any:
