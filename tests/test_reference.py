@@ -13,7 +13,8 @@ from wormopt.cli import main
 from wormopt.kinds import KINDS
 from wormopt.quantities import unit_of
 from wormopt.scene import packaged_scenes
-from wormopt.scene.reference import meaning, page, schema, tables_below
+from wormopt.scene.reference import page, schema, tables_below
+from wormopt.scene.types import meaning
 
 PAGES = Path(__file__).parents[1] / "docs" / "scenes"
 

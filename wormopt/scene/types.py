@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin
 
 from msgspec import Meta, Struct
 
@@ -27,6 +27,19 @@ def _words(description: str) -> Meta:
 def says(quantity: str, meaning: str) -> Meta:
     """What a key means, in Markdown, and its quantity: a name of `wormopt.quantities`, or ""."""
     return Meta(extra={"quantity": quantity, "meaning": meaning})
+
+
+def meaning(kind: Any) -> tuple[str, str] | None:
+    """Quantity and meaning that the type of a key carries."""
+    if get_origin(kind) is not Annotated:
+        return None
+    said = [meta.extra for meta in get_args(kind)[1:] if meta.extra]
+    return (said[-1]["quantity"], said[-1]["meaning"]) if said else None
+
+
+def quantity_of(kind: Any) -> str:
+    """Quantity of the numbers of a key, by its type; "" where it has none."""
+    return (meaning(kind) or ("", ""))[0]
 
 
 Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST), _words("a finite number")]
