@@ -32,7 +32,7 @@ def test_every_key_says_what_it_means(kind: str):
     for table in tables_below(KINDS[kind].load_table()):
         for field in msgspec.structs.fields(table):
             if field.name != "kind":
-                quantity, what = meaning(field.type) or ("", "")
+                quantity, what = meaning(field.type)
                 assert what, f"{table.__name__}.{field.name}"
                 assert not quantity or unit_of(quantity, "SI")
 

@@ -291,6 +291,11 @@ class Asked(Protocol):
         ...
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is hardly meant so."""
+        ...
+
+    @property
     def table(self) -> Any:
         """Typed table, with `scalars` and `variables` of its kind."""
         ...
@@ -332,7 +337,7 @@ def conclude(
             for name, value in scalars.items()
         },
         variables=tuple(_arrays(table, variables)),
-        trust=trust | {"warnings": list(dict.fromkeys(warnings))},
+        trust=trust | {"warnings": list(dict.fromkeys([*scene.warnings, *warnings]))},
         timings_s=timings or {},
         scene_text=scene.text,
         attributes=attributes or {},

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import msgspec
 
 from wormopt.errors import Fault
-from wormopt.scene.types import quantity_of
+from wormopt.scene.types import meaning
 from wormopt.scene.units import has_unit, to_number
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -51,7 +51,7 @@ def read_table(
 
 def _read_key(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) -> Any:
     """Read a value, of which numbers may be written with a unit where the key has a quantity."""
-    before, quantity = len(faults), quantity_of(kind)
+    before, (quantity, _) = len(faults), meaning(kind)
     if quantity:
         raw = _without_units(raw, quantity, path, units, faults)
     return _read_value(raw, kind, path, units, faults) if len(faults) == before else None

@@ -9,7 +9,7 @@ import inspect
 import re
 from collections.abc import Iterator
 from types import NoneType, UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Any, Union, get_args, get_origin
 
 import msgspec
 
@@ -30,7 +30,7 @@ def schema(kind: str) -> dict[str, Any]:
     for part in tables_below(table):
         properties = parts[part.__name__]["properties"]
         for field in msgspec.structs.fields(part):
-            quantity, what = meaning(field.type) or ("", "")
+            quantity, what = meaning(field.type)
             if what:
                 properties[field.encode_name]["description"] = what
             if quantity:
@@ -91,7 +91,7 @@ def _keys(table: type[msgspec.Struct]) -> Iterator[str]:
     for field in msgspec.structs.fields(table):
         if field.encode_name in _COMMON and issubclass(table, SceneTable):
             continue
-        quantity, what = meaning(field.type) or ("", "")
+        quantity, what = meaning(field.type)
         cells = (f"`{field.encode_name}`", _of(field), _words(quantity), _default(field), what)
         yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 

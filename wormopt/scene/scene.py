@@ -16,6 +16,7 @@ import msgspec
 from wormopt.errors import Fault, SceneError
 from wormopt.kinds import KINDS
 from wormopt.scene.overrides import Overrides, as_toml, override
+from wormopt.scene.plausible import surprises
 from wormopt.scene.read import read_table
 from wormopt.scene.types import SceneTable
 
@@ -61,6 +62,11 @@ class Scene(Generic[TableT]):
     def key(self) -> str:
         """Hash of the content: scenes that ask for the same have the same key."""
         return hashlib.sha256(self.text.encode()).hexdigest()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Numbers that are hardly meant as they stand: 300 m of link, say."""
+        return tuple(surprises(self.table, self.table.units))
 
 
 def load_scene(

@@ -24,22 +24,26 @@ def _words(description: str) -> Meta:
     return Meta(description=description)
 
 
-def says(quantity: str, meaning: str) -> Meta:
-    """What a key means, in Markdown, and its quantity: a name of `wormopt.quantities`, or ""."""
-    return Meta(extra={"quantity": quantity, "meaning": meaning})
+def says(quantity: str, meaning: str, usual: tuple[float, float] | None = None) -> Meta:
+    """What a key means, in Markdown, and its quantity: a name of `wormopt.quantities`, or "".
+
+    `usual` are the sizes in SI of which nobody is warned, where not those of the quantity.
+    """
+    return Meta(extra={"quantity": quantity, "meaning": meaning, "usual": usual})
 
 
-def meaning(kind: Any) -> tuple[str, str] | None:
-    """Quantity and meaning that the type of a key carries."""
+def said_of(kind: Any) -> dict[str, Any]:
+    """What `says` says, by the type of a key; empty where nothing is said."""
     if get_origin(kind) is not Annotated:
-        return None
+        return {}
     said = [meta.extra for meta in get_args(kind)[1:] if meta.extra]
-    return (said[-1]["quantity"], said[-1]["meaning"]) if said else None
+    return said[-1] if said else {}
 
 
-def quantity_of(kind: Any) -> str:
-    """Quantity of the numbers of a key, by its type; "" where it has none."""
-    return (meaning(kind) or ("", ""))[0]
+def meaning(kind: Any) -> tuple[str, str]:
+    """Quantity and meaning of a key, by its type; "" where there is none."""
+    said = said_of(kind)
+    return said.get("quantity", ""), said.get("meaning", "")
 
 
 Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST), _words("a finite number")]

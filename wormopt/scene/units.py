@@ -81,8 +81,8 @@ def to_number(text: str, quantity: str, units: str) -> float:
         raise ValueError("has a unit where there is none; write the bare number")
     hint = f"write {_article(quantity)}, {example(target)}"
     try:
-        factor, dimension = _parsed(found[2])
-        least, wanted = _parsed(target)
+        factor, dimension = parsed(found[2])
+        least, wanted = parsed(target)
     except ValueError as error:
         raise ValueError(f"{error}; {hint}") from None
     if dimension != wanted:
@@ -106,7 +106,7 @@ def _article(quantity: str) -> str:
     return f"{'an' if words[0] in 'aeio' else 'a'} {words}"
 
 
-def _parsed(unit: str) -> tuple[Fraction, Dimension]:
+def parsed(unit: str) -> tuple[Fraction, Dimension]:
     """Size in base units, and dimension, of products and quotients as "m s-2" and "N s/m"."""
     unit = re.sub(r"[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: found[0].translate(_POWERS), unit)
     factor, dimension = Fraction(1), Dimension()
