@@ -319,7 +319,7 @@ def conclude(
     the trust report that is neither accepted nor refused.
     """
     table, checks = scene.table, tuple(checks)
-    trust: dict[str, Any] = dict(facts or {})
+    trust: dict[str, Any] = {**table.facts, **(facts or {})}
     if checks:
         trust["checks"] = {check.name: check.found() for check in checks}
         assert len(trust["checks"]) == len(checks), [check.name for check in checks]

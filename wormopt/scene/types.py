@@ -101,6 +101,13 @@ Title = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]*$"), _words("text in quo
 class Table(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of all tables of a scene: unchangeable data, unknown keys are errors."""
 
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What trust reports say of the table, beside what was found."""
+        below = (getattr(self, name) for name in self.__struct_fields__)
+        tables = [table for table in below if isinstance(table, Table)]
+        return {key: fact for table in tables for key, fact in table.facts.items()}
+
 
 class SceneTable(Table, frozen=True, kw_only=True):
     """Keys that every scene shares, and the numbers that its results hold."""

@@ -169,7 +169,7 @@ class StepperScene(SceneTable, frozen=True, kw_only=True):
         yield from extreme_numbers(self)
         if self.units != "SI":
             yield "units", 'motors are commanded in s and m: write units = "SI"'
-        yield from self.worm.faults()
+        yield from self.worm.faults(self.units)
         yield from self.gait.faults(self.worm.links, folder)
         yield from self.motor.faults()
         period = self.gait.period
