@@ -44,9 +44,9 @@ def test_a_slope_loads_the_spikes_as_the_theory_says():
 def test_a_worm_without_ground_falls_along_the_slope():
     result = wo.run(FALL)
     time = result["time"].values
-    fallen = result["position"].values - np.array([0.1, 0.0])
+    fallen = result["position"].values - np.array([[0.1], [0.0]])
     way = -G * math.sin(math.pi / 6) * time**2 / 2
-    assert fallen == pytest.approx(np.stack([way, way], axis=1), abs=1e-9)
+    assert fallen == pytest.approx(np.stack([way, way]), abs=1e-9)
     assert result.trust["slope"]["pull"] == pytest.approx([0.1 * G, 0.25 * G])
 
 
