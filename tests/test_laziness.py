@@ -49,6 +49,7 @@ def modules_after(code: str, folder: Path) -> set[str]:
         "from wormopt.cli import main; assert main(['check', 'film_wave_design']) == 0",
         "from wormopt.cli import main; assert main(['check', 'coil_row_inverse']) == 0",
         "from wormopt.cli import main; assert main(['check', 'fig20_capsule']) == 0",
+        "import wormopt as wo; wo.load_scene('prototype_steps', {'gait.rest_length': '0.1 m'})",
     ],
 )
 def test_reading_and_checking_load_no_numerics(code: str, tmp_path: Path):
@@ -73,7 +74,7 @@ def test_no_public_name_is_hidden_by_a_module():
 
 
 def test_the_check_would_see_a_heavy_module(tmp_path: Path):
-    assert "numpy" in modules_after("import wormopt; wormopt.Result", tmp_path)
+    assert "numpy" in modules_after("import wormopt; wormopt.Gait", tmp_path)
 
 
 def test_a_result_is_held_without_scipy(tmp_path: Path):

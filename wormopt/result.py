@@ -291,6 +291,11 @@ class Asked(Protocol):
         ...
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is hardly meant so."""
+        ...
+
+    @property
     def table(self) -> Any:
         """Typed table, with `scalars` and `variables` of its kind."""
         ...
@@ -314,7 +319,7 @@ def conclude(
     the trust report that is neither accepted nor refused.
     """
     table, checks = scene.table, tuple(checks)
-    trust: dict[str, Any] = dict(facts or {})
+    trust: dict[str, Any] = {**table.facts, **(facts or {})}
     if checks:
         trust["checks"] = {check.name: check.found() for check in checks}
         assert len(trust["checks"]) == len(checks), [check.name for check in checks]
@@ -332,7 +337,7 @@ def conclude(
             for name, value in scalars.items()
         },
         variables=tuple(_arrays(table, variables)),
-        trust=trust | {"warnings": list(dict.fromkeys(warnings))},
+        trust=trust | {"warnings": list(dict.fromkeys([*scene.warnings, *warnings]))},
         timings_s=timings or {},
         scene_text=scene.text,
         attributes=attributes or {},

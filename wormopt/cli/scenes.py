@@ -48,7 +48,10 @@ def _check(options: argparse.Namespace) -> int:
     code = DONE
     for source in options.scenes:
         try:
-            print(f"{source}: ok ({load_scene(source).table.kind})")
+            scene = load_scene(source)
+            print(f"{source}: ok ({scene.table.kind})")
+            for warning in scene.warnings:
+                say(f"{source}: warning: {warning}")
         except SceneError as error:
             say(str(error))
             code = BAD_INPUT

@@ -9,14 +9,16 @@ import inspect
 import re
 from collections.abc import Iterator
 from types import NoneType, UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Any, Union, get_args, get_origin
 
 import msgspec
 
 from wormopt.kinds import KINDS
+from wormopt.quantities import unit_of
 from wormopt.scene.read import bare, describe, tables_in
 from wormopt.scene.swept import Swept
-from wormopt.scene.types import SceneTable
+from wormopt.scene.types import SceneTable, meaning
+from wormopt.scene.units import WITH_UNIT
 
 _COMMON = ("schema", "kind", "title", "units")
 
@@ -32,11 +34,27 @@ def schema(kind: str) -> dict[str, Any]:
     for part in (*tables_below(table), Swept):
         properties = parts[part.__name__]["properties"]
         for field in msgspec.structs.fields(part):
-            said = meaning(field.type)
-            if said:
-                properties[field.encode_name]["description"] = said[1]
-                properties[field.encode_name] |= {"quantity": said[0]} if said[0] else {}
+            quantity, what = meaning(field.type)
+            if what:
+                properties[field.encode_name]["description"] = what
+            if quantity:
+                told = _or_with_unit(properties[field.encode_name], quantity)
+                properties[field.encode_name] = told | {"quantity": quantity}
     return found
+
+
+def _or_with_unit(node: dict[str, Any], quantity: str) -> dict[str, Any]:
+    """Let texts with a unit stand where a schema has numbers, if the quantity has a unit."""
+    if unit_of(quantity, "SI") == "1" and quantity != "share":
+        return node
+    if node.get("type") == "number":
+        bounds = {key: node[key] for key in node if key not in ("description", "default")}
+        kept = {key: node[key] for key in node if key not in bounds}
+        return kept | {"anyOf": [bounds, {"type": "string", "pattern": WITH_UNIT}]}
+    inside = {"items": _or_with_unit(node["items"], quantity)} if "items" in node else {}
+    if "anyOf" in node:
+        inside["anyOf"] = [_or_with_unit(one, quantity) for one in node["anyOf"]]
+    return node | inside
 
 
 def page(kind: str) -> str:
@@ -66,22 +84,14 @@ def page(kind: str) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def meaning(kind: Any) -> tuple[str, str] | None:
-    """Quantity and meaning that the type of a key carries."""
-    if get_origin(kind) is not Annotated:
-        return None
-    said = [meta.extra for meta in get_args(kind)[1:] if meta.extra]
-    return (said[-1]["quantity"], said[-1]["meaning"]) if said else None
-
-
 def quantity_of(table: type[msgspec.Struct], key: str) -> str:
     """Quantity of a dotted key, "" where it has none."""
-    inside, said = [table], None
-    for name in (part for part in re.split(r"[.\[\]]+", key) if not part.isdecimal()):
+    inside, quantity = [table], ""
+    for name in (part for part in re.split(r"[.\[\]]+", key) if part and not part.isdecimal()):
         fields = [f for t in inside for f in msgspec.structs.fields(t) if f.encode_name == name]
-        said = next(filter(None, (meaning(field.type) for field in fields)), None)
+        quantity = next((found for f in fields if (found := meaning(f.type)[0])), "")
         inside = [part for field in fields for part in tables_in(_single(field.type))]
-    return said[0] if said else ""
+    return quantity
 
 
 def _prose(table: type) -> list[str]:
@@ -95,7 +105,7 @@ def _keys(table: type[msgspec.Struct]) -> Iterator[str]:
     for field in msgspec.structs.fields(table):
         if field.encode_name in _COMMON and issubclass(table, SceneTable):
             continue
-        quantity, what = meaning(field.type) or ("", "")
+        quantity, what = meaning(field.type)
         cells = (f"`{field.encode_name}`", _of(field), _words(quantity), _default(field), what)
         yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 

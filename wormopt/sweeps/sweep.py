@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import socket
-import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
-from wormopt.errors import Interrupted, SceneError
-from wormopt.numerics.workers import Engine, Workers, using
+from wormopt.errors import Interrupted
+from wormopt.numerics.workers import Engine, using
 from wormopt.progress import Report, silent
 from wormopt.result import Result
-from wormopt.scene import Scene, load_scene
-from wormopt.sweeps.axes import Plan, Point, plan
-from wormopt.sweeps.gathered import gathered
-from wormopt.sweeps.store import Job, Keep, Record, compute, key_of, read
+from wormopt.sweeps.axes import plan
+from wormopt.sweeps.store import Keep
 
 # Seconds between looks at points that another process has in hand.
 _PATIENCE = 1.0

@@ -117,7 +117,7 @@ def build_chain(
         rest_length=links.rest_length,
         law=laws_of(worm) or None,
         drag=worm.drag,
-        load=worm.load,
+        load=worm.pull,
         position=position,
         velocity=start.velocity,
         length_nominal=length_nominal,

@@ -224,12 +224,14 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
         """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
-        yield from self.worm.faults(1.0)
+        yield from self.worm.faults(1.0, self.units)
         yield from self.limits.faults()
         yield from self.aim.faults(self.robust is not None)
         yield from self.search.faults(folder, self.robust is not None)
         if self.worm.random is not None:
             yield "worm.random", "an optimal crawl is one of a known worm; write [robust] instead"
+        if self.robust is not None and self.worm.slope:
+            yield "worm.slope", "masses are drawn by [robust], not their weights; write worm.load"
         if self.worm.friction is None:
             yield "worm.friction", "missing; without friction no worm crawls"
         if self.robust is not None and "convergence" in self.want:

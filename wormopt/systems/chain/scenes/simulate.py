@@ -180,7 +180,7 @@ class SimulateScene(SceneTable, frozen=True, kw_only=True):
             yield "worm", 'missing; write [worm], or a model: model = "my_worm.py:build"'
 
     def _faults_of_chain(self, worm: ChainTable, folder: Path) -> Iterator[Fault]:
-        yield from worm.faults(self.time.end)
+        yield from worm.faults(self.time.end, self.units)
         if self.parameters is not None:
             yield "parameters", "are those of a model; a worm has its own keys in [worm]"
         if self.start is not None:

@@ -286,7 +286,7 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         links = self.worm.links
-        yield from self.worm.faults(self.time.end)
+        yield from self.worm.faults(self.time.end, self.units)
         yield from self.start.faults(links)
         yield from self.reference.gait.faults(links, folder, "reference.gait")
         if not self.trackers:

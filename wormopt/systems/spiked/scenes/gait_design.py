@@ -107,7 +107,7 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
         yield from super().faults(folder)
-        yield from self.worm.faults(loads=True)
+        yield from self.worm.faults(self.units, loads=True)
         yield from self._faults_of_limits()
         if self.motor is not None:
             yield from self.motor.faults()
