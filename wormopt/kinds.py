@@ -299,3 +299,17 @@ KINDS: dict[str, Kind] = {
         },
     ),
 }
+
+SWEEP = Kind(
+    summary="a scene computed at many values of some of its keys",
+    table="wormopt.scene.swept:Swept",
+    study="wormopt.sweeps.sweep",
+    pictures={"sweep": "wormopt.sweeps.plots:sweep"},
+    exports={"points.csv": "wormopt.sweeps.gathered:as_csv"},
+)
+"""What results of sweeps are; no kind of scene, since any scene can be swept."""
+
+
+def kind_of(result: Any) -> Kind | None:
+    """Kind of a Result, None where it is not registered."""
+    return SWEEP if result.kind == "sweep" else KINDS.get(result.kind)

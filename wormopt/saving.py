@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE
-from wormopt.kinds import KINDS
+from wormopt.kinds import kind_of
 from wormopt.quantities import NAME, Scalar, Variable
 from wormopt.version import VERSION
 
@@ -45,7 +45,8 @@ def load(path: Path) -> dict[str, Any]:
 
 
 def _exports(result: Any) -> dict[str, str]:
-    makers = KINDS[result.kind].load_exports() if result.kind in KINDS else {}
+    kind = kind_of(result)
+    makers = kind.load_exports() if kind else {}
     made = {name: make(result) for name, make in makers.items()}
     return {name: text for name, text in made.items() if text is not None}
 

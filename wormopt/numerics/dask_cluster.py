@@ -17,7 +17,6 @@ from distributed import Client, LocalCluster, get_worker
 from distributed.scheduler import KilledWorker
 
 from wormopt.errors import ArgumentError
-from wormopt.numerics.workers import be_worker
 
 # Seconds to wait for a cluster, and between looks at whether a job is still wanted.
 _PATIENCE, _LOOK = 10, 0.5
@@ -76,7 +75,6 @@ def _own(workers: int) -> LocalCluster:
 
 def _done(work: Callable, job: Any) -> Any:
     """Do a job on a worker, unless nobody wants it any more."""
-    be_worker()
     over = threading.Event()
     state, key = get_worker().state, thread_state.key
     watch = threading.Thread(target=_watch, args=(state, key, over, threading.get_ident()))

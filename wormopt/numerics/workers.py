@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Future, as_completed
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import current_process
 from typing import Any, Literal, TypeVar
 
@@ -153,7 +154,7 @@ class Workers:
 
     def _submit(self, work: Callable[[Job], Answer], jobs: Any) -> list[Future]:
         if _cluster is not None:
-            return [_cluster.submit(work, job) for job in jobs]
+            return [_cluster.submit(partial(_as_worker, work), job) for job in jobs]
         self._executor = _executor(self.count)
         with _interrupts_held():
             return [self._executor.submit(work, job) for job in jobs]
@@ -238,13 +239,14 @@ def _load(work: Callable) -> None:
 
 def _begin(parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever asked for the work is told, and ends it
-    be_worker()
+    _here.is_worker = True
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
-def be_worker() -> None:
-    """Make this thread a worker: work in it goes nowhere else."""
+def _as_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
+    """Do a job in a thread from which work goes nowhere else."""
     _here.is_worker = True
+    return work(job)
 
 
 def _end_with(parent: int) -> None:

@@ -62,7 +62,9 @@ class Swept(Table, frozen=True, kw_only=True):
         if self.method == "zip" and len(set(counts.values())) > 1:
             told = ", ".join(f"{count} of {key}" for key, count in counts.items())
             yield "over", f"zip takes as many values of every key, not {told}"
-        if math.prod(counts.values()) > _MOST and self.method == "grid":
+        if self.method == "grid" and max(counts.values(), default=0) <= _MOST < math.prod(
+            counts.values()
+        ):
             yield "over", f"{math.prod(counts.values())} points are too many; {_MOST} at most"
         if self.drawn and self.points is None:
             yield "points", f"missing; write how many points {self.method} draws"

@@ -143,7 +143,7 @@ def _files(value: Any, folder: Path) -> Iterator[Path]:
             yield from _files(item, folder)
     elif isinstance(value, str) and value:
         try:
-            found = [path for path in (folder / value, folder / value / "result.nc")]
-            yield from (path for path in found if path.is_file())
+            named = folder / value
+            yield from (path for path in (named, named / "result.nc") if path.is_file())
         except (OSError, ValueError):  # no name that a file could have
             return
