@@ -137,7 +137,9 @@ def _raw(
 ) -> tuple[str, str, Path, dict[str, Any]]:
     """What messages call a scene, its name, its folder, and its tables as they were written."""
     if isinstance(source, Scene):
-        return source.name, source.name, source.folder, json.loads(source.text)
+        raw = json.loads(source.text)
+        raw |= {"sweep": msgspec.to_builtins(source.sweep)} if source.sweep else {}
+        return source.name, source.name, source.folder, raw
     if isinstance(source, Mapping):
         return "scene", "scene", Path(), as_toml(source)
     file = str(source)

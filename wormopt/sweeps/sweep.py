@@ -133,7 +133,7 @@ class _Sweep:
 
     def _scene(self, point: Mapping[str, Any]) -> Scene[Any] | Record:
         try:
-            return load_scene(self._base, point)
+            return load_scene(replace(self._base, sweep=None), point)
         except SceneError as error:
             faults = (f"{key}: {what}" if key else what for key, what in error.faults)
             return Record("refused", "; ".join(faults))
