@@ -16,7 +16,7 @@ PACKAGE = Path(wormopt.__file__).parent
 # as long as no circle arises.
 GROUPS = {
     "ground": {"version", "errors", "files", "kinds", "lazy", "progress"},
-    "base": {"model", "numerics", "quantities", "saving", "result"},
+    "base": {"model", "numerics", "quantities", "labelled", "digest", "saving", "result"},
     "engine": {"simulation", "control", "ocp", "analysis", "magnetics"},
     "scene": {"scene"},
     "plotting": {"plotting"},

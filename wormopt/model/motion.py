@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+from wormopt.labelled import Samples, dataframe, dataset
+from wormopt.lazy import above
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
 
 
 class SampledMotion(ABC):
@@ -22,25 +31,66 @@ class SampledMotion(ABC):
     def __getitem__(self, name: str) -> np.ndarray:
         """Samples (entries, m) of a signal."""
 
-    def to_xarray(self) -> Any:
+    def dimension(self, name: str) -> str:
+        """Name of the dimension along which a signal of several entries has them."""
+        return f"{name}_entry"
+
+    def _samples(self) -> Iterator[Samples]:
+        yield Samples("time", ("time",), self.time)
+        for name in self.names:
+            values = np.atleast_2d(self[name])
+            single = len(values) == 1
+            dims = ("time",) if single else (self.dimension(name), "time")
+            yield Samples(name, dims, values[0] if single else values)
+
+    def to_xarray(self) -> xarray.Dataset:
         """Make an xarray.Dataset of all signals over the coordinate ``time``.
 
         Returns
         -------
         xarray.Dataset
-            Signals of several entries have a dimension of their own, ``<name>_entry``.
+            Signals of several entries have a dimension of their own, ``<name>_entry``, that counts
+            from 0; with ``mass`` and ``link`` instead in a crawl. Where something jumps, what was
+            before stands a last digit earlier, so that every instant can be selected.
 
         Raises
         ------
         ImportError
             If xarray is not installed.
         """
-        import xarray  # only who asks for it needs it
+        return dataset(self._samples())
 
-        found = {}
-        for name in self.names:
-            values = np.atleast_2d(self[name])
-            single = len(values) == 1
-            dims = ("time",) if single else (f"{name}_entry", "time")
-            found[name] = (dims, values[0] if single else values)
-        return xarray.Dataset(found, coords={"time": self.time})
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Make a pandas.DataFrame: a row for each instant, columns ``position_0`` and so on.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Its index is ``time``, the same as that of `to_xarray`.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        return dataframe(self._samples(), over="time")
+
+    def plot(self, *names: str) -> Figure:
+        """Draw signals over time, one below the other.
+
+        Parameters
+        ----------
+        *names : str
+            Which; the first eight if none is named.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Bound to no window; a notebook shows it.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such signal.
+        """
+        return above("wormopt.plotting.signals:signals")(self, names or self.names[:8])
