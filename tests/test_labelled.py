@@ -100,9 +100,9 @@ def test_the_jumps_of_a_result_can_be_selected(result: Result):
 
 def test_entries_are_called_by_the_names_the_result_holds():
     names = ["tracker (14)", "LQR"]
-    time = Variable("time", "s", ("time",), [0.0, 1.0])
+    time = Variable("time", "s", ("time",), np.array([0.0, 1.0]))
     error = Variable("error", "m", ("rival", "time"), np.arange(4.0).reshape(2, 2), "error")
-    limit = Variable("elasticity", "1", ("limit",), [0.5])
+    limit = Variable("elasticity", "1", ("limit",), np.array([0.5]))
     result = Result(
         "compare",
         "compare-tracking",

@@ -41,6 +41,17 @@ _ROWS = ("time", "instant")
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
+def labels(dims: Iterable[str], held: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Names along dimensions, where lists of texts are called like them: trackers, rivals."""
+    found: dict[str, list[str]] = {}
+    for dim in dims:
+        names = held.get(f"{dim.removeprefix('other_')}s")
+        names = names.get("name") if isinstance(names, Mapping) else names
+        if isinstance(names, list) and all(isinstance(name, str) for name in names):
+            found[dim] = names
+    return found
+
+
 def apart(instants: np.ndarray) -> np.ndarray:
     """Move all but the last of equal ascending instants back, by the last digit of the largest."""
     steps = np.diff(instants)

@@ -16,6 +16,7 @@ from wormopt.errors import UnknownNameError
 from wormopt.kinds import KINDS
 from wormopt.lazy import above
 from wormopt.quantities import Scalar, Variable, plain, unit_of
+from wormopt.shown import html, lines
 
 if TYPE_CHECKING:
     import pandas
@@ -149,6 +150,18 @@ class Result:
                 return variable
         raise UnknownNameError("the result", "variable", [name], [v.name for v in self.variables])
 
+    def __repr__(self) -> str:
+        from wormopt.digest import headline
+
+        found = f"Result of {self.scene} ({self.kind}): {self.status}"
+        reason = f", {self.reason}" if self.reason else ""
+        return lines(f"{found}{reason}; {len(self.variables)} variables", headline(self))
+
+    def _repr_html_(self) -> str:
+        from wormopt.digest import groups, trust
+
+        return html(self.title or self.scene, groups(self), trust(self))
+
     def __contains__(self, name: str) -> bool:
         """Whether there is a variable of that name."""
         return any(variable.name == name for variable in self.variables)
@@ -156,7 +169,8 @@ class Result:
     @property
     def checks(self) -> tuple[Check, ...]:
         """What the trust report accepts or not, line by line."""
-        return tuple(Check(name, **found) for name, found in self.trust.get("checks", {}).items())
+        told = self.trust.get("checks", {}).items()
+        return tuple(Check(name, **found) for name, found in told if isinstance(found, Mapping))
 
     def failed(self, reason: str) -> Result:
         """Give the same as a failed result.
@@ -171,14 +185,10 @@ class Result:
     @property
     def labels(self) -> dict[str, list[str]]:
         """Names of the entries along dimensions that do not just count, by dimension."""
-        held = {name: scalar.value for name, scalar in self.scalars.items()} | self.attributes
-        found: dict[str, list[str]] = {}
-        for dim in self._lengths():
-            names = held.get(f"{dim.removeprefix('other_')}s")
-            names = names.get("name") if isinstance(names, dict) else names
-            if isinstance(names, list) and all(isinstance(name, str) for name in names):
-                found[dim] = names
-        return found
+        from wormopt.labelled import labels
+
+        texts = {name: scalar.value for name, scalar in self.scalars.items()}
+        return labels(self._lengths(), {**texts, **self.attributes})
 
     def to_xarray(self) -> xarray.Dataset:
         """Make an xarray.Dataset of variables and single numbers, with units and long names.

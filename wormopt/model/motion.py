@@ -10,6 +10,10 @@ import numpy as np
 
 from wormopt.labelled import Samples, dataframe, dataset
 from wormopt.lazy import above
+from wormopt.shown import SHORT, Part, html, lines, text
+
+# Panels of a picture and rows of a table that are shown unasked.
+_MOST_PANELS, _MOST_ROWS = 8, 24
 
 if TYPE_CHECKING:
     import pandas
@@ -34,6 +38,29 @@ class SampledMotion(ABC):
     def dimension(self, name: str) -> str:
         """Name of the dimension along which a signal of several entries has them."""
         return f"{name}_entry"
+
+    @property
+    def _title(self) -> str:
+        return type(self).__name__
+
+    def __repr__(self) -> str:
+        span = f"time {self.time[0]:.6g} to {self.time[-1]:.6g}, " if len(self.time) else ""
+        of = f"{self._title}: {span}{len(self.time)} instants"
+        return lines(of, ", ".join(self.names))
+
+    def _part(self) -> Part:
+        """Rows of a table: each entry of a signal at both ends, its smallest and largest value."""
+        rows: list[tuple[str, ...]] = [("signal", "first", "last", "smallest", "largest")]
+        for name in self.names if len(self.time) else ():
+            values = np.atleast_2d(self[name])
+            for j, row in enumerate(values[: _MOST_ROWS + 1 - len(rows)]):
+                told = f"{name}_{j}" if len(values) > 1 else name
+                numbers = (row[0], row[-1], row.min(), row.max())
+                rows.append((told, *(text(float(number), SHORT) for number in numbers)))
+        return Part(f"{len(self.time)} instants", rows)
+
+    def _repr_html_(self) -> str:
+        return html(self._title, [self._part()])
 
     def _samples(self) -> Iterator[Samples]:
         yield Samples("time", ("time",), self.time)
@@ -93,4 +120,4 @@ class SampledMotion(ABC):
         UnknownNameError
             If there is no such signal.
         """
-        return above("wormopt.plotting.signals:signals")(self, names or self.names[:8])
+        return above("wormopt.plotting.signals:signals")(self, names or self.names[:_MOST_PANELS])

@@ -18,6 +18,7 @@ from wormopt.errors import Fault, SceneError
 from wormopt.kinds import KINDS
 from wormopt.scene.read import read_table
 from wormopt.scene.types import SceneTable
+from wormopt.shown import lines
 
 TableT = TypeVar("TableT", bound=SceneTable, covariant=True)
 
@@ -45,6 +46,9 @@ class Scene(Generic[TableT]):
     name: str
     folder: Path
     table: TableT
+
+    def __repr__(self) -> str:
+        return lines(f"Scene {self.name} ({self.table.kind}): {self.title}")
 
     @property
     def title(self) -> str:

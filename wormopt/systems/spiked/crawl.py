@@ -59,6 +59,13 @@ class Crawl(SampledMotion):
         edges = np.cumsum([0, *sizes.values()])
         return {k: slice(int(a), int(b)) for k, a, b in zip(sizes, edges, edges[1:], strict=False)}
 
+    __repr__ = SampledMotion.__repr__
+
+    @property
+    def _title(self) -> str:
+        masses = len(self.drive.mass)
+        return f"Crawl of {masses} masses (speed {self.speed:.6g}, at rest {self.resting_sequence})"
+
     @cached_property
     def _sampled(self) -> dict[str, np.ndarray]:
         return self.sample()

@@ -21,6 +21,7 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.model.given import check_kind, per
 from wormopt.progress import Report, silent
+from wormopt.shown import lines
 from wormopt.systems.spiked.certify.relaxation import Relaxed
 from wormopt.systems.spiked.certify.tree import Node, Solver, Tree, periods, plant
 from wormopt.systems.spiked.design.design import Design, finished
@@ -81,6 +82,12 @@ class Certificate:
     sequence: Sequence_ | None
     ending: Ending
 
+    def __repr__(self) -> str:
+        scope = "all orders of rest" if self.sequence is None else f"the order {self.sequence}"
+        proven = f"bound {self.progress.bound:.9g}, gap {self.gap:.3g} ({self.ending})"
+        limited = f"gaits of at most {self.phases} phases a cycle, {scope}"
+        return lines(f"Certificate: {proven}", f"{limited}; {self.progress.boxes} boxes")
+
 
 @dataclass(frozen=True, eq=False)
 class Certified:
@@ -96,6 +103,9 @@ class Certified:
 
     design: Design
     certificate: Certificate
+
+    def __repr__(self) -> str:
+        return lines(f"Certified: {self.design._told}", repr(self.certificate))  # noqa: SLF001
 
     @property
     def bound(self) -> float:
