@@ -241,6 +241,6 @@ def test_a_notebook_runs():
     assert shown[0]["text/plain"].startswith("Result of fast_gait (gait): ok")
     assert "image/png" in shown[1]
     assert "length_0" in shown[2]["text/plain"]
-    # (15) at t = 1/2, the middle of its second third: link 0 contracts at its fastest
-    rate = wo.load_scene("fast_gait").table.gait.elongation * 3 * np.pi * np.sin(1.5 * np.pi)
+    # (15) with l0 = 2, e = 0.15, at t = 1/2: link 0 contracts at its fastest
+    rate = 2 * 0.15 * 3 * np.pi * np.sin(1.5 * np.pi)
     assert float(shown[3]["text/plain"]) == pytest.approx(rate, rel=1e-4)

@@ -173,11 +173,12 @@ def _worst(checks: tuple[Any, ...]) -> str:
     if not checks:
         return ""
     worst = max(checks, key=lambda check: (not check.passed, _share(check)))
-    found = "unknown" if worst.value is None else f"{worst.value:.2g}"
-    share = f", {100 * _share(worst):.2g} % of" if worst.limit else ", and"
     which = f"the worst of {len(checks)} checks" if len(checks) > 1 else "the one check"
-    verdict = "" if worst.passed else " FAILED"
-    return f"; {which}, {worst.name},{verdict} is {found}{share} the {worst.limit:.2g} accepted"
+    name = worst.name if worst.passed else f"{worst.name} (not passed)"
+    if worst.value is None or not worst.limit:
+        return f"; {which}, {name}, is {brief(worst.value)}, where {worst.limit:.2g} is accepted"
+    share = f"{100 * _share(worst):.2g} % of the {worst.limit:.2g} accepted"
+    return f"; {which}, {name}, is {worst.value:.2g}, {share}"
 
 
 def _second_route(result: Any) -> str:
