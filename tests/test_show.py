@@ -1,6 +1,7 @@
 """`wormopt show`: numbers by group, limits, trust in three lines; refusals that help."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -249,3 +250,25 @@ def test_a_damaged_file_is_refused_wherever_it_is_cut(
         file.write_bytes(whole[:size])
         assert main(["show", str(folder)]) == 2, size
         assert "is no result of wormopt, or a damaged one" in capsys.readouterr().err
+
+
+PAGES = Path(__file__).parents[1]
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/quickstart.md"])
+def test_pages_show_what_is_printed(page: str, capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    """Lines of the designed gait and of the given one; the size of a rounding error excepted."""
+    text = (PAGES / page).read_text(encoding="utf-8")
+    blocks = re.findall(r"^```\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    shown = [line for block in blocks if "  speed  " in block or "Limits, " in block or "Trust:" in
+             block or "smallest_load" in block for line in block.splitlines()]  # fmt: skip
+    assert len(shown) > 15
+    quick = ["--set", "search.sequence=[[0],[1],[2]]", "--set", "search.workers=1"]
+    printed = []
+    for scene, change in (("design_fast_gait", quick), ("fast_gait", [])):
+        out = str(tmp_path / scene)
+        assert main(["run", scene, "--no-plots", "--quiet", "-o", out, *change]) == 0
+        printed += [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    for line in shown:
+        if not line.strip().startswith(("...", "Saved in")) and "checks, " not in line:
+            assert " ".join(line.split()) in printed

@@ -177,7 +177,7 @@ def _worst(checks: tuple[Any, ...]) -> str:
     name = worst.name if worst.passed else f"{worst.name} (not passed)"
     if worst.value is None or not worst.limit:
         return f"; {which}, {name}, is {brief(worst.value)}, where {worst.limit:.2g} is accepted"
-    share = f"{100 * _share(worst):.2g} % of the {worst.limit:.2g} accepted"
+    share = f"{100 * _share(worst):.3g} % of the {worst.limit:.2g} accepted"
     return f"; {which}, {name}, is {worst.value:.2g}, {share}"
 
 
