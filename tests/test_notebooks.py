@@ -119,7 +119,7 @@ SHOWN = {
     "result": "speed 1.2, period 1",
     "scene": "Scene design_fast_gait (gait-design): Fast gait of a three-mass worm",
     "design": "Design: 2 masses, speed 0.425, 1 cycle in period 1 (searched)",
-    "certified": "Certified: 2 masses, speed 0.425",
+    "certified": "Certified design: 2 masses, speed 0.425",
     "certificate": "Certificate: bound 0.425",
     "crawl": "Crawl of 2 masses (speed 0.425, at rest [[0], [1]]): time 0 to 1",
     "model": "Model chain of 40 links: states position[41], velocity[41]",

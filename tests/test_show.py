@@ -1,7 +1,6 @@
 """`wormopt show`: numbers by group, limits, trust in three lines; refusals that help."""
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -222,6 +221,16 @@ def test_several_results_and_json(folder: Path, capsys: pytest.CaptureFixture[st
     assert json.loads(one) == json.loads(again) == Result.load(folder).summary()
 
 
+def test_a_file_of_somebody_else_cannot_steer_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    evil = "\x1b[31m\r\x07"
+    warned, words = {"warnings": [evil], "recheck": {"route": evil}}, {f"a{evil}": Scalar(evil)}
+    Result("walk", "mine", evil, scalars=words, trust=warned, reason=evil).save(tmp_path)
+    assert main(["show", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.replace("\n", "").isprintable()
+
+
 @pytest.mark.parametrize(
     ("name", "told"),
     [
@@ -259,9 +268,9 @@ PAGES = Path(__file__).parents[1]
 def test_pages_show_what_is_printed(page: str, capsys: pytest.CaptureFixture[str], tmp_path: Path):
     """Lines of the designed gait and of the given one; the size of a rounding error excepted."""
     text = (PAGES / page).read_text(encoding="utf-8")
-    blocks = re.findall(r"^```\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
-    shown = [line for block in blocks if "  speed  " in block or "Limits, " in block or "Trust:" in
-             block or "smallest_load" in block for line in block.splitlines()]  # fmt: skip
+    ours = ("  speed  ", "Limits, and", "Trust:", "smallest_load")
+    blocks = [block for block in text.split("```")[1::2] if block.startswith("\n")]
+    shown = [line for b in blocks if any(word in b for word in ours) for line in b.splitlines()]
     assert len(shown) > 15
     quick = ["--set", "search.sequence=[[0],[1],[2]]", "--set", "search.workers=1"]
     printed = []
@@ -270,5 +279,5 @@ def test_pages_show_what_is_printed(page: str, capsys: pytest.CaptureFixture[str
         assert main(["run", scene, "--no-plots", "--quiet", "-o", out, *change]) == 0
         printed += [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     for line in shown:
-        if not line.strip().startswith(("...", "Saved in")) and "checks, " not in line:
+        if line and not line.strip().startswith(("...", "Saved in")) and "checks, " not in line:
             assert " ".join(line.split()) in printed

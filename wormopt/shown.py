@@ -21,7 +21,7 @@ def text(value: Any, digits: int = WHOLE) -> str:
     if value is None:
         return "unknown"
     if isinstance(value, float):
-        return f"{value:.{digits}g}"
+        return f"{value + 0.0:.{digits}g}"  # no -0
     if isinstance(value, list | tuple):
         return f"[{', '.join(text(item, digits) for item in value)}]"
     if isinstance(value, dict):

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from wormopt.shown import text
+from wormopt.shown import line, text
 
 if TYPE_CHECKING:
     from wormopt.result import Check, Result
@@ -17,16 +17,17 @@ def print_result(result: Result) -> None:
     """Print a result in short: scalars by group, limits, and how far to trust it."""
     from wormopt.digest import groups, trust
 
-    print(result.title or result.scene)
+    print(line(result.title or result.scene))
     for heading, rows in groups(result):
         if rows:
             if heading:
                 print(f"{heading}:")
-            print_table([tuple(row) for row in rows])
+            print_table([tuple(line(cell, len(cell)) for cell in row) for row in rows])
     print("Trust:")
     width = max(_columns() - 2, 40)
     for told in trust(result):
-        print(textwrap.indent(textwrap.fill(told, width, subsequent_indent="  "), "  "))
+        words = line(told, len(told))
+        print(textwrap.indent(textwrap.fill(words, width, subsequent_indent="  "), "  "))
 
 
 def print_all(result: Result) -> None:
@@ -57,7 +58,7 @@ def _print_values(values: Mapping[str, Any], units: Mapping[str, str]) -> None:
     rows = []
     for name, value in values.items():
         first, *others = _lines(value, width)
-        rows += [(name, first, units.get(name, "")), *(("", line, "") for line in others)]
+        rows += [(name, first, units.get(name, "")), *(("", part, "") for part in others)]
     print_table(rows)
 
 
@@ -67,19 +68,19 @@ def _lines(value: Any, width: int) -> list[str]:
         return textwrap.wrap(value, width, subsequent_indent="  ") or [""]
     whole = text(value).strip("{}") or "none"
     if isinstance(value, list) and any(isinstance(item, str | dict) for item in value):
-        return [line for item in value for line in _lines(item, width)]
+        return [part for item in value for part in _lines(item, width)]
     if len(whole) <= width:
         return [whole]
     if isinstance(value, dict):
         named = ((f"{key} ", _lines(item, width - len(key) - 1)) for key, item in value.items())
-        return [line for name, lines in named for line in _hanging(name, lines)]
+        return [part for name, lines in named for part in _hanging(name, lines)]
     if isinstance(value, list) and any(isinstance(item, list) for item in value):
-        return [line for item in value for line in _lines(item, width)]
+        return [part for item in value for part in _lines(item, width)]
     return textwrap.wrap(whole, width, subsequent_indent=" ")
 
 
 def _hanging(name: str, lines: Sequence[str]) -> list[str]:
-    return [(" " * len(name) if k else name) + line for k, line in enumerate(lines)]
+    return [(" " * len(name) if k else name) + part for k, part in enumerate(lines)]
 
 
 def print_table(rows: Sequence[tuple[str, ...]]) -> None:

@@ -48,19 +48,23 @@ class SampledMotion(ABC):
         of = f"{self._title}: {span}{len(self.time)} instants"
         return lines(of, ", ".join(self.names))
 
-    def _part(self) -> Part:
+    def overview(self) -> Part:
         """Rows of a table: each entry of a signal at both ends, its smallest and largest value."""
-        rows: list[tuple[str, ...]] = [("signal", "first", "last", "smallest", "largest")]
+        rows = [("signal", "first", "last", "smallest", "largest")]
         for name in self.names if len(self.time) else ():
             values = np.atleast_2d(self[name])
-            for j, row in enumerate(values[: _MOST_ROWS + 1 - len(rows)]):
+            for j, row in enumerate(values):
                 told = f"{name}_{j}" if len(values) > 1 else name
-                numbers = (row[0], row[-1], row.min(), row.max())
-                rows.append((told, *(text(float(number), SHORT) for number in numbers)))
-        return Part(f"{len(self.time)} instants", rows)
+                first, last, least, most = (
+                    text(float(number), SHORT) for number in (row[0], row[-1], row.min(), row.max())
+                )
+                rows.append((told, first, last, least, most))
+        left = len(rows) - 1 - _MOST_ROWS
+        cut = f"; {left} more rows are left out" if left > 0 else ""
+        return Part(f"{len(self.time)} instants{cut}", rows[: _MOST_ROWS + 1])
 
     def _repr_html_(self) -> str:
-        return html(self._title, [self._part()])
+        return html(self._title, [self.overview()])
 
     def _samples(self) -> Iterator[Samples]:
         yield Samples("time", ("time",), self.time)

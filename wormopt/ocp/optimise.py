@@ -94,7 +94,7 @@ class Optimum:
         return f"objective {self.objective:.9g} ({ended}; contacts: {how})"
 
     def _repr_html_(self) -> str:
-        return html(f"Optimum: {self._told}", [self.motion._part()])  # noqa: SLF001  one table
+        return html(f"Optimum: {self._told}", [self.motion.overview()])
 
     def plot(self, *names: str) -> Figure:
         """Draw signals of the motion over time, see `SampledMotion.plot`."""

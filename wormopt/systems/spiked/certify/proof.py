@@ -105,7 +105,8 @@ class Certified:
     certificate: Certificate
 
     def __repr__(self) -> str:
-        return lines(f"Certified: {self.design._told}", repr(self.certificate))  # noqa: SLF001
+        shown = (repr(part).partition("\n")[0] for part in (self.design, self.certificate))
+        return lines(*(f"Certified {part[0].lower()}{part[1:]}" for part in shown))
 
     @property
     def bound(self) -> float:
