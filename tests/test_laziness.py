@@ -11,7 +11,7 @@ import pytest
 
 import wormopt as wo
 
-HEAVY = {"casadi", "numpy", "scipy", "matplotlib", "rich", "xarray", "control"}
+HEAVY = {"casadi", "numpy", "scipy", "matplotlib", "rich", "pandas", "xarray", "control"}
 
 
 def modules_after(code: str, folder: Path) -> set[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED, say
-from wormopt.cli.printing import print_result
+from wormopt.cli.printing import print_all, print_result
 from wormopt.errors import Interrupted
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, picture_file
 from wormopt.kinds import KINDS
@@ -31,6 +31,9 @@ def add(commands: Any) -> None:
     command.add_argument("-o", "--output", metavar="DIR", help="where results go (results/<scene>)")
     command.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene"
+    )
+    command.add_argument(
+        "--all", action="store_true", help="print all scalars, facts and checks, not the short form"
     )
     command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
     command.add_argument("--no-plots", action="store_true", help="draw no pictures")
@@ -65,7 +68,8 @@ def _run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(result.summary(), allow_nan=False))
     else:
-        print_result(result, output.folder)
+        (print_all if options.all else print_result)(result)
+        print(f"Saved in {output.folder}")
     if result.status == "failed":
         say(f"{scene.name}: failed: {result.reason}")
     return code

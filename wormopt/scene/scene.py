@@ -20,6 +20,7 @@ from wormopt.scene.plausible import surprises
 from wormopt.scene.read import read_table, read_value
 from wormopt.scene.swept import Swept
 from wormopt.scene.types import SceneTable
+from wormopt.shown import lines
 
 TableT = TypeVar("TableT", bound=SceneTable, covariant=True)
 
@@ -50,6 +51,9 @@ class Scene(Generic[TableT]):
     folder: Path
     table: TableT
     sweep: Swept | None = None
+
+    def __repr__(self) -> str:
+        return lines(f"Scene {self.name} ({self.table.kind}): {self.title}")
 
     @property
     def title(self) -> str:

@@ -116,6 +116,8 @@ class SceneTable(Table, frozen=True, kw_only=True):
     """Name: quantity, meaning."""
     variables: ClassVar[Mapping[str, tuple[str, tuple[str, ...], str]]] = {}
     """Name: quantity, dimensions, long name."""
+    headline: ClassVar[tuple[str, ...]] = ()
+    """Scalars that answer what was asked, told first; the first five declared if empty."""
 
     schema: Annotated[Literal[1], says("", "version of the scene form")]
     kind: Annotated[str, says("", "what the scene computes")]

@@ -142,6 +142,7 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
     `optimise`, `simulate`, `know`.
     """
 
+    headline: ClassVar = ("tube_radius", "draws", "draws_failed", "draws_outside", "distance")
     scalars: ClassVar = JUDGED | {
         "tube_radius": ("length", "*λ*"),
         "draws": ("count", "plants that are not as believed"),

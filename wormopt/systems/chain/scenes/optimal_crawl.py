@@ -159,6 +159,15 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
     programs), `optimise` and `check`.
     """
 
+    headline: ClassVar = (
+        "speed",
+        "speed_simulated",
+        "cost_of_transport",
+        "objective",
+        "time",
+        "input_peak",
+        "mode_sequence",
+    )
     scalars: ClassVar = {
         "speed": ("speed", "mean speed"),
         "speed_simulated": (

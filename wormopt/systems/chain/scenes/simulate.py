@@ -113,6 +113,7 @@ class SimulateScene(SceneTable, frozen=True, kw_only=True):
     What the trust report says: [simulations](../scenes.md#the-trust-report-of-a-simulation).
     """
 
+    headline: ClassVar = ("distance", "mean_speed", "input_rms", "input_peak", "x_end", "v_end")
     scalars: ClassVar = CHAIN
     variables: ClassVar = (
         TIME

@@ -105,6 +105,14 @@ class TrackOptimalScene(SceneTable, frozen=True, kw_only=True):
     `recheck` the second route of the simulation.
     """
 
+    headline: ClassVar = (
+        "objective",
+        "capture_time",
+        "time_outside_tube",
+        "error_peak",
+        "input_rms",
+        "distance",
+    )
     scalars: ClassVar = {
         **JUDGED,
         **CHAIN,

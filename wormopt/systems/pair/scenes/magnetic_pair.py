@@ -168,6 +168,13 @@ class MagneticPairScene(SceneTable, frozen=True, kw_only=True):
     strains of 0.1 a warning says that the law of the material ends.
     """
 
+    headline: ClassVar = (
+        "velocity_steady",
+        "velocity_steady_second",
+        "velocity_exact_mean",
+        "amplitude_steady",
+        "stable",
+    )
     scalars: ClassVar = {
         "eps": ("1", "*ε*, the small parameter"),
         "frequency": ("angular_frequency", "of the field"),
@@ -279,6 +286,7 @@ class ResonanceScene(SceneTable, frozen=True, kw_only=True):
     motion no state is given. Theory: [theory-magnetics.md](../theory-magnetics.md#2-the-pair).
     """
 
+    headline: ClassVar = ("velocity_largest", "steady_motions", "stable", "delta_fold", "confirmed")
     scalars: ClassVar = {
         "eps": ("1", "*ε*, the small parameter"),
         "delta_fold": (

@@ -15,6 +15,7 @@ import numpy as np
 
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
+from wormopt.shown import Part, brief, html, lines
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.search.search import Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
@@ -93,6 +94,30 @@ class Design:
     timings_s: dict[str, float]
     ended: str = "searched"
     trial: Trial | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        rests = [list(masses) for masses in self.sequence]
+        return lines(f"Design: {self._told}", f"at rest {rests}, for {brief(list(self.durations))}")
+
+    @property
+    def _told(self) -> str:
+        worm, cost = self.task.worm, self.task.objective.minimise
+        least = f", {cost} {self.value:.6g}" if cost else ""
+        cycles = f"{self.cycles} cycle{'s' * (self.cycles > 1)} in period {self.period:.6g}"
+        return f"{worm.links + 1} masses, speed {self.speed:.6g}{least}, {cycles} ({self.ended})"
+
+    def _repr_html_(self) -> str:
+        phases = [
+            (brief(list(masses)), f"{duration:.6g}")
+            for masses, duration in zip(self.sequence, self.durations, strict=True)
+        ]
+        excess = [(name, f"{value:.2g}") for name, value in self.violations.items()]
+        parts = [
+            Part("Masses at rest, and for how long", phases),
+            Part("Excess over each limit, as a share of it", excess),
+            Part("Speed of any gait is at most", [(f"{self.ceiling:.6g}", "by rates and rest")]),
+        ]
+        return html(f"Design: {self._told}", parts)
 
     @cached_property
     def motion(self) -> Crawl:

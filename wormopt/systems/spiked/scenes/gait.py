@@ -224,6 +224,7 @@ class GaitScene(SceneTable, frozen=True, kw_only=True):
     only for gaits with harmonics. Coefficients count in length times time<sup>−k</sup>.
     """
 
+    headline: ClassVar = ("speed", "period", "resting_min", "mode_sequence", "glides")
     scalars: ClassVar = MOTION_SCALARS
     variables: ClassVar = MOTION_VARIABLES | GAIT
 

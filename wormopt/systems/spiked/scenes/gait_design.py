@@ -187,6 +187,17 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     | `certificate` | with `[search.certify]`: of which gaits the proof speaks, why it ended |
     """  # noqa: E501
 
+    headline: ClassVar = (
+        "speed",
+        "objective",
+        "bound",
+        "gap_certified",
+        "ceiling",
+        "gap",
+        "period",
+        "cycles",
+        "mode_sequence",
+    )
     scalars: ClassVar = _DESIGN_SCALARS | {
         "objective": ("speed", "value reached, in its quantity, recomputed from the gait"),
         "bound": (
@@ -292,6 +303,14 @@ class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
     its quantity. Timing: `front`.
     """
 
+    headline: ClassVar = (
+        "front_objective",
+        "front_points",
+        "speed_max",
+        "speed",
+        "period",
+        "mode_sequence",
+    )
     scalars: ClassVar = _DESIGN_SCALARS | {
         "acceleration_effort": ("acceleration_squared", "where it is the cost"),
         "front_objective": ("1", "the cost, as in `pareto.against`"),
