@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
@@ -299,3 +300,8 @@ KINDS: dict[str, Kind] = {
         },
     ),
 }
+
+
+def near(name: str) -> str:
+    """Kind that may be meant by a name that is none; "" where none is close."""
+    return next(iter(get_close_matches(name, KINDS, n=1)), "")

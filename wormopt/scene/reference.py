@@ -28,6 +28,7 @@ def schema(kind: str) -> dict[str, Any]:
     (found,), parts = msgspec.json.schema_components([table], ref_template="#/$defs/{name}")
     found = {"$schema": "https://json-schema.org/draft/2020-12/schema", **found, "$defs": parts}
     for part in tables_below(table):
+        parts[part.__name__]["description"] = inspect.getdoc(part) or ""
         properties = parts[part.__name__]["properties"]
         for field in msgspec.structs.fields(part):
             quantity, what = meaning(field.type)
@@ -99,9 +100,9 @@ def _keys(table: type[msgspec.Struct]) -> Iterator[str]:
 def _of(field: msgspec.structs.FieldInfo) -> str:
     kind = bare(field.type)
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    numbers = [part for part in parts if part is not NoneType and not tables_in(_single(part))]
+    numbers = [part for part in parts if part is not NoneType and not tables_in(single(part))]
     words = [describe(Union[tuple(numbers)])] if numbers else []  # noqa: UP007
-    words += ["a table"] if len(words) == 0 or tables_in(_single(kind)) else []
+    words += ["a table"] if len(words) == 0 or tables_in(single(kind)) else []
     return re.sub(r'("[^"]*")', r"`\1`", ", or ".join(words))
 
 
@@ -128,7 +129,7 @@ def _sections(table: type[msgspec.Struct], path: str) -> Iterator[str]:
     """A section for every table below a table, in the order of its keys."""
     for field in msgspec.structs.fields(table):
         key = f"{path}.{field.encode_name}" if path else field.encode_name
-        for part in tables_in(_single(field.type)):
+        for part in tables_in(single(field.type)):
             config = part.__struct_config__
             tagged = f' with `{config.tag_field} = "{config.tag}"`' if config.tag_field else ""
             yield f"### `[{key}]`{tagged}"
@@ -139,7 +140,7 @@ def _sections(table: type[msgspec.Struct], path: str) -> Iterator[str]:
             yield from _sections(part, key)
 
 
-def _single(kind: Any) -> Any:
+def single(kind: Any) -> Any:
     """Type of an entry where there is a list of tables, the type itself otherwise."""
     kind = bare(kind)
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
@@ -152,7 +153,7 @@ def tables_below(table: type[msgspec.Struct]) -> Iterator[type[msgspec.Struct]]:
     """A table and all that stand in it."""
     yield table
     for field in msgspec.structs.fields(table):
-        for part in tables_in(_single(field.type)):
+        for part in tables_in(single(field.type)):
             yield from tables_below(part)
 
 
