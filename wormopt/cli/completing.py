@@ -56,8 +56,8 @@ def _completion(options: argparse.Namespace) -> int:
             }
         elif name in files:
             action.complete = files[name]  # pyright: ignore[reportAttributeAccessIssue]
-    preamble = {"bash": _BASH.format(scenes=scenes), "zsh": _ZSH.format(scenes=scenes)}
-    print(shtab.complete(found, options.shell, preamble=preamble))
+    functions = {"bash": _BASH, "zsh": _ZSH}.get(options.shell, "").format(scenes=scenes)
+    print(shtab.complete(found, options.shell, preamble=functions))
     return DONE
 
 

@@ -48,7 +48,9 @@ def _or_with_unit(node: dict[str, Any], quantity: str) -> dict[str, Any]:
         bounds = {key: node[key] for key in node if key not in ("description", "default")}
         kept = {key: node[key] for key in node if key not in bounds}
         return kept | {"anyOf": [bounds, {"type": "string", "pattern": WITH_UNIT}]}
-    inside = {"items": _or_with_unit(node["items"], quantity)} if "items" in node else {}
+    inside: dict[str, Any] = (
+        {"items": _or_with_unit(node["items"], quantity)} if "items" in node else {}
+    )
     if "anyOf" in node:
         inside["anyOf"] = [_or_with_unit(one, quantity) for one in node["anyOf"]]
     return node | inside

@@ -37,7 +37,7 @@ def template(kind: str, schema_file: Path | str) -> str:
         *_comment(f'A scene of kind "{kind}": {KINDS[kind].summary}.'),
         *_comment(f"What may stand here, and what results hold: {page}."),
         *_comment(
-            "A key behind a # has the value shown there (... is none); drop the # to change it."
+            "Keys behind a # have the value shown there (... is none); drop the # to change it."
         ),
         "",
     ]
