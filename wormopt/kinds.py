@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
@@ -313,3 +314,8 @@ SWEEP = Kind(
 def kind_of(result: Any) -> Kind | None:
     """Kind of a Result, None where it is not registered."""
     return SWEEP if result.kind == "sweep" else KINDS.get(result.kind)
+
+
+def near(name: str) -> str:
+    """Kind that may be meant by a name that is none; "" where none is close."""
+    return next(iter(get_close_matches(name, KINDS, n=1)), "")

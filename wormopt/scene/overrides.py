@@ -16,7 +16,7 @@ Overrides = str | Mapping[str, Any] | Iterable[str | Mapping[str, Any]]
 
 def override(raw: dict[str, Any], overrides: Overrides) -> Iterator[Fault]:
     """Change raw tables in place, and yield what cannot be changed."""
-    several = [overrides] if isinstance(overrides, str | Mapping) else overrides
+    several: Iterable[Any] = [overrides] if isinstance(overrides, str | Mapping) else overrides
     for one in several:
         if isinstance(one, Mapping):
             for path, value in _leaves(one):

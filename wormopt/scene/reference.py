@@ -32,6 +32,7 @@ def schema(kind: str) -> dict[str, Any]:
     found = {"$schema": "https://json-schema.org/draft/2020-12/schema", **found, "$defs": parts}
     parts[table.__name__]["properties"]["sweep"] = sweep
     for part in (*tables_below(table), Swept):
+        parts[part.__name__]["description"] = inspect.getdoc(part) or ""
         properties = parts[part.__name__]["properties"]
         for field in msgspec.structs.fields(part):
             quantity, what = meaning(field.type)
@@ -51,7 +52,9 @@ def _or_with_unit(node: dict[str, Any], quantity: str) -> dict[str, Any]:
         bounds = {key: node[key] for key in node if key not in ("description", "default")}
         kept = {key: node[key] for key in node if key not in bounds}
         return kept | {"anyOf": [bounds, {"type": "string", "pattern": WITH_UNIT}]}
-    inside = {"items": _or_with_unit(node["items"], quantity)} if "items" in node else {}
+    inside: dict[str, Any] = (
+        {"items": _or_with_unit(node["items"], quantity)} if "items" in node else {}
+    )
     if "anyOf" in node:
         inside["anyOf"] = [_or_with_unit(one, quantity) for one in node["anyOf"]]
     return node | inside
@@ -113,9 +116,9 @@ def _keys(table: type[msgspec.Struct]) -> Iterator[str]:
 def _of(field: msgspec.structs.FieldInfo) -> str:
     kind = bare(field.type)
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    numbers = [part for part in parts if part is not NoneType and not tables_in(_single(part))]
+    numbers = [part for part in parts if part is not NoneType and not tables_in(single(part))]
     words = [describe(Union[tuple(numbers)])] if numbers else []  # noqa: UP007
-    words += ["a table"] if len(words) == 0 or tables_in(_single(kind)) else []
+    words += ["a table"] if len(words) == 0 or tables_in(single(kind)) else []
     return re.sub(r'("[^"]*")', r"`\1`", ", or ".join(words))
 
 
@@ -142,7 +145,7 @@ def _sections(table: type[msgspec.Struct], path: str) -> Iterator[str]:
     """A section for every table below a table, in the order of its keys."""
     for field in msgspec.structs.fields(table):
         key = f"{path}.{field.encode_name}" if path else field.encode_name
-        for part in tables_in(_single(field.type)):
+        for part in tables_in(single(field.type)):
             config = part.__struct_config__
             tagged = f' with `{config.tag_field} = "{config.tag}"`' if config.tag_field else ""
             yield f"### `[{key}]`{tagged}"
@@ -153,7 +156,7 @@ def _sections(table: type[msgspec.Struct], path: str) -> Iterator[str]:
             yield from _sections(part, key)
 
 
-def _single(kind: Any) -> Any:
+def single(kind: Any) -> Any:
     """Type of an entry where there is a list of tables, the type itself otherwise."""
     kind = bare(kind)
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
@@ -166,7 +169,7 @@ def tables_below(table: type[msgspec.Struct]) -> Iterator[type[msgspec.Struct]]:
     """A table and all that stand in it."""
     yield table
     for field in msgspec.structs.fields(table):
-        for part in tables_in(_single(field.type)):
+        for part in tables_in(single(field.type)):
             yield from tables_below(part)
 
 

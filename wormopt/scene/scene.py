@@ -14,7 +14,7 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from wormopt.errors import Fault, SceneError
-from wormopt.kinds import KINDS
+from wormopt.kinds import KINDS, near
 from wormopt.scene.overrides import Overrides, as_toml, override
 from wormopt.scene.plausible import surprises
 from wormopt.scene.read import read_table, read_value
@@ -130,10 +130,19 @@ def load_scene(
 
 def packaged_scenes() -> dict[str, Path]:
     """Name and file of each scene that comes with the package."""
+    return {path.stem: path for path in sorted(packaged_folder().glob("*.toml"))}
+
+
+def times_of_scenes() -> dict[str, float]:
+    """About how many seconds packaged scenes take, as it was measured once; 0 for less than one."""
+    return json.loads((packaged_folder() / "times.json").read_text(encoding="utf-8"))
+
+
+def packaged_folder() -> Path:
+    """Where the scenes are that come with the package: in it, or beside it in a checkout."""
     package = Path(__file__).parents[1]
     inside = package / "problems"
-    folder = inside if inside.is_dir() else package.parent / "problems"
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return inside if inside.is_dir() else package.parent / "problems"
 
 
 def _raw(
@@ -193,8 +202,8 @@ def _read_kind(file: str, raw: dict[str, Any]) -> tuple[SceneTable, Swept | None
     kind = raw.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         what = f"{kind!r} is no kind of scene" if "kind" in raw else "missing"
-        close = get_close_matches(kind, KINDS, n=1) if isinstance(kind, str) else []
-        what += f'; did you mean "{close[0]}"? Else' if close else ";"
+        close = near(kind) if isinstance(kind, str) else ""
+        what += f'; did you mean "{close}"? Else' if close else ";"
         allowed = ", ".join(f'"{name}"' for name in KINDS)
         raise SceneError(file, [("kind", f"{what} write one of {allowed}")])
     faults: list[Fault] = []

@@ -38,11 +38,12 @@ def weights(slope: float, gravity: float | None, masses: tuple[float, ...]) -> t
     return tuple(mass * pull for mass in masses)
 
 
-def told_of_slope(slope: float, gravity: float | None, pull: tuple[float, ...]) -> dict[str, Any]:
+def told_of_slope(slope: float, gravity: float | None, masses: tuple[float, ...]) -> dict[str, Any]:
     """Say in a trust report what a slope does, and what was taken for granted."""
     if not slope:
         return {}
-    known = {"gravity": GRAVITY if gravity is None else gravity, "pull": list(pull)}
+    pull = list(weights(slope, gravity, masses))
+    known = {"gravity": GRAVITY if gravity is None else gravity, "pull": pull}
     taken = "standard gravity, as worm.gravity is left out"
     return {"slope": known | ({"assumed": taken} if gravity is None else {})}
 

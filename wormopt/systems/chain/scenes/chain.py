@@ -209,17 +209,14 @@ class ChainTable(Table, frozen=True, kw_only=True):
         """Load and weight of each mass along the ground, against forward motion."""
         if not self.slope:
             return self.load
-        weight = self._weights
-        return tuple(map(sum, zip(per(self.load, self.links + 1), weight, strict=True)))
-
-    @property
-    def _weights(self) -> tuple[float, ...]:
-        return weights(self.slope, self.gravity, per(self.mass, self.links + 1))
+        masses, loads = (per(given, self.links + 1) for given in (self.mass, self.load))
+        pull = weights(self.slope, self.gravity, masses)
+        return tuple(map(sum, zip(loads, pull, strict=True)))
 
     @property
     def facts(self) -> dict[str, Any]:
         """What its weight does."""
-        return told_of_slope(self.slope, self.gravity, self._weights)
+        return told_of_slope(self.slope, self.gravity, per(self.mass, self.links + 1))
 
     def faults(self, horizon: float, units: str) -> Iterator[Fault]:
         """Yield what is wrong between the keys of this table.

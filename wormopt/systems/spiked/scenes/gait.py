@@ -155,8 +155,7 @@ class WormTable(Table, frozen=True, kw_only=True):
     @property
     def facts(self) -> dict[str, Any]:
         """What its weight does."""
-        pull = weights(self.slope, self.gravity, self.masses)
-        return told_of_slope(self.slope, self.gravity, pull)
+        return told_of_slope(self.slope, self.gravity, self.masses)
 
     @property
     def masses(self) -> tuple[float, ...]:
