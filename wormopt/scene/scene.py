@@ -101,6 +101,24 @@ def load_scene(source: str | Path, overrides: Iterable[str] = ()) -> Scene[Any]:
     return Scene(name, path.parent, table)
 
 
+def scene_of_text(name: str, text: str) -> Scene[Any]:
+    """Read back what `Scene.text` gave; file names are relative to the current folder.
+
+    Or to that of the packaged scenes, for one of these. Raises SceneError as `load_scene`.
+    """
+    try:
+        raw = json.loads(text)
+    except ValueError:
+        raise SceneError(name, [("", "the result does not say its scene; run it again")]) from None
+    packaged = packaged_scenes().get(name)
+    folder = packaged.parent if packaged else Path()
+    table = _read_kind(name, raw)
+    wrong = list(table.faults(folder))
+    if wrong:
+        raise SceneError(name, wrong)
+    return Scene(name, folder, table)
+
+
 def packaged_scenes() -> dict[str, Path]:
     """Name and file of each scene that comes with the package."""
     package = Path(__file__).parents[1]
