@@ -20,7 +20,8 @@ def remarks(result: Result) -> list[str]:
     ]
     if result.status != "ok":
         lines.append(f"NOT TO BE TRUSTED, the result failed: {result.reason}")
-    return [" ".join(line.split()) for line in lines]
+    kept = ("".join(c if c.isprintable() else " " for c in line) for line in lines)
+    return [" ".join(line.split()) for line in kept]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,6 @@ class Course:
     def units(self) -> tuple[str, str, str, str]:
         """Units of time, length, rate and acceleration, "1" where the scene has none."""
         if self.time_unit == "1":
-            return ("1",) * 4
+            return "1", "1", "1", "1"
         length, time = self.length_unit, self.time_unit
         return time, length, f"{length} {time}-1", f"{length} {time}-2"

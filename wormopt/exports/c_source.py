@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
+from wormopt.errors import ArgumentError
 from wormopt.exports.about import Course
 from wormopt.exports.files import identifier
 
 
 def make(course: Course, stem: str) -> dict[str, bytes]:
-    """Files of a gait: ``STEM.h``, ``STEM.c`` and ``STEM_replay.c``."""
+    """Files of a gait: ``STEM.h``, ``STEM.c`` and ``STEM_replay.c``.
+
+    Raises ArgumentError if C could not include a file of that name.
+    """
+    if not stem.isprintable() or '"' in stem or "\\" in stem:
+        raise ArgumentError(f"{stem!r}: C includes no file of that name; write letters and digits")
     name = identifier(stem)
     texts = {
         f"{stem}.h": _header(course, name),
@@ -81,12 +87,12 @@ const double {name}_period = {gait.period.hex()}; /* {gait.period!r} */
 /* When pieces begin. */
 """,
         _table("begin", "[PIECES]", gait.breaks[:-1]),
-        "\n/* Of each piece and link: coefficients by ascending power of the time since it began. */\n",
+        "\n/* Of each piece and link, by ascending power of the time since the piece began. */\n",
         _table("coefficient", "[PIECES][LINKS][POWERS]", gait.polynomial),
     ]
     if gait.omega is not None and gait.cosine is not None and gait.sine is not None:
         parts += [
-            "\n/* Of each piece: angular frequency; amplitudes of cosine and sine of each link. */\n",
+            "\n/* Of each piece; amplitudes of each link. */\n",
             _table("omega", "[PIECES]", gait.omega),
             _table("cosine", "[PIECES][LINKS]", gait.cosine),
             _table("sine", "[PIECES][LINKS]", gait.sine),
@@ -190,12 +196,11 @@ def _table(name: str, shape: str, values: np.ndarray) -> str:
 def _rows(values: np.ndarray, depth: int = 1) -> str:
     """Initialiser of an array, as hexadecimal numbers, which are exact."""
     inset = "    " * depth
-    if values.ndim > 1:
-        inner = (_rows(part, depth + 1) for part in values)
-        return ",\n".join(f"{inset}{{\n{text}\n{inset}}}" for text in inner)
-    return "\n".join(_lines([v.hex() for v in values.tolist()], inset))
-
-
-def _lines(words: Sequence[str], inset: str) -> Iterator[str]:
-    for k in range(0, len(words), 4):
-        yield inset + ", ".join(words[k : k + 4]) + ("," if k + 4 < len(words) else "")
+    if values.ndim == 1:
+        words = [v.hex() for v in values.tolist()]
+        lines = (", ".join(words[k : k + 4]) for k in range(0, len(words), 4))
+        return inset + f",\n{inset}".join(lines)
+    parts = [_rows(part, depth + 1) for part in values]
+    if all("\n" not in text for text in parts):
+        return ",\n".join(f"{inset}{{{text.strip()}}}" for text in parts)
+    return ",\n".join(f"{inset}{{\n{text}\n{inset}}}" for text in parts)

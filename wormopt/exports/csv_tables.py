@@ -42,7 +42,7 @@ def make(result: Result, stem: str, step: float | None = None) -> dict[str, byte
     found = {}
     for over, variables in tables.items():
         name = stem if over == axis or len(tables) == 1 else f"{stem}_{over}"
-        if over == axis:
+        if axis is not None and over == axis:
             said, columns = _over_time(result, axis, variables, step)
         else:
             said, columns = [], list(_long(result, variables))

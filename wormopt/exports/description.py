@@ -7,6 +7,8 @@ from collections import Counter
 from pathlib import Path
 from xml.etree import ElementTree
 
+from wormopt.version import VERSION
+
 # Exponents of the base units, and the factor, of those that our units are made of.
 _BASES: dict[str, dict[str, float]] = {
     "N": {"kg": 1, "m": 1, "s": -2},
@@ -19,11 +21,15 @@ _BASES: dict[str, dict[str, float]] = {
 }
 
 
-def mend_description(path: Path, text: str) -> None:
-    """Complete ``modelDescription.xml``; `text` is what the model is."""
-    tree = ElementTree.parse(path)  # noqa: S314  CasADi has just written it
-    root = tree.getroot()
+def mend_description(path: Path, name: str, text: str, timed: bool) -> None:
+    """Complete ``modelDescription.xml``.
+
+    `name` and `text` are the model's, `timed` says whether it depends on time itself.
+    """
+    root = ElementTree.parse(path).getroot()  # noqa: S314  CasADi has just written it
+    root.set("modelName", name)
     root.set("description", text)
+    root.set("generationTool", f"wormopt {VERSION}, {root.get('generationTool')}")
     variables, structure = root.find("ModelVariables"), root.find("ModelStructure")
     assert variables is not None
     assert structure is not None
@@ -32,6 +38,9 @@ def mend_description(path: Path, text: str) -> None:
             variables.remove(variable)
     for unknown in structure.iter("InitialUnknown"):  # parameters are missing there
         unknown.attrib.pop("dependencies", None)
+    for unknown in (*structure.iter("Output"), *structure.iter("ContinuousStateDerivative")):
+        if timed:
+            unknown.set("dependencies", f"0 {unknown.get('dependencies', '')}".strip())
     units = {v.get("unit"): None for v in variables if v.get("unit")}
     places = [*root]
     after = places.index(root.find("ModelExchange")) + 1  # pyright: ignore[reportArgumentType]
@@ -40,17 +49,17 @@ def mend_description(path: Path, text: str) -> None:
         defined = ElementTree.Element("UnitDefinitions")
         defined.extend(_unit(str(name)) for name in units)
         root.insert(after, defined)
-    _write(tree, path)
+    _write(root, path)
 
 
 def only_sources(path: Path) -> None:
     """Take headers out of ``buildDescription.xml``: they are no units to compile."""
-    tree = ElementTree.parse(path)  # noqa: S314  CasADi has just written it
-    for files in tree.getroot().iter("SourceFileSet"):
+    root = ElementTree.parse(path).getroot()  # noqa: S314  CasADi has just written it
+    for files in root.iter("SourceFileSet"):
         for file in [*files]:
             if file.get("name", "").endswith(".h"):
                 files.remove(file)
-    _write(tree, path)
+    _write(root, path)
 
 
 def _unit(name: str) -> ElementTree.Element:
@@ -73,6 +82,6 @@ def _unit(name: str) -> ElementTree.Element:
     return found
 
 
-def _write(tree: ElementTree.ElementTree, path: Path) -> None:
-    ElementTree.indent(tree, "    ")
-    tree.write(path, encoding="UTF-8", xml_declaration=True)
+def _write(root: ElementTree.Element, path: Path) -> None:
+    ElementTree.indent(root, "    ")
+    ElementTree.ElementTree(root).write(path, encoding="UTF-8", xml_declaration=True)

@@ -73,14 +73,14 @@ def export(
     ...     [file.name for file in files]
     ['fast_gait.csv', 'fast_gait.h', 'fast_gait.c', 'fast_gait_replay.c']
     """
-    wanted = [formats] if isinstance(formats, str) else [*formats]
+    wanted = [formats] if isinstance(formats, str) else [*dict.fromkeys(formats)]
     unknown = [name for name in wanted if name not in SUFFIXES]
     if unknown or not wanted:
         raise ArgumentError(f"formats are {', '.join(SUFFIXES)}, not {unknown or 'none'}")
     name = getattr(what, "scene", None) or getattr(what, "name", None) or "gait"
     folder, stem = target(path, name, [SUFFIXES[each] for each in wanted])
     files: dict[str, bytes] = {}
-    for each in dict.fromkeys(wanted):
+    for each in wanted:
         files |= _made(what, each, stem, step, cycles)
     return publish(files, folder, force)
 
@@ -93,9 +93,9 @@ def _made(
     from wormopt.result import Result
 
     if into == "fmu":
-        from wormopt.exports import fmu
+        from wormopt.exports.fmu import make, plants_of
 
-        return fmu.make(_plants(what), stem)
+        return make(plants_of(what), stem)
     if into in ("c", "ros"):
         from wormopt.exports import c_source, ros
         from wormopt.exports.about import Course
@@ -106,39 +106,8 @@ def _made(
         if into == "c":
             return c_source.make(course, stem)
         return ros.make(course, stem, 0.01 if step is None else step, cycles)
-    from wormopt.exports import csv_tables, matlab
-
     if not isinstance(what, Result):
         raise ArgumentError(f"{into} takes a Result, not {type(what).__name__}")
+    from wormopt.exports import csv_tables, matlab
+
     return csv_tables.make(what, stem, step) if into == "csv" else matlab.make(what, stem)
-
-
-def _plants(what: Result | Gait | Model) -> list[fmu.Plant]:
-    from wormopt.exports.about import remarks
-    from wormopt.exports.fmu import Plant
-    from wormopt.kinds import KINDS
-    from wormopt.model.model import Model
-    from wormopt.result import Result
-    from wormopt.scene.scene import scene_of_text
-    from wormopt.simulation.options import Smooth
-    from wormopt.systems.chain import treatment_of
-
-    if isinstance(what, Model):
-        return [Plant(what)]
-    if not isinstance(what, Result):
-        raise ArgumentError(f"an FMU takes a Result or a Model, not {type(what).__name__}")
-    study = KINDS[what.kind].load_study() if what.kind in KINDS else None
-    models_of = getattr(study, "models_of", None)
-    if models_of is None:
-        raise ArgumentError(
-            f"{what.scene}: a result of kind {what.kind} holds no model, which an FMU needs; "
-            "take one of kind simulate or track"
-        )
-    scene = scene_of_text(what.scene, what.scene_text)
-    treatment = treatment_of(scene.table.contact)
-    v_reg = treatment.v_reg if isinstance(treatment, Smooth) else Smooth().v_reg
-    said = tuple(remarks(what))
-    return [
-        Plant(model, v_reg, scene.table.units, (*said, label) if label else said)
-        for label, model in models_of(scene).items()
-    ]

@@ -32,7 +32,7 @@ def target(output: str | Path | None, name: str, suffixes: Sequence[str]) -> tup
 
 def identifier(name: str) -> str:
     """Name as C and FMI allow it: ASCII letters, digits and _, a letter first."""
-    found = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
+    found = re.sub(r"[\W_]+", "_", name, flags=re.ASCII).strip("_")
     return found if re.match("[A-Za-z]", found) else f"gait_{found}".rstrip("_")
 
 

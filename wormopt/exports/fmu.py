@@ -1,8 +1,8 @@
 """FMI 3.0: a Model as an FMU for model exchange, its contacts smooth, by CasADi's own export.
 
-CasADi 3.8 writes code and description of the model. What is mended here: time, which its wrapper
-forgets to look at when it is set alone and in derivatives; units, which must be defined; and what
-of the description helps nobody. `tests/test_exports.py` looks at each.
+CasADi 3.8 writes code and description of the model. What is mended: its wrapper does not look
+again when time alone is set, takes time for 0 in derivatives, and every state's usual size for 1;
+the description lacks units and dependence on time. `tests/test_exports.py` looks at each.
 """
 
 from __future__ import annotations
@@ -24,14 +24,20 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.exports.about import remarks
 from wormopt.exports.description import mend_description, only_sources
 from wormopt.exports.files import identifier
+from wormopt.kinds import KINDS
 from wormopt.model.explicit import Explicit
 from wormopt.model.model import TINY, Model
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.quantities import UNITS, unit_of
+from wormopt.result import Result
+from wormopt.scene.scene import scene_of_text
 from wormopt.simulation.native.build import compiler
+from wormopt.simulation.options import Smooth
+from wormopt.systems.chain import treatment_of
 
 _HEADER = "fmi3Functions.h"
 # Line of CasADi's wrapper, what it must be.
@@ -40,6 +46,7 @@ _MENDED = (
     ("m->t = startTime;", "m->t = m->v[0] = startTime;\n  m->up_to_date = 0;"),
     ("m->arg[i++] = 0;  // t", "m->arg[i++] = &m->t;"),
     ("\nfmi3Status fmi3Get", "\nFMI3_Export fmi3Status fmi3Get"),
+    ("nominals[i] = 1;", "nominals[i] = nominal[i];"),
 )
 _MACHINES = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}
 _SUFFIXES = {"windows": ".dll", "darwin": ".dylib"}
@@ -62,14 +69,13 @@ def make(plants: Sequence[Plant], stem: str) -> dict[str, bytes]:
     states, or there is no C compiler or no CasADi that exports FMUs.
     """
     stems = [stem] if len(plants) == 1 else [f"{stem}_{k}" for k in range(len(plants))]
-    return {
-        f"{s}.fmu": _archive(plant, identifier(s)) for s, plant in zip(stems, plants, strict=True)
-    }
+    return {f"{s}.fmu": _archive(plant, s) for s, plant in zip(stems, plants, strict=True)}
 
 
-def _archive(plant: Plant, name: str) -> bytes:
+def _archive(plant: Plant, stem: str) -> bytes:
+    name = f"{identifier(stem)}_model"  # no function of C is called so
     if not hasattr(ca.DaeBuilder, "compile_fmu"):
-        raise ArgumentError(f"an FMU needs CasADi 3.8 or newer, here is {ca.__version__}")
+        raise ArgumentError(f"an FMU needs CasADi 3.8 or newer, here is {ca.CasadiMeta.version()}")
     _refuse(plant.model)
     dae = _builder(plant, name)
     with tempfile.TemporaryDirectory() as folder, chdir(folder):  # where CasADi writes to
@@ -78,8 +84,8 @@ def _archive(plant: Plant, name: str) -> bytes:
         text = wrapper.read_text(encoding="utf-8")
         for old, new in _MENDED:
             text = text.replace(old, new)
-        wrapper.write_text(text, encoding="utf-8")
-        mend_description(Path("modelDescription.xml"), _description(plant))
+        wrapper.write_text(text.replace(*_nominals(plant.model)), encoding="utf-8")
+        mend_description(Path("modelDescription.xml"), stem, _description(plant), _timed(plant))
         only_sources(Path("buildDescription.xml"))
         library, binary = _compiled(name)
         stream = io.BytesIO()
@@ -101,6 +107,21 @@ def _refuse(model: Model) -> None:
         raise ArgumentError(f"{model.name} has walls; let them give way by smooth_walls")
 
 
+def _nominals(model: Model) -> tuple[str, str]:
+    """Line of the wrapper, and what it must be: it knows the usual size of every state then."""
+    line = "#include <fmi3Functions.h>\n"
+    sizes = [repr(float(s.nominal)) for s in model.x for _ in range(s.size)]
+    return line, f"{line}static const double nominal[] = {{{', '.join(sizes)}}};\n"
+
+
+def _timed(plant: Plant) -> bool:
+    """Whether time itself moves the model."""
+    model = plant.model
+    outputs = (ca.vec(o.expression) for o in model.outputs)
+    said = ca.vertcat(model.ode, model.contact_velocities, *outputs)
+    return len(model.schedules) > 0 or bool(ca.depends_on(said, model.t))
+
+
 def _description(plant: Plant) -> str:
     parts = [plant.model.name, *plant.remarks]
     if plant.model.contacts:
@@ -110,26 +131,51 @@ def _description(plant: Plant) -> str:
     return "; ".join(parts)
 
 
+def plants_of(what: object) -> list[Plant]:
+    """Take the models of a Result, or a Model itself; raises ArgumentError if there is none."""
+    if isinstance(what, Model):
+        return [Plant(what)]
+    if not isinstance(what, Result):
+        raise ArgumentError(f"an FMU takes a Result or a Model, not {type(what).__name__}")
+    study = KINDS[what.kind].load_study() if what.kind in KINDS else None
+    models_of = getattr(study, "models_of", None)
+    if models_of is None:
+        raise ArgumentError(
+            f"{what.scene}: a result of kind {what.kind} holds no model, which an FMU needs; "
+            "take one of kind simulate or track"
+        )
+    scene = scene_of_text(what.scene, what.scene_text)
+    treatment, said = treatment_of(scene.table.contact), remarks(what)
+    v_reg = treatment.v_reg if isinstance(treatment, Smooth) else Smooth().v_reg
+    return [
+        Plant(model, v_reg, scene.table.units, (*said, label) if label else tuple(said))
+        for label, model in models_of(scene).items()
+    ]
+
+
 # -- the model, in CasADi's words ----------------------------------------------------------------
 
 
 def _builder(plant: Plant, name: str) -> Any:
     model = plant.model
-    taken = {s.name for s in (*model.x, *model.u, *model.p)} | {"v_reg", "time"}
+    taken = {s.name for s in (*model.x, *model.u, *model.p)}
     outputs = [o for o in model.outputs if o.name not in taken]
+    taken |= {o.name for o in outputs}
     explicit = Explicit(model, [o.name for o in outputs])
     width = explicit.symbols["v_reg"]
     laws = [c.law.smooth(c.velocity, width) for c in model.contacts]
     function = explicit.function("model", "rates", "observed", ca.vertcat(ca.SX(0, 1), *laws))
 
     dae = ca.DaeBuilder(name)
-    t = dae.add("time", "independent", {"unit": "s"} if plant.units == "SI" else {})
+    t = dae.add(_free("time", taken), "independent", {"unit": "s"} if plant.units == "SI" else {})
     x = _signals(dae, plant, model.x, signal_values(model.x, None, "state"), "local")
     u = _signals(dae, plant, model.u, signal_values(model.u, None, "input", 0.0), "input")
     p = _signals(dae, plant, model.p, signal_values(model.p, None, "parameter"), "parameter")
     # v_reg stands in every model, so that all are alike to who uses them
     says = {"start": plant.v_reg, "description": "width of the smooth law of friction"}
-    v_reg = dae.add("v_reg", "parameter", "tunable", says | _unit("speed", plant.units))
+    v_reg = dae.add(
+        _free("v_reg", taken), "parameter", "tunable", says | _unit("speed", plant.units)
+    )
     s = ca.vertcat(ca.MX(0, 1), *(_scheduled(schedule, t) for schedule in model.schedules))
 
     rates, observed, forces = function(t, x, u, p, v_reg, s)
@@ -140,7 +186,7 @@ def _builder(plant: Plant, name: str) -> Any:
         for scalar in _scalars(output.name, output.expression.numel()):
             dae.eq(dae.add(scalar, "output", _unit(output.unit, plant.units)), observed[at])
             at += 1
-    if "contact_force" not in taken | {o.name for o in outputs}:
+    if "contact_force" not in taken:
         for k, scalar in enumerate(_scalars("contact_force", len(laws))):
             dae.eq(dae.add(scalar, "output", _unit("force", plant.units)), forces[k])
     return dae
@@ -174,9 +220,15 @@ def _bounds(signal: Any) -> Iterator[tuple[str, float]]:
 def _scalars(name: str, size: int) -> list[str]:
     """Names of the scalars of a signal as FMI writes them: ``position[0]``, ``'odd name'``."""
     if not re.fullmatch(r"[A-Za-z_]\w*", name, flags=re.ASCII):
-        kept = "".join(c if c.isascii() and c.isprintable() else "_" for c in name)
-        name = "'" + kept.replace("\\", "_").replace("'", "_") + "'"
+        odd = (not c.isascii() or not c.isprintable() or c in "'\"\\" for c in name)
+        kept = (f"_{ord(c):x}_" if o else c for c, o in zip(name, odd, strict=True))
+        name = f"'{''.join(kept)}'"
     return [name] if size == 1 else [f"{name}[{k}]" for k in range(size)]
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """Name that no signal of the model has."""
+    return f"{name}_" if name in taken else name
 
 
 def _unit(quantity: str, units: str) -> dict[str, str]:
