@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from typing import TYPE_CHECKING, Any
 
 from wormopt.cli.codes import BAD_INPUT, DONE, say
@@ -57,10 +58,10 @@ def _export(options: argparse.Namespace) -> int:
     if not options.formats:
         say(f"nothing to export to; write one or more of --{', --'.join(_FORMATS)}")
         return BAD_INPUT
-    from wormopt.exports.export import export
-
     try:
         result = _loaded(options.result)
+        from wormopt.exports.export import export
+
         files = export(
             result,
             options.formats,
@@ -81,6 +82,8 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _loaded(path: str) -> Result:
+    if not os.path.lexists(path):  # before anything heavy is loaded
+        raise ArgumentError(f"{path}: there is no such result; name its folder or its result.nc")
     from wormopt.result import Result
 
     try:

@@ -144,7 +144,7 @@ def plants_of(what: object) -> list[Plant]:
             f"{what.scene}: a result of kind {what.kind} holds no model, which an FMU needs; "
             "take one of kind simulate or track"
         )
-    scene = scene_of_text(what.scene, what.scene_text)
+    scene = scene_of_text(what.scene, what.kind, what.scene_text)
     treatment, said = treatment_of(scene.table.contact), remarks(what)
     v_reg = treatment.v_reg if isinstance(treatment, Smooth) else Smooth().v_reg
     return [

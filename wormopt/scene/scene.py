@@ -101,18 +101,21 @@ def load_scene(source: str | Path, overrides: Iterable[str] = ()) -> Scene[Any]:
     return Scene(name, path.parent, table)
 
 
-def scene_of_text(name: str, text: str) -> Scene[Any]:
-    """Read back what `Scene.text` gave; file names are relative to the current folder.
+def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
+    """Read back what `Scene.text` gave of a scene of that kind, as a Result keeps it.
 
-    Or to that of the packaged scenes, for one of these. Raises SceneError as `load_scene`.
+    File names are relative to the folder of the packaged scenes for one of these, else to the
+    current folder. Raises SceneError as `load_scene`.
     """
     try:
         raw = json.loads(text)
     except ValueError:
-        raise SceneError(name, [("", "the result does not say its scene; run it again")]) from None
+        raw = None
+    if not isinstance(raw, dict) or raw.get("kind") != kind:
+        raise SceneError(name, [("", "the result does not say its scene; run it again")])
+    table = _read_kind(name, raw)
     packaged = packaged_scenes().get(name)
     folder = packaged.parent if packaged else Path()
-    table = _read_kind(name, raw)
     wrong = list(table.faults(folder))
     if wrong:
         raise SceneError(name, wrong)
