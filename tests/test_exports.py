@@ -518,6 +518,16 @@ def test_models_that_no_fmu_can_be_are_refused(tmp_path: Path):
     assert not [*tmp_path.iterdir()]
 
 
+@needs_compiler
+def test_one_state_and_nothing_else(tmp_path: Path):
+    x = ca.SX.sym("x")
+    seen = wo.Switch("half of it", 0.5 - x, x)  # tells, and moves nothing
+    model = wo.Model("exp", x=[wo.Signal("x", x, value=1.0)], ode=-x, switches=[seen])
+    (fmu,) = wo.export(model, "fmu", tmp_path)
+    found = replayed(fmu, model, 1.0)
+    assert np.abs(found - np.exp(-np.linspace(0, 1, 11))).max() < 1e-10
+
+
 @pytest.mark.parametrize("text", ["", "[]", '{"kind": "gait"}', '{"kind": "simulate"}', "{"])
 def test_a_result_that_does_not_say_its_scene_is_refused(text: str, tmp_path: Path):
     result = Result("walk", "simulate", scene_text=text)

@@ -20,8 +20,12 @@ def remarks(result: Result) -> list[str]:
     ]
     if result.status != "ok":
         lines.append(f"NOT TO BE TRUSTED, the result failed: {result.reason}")
-    kept = ("".join(c if c.isprintable() else " " for c in line) for line in lines)
-    return [" ".join(line.split()) for line in kept]
+    return [one_line(line) for line in lines]
+
+
+def one_line(text: str) -> str:
+    """Text on one line, without what no file of text may hold."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.exports.about import remarks
+from wormopt.exports.about import one_line, remarks
 from wormopt.exports.description import mend_description, only_sources
 from wormopt.exports.files import identifier
 from wormopt.kinds import KINDS
@@ -128,7 +128,7 @@ def _description(plant: Plant) -> str:
         parts.append(
             "friction is smoothed over velocities of the width v_reg: no contact ever rests"
         )
-    return "; ".join(parts)
+    return one_line("; ".join(parts))
 
 
 def plants_of(what: object) -> list[Plant]:
@@ -176,11 +176,11 @@ def _builder(plant: Plant, name: str) -> Any:
     v_reg = dae.add(
         _free("v_reg", taken), "parameter", "tunable", says | _unit("speed", plant.units)
     )
-    s = ca.vertcat(ca.MX(0, 1), *(_scheduled(schedule, t) for schedule in model.schedules))
+    s = [_scheduled(schedule, t) for schedule in model.schedules]
 
-    rates, observed, forces = function(t, x, u, p, v_reg, s)
-    for k in range(model.n_x):
-        dae.eq(dae.der(x[k] if model.n_x > 1 else x), rates[k])
+    rates, observed, forces = function(t, _column(x), _column(u), _column(p), v_reg, _column(s))
+    for k, state in enumerate(x):
+        dae.eq(dae.der(state), rates[k])
     at = 0
     for output in outputs:
         for scalar in _scalars(output.name, output.expression.numel()):
@@ -194,8 +194,8 @@ def _builder(plant: Plant, name: str) -> Any:
 
 def _signals(
     dae: Any, plant: Plant, signals: Sequence[Any], values: np.ndarray, causality: str
-) -> ca.MX:
-    """Column of the variables of some signals, scalar by scalar."""
+) -> list[ca.MX]:
+    """Add the variables of some signals, scalar by scalar."""
     found, at = [], 0
     for signal in signals:
         for scalar in _scalars(signal.name, signal.size):
@@ -208,7 +208,11 @@ def _signals(
             if causality == "local":
                 dae.set_initial(scalar, "exact")
             at += 1
-    return ca.vertcat(ca.MX(0, 1), *found)
+    return found
+
+
+def _column(parts: Sequence[ca.MX]) -> ca.MX:
+    return ca.vertcat(ca.MX(0, 1), *parts)
 
 
 def _bounds(signal: Any) -> Iterator[tuple[str, float]]:
@@ -233,8 +237,9 @@ def _free(name: str, taken: set[str]) -> str:
 
 def _unit(quantity: str, units: str) -> dict[str, str]:
     """Unit of a quantity, or of what a user calls by the name of a unit."""
-    unit = unit_of(quantity, units) if quantity in UNITS else quantity
-    return {} if unit == "1" else {"unit": unit}
+    known = quantity if quantity in UNITS or units == "SI" else "1"
+    unit = unit_of(known, units) if known in UNITS else known
+    return {} if unit in ("1", "") else {"unit": unit}
 
 
 def _scheduled(schedule: Schedule, t: ca.MX) -> ca.MX:

@@ -24,9 +24,12 @@ def make(course: Course, stem: str, step: float = 0.01, cycles: int = 1) -> dict
     if not isinstance(cycles, int) or cycles < 1:
         raise ArgumentError(f"cycles must be a whole number from 1 on, not {cycles!r}")
     end = course.gait.period * cycles
-    if step < 1e-9 or end >= _LATEST:
-        raise ArgumentError("ROS counts whole nanoseconds, and seconds in 32 bits; take another")
-    at = [_nanoseconds(t) for t in multiples(step, 0.0, end)]
+    if end >= _LATEST:
+        raise ArgumentError(f"ROS has 32 bits for seconds, too few for {end:g}; write fewer cycles")
+    instants = multiples(step, 0.0, end)
+    if step < 1e-9:
+        raise ArgumentError(f"ROS counts whole nanoseconds; write a step above {step:g} s")
+    at = [_nanoseconds(t) for t in instants]
     last = _nanoseconds(Decimal(course.gait.period) * cycles)
     at = [t for t in at if t < last] + [last]
     lines = [*_head(course), "points:", *_points(course, at)]
