@@ -27,6 +27,7 @@ from wormopt.errors import SceneError as SceneError
 from wormopt.errors import SolveError as SolveError
 from wormopt.errors import UnknownNameError as UnknownNameError
 from wormopt.errors import WormoptError as WormoptError
+from wormopt.exports.export import export as export
 from wormopt.model.friction import Coulomb as Coulomb
 from wormopt.model.friction import Law as Law
 from wormopt.model.friction import Spike as Spike

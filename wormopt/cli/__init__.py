@@ -12,7 +12,16 @@ import os
 import sys
 from collections.abc import Sequence
 
-from wormopt.cli import completing, making, measuring, running, scenes, showing, sweeping
+from wormopt.cli import (
+    completing,
+    exporting,
+    making,
+    measuring,
+    running,
+    scenes,
+    showing,
+    sweeping,
+)
 from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, say
 from wormopt.errors import OutputError, SceneError
 from wormopt.version import VERSION
@@ -51,6 +60,15 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument("--version", action="version", version=f"wormopt {VERSION}")
     found.set_defaults(parser=found)  # `wormopt completion` tells a shell of all of it
     commands = found.add_subparsers(metavar="COMMAND", required=True)
-    for group in (running, sweeping, showing, scenes, making, measuring, completing):
+    for group in (
+        running,
+        sweeping,
+        showing,
+        exporting,
+        scenes,
+        making,
+        measuring,
+        completing,
+    ):
         group.add(commands)
     return found

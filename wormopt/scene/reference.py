@@ -93,7 +93,7 @@ def quantity_of(table: type[msgspec.Struct], key: str) -> str:
     for name in (part for part in re.split(r"[.\[\]]+", key) if part and not part.isdecimal()):
         fields = [f for t in inside for f in msgspec.structs.fields(t) if f.encode_name == name]
         quantity = next((found for f in fields if (found := meaning(f.type)[0])), "")
-        inside = [part for field in fields for part in tables_in(_single(field.type))]
+        inside = [part for field in fields for part in tables_in(single(field.type))]
     return quantity
 
 

@@ -128,6 +128,27 @@ def load_scene(
     return Scene(name, folder, table, sweep)
 
 
+def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
+    """Read back what `Scene.text` gave of a scene of that kind, as a Result keeps it.
+
+    File names are relative to the folder of the packaged scenes for one of these, else to the
+    current folder. Raises SceneError as `load_scene`.
+    """
+    try:
+        raw = json.loads(text)
+    except ValueError:
+        raw = None
+    if not isinstance(raw, dict) or raw.get("kind") != kind:
+        raise SceneError(name, [("", "the result does not say its scene; run it again")])
+    table = _read_kind(name, raw)
+    packaged = packaged_scenes().get(name)
+    folder = packaged.parent if packaged else Path()
+    wrong = list(table.faults(folder))
+    if wrong:
+        raise SceneError(name, wrong)
+    return Scene(name, folder, table)
+
+
 def packaged_scenes() -> dict[str, Path]:
     """Name and file of each scene that comes with the package."""
     return {path.stem: path for path in sorted(packaged_folder().glob("*.toml"))}
