@@ -36,8 +36,7 @@ _DESIGN_SCALARS = MOTION_SCALARS | {
     "mode_sequence": (
         "count",
         "resting masses of a cycle of the motion, phase after phase; the order that was prescribed "
-        "stands in the trust report under `solver.sequence` and may contain phases that shrank to "
-        "nothing",
+        "stands in the trust report under `solver.sequence`: more masses may rest than it asks for",
     ),
     "load_range": (
         "force",
@@ -177,7 +176,7 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     | `solver.status` | `sharpened`: arcs halved until that gains nothing, then taken to rounding; `cut short` after a time limit or Ctrl-C; IPOPT's word where it solved for a smooth cost |
     | `solver.violation` | largest excess over any row of the last program, in its own units |
     | `solver.arcs_per_phase`, `solver.degree` | arcs of each phase; degree of the lengths on an arc |
-    | `solver.sequence`, `solver.durations`, `solver.cycles` | the order that was prescribed, how long each phase lasts, cycles in the period |
+    | `solver.sequence`, `solver.durations`, `solver.cycles` | the order that was prescribed, without phases that shrank to nothing; how long each phase lasts; cycles in the period |
     | `search.ended` | `searched`, `time limit` or `interrupted` |
     | `search.tried`, `search.variations_tried` | orders of rest that were tried; variations that were made, those passed over for their ceilings included |
     | `search.linear_programs` | linear programs solved in the search |
@@ -192,7 +191,8 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         "bound": (
             "speed",
             "with `[search.certify]`: proven, no gait of at most `certified_phases` phases a cycle "
-            "is faster, or cheaper; the ceiling, or 0 for a cost, before anything better is proven",
+            "is faster, or cheaper; never above the ceiling, which it is (for a cost 0) before "
+            "anything better is proven",
         ),
         "gap_certified": (
             "share",
