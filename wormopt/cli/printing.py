@@ -18,6 +18,8 @@ def print_result(result: Result, folder: Path) -> None:
     print(result.title)
     units = {name: s.unit for name, s in result.scalars.items() if s.unit != "1"}
     _print_values({name: s.value for name, s in result.scalars.items()}, units)
+    if "table" in result.attributes:
+        print(result.attributes["table"])
     facts = {name: value for name, value in result.trust.items() if name != "checks"}
     if facts:
         print("Trust:")

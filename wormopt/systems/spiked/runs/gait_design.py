@@ -33,7 +33,7 @@ from wormopt.systems.spiked.scenes.design_tables import in_scene
 from wormopt.systems.spiked.scenes.gait_design import DesignTable, GaitDesignScene
 from wormopt.systems.spiked.scenes.stepper import MotorTable
 from wormopt.systems.spiked.stepper.stepper import Demand, Stepper, demand
-from wormopt.systems.spiked.task import Cost
+from wormopt.systems.spiked.task import Cost, Effort
 
 # A gait is accepted if no limit is exceeded by more, and the second route agrees to this.
 _ACCEPTED = 1e-9
@@ -117,7 +117,7 @@ def of_design(table: DesignTable, found: Design) -> Findings:
         motion_variables(motion),
         tuple(checks),
         motion_facts(motion, again) | _facts(found, excess),
-        tuple(_warnings(found)),
+        tuple(_warnings(found, table.search.effort)),
     ) | Findings({"worst_violation": max(0.0, *excess.values())})
     if table.motor is not None:
         known |= _of_motors(table, table.motor, found)
@@ -197,7 +197,9 @@ def _facts(found: Design, excess: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def _warnings(found: Design) -> Iterator[str]:
+def _warnings(found: Design, effort: Effort) -> Iterator[str]:
+    if effort == "quick":
+        yield 'search.effort = "quick" tries little: write "normal" or "thorough" for better gaits'
     if not found.error <= 1e-6:
         known = np.isfinite(found.error)
         size = f"by {found.error:.1g} of it" if known else "by an unknown share"
