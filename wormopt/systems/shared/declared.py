@@ -131,7 +131,7 @@ JUDGED: Scalars = {
     **{name: CHAIN[name] for name in ("input_rms", "input_peak", "distance", "mean_speed")},
     "work": ("energy", "of the actuators: positive power of each, nothing recovered"),
     "net_work": ("energy", "of the actuators: what flows back too"),
-    "cost_of_transport": (
+    "energy_per_mass_distance": (
         "acceleration",
         "`work` by total mass and distance; unknown where the worm does not advance",
     ),

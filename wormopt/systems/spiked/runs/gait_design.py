@@ -17,6 +17,7 @@ from wormopt.quantities import Scalar, unit_of, unit_ratio
 from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.scene.types import per
+from wormopt.systems.shared.transport import assumed
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import designed
@@ -113,10 +114,10 @@ def of_design(table: DesignTable, found: Design) -> Findings:
         excess["objective.speed"] = 1.0 - motion.speed / objective.speed
     checks = [*_checks(excess, motion, found), *agreement(motion, again), *_under_loads(found)]
     known = Findings(
-        motion_scalars(motion, again) | _scalars(table, found, motion),
+        motion_scalars(motion, again, table.units) | _scalars(table, found, motion),
         motion_variables(motion),
         tuple(checks),
-        motion_facts(motion, again) | _facts(found, excess),
+        motion_facts(motion, again) | _facts(found, excess) | assumed(table.units),
         tuple(_warnings(found, table.search.effort)),
     ) | Findings({"worst_violation": max(0.0, *excess.values())})
     if table.motor is not None:
@@ -225,7 +226,7 @@ def _of_motors(table: DesignTable, motor: MotorTable, found: Design) -> Findings
         "motor_acceleration_share": float(asked.acceleration.max()) / motor.acceleration_max,
     }
     return Findings(
-        scalars, checks=(_check_of_motors(asked),), facts={"assumptions": {"motors": _MOTORS}}
+        scalars, checks=(_check_of_motors(asked),), facts=assumed(table.units, motors=_MOTORS)
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from wormopt.model.gait import Gait
 from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
+from wormopt.systems.shared.transport import cost_of_transport
 from wormopt.systems.spiked.bimodal import BimodalMotion, integrate
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.scenes.gait import MOTION_VARIABLES
@@ -47,10 +48,11 @@ class Findings:
         return conclude(scene, **{part.name: getattr(self, part.name) for part in fields(self)})
 
 
-def motion_scalars(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:
+def motion_scalars(motion: Crawl, again: BimodalMotion, units: str) -> dict[str, Any]:
     """Scalars that every gait result carries; extremes are over all time, not over samples.
 
-    Energies are None, unknown, where a velocity jumps or the worm does not advance.
+    Energies are None, unknown, where a velocity jumps or the worm does not advance. `units` are
+    the scene's.
     """
     low, high = motion.extremes("reaction_mean")
     # Forces and energy are finite and complete only where no velocity jumps.
@@ -68,7 +70,7 @@ def motion_scalars(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:
         "spike_load_max": motion.extremes("reaction")[1].max(),
         "actuator_force_max": max(abs(v).max() for v in forces) if smooth else None,
         "energy_per_distance": spent,
-        "cost_of_transport": None if spent is None else spent / float(motion.drive.mass.sum()),
+        **cost_of_transport(spent and spent / float(motion.drive.mass.sum()), units),
         "mode_sequence": motion.resting_sequence,
         "glides": motion.glides,
         "impulses": motion.impulses,

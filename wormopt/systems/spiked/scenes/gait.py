@@ -11,6 +11,7 @@ from msgspec import Meta
 from wormopt.errors import Fault
 from wormopt.scene.types import NonNegative, NonNegativeOrPair, PerMass, SceneTable, Table, says
 from wormopt.systems.shared.declared import GAIT
+from wormopt.systems.shared.transport import COST_OF_TRANSPORT
 from wormopt.systems.spiked.limits import Sharing
 from wormopt.systems.spiked.scenes.shapes import (
     AccordionShape,
@@ -60,10 +61,7 @@ MOTION_SCALARS: dict[str, tuple[str, str]] = {
         "energy the actuators spend, nothing recovered; unknown where velocities jump or the worm "
         "stands still",
     ),
-    "cost_of_transport": (
-        "acceleration",
-        "the same per total mass; divide by *g* for the dimensionless figure",
-    ),
+    **COST_OF_TRANSPORT,
     "mode_sequence": (
         "count",
         "lists of resting masses, phase after phase; an empty list is a glide",
