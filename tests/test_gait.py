@@ -211,7 +211,7 @@ def test_the_rows_of_a_table_come_back_exactly(tmp_path: Path):
     assert Gait.from_csv(tmp_path / "gait.csv")(t) == pytest.approx(gait(t), abs=1e-15)
 
 
-GOOD = ["t,l_1,l_2", "0,1,1", "0.3,1.2,1", "0.6,1.1,0.9", "1,1,1"]
+GOOD = ["t,l_0,l_1", "0,1,1", "0.3,1.2,1", "0.6,1.1,0.9", "1,1,1"]
 
 
 @pytest.mark.parametrize(
@@ -249,10 +249,10 @@ def test_tables_from_any_editor_are_read(tmp_path: Path, text: str):
         ([*GOOD[:-1], "1,1,1.01"], "closed period"),
         (GOOD[:1] + GOOD[:0:-1], "ascend from 0"),
         ([*GOOD[:2], "0,1.2,1", *GOOD[3:]], "ascend"),
-        (["t,l_1,l_2", "0.1,1,1", *GOOD[2:]], "ascend from 0"),
+        (["t,l_0,l_1", "0.1,1,1", *GOOD[2:]], "ascend from 0"),
         ([*GOOD[:2], "0.3,-1.2,1", *GOOD[3:]], "positive"),
         ([*GOOD[:2], "0.3,0,1", *GOOD[3:]], "positive"),
-        (["t;l_1;l_2", "0;1;1", "0.3;1.2;1", "0.6;1;1", "1;1;1"], "header t,l_1"),
+        (["t;l_0;l_1", "0;1;1", "0.3;1.2;1", "0.6;1;1", "1;1;1"], "header t,l_0"),
         ([*GOOD[:2], "0.3," + "1" * 200000 + ",1", *GOOD[3:]], "CSV text"),
     ],
 )
@@ -264,7 +264,7 @@ def test_hostile_tables_are_refused_with_a_reason(tmp_path: Path, rows: list[str
 
 
 @pytest.mark.parametrize(
-    "content", [b"t,l_1\n0,\xff\xfe1\n", b"\x00\x01\x02" * 40, "t,l_1\n0,1".encode("utf-16")]
+    "content", [b"t,l_0\n0,\xff\xfe1\n", b"\x00\x01\x02" * 40, "t,l_0\n0,1".encode("utf-16")]
 )
 def test_a_file_that_is_no_text_is_refused(tmp_path: Path, content: bytes):
     path = tmp_path / "gait.csv"

@@ -13,7 +13,7 @@ from wormopt.errors import ArgumentError
 
 @dataclass(frozen=True, eq=False)
 class Gait:
-    """Periodic link lengths l_1..l_n, on each piece a polynomial plus one harmonic.
+    """Periodic link lengths l_0..l_{n-1}, on each piece a polynomial plus one harmonic.
 
     On piece q, with s the time since it began,
     l_j(s) = sum_k polynomial[q, j, k] s^k
@@ -157,7 +157,7 @@ class Gait:
         return {k: getattr(self, k) for k in names if getattr(self, k) is not None}
 
     def to_csv(self, path: Path, samples: int = 1001) -> None:
-        """Write a table t, l_1..l_n over one closed period.
+        """Write a table t, l_0..l_{n-1} over one closed period.
 
         Parameters
         ----------
@@ -169,12 +169,12 @@ class Gait:
         t = np.linspace(0.0, self.period, samples)
         with Path(path).open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
-            writer.writerow(["t", *(f"l_{j}" for j in range(1, self.links + 1))])
+            writer.writerow(["t", *(f"l_{j}" for j in range(self.links))])
             writer.writerows([repr(float(v)) for v in row] for row in np.vstack([t, self(t)]).T)
 
     @classmethod
     def from_csv(cls, path: Path) -> Gait:
-        """Read a table t, l_1..l_n over one closed period; a periodic cubic spline joins the rows.
+        """Read a table t, l_0..l_{n-1} over one closed period; a periodic cubic spline joins rows.
 
         Parameters
         ----------
@@ -198,7 +198,7 @@ class Gait:
                 rows = [row for row in csv.reader(stream) if row]
         except (UnicodeDecodeError, csv.Error) as error:
             raise ArgumentError(f"a gait table must be CSV text in UTF-8 ({error})") from None
-        needs = "a gait table needs a header t,l_1,...,l_n and at least 4 rows"
+        needs = "a gait table needs a header t,l_0,l_1,... and at least 4 rows"
         if len(rows) < 5 or len(rows[0]) < 2 or _is_number(rows[0][0]):
             raise ArgumentError(needs)
         for number, row in enumerate(rows[1:], start=1):

@@ -59,7 +59,7 @@ def measure_power(model: Model) -> Model:
     """
     u, rate, v = model["input"], model["rate"], model["velocity"]
     spring, links = model["spring_force"], rate.numel()
-    # the spring force is c (l - l0) + d l', and l_j' = v_{j-1} - v_j
+    # the spring force is c (l - l0) + d l', and l_j' = v_j - v_{j+1}
     damping = ca.diag(ca.jacobian(spring, v)[:, :links])
     lost = ca.dot(damping, rate**2)
     lost += ca.dot(model["drag"] * v + model["load"], v)

@@ -369,7 +369,7 @@ def share_load(
 ) -> np.ndarray:
     """Split the total spike load (m,) over the resting masses: (n+1, m), 0 for those that move.
 
-    `unloaded`: mu_1..mu_{n+1} (n+1, m) from the head without loads. Least actuation: least
+    `unloaded`: forces behind each mass without loads (n+1, m), head first. Least actuation: least
     sum of mu², loads 0 to `most`, or all overloaded alike; "equal" does not heed `most`.
     """
     loads, masses = np.zeros_like(unloaded), list(resting)

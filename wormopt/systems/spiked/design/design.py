@@ -210,7 +210,7 @@ def sharpest(
         if sound and (k >= most or trial.value < _hopeful(survey.trials[0], solved[0][0])):
             break
         try:
-            report(f"sharpening gait {k + 1}", 0.9)
+            report(f"sharpening gait {k}", 0.9)
             record = max((s[0].value for s in solved if s[2]), default=-np.inf)
             solved.append(_sharpen(trier, trial, ended != "searched", record))
         except KeyboardInterrupt:

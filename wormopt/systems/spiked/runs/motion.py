@@ -88,7 +88,7 @@ def _lambda_mean(motion: Crawl) -> float:
 
 
 def _balances(motion: Crawl) -> tuple[float, float]:
-    """Largest mu_{n+1}, and mean lambda - k speed - Gamma, both as sizes."""
+    """Largest force left behind the tail, and mean lambda - k speed - Gamma, both as sizes."""
     closure = max(float(np.abs(v).max()) for v in motion.extremes("closure"))
     # drag acts on the mean velocity of the masses, which over a period is the speed
     return closure, abs(_lambda_mean(motion) - motion.drive.drag * motion.speed - motion.drive.load)
@@ -121,7 +121,8 @@ def cross_check(motion: Crawl) -> BimodalMotion:
 def motion_facts(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:
     """Residuals of a motion, and what the second route (`cross_check`) found.
 
-    ``force_balance``: largest mu_{n+1}; ``impulse_balance``: mean lambda - k speed - Gamma;
+    ``force_balance``: largest force left behind the tail, which is none; ``impulse_balance``:
+    mean lambda - k speed - Gamma;
     ``energy_balance``: (net work - dissipation) / (force scale × distance).
     """
     closure, impulse = _balances(motion)

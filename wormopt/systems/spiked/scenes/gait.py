@@ -174,7 +174,7 @@ class GaitScene(SceneTable, frozen=True, kw_only=True):
 
     With an empty `want` no variables are saved, only scalars. Signals are over one period, from
     time 0; where something jumps, the instant appears twice, with the values before and after.
-    Index 0 of links is link 1, at the head; the head starts at position 0. `sigma` is what is
+    Link 0 is at the head, between masses 0 and 1; the head starts at position 0. `sigma` is what is
     needed to hold the worm; `glide` is 0 while a mass rests; `actuator_force` is positive where
     the link pulls its masses together.
 

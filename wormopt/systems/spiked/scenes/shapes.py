@@ -30,8 +30,8 @@ class FastShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="fast")
         Positive,
         says(
             "length",
-            "*l*<sub>0</sub>: link 1 goes between *l*<sub>0</sub> and *l*<sub>0</sub>(1 + 2*e*), "
-            "link 2 between *l*<sub>0</sub>(1 − 2*e*) and *l*<sub>0</sub>",
+            "*l*<sub>0</sub> of (15): link 0 goes between it and 1 + 2*e* times it, link 1 between "
+            "1 − 2*e* times it and it",
         ),
     ] = 2.0
     elongation: Annotated[
@@ -109,7 +109,7 @@ class AccordionShape(WaveShape, frozen=True, kw_only=True, tag="accordion"):
 class SineShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="sine"):
     """A sine that runs from link to link, each behind the one ahead of it.
 
-    *l*<sub>j</sub> = `rest_length` + `amplitude` sin(2π(*t*/`period` − *j* `lag`)).
+    *l*<sub>j</sub> = `rest_length` + `amplitude` sin(2π(*t*/`period` − (*j* + 1) `lag`)).
     """
 
     period: Period
@@ -119,7 +119,7 @@ class SineShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="sine")
         Finite,
         says(
             "share",
-            "of a period, by which each link is behind the one ahead of it; link 1 itself lags by "
+            "of a period, by which each link is behind the one ahead of it; link 0 itself lags by "
             "as much",
         ),
     ] = 1 / 3
