@@ -3,16 +3,6 @@
 from __future__ import annotations
 
 from wormopt.quantities import GRAVITY
-from wormopt.systems.shared.declared import Scalars
-
-COST_OF_TRANSPORT: Scalars = {
-    "cost_of_transport": (
-        "1",
-        'energy by weight and distance, with `units = "SI"` only: a dimensionless scene has no '
-        "gravity. The weight is that under standard gravity, which the trust report names among "
-        "its `assumptions`; unknown where the energy is",
-    ),
-}
 
 
 def cost_of_transport(energy: float | None, units: str) -> dict[str, float | None]:

@@ -23,8 +23,7 @@ from wormopt.scene.types import (
     wrong_order,
 )
 from wormopt.systems.chain.scenes.chain import ChainTable
-from wormopt.systems.shared.declared import CHAIN_SIGNALS, INSTANT, OPTIMUM, over
-from wormopt.systems.shared.transport import COST_OF_TRANSPORT
+from wormopt.systems.shared.declared import CHAIN_SIGNALS, COST_OF_TRANSPORT, INSTANT, OPTIMUM, over
 from wormopt.systems.spiked import why_unreadable
 
 
@@ -192,7 +191,8 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
         **OPTIMUM,
         "objective": (
             "speed",
-            "what was minimised; of a speed its negative; the cost of transport is an acceleration",
+            "what was minimised; of a speed its negative; energy by mass and distance counts as an "
+            "acceleration",
         ),
     }
     variables: ClassVar = {

@@ -10,8 +10,7 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.scene.types import NonNegative, NonNegativeOrPair, PerMass, SceneTable, Table, says
-from wormopt.systems.shared.declared import GAIT
-from wormopt.systems.shared.transport import COST_OF_TRANSPORT
+from wormopt.systems.shared.declared import COST_OF_TRANSPORT, GAIT
 from wormopt.systems.spiked.limits import Sharing
 from wormopt.systems.spiked.scenes.shapes import (
     AccordionShape,
