@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -46,16 +44,14 @@ def _draw_line(axes: Axes, result: Result) -> None:
     x, y = result["front_speed"].values, result["front_value"].values
     accepted = result["front_accepted"].values.astype(bool)
     order = result["front_order"].values if "front_order" in result else np.zeros(len(x))
-    line = [int(k) for k in np.argsort(x) if accepted[k]]
-    axes.plot(x[line], y[line], "o", color=LINKS[0], markersize=7, label="best found")
-    jumps = []
-    for one, other in pairwise(line):
-        if order[one] == order[other]:
-            axes.plot(x[[one, other]], y[[one, other]], color=LINKS[0], linewidth=1.6)
-        else:
-            jumps.append((x[one] + x[other]) / 2)
+    line = np.argsort(x)
+    line = line[accepted[line]]
+    jumps = np.flatnonzero(np.diff(order[line])) + 1
+    for k, run in enumerate(np.split(line, jumps)):
+        axes.plot(x[run], y[run], "o-", color=LINKS[0], linewidth=1.6, markersize=7,
+                  label=None if k else "best found")  # fmt: skip
     for k, at in enumerate(jumps):
-        axes.axvline(at, color=GREY, linestyle=":", linewidth=1,
+        axes.axvline(x[line[at - 1 : at + 1]].mean(), color=GREY, linestyle=":", linewidth=1,
                      label=None if k else "order of rest changes")  # fmt: skip
 
 
