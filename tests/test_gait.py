@@ -349,7 +349,7 @@ def test_tables_from_any_editor_are_read(tmp_path: Path, text: str):
         (["t,l_0,l_1", "0.1,1,1", *GOOD[2:]], "ascend from 0"),
         ([*GOOD[:2], "0.3,-1.2,1", *GOOD[3:]], "positive"),
         ([*GOOD[:2], "0.3,0,1", *GOOD[3:]], "positive"),
-        (["t;l_1;l_2", "0;1;1", "0.3;1.2;1", "0.6;1;1", "1;1;1"], "header t,l_0"),
+        (["t;l_0;l_1", "0;1;1", "0.3;1.2;1", "0.6;1;1", "1;1;1"], "header t,l_0"),
         (["t,rate_0", "0,0", "0.3,1", "0.6,-1", "1,0"], "header t,l_0"),
         ([*GOOD[:2], "0.3," + "1" * 200000 + ",1", *GOOD[3:]], "CSV text"),
     ],

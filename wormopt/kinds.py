@@ -72,11 +72,12 @@ KINDS: dict[str, Kind] = {
         table="wormopt.systems.spiked.scenes.gait_design:GaitParetoScene",
         study="wormopt.systems.spiked.runs.gait_pareto",
         pictures={
-            "front": "wormopt.systems.spiked.plots.gaits:front",
-            "gait": "wormopt.systems.spiked.plots.gaits:gait",
-            "motion": "wormopt.systems.spiked.plots.gaits:motion",
-            "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
+            "front": "wormopt.systems.spiked.plots.front:front",
+            "gait": "wormopt.systems.spiked.plots.front:gait",
+            "motion": "wormopt.systems.spiked.plots.front:motion",
+            "spikes": "wormopt.systems.spiked.plots.front:spikes",
         },
+        table_file=True,
     ),
     "stepper": Kind(
         summary="a gait as commands for stepping motors, and how the worm moves by them",

@@ -35,6 +35,8 @@ def print_all(result: Result) -> None:
     print(result.title or result.scene)
     units = {name: s.unit for name, s in result.scalars.items() if s.unit != "1"}
     _print_values({name: s.value for name, s in result.scalars.items()}, units)
+    if "table" in result.attributes:
+        print(result.attributes["table"])
     facts = {name: value for name, value in result.trust.items() if name != "checks"}
     if facts:
         print("Trust:")

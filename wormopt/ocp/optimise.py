@@ -427,7 +427,7 @@ def best_of(
     """
     best, objectives, error = None, [], None
     for k, guess in enumerate(guesses):
-        report(f"start {k + 1}", None)
+        report(f"start {k}", None)
         try:
             found = optimise(problem, mesh, treatment, guess, p=p, solver=solver)
         except SolveError as failed:

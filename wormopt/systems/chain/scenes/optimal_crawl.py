@@ -23,7 +23,7 @@ from wormopt.scene.types import (
     wrong_order,
 )
 from wormopt.systems.chain.scenes.chain import ChainTable
-from wormopt.systems.shared.declared import CHAIN_SIGNALS, INSTANT, OPTIMUM, over
+from wormopt.systems.shared.declared import CHAIN_SIGNALS, COST_OF_TRANSPORT, INSTANT, OPTIMUM, over
 from wormopt.systems.spiked import why_unreadable
 
 
@@ -64,7 +64,7 @@ class AimTable(Table, frozen=True, kw_only=True):
         Literal["speed"] | None, says("", "mean speed − `effort` · mean of |*u*|²")
     ] = None
     minimise: Annotated[
-        Literal["cost_of_transport"] | None,
+        Literal["energy_per_mass_distance"] | None,
         says("", "positive work of the actuators over mass and way; `speed` is required then"),
     ] = None
     effort: Annotated[NonNegative, says("", "weight of the squared inputs, for `maximise`")] = 0.0
@@ -76,7 +76,10 @@ class AimTable(Table, frozen=True, kw_only=True):
         `robust`: several draws of the worm are optimised for.
         """
         if (self.maximise is None) == (self.minimise is None):
-            yield "aim", 'write maximise = "speed" or minimise = "cost_of_transport", one of both'
+            yield (
+                "aim",
+                'write maximise = "speed" or minimise = "energy_per_mass_distance", one of both',
+            )
         elif self.minimise and self.speed is None:
             yield "aim.speed", "missing; the cheapest crawl rests: write the least mean speed"
         elif self.minimise and self.effort:
@@ -176,10 +179,11 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
             "worm, after many periods",
         ),
         "advance": ("length", "way in a period"),
-        "cost_of_transport": (
+        "energy_per_mass_distance": (
             "acceleration",
             "positive work of the actuators over mass and way; not with `[robust]`",
         ),
+        **COST_OF_TRANSPORT,
         "order_smoothed": ("1", "slope of the errors over the width (convergence)"),
         "order_complementarity": ("1", "slope of the errors over the grid (convergence)"),
         "objective_smoothed": ("speed", "at the least width (convergence)"),
@@ -196,7 +200,8 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
         **OPTIMUM,
         "objective": (
             "speed",
-            "what was minimised; of a speed its negative; the cost of transport is an acceleration",
+            "what was minimised; of a speed its negative; energy by mass and distance counts as an "
+            "acceleration",
         ),
     }
     variables: ClassVar = {

@@ -50,7 +50,7 @@ class ConstantForce(Table, frozen=True, kw_only=True, tag_field="law", tag="cons
 class HarmonicChange(Table, frozen=True, kw_only=True, tag_field="law", tag="harmonic"):
     """Commanded change of rest length (11): a sine.
 
-    *u*<sub>j</sub> = *c*<sub>j</sub> `amplitude` sin(2π(*t*/`period` − *j* `lag`)).
+    *u*<sub>j</sub> = *c*<sub>j</sub> `amplitude` sin(2π(*t*/`period` − (*j* + 1) `lag`)).
     """
 
     amplitude: Annotated[NonNegativePerLink, says("length", "amplitude")]
@@ -59,7 +59,7 @@ class HarmonicChange(Table, frozen=True, kw_only=True, tag_field="law", tag="har
         Finite,
         says(
             "share",
-            "by how much of a period each link is behind the one ahead of it; link 1 itself lags "
+            "by how much of a period each link is behind the one ahead of it; link 0 itself lags "
             "by as much",
         ),
     ] = 0.0

@@ -208,6 +208,8 @@ def certified(
         return finer.value
 
     begun = begun or _begun(design)
+    if not cost:  # what is kept may be of an earlier run
+        begun = replace(begun, bound=min(begun.bound, design.ceiling))
     proof = prove(task, design.value, wanted, report, begun, save, improve)
     with suppress(KeyboardInterrupt):  # the design as it was
         better = finished(design, best[-1]) if best else design

@@ -19,7 +19,7 @@ from wormopt.shown import Part, brief, html, lines
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.search.search import Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.sequences import Sequence_, lasting
+from wormopt.systems.spiked.sequences import Sequence_, lasting, repetition
 from wormopt.systems.spiked.task import Cost, GaitProblem, Search
 from wormopt.systems.spiked.verify import violations
 
@@ -152,6 +152,11 @@ class Design:
         return abs(self.trial.value)
 
     @cached_property
+    def phases(self) -> int:
+        """Phases of a cycle, by the order that was prescribed or by the masses that do rest."""
+        return min(len(self.sequence), len(self.motion.resting_sequence))
+
+    @cached_property
     def violations(self) -> dict[str, float]:
         """Excess over each limit by its size, negative where there is room to spare.
 
@@ -230,7 +235,7 @@ def sharpest(
         if sound and (k >= most or trial.value < _hopeful(survey.trials[0], solved[0][0])):
             break
         try:
-            report(f"sharpening gait {k + 1}", 0.9)
+            report(f"sharpening gait {k}", 0.9)
             record = max((s[0].value for s in solved if s[2]), default=-np.inf)
             solved.append(_sharpen(trier, trial, ended != "searched", record))
         except KeyboardInterrupt:
@@ -242,8 +247,10 @@ def sharpest(
     value = max(trial.value for trial, *_ in sound)
     trial, error, _ = min(
         (s for s in sound if s[0].value >= value - _TIE * abs(value)),
-        key=lambda s: len(s[0].sequence),
+        key=lambda s: len(lasting(s[0].sequence, s[0].durations.tolist())[0]),
     )
+    if ended == "searched":
+        trial = _in_fewer_phases(trier, trial)
     return of_trial(task, trial, error, bound, survey, ended)
 
 
@@ -254,9 +261,42 @@ def _hopeful(best: Trial, sharp: Trial) -> float:
 
 def finished(design: Design, trial: Trial) -> Design:
     """Make a design of a better, sharpened trial of the same task."""
-    sharp, error, _ = _sharpen(Trier(design.task), trial, quickly=False)
+    trier = Trier(design.task)
+    sharp, error, _ = _sharpen(trier, trial, quickly=False)
+    sharp = _in_fewer_phases(trier, sharp)
     found = of_trial(design.task, sharp, error, design.ceiling, design.survey, design.ended)
     return replace(found, timings_s=design.timings_s)
+
+
+def _in_fewer_phases(trier: Trier, trial: Trial) -> Trial:
+    """The same with the phases that it needs, where those are fewer.
+
+    Phases of next to no length are left out, and of a cycle that repeats itself one repetition
+    is taken. Either may cost next to nothing.
+    """
+    for simpler in (_without_short_phases(trier, trial), _one_repetition(trier, trial)):
+        if simpler is None or simpler.value < trial.value - _TIE * abs(trial.value):
+            continue
+        if _keeps(trier.task, simpler):
+            trial = simpler
+    return trial
+
+
+def _without_short_phases(trier: Trier, trial: Trial) -> Trial | None:
+    program, point = trial.program.lasting(trial.point)
+    if program is trial.program or point is None:
+        return None
+    return _exact(trier.climbed(replace(trial, program=program, point=point), 1e-10, _STEPS))
+
+
+def _one_repetition(trier: Trier, trial: Trial) -> Trial | None:
+    sequence, durations = lasting(trial.sequence, trial.durations.tolist())
+    part = repetition(sequence)
+    if part == len(sequence):
+        return None
+    mean = np.reshape(durations, (-1, part)).mean(axis=0)
+    one = trier.near(sequence[:part], mean, trial.cycles * len(sequence) // part)
+    return one and _sharpen(trier, one, quickly=False)[0]
 
 
 def _keeps(task: GaitProblem, trial: Trial) -> bool:

@@ -18,7 +18,7 @@ from wormopt.scene.types import (
     per,
     says,
 )
-from wormopt.systems.shared.declared import GAIT
+from wormopt.systems.shared.declared import COST_OF_TRANSPORT, GAIT
 from wormopt.systems.shared.incline import (
     Gravity,
     Uphill,
@@ -75,10 +75,7 @@ MOTION_SCALARS: dict[str, tuple[str, str]] = {
         "energy the actuators spend, nothing recovered; unknown where velocities jump or the worm "
         "stands still",
     ),
-    "cost_of_transport": (
-        "acceleration",
-        "the same per total mass; divide by *g* for the dimensionless figure",
-    ),
+    **COST_OF_TRANSPORT,
     "mode_sequence": (
         "count",
         "lists of resting masses, phase after phase; an empty list is a glide",
@@ -213,7 +210,7 @@ class GaitScene(SceneTable, frozen=True, kw_only=True):
 
     With an empty `want` no variables are saved, only scalars. Signals are over one period, from
     time 0; where something jumps, the instant appears twice, with the values before and after.
-    Index 0 of links is link 1, at the head; the head starts at position 0. `sigma` is what is
+    Link 0 is at the head, between masses 0 and 1; the head starts at position 0. `sigma` is what is
     needed to hold the worm; `glide` is 0 while a mass rests; `actuator_force` is positive where
     the link pulls its masses together.
 

@@ -128,7 +128,7 @@ class StepperScene(SceneTable, frozen=True, kw_only=True):
     }
     variables: ClassVar = {
         "step_time": ("time", ("step",), "time of the step"),
-        "step_motor": ("1", ("step",), "motor of link"),
+        "step_motor": ("1", ("step",), "motor, of the link of its number"),
         "step_direction": ("1", ("step",), "1 lengthens the link"),
         "length_start": ("length", ("link",), "length at time 0"),
         "time": ("time", ("time",), "time"),
