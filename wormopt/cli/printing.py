@@ -23,6 +23,8 @@ def print_result(result: Result) -> None:
             if heading:
                 print(f"{heading}:")
             print_table([tuple(line(cell, len(cell)) for cell in row) for row in rows])
+    if "table" in result.attributes:
+        print(result.attributes["table"])
     print("Trust:")
     width = max(_columns() - 2, 40)
     for told in trust(result):

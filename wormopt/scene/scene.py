@@ -140,7 +140,7 @@ def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
         raw = None
     if not isinstance(raw, dict) or raw.get("kind") != kind:
         raise SceneError(name, [("", "the result does not say its scene; run it again")])
-    table = _read_kind(name, raw)
+    table, _ = _read_kind(name, raw)
     packaged = packaged_scenes().get(name)
     folder = packaged.parent if packaged else Path()
     wrong = list(table.faults(folder))
