@@ -115,7 +115,7 @@ def test_the_picture_joins_no_line_across_a_jump_and_marks_the_knee():
     told = [text.get_text() for text in legend.get_texts()]
     assert {"knee", "order of rest changes"} <= set(told)
     (star,) = (line for line in drawn.axes[0].lines if line.get_marker() == "*")
-    assert (star.get_xdata()[0], star.get_ydata()[0]) == (0.4, 2.0)
+    assert np.asarray(star.get_xydata()).tolist() == [[0.4, 2.0]]
 
 
 def test_the_gait_drawn_beside_is_named_as_the_knees(folder: Path):

@@ -165,7 +165,7 @@ def _front(
     }
     front = conclude(
         scene,
-        knee.scalars | scalars,
+        {**knee.scalars, **scalars},
         {variable.name: variable for variable in knee.variables} | variables,
         checks=(*knee.checks, some_count),
         facts={**knee.trust, "dominated": int(np.sum(beaten))},
