@@ -89,7 +89,7 @@ def test_the_table_is_printed_and_names_knee_and_jumps(
     from wormopt.cli.printing import print_result
 
     result = Result.load(folder)
-    print_result(result)
+    print_result(result, folder)
     table = (folder / "table.md").read_text()
     assert table in capsys.readouterr().out
     _, _, *rows = table.splitlines()
@@ -115,7 +115,7 @@ def test_the_picture_joins_no_line_across_a_jump_and_marks_the_knee():
     told = [text.get_text() for text in legend.get_texts()]
     assert {"knee", "order of rest changes"} <= set(told)
     (star,) = (line for line in drawn.axes[0].lines if line.get_marker() == "*")
-    assert star.get_xydata().tolist() == [[0.4, 2.0]]
+    assert np.asarray(star.get_xydata()).tolist() == [[0.4, 2.0]]
 
 
 def test_the_gait_drawn_beside_is_named_as_the_knees(folder: Path):

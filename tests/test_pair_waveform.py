@@ -168,7 +168,7 @@ def test_a_pair_that_friction_holds_is_told():
 
 
 def test_a_strain_at_which_the_link_cannot_draw_is_refused_by_its_name():
-    # mass 1 needs a pull above its friction 0.5 eps
+    # mass 0 needs a pull above its friction 0.5 eps
     message = r"limits.strain 0.0177 lets nothing move.*above 0.01775"
     with pytest.raises(SolveError, match=message) as caught:
         solved("limits.strain=0.0177")
