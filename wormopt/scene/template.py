@@ -52,9 +52,8 @@ def _example(kind: str) -> dict[str, Any]:
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
         if raw["kind"] == kind and "model" not in raw:  # a model has a file of its own
             found.append((times.get(name, 0), len(json.dumps(raw)), name, raw))
-    raw = min(found)[-1]
-    raw.pop("title", None)
-    return raw
+    raw = min(found)[-1] if found else {"schema": 1, "kind": kind}
+    return {key: value for key, value in raw.items() if key != "title"}
 
 
 def _table(
