@@ -1,19 +1,23 @@
-"""What the pictures share: colours, style, labels, legends and limits.
+"""What the pictures share: sheet, colours, style, labels, facts, legends and limits.
+
+Everything is numbered from 0: mass 0 is the head, link 0 joins masses 0 and 1.
 
 Limits are scalars of a result, or attributes, that may be missing: ``length_limits`` ([low, high]
 or one such pair per link), ``rate_limit`` (a number, one per link, or [contraction, extension]
-with one list each), ``spike_load_limit`` (a number or one per mass) and ``actuator_force_limit``
-(a number or one per link).
+with one list each), ``acceleration_limit`` and ``actuator_force_limit`` (a number or one per
+link), ``spike_load_limit`` (a number or one per mass).
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps
+from matplotlib import colormaps, rcParams
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -21,42 +25,140 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.typing import RcKeyType
 
+from wormopt.errors import UnknownNameError
 from wormopt.result import Result
 
-# Colour-blind-safe: masses by Tol ("muted"), links by Okabe and Ito, dashed from the fifth on.
+# Colour-blind-safe: masses by Tol ("muted"), links by Okabe and Ito. Dashes tell links apart in
+# grey, and where one curve lies on another.
 MASSES = ("#332288", "#CC6677", "#117733", "#DDAA33", "#4BA3D3",
            "#882255", "#44AA99", "#999933", "#AA4499")  # fmt: skip
 LINKS = ("#0072B2", "#E69F00", "#009E73", "#D55E00") * 2
-GREY, RED, GLIDE = "#666666", "#B22222", "#F3E3C3"
+_DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (2, 1)), (0, (6, 1.2, 1.2, 1.2)))
+GREY, RED, GLIDE = "#5A5A5A", "#B22222", "#F3E3C3"
+LIMIT: Any = (0, (5, 3))  # dashes of limits, thin and grey
+COLUMN, PAGE = 85.0, 180.0  # widths of one column and of two in a journal, mm
+_NARROW, _INCH = 120.0, 25.4
 STYLE: dict[RcKeyType, Any] = {
-    "font.size": 10.5,
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.titlelocation": "left",
+    "axes.titlepad": 4,
+    "axes.labelsize": 8,
+    "axes.labelpad": 3,
+    "axes.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
-    "grid.color": "#E6E6E6",
-    "grid.linewidth": 0.6,
     "axes.axisbelow": True,
-    "axes.titlesize": 10,
-    "axes.titlecolor": GREY,
+    "grid.color": "#E6E6E6",
+    "grid.linewidth": 0.5,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.size": 1.5,
+    "ytick.minor.size": 1.5,
     "legend.frameon": False,
-    "legend.fontsize": 9.5,
+    "legend.fontsize": 7.5,
+    "legend.title_fontsize": 7.5,
+    "legend.handlelength": 1.9,
+    "legend.columnspacing": 1.2,
+    "legend.labelspacing": 0.35,
+    "legend.borderaxespad": 0.3,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 5,
     "lines.solid_capstyle": "butt",
+    "patch.linewidth": 0.6,
     "mathtext.fontset": "dejavusans",
+    # letters as outlines: the same on a machine without our font, and the same bytes each time
+    "svg.fonttype": "path",
+    "svg.hashsalt": "wormopt",
+    "pdf.fonttype": 42,
 }
+
+
+def sheet(width: float, height: float, narrow: float | None = None) -> Figure:
+    """Give an empty figure as wide as pictures are to be, bound to no window.
+
+    `width` and `height` are its proportions, in inches where it fills a page; `narrow` its height
+    in inches in one column, where that is not in proportion.
+    """
+    wanted = rcParams["figure.figsize"][0]
+    tall = height * wanted / width
+    if narrow is not None:
+        share = np.clip((wanted * _INCH - COLUMN) / (PAGE - COLUMN), 0, None)
+        tall = float(narrow + share * (height * PAGE / _INCH / width - narrow))
+    return Figure((wanted, tall), layout=ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.04))
+
+
+def narrow() -> bool:
+    """Whether pictures are to go into one column: legends and panels then stand below others."""
+    return rcParams["figure.figsize"][0] * _INCH < _NARROW
+
+
+def tell(drawn: Figure, *parts: str) -> None:
+    """Say facts, one text each, in the heading of a picture; empty ones are left out."""
+    text = "; ".join(part for part in parts if part)
+    if text:
+        drawn.text(0.0, 1.0, text, label=FACTS)
+
+
+FACTS = "facts"  # label of the texts that go with the heading
+
+
+def fact(result: Result, name: str, words: str = "", unit: str = "") -> str:
+    """Say a scalar in words, in its unit or a multiple ("mm s-1" of m s-1, "%" of 1).
+
+    Empty where the result has no such number.
+    """
+    known = result.scalars.get(name)
+    if known is None or isinstance(known.value, bool) or not isinstance(known.value, int | float):
+        return ""
+    times = 100.0 if unit == "%" else _PREFIXES[unit.removesuffix(known.unit)] if unit else 1.0
+    told = f"{words or name.replace('_', ' ')} {number(times * known.value)}"
+    return f"{told} {raised(unit or known.unit)}".rstrip()
+
+
+_PREFIXES = {"": 1.0, "m": 1e3, "µ": 1e6, "k": 1e-3}
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Write a number with so many significant digits, powers of ten raised."""
+    mantissa, _, exponent = f"{value:.{digits}g}".replace("-", "−").partition("e")
+    if not exponent:
+        return mantissa
+    return rf"{mantissa}·10$^{{{int(exponent.replace('−', '-'))}}}$"
+
+
+def needed(result: Result, name: str) -> Any:
+    """Value of a scalar or attribute; UnknownNameError where the result has neither."""
+    value = scalar(result, name)
+    if value is None:
+        known = [*result.scalars, *result.attributes]
+        raise UnknownNameError("the result", "number", [name], known)
+    return value
 
 
 def draw_limits(
     axes: Axes, limits: Sequence[tuple[float, ...]], colours: Sequence[str] = LINKS
-) -> None:
+) -> list[Line2D]:
     """Thin dashed lines: grey where all curves share them, in their own colours otherwise.
 
-    `limits`: levels, one tuple per curve; empty draws nothing.
+    `limits`: levels, one tuple per curve; empty draws nothing. Gives what a legend says of them.
     """
     shared = len(set(limits)) == 1
     for values, colour in zip(limits[:1] if shared else limits, colours, strict=False):
         for value in values:
-            axes.axhline(value, color=GREY if shared else colour, linestyle=(0, (5, 3)),
-                         linewidth=1, zorder=1.5)  # fmt: skip
+            axes.axhline(value, color=GREY if shared else colour, linestyle=LIMIT, linewidth=0.8,
+                         zorder=1.5)  # fmt: skip
+    return [line("limit" if shared else "limits", GREY, LIMIT, 0.8)] if limits else []
+
+
+def line(text: str, colour: str = GREY, dashes: Any = "-", width: float = 1.3) -> Line2D:
+    """Give an entry of a legend."""
+    return Line2D([], [], color=colour, linestyle=dashes, linewidth=width, label=text)
 
 
 def ranges(limits: Any, count: int) -> list[tuple[float, ...]]:
@@ -109,38 +211,64 @@ def shades(palette: Sequence[str], count: int) -> Sequence[str]:
     return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.9, count))]
 
 
+def labels(what: str, count: int) -> list[str]:
+    """Names of links, masses, motors or the like, which are numbered from 0."""
+    ends = {0: " (head)", count - 1: " (tail)"} if what == "mass" else {}
+    return [f"{what} {i}{ends.get(i, '')}" for i in range(count)]
+
+
 def link_lines(count: int) -> list[Line2D]:
-    """How each link is drawn, dashed from the fifth on; a ramp of colours where there are many."""
-    solid = 4 if count <= len(LINKS) else count
+    """How each link is drawn; a ramp of colours where there are many."""
+    many = count > len(LINKS)
     return [
-        Line2D([], [], color=colour, linestyle="-" if j < solid else (0, (2, 1)), linewidth=1.8,
-               label=f"link {j + 1}")
-        for j, colour in enumerate(shades(LINKS, count))
-    ]  # fmt: skip
-
-
-def link_handles(count: int) -> list[Line2D]:
-    """Lines for a legend of links; of many the ends and the middle only."""
-    return _few(link_lines(count), len(LINKS))
-
-
-def mass_handles(count: int) -> list[Line2D]:
-    """Lines for a legend of masses, 0 the head; of many the ends and the middle only."""
-    ends = {0: " (head)", count - 1: " (tail)"}
-    lines = [
-        Line2D([], [], color=colour, linewidth=1.8, label=f"mass {i}{ends.get(i, '')}")
-        for i, colour in enumerate(shades(MASSES, count))
+        line(text, colour, "-" if many else _DASHES[(j + j // 4) % 4])
+        for j, (text, colour) in enumerate(
+            zip(labels("link", count), shades(LINKS, count), strict=True)
+        )
     ]
-    return _few(lines, len(MASSES))
 
 
-def _few(lines: list[Line2D], most: int) -> list[Line2D]:
-    return lines if len(lines) <= most else [lines[0], lines[len(lines) // 2], lines[-1]]
+def handles(what: str, count: int) -> list[Line2D]:
+    """Lines for a legend of links or masses, or else; of many the ends and the middle only."""
+    if what == "link":
+        lines = link_lines(count)
+    else:
+        lines = list(map(line, labels(what, count), shades(MASSES, count)))
+    return lines if count <= len(MASSES) else [lines[0], lines[count // 2], lines[-1]]
 
 
-def legend(axes: Axes, handles: list[Line2D]) -> None:
-    """Put a legend beside the axes, where it covers nothing."""
-    axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.01, 0.5))
+def legend(axes: Axes, entries: Sequence[Artist] | None = None, title: str = "") -> None:
+    """Put a legend where it covers nothing: beside the axes, in one column above them.
+
+    Of `entries`, or of what is labelled. A title of the axes must be there before.
+    """
+    entries = list(axes.get_legend_handles_labels()[0] if entries is None else entries)
+    if not narrow():
+        axes.legend(handles=entries, loc="center left", bbox_to_anchor=(1.0, 0.5), title=title)
+        return
+    abreast = _abreast(entries, 0.75)
+    # by rows, as one reads
+    rows = math.ceil(len(entries) / abreast)
+    axes.legend(handles=entries, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=abreast,
+                title=title, alignment="left")  # fmt: skip
+    if heading := axes.get_title(loc="left"):
+        axes.set_title(heading, pad=5 + 11 * (rows + bool(title)))
+
+
+def legend_below(drawn: Figure, entries: Sequence[Artist] | None = None) -> None:
+    """Put a legend for all panels below them."""
+    if entries is None:
+        found = [axes.get_legend_handles_labels() for axes in drawn.axes]
+        named = {t: h for hs, ts in reversed(found) for h, t in zip(hs, ts, strict=True)}
+        entries = [named[t] for t in dict.fromkeys(t for _, ts in found for t in ts)]
+    drawn.legend(handles=list(entries), loc="outside lower center", ncols=_abreast(entries, 1.0))
+
+
+def _abreast(entries: Sequence[Artist], share: float) -> int:
+    """How many entries of a legend fit beside each other into that share of the sheet."""
+    longest = max((len(str(e.get_label()).replace("$", "")) for e in entries), default=1)
+    room = share * 72 * rcParams["figure.figsize"][0]
+    return int(np.clip(room // (4.2 * longest + 26), 1, max(1, len(entries))))
 
 
 def label(text: str, unit: str) -> str:
@@ -158,19 +286,3 @@ def scalar(result: Result, name: str) -> Any:
     if name in result.scalars:
         return result.scalars[name].value
     return result.attributes.get(name)
-
-
-def facts(result: Result, *names: str) -> str:
-    """Give the named scalars as one line; those missing or no numbers are left out."""
-    found = [(name.replace("_", " "), result.scalars.get(name)) for name in names]
-    return "    ".join(
-        f"{name} {number.value:.6g} {raised(number.unit)}".rstrip()
-        for name, number in found
-        if number and isinstance(number.value, int | float)
-    )
-
-
-def sheet(width: float, height: float) -> Figure:
-    """Give an empty figure, in inches, with some room at its edges, bound to no window."""
-    layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.1)
-    return Figure(figsize=(width, height), layout=layout)
