@@ -33,7 +33,7 @@ from wormopt.result import Result
 MASSES = ("#332288", "#CC6677", "#117733", "#DDAA33", "#4BA3D3",
            "#882255", "#44AA99", "#999933", "#AA4499")  # fmt: skip
 LINKS = ("#0072B2", "#E69F00", "#009E73", "#D55E00") * 2
-_DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (2, 1)), (0, (6, 1.2, 1.2, 1.2)))
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (2, 1)), (0, (6, 1.2, 1.2, 1.2)))
 GREY, RED, GLIDE = "#5A5A5A", "#B22222", "#F3E3C3"
 LIMIT: Any = (0, (5, 3))  # dashes of limits, thin and grey
 COLUMN, PAGE = 85.0, 180.0  # widths of one column and of two in a journal, mm
@@ -156,9 +156,13 @@ def draw_limits(
     return [line("limit" if shared else "limits", GREY, LIMIT, 0.8)] if limits else []
 
 
-def line(text: str, colour: str = GREY, dashes: Any = "-", width: float = 1.3) -> Line2D:
+def line(
+    text: str, colour: str = GREY, dashes: Any = "-", width: float = 1.3, marker: str = ""
+) -> Line2D:
     """Give an entry of a legend."""
-    return Line2D([], [], color=colour, linestyle=dashes, linewidth=width, label=text)
+    return Line2D(
+        [], [], color=colour, linestyle=dashes, linewidth=width, marker=marker, label=text
+    )
 
 
 def ranges(limits: Any, count: int) -> list[tuple[float, ...]]:
@@ -213,7 +217,7 @@ def shades(palette: Sequence[str], count: int) -> Sequence[str]:
 
 def labels(what: str, count: int) -> list[str]:
     """Names of links, masses, motors or the like, which are numbered from 0."""
-    ends = {0: " (head)", count - 1: " (tail)"} if what == "mass" else {}
+    ends = {0: " (head)", count - 1: " (tail)"} if what == "mass" and count > 1 else {}
     return [f"{what} {i}{ends.get(i, '')}" for i in range(count)]
 
 
@@ -221,7 +225,7 @@ def link_lines(count: int) -> list[Line2D]:
     """How each link is drawn; a ramp of colours where there are many."""
     many = count > len(LINKS)
     return [
-        line(text, colour, "-" if many else _DASHES[(j + j // 4) % 4])
+        line(text, colour, "-" if many else DASHES[(j + j // 4) % 4])
         for j, (text, colour) in enumerate(
             zip(labels("link", count), shades(LINKS, count), strict=True)
         )
@@ -265,10 +269,12 @@ def legend_below(drawn: Figure, entries: Sequence[Artist] | None = None) -> None
 
 
 def _abreast(entries: Sequence[Artist], share: float) -> int:
-    """How many entries of a legend fit beside each other into that share of the sheet."""
-    longest = max((len(str(e.get_label()).replace("$", "")) for e in entries), default=1)
+    """How many columns of a legend fit into that share of the sheet."""
+    widths = [26 + 4.1 * len(re.sub(r"[$\\{}]", "", str(e.get_label()))) for e in entries]
     room = share * 72 * rcParams["figure.figsize"][0]
-    return int(np.clip(room // (4.2 * longest + 26), 1, max(1, len(entries))))
+    counts = range(len(entries), 1, -1)
+    fits = (n for n in counts if sum(map(max, np.array_split(widths, n))) < room)
+    return next(fits, 1)
 
 
 def label(text: str, unit: str) -> str:
