@@ -181,7 +181,7 @@ def _entitle(drawn: Figure, result: Result, height: float | None, title: bool) -
     if title and facts:
         rows.append((facts.split("; "), "; ", {"color": GREY, "size": 7.5}))
     whole = height or drawn.get_figheight()
-    down, room, texts = _EDGE, drawn.get_figwidth() - 2 * _EDGE, []
+    down, room, texts = _EDGE, 0.97 * drawn.get_figwidth() - _EDGE, []
     for parts, between, style in rows:
         text = drawn.text(0, 1, "", va="top", linespacing=1.15, **style)
         _break(text, parts, between, room * drawn.dpi)

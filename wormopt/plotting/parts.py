@@ -10,7 +10,6 @@ link), ``spike_load_limit`` (a number or one per mass).
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -248,33 +247,62 @@ def legend(axes: Axes, entries: Sequence[Artist] | None = None, title: str = "")
     """
     entries = list(axes.get_legend_handles_labels()[0] if entries is None else entries)
     if not narrow():
-        axes.legend(handles=entries, loc="center left", bbox_to_anchor=(1.0, 0.5), title=title)
+        texts, _ = _fitted(entries, 0.25)
+        axes.legend(entries, texts, loc="center left", bbox_to_anchor=(1.0, 0.5), title=title)
         return
-    abreast = _abreast(entries, 0.75)
-    # by rows, as one reads
-    rows = math.ceil(len(entries) / abreast)
-    axes.legend(handles=entries, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=abreast,
+    texts, columns = _fitted(entries, 0.75)
+    axes.legend(entries, texts, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=columns,
                 title=title, alignment="left")  # fmt: skip
     if heading := axes.get_title(loc="left"):
+        rows = max(sum(1 + text.count("\n") for text in column)
+                   for column in np.array_split(np.array(texts), columns))  # fmt: skip
         axes.set_title(heading, pad=5 + 11 * (rows + bool(title)))
 
 
 def legend_below(drawn: Figure, entries: Sequence[Artist] | None = None) -> None:
-    """Put a legend for all panels below them."""
+    """Put a legend for all panels below them; of what is labelled, where no entries are given."""
     if entries is None:
-        found = [axes.get_legend_handles_labels() for axes in drawn.axes]
-        named = {t: h for hs, ts in reversed(found) for h, t in zip(hs, ts, strict=True)}
-        entries = [named[t] for t in dict.fromkeys(t for _, ts in found for t in ts)]
-    drawn.legend(handles=list(entries), loc="outside lower center", ncols=_abreast(entries, 1.0))
+        found = [
+            pair
+            for axes in drawn.axes
+            for pair in zip(*axes.get_legend_handles_labels(), strict=True)
+        ]
+        named = {text: entry for entry, text in reversed(found)}
+        entries = [named[text] for text in dict.fromkeys(text for _, text in found)]
+    texts, columns = _fitted(entries, 1.0)
+    drawn.legend(list(entries), texts, loc="outside lower center", ncols=columns)
 
 
-def _abreast(entries: Sequence[Artist], share: float) -> int:
-    """How many columns of a legend fit into that share of the sheet."""
-    widths = [26 + 4.1 * len(re.sub(r"[$\\{}]", "", str(e.get_label()))) for e in entries]
+def _fitted(entries: Sequence[Artist], share: float) -> tuple[list[str], int]:
+    """Texts of a legend, long ones in lines, and how many columns fit into a share of the sheet."""
     room = share * 72 * rcParams["figure.figsize"][0]
+    longest = min(52, int((room - 30) / 4.1))
+    texts = [wrapped(str(entry.get_label()), longest) for entry in entries]
+    widths = [26 + 4.1 * max(map(_letters, text.split("\n"))) for text in texts]
     counts = range(len(entries), 1, -1)
     fits = (n for n in counts if sum(map(max, np.array_split(widths, n))) < room)
-    return next(fits, 1)
+    return texts, next(fits, 1)
+
+
+def wrapped(text: str, letters: int) -> str:
+    """Break a text into lines of so many letters, formulas left whole."""
+    lines = [""]
+    for word in re.findall(r"(?:\$[^$]*\$|\S)+", text):
+        if lines[-1] and _letters(f"{lines[-1]} {word}") > letters:
+            lines.append(word)
+        else:
+            lines[-1] = f"{lines[-1]} {word}".strip()
+    return "\n".join(lines)
+
+
+def room(abreast: int) -> int:
+    """How many letters of a title fit above each of so many panels side by side."""
+    return max(8, int(13 * rcParams["figure.figsize"][0] / abreast) - 2)
+
+
+def _letters(text: str) -> int:
+    """How many letters long a text appears."""
+    return len(re.sub(r"\\[a-z]+", "x", text).translate({ord(mark): None for mark in "${}^_"}))
 
 
 def label(text: str, unit: str) -> str:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from itertools import islice
 from string import ascii_lowercase
 
 import numpy as np
-from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -23,8 +21,10 @@ from wormopt.plotting.parts import (
     line,
     narrow,
     needed,
+    room,
     sheet,
     tell,
+    wrapped,
 )
 from wormopt.result import Result
 
@@ -36,7 +36,7 @@ _BOXES = {
     "distance": r"distance $\Delta x$",
 }
 _ENDS = (0.05, 0.95)  # of the plants, 90 % lie between
-_LEAST = 1e-3  # smaller errors are not shown
+_LEAST = 0.02  # of the tube's radius; smaller errors are not shown
 
 
 def comparison(result: Result) -> Figure:
@@ -53,7 +53,7 @@ def comparison(result: Result) -> Figure:
     for k, axes in enumerate(panels.ravel()):
         if k < len(names):
             _draw_errors(axes, result, k)
-            axes.set_title(_wrapped(f"{ascii_lowercase[k]}  {names[k]}", columns))
+            axes.set_title(wrapped(f"{ascii_lowercase[k]}: {names[k]}", room(columns)))
         else:
             axes.remove()
     for axes in panels[:, 0]:
@@ -62,12 +62,14 @@ def comparison(result: Result) -> Figure:
         axes = panels.ravel()[k]
         axes.set_xlabel(label("time $t$", result["time"].unit))
         axes.tick_params(labelbottom=True)
-    prices = below.subgridspec(1, len(references)).subplots(sharey=True, squeeze=False)[0]
+    prices = below.subgridspec(1, len(references)).subplots(
+        sharex=True, sharey=True, squeeze=False
+    )[0]
     for k, axes in enumerate(prices):
         _draw_prices(axes, result, k)
         axes.set_xlabel(label("rms of $u$", result["drawn_input_rms"].unit))
-        axes.set_title(_wrapped(f"a to {ascii_lowercase[len(names) - 1]} for {references[k]}",
-                                len(references)))  # fmt: skip
+        axes.set_title(wrapped(f"a to {ascii_lowercase[len(names) - 1]} for {references[k]}",
+                               room(len(references))))  # fmt: skip
     prices[0].set_ylabel(label("largest $|e|$\nafter capture", result["error_norm"].unit))
     told = [line(name, *_style(k)) for k, name in enumerate(references)]
     legend_below(drawn, [
@@ -84,10 +86,6 @@ def _plants(result: Result) -> list[str]:
             fact(result, "draws", "plants that are not as believed")]  # fmt: skip
 
 
-def _wrapped(text: str, abreast: int) -> str:
-    return "\n".join(textwrap.wrap(text, int(15.5 * rcParams["figure.figsize"][0] / abreast)))
-
-
 def _style(reference: int) -> tuple[str, object, float]:
     """Colour, dashes and width of what follows a reference."""
     return LINKS[reference % 4], ("-", (0, (4, 1.2)), (0, (1.5, 1)))[reference % 3], 1.0
@@ -100,7 +98,7 @@ def _draw_errors(axes: Axes, result: Result, rival: int) -> None:
         axes.plot(time, values, color=colour, linestyle=dashes, linewidth=width)  # pyright: ignore[reportArgumentType]
     axes.axhline(needed(result, "tube_radius"), color=GREY, linestyle=LIMIT, linewidth=0.8)
     axes.set_yscale("log")
-    axes.set_ylim(_LEAST, 3.0 * float(np.nanmax(rows)))
+    axes.set_ylim(_LEAST * needed(result, "tube_radius"), 3.0 * float(np.nanmax(rows)))
     axes.margins(x=0)
 
 
@@ -154,6 +152,8 @@ def draws(result: Result) -> Figure:
     high = (0.45 + 0.155 * len(names)) * lines + 0.5
     drawn = sheet(7.1, high, high + 0.3)
     axes = drawn.subplots(lines, columns, squeeze=False, sharey=True)
+    for column, own in enumerate(axes.ravel()[len(_BOXES) :]):  # each number has one scale
+        own.sharex(axes.ravel()[column % len(_BOXES)])
     parts = iter(axes.ravel())
     for k, reference in enumerate(references):
         for number, (own, (name, text)) in enumerate(
@@ -166,9 +166,6 @@ def draws(result: Result) -> Figure:
                 own.set_title(reference, weight="bold")
     for own in axes[:, 0]:
         own.set_yticks(range(len(names)), names)
-    firsts = axes.ravel()[: len(_BOXES)]
-    for place, own in enumerate(axes.ravel()[len(_BOXES) :]):  # each number has one scale
-        own.sharex(firsts[place % len(_BOXES)])
     legend_below(drawn, [
         Patch(color=LINKS[0], alpha=0.45, linewidth=0, label="half of the plants"),
         line("90 %", GREY, "-", 1),

@@ -57,7 +57,9 @@ def convergence(result: Result) -> Figure:
     drawn = sheet(7.1, 2.9, 2.6)
     left, right = drawn.subplots(1, 2, sharey=True)
     _draw(left, result, "width", "smoothed", 1)
-    left.set_xlabel(label("width $v_{reg}$" + narrow() * "\n" + " of the smoothed law", result["width"].unit))
+    left.set_xlabel(
+        label("width $v_{reg}$" + narrow() * "\n" + " of the smoothed law", result["width"].unit)
+    )
     left.invert_xaxis()
     _draw(right, result, "arcs", "complementarity", -1)
     right.set_xlabel("arcs $N$ of the grid" + (narrow() * "\n" or " ") + "(complementarity)")

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
-from matplotlib import rcParams
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -28,10 +26,12 @@ from wormopt.plotting.parts import (
     legend_below,
     line,
     number,
+    room,
     scalar,
     shades,
     sheet,
     tell,
+    wrapped,
 )
 from wormopt.result import Result
 
@@ -55,6 +55,7 @@ def trackers(result: Result) -> Figure:
     The chapter's figures 5 to 8 in one. Rows share their scales; none for a missing gain.
     """
     names = result.attributes["trackers"]
+    links, masses = result["length"].values.shape[1], result["position"].values.shape[1]
     time = result["time"].values
     rows = [name for name in _ROWS if name in result]
     axes = _grid(result, rows)
@@ -68,7 +69,6 @@ def trackers(result: Result) -> Figure:
         _draw_rows(panels["input"], result, "input", column, LINKS)
         _draw_rows(panels["position"], result, "position", column, MASSES)
         _draw_rests(panels["position"], result, column, upward=False)
-    links, masses = result["length"].values.shape[1], result["position"].values.shape[1]
     _explain(axes[0, 0].figure, result, [*_entries(LINKS, links), *_strip_entries()],
              [*_entries(MASSES, masses), *_rest_entries(result)])  # fmt: skip
     return axes[0, 0].figure
@@ -86,16 +86,10 @@ def _grid(result: Result, rows: Sequence[str], ending: str = "") -> np.ndarray:
         row.set_ylabel(label(_ROWS[name][0], result[name + ending].unit))
         row.margins(x=0)
     for name, top, bottom in zip(names, axes[0], axes[-1], strict=True):
-        _call(top, name, len(names))
+        top.set_title(wrapped(name, room(len(names))), weight="bold")
         bottom.set_xlabel(label("time $t$", result["time"].unit))
     drawn.align_ylabels()
     return axes
-
-
-def _call(axes: Axes, name: str, abreast: int) -> None:
-    """Write the name of a tracker above its column."""
-    letters = 14 * rcParams["figure.figsize"][0] / abreast
-    axes.set_title("\n".join(textwrap.wrap(name, max(10, int(letters)))), weight="bold")
 
 
 def _explain(drawn: Figure, result: Result, *groups: Sequence[Artist]) -> None:
@@ -207,7 +201,7 @@ def motion(result: Result) -> Figure:
         _draw_rests(axes, result, column, upward=True)
         axes.set_xlabel(label("position $x_i$", result["position"].unit))
         if len(names) > 1:
-            _call(axes, name, len(names))
+            axes.set_title(wrapped(name, room(len(names))), weight="bold")
         axes.margins(0.04, 0.0)
     row[0].set_ylabel(label("time $t$", result["time"].unit))
     if len(names) == 1:

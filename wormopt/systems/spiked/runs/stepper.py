@@ -247,7 +247,7 @@ def _close_up(gait: Gait, steps: Steps) -> dict[str, np.ndarray]:
         "turn_time": t,
         "turn_length": gait(t)[j],
         "turn_commanded": steps.lengths(t)[j],
-        "turn_link": np.array([j + 1]),
+        "turn_link": np.array([j]),
     }
 
 
