@@ -110,17 +110,23 @@ FACTS = "facts"  # label of the texts that go with the heading
 def fact(result: Result, name: str, words: str = "", unit: str = "") -> str:
     """Say a scalar in words, in its unit or a multiple ("mm s-1" of m s-1, "%" of 1).
 
-    Empty where the result has no such number.
+    Empty where the result has no such number; dimensionless ones stay so.
     """
     known = result.scalars.get(name)
     if known is None or isinstance(known.value, bool) or not isinstance(known.value, int | float):
         return ""
-    times = 100.0 if unit == "%" else _PREFIXES[unit.removesuffix(known.unit)] if unit else 1.0
+    times = _multiple(known.unit, unit)
+    unit = unit if times else known.unit
+    times = times or 1.0
     told = f"{words or name.replace('_', ' ')} {number(times * known.value)}"
-    return f"{told} {raised(unit or known.unit)}".rstrip()
+    return f"{told}\N{NO-BREAK SPACE}{raised(unit or known.unit)}".rstrip()
 
 
-_PREFIXES = {"": 1.0, "m": 1e3, "µ": 1e6, "k": 1e-3}
+def _multiple(unit: str, wanted: str) -> float | None:
+    """How many of the wanted unit one is; None where it is no multiple."""
+    if unit == "1":
+        return 100.0 if wanted == "%" else None
+    return {"": 1.0, "m": 1e3, "µ": 1e6, "k": 1e-3}.get(wanted.removesuffix(unit))
 
 
 def number(value: float, digits: int = 4) -> str:
@@ -246,11 +252,19 @@ def legend(axes: Axes, entries: Sequence[Artist] | None = None, title: str = "")
     Of `entries`, or of what is labelled. A title of the axes must be there before.
     """
     entries = list(axes.get_legend_handles_labels()[0] if entries is None else entries)
-    if not narrow():
+    if narrow():
+        legend_above(axes, entries, title, share=0.75)
+    else:
         texts, _ = _fitted(entries, 0.25)
         axes.legend(entries, texts, loc="center left", bbox_to_anchor=(1.0, 0.5), title=title)
-        return
-    texts, columns = _fitted(entries, 0.75)
+
+
+def legend_above(
+    axes: Axes, entries: Sequence[Artist] | None = None, title: str = "", share: float = 0.9
+) -> None:
+    """Put a legend above axes that take such a share of the sheet, below their title."""
+    entries = list(axes.get_legend_handles_labels()[0] if entries is None else entries)
+    texts, columns = _fitted(entries, share)
     axes.legend(entries, texts, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=columns,
                 title=title, alignment="left")  # fmt: skip
     if heading := axes.get_title(loc="left"):
@@ -287,7 +301,7 @@ def _fitted(entries: Sequence[Artist], share: float) -> tuple[list[str], int]:
 def wrapped(text: str, letters: int) -> str:
     """Break a text into lines of so many letters, formulas left whole."""
     lines = [""]
-    for word in re.findall(r"(?:\$[^$]*\$|\S)+", text):
+    for word in re.findall(r"(?:\$[^$]*\$|[^ \n])+", text):
         if lines[-1] and _letters(f"{lines[-1]} {word}") > letters:
             lines.append(word)
         else:
@@ -312,7 +326,8 @@ def label(text: str, unit: str) -> str:
 
 def raised(unit: str) -> str:
     """Write a UDUNITS unit with its powers raised, and '1' as nothing."""
-    return re.sub(r"(?<=[A-Za-z])(-?[0-9]+)", r"$^{\1}$", "" if unit == "1" else unit)
+    text = "" if unit == "1" else unit.replace(" ", "\N{NO-BREAK SPACE}")
+    return re.sub(r"(?<=[A-Za-z])(-?[0-9]+)", r"$^{\1}$", text)
 
 
 def scalar(result: Result, name: str) -> Any:

@@ -19,6 +19,7 @@ from wormopt.plotting.parts import (
     narrow,
     needed,
     number,
+    raised,
     scalar,
     sheet,
     tell,
@@ -48,7 +49,10 @@ def channel_velocity(result: Result) -> Figure:
     marks = zip(*(needed(result, f"measured{end}") for end in ("", "_frequency", "_velocity")),
                 strict=True)  # fmt: skip
     for k, (text, at, measured) in enumerate(marks):
-        face, told = "none" if k else RED, rf"{text}: {number(1e3 * measured)} mm s$^{{-1}}$"
+        face, told = (
+            "none" if k else RED,
+            f"{text}: {number(1e3 * measured)}\N{NO-BREAK SPACE}{raised('mm s-1')}",
+        )
         axes.plot(at, 1e3 * measured, _MARKERS[k % 5], color=RED, markersize=5, zorder=3,
                   markerfacecolor=face, label=told)  # fmt: skip
     axes.set_xscale("log")
@@ -152,7 +156,8 @@ def _rod(axes: Axes, result: Result) -> None:
         if force > 0
     ]
     axes.add_collection(LineCollection(
-        lines, colors=RED, linewidths=1.3, label=rf"wall forces, up to {number(largest)} N m$^{{-1}}$"
+        lines, colors=RED, linewidths=1.1,
+        label=f"wall forces, up to {number(largest)} {raised('N m-1')}",
     ))  # fmt: skip
     axes.set_xlim(x.min() - 2 * radius, x.max() + 2 * radius)
     axes.set_ylim(-reach, wide + reach)

@@ -277,7 +277,8 @@ def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
             more = share > 1
             axes.barh(row + (0.18 if more else -0.18), speed - plain, 0.34, plain, linewidth=0,
                       color=LINKS[3] if more else LINKS[0], hatch="////" if more else None,
-                      edgecolor="white", label="number raised" if more else "lowered")  # fmt: skip
+                      edgecolor="white",
+                      label=f"number {'raised' if more else 'lowered'}")  # fmt: skip
     shown = [
         f"{_NAMES.get(name, name)}\n×" + ", ×".join(f"{share:.3g}" for share in shares)
         for name, shares in zip(names, factors, strict=True)

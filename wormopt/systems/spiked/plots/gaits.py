@@ -5,7 +5,6 @@ Values of time stand twice where something jumps, so lines draw jumps as they ar
 
 from __future__ import annotations
 
-import textwrap
 from typing import Any
 
 import numpy as np
