@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import shutil
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import IO, Any
@@ -53,7 +54,7 @@ def figure(
         if size is not None and not 30 <= size <= 2000:
             raise ArgumentError(f"{name} is in mm, from 30 to 2000, not {size:g}")
     inches = (width or PAGE) / _INCH
-    with rc_context(STYLE | {"figure.figsize": (inches, 0.62 * inches)}):
+    with _style(), rc_context({"figure.figsize": (inches, 0.62 * inches)}):
         drawn = _composer(result, picture)(result)
         _entitle(drawn, result, height and height / _INCH, title)
     return drawn
@@ -124,10 +125,16 @@ def draw(
 
 def save(drawn: Figure, target: Path | IO[bytes], form: str) -> None:
     """Write a figure as "png", "pdf" or "svg" to a file, the same bytes each time."""
+    with _style():
+        drawn.savefig(target, format=form, dpi=_DPI, metadata=_NO_DATE.get(form))
+
+
+@contextmanager
+def _style() -> Iterator[None]:
     with rc_context(STYLE), warnings.catch_warnings():
         # a title may hold letters that the font lacks; the picture is good all the same
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        drawn.savefig(target, format=form, dpi=_DPI, metadata=_NO_DATE.get(form))
+        yield
 
 
 def _composer(result: Result, picture: str) -> Callable[[Result], Figure]:
@@ -181,7 +188,7 @@ def _entitle(drawn: Figure, result: Result, height: float | None, title: bool) -
     if title and facts:
         rows.append((facts.split("; "), "; ", {"color": GREY, "size": 7.5}))
     whole = height or drawn.get_figheight()
-    down, room, texts = _EDGE, 0.97 * drawn.get_figwidth() - _EDGE, []
+    down, room, texts = _EDGE, 0.95 * drawn.get_figwidth() - _EDGE, []
     for parts, between, style in rows:
         text = drawn.text(0, 1, "", va="top", linespacing=1.15, **style)
         _break(text, parts, between, room * drawn.dpi)
@@ -210,11 +217,12 @@ def _break(text: Text, parts: Sequence[str], between: str, room: float) -> None:
 
 
 def _film(result: Result, moves: str, drawn: Figure, path: Path) -> None:
-    drawn.draw_without_rendering()
+    with _style():
+        drawn.draw_without_rendering()
     drawn.set_layout_engine("none")  # laid out once: nothing shifts from frame to frame
     film = FFMpegWriter if path.suffix == ".mp4" else PillowWriter
     writer = film(fps=_FRAMES_PER_SECOND)
-    with rc_context(STYLE), writer.saving(drawn, path, dpi=_FILM_DPI):
+    with _style(), writer.saving(drawn, path, dpi=_FILM_DPI):
         module = import_module(moves)
         for frame in range(module.FRAMES):
             module.pose(drawn, result, frame)

@@ -220,9 +220,10 @@ def shades(palette: Sequence[str], count: int) -> Sequence[str]:
     return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.9, count))]
 
 
-def labels(what: str, count: int) -> list[str]:
+def labels(what: str, count: int, *, worm: bool = True) -> list[str]:
     """Names of links, masses, motors or the like, which are numbered from 0."""
-    ends = {0: " (head)", count - 1: " (tail)"} if what == "mass" and count > 1 else {}
+    worm = worm and what == "mass" and count > 1
+    ends = {0: " (head)", count - 1: " (tail)"} if worm else {}
     return [f"{what} {i}{ends.get(i, '')}" for i in range(count)]
 
 
@@ -237,12 +238,12 @@ def link_lines(count: int) -> list[Line2D]:
     ]
 
 
-def handles(what: str, count: int) -> list[Line2D]:
-    """Lines for a legend of links or masses, or else; of many the ends and the middle only."""
+def handles(what: str, count: int, *, worm: bool = True) -> list[Line2D]:
+    """Lines for a legend of links or masses, of a worm or not; of many ends and middle only."""
     if what == "link":
         lines = link_lines(count)
     else:
-        lines = list(map(line, labels(what, count), shades(MASSES, count)))
+        lines = list(map(line, labels(what, count, worm=worm), shades(MASSES, count)))
     return lines if count <= len(MASSES) else [lines[0], lines[count // 2], lines[-1]]
 
 

@@ -15,9 +15,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from wormopt.errors import OutputError
-from wormopt.files import SUMMARY_FILE
+from wormopt.files import MOVING, STILL, SUMMARY_FILE
 
-_SUFFIXES = (".nc", ".json", ".png", ".gif", ".md", ".csv", ".c")
+_SUFFIXES = (".nc", ".json", ".md", ".csv", ".c", *(f".{form}" for form in (*STILL, *MOVING)))
 
 
 def check_output(folder: Path, scene: str, files: Sequence[str], force: bool) -> Path:
@@ -67,7 +67,7 @@ def _refuse_obstacles(folder: Path, scene: str, files: Sequence[str], force: boo
             raise OutputError(f"{folder / name}: is a folder where a file must go; rename it")
     if force or not any(folder.iterdir()):
         return
-    earlier, own = _earlier_result(folder)
+    earlier, own = earlier_result(folder)
     if earlier is None:
         raise OutputError(f"{folder}: holds other files and no result of wormopt; {hint}")
     if earlier != scene:
@@ -77,7 +77,7 @@ def _refuse_obstacles(folder: Path, scene: str, files: Sequence[str], force: boo
             raise OutputError(f"{folder / name}: was not written by wormopt; {hint}")
 
 
-def _earlier_result(folder: Path) -> tuple[str | None, set[str]]:
+def earlier_result(folder: Path) -> tuple[str | None, set[str]]:
     """Find the scene and the files of the result in a folder; None where there is no result."""
     try:
         summary = json.loads((folder / SUMMARY_FILE).read_text(encoding="utf-8"))
@@ -114,7 +114,7 @@ def _publish(staging: Path, folder: Path) -> None:
     if not folder.exists():
         staging.rename(folder)
         return
-    _, stale = _earlier_result(folder)
+    _, stale = earlier_result(folder)
     new = sorted(staging.iterdir(), key=lambda path: path.name == SUMMARY_FILE)
     for path in new:
         path.replace(folder / path.name)

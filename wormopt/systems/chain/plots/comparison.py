@@ -44,7 +44,7 @@ def comparison(result: Result) -> Figure:
 
     Crosses are plants that are not as believed.
     """
-    names, references = result.attributes["rivals"], result.attributes["references"]
+    names, references = needed(result, "rivals"), needed(result, "references")
     columns = 2 if narrow() else 3
     rows = math.ceil(len(names) / columns)
     drawn = sheet(7.1, 2.8 + 1.15 * rows, 2.8 + 0.85 * rows)
@@ -127,7 +127,7 @@ def _together(points: np.ndarray) -> list[tuple[str, np.ndarray]]:
     places = np.column_stack([points[:, 0], np.log(points[:, 1])])
     room = np.array([0.07, 0.05]) * np.nanmax(np.ptp(places, axis=0)[None], axis=0)
     groups: list[list[int]] = []
-    for k in np.flatnonzero(np.isfinite(places).all(axis=1)):
+    for k in np.flatnonzero(np.isfinite(places).all(axis=1)).tolist():
         near = (g for g in groups if np.all(abs(places[g[0]] - places[k]) < room))
         group = next(near, None)
         if group is None:
@@ -146,7 +146,7 @@ def draws(result: Result) -> Figure:
 
     Boxes hold half of the plants, whiskers 90 %; a cross is the worm as it is believed.
     """
-    references, names = result.attributes["references"], result.attributes["rivals"]
+    references, names = needed(result, "references"), needed(result, "rivals")
     columns = 2 if narrow() else len(_BOXES)
     lines = len(_BOXES) // columns * len(references)
     high = (0.45 + 0.155 * len(names)) * lines + 0.5

@@ -25,6 +25,7 @@ from wormopt.plotting.parts import (
     labels,
     legend_below,
     line,
+    needed,
     number,
     room,
     scalar,
@@ -54,7 +55,7 @@ def trackers(result: Result) -> Figure:
 
     The chapter's figures 5 to 8 in one. Rows share their scales; none for a missing gain.
     """
-    names = result.attributes["trackers"]
+    names = needed(result, "trackers")
     links, masses = result["length"].values.shape[1], result["position"].values.shape[1]
     time = result["time"].values
     rows = [name for name in _ROWS if name in result]
@@ -76,7 +77,7 @@ def trackers(result: Result) -> Figure:
 
 def _grid(result: Result, rows: Sequence[str], ending: str = "") -> np.ndarray:
     """Axes by row and tracker, which is named above; rows share their scales."""
-    names = result.attributes["trackers"]
+    names = needed(result, "trackers")
     heights = [_ROWS[row][1] for row in rows]
     drawn = sheet(7.1, 1.0 + 0.68 * sum(heights), 1.2 + 0.5 * sum(heights))
     axes = drawn.subplots(
@@ -217,7 +218,7 @@ def bands(result: Result) -> Figure:
     Half of the members lie in the dark band, 90 % in the light one.
     """
     axes = _grid(result, list(_ROWS), "_band")
-    for column in range(len(result.attributes["trackers"])):
+    for column in range(len(needed(result, "trackers"))):
         _draw_strips(axes[0, column], result, column)
         for row, signal in enumerate(_ROWS):
             palette = MASSES if signal == "position" else LINKS
@@ -251,8 +252,8 @@ def signals(result: Result) -> Figure:
 
     Rests of a single contact are shaded, those of several in a band of their own below.
     """
-    names = [name for name in result.attributes["signals"] if name in result][:_MOST_SIGNALS]
-    contacts = result.attributes["contacts"]
+    names = [name for name in needed(result, "signals") if name in result][:_MOST_SIGNALS]
+    contacts = needed(result, "contacts")
     band = "rest_start" in result and len(contacts) > 1
     heights = [1.1] * len(names) + ([0.3 + 0.12 * len(contacts)] if band else [])
     drawn = sheet(7.1, 0.8 + sum(heights), 0.9 + 0.85 * sum(heights))

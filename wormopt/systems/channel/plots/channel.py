@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -88,7 +90,10 @@ def segment_shapes(result: Result) -> Figure:
     """
     names, exact = needed(result, "shapes"), result["exact"].values == 1
     rod = "rod_x" in result
-    places = [["above", "rod"] if rod else ["above"], ["below", "below"] if rod else ["below"]]
+    places: list[Any] = [
+        ["above", "rod"] if rod else ["above"],
+        ["below", "below"] if rod else ["below"],
+    ]
     heights: list[float] = [1.5, 1]
     if narrow():
         places, heights = (

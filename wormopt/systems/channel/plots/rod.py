@@ -93,7 +93,7 @@ def _snapshots(axes: Axes, result: Result) -> None:
     """Channel and rod at equal times over one repeat of the pattern, time downward."""
     frames = result["frame"].values
     chosen = np.linspace(len(frames) // 2, len(frames) - 1, _SNAPSHOTS).astype(int)
-    lanes = 2.3 * result.attributes["channel"] * 1e3
+    lanes = 2.3 * needed(result, "channel") * 1e3
     low, high = _reach(result, chosen)
     for k, frame in enumerate(chosen):
         _scene(axes, result, int(frame), -k * lanes, (low, high))
@@ -112,7 +112,7 @@ def _snapshots(axes: Axes, result: Result) -> None:
 
 def _reach(result: Result, frames: np.ndarray) -> tuple[float, float]:
     """Places from which to which to draw, in mm."""
-    x, pitch = result["rod_x"].values[frames], result.attributes["pitch"]
+    x, pitch = result["rod_x"].values[frames], needed(result, "pitch")
     return 1e3 * (x.min() - 0.8 * pitch), 1e3 * (x.max() + 0.8 * pitch)
 
 
@@ -176,7 +176,7 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
     time = result["frame"].values
     reach = _reach(result, np.arange(len(time)))
     _scene(axes, result, frame, 0.0, reach)
-    size = 1.7e3 * result.attributes["channel"]
+    size = 1.7e3 * needed(result, "channel")
     axes.set_xlim(reach)
     axes.set_ylim(-size / 1.6, size / 1.6)
     axes.set_aspect("equal", adjustable="box")
@@ -268,7 +268,7 @@ def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
     factors = result["changed_factor"].values[:, :, column]
     plain = -1e3 * float(result["unchanged_velocity"].values[column])
     error = 1e3 * float(result["unchanged_error"].values[column])
-    names = [str(name) for name in result.attributes["parameters"]]
+    names = [str(name) for name in needed(result, "parameters")]
     axes.axvspan(plain - error, plain + error, color="#EFEFEF", linewidth=0,
                  label="as it is, and its error")  # fmt: skip
     axes.axvline(plain, color=GREY, linewidth=0.8)

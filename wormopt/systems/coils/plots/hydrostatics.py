@@ -81,7 +81,7 @@ def _field(drawn: Figure, axes: Axes, result: Result) -> None:
             x, z, np.nan_to_num(Bx), np.nan_to_num(Bz), color="#404040", linewidth=0.6,
             arrowsize=0.6, density=1.1,
         )  # fmt: skip
-    for left, low, wide, high in result.attributes["winding"]:
+    for left, low, wide, high in needed(result, "winding"):
         axes.add_patch(
             Rectangle((1e3 * left, 1e3 * low), 1e3 * wide, 1e3 * high, facecolor=_WINDING,
                       edgecolor="black", linewidth=0.8, zorder=3)

@@ -31,11 +31,11 @@ from wormopt.result import Result
 _TURN = 2 * math.pi
 # Outcomes in the order of their numbers: name, colour, words.
 _OUTCOMES = (
-    ("wave", "#9CCBE8", "takes the wave"),
-    ("other", "#F4C86A", "another steady film"),
-    ("moving", "#C9B6DC", "still moves"),
-    ("breaks", "#E08A76", "breaks"),
-    ("unresolved", "#DDDDDD", "not resolved"),
+    ("wave", "#D6E9F8", "takes the wave"),
+    ("other", "#F2B84B", "another steady film"),
+    ("moving", "#A48FC0", "still moves"),
+    ("breaks", "#B5473A", "breaks"),
+    ("unresolved", "#FFFFFF", "not resolved"),
 )
 _FEW = 12
 
@@ -47,7 +47,9 @@ def forward(result: Result) -> Figure:
     names = ["course", "film", "field", "spectrum", *["branches"] * branches]
     left, right = ["course", "course", "spectrum"], ["film", "field", names[-1]]
     right[2] = "branches" if branches else "field"
-    places = [[n] for n in names] if narrow() else [list(p) for p in zip(left, right, strict=True)]
+    places: list[Any] = (
+        [[n] for n in names] if narrow() else [list(p) for p in zip(left, right, strict=True)]
+    )
     heights = [1.5, *[1.0] * (len(names) - 1)] if narrow() else [5, 4, 5]
     panels = drawn.subplot_mosaic(places, height_ratios=heights)
     _course(drawn, panels["course"], result)
@@ -188,14 +190,15 @@ def basins(result: Result) -> Figure:
     axes = drawn.subplots()
     colours = ListedColormap([colour for _, colour, _ in _OUTCOMES])
     norm = BoundaryNorm(np.arange(-0.5, len(_OUTCOMES)), len(_OUTCOMES))
-    axes.pcolormesh(outcome.T, cmap=colours, norm=norm, edgecolors="white", linewidth=1.5)
+    axes.pcolormesh(outcome.T, cmap=colours, norm=norm, edgecolors=GREY, linewidth=0.5)
     for i, j in np.ndindex(outcome.shape):
         rate = growth[i, j]
         if np.isfinite(rate):
             axes.text(
-                i + 0.5, j + 0.5, f"{rate:+.2f}", ha="center", va="center",
+                i + 0.5, j + 0.5, f"{rate:+.2f}".replace("-", "−"), ha="center", va="center",
                 fontsize=6.5 if narrow() else 7.5,
-                color=RED if rate > 0 else "black", weight="bold" if rate > 0 else "normal",
+                color="white" if outcome[i, j] == 3 else "black",
+                weight="bold" if rate > 0 else "normal",
             )  # fmt: skip
     axes.grid(visible=False)
     for axis, values in ((axes.xaxis, delta), (axes.yaxis, tension)):
@@ -204,9 +207,11 @@ def basins(result: Result) -> Figure:
         axis.set_tick_params(length=0)
     axes.set_xlabel(r"amplitude that the field prescribes ($\delta$)")
     axes.set_ylabel("surface tension $W$")
-    tell(drawn, "numbers: largest rate of growth on the prescribed wave")
+    tell(
+        drawn, "numbers: largest rate of growth on the prescribed wave, bold where it is not stable"
+    )
     present = [
-        Patch(color=colour, label=text)
+        Patch(facecolor=colour, edgecolor=GREY, label=text)
         for k, (_, colour, text) in enumerate(_OUTCOMES)
         if np.any(outcome == k)
     ]

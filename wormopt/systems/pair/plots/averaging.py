@@ -66,7 +66,7 @@ def _draw_period(axes: Axes, result: Result) -> None:
     told = [line("$-V$: a mass reverses", GREY, LIMIT, 0.9)]
     if "event_share" in result:
         told.append(line("reversal, exactly", GREY, "none", marker="o"))
-    legend(axes, [*handles("mass", len(relative)), *told])
+    legend(axes, [*handles("mass", len(relative), worm=False), *told])
 
 
 def _draw_course(axes: Axes, result: Result) -> None:

@@ -44,7 +44,7 @@ def waveform(result: Result) -> Figure:
     for mass, velocity in enumerate(result["velocity"].values):
         rows[2].plot(time, velocity, color=MASSES[mass], linestyle=DASHES[mass])
     rows[2].axhline(needed(result, "speed"), color=GREY, lw=1, linestyle=":")
-    told = handles("mass", len(result["velocity"].values))
+    told = handles("mass", len(result["velocity"].values), worm=False)
     for entry, dashes in zip(told, DASHES, strict=False):
         entry.set_linestyle(dashes)
     legend(rows[2], [*told, line("mean velocity", GREY, ":", 1)])

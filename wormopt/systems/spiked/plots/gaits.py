@@ -30,6 +30,7 @@ from wormopt.plotting.parts import (
     line,
     link_lines,
     narrow,
+    needed,
     number,
     raised,
     ranges,
@@ -218,7 +219,7 @@ def limits(result: Result) -> Figure:
     Needs ``limit_elasticity`` and the attribute ``limits``. The longest is on top; limits
     that do not bind are named in the heading.
     """
-    elasticity, known = result["limit_elasticity"].values, result.attributes["limits"]
+    elasticity, known = result["limit_elasticity"].values, needed(result, "limits")
     binding = [k for k in np.argsort(-abs(elasticity)) if abs(elasticity[k]) > _NO_INFLUENCE]
     shown = binding[:_MOST_BARS]
     tall = 0.9 + 0.24 * max(3, len(shown))
