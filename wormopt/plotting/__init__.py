@@ -206,14 +206,21 @@ def _entitle(drawn: Figure, result: Result, height: float | None, title: bool) -
 
 def _break(text: Text, parts: Sequence[str], between: str, room: float) -> None:
     """Write words or facts, in lines no longer than `room`, in pixels."""
-    lines = [parts[0]] if parts else []
-    for part in parts[1:]:
-        text.set_text(longer := lines[-1] + between + part)
-        if text.get_window_extent().width <= room:
-            lines[-1] = longer
-        else:
-            lines.append(part)
-    text.set_text("\n".join(lines))
+
+    def fits(line: str) -> bool:
+        text.set_text(line)
+        return text.get_window_extent().width <= room
+
+    lines = [""]
+    for part in parts:
+        # of a fact that is longer than a line the words
+        for k, piece in enumerate([part] if fits(part) else part.split(" ")):
+            joint = (" " if k else between) if lines[-1] else ""
+            if fits(lines[-1] + joint + piece):
+                lines[-1] += joint + piece
+            else:
+                lines.append(piece)
+    text.set_text("\n".join(lines).strip())
 
 
 def _film(result: Result, moves: str, drawn: Figure, path: Path) -> None:

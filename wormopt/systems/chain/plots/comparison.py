@@ -166,6 +166,7 @@ def draws(result: Result) -> Figure:
                 own.set_title(reference, weight="bold")
     for own in axes[:, 0]:
         own.set_yticks(range(len(names)), names)
+        own.set_ylabel("controller")
     legend_below(drawn, [
         Patch(color=LINKS[0], alpha=0.45, linewidth=0, label="half of the plants"),
         line("90 %", GREY, "-", 1),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -90,21 +88,14 @@ def segment_shapes(result: Result) -> Figure:
     """
     names, exact = needed(result, "shapes"), result["exact"].values == 1
     rod = "rod_x" in result
-    places: list[Any] = [
-        ["above", "rod"] if rod else ["above"],
-        ["below", "below"] if rod else ["below"],
-    ]
-    heights: list[float] = [1.5, 1]
-    if narrow():
-        places, heights = (
-            [["above"], *([["rod"]] if rod else []), ["below"]],
-            [1.6, *[1.1] * rod, 1],
-        )
     drawn = sheet(7.1, 5.2, 6.4 if rod else 4.4)
-    panels = drawn.subplot_mosaic(places, height_ratios=heights)
-    above, below = panels["above"], panels["below"]
+    if narrow() and rod:
+        panels = drawn.subplot_mosaic("A;R;D", height_ratios=[1.6, 1.1, 1])
+    else:
+        panels = drawn.subplot_mosaic("AR;DD" if rod else "A;D", height_ratios=[1.5, 1])
+    above, below = panels["A"], panels["D"]
     if rod:
-        _rod(panels["rod"], result)
+        _rod(panels["R"], result)
     x, y = 1e3 * result["x"].values, 1e3 * result["y"].values
     first = len(names) - 1 if rod else int(np.argmax(exact))
     wide, thick = 1e3 * needed(result, "channel"), 1e3 * needed(result, "body")

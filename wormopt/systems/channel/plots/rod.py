@@ -163,7 +163,7 @@ def _forces(axes: Axes, result: Result, frame: int, height: float, half: float) 
 
 def first_frame(result: Result) -> Figure:
     """First frame of the animation: the rod in its channel, to be changed by `pose`."""
-    drawn = sheet(7.1, 2.2, 1.3)
+    drawn = sheet(7.1, 2.5, 1.45)
     drawn.subplots()
     pose(drawn, result, 0)
     return drawn
@@ -183,8 +183,7 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
     axes.set_yticks([])
     axes.grid(visible=False)
     axes.set_xlabel(label("place $x$", "mm"))
-    axes.text(0.01, 0.93, f"t = {time[frame]:.3f} s", color=GREY,
-              transform=axes.transAxes)  # fmt: skip
+    axes.set_title(f"$t$ = {time[frame]:.3f} s")
 
 
 def rod_frequency(result: Result) -> Figure:
@@ -287,6 +286,8 @@ def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
     axes.set_ylim(len(names) - 0.4, -0.7)
     if column:
         axes.tick_params(labelleft=False)
+    else:
+        axes.set_ylabel("number that is changed")
     axes.set_xlabel("velocity (mm s$^{-1}$)")
     axes.set_title(title)
     axes.margins(x=0.14)

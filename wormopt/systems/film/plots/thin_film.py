@@ -44,20 +44,19 @@ def forward(result: Result) -> Figure:
     """Course of a film, its end, the field, and the eigenvalues; steady branches if followed."""
     branches = "branch_delta" in result
     drawn = sheet(7.1, 6.4, 9.0 if branches else 7.6)
-    names = ["course", "film", "field", "spectrum", *["branches"] * branches]
-    left, right = ["course", "course", "spectrum"], ["film", "field", names[-1]]
-    right[2] = "branches" if branches else "field"
-    places: list[Any] = (
-        [[n] for n in names] if narrow() else [list(p) for p in zip(left, right, strict=True)]
-    )
-    heights = [1.5, *[1.0] * (len(names) - 1)] if narrow() else [5, 4, 5]
-    panels = drawn.subplot_mosaic(places, height_ratios=heights)
-    _course(drawn, panels["course"], result)
-    _film(panels["film"], result)
-    _field(panels["field"], result)
-    _spectrum(panels["spectrum"], result)
+    if narrow():
+        heights = [1.5, *[1.0] * (3 + branches)]
+        panels = drawn.subplot_mosaic("C;F;H;S;B" if branches else "C;F;H;S", height_ratios=heights)
+    else:
+        panels = drawn.subplot_mosaic(
+            "CF;CH;SB" if branches else "CF;CH;SH", height_ratios=[5, 4, 5]
+        )
+    _course(drawn, panels["C"], result)
+    _film(panels["F"], result)
+    _field(panels["H"], result)
+    _spectrum(panels["S"], result)
     if branches:
-        _branches(panels["branches"], result)
+        _branches(panels["B"], result)
     words = {name: text for name, _, text in _OUTCOMES}[needed(result, "outcome")]
     tell(
         drawn,

@@ -53,7 +53,7 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
     x = np.array([np.interp(t, time, row) for row in position])
     x += turn * (position[0, -1] - position[0, 0])
     rests = result["resting"].values[:, np.searchsorted(time, t, side="right") - 1].astype(bool)
-    size = min(drawn.get_figwidth() / 8, 1.0)
+    size = 0.8 if drawn.get_figwidth() > 5 else 0.65
     for j, colour in enumerate(shades(LINKS, len(x) - 1)):
         axes.plot(x[j : j + 2], [0, 0], color=colour, linewidth=4 * size, alpha=0.8, zorder=2)
     for i, colour in enumerate(shades(MASSES, len(x))):
@@ -63,6 +63,6 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
                   markeredgewidth=2.5 * size,
                   markerfacecolor=colour if rests[i] else "white", zorder=4)  # fmt: skip
         axes.text(x[i], 0, str(i), color="white" if rests[i] else colour, zorder=5,
-                  size=9 * size, **CENTRED)  # fmt: skip
+                  size=7, **CENTRED)  # fmt: skip
     axes.text(0.01, 0.9, f"t = {turn + part / _FRAMES_PER_PERIOD:.2f} T", color=GREY,
               transform=axes.transAxes)  # fmt: skip

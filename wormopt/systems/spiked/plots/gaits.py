@@ -66,7 +66,7 @@ def gait(result: Result) -> Figure:
     for axes, name, text, limits in zip(
         panels,
         ("length", "rate", "acceleration"),
-        ("length $l_j$", r"rate $\dot l_j$", r"acceleration $\ddot l_j$"),
+        ("link length $l_j$", r"rate $\dot l_j$", r"acceleration $\ddot l_j$"),
         (
             ranges(scalar(result, "length_limits"), links),
             rate_ranges(scalar(result, "rate_limit"), links),

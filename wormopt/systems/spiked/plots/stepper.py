@@ -78,7 +78,7 @@ def _close_up(axes: Axes, result: Result) -> None:
     legend(axes)
     axes.margins(x=0)
     axes.set_ylabel(f"$l_{link}$ near a turn,\nchange (µm)")
-    axes.set_xlabel("time $t$ (s), close-up")
+    axes.set_xlabel("close-up, time $t$ (s)")
 
 
 def _limits(axes: Axes, result: Result) -> None:
