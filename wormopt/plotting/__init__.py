@@ -126,7 +126,18 @@ def draw(
 def save(drawn: Figure, target: Path | IO[bytes], form: str) -> None:
     """Write a figure as "png", "pdf" or "svg" to a file, the same bytes each time."""
     with _style():
+        _lay_out(drawn, _DPI)
         drawn.savefig(target, format=form, dpi=_DPI, metadata=_NO_DATE.get(form))
+
+
+def _lay_out(drawn: Figure, dpi: float) -> None:
+    """Lay a figure out for good, to round numbers: the last digits of the solver vary."""
+    drawn.set_dpi(dpi)
+    drawn.draw_without_rendering()
+    drawn.set_layout_engine("none")
+    for axes in drawn.axes:
+        place = axes.get_position(original=True).bounds
+        axes.set_position([round(part, 6) for part in place], which="original")  # pyright: ignore[reportArgumentType]
 
 
 @contextmanager
@@ -224,13 +235,11 @@ def _break(text: Text, parts: Sequence[str], between: str, room: float) -> None:
 
 
 def _film(result: Result, moves: str, drawn: Figure, path: Path) -> None:
-    with _style():
-        drawn.draw_without_rendering()
-    drawn.set_layout_engine("none")  # laid out once: nothing shifts from frame to frame
     film = FFMpegWriter if path.suffix == ".mp4" else PillowWriter
     writer = film(fps=_FRAMES_PER_SECOND)
+    module = import_module(moves)
     with _style(), writer.saving(drawn, path, dpi=_FILM_DPI):
-        module = import_module(moves)
+        _lay_out(drawn, _FILM_DPI)  # once: nothing shifts from frame to frame
         for frame in range(module.FRAMES):
             module.pose(drawn, result, frame)
             writer.grab_frame()

@@ -18,10 +18,12 @@ import numpy as np
 from matplotlib import colormaps, rcParams
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from matplotlib.typing import RcKeyType
 
 from wormopt.errors import UnknownNameError
@@ -191,6 +193,15 @@ def rate_ranges(limit: Any, count: int) -> list[tuple[float, ...]]:
     return symmetric(limit, count)
 
 
+def few_decades(axis: Axis) -> None:
+    """Ticks of a logarithmic axis that spans about a decade, written out."""
+    low, high = axis.get_view_interval()
+    steps = (1.0, 2.0, 5.0) if high < 60 * low else (1.0,)
+    axis.set_major_locator(LogLocator(subs=steps, numticks=8))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
+    axis.set_minor_locator(NullLocator())
+
+
 def symmetric(limit: Any, count: int) -> list[tuple[float, ...]]:
     """Give the limits of an absolute value, one for all or one per curve, as one pair each."""
     return [(-value, value) for (value,) in ceilings(limit, count)]
@@ -227,21 +238,21 @@ def labels(what: str, count: int, *, worm: bool = True) -> list[str]:
     return [f"{what} {i}{ends.get(i, '')}" for i in range(count)]
 
 
-def link_lines(count: int) -> list[Line2D]:
-    """How each link is drawn; a ramp of colours where there are many."""
+def link_styles(count: int) -> list[tuple[str, Any]]:
+    """Colour and dashes of each link; a ramp of colours where there are many."""
     many = count > len(LINKS)
     return [
-        line(text, colour, "-" if many else DASHES[(j + j // 4) % 4])
-        for j, (text, colour) in enumerate(
-            zip(labels("link", count), shades(LINKS, count), strict=True)
-        )
+        (colour, "-" if many else DASHES[(j + j // 4) % 4])
+        for j, colour in enumerate(shades(LINKS, count))
     ]
 
 
 def handles(what: str, count: int, *, worm: bool = True) -> list[Line2D]:
     """Lines for a legend of links or masses, of a worm or not; of many ends and middle only."""
     if what == "link":
-        lines = link_lines(count)
+        styles = link_styles(count)
+        names = labels(what, count)
+        lines = [line(name, *style) for name, style in zip(names, styles, strict=True)]
     else:
         lines = list(map(line, labels(what, count, worm=worm), shades(MASSES, count)))
     return lines if count <= len(MASSES) else [lines[0], lines[count // 2], lines[-1]]

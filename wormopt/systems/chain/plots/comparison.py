@@ -47,7 +47,7 @@ def comparison(result: Result) -> Figure:
     names, references = needed(result, "rivals"), needed(result, "references")
     columns = 2 if narrow() else 3
     rows = math.ceil(len(names) / columns)
-    drawn = sheet(7.1, 2.8 + 1.15 * rows, 2.8 + 0.85 * rows)
+    drawn = sheet(7.1, 2.8 + 1.15 * rows, 2.8 + 1.05 * rows)
     above, below = drawn.add_gridspec(2, 1, height_ratios=(0.95 * rows, 2.4))
     panels = above.subgridspec(rows, columns).subplots(sharex=True, sharey=True, squeeze=False)
     for k, axes in enumerate(panels.ravel()):
@@ -160,6 +160,7 @@ def draws(result: Result) -> Figure:
             zip(islice(parts, len(_BOXES)), _BOXES.items(), strict=False)
         ):
             _draw_boxes(own, result, name, k)
+            text = text.replace("outside ", "outside\n") if narrow() else text
             own.set_xlabel(label(text, result[f"drawn_{name}"].unit))
             own.set_ylim(len(names) - 0.5, -0.5)
             if not number:

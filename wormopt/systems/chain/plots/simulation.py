@@ -11,7 +11,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from wormopt.plotting.parts import (
     DASHES,
@@ -21,12 +20,12 @@ from wormopt.plotting.parts import (
     LINKS,
     MASSES,
     fact,
+    few_decades,
     label,
     labels,
     legend_below,
     line,
     needed,
-    number,
     room,
     scalar,
     shades,
@@ -149,10 +148,7 @@ def _draw_tube(axes: Axes, result: Result, column: int) -> None:
     low, high = axes.get_ylim()
     low = max(low, 0.1 * float(result["tube"].values[column].min()))
     axes.set_ylim(low, high)
-    steps = (1.0, 2.0, 5.0) if high < 60 * low else (1.0,)
-    axes.yaxis.set_major_locator(LogLocator(subs=steps, numticks=8))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
-    axes.yaxis.set_minor_locator(NullLocator())
+    few_decades(axes.yaxis)
 
 
 def _draw_rests(axes: Axes, result: Result, column: int, *, upward: bool) -> None:

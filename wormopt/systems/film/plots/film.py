@@ -20,6 +20,7 @@ from wormopt.plotting.parts import (
     RED,
     draw_limits,
     fact,
+    few_decades,
     label,
     legend,
     legend_above,
@@ -301,5 +302,6 @@ def _draw_sweep(axes: Axes, result: Result) -> None:
             axes.loglog(places, gap, "o-" if best else "s--", color=LINKS[k % 4] if best else RED,
                         alpha=1 if best else 0.4 + 0.6 / (1 + k), ms=4, label=text)  # fmt: skip
     axes.set_xlabel("surface tension ($W$)" if along else r"range of the field ($\beta$)")
+    few_decades(axes.xaxis)
     axes.set_ylabel("flow below\nthe supremum")
     legend(axes)

@@ -43,7 +43,7 @@ _FEW = 12
 def forward(result: Result) -> Figure:
     """Course of a film, its end, the field, and the eigenvalues; steady branches if followed."""
     branches = "branch_delta" in result
-    drawn = sheet(7.1, 6.4, 9.0 if branches else 7.6)
+    drawn = sheet(7.1, 6.4, 8.5 if branches else 7.2)
     if narrow():
         heights = [1.5, *[1.0] * (3 + branches)]
         panels = drawn.subplot_mosaic("C;F;H;S;B" if branches else "C;F;H;S", height_ratios=heights)
@@ -184,7 +184,7 @@ def basins(result: Result) -> Figure:
     """
     delta, tension = result["map_delta"].values, result["map_tension"].values
     outcome, growth = result["map_outcome"].values, result["map_growth"].values
-    tall = 0.9 + 0.36 * len(tension)
+    tall = 1.6 + 0.3 * len(tension)
     drawn = sheet(7.1, tall, tall + 0.3)
     axes = drawn.subplots()
     colours = ListedColormap([colour for _, colour, _ in _OUTCOMES])

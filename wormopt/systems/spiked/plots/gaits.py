@@ -28,7 +28,7 @@ from wormopt.plotting.parts import (
     legend,
     legend_below,
     line,
-    link_lines,
+    link_styles,
     narrow,
     needed,
     number,
@@ -286,8 +286,8 @@ def _limit_notes(known: dict[str, Any], elasticity: np.ndarray, hidden: int) -> 
 
 def _draw_links(axes: Axes, result: Result, name: str, text: str) -> None:
     time, rows = result["time"].values, result[name].values
-    for row, own in zip(rows, link_lines(len(rows)), strict=True):
-        axes.plot(time, row, color=own.get_color(), ls=own.get_linestyle())
+    for row, (colour, dashes) in zip(rows, link_styles(len(rows)), strict=True):
+        axes.plot(time, row, color=colour, linestyle=dashes)
     axes.set_xlim(time[0], time[-1])
     axes.set_ylabel(label(text, result[name].unit))
 
