@@ -36,6 +36,7 @@ def modules_after(code: str, folder: Path) -> set[str]:
         "from wormopt.cli import main; main(['run', '--help'])",
         "from wormopt.cli import main; main(['export', '--help'])",
         "from wormopt.cli import main; assert main(['export', 'nothing']) == 2",
+        "from wormopt.cli import main; main(['plot', '--help'])",
         "from wormopt.cli import main; assert main(['list']) == 0",
         "from wormopt.cli import main; assert main(['check', 'design_fast_gait']) == 0",
         "from wormopt.cli import main; assert main(['check', 'no_such_scene']) == 2",

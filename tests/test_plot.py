@@ -1,22 +1,32 @@
 """Pictures: written whole, labelled with units, honest about failure, legible for every n."""
 
 import dataclasses
+import io
+import json
+import re
 import subprocess
 import sys
 from functools import cache
+from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import same_color
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from PIL import Image
+from matplotlib.text import Text
+from PIL import Image, ImageSequence
 
 import wormopt as wo
+from wormopt.cli import main
 from wormopt.kinds import KINDS
-from wormopt.plotting import draw, figure
+from wormopt.plotting import draw, figure, save
 from wormopt.plotting.parts import LINKS, stretches
 from wormopt.quantities import Scalar
 from wormopt.result import Result
@@ -101,8 +111,15 @@ def without(result: Result, *beginnings: str) -> Result:
 
 
 def texts(drawn: Figure) -> str:
-    titles = [axes.get_title(loc="left") for axes in drawn.axes]
-    return " ".join([drawn.get_suptitle(), *titles]).replace("\n", " ")
+    """What stands above a picture: title, failure, facts."""
+    above = " ".join(text.get_text() for text in drawn.texts)
+    return re.sub(r"\s+", " ", above)
+
+
+def entries(drawn: Figure) -> list[str]:
+    """Words of all legends."""
+    legends = [*drawn.legends, *(axes.get_legend() for axes in drawn.axes)]
+    return [text.get_text() for found in legends if found for text in found.get_texts()]
 
 
 @pytest.mark.parametrize("picture", [p for p in PICTURES if p != "animation"])
@@ -133,12 +150,13 @@ def test_bars_of_limits_tell_which_way_helps(objective: str):
         assert same_color(bar.get_facecolor(), colour)
     ticks = [text.get_text() for text in axes.get_yticklabels()]
     assert ticks[:1] == (
-        ["gait.rate = 1 m s$^{-1}$"] if objective == "speed" else ["worm.load = 5 N"]
+        ["gait.rate = 1 m\xa0s$^{-1}$"] if objective == "speed" else ["worm.load = 5 N"]
     )
-    assert "gait.acceleration = 20 m s$^{-2}$" in ticks
+    assert "gait.acceleration = 20 m\xa0s$^{-2}$" in ticks
     marked = [text.get_text() for text in axes.texts]
-    assert marked == [f"{elasticity[k]:+.3g}{' *' * known['one_sided'][k]}" for k in binding]
-    notes = axes.get_title(loc="left")
+    told = [f"{elasticity[k]:+.3g}{' *' * known['one_sided'][k]}" for k in binding]
+    assert marked == [text.replace("-", "−") for text in told]
+    notes = texts(figure(result, "limits"))
     assert "influence: gait.length.shortest, gait.length.longest" in notes
     assert "0: gait.sigma_margin" in notes
 
@@ -185,7 +203,7 @@ def test_reversals_are_drawn_without_an_exact_motion_too():
     assert not [line for line in lost[0].get_lines() if line.get_marker() == "o"]
     legend = whole[1].get_legend()
     assert legend
-    labels = [text.get_text() for text in legend.get_texts()]
+    labels = [text.get_text().replace("\n", " ") for text in legend.get_texts()]
     assert labels == ["exact", "averaged, order 1", "steady", "steady, not stable"]
 
 
@@ -200,7 +218,7 @@ def test_velocities_in_a_channel_show_what_was_measured_where_it_was():
         "sine: 1.457 mm a switch", "beam: 1.431 mm a switch", "line: 1.261 mm a switch"
     ]  # fmt: skip
     assert labels[3].startswith("sample 1: measured")
-    assert labels[3].endswith(": 78.9 mm/s")
+    assert labels[3].endswith(": 78.9\xa0mm\xa0s$^{-1}$")
     assert labels[5:] == [
         r"(32) not claimed: $n \geq$ 100",
         "stands still above 950, from the text",
@@ -215,7 +233,8 @@ def test_velocities_in_a_channel_show_what_was_measured_where_it_was():
 
 def test_a_body_in_a_channel_is_drawn_as_thick_as_it_is():
     result = sample("segment_shapes")
-    above, rod, below = figure(result, "segment_shapes").axes
+    drawn = figure(result, "segment_shapes")
+    above, _, below = drawn.axes
     outline = next(p for p in above.patches if p.get_label() == "body, rod")
     corners = np.asarray(outline.get_path().vertices)
     thick, wide = 1e3 * result.scalars["body"].value, 1e3 * result.scalars["channel"].value
@@ -227,8 +246,9 @@ def test_a_body_in_a_channel_is_drawn_as_thick_as_it_is():
     assert corners[:, 1].max() == pytest.approx((middle + half).max(), abs=1e-6)
     assert corners[:, 1].min() > -0.05  # between the walls, but for what they give
     assert corners[:, 1].max() < wide + 0.05
-    assert [line.get_linestyle() for line in above.get_lines()] == ["--"] * 3 + ["-"] * 3
-    assert "rod at rest at 4600 ampere-turns" in rod.get_title(loc="left")
+    styles = [line.get_linestyle() for line in above.get_lines()]
+    assert styles[:3] == ["--"] * 3
+    assert "rod at rest at 4600 ampere-turns" in texts(drawn)
     assert len(below.get_lines()) == 5  # distances of the others from the rod
 
 
@@ -247,8 +267,10 @@ def test_a_ride_shows_velocities_where_there_are_no_tracers():
     with_tracers, bare = (figure(r, "ride").axes for r in (found, without(found, "tracer_")))
     assert with_tracers[-1].get_ylabel() == "height $z$"
     assert bare[-1].get_ylabel() == "velocity over the wave's"
-    labels = with_tracers[0].get_legend_handles_labels()[1]
-    assert labels == ["length 0, held", "length 0.5"]
+    legend = with_tracers[0].get_legend()
+    assert legend
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert labels == ["length 0, held", "length 0.5", "crests of the film"]
 
 
 def test_a_wave_is_drawn_without_other_films_too():
@@ -266,7 +288,7 @@ def test_fields_of_a_film_are_shown_over_their_mean():
         assert np.mean(np.asarray(line.get_ydata())[:-1]) == pytest.approx(1.0)
     told = [text.split(": ") for text in fields.get_legend_handles_labels()[1]]
     assert [float(delta) for delta, _ in told] == result["field_delta"].values.tolist()
-    means = [float(mean) for _, mean in told]
+    means = [float(mean.replace("·10$^{", "e").strip("}$")) for _, mean in told]
     assert means == pytest.approx(result["field_curves"].values[:, :-1].mean(axis=1), rel=1e-3)
 
 
@@ -275,9 +297,10 @@ def test_a_map_of_films_names_its_outcomes_and_marks_unstable_waves():
     assert [text.get_text() for text in drawn.legends[0].get_texts()] == [
         "takes the wave", "another steady film", "still moves", "breaks", "not resolved"
     ]  # fmt: skip
-    marked = {text.get_text(): text.get_color() for text in drawn.axes[0].texts}
-    assert marked["+0.50"] == marked["+0.47"] != marked["-0.24"]
-    assert marked["-0.24"] == marked["-0.31"] == marked["-1.62"] == marked["-0.44"]
+    marked = {text.get_text(): text.get_weight() for text in drawn.axes[0].texts}
+    assert marked["+0.50"] == marked["+0.47"] == "bold"
+    assert {marked[stable] for stable in ("−0.24", "−0.31", "−1.62", "−0.44")} == {"normal"}
+    assert "bold where it is not stable" in texts(drawn)
 
 
 def test_a_course_marks_where_the_film_broke():
@@ -290,14 +313,19 @@ def test_a_course_marks_where_the_film_broke():
 
 
 def test_units_are_raised():
-    assert figure(sample("gait"), "gait").axes[1].get_ylabel() == r"rate $\dot l_j$ (m s$^{-1}$)"
+    rates = figure(sample("gait"), "gait").axes[1]
+    assert rates.get_ylabel() == "rate $\\dot l_j$ (m\xa0s$^{-1}$)"
 
 
 def test_limits_are_thin_dashed_lines():
     result = sample("limits")
-    lengths, rates, _ = figure(result, "gait").axes
-    for axes, limits in ((lengths, {0.7, 1.3}), (rates, {-1.0, 1.0})):
-        dashed = [line for line in axes.get_lines() if line.get_linestyle() == "--"]
+    drawn = figure(result, "gait")
+    lengths, rates, accelerations, _ = drawn.axes
+    assert "limit" in entries(drawn)
+    for axes, limits in (
+        (lengths, {0.7, 1.3}), (rates, {-1.0, 1.0}), (accelerations, {-20.0, 20.0})
+    ):  # fmt: skip
+        dashed = thin(axes)
         assert {float(np.ravel(line.get_ydata())[0]) for line in dashed} == limits
     ranges = "gait.length=[[0.7, 1.3], [0.6, 1.4]]"
     uneven = "gait.rate={contraction=[1.0, 1.2], extension=[2.0, 2.2]}"
@@ -306,9 +334,23 @@ def test_limits_are_thin_dashed_lines():
         (apart.axes[0], [0.7, 1.3, 0.6, 1.4]),
         (apart.axes[1], [-1, 2, -1.2, 2.2]),
     ):
-        dashed = [line for line in axes.get_lines() if line.get_linestyle() == "--"]
+        dashed = thin(axes)
         assert [float(np.ravel(line.get_ydata())[0]) for line in dashed] == limits
     assert len(figure(sample("gait"), "gait").axes[0].get_lines()) == 2
+    assert "limit" not in entries(figure(sample("gait"), "gait"))
+
+
+def thin(axes: Axes) -> list[Line2D]:
+    """Lines that are level, from one side to the other: limits."""
+    return [line for line in axes.get_lines() if len(np.ravel(line.get_xdata())) == 2]
+
+
+def test_curves_that_cover_each_other_are_told_apart_in_grey():
+    """Every link of a gait has its own pair of colour and dashes, up to eight."""
+    for links in (2, 8):
+        lengths = figure(wave(links), "gait").axes[0]
+        own = [(str(line.get_color()), str(line._dash_pattern)) for line in lengths.get_lines()]  # pyright: ignore
+        assert len(set(own)) == links
 
 
 def test_motion_shows_two_periods_and_the_masses_at_rest():
@@ -389,13 +431,16 @@ def test_signals_show_rests_as_shades_or_as_a_band(contacts: int):
     signals = result.attributes["signals"]
     assert len(drawn.axes) == len(signals) + (contacts > 1)
     assert drawn.axes[2].get_ylabel().startswith(signals[2].replace("_", "\n"))
-    assert ("shaded: at rest" in texts(drawn)) == (contacts == 1)
+    assert ("at rest" in entries(drawn)) == (contacts == 1)
 
 
 def test_failed_results_are_marked():
     failed = dataclasses.replace(sample("gait"), status="failed", reason="spike_load is too low")
     for picture in ("gait", "motion", "spikes", "animation"):
-        assert "failed: spike_load is too low" in texts(figure(failed, picture))
+        for title in (True, False):
+            drawn = figure(failed, picture, title=title)
+            assert "failed: spike_load is too low" in texts(drawn)
+            assert (failed.title in texts(drawn)) == title
         assert "failed" not in texts(figure(sample(picture), picture))
 
 
@@ -419,6 +464,8 @@ def test_missing_variables_are_named_and_leave_no_file(tmp_path: Path):
     with pytest.raises(KeyError, match="no variable 'resting'"):
         draw(result, "gait", tmp_path / "gait.png")
     there = "no picture 'portrait' of kind gait; there are: gait, motion"
+    with pytest.raises(ValueError, match="did you mean motion"):
+        figure(result, "motions")
     with pytest.raises(ValueError, match=there):
         draw(result, "portrait", tmp_path / "portrait.png")
     assert list(tmp_path.iterdir()) == []
@@ -427,7 +474,7 @@ def test_missing_variables_are_named_and_leave_no_file(tmp_path: Path):
 def test_a_picture_that_cannot_be_written_leaves_the_old_one(tmp_path: Path):
     path = tmp_path / "front.unknown"
     path.write_text("old")
-    with pytest.raises(ValueError, match="unknown"):
+    with pytest.raises(ValueError, match=r"no format unknown; write \.png, \.pdf, \.svg"):
         draw(sample("front"), "front", path)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
@@ -448,6 +495,261 @@ def test_the_animation_moves(tmp_path: Path):
 def test_letters_without_a_glyph_do_no_harm(tmp_path: Path):
     draw(dataclasses.replace(sample("front"), title="蠕虫 λ"), "front", tmp_path / "front.png")
     assert (tmp_path / "front.png").stat().st_size > 1000
+
+
+def boxes(drawn: Figure) -> list[tuple[str, float, np.ndarray]]:
+    """Every text that is seen, its size in points, and its corners in pixels."""
+    canvas = FigureCanvasAgg(drawn)
+    canvas.draw()
+    hidden: set[Text] = set()
+    for axis in (a for axes in drawn.axes for a in (axes.xaxis, axes.yaxis)):
+        low, high = sorted(axis.get_view_interval())
+        slack = 1e-9 * (high - low)
+        for minor in (False, True):
+            ticks = axis.get_minor_ticks() if minor else axis.get_major_ticks()
+            for at, tick in zip(axis.get_ticklocs(minor=minor), ticks, strict=False):
+                hidden.add(tick.label2)
+                if not low - slack <= at <= high + slack:
+                    hidden.add(tick.label1)
+    seen = [
+        text
+        for text in drawn.findobj(Text)
+        if isinstance(text, Text) and text.get_visible() and text.get_text().strip()
+    ]
+    renderer = canvas.get_renderer()
+    return [
+        (text.get_text(), text.get_fontsize(), text.get_window_extent(renderer).get_points())
+        for text in seen
+        if text not in hidden
+    ]
+
+
+@pytest.mark.parametrize("width", [85, 180])
+@pytest.mark.parametrize("picture", PICTURES)
+def test_text_is_legible_and_covers_no_other(picture: str, width: int):
+    drawn = figure(sample(picture), picture, width=width)
+    assert drawn.get_figwidth() == pytest.approx(width / 25.4)
+    assert drawn.get_figheight() < 240 / 25.4  # a page
+    seen = boxes(drawn)
+    for text, size, corners in seen:
+        assert 6.5 <= size <= 10, text
+        assert (corners >= -1).all(), text
+        assert (corners[1] <= [drawn.bbox.width + 1, drawn.bbox.height + 1]).all(), text
+    for (text, _, a), (other, _, b) in combinations(seen, 2):
+        common = np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])
+        assert common.min() <= 1, (text, other)
+
+
+def test_overlapping_texts_would_be_seen():
+    drawn = Figure()
+    drawn.text(0.5, 0.5, "one")
+    drawn.text(0.51, 0.5, "other")
+    (_, _, a), (_, _, b) = boxes(drawn)
+    assert (np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])).min() > 1
+
+
+@pytest.mark.parametrize("picture", PICTURES)
+def test_links_and_masses_are_numbered_from_0(picture: str):
+    """None has a number that only counting from 1 gives."""
+    result = sample(picture)
+    drawn = figure(result, picture)
+    words = " ".join([*entries(drawn), *(a.get_xlabel() + a.get_ylabel() for a in drawn.axes)])
+    for what in ("link", "mass"):
+        counts = [n for v in result.variables for d, n in zip(v.dims, v.values.shape, strict=True)
+                  if d == what]  # fmt: skip
+        named = {int(number) for number in re.findall(rf"\b{what} (\d+)", words)}
+        assert not named or (max(named) < counts[0] and (len(named) == 1 or min(named) == 0))
+
+
+def test_without_title_a_picture_is_smaller_and_says_neither_title_nor_facts():
+    result = sample("limits")
+    whole, bare = (figure(result, "gait", title=title) for title in (True, False))
+    assert f"{result.title} mean speed 0.8257\xa0m".replace("\xa0", " ") in texts(whole)
+    assert texts(bare) == ""
+    assert whole.get_figheight() > bare.get_figheight()
+    assert figure(result, "gait", height=120).get_figheight() == pytest.approx(120 / 25.4)
+    assert figure(result, "gait", height=120, title=False).get_figheight() == pytest.approx(
+        120 / 25.4
+    )
+    for size in ({"width": 20}, {"height": 3000}, {"width": np.nan}):
+        with pytest.raises(ValueError, match="in mm, from 30 to 2000"):
+            figure(result, "gait", **size)
+
+
+def test_facts_are_rounded_and_in_the_units_of_the_picture():
+    told = texts(figure(sample("steps"), "steps"))
+    assert "travel per step 5 µm" in told
+    assert "mean speed 3.167 mm s$^{-1}$ ideal 3.333 mm s$^{-1}$" in told
+    assert "10$^{-5}$ N m$^{2}$" in texts(figure(sample("membrane"), "membrane"))
+    for picture in PICTURES:
+        found = figure(sample(picture), picture)
+        digits = re.findall(r"\d[\d.]*", texts(found).partition(sample(picture).title)[2])
+        assert all(len(number.replace(".", "").lstrip("0")) <= 4 for number in digits), picture
+
+
+FORMATS = {"png": b"\x89PNG\r\n", "pdf": b"%PDF-", "svg": b"<?xml"}
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("picture", ["gait", "coil_pressure", "basins"])
+def test_the_same_result_gives_the_same_file(picture: str, form: str, tmp_path: Path):
+    paths = [tmp_path / f"{name}.{form}" for name in "ab"]
+    for path in paths:
+        draw(sample(picture), picture, path, width=85)
+    first, second = (path.read_bytes() for path in paths)
+    assert first == second
+    assert first.startswith(FORMATS[form])
+    memory = io.BytesIO()
+    save(figure(sample(picture), picture, width=85), memory, form)
+    assert memory.getvalue() == first
+
+
+def test_formats_have_the_width_asked_for_and_fonts_that_journals_take(tmp_path: Path):
+    png, pdf, svg = (tmp_path / f"gait.{form}" for form in FORMATS)
+    for path in (png, pdf, svg):
+        draw(sample("gait"), "gait", path, width=85)
+    with Image.open(png) as image:
+        assert image.size[0] == pytest.approx(85 / 25.4 * image.info["dpi"][0], abs=1)
+    box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+)", pdf.read_bytes())
+    assert box
+    assert float(box[1]) == pytest.approx(85 / 25.4 * 72, abs=0.01)
+    assert b"/Type3" not in pdf.read_bytes()
+    assert b"/FontFile2" in pdf.read_bytes()
+    for path in (pdf, svg):
+        assert not re.search(rb"CreationDate|<dc:date>", path.read_bytes())
+    assert b"<text" not in svg.read_bytes()  # outlines: no font need be there
+
+
+def test_an_animation_is_still_as_a_picture_and_only_it_moves(tmp_path: Path):
+    draw(sample("animation"), "animation", tmp_path / "still.svg", width=85)
+    with pytest.raises(ValueError, match=r"only an animation moves; write \.png, \.pdf, \.svg"):
+        draw(sample("gait"), "gait", tmp_path / "gait.gif")
+    assert [path.name for path in tmp_path.iterdir()] == ["still.svg"]
+
+
+def test_mp4_is_made_by_ffmpeg_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A stand-in that counts the frames it is given."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ValueError, match=r"MP4 needs ffmpeg.*install it.*or write \.gif"):
+        draw(sample("animation"), "animation", tmp_path / "a.mp4")
+    stand_in = tmp_path / "ffmpeg"
+    count = "sys.stdin.buffer.read(); size = sys.argv[sys.argv.index('-s') + 1]"
+    write = "open(sys.argv[-1], 'w').write(f'{size} {len(data)}')"
+    stand_in.write_text(f"#!{sys.executable}\nimport sys\ndata = {count}\n{write}\n")
+    stand_in.chmod(0o700)
+    draw(sample("animation"), "animation", tmp_path / "a.mp4", width=85)
+    size, length = (tmp_path / "a.mp4").read_text().split()
+    across, down = map(int, size.split("x"))
+    assert int(length) == 72 * across * down * 4
+    assert across % 2 == down % 2 == 0  # as the codec wants
+
+
+def test_a_film_is_as_wide_as_asked_for_and_moves(tmp_path: Path):
+    draw(sample("animation"), "animation", tmp_path / "a.gif", width=85)
+    with Image.open(tmp_path / "a.gif") as film:
+        assert film.size[0] == pytest.approx(85 / 25.4 * 100, abs=1)
+        assert len(list(ImageSequence.Iterator(film))) > 40
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    folder = tmp_path / "result"
+    folder.mkdir()
+    result = sample("limits")
+    result.save(folder)
+    return folder
+
+
+def test_plot_draws_what_the_scene_wants_beside_the_result(saved: Path, capsys: Any):
+    assert main(["plot", str(saved)]) == 0
+    drawn = [f"{name}.png" for name in ("gait", "motion", "spikes", "limits")]
+    assert capsys.readouterr().out.split() == [str(saved / name) for name in drawn]
+    assert main(["plot", str(saved / "result.nc"), "gait", "--format", "pdf"]) == 0
+    listed = json.loads((saved / "summary.json").read_text())["files"]
+    assert listed == ["result.nc", "summary.json", *drawn, "gait.pdf"]
+    assert {path.name for path in saved.iterdir()} == set(listed)
+    assert Result.load(saved).scalars == sample("limits").scalars
+    # they are its own now, to be drawn again
+    before = (saved / "gait.pdf").read_bytes()
+    assert main(["plot", str(saved), "gait", "--format", "pdf", "--width", "85mm"]) == 0
+    assert (saved / "gait.pdf").read_bytes() != before
+
+
+def test_plot_writes_where_it_is_told(saved: Path, tmp_path: Path):
+    out = tmp_path / "new" / "x.pdf"
+    assert main(["plot", str(saved), "gait", "-o", str(out), "--width", "8.5cm"]) == 0
+    assert out.read_bytes().startswith(b"%PDF")
+    folder = tmp_path / "folder"
+    assert main(["plot", str(saved), "gait", "motion", "-o", str(folder), "--no-title"]) == 0
+    assert {path.name for path in folder.iterdir()} == {"gait.png", "motion.png"}
+    assert {path.name for path in saved.iterdir()} == {"result.nc", "summary.json"}
+
+
+def test_plot_replaces_only_what_is_its_own(saved: Path, tmp_path: Path, capsys: Any):
+    foreign = saved / "gait.png"
+    foreign.write_text("mine")
+    assert main(["plot", str(saved), "motion", "gait"]) == 2
+    assert "gait.png: was not written by wormopt" in capsys.readouterr().err
+    assert foreign.read_text() == "mine"
+    assert not (saved / "motion.png").exists()
+    assert main(["plot", str(saved), "gait", "--force"]) == 0
+    assert foreign.read_bytes().startswith(FORMATS["png"])
+    # of another folder nothing is known
+    other = tmp_path / "gait.png"
+    other.write_text("mine")
+    assert main(["plot", str(saved), "gait", "-o", str(tmp_path)]) == 2
+    assert other.read_text() == "mine"
+    # nor of a result that the summary does not list
+    (saved / "other.nc").write_bytes((saved / "result.nc").read_bytes())
+    assert main(["plot", str(saved / "other.nc"), "gait"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["gaits"], "no picture 'gaits' of kind gait-design; did you mean gait?"),
+        (["certificate"], "certificate cannot be drawn: the result has no variable 'proof_time'"),
+        (["gait", "--format", "mp4"], "gait.mp4: only an animation moves"),
+        (["gait", "motion", "-o", "x.pdf"], "x.pdf: is one file, for 2 pictures (gait, motion)"),
+        (["gait", "-o", "x.jpg"], "x.jpg: no format jpg; write .png, .pdf, .svg"),
+        (["gait", "-o", "x.svg", "--format", "pdf"], "does not end in .pdf"),
+    ],
+)
+def test_plot_refuses_what_cannot_be(saved: Path, capsys: Any, arguments: list[str], said: str):
+    before = {path.name for path in saved.iterdir()}
+    assert main(["plot", str(saved), *arguments]) == 2
+    told = capsys.readouterr()
+    assert said in told.err
+    assert told.out == ""
+    assert {path.name for path in saved.iterdir()} == before
+
+
+def test_plot_tells_what_is_no_result(tmp_path: Path, capsys: Any):
+    assert main(["plot", str(tmp_path)]) == 2
+    assert "result.nc: cannot be read: No such file" in capsys.readouterr().err
+    (tmp_path / "result.nc").write_text("nothing")
+    assert main(["plot", str(tmp_path)]) == 2
+    assert "is no result of wormopt" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("size", ["wide", "10mm", "-85mm", "85pt", "nan", "1e9"])
+def test_plot_refuses_a_size_that_is_none(saved: Path, size: str, capsys: Any):
+    with pytest.raises(SystemExit) as stop:
+        main(["plot", str(saved), f"--width={size}"])
+    assert stop.value.code == 2
+    assert "write 85mm, say" in capsys.readouterr().err
+
+
+def test_pictures_that_nobody_named_may_be_missing(saved: Path, capsys: Any):
+    result = dataclasses.replace(sample("limits"), scene_text="")
+    result.save(saved)
+    assert main(["plot", str(saved)]) == 0  # all of the kind
+    told = capsys.readouterr()
+    assert "certificate cannot be drawn" in told.err
+    assert (saved / "animation.gif").exists()
+    without(result, "").save(saved)
+    assert main(["plot", str(saved), "--force"]) == 2
+    assert "holds nothing that can be drawn" in capsys.readouterr().err
 
 
 def test_no_pyplot_state():
@@ -478,17 +780,15 @@ def _is(patch: Rectangle, colour: str) -> bool:
 def test_an_animation_of_a_rod_is_drawn_frame_by_frame():
     result = sample("rod_motion")
     drawn = figure(result, "animation")
-    before = drawn.axes[0].texts[0].get_text()
+    before = drawn.axes[0].get_title(loc="left")
     rod.pose(drawn, result, 100)
-    assert drawn.axes[0].texts[0].get_text() != before
+    assert drawn.axes[0].get_title(loc="left") != before
 
 
 def test_velocity_over_frequency_shows_marks_best_pattern_and_bars():
     result = sample("rod_frequency")
     drawn = figure(result, "rod_frequency")
-    legend = drawn.axes[0].get_legend()
-    assert legend is not None
-    words = " ".join(text.get_text() for text in legend.get_texts())
+    words = " ".join(entries(drawn))
     assert "sample 1, largest measured" in words
     assert "best pattern" in words
     assert len(drawn.axes) == 3
@@ -500,9 +800,10 @@ def test_velocity_over_frequency_shows_marks_best_pattern_and_bars():
 
 def test_boxes_of_durations_fill_what_the_period_allows_and_no_more():
     result = sample("certificate")
-    bound, boxes, _bar = figure(result, "certificate").axes
+    drawn = figure(result, "certificate")
+    _bound, boxes, _bar = drawn.axes
     assert len(figure(without(result, "leaf_"), "certificate").axes) == 1
-    assert "gap certified 0.00" in bound.get_title(loc="left")
+    assert "gap 0.00" in texts(drawn)
     parts = [np.asarray(path.vertices) for path in boxes.collections[0].get_paths()]
     shortest, longest = result.scalars["leaf_period"].value
     low, high = result["leaf_shortest"].values, result["leaf_longest"].values
@@ -516,8 +817,8 @@ def test_boxes_of_durations_fill_what_the_period_allows_and_no_more():
         areas.append(inside * (b[0] - a[0]) * (b[1] - a[1]))
     assert len(parts) == np.count_nonzero(areas)  # nothing is left of some
     assert 0 < len(parts) <= len(areas)
-    drawn = sorted(_area(part) for part in parts)
-    assert drawn == pytest.approx(sorted(area for area in areas if area), abs=1e-4)
+    found = sorted(_area(part) for part in parts)
+    assert found == pytest.approx(sorted(area for area in areas if area), abs=1e-4)
     corners = np.concatenate(parts)
     assert corners.min() >= 0.0
     assert corners.sum(axis=1).max() <= longest * (1 + 1e-12)

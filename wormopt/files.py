@@ -1,10 +1,20 @@
 """Names of the files a result is kept in, known without loading what reads and writes them."""
 
+from pathlib import Path
+
 RESULT_FILE = "result.nc"
 SUMMARY_FILE = "summary.json"
 TABLE_FILE = "table.md"
+MARK = b"made by wormopt"
+STILL, MOVING = ("png", "pdf", "svg"), ("gif", "mp4")
+"""Formats of pictures, as suffixes; the second of animations only."""
 
 
-def picture_file(picture: str) -> str:
-    """Name of the file for a picture, a word of ``want``."""
-    return f"{picture}.gif" if picture == "animation" else f"{picture}.png"
+def picture_file(picture: str, form: str | None = None) -> str:
+    """Name of the file for a picture, a word of ``want``, in the usual format or another."""
+    return f"{picture}.{form or ('gif' if picture == 'animation' else 'png')}"
+
+
+def is_marked(file: Path) -> bool:
+    """Whether a file says in itself that wormopt made it: nothing else is ever replaced."""
+    return file.is_file() and not file.is_symlink() and MARK in file.read_bytes()

@@ -51,7 +51,7 @@ KINDS: dict[str, Kind] = {
             "gait": "wormopt.systems.spiked.plots.gaits:gait",
             "motion": "wormopt.systems.spiked.plots.gaits:motion",
             "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
-            "animation": "wormopt.systems.spiked.plots.gaits:first_frame",
+            "animation": "wormopt.systems.spiked.plots.animation:first_frame",
         },
     ),
     "gait-design": Kind(
@@ -63,8 +63,8 @@ KINDS: dict[str, Kind] = {
             "motion": "wormopt.systems.spiked.plots.gaits:motion",
             "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
             "limits": "wormopt.systems.spiked.plots.gaits:limits",
-            "certificate": "wormopt.systems.spiked.plots.gaits:certificate",
-            "animation": "wormopt.systems.spiked.plots.gaits:first_frame",
+            "certificate": "wormopt.systems.spiked.plots.certificate:certificate",
+            "animation": "wormopt.systems.spiked.plots.animation:first_frame",
         },
     ),
     "gait-pareto": Kind(

@@ -1,9 +1,11 @@
-"""What the pictures share: colours, style, labels, legends and limits.
+"""What the pictures share: sheet, colours, style, labels, facts, legends and limits.
+
+Everything is numbered from 0: mass 0 is the head, link 0 joins masses 0 and 1.
 
 Limits are scalars of a result, or attributes, that may be missing: ``length_limits`` ([low, high]
 or one such pair per link), ``rate_limit`` (a number, one per link, or [contraction, extension]
-with one list each), ``spike_load_limit`` (a number or one per mass) and ``actuator_force_limit``
-(a number or one per link).
+with one list each), ``acceleration_limit`` and ``actuator_force_limit`` (a number or one per
+link), ``spike_load_limit`` (a number or one per mass).
 """
 
 from __future__ import annotations
@@ -15,50 +17,173 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps, rc_context
+from matplotlib import colormaps, rc_context, rcParams
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from matplotlib.typing import RcKeyType
 
+from wormopt.errors import UnknownNameError
 from wormopt.result import Result
 
-# Colour-blind-safe: masses by Tol ("muted"), links by Okabe and Ito, dashed from the fifth on.
+# Colour-blind-safe: masses by Tol ("muted"), links by Okabe and Ito. Dashes tell links apart in
+# grey, and where one curve lies on another.
 MASSES = ("#332288", "#CC6677", "#117733", "#DDAA33", "#4BA3D3",
            "#882255", "#44AA99", "#999933", "#AA4499")  # fmt: skip
 LINKS = ("#0072B2", "#E69F00", "#009E73", "#D55E00") * 2
-GREY, RED, GLIDE = "#666666", "#B22222", "#F3E3C3"
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (2, 1)), (0, (6, 1.2, 1.2, 1.2)))
+GREY, RED, GLIDE = "#5A5A5A", "#B22222", "#F3E3C3"
+LIMIT: Any = (0, (5, 3))  # dashes of limits, thin and grey
+COLUMN, PAGE = 85.0, 180.0  # widths of one column and of two in a journal, mm
+_NARROW, _INCH = 120.0, 25.4
 STYLE: dict[RcKeyType, Any] = {
-    "font.size": 10.5,
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.titlelocation": "left",
+    "axes.titlepad": 4,
+    "axes.labelsize": 8,
+    "axes.labelpad": 3,
+    "axes.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
-    "grid.color": "#E6E6E6",
-    "grid.linewidth": 0.6,
     "axes.axisbelow": True,
-    "axes.titlesize": 10,
-    "axes.titlecolor": GREY,
+    "grid.color": "#E6E6E6",
+    "grid.linewidth": 0.5,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.size": 1.5,
+    "ytick.minor.size": 1.5,
     "legend.frameon": False,
-    "legend.fontsize": 9.5,
+    "legend.fontsize": 7.5,
+    "legend.title_fontsize": 7.5,
+    "legend.handlelength": 1.9,
+    "legend.columnspacing": 1.2,
+    "legend.labelspacing": 0.35,
+    "legend.borderaxespad": 0.3,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 5,
     "lines.solid_capstyle": "butt",
+    "patch.linewidth": 0.6,
     "mathtext.fontset": "dejavusans",
+    # letters as outlines: the same on a machine without our font, and the same bytes each time
+    "svg.fonttype": "path",
+    "svg.hashsalt": "wormopt",
+    "pdf.fonttype": 42,
 }
+
+
+class Sheet(Figure):
+    """A figure that notebooks show, though it is bound to no window."""
+
+    def _repr_png_(self) -> bytes:
+        file = BytesIO()
+        with rc_context(STYLE), warnings.catch_warnings():
+            # a title may hold letters that the font lacks; the picture is good all the same
+            warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+            self.savefig(file, format="png")
+        return file.getvalue()
+
+
+def sheet(width: float, height: float, narrow: float | None = None) -> Figure:
+    """Give an empty figure as wide as pictures are to be, bound to no window.
+
+    `width` and `height` are its proportions, in inches where it fills a page; `narrow` its height
+    in inches in one column, where that is not in proportion.
+    """
+    wanted = rcParams["figure.figsize"][0]
+    tall = height * wanted / width
+    if narrow is not None:
+        share = np.clip((wanted * _INCH - COLUMN) / (PAGE - COLUMN), 0, None)
+        tall = float(narrow + share * (height * PAGE / _INCH / width - narrow))
+    return Sheet((wanted, tall), layout=ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.04))
+
+
+def narrow() -> bool:
+    """Whether pictures are to go into one column: legends and panels then stand below others."""
+    return rcParams["figure.figsize"][0] * _INCH < _NARROW
+
+
+def tell(drawn: Figure, *parts: str) -> None:
+    """Say facts, one text each, in the heading of a picture; empty ones are left out."""
+    text = "; ".join(part for part in parts if part)
+    if text:
+        drawn.text(0.0, 1.0, text, label=FACTS)
+
+
+FACTS = "facts"  # label of the texts that go with the heading
+
+
+def fact(result: Result, name: str, words: str = "", unit: str = "") -> str:
+    """Say a scalar in words, in its unit or a multiple ("mm s-1" of m s-1, "%" of 1).
+
+    Empty where the result has no such number; dimensionless ones stay so.
+    """
+    known = result.scalars.get(name)
+    if known is None or isinstance(known.value, bool) or not isinstance(known.value, int | float):
+        return ""
+    times = _multiple(known.unit, unit)
+    unit = unit if times else known.unit
+    times = times or 1.0
+    told = f"{words or name.replace('_', ' ')} {number(times * known.value)}"
+    return f"{told}\N{NO-BREAK SPACE}{raised(unit or known.unit)}".rstrip()
+
+
+def _multiple(unit: str, wanted: str) -> float | None:
+    """How many of the wanted unit one is; None where it is no multiple."""
+    if unit == "1":
+        return 100.0 if wanted == "%" else None
+    return {"": 1.0, "m": 1e3, "µ": 1e6, "k": 1e-3}.get(wanted.removesuffix(unit))
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Write a number with so many significant digits, powers of ten raised."""
+    mantissa, _, exponent = f"{value:.{digits}g}".replace("-", "−").partition("e")
+    if not exponent:
+        return mantissa
+    return rf"{mantissa}·10$^{{{int(exponent.replace('−', '-'))}}}$"
+
+
+def needed(result: Result, name: str) -> Any:
+    """Value of a scalar or attribute; UnknownNameError where the result has neither."""
+    value = scalar(result, name)
+    if value is None:
+        known = [*result.scalars, *result.attributes]
+        raise UnknownNameError("the result", "number", [name], known)
+    return value
 
 
 def draw_limits(
     axes: Axes, limits: Sequence[tuple[float, ...]], colours: Sequence[str] = LINKS
-) -> None:
+) -> list[Line2D]:
     """Thin dashed lines: grey where all curves share them, in their own colours otherwise.
 
-    `limits`: levels, one tuple per curve; empty draws nothing.
+    `limits`: levels, one tuple per curve; empty draws nothing. Gives what a legend says of them.
     """
     shared = len(set(limits)) == 1
     for values, colour in zip(limits[:1] if shared else limits, colours, strict=False):
         for value in values:
-            axes.axhline(value, color=GREY if shared else colour, linestyle=(0, (5, 3)),
-                         linewidth=1, zorder=1.5)  # fmt: skip
+            axes.axhline(value, color=GREY if shared else colour, linestyle=LIMIT, linewidth=0.8,
+                         zorder=1.5)  # fmt: skip
+    return [line("limit" if shared else "limits", GREY, LIMIT, 0.8)] if limits else []
+
+
+def line(
+    text: str, colour: str = GREY, dashes: Any = "-", width: float = 1.3, marker: str = ""
+) -> Line2D:
+    """Give an entry of a legend."""
+    return Line2D(
+        [], [], color=colour, linestyle=dashes, linewidth=width, marker=marker, label=text
+    )
 
 
 def ranges(limits: Any, count: int) -> list[tuple[float, ...]]:
@@ -80,6 +205,15 @@ def rate_ranges(limit: Any, count: int) -> list[tuple[float, ...]]:
     if isinstance(limit, list) and isinstance(limit[0], list):
         return [(-contraction, extension) for contraction, extension in zip(*limit, strict=True)]
     return symmetric(limit, count)
+
+
+def few_decades(axis: Axis) -> None:
+    """Ticks of a logarithmic axis that spans about a decade, written out."""
+    low, high = axis.get_view_interval()
+    steps = (1.0, 2.0, 5.0) if high < 60 * low else (1.0,)
+    axis.set_major_locator(LogLocator(subs=steps, numticks=8))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
+    axis.set_minor_locator(NullLocator())
 
 
 def symmetric(limit: Any, count: int) -> list[tuple[float, ...]]:
@@ -111,38 +245,104 @@ def shades(palette: Sequence[str], count: int) -> Sequence[str]:
     return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.9, count))]
 
 
-def link_lines(count: int) -> list[Line2D]:
-    """How each link is drawn, dashed from the fifth on; a ramp of colours where there are many."""
-    solid = 4 if count <= len(LINKS) else count
+def labels(what: str, count: int, *, worm: bool = True) -> list[str]:
+    """Names of links, masses, motors or the like, which are numbered from 0."""
+    worm = worm and what == "mass" and count > 1
+    ends = {0: " (head)", count - 1: " (tail)"} if worm else {}
+    return [f"{what} {i}{ends.get(i, '')}" for i in range(count)]
+
+
+def link_styles(count: int) -> list[tuple[str, Any]]:
+    """Colour and dashes of each link; a ramp of colours where there are many."""
+    many = count > len(LINKS)
     return [
-        Line2D([], [], color=colour, linestyle="-" if j < solid else (0, (2, 1)), linewidth=1.8,
-               label=f"link {j + 1}")
+        (colour, "-" if many else DASHES[(j + j // 4) % 4])
         for j, colour in enumerate(shades(LINKS, count))
-    ]  # fmt: skip
-
-
-def link_handles(count: int) -> list[Line2D]:
-    """Lines for a legend of links; of many the ends and the middle only."""
-    return _few(link_lines(count), len(LINKS))
-
-
-def mass_handles(count: int) -> list[Line2D]:
-    """Lines for a legend of masses, 0 the head; of many the ends and the middle only."""
-    ends = {0: " (head)", count - 1: " (tail)"}
-    lines = [
-        Line2D([], [], color=colour, linewidth=1.8, label=f"mass {i}{ends.get(i, '')}")
-        for i, colour in enumerate(shades(MASSES, count))
     ]
-    return _few(lines, len(MASSES))
 
 
-def _few(lines: list[Line2D], most: int) -> list[Line2D]:
-    return lines if len(lines) <= most else [lines[0], lines[len(lines) // 2], lines[-1]]
+def handles(what: str, count: int, *, worm: bool = True) -> list[Line2D]:
+    """Lines for a legend of links or masses, of a worm or not; of many ends and middle only."""
+    if what == "link":
+        styles = link_styles(count)
+        names = labels(what, count)
+        lines = [line(name, *style) for name, style in zip(names, styles, strict=True)]
+    else:
+        lines = list(map(line, labels(what, count, worm=worm), shades(MASSES, count)))
+    return lines if count <= len(MASSES) else [lines[0], lines[count // 2], lines[-1]]
 
 
-def legend(axes: Axes, handles: list[Line2D]) -> None:
-    """Put a legend beside the axes, where it covers nothing."""
-    axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.01, 0.5))
+def legend(axes: Axes, entries: Sequence[Artist] | None = None, title: str = "") -> None:
+    """Put a legend where it covers nothing: beside the axes, in one column above them.
+
+    Of `entries`, or of what is labelled. A title of the axes must be there before.
+    """
+    entries = list(axes.get_legend_handles_labels()[0] if entries is None else entries)
+    if narrow():
+        legend_above(axes, entries, title, share=0.75)
+    else:
+        texts, _ = _fitted(entries, 0.25)
+        axes.legend(entries, texts, loc="center left", bbox_to_anchor=(1.0, 0.5), title=title)
+
+
+def legend_above(
+    axes: Axes, entries: Sequence[Artist] | None = None, title: str = "", share: float = 0.9
+) -> None:
+    """Put a legend above axes that take such a share of the sheet, below their title."""
+    entries = list(axes.get_legend_handles_labels()[0] if entries is None else entries)
+    texts, columns = _fitted(entries, share)
+    axes.legend(entries, texts, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=columns,
+                title=title, alignment="left")  # fmt: skip
+    if heading := axes.get_title(loc="left"):
+        rows = max(sum(1 + text.count("\n") for text in column)
+                   for column in np.array_split(np.array(texts), columns))  # fmt: skip
+        axes.set_title(heading, pad=5 + 11 * (rows + bool(title)))
+
+
+def legend_below(drawn: Figure, entries: Sequence[Artist] | None = None) -> None:
+    """Put a legend for all panels below them; of what is labelled, where no entries are given."""
+    if entries is None:
+        found = [
+            pair
+            for axes in drawn.axes
+            for pair in zip(*axes.get_legend_handles_labels(), strict=True)
+        ]
+        named = {text: entry for entry, text in reversed(found)}
+        entries = [named[text] for text in dict.fromkeys(text for _, text in found)]
+    texts, columns = _fitted(entries, 1.0)
+    drawn.legend(list(entries), texts, loc="outside lower center", ncols=columns)
+
+
+def _fitted(entries: Sequence[Artist], share: float) -> tuple[list[str], int]:
+    """Texts of a legend, long ones in lines, and how many columns fit into a share of the sheet."""
+    room = share * 72 * rcParams["figure.figsize"][0]
+    longest = min(52, int((room - 30) / 4.1))
+    texts = [wrapped(str(entry.get_label()), longest) for entry in entries]
+    widths = [26 + 4.1 * max(map(_letters, text.split("\n"))) for text in texts]
+    counts = range(len(entries), 1, -1)
+    fits = (n for n in counts if sum(map(max, np.array_split(widths, n))) < room)
+    return texts, next(fits, 1)
+
+
+def wrapped(text: str, letters: int) -> str:
+    """Break a text into lines of so many letters, formulas left whole."""
+    lines = [""]
+    for word in re.findall(r"(?:\$[^$]*\$|[^ \n])+", text):
+        if lines[-1] and _letters(f"{lines[-1]} {word}") > letters:
+            lines.append(word)
+        else:
+            lines[-1] = f"{lines[-1]} {word}".strip()
+    return "\n".join(lines)
+
+
+def room(abreast: int) -> int:
+    """How many letters of a title fit above each of so many panels side by side."""
+    return max(8, int(13 * rcParams["figure.figsize"][0] / abreast) - 2)
+
+
+def _letters(text: str) -> int:
+    """How many letters long a text appears."""
+    return len(re.sub(r"\\[a-z]+", "x", text).translate({ord(mark): None for mark in "${}^_"}))
 
 
 def label(text: str, unit: str) -> str:
@@ -152,7 +352,8 @@ def label(text: str, unit: str) -> str:
 
 def raised(unit: str) -> str:
     """Write a UDUNITS unit with its powers raised, and '1' as nothing."""
-    return re.sub(r"(?<=[A-Za-z])(-?[0-9]+)", r"$^{\1}$", "" if unit == "1" else unit)
+    text = "" if unit == "1" else unit.replace(" ", "\N{NO-BREAK SPACE}")
+    return re.sub(r"(?<=[A-Za-z])(-?[0-9]+)", r"$^{\1}$", text)
 
 
 def scalar(result: Result, name: str) -> Any:
@@ -160,31 +361,3 @@ def scalar(result: Result, name: str) -> Any:
     if name in result.scalars:
         return result.scalars[name].value
     return result.attributes.get(name)
-
-
-def facts(result: Result, *names: str) -> str:
-    """Give the named scalars as one line; those missing or no numbers are left out."""
-    found = [(name.replace("_", " "), result.scalars.get(name)) for name in names]
-    return "    ".join(
-        f"{name} {number.value:.6g} {raised(number.unit)}".rstrip()
-        for name, number in found
-        if number and isinstance(number.value, int | float)
-    )
-
-
-class Sheet(Figure):
-    """A figure that notebooks show, though it is bound to no window."""
-
-    def _repr_png_(self) -> bytes:
-        file = BytesIO()
-        with rc_context(STYLE), warnings.catch_warnings():
-            # a title may hold letters that the font lacks; the picture is good all the same
-            warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-            self.savefig(file, format="png")
-        return file.getvalue()
-
-
-def sheet(width: float, height: float) -> Figure:
-    """Give an empty figure, in inches, with some room at its edges, bound to no window."""
-    layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.1)
-    return Sheet(figsize=(width, height), layout=layout)

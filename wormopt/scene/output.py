@@ -13,10 +13,11 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from wormopt.errors import OutputError
 from wormopt.files import SUMMARY_FILE
@@ -84,7 +85,7 @@ def output_folder(output: Output) -> Iterator[Path]:
 
 
 @dataclass(frozen=True)
-class _Earlier:
+class Earlier:
     """The result that a folder holds: what it is, and which files are as they were written."""
 
     scene: str = ""
@@ -98,7 +99,7 @@ def _refuse_obstacles(output: Output, files: Sequence[str]) -> None:
         raise OutputError(f"{folder}: is a file, not a folder; {elsewhere}")
     if not folder.is_dir():
         return
-    earlier = _earlier_result(folder)
+    earlier = earlier_result(folder)
     for name in files:
         if (folder / name).is_dir():
             raise OutputError(f"{folder / name}: is a folder where a file must go; rename it")
@@ -115,15 +116,31 @@ def _refuse_obstacles(output: Output, files: Sequence[str]) -> None:
         raise OutputError(f"{folder}: {what}; {elsewhere}, or replace it with --force")
 
 
-def _earlier_result(folder: Path) -> _Earlier:
+def earlier_result(folder: Path) -> Earlier:
     """Find what was written into a folder; nothing where there is no result."""
     try:
         summary = json.loads((folder / SUMMARY_FILE).read_text(encoding="utf-8"))
         scene, kind, hashes = (summary[key] for key in ("scene", "kind", "sha256"))
         same = {name for name, digest in hashes.items() if _is_as_written(folder, name, digest)}
-        return _Earlier(str(scene), str(kind), frozenset(same | {SUMMARY_FILE}))
+        return Earlier(str(scene), str(kind), frozenset(same | {SUMMARY_FILE}))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return _Earlier()
+        return Earlier()
+
+
+def enlist(folder: Path, names: Sequence[str]) -> None:
+    """Have new files beside a result count as its own, so that they are replaced with it."""
+    path = folder / SUMMARY_FILE
+    summary = json.loads(path.read_text(encoding="utf-8"))
+    summary["files"] += [name for name in names if name not in summary["files"]]
+    summary["sha256"] |= {name: _hash(folder / name) for name in names}
+    unfinished = path.with_name(f".unfinished-{path.name}")
+    _write(unfinished, summary)
+    unfinished.replace(path)
+
+
+def _write(path: Path, summary: Mapping[str, Any]) -> None:
+    text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
 
 
 def _is_as_written(folder: Path, name: str, digest: object) -> bool:
@@ -162,7 +179,7 @@ def _publish(staging: Path, output: Output) -> None:
     if not folder.exists():
         staging.rename(folder)
         return
-    stale = _earlier_result(folder).own - set(new)
+    stale = earlier_result(folder).own - set(new)
     for name in sorted(new, key=SUMMARY_FILE.__eq__):  # it comes last
         (staging / name).replace(folder / name)
     for name in stale:
@@ -176,5 +193,4 @@ def _write_hashes(staging: Path) -> None:
     summary = json.loads(path.read_text(encoding="utf-8"))
     others = sorted(set(staging.iterdir()) - {path})
     summary["sha256"] = {other.name: _hash(other) for other in others}
-    text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    _write(path, summary)

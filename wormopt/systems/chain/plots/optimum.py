@@ -8,7 +8,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from wormopt.plotting.parts import GREY, facts, label, scalar, sheet
+from wormopt.plotting.parts import (
+    GREY,
+    fact,
+    label,
+    legend_below,
+    narrow,
+    needed,
+    sheet,
+    tell,
+)
 from wormopt.quantities import Variable
 from wormopt.result import Result
 from wormopt.systems.chain.plots import simulation
@@ -17,10 +26,8 @@ from wormopt.systems.chain.plots import simulation
 def signals(result: Result) -> Figure:
     """Signals of optimal control against time, one below the other, with the phase changes."""
     drawn = simulation.signals(over_time(result))
-    for axes in drawn.axes:
-        for instant in (scalar(result, "phase_times") or [])[1:-1]:
-            axes.axvline(instant, color=GREY, linewidth=0.8, linestyle=":")
-    drawn.axes[0].set_title(facts(result, "speed", "time", "n_phases"), loc="left")
+    tell(drawn, fact(result, "speed", "mean speed"), fact(result, "time"),
+         fact(result, "n_phases", "phases"))  # fmt: skip
     return drawn
 
 
@@ -47,28 +54,32 @@ def convergence(result: Result) -> Figure:
     Dotted lines have the slope of order 1; the bars at the last points are the error bars
     stated without knowing the exact answer.
     """
-    drawn = sheet(9, 4)
+    drawn = sheet(7.1, 2.9, 2.6)
     left, right = drawn.subplots(1, 2, sharey=True)
     _draw(left, result, "width", "smoothed", 1)
-    left.set_xlabel(label("width $v_{reg}$ of the smoothed law", result["width"].unit))
+    left.set_xlabel(
+        label("width $v_{reg}$" + narrow() * "\n" + " of the smoothed law", result["width"].unit)
+    )
     left.invert_xaxis()
     _draw(right, result, "arcs", "complementarity", -1)
-    right.set_xlabel("arcs $N$ of the grid (complementarity)")
+    right.set_xlabel("arcs $N$ of the grid" + (narrow() * "\n" or " ") + "(complementarity)")
     left.set_ylabel(label("error of the objective", result["smoothed_error"].unit))
-    left.set_title(facts(result, "order_smoothed"), loc="left")
-    right.set_title(facts(result, "order_complementarity"), loc="left")
+    tell(
+        drawn,
+        fact(result, "order_smoothed", "order of the smoothed law"),
+        fact(result, "order_complementarity", "of complementarity"),
+    )
+    legend_below(drawn)
     return drawn
 
 
 def _draw(axes: Axes, result: Result, over: str, what: str, slope: int) -> None:
     x, error = result[over].values, np.abs(result[f"{what}_error"].values)
-    bar = scalar(result, f"objective_{what}_error_bar")
-    axes.loglog(x, error, color="black", marker="o", markersize=4)
+    bar = needed(result, f"objective_{what}_error_bar")
+    axes.loglog(x, error, color="black", marker="o", markersize=4, label="error")
     axes.loglog(x, error[-1] * (x / x[-1]) ** slope, color=GREY, linestyle=":", label="order 1")
     upward = [[0.0], [max(bar - error[-1], 0.0)]]
     axes.errorbar(x[-1], error[-1], upward, color="black", capsize=3, label="error bar stated")
-    axes.legend(loc="lower left", frameon=False)
-    axes.grid(visible=True, color="#E6E6E6", linewidth=0.6)
     if over == "arcs":
         axes.set_xticks(x, [f"{n:g}" for n in x], minor=False)
         axes.minorticks_off()

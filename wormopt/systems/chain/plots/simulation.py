@@ -2,43 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.patches import Patch
 
 from wormopt.plotting.parts import (
+    DASHES,
     GLIDE,
     GREY,
+    LIMIT,
     LINKS,
     MASSES,
-    facts,
+    fact,
+    few_decades,
     label,
-    legend,
-    link_handles,
-    mass_handles,
+    labels,
+    legend_below,
+    line,
+    needed,
+    room,
+    scalar,
     shades,
     sheet,
+    tell,
+    wrapped,
 )
 from wormopt.result import Result
 
 _STRIP, _REFERENCE = 0.16, (0, (1, 1.2))
 # Widths of the bars that show rests, and the length of the shortest shown, in points.
-_REST, _THIN_REST, _SHORTEST_REST = 5.0, 2.5, 1.5
+_REST, _THIN_REST, _SHORTEST_REST = 4.0, 2.0, 1.2
 _MOST_SIGNALS = 16  # shown in one picture
-# Rows of the pictures of trackers: the chapter's figures 5 to 8, and the error itself.
+# Rows of the pictures of trackers, and how high: the chapter's figures 5 to 8, and the error.
 _ROWS = {
-    "length": "link length $l_j$",
-    "error_norm": "error $|e|$",
-    "gain": "gain $k$",
-    "input": "input $u_j$",
-    "position": "position $x_i$",
+    "length": ("length $l_j$", 2.6),
+    "error_norm": ("error $|e|$", 1.6),
+    "gain": ("gain $k$", 1.4),
+    "input": ("input $u_j$", 2.0),
+    "position": ("position $x_i$", 2.6),
 }
-_HEIGHTS = (3, 1.6, 1.6, 2, 3)
 
 
 def trackers(result: Result) -> Figure:
@@ -46,74 +54,72 @@ def trackers(result: Result) -> Figure:
 
     The chapter's figures 5 to 8 in one. Rows share their scales; none for a missing gain.
     """
-    names = result.attributes["trackers"]
+    names = needed(result, "trackers")
+    links, masses = result["length"].values.shape[1], result["position"].values.shape[1]
     time = result["time"].values
-    rows = {name: row for row, name in enumerate(name for name in _ROWS if name in result)}
-    heights = [height for name, height in zip(_ROWS, _HEIGHTS, strict=True) if name in rows]
-    drawn = sheet(3.2 + 4.2 * len(names), sum(heights) + 0.5)
+    rows = [name for name in _ROWS if name in result]
+    axes = _grid(result, rows)
+    for column in range(len(names)):
+        panels = dict(zip(rows, axes[:, column], strict=True))
+        _draw_strips(panels["length"], result, column)
+        _draw_rows(panels["length"], result, "length", column, LINKS)
+        for signal in panels.keys() & {"error_norm", "gain"}:
+            panels[signal].plot(time, result[signal].values[column], color="black")
+        _draw_tube(panels["error_norm"], result, column)
+        _draw_rows(panels["input"], result, "input", column, LINKS)
+        _draw_rows(panels["position"], result, "position", column, MASSES)
+        _draw_rests(panels["position"], result, column, upward=False)
+    _explain(axes[0, 0].figure, result, [*_entries(LINKS, links), *_strip_entries()],
+             [*_entries(MASSES, masses), *_rest_entries(result)])  # fmt: skip
+    return axes[0, 0].figure
+
+
+def _grid(result: Result, rows: Sequence[str], ending: str = "") -> np.ndarray:
+    """Axes by row and tracker, which is named above; rows share their scales."""
+    names = needed(result, "trackers")
+    heights = [_ROWS[row][1] for row in rows]
+    drawn = sheet(7.1, 1.0 + 0.68 * sum(heights), 1.2 + 0.5 * sum(heights))
     axes = drawn.subplots(
         len(rows), len(names), sharex=True, sharey="row", squeeze=False, height_ratios=heights
     )
-    for column, name in enumerate(names):
-        _draw_strips(axes[0, column], result, column)
-        _draw_rows(axes[0, column], result, "length", column, LINKS)
-        for signal in rows.keys() & {"error_norm", "gain"}:
-            values = result[signal].values[column]
-            axes[rows[signal], column].plot(time, values, color="black", lw=1.5)
-        _draw_tube(axes[1, column], result, column)
-        _draw_rows(axes[rows["input"], column], result, "input", column, LINKS)
-        _draw_rows(axes[-1, column], result, "position", column, MASSES)
-        _draw_rests(axes[-1, column], result, column, upward=False)
-        axes[0, column].set_title(name, loc="left", color="black", weight="bold")
-        axes[-1, column].set_xlabel(label("time $t$", result["time"].unit))
-    for signal, row in rows.items():
-        axes[row, 0].set_ylabel(label(_ROWS[signal], result[signal].unit))
-        axes[row, 0].margins(x=0)
-    _explain(list(axes[:, -1]), result)
+    for name, row in zip(rows, axes[:, 0], strict=True):
+        row.set_ylabel(label(_ROWS[name][0], result[name + ending].unit))
+        row.margins(x=0)
+    for name, top, bottom in zip(names, axes[0], axes[-1], strict=True):
+        top.set_title(wrapped(name, room(len(names))), weight="bold")
+        bottom.set_xlabel(label("time $t$", result["time"].unit))
     drawn.align_ylabels()
-    return drawn
+    return axes
 
 
-def _explain(axes: Sequence[Axes], result: Result) -> None:
-    """Legends beside the last column."""
-    links, masses = result["length"].values.shape[1], result["position"].values.shape[1]
-    legend(axes[0], [*_entries(LINKS, links), *_strip_handles()])
-    legend(axes[1], _tube_handles(result))
-    legend(axes[-1], [*_entries(MASSES, masses), *_rest_handles(result)])
+def _explain(drawn: Figure, result: Result, *groups: Sequence[Artist]) -> None:
+    """One legend for all columns, below them."""
+    tube = [line(r"$\lambda$, radius of the tube", GREY, LIMIT, 0.9)]
+    funnel = [line("funnel", GREY, ":", 0.9)] if "funnel" in result else []
+    legend_below(drawn, [*groups[0], *tube, *funnel, *groups[1]])
 
 
-def _strip_handles() -> list[Line2D]:
+def _strip_entries() -> list[Artist]:
     return [
-        Line2D([], [], color=GREY, linewidth=1.2, linestyle=_REFERENCE, label="reference"),
-        Line2D([], [], color=GREY, alpha=2 * _STRIP, linewidth=8, label=r"$\pm\lambda$ strip"),
+        line("reference", GREY, _REFERENCE, 1),
+        Patch(color=GREY, alpha=2 * _STRIP, linewidth=0, label=r"reference $\pm\lambda$"),
     ]
 
 
-def _tube_handles(result: Result) -> list[Line2D]:
-    tube = Line2D([], [], color=GREY, linewidth=1.2, linestyle="--", label=r"$\lambda$")
-    funnel = Line2D([], [], color=GREY, linewidth=1.2, linestyle=":", label="funnel")
-    return [tube, funnel] if "funnel" in result else [tube]
-
-
-def _rest_handles(result: Result) -> list[Line2D]:
-    heavy = Line2D([], [], color=GREY, linewidth=5, label="rests")
-    return [heavy] if "rest_start" in result else []
+def _rest_entries(result: Result) -> list[Artist]:
+    return [line("rests", width=_REST)] if "rest_start" in result else []
 
 
 def _entries(palette: Sequence[str], count: int, what: str = "") -> list[Line2D]:
     """Legend of links or masses, or of whatever has so many entries; ends only of many."""
-    if not what:
-        what = "mass" if palette is MASSES else "link"
-    if count <= len(palette) and what in ("mass", "link"):
-        return mass_handles(count) if what == "mass" else link_handles(count)
-    first = 1 if what == "link" else 0
+    what = what.removesuffix("_entry") or ("mass" if palette is MASSES else "link")
     shown = range(count) if count <= len(palette) else (0, count - 1)
-    own, what = shades(palette, count), what.removesuffix("_entry")
-    return [Line2D([], [], color=own[j], linewidth=1.8, label=f"{what} {first + j}") for j in shown]
+    own, names = shades(palette, count), labels(what, count)
+    return [line(names[j], own[j]) for j in shown]
 
 
 def _draw_rows(
-    axes: Axes, result: Result, name: str, column: int, palette: Sequence[str], width: float = 1.5
+    axes: Axes, result: Result, name: str, column: int, palette: Sequence[str], width: float = 1.2
 ) -> None:
     time, rows = result["time"].values, result[name].values[column]
     for row, colour in zip(rows, shades(palette, len(rows)), strict=True):
@@ -128,24 +134,21 @@ def _draw_strips(axes: Axes, result: Result, column: int) -> None:
         axes.fill_between(
             time, reference - tube, reference + tube, color=colour, alpha=_STRIP, linewidth=0
         )
-        axes.plot(time, reference, color=colour, linewidth=1.2, linestyle=_REFERENCE)
+        axes.plot(time, reference, color=colour, linewidth=0.9, linestyle=_REFERENCE)
 
 
 def _draw_tube(axes: Axes, result: Result, column: int) -> None:
     """Radius of the tube, and the funnel, over the norm of the error in decades."""
     time = result["time"].values
-    for name, style in (("tube", "--"), ("funnel", ":")):
+    for name, style in (("tube", LIMIT), ("funnel", ":")):
         if name in result:
-            axes.plot(time, result[name].values[column], color=GREY, linewidth=1.2, linestyle=style)
+            axes.plot(time, result[name].values[column], color=GREY, linewidth=0.9, linestyle=style)
     axes.set_yscale("log")
     # an error that passes through 0 would show nothing but that
     low, high = axes.get_ylim()
     low = max(low, 0.1 * float(result["tube"].values[column].min()))
     axes.set_ylim(low, high)
-    steps = (1.0, 2.0, 5.0) if high < 60 * low else (1.0,)
-    axes.yaxis.set_major_locator(LogLocator(subs=steps, numticks=8))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_locator(NullLocator())
+    few_decades(axes.yaxis)
 
 
 def _draw_rests(axes: Axes, result: Result, column: int, *, upward: bool) -> None:
@@ -153,7 +156,7 @@ def _draw_rests(axes: Axes, result: Result, column: int, *, upward: bool) -> Non
     if "rest_start" not in result:
         return
     time, position = result["time"].values, result["position"].values
-    position = position[column] if position.ndim == 3 else position
+    position = position[column] if position.ndim == 3 else np.atleast_2d(position)
     colours = shades(MASSES, len(position))
     points = (390 if upward else 250) / (time[-1] - time[0])
     shown = [r for r in _rests(result, column) if points * (r[2] - r[1]) >= _SHORTEST_REST]
@@ -185,22 +188,23 @@ def motion(result: Result) -> Figure:
     names = result.attributes.get("trackers", [""])
     several = result["position"].values.ndim == 3
     time = result["time"].values
-    drawn = sheet(2.0 + 5.5 * len(names), 7)
+    drawn = sheet(7.1, 4.4, 3.4)
     row = drawn.subplots(1, len(names), sharex=True, sharey=True, squeeze=False)[0]
     for column, (axes, name) in enumerate(zip(row, names, strict=True)):
         values = result["position"].values
-        position = values[column] if several else values
+        position = values[column] if several else np.atleast_2d(values)
         for path, colour in zip(position, shades(MASSES, len(position)), strict=True):
-            axes.plot(path, time, color=colour, linewidth=1.3)
+            axes.plot(path, time, color=colour, linewidth=1)
         _draw_rests(axes, result, column, upward=True)
         axes.set_xlabel(label("position $x_i$", result["position"].unit))
-        axes.set_title(name if len(names) > 1 else facts(result, "distance", "mean_speed"),
-                       loc="left")  # fmt: skip
+        if len(names) > 1:
+            axes.set_title(wrapped(name, room(len(names))), weight="bold")
         axes.margins(0.04, 0.0)
     row[0].set_ylabel(label("time $t$", result["time"].unit))
-    masses = result["position"].values.shape[-2]
-    handles = [*_entries(MASSES, masses), *_rest_handles(result)]
-    drawn.legend(handles=handles, loc="outside lower center", ncols=5)
+    if len(names) == 1:
+        tell(drawn, fact(result, "distance"), fact(result, "mean_speed"))
+    masses = result["position"].values.shape[-2] if result["position"].values.ndim > 1 else 1
+    legend_below(drawn, [*_entries(MASSES, masses), *_rest_entries(result)])
     return drawn
 
 
@@ -209,35 +213,23 @@ def bands(result: Result) -> Figure:
 
     Half of the members lie in the dark band, 90 % in the light one.
     """
-    names = result.attributes["trackers"]
-    drawn = sheet(3.4 + 4.2 * len(names), 11.5)
-    axes = drawn.subplots(
-        5, len(names), sharex=True, sharey="row", squeeze=False, height_ratios=_HEIGHTS
-    )
-    for column, name in enumerate(names):
+    axes = _grid(result, list(_ROWS), "_band")
+    for column in range(len(needed(result, "trackers"))):
         _draw_strips(axes[0, column], result, column)
         for row, signal in enumerate(_ROWS):
             palette = MASSES if signal == "position" else LINKS
             _draw_band(axes[row, column], result, f"{signal}_band", column, palette)
         _draw_tube(axes[1, column], result, column)
-        axes[0, column].set_title(name, loc="left", color="black", weight="bold")
-        axes[-1, column].set_xlabel(label("time $t$", result["time"].unit))
-    for row, (signal, text) in enumerate(_ROWS.items()):
-        axes[row, 0].set_ylabel(label(text, result[f"{signal}_band"].unit))
-        axes[row, 0].margins(x=0)
     links = result["length_band"].values.shape[2]
     masses = result["position_band"].values.shape[2]
-    legend(axes[0, -1], [*_entries(LINKS, links), *_strip_handles()])
-    legend(axes[1, -1], _tube_handles(result))
-    patches = [
-        Line2D([], [], color=GREY, linewidth=1.5, label="median"),
-        Line2D([], [], color=GREY, alpha=0.4, linewidth=8, label="half of all"),
-        Line2D([], [], color=GREY, alpha=0.2, linewidth=8, label="90 % of all"),
+    shares = [
+        line("median"),
+        Patch(color=GREY, alpha=0.4, linewidth=0, label="half of all"),
+        Patch(color=GREY, alpha=0.2, linewidth=0, label="90 % of all"),
     ]
-    legend(axes[2, -1], patches)
-    legend(axes[-1, -1], _entries(MASSES, masses))
-    drawn.align_ylabels()
-    return drawn
+    _explain(axes[0, 0].figure, result, [*_entries(LINKS, links), *_strip_entries()],
+             [*_entries(MASSES, masses), *shares])  # fmt: skip
+    return axes[0, 0].figure
 
 
 def _draw_band(axes: Axes, result: Result, name: str, column: int, palette: Sequence[str]) -> None:
@@ -248,7 +240,7 @@ def _draw_band(axes: Axes, result: Result, name: str, column: int, palette: Sequ
         low, lower, middle, upper, high = values[:, j]
         axes.fill_between(time, low, high, color=colour, alpha=0.2, linewidth=0)
         axes.fill_between(time, lower, upper, color=colour, alpha=0.25, linewidth=0)
-        axes.plot(time, middle, color=colour, linewidth=1.5)
+        axes.plot(time, middle, color=colour, linewidth=1.2)
 
 
 def signals(result: Result) -> Figure:
@@ -256,44 +248,61 @@ def signals(result: Result) -> Figure:
 
     Rests of a single contact are shaded, those of several in a band of their own below.
     """
-    names = [name for name in result.attributes["signals"] if name in result][:_MOST_SIGNALS]
-    contacts = result.attributes["contacts"]
+    names = [name for name in needed(result, "signals") if name in result][:_MOST_SIGNALS]
+    contacts = needed(result, "contacts")
     band = "rest_start" in result and len(contacts) > 1
-    heights = [1.7] * len(names) + ([0.3 + 0.15 * len(contacts)] if band else [])
-    drawn = sheet(9, 1.6 + sum(heights))
+    heights = [1.1] * len(names) + ([0.3 + 0.12 * len(contacts)] if band else [])
+    drawn = sheet(7.1, 0.8 + sum(heights), 0.9 + 0.85 * sum(heights))
     rows = drawn.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+    told: list[Artist] = []
     for axes, name in zip(rows, names, strict=False):
-        _draw_signal(axes, result, name)
+        told += _draw_signal(axes, result, name)
         if "rest_start" in result and not band:
             for _, start, end in _rests(result, 0):
                 axes.axvspan(start, end, color=GLIDE, linewidth=0)
     if band:
         _draw_band_of_rests(rows[-1], result, contacts)
+    elif "rest_start" in result:
+        told.append(Patch(color=GLIDE, label="at rest"))
+    if "phase_times" in result.scalars:
+        told += _draw_phases(rows, result)
+    if told:
+        legend_below(drawn, list({str(entry.get_label()): entry for entry in told}.values()))
     rows[-1].set_xlabel(label("time $t$", result["time"].unit))
-    shaded = "    shaded: at rest" if "rest_start" in result and not band else ""
-    rows[0].set_title(facts(result, "distance", "mean_speed", "n_events") + shaded, loc="left")
+    tell(drawn, *(fact(result, name) for name in ("distance", "mean_speed")),
+         fact(result, "n_events", "events"))  # fmt: skip
     drawn.align_ylabels()
     return drawn
 
 
-def _draw_signal(axes: Axes, result: Result, name: str) -> None:
+def _draw_phases(rows: Iterable[Axes], result: Result) -> list[Artist]:
+    """Where contacts of an optimal motion change."""
+    for axes in rows:
+        for instant in (scalar(result, "phase_times") or [])[1:-1]:
+            axes.axvline(instant, color=GREY, linewidth=0.8, linestyle=":")
+    return [line("contact changes", GREY, ":", 0.8)]
+
+
+def _draw_signal(axes: Axes, result: Result, name: str) -> list[Line2D]:
+    """Curves of a signal; gives what a legend says of them."""
     time, values = result["time"].values, np.atleast_2d(result[name].values)
     entries = result[name].dims[0]
     palette = MASSES if entries == "mass" else LINKS
     colours = ["black"] if len(values) == 1 else shades(palette, len(values))
-    handles = _entries(palette, len(values), entries) if len(values) > 1 else []
-    for row, colour in zip(values, colours, strict=True):
-        axes.plot(time, row, color=colour, linewidth=1.5)
+    told = _entries(palette, len(values), entries) if len(values) > 1 else []
+    for j, (row, colour) in enumerate(zip(values, colours, strict=True)):
+        # those that cover each other show by their dashes
+        dashes = DASHES[j] if len(values) <= len(DASHES) else "-"
+        axes.plot(time, row, color=colour, linewidth=1.2, linestyle=dashes)
+        if j < len(told):
+            told[j].set_linestyle(dashes)
     if name == "length" and "command" in result:
         for row, colour in zip(result["command"].values, colours, strict=True):
-            axes.plot(time, row, color=colour, linewidth=1.2, linestyle=_REFERENCE)
-        handles.append(
-            Line2D([], [], color=GREY, linewidth=1.2, linestyle=_REFERENCE, label="commanded")
-        )
-    if handles:
-        legend(axes, handles)
+            axes.plot(time, row, color=colour, linewidth=0.9, linestyle=_REFERENCE)
+        told.append(line("commanded", GREY, _REFERENCE, 0.9))
     axes.set_ylabel(label(name.replace("_", "\n", 1).replace("_", " "), result[name].unit))
     axes.margins(x=0)
+    return told
 
 
 def _draw_band_of_rests(axes: Axes, result: Result, contacts: Sequence[str]) -> None:

@@ -8,12 +8,28 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from wormopt.plotting.parts import GREY, LINKS, RED, scalar, sheet
+from wormopt.plotting.parts import (
+    DASHES,
+    GREY,
+    LIMIT,
+    LINKS,
+    RED,
+    fact,
+    legend_below,
+    narrow,
+    needed,
+    number,
+    raised,
+    scalar,
+    sheet,
+    tell,
+)
 from wormopt.result import Result
 
 # Shapes by their order.
 _COLOURS = (*LINKS[:3], "#CC79A7", "#56B4E9", "#882255")
 _MARKERS = "osD^v"
+_ASSUMED = ((0, (5, 2)), (0, (2, 1.2)), (0, (1, 1)))  # dashes of shapes that are assumed
 _WIDER = 1.6
 _COIL = "#F1D9BF"
 
@@ -23,27 +39,29 @@ def channel_velocity(result: Result) -> Figure:
 
     Grey where the formula is not claimed to hold. `result` is of kind ``channel-worm``.
     """
-    drawn = sheet(9.0, 5.6)
+    drawn = sheet(7.1, 4.4, 4.4)
     axes = drawn.subplots()
     frequency, velocity = result["frequency"].values, 1e3 * result["velocity"].values
-    per = [1e3 * v for v in scalar(result, "velocity_per_frequency")]
-    for k, name in enumerate(scalar(result, "shapes")):
-        axes.plot(frequency, velocity[k], color=_COLOURS[k], linewidth=1.8,
-                  linestyle=("-", (0, (6, 2)), (0, (2, 1.5)))[k % 3],
-                  label=f"{name}: {per[k]:.3f} mm a switch")  # fmt: skip
-    marks = zip(*(scalar(result, f"measured{end}") for end in ("", "_frequency", "_velocity")),
+    per = [1e3 * v for v in needed(result, "velocity_per_frequency")]
+    for k, name in enumerate(needed(result, "shapes")):
+        axes.plot(frequency, velocity[k], color=_COLOURS[k], linestyle=DASHES[k % 4],
+                  label=f"{name}: {number(per[k])} mm a switch")  # fmt: skip
+    marks = zip(*(needed(result, f"measured{end}") for end in ("", "_frequency", "_velocity")),
                 strict=True)  # fmt: skip
     for k, (text, at, measured) in enumerate(marks):
-        face, told = "none" if k else RED, f"{text}: {1e3 * measured:g} mm/s"
-        axes.plot(at, 1e3 * measured, _MARKERS[k % 5], color=RED, markersize=8, zorder=3,
+        face, told = (
+            "none" if k else RED,
+            f"{text}: {number(1e3 * measured)}\N{NO-BREAK SPACE}{raised('mm s-1')}",
+        )
+        axes.plot(at, 1e3 * measured, _MARKERS[k % 5], color=RED, markersize=5, zorder=3,
                   markerfacecolor=face, label=told)  # fmt: skip
     axes.set_xscale("log")
     axes.set_yscale("log")
     _limits(axes, result)
     axes.set_xlabel("coil switches a second $n$ (s$^{-1}$)")
-    axes.set_ylabel("velocity against the field's travel $v$ (mm s$^{-1}$)")
-    axes.set_title("formula (32), inertia left out; the body moves against the field", loc="left")
-    axes.legend(loc="upper left")
+    axes.set_ylabel("velocity $v$ (mm s$^{-1}$)")
+    tell(drawn, "the body moves against the field", "formula (32), inertia left out")
+    legend_below(drawn)
     return drawn
 
 
@@ -57,7 +75,7 @@ def _limits(axes: Axes, result: Result) -> None:
         axes.axvspan(valid_below, high, color="#EEEEEE", zorder=0,
                      label=f"(32) not claimed: $n \\geq$ {valid_below:g}")  # fmt: skip
     if stops_above is not None:
-        axes.axvline(stops_above, color=GREY, linestyle=(0, (4, 3)), linewidth=1.2,
+        axes.axvline(stops_above, color=GREY, linestyle=LIMIT, linewidth=0.9,
                      label=f"stands still above {stops_above:g}, from the text")  # fmt: skip
     axes.set_xlim(low, high)
 
@@ -68,47 +86,48 @@ def segment_shapes(result: Result) -> Figure:
     Channel above, at equal scales; below, distances from one exact shape: that of the rod
     where there is one, which is then drawn as a whole too.
     """
-    names, exact = scalar(result, "shapes"), result["exact"].values == 1
+    names, exact = needed(result, "shapes"), result["exact"].values == 1
     rod = "rod_x" in result
-    drawn = sheet(9.6, 11.4 if rod else 8.6)
-    above, *middle, below = drawn.subplots(
-        3 if rod else 2, 1, height_ratios=[2, 1.1, 1] if rod else [2, 1]
-    )
-    for axes in middle:
-        _rod(axes, result)
+    drawn = sheet(7.1, 5.2, 6.4 if rod else 4.4)
+    if narrow() and rod:
+        panels = drawn.subplot_mosaic("A;R;D", height_ratios=[1.6, 1.1, 1])
+    else:
+        panels = drawn.subplot_mosaic("AR;DD" if rod else "A;D", height_ratios=[1.5, 1])
+    above, below = panels["A"], panels["D"]
+    if rod:
+        _rod(panels["R"], result)
     x, y = 1e3 * result["x"].values, 1e3 * result["y"].values
     first = len(names) - 1 if rod else int(np.argmax(exact))
-    wide, thick = 1e3 * scalar(result, "channel"), 1e3 * scalar(result, "body")
+    wide, thick = 1e3 * needed(result, "channel"), 1e3 * needed(result, "body")
     _walls(above, x[first], wide)
     _body(above, x[first], y[first], result["theta"].values[first], thick, names[first])
-    lengths = [1e3 * length for length in scalar(result, "arc_length")]
+    lengths = [1e3 * length for length in needed(result, "arc_length")]
     apart = np.hypot(x - x[first], y - y[first])
     for k, name in enumerate(names):
-        style = "-" if exact[k] else (0, (5, 2))
+        style = DASHES[k % 4] if exact[k] else _ASSUMED[k % 3]
         kind = "assumed" if not exact[k] else "in the field" if name == "rod" else "elastica"
         called = f"{name.replace('_', ' ')} ({kind})"
-        above.plot(x[k], y[k], color=_COLOURS[k % 6], linewidth=1.8 if exact[k] else 1.4,
-                   linestyle=style, label=f"{called}: {lengths[k]:.3f} mm")  # fmt: skip
+        above.plot(x[k], y[k], color=_COLOURS[k % 6], linewidth=1.4 if exact[k] else 1,
+                   linestyle=style, label=f"{called}: {number(lengths[k])} mm")  # fmt: skip
         if k != first:
-            below.plot(result["share"].values, apart[k], color=_COLOURS[k % 6], linewidth=1.6,
+            below.plot(result["share"].values, apart[k], color=_COLOURS[k % 6], linewidth=1.2,
                        linestyle=style)  # fmt: skip
     above.set_xlabel("place along the channel $x$ (mm)")
     above.set_ylabel("height $y$ (mm)")
     above.set_aspect("equal", adjustable="box")
-    above.set_title(f"channel {wide:g} mm wide, body {thick:g} mm thick", loc="left")
-    above.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), title="length $l_s$ of the segment")
+    tell(drawn, f"channel {wide:g} mm wide", f"body {thick:g} mm thick", *_nearest(result))
     below.set_xlabel("share of the segment's length ($s/l_s$)")
     below.set_ylabel(f"distance from\n{names[first].replace('_', ' ')} (mm)")
-    below.set_title(_nearest(result), loc="left")
     below.margins(x=0)
     below.set_ylim(bottom=0)
+    legend_below(drawn)
     return drawn
 
 
 def _rod(axes: Axes, result: Result) -> None:
     """The whole rod at rest, coils that are on, and forces of the walls."""
     known = result.attributes
-    wide, radius = 1e3 * scalar(result, "channel"), 5e2 * scalar(result, "body")
+    wide, radius = 1e3 * needed(result, "channel"), 5e2 * needed(result, "body")
     x, y = (1e3 * result[f"rod_{name}"].values for name in "xy")
     # nodes stand for lengths that differ, and so do their forces: drawn are forces per length
     share = result["rod_node_length"].values
@@ -125,7 +144,7 @@ def _rod(axes: Axes, result: Result) -> None:
     for wall in (0.0, wide):
         axes.axhline(wall, color="black", linewidth=1)
     _body(axes, x, y, result["rod_angle"].values, 2 * radius, "rod")
-    axes.plot(x, y, color=_COLOURS[5], linewidth=1.8)
+    axes.plot(x, y, color=_COLOURS[5])
     lines = [
         [(place, base), (place, base + side * 0.9 * reach * force / largest)]
         for wall, base, side in (("upper", wide, 1), ("lower", 0.0, -1))
@@ -133,18 +152,20 @@ def _rod(axes: Axes, result: Result) -> None:
         if force > 0
     ]
     axes.add_collection(LineCollection(
-        lines, colors=RED, linewidths=1.3, label=f"wall forces, up to {largest:.3g} N/m"
+        lines, colors=RED, linewidths=1.1,
+        label=f"wall forces, up to {number(largest)} {raised('N m-1')}",
     ))  # fmt: skip
     axes.set_xlim(x.min() - 2 * radius, x.max() + 2 * radius)
     axes.set_ylim(-reach, wide + reach)
     axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel("place along the channel from the middle of the block (mm)")
+    axes.set_xlabel("place along the channel\nfrom the middle of the block (mm)")
     axes.set_ylabel("height $y$ (mm)")
-    upper, lower = (1e3 * scalar(result, f"rod_force_{wall}") for wall in ("upper", "lower"))
-    axes.set_title(f"rod at rest at {scalar(result, 'assumed_ampere_turns'):g} ampere-turns; "
-                   f"walls press {upper:.3g} mN from above, {lower:.3g} mN from below",
-                   loc="left")  # fmt: skip
-    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
+    tell(
+        axes.get_figure(root=True) or Figure(),
+        f"rod at rest at {needed(result, 'assumed_ampere_turns'):g} ampere-turns",
+        fact(result, "rod_force_upper", "walls press from above", "mN"),
+        fact(result, "rod_force_lower", "walls press from below", "mN"),
+    )
     axes.grid(visible=False)
 
 
@@ -166,11 +187,11 @@ def _body(
     axes.fill(*outline, color="#F3E3C3", linewidth=0, label=f"body, {name.replace('_', ' ')}")
 
 
-def _nearest(result: Result) -> str:
-    told = zip(*(scalar(result, name) for name in
+def _nearest(result: Result) -> list[str]:
+    told = zip(*(needed(result, name) for name in
                  ("exact_shapes", "closest_shape", "closest_distance")), strict=True)  # fmt: skip
-    return "closest to " + "; ".join(
-        f"{exact.replace('_', ' ')}: "
-        + (f"{name}, {1e3 * apart:.3g} mm" if name else "not from wall to wall")
+    return [
+        f"closest to {exact.replace('_', ' ')}: "
+        + (f"{name}, {number(1e3 * apart, 3)} mm" if name else "not from wall to wall")
         for exact, name, apart in told
-    )
+    ]

@@ -8,9 +8,24 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Patch, Rectangle
 
-from wormopt.plotting.parts import GREY, LINKS, RED, facts, label, scalar, sheet
+from wormopt.plotting.parts import (
+    DASHES,
+    GREY,
+    LINKS,
+    RED,
+    fact,
+    label,
+    legend_below,
+    line,
+    narrow,
+    needed,
+    number,
+    scalar,
+    sheet,
+    tell,
+)
 from wormopt.result import Result
 
 FRAMES = 144
@@ -19,6 +34,12 @@ _COIL, _LIT = "#EADFCF", "#D98C3F"
 # Colours of the body's two halves, so that one sees it move past the walls.
 _BODY = (LINKS[0], "#66B2E0")
 
+_WORKS = (
+    ("load", LINKS[0], "the field"),
+    ("friction", RED, "friction"),
+    ("damping", LINKS[2], "damping"),
+    ("walls", LINKS[1], "impacts"),
+)
 _NAMES = {
     "youngs_modulus": "Young's modulus",
     "density": "density",
@@ -32,27 +53,39 @@ _NAMES = {
 
 def rod_motion(result: Result) -> Figure:
     """Shapes over one repeat of the pattern (left), displacement and energy balance (right)."""
-    drawn = sheet(11.5, 8.5)
-    grid = drawn.add_gridspec(2, 2, width_ratios=(1, 1.05))
-    shapes = drawn.add_subplot(grid[:, 0])
-    way, work = drawn.add_subplot(grid[0, 1]), drawn.add_subplot(grid[1, 1])
+    drawn = sheet(7.1, 5.6, 8.2)
+    if narrow():
+        shapes, way, work = drawn.subplots(3, height_ratios=(2.6, 1, 1))
+    else:
+        grid = drawn.add_gridspec(2, 2, width_ratios=(1, 1.05))
+        shapes = drawn.add_subplot(grid[:, 0])
+        way, work = drawn.add_subplot(grid[0, 1]), drawn.add_subplot(grid[1, 1])
+    work.sharex(way)
     _snapshots(shapes, result)
     time = result["time"].values
-    way.plot(time, 1e3 * result["centre"].values, color=LINKS[0], linewidth=1.6)
-    way.set_ylabel("mean place of the rod (mm)")
-    way.set_title(facts(result, "velocity_mean", "velocity_error"), loc="left")
-    for name, colour, text in (
-        ("load", LINKS[0], "field"),
-        ("friction", RED, "friction"),
-        ("damping", LINKS[2], "damping"),
-        ("walls", LINKS[1], "impacts"),
-    ):
-        work.plot(time, 1e3 * result[f"work_{name}"].values, color=colour, linewidth=1.6,
-                  label=text)  # fmt: skip
+    way.plot(time, 1e3 * result["centre"].values, color="black")
+    way.set_ylabel("mean place (mm)")
+    way.tick_params(labelbottom=False)
+    for (name, colour, text), dashes in zip(_WORKS, DASHES, strict=True):
+        work.plot(time, 1e3 * result[f"work_{name}"].values, color=colour, linestyle=dashes,
+                  label=f"work of {text}")  # fmt: skip
     work.set_xlabel("time $t$ (s)")
     work.set_ylabel("work on the rod (mJ)")
-    work.legend(loc="upper left")
-    work.set_title(facts(result, "energy_error", "pressed_max"), loc="left")
+    entries = [
+        Patch(color=_LIT, label="coil that is on"),
+        Patch(color=_COIL, label="coil that is off"),
+        line("force of a wall", RED),
+        *work.get_lines(),
+    ]
+    legend_below(drawn, entries)
+    tell(
+        drawn,
+        "the pattern of coils goes to the right",
+        fact(result, "velocity_mean", "mean velocity", "mm s-1"),
+        fact(result, "velocity_error", "±", "mm s-1"),
+        fact(result, "energy_error", "energy missing", "%"),
+        fact(result, "pressed_max", "largest force of a wall", "mN"),
+    )
     return drawn
 
 
@@ -60,13 +93,13 @@ def _snapshots(axes: Axes, result: Result) -> None:
     """Channel and rod at equal times over one repeat of the pattern, time downward."""
     frames = result["frame"].values
     chosen = np.linspace(len(frames) // 2, len(frames) - 1, _SNAPSHOTS).astype(int)
-    lanes = 2.3 * result.attributes["channel"] * 1e3
+    lanes = 2.3 * needed(result, "channel") * 1e3
     low, high = _reach(result, chosen)
     for k, frame in enumerate(chosen):
         _scene(axes, result, int(frame), -k * lanes, (low, high))
         axes.text(
             high, -k * lanes, f" {frames[frame]:.3f} s", va="center",
-            color=GREY, fontsize=9,
+            color=GREY, fontsize=7.5,
         )  # fmt: skip
     axes.set_xlim(low, high)
     axes.set_ylim(-(len(chosen) - 0.4) * lanes, 0.6 * lanes)
@@ -75,12 +108,11 @@ def _snapshots(axes: Axes, result: Result) -> None:
     axes.grid(visible=False)
     axes.spines["left"].set_visible(False)
     axes.set_xlabel("place $x$ (mm)")
-    axes.set_title("dark coils are on, they go to the right; red: walls push", loc="left")
 
 
 def _reach(result: Result, frames: np.ndarray) -> tuple[float, float]:
     """Places from which to which to draw, in mm."""
-    x, pitch = result["rod_x"].values[frames], result.attributes["pitch"]
+    x, pitch = result["rod_x"].values[frames], needed(result, "pitch")
     return 1e3 * (x.min() - 0.8 * pitch), 1e3 * (x.max() + 0.8 * pitch)
 
 
@@ -126,12 +158,12 @@ def _forces(axes: Axes, result: Result, frame: int, height: float, half: float) 
             if force > 0:
                 base = height + side * half
                 lines.append([(place, base), (place, base + side * half * force / largest)])
-    axes.add_collection(LineCollection(lines, colors=RED, linewidths=1.4, zorder=3))
+    axes.add_collection(LineCollection(lines, colors=RED, linewidths=1.1, zorder=3))
 
 
 def first_frame(result: Result) -> Figure:
     """First frame of the animation: the rod in its channel, to be changed by `pose`."""
-    drawn = sheet(9, 2.9)
+    drawn = sheet(7.1, 2.5, 1.45)
     drawn.subplots()
     pose(drawn, result, 0)
     return drawn
@@ -144,32 +176,35 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
     time = result["frame"].values
     reach = _reach(result, np.arange(len(time)))
     _scene(axes, result, frame, 0.0, reach)
-    size = 1.7e3 * result.attributes["channel"]
+    size = 1.7e3 * needed(result, "channel")
     axes.set_xlim(reach)
     axes.set_ylim(-size / 1.6, size / 1.6)
     axes.set_aspect("equal", adjustable="box")
     axes.set_yticks([])
     axes.grid(visible=False)
     axes.set_xlabel(label("place $x$", "mm"))
-    axes.text(0.01, 0.93, f"t = {time[frame]:.3f} s", color=GREY,
-              transform=axes.transAxes)  # fmt: skip
+    axes.set_title(f"$t$ = {time[frame]:.3f} s")
 
 
 def rod_frequency(result: Result) -> Figure:
     """Velocity over frequency with natural frequencies and marks; below, what it depends on."""
     known = "changed_velocity" in result
-    drawn = sheet(10, 9 if known else 5)
-    if not known:
-        _curve(drawn.subplots(), result)
-        return drawn
-    rates = result["sensitive_rate"].values
-    grid = drawn.add_gridspec(2, len(rates), height_ratios=(1.25, 1))
-    _curve(drawn.add_subplot(grid[0, :]), result)
+    drawn = sheet(7.1, 6.6 if known else 4.0, 7.4 if known else 4.4)
+    tell(
+        drawn,
+        fact(result, "frequency_best", "fastest at"),
+        fact(result, "velocity_best", "there", "mm s-1"),
+    )
+    rates = result["sensitive_rate"].values if known else ()
+    grid = drawn.add_gridspec(2, len(rates), height_ratios=(1.3, 1)) if known else None
+    above = drawn.add_subplot(grid[0, :]) if grid else drawn.subplots()
+    _curve(above, result)
     first = None
     for k, rate in enumerate(rates):
-        axes = drawn.add_subplot(grid[1, k], sharey=first)
+        axes = drawn.add_subplot(grid[1, k], sharey=first, sharex=first) if grid else above
         first = first or axes
-        _tornado(axes, result, k, f"{rate:g} switches a second")
+        _tornado(axes, result, k, rf"{rate:g} switches s$^{{-1}}$")
+    legend_below(drawn)
     return drawn
 
 
@@ -181,38 +216,44 @@ def _curve(axes: Axes, result: Result) -> None:
         near = result["refined_rate"].values, -1e3 * result["refined_velocity"].values
         known = np.hstack([known, near])
     known = known[:, np.argsort(known[0])]
-    slope = -1e3 * float(scalar(result, "velocity_per_frequency_slow"))
+    slope = -1e3 * float(needed(result, "velocity_per_frequency_slow"))
     best = -1e3 * float(scalar(result, "pattern_velocity") or np.nan)
     top = 1.25 * np.nanmax([*known[1], best])
-    for value, text in ((frequency, f"{frequency:.3g}") for frequency in _natural(result)):
-        axes.axvline(value, color="#BBBBBB", linewidth=1, linestyle=(0, (2, 2)))
-        axes.text(value, top, text, rotation=90, ha="right", va="top", color=GREY, fontsize=8)
+    natural = _natural(result)
+    told = f"free rod swings at {', '.join(map('{:.3g}'.format, natural))} Hz"
+    for value in natural:
+        axes.axvline(value, color="#BBBBBB", linewidth=0.8, linestyle=(0, (2, 2)), label=told)
     slow = np.geomspace(rate[0], max(top / slope, rate[0]) if slope > 0 else rate[-1])
-    axes.plot(slow, slope * slow, color=GREY, linewidth=1, label=f"slow: {slope:.3g} mm a switch")
+    axes.plot(
+        slow,
+        slope * slow,
+        color=GREY,
+        linewidth=1,
+        linestyle=DASHES[1],
+        label=f"slow: {number(slope, 3)} mm a switch",
+    )
     axes.axhline(0, color="black", linewidth=0.8)
-    axes.plot(*known, color=LINKS[0], linewidth=1.4)
-    bars: dict[str, Any] = {"fmt": "o", "capsize": 2.5, "linewidth": 1.4, "markersize": 4}
+    axes.plot(*known, color=LINKS[0], linewidth=1.1)
+    bars: dict[str, Any] = {"fmt": "o", "capsize": 2.5, "linewidth": 1, "markersize": 3}
     axes.errorbar(rate, velocity, 1e3 * result["curve_error"].values, color=LINKS[0],
                   label="simulated, 95 % intervals", **bars)  # fmt: skip
     if "refined_rate" in result:
         axes.errorbar(
             result["refined_rate"].values, -1e3 * result["refined_velocity"].values,
-            1e3 * result["refined_error"].values, color=LINKS[2], label="near the best",
+            1e3 * result["refined_error"].values, color=LINKS[2], label="simulated near the best",
             **bars,
         )  # fmt: skip
     if scalar(result, "pattern_rate") is not None:
-        axes.plot(scalar(result, "pattern_rate"), best, "*", color=LINKS[1], markersize=13,
-                  label=f"best pattern: {best:.3g} mm/s")  # fmt: skip
+        axes.plot(scalar(result, "pattern_rate"), best, "*", color=LINKS[1], markersize=9,
+                  label=rf"best pattern: {number(best, 3)} mm s$^{{-1}}$")  # fmt: skip
     for (where, speed, text), mark in zip(
         result.attributes.get("measured", []), ("s", "x", "D", "^", "v", "P") * 5, strict=False
     ):
-        axes.plot(where, 1e3 * speed, mark, color=RED, markersize=7, label=text)
+        axes.plot(where, 1e3 * speed, mark, color=RED, markersize=5, label=text)
     axes.set_xscale("log")
     axes.set_ylim(top=top)
-    axes.set_xlabel("switches a second $n$; dashed: natural frequencies of the free rod (Hz)")
-    axes.set_ylabel("mean velocity against the field (mm/s)")
-    axes.legend(loc="lower left", fontsize=8.5, frameon=True, framealpha=1, edgecolor="none")
-    axes.set_title(facts(result, "frequency_best", "velocity_best"), loc="left")
+    axes.set_xlabel("coil switches a second $n$ (s$^{-1}$)")
+    axes.set_ylabel("velocity against\nthe field (mm s$^{-1}$)")
 
 
 def _natural(result: Result) -> list[float]:
@@ -226,23 +267,27 @@ def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
     factors = result["changed_factor"].values[:, :, column]
     plain = -1e3 * float(result["unchanged_velocity"].values[column])
     error = 1e3 * float(result["unchanged_error"].values[column])
-    names = [str(name) for name in result.attributes["parameters"]]
-    axes.axvspan(plain - error, plain + error, color="#EFEFEF", linewidth=0)
-    axes.axvline(plain, color=GREY, linewidth=1)
+    names = [str(name) for name in needed(result, "parameters")]
+    axes.axvspan(plain - error, plain + error, color="#EFEFEF", linewidth=0,
+                 label="as it is, and its error")  # fmt: skip
+    axes.axvline(plain, color=GREY, linewidth=0.8)
     for row, (speeds, shares) in enumerate(zip(changed, factors, strict=True)):
         for speed, share in zip(speeds, shares, strict=True):
-            colour = LINKS[3] if share > 1 else LINKS[0]
-            axes.plot([plain, speed], [row, row], color=colour, linewidth=5, alpha=0.55)
-            axes.annotate(
-                f"× {share:.3g}", (speed, row), (0, 5), textcoords="offset points", ha="center",
-                color=colour, fontsize=7.5,
-            )  # fmt: skip
-    axes.set_yticks(range(len(names)), [_NAMES.get(name, name) for name in names])
+            more = share > 1
+            axes.barh(row + (0.18 if more else -0.18), speed - plain, 0.34, plain, linewidth=0,
+                      color=LINKS[3] if more else LINKS[0], hatch="////" if more else None,
+                      edgecolor="white",
+                      label=f"number {'raised' if more else 'lowered'}")  # fmt: skip
+    shown = [
+        f"{_NAMES.get(name, name)}\n×" + ", ×".join(f"{share:.3g}" for share in shares)
+        for name, shares in zip(names, factors, strict=True)
+    ]
+    axes.set_yticks(range(len(names)), shown)
     axes.set_ylim(len(names) - 0.4, -0.7)
     if column:
         axes.tick_params(labelleft=False)
     else:
         axes.set_ylabel("number that is changed")
-    axes.set_xlabel("velocity $-v$, grey: its error (mm/s)")
-    axes.set_title(title, loc="left")
-    axes.margins(x=0.12)
+    axes.set_xlabel("velocity (mm s$^{-1}$)")
+    axes.set_title(title)
+    axes.margins(x=0.14)

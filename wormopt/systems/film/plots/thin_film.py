@@ -12,36 +12,58 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
-from wormopt.plotting.parts import GREY, LINKS, RED, facts, scalar, sheet
+from wormopt.plotting.parts import (
+    DASHES,
+    GREY,
+    LINKS,
+    RED,
+    fact,
+    legend_above,
+    legend_below,
+    narrow,
+    needed,
+    scalar,
+    sheet,
+    tell,
+)
 from wormopt.result import Result
 
 _TURN = 2 * math.pi
 # Outcomes in the order of their numbers: name, colour, words.
 _OUTCOMES = (
-    ("wave", "#9CCBE8", "takes the wave"),
-    ("other", "#F4C86A", "another steady film"),
-    ("moving", "#C9B6DC", "still moves"),
-    ("breaks", "#E08A76", "breaks"),
-    ("unresolved", "#DDDDDD", "not resolved"),
+    ("wave", "#D6E9F8", "takes the wave"),
+    ("other", "#F2B84B", "another steady film"),
+    ("moving", "#A48FC0", "still moves"),
+    ("breaks", "#B5473A", "breaks"),
+    ("unresolved", "#FFFFFF", "not resolved"),
 )
 _FEW = 12
 
 
 def forward(result: Result) -> Figure:
     """Course of a film, its end, the field, and the eigenvalues; steady branches if followed."""
-    drawn = sheet(10.5, 8.2)
     branches = "branch_delta" in result
-    places = drawn.add_gridspec(3, 2, height_ratios=(5, 4, 5))
-    course = drawn.add_subplot(places[:2, 0])
-    _course(drawn, course, result)
-    _film(drawn.add_subplot(places[0, 1]), result)
-    _spectrum(drawn.add_subplot(places[2, 0]), result)
-    _field(drawn.add_subplot(places[1, 1] if branches else places[1:, 1]), result)
+    drawn = sheet(7.1, 6.4, 8.5 if branches else 7.2)
+    if narrow():
+        heights = [1.5, *[1.0] * (3 + branches)]
+        panels = drawn.subplot_mosaic("C;F;H;S;B" if branches else "C;F;H;S", height_ratios=heights)
+    else:
+        panels = drawn.subplot_mosaic(
+            "CF;CH;SB" if branches else "CF;CH;SH", height_ratios=[5, 4, 5]
+        )
+    _course(drawn, panels["C"], result)
+    _film(panels["F"], result)
+    _field(panels["H"], result)
+    _spectrum(panels["S"], result)
     if branches:
-        _branches(drawn.add_subplot(places[2, 1]), result)
-    words = {name: text for name, _, text in _OUTCOMES}[scalar(result, "outcome")]
-    numbers = facts(result, "tension_number", "growth_rate_max")
-    course.set_title(f"{words}    {numbers}", loc="left")
+        _branches(panels["B"], result)
+    words = {name: text for name, _, text in _OUTCOMES}[needed(result, "outcome")]
+    tell(
+        drawn,
+        f"the film {words}" if words.endswith(("s", "wave")) else words,
+        fact(result, "tension_number", "surface tension $W$"),
+        fact(result, "growth_rate_max", "largest rate of growth"),
+    )
     return drawn
 
 
@@ -73,32 +95,41 @@ def _course(drawn: Figure, axes: Axes, result: Result) -> None:
     axes.set_ylabel("time in periods")
     if scalar(result, "broke_xi") is not None:
         axes.plot(
-            scalar(result, "broke_xi") / math.pi, scalar(result, "broke_time") / _TURN,
-            marker="x", color=RED, markersize=9, markeredgewidth=2, clip_on=False,
+            needed(result, "broke_xi") / math.pi, needed(result, "broke_time") / _TURN,
+            marker="x", color=RED, markersize=7, markeredgewidth=1.6, clip_on=False,
+            linestyle="none", label="breaks here",
         )  # fmt: skip
+        legend_above(axes, share=0.42)
 
 
 def _film(axes: Axes, result: Result) -> None:
     start = result["thickness"].values[0]
     xi, end = _closed(result, "thickness_end")
     axes.fill_between(xi, 0, end, color=LINKS[0], alpha=0.15, linewidth=0)
-    axes.plot(xi, end, color=LINKS[0], linewidth=2, label="at the end")
+    axes.plot(xi, end, color=LINKS[0], label="at the end")
     if "thickness_wave" in result:
         axes.plot(
-            *_closed(result, "thickness_wave"), color="black", linestyle=(0, (4, 3)),
-            linewidth=1.3, label="prescribed",
+            *_closed(result, "thickness_wave"), color="black", linestyle=DASHES[1],
+            linewidth=1, label="prescribed",
         )  # fmt: skip
-    axes.plot(xi, np.append(start, start[0]), color=GREY, linewidth=1, label="at the start")
+    axes.plot(
+        xi,
+        np.append(start, start[0]),
+        color=GREY,
+        linewidth=0.8,
+        linestyle=":",
+        label="at the start",
+    )
     _phases(axes)
     axes.set_ylim(bottom=0)
     axes.set_ylabel("thickness $h$")
-    axes.legend(loc="best", fontsize=8.5)
+    legend_above(axes, share=0.85 if narrow() else 0.42)
 
 
 def _field(axes: Axes, result: Result) -> None:
-    axes.plot(*_closed(result, "field_pressure"), color=LINKS[3], linewidth=1.8)
+    axes.plot(*_closed(result, "field_pressure"), color=LINKS[3])
     _phases(axes)
-    axes.set_ylabel(r"field $(\mu - 1) H^2 / 8\pi$")
+    axes.set_ylabel("field\n$(\\mu - 1) H^2 / 8\\pi$")
 
 
 def _spectrum(axes: Axes, result: Result) -> None:
@@ -111,11 +142,11 @@ def _spectrum(axes: Axes, result: Result) -> None:
             rates = result[f"growth_{name}"].values[:_FEW], result[f"swing_{name}"].values[:_FEW]
             axes.plot(
                 *rates, linestyle="none", marker=mark, color=colour, label=text,
-                markerfacecolor="none",
+                markerfacecolor="none", markersize=4,
             )  # fmt: skip
             shown.append(rates[0])
     axes.axvline(0, color=RED, linewidth=0.9)
-    axes.text(0.99, 0.03, "unstable", color=RED, ha="right", fontsize=8.5, transform=axes.transAxes)
+    axes.text(0.99, 0.03, "unstable", color=RED, ha="right", fontsize=7.5, transform=axes.transAxes)
     axes.set_xlabel(r"growth rate ($\mathrm{Re}\,\lambda$)")
     axes.set_ylabel(r"angular rate ($\mathrm{Im}\,\lambda$)")
     if shown:
@@ -123,7 +154,7 @@ def _spectrum(axes: Axes, result: Result) -> None:
         right = max(0.0, float(together.max())) + 0.5
         axes.set_xlim(float(together.min()) - 0.4, right)
         axes.axvspan(0, right, color=RED, alpha=0.06, linewidth=0)
-        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize=8.5)
+        legend_above(axes, share=0.85 if narrow() else 0.42)
 
 
 def _branches(axes: Axes, result: Result) -> None:
@@ -133,13 +164,17 @@ def _branches(axes: Axes, result: Result) -> None:
         delta, crest = (result[f"branch_{n}"].values[own] for n in ("delta", "thickness_max"))
         stable = result["branch_growth"].values[own] < 0
         colour = "black" if which == 0 else LINKS[1]
-        axes.plot(delta, np.where(stable, crest, np.nan), color=colour, linewidth=1.8)
-        axes.plot(delta, crest, color=colour, linewidth=1.2, linestyle=(0, (3, 3)), zorder=1)
-    for fold in scalar(result, "delta_fold"):
-        axes.axvline(fold, color=RED, linewidth=0.8)
+        axes.plot(delta, np.where(stable, crest, np.nan), color=colour,
+                  label=f"{'prescribed' if which == 0 else 'other'} branch, stable")  # fmt: skip
+        axes.plot(delta, crest, color=colour, linewidth=1, linestyle=DASHES[2], zorder=1,
+                  label="not stable" if which == 0 else None)  # fmt: skip
+    for fold in needed(result, "delta_fold"):
+        axes.axvline(fold, color=RED, linewidth=0.8, linestyle=":", label="fold")
     axes.set_xlabel(r"amplitude that the field prescribes ($\delta$)")
     axes.set_ylabel("largest thickness")
-    axes.set_title("steady films; dashed where not stable", loc="left")
+    entries, texts = axes.get_legend_handles_labels()
+    legend_above(axes, list(dict(zip(texts, entries, strict=True)).values()),
+                 share=0.85 if narrow() else 0.42)  # fmt: skip
 
 
 def basins(result: Result) -> Figure:
@@ -149,17 +184,20 @@ def basins(result: Result) -> Figure:
     """
     delta, tension = result["map_delta"].values, result["map_tension"].values
     outcome, growth = result["map_outcome"].values, result["map_growth"].values
-    drawn = sheet(2.6 + 0.78 * len(delta), 2.4 + 0.55 * len(tension))
+    tall = 1.6 + 0.3 * len(tension)
+    drawn = sheet(7.1, tall, tall + 0.3)
     axes = drawn.subplots()
     colours = ListedColormap([colour for _, colour, _ in _OUTCOMES])
     norm = BoundaryNorm(np.arange(-0.5, len(_OUTCOMES)), len(_OUTCOMES))
-    axes.pcolormesh(outcome.T, cmap=colours, norm=norm, edgecolors="white", linewidth=1.5)
+    axes.pcolormesh(outcome.T, cmap=colours, norm=norm, edgecolors=GREY, linewidth=0.5)
     for i, j in np.ndindex(outcome.shape):
         rate = growth[i, j]
         if np.isfinite(rate):
             axes.text(
-                i + 0.5, j + 0.5, f"{rate:+.2f}", ha="center", va="center", fontsize=8.5,
-                color=RED if rate > 0 else "black", weight="bold" if rate > 0 else "normal",
+                i + 0.5, j + 0.5, f"{rate:+.2f}".replace("-", "−"), ha="center", va="center",
+                fontsize=6.5 if narrow() else 7.5,
+                color="white" if outcome[i, j] == 3 else "black",
+                weight="bold" if rate > 0 else "normal",
             )  # fmt: skip
     axes.grid(visible=False)
     for axis, values in ((axes.xaxis, delta), (axes.yaxis, tension)):
@@ -168,13 +206,15 @@ def basins(result: Result) -> Figure:
         axis.set_tick_params(length=0)
     axes.set_xlabel(r"amplitude that the field prescribes ($\delta$)")
     axes.set_ylabel("surface tension $W$")
-    axes.set_title("numbers: largest growth rate on the prescribed wave", loc="left")
+    tell(
+        drawn, "numbers: largest rate of growth on the prescribed wave, bold where it is not stable"
+    )
     present = [
-        Patch(color=colour, label=text)
+        Patch(facecolor=colour, edgecolor=GREY, label=text)
         for k, (_, colour, text) in enumerate(_OUTCOMES)
         if np.any(outcome == k)
     ]
-    drawn.legend(handles=present, loc="outside lower center", ncols=len(present))
+    legend_below(drawn, present)
     return drawn
 
 

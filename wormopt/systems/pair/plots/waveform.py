@@ -7,12 +7,23 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from wormopt.plotting.parts import GREY, MASSES, facts, label, legend, scalar, sheet
+from wormopt.plotting.parts import (
+    DASHES,
+    GREY,
+    MASSES,
+    fact,
+    handles,
+    label,
+    legend,
+    line,
+    needed,
+    sheet,
+    tell,
+)
 from wormopt.result import Result
 
-_OTHER = (0, (4, 2))
 # Below the curves: what each mass does; forward is left white.
-_DOES = {0: ("rests", "#E9C46A"), -1: ("slides back", "#C9A7B8")}
+_DOES = {0: ("rests", "#D9A93A"), -1: ("slides back", "#D9C7D0")}
 
 
 def waveform(result: Result) -> Figure:
@@ -20,24 +31,32 @@ def waveform(result: Result) -> Figure:
 
     Dashed: the harmonic field, and the stretch under it.
     """
-    drawn = sheet(9, 8)
-    rows = drawn.subplots(4, sharex=True, height_ratios=(2, 2, 2, 0.5))
+    drawn = sheet(7.1, 5.4, 5.8)
+    rows = drawn.subplots(4, sharex=True, height_ratios=(2, 2, 2, 0.6))
     time = result["instant"].values
     for axes, name in zip(rows, ("field", "stretch"), strict=False):
         other = result[f"{name}_harmonic"].values
-        axes.plot(time, result[name].values, color="black", lw=1.6, label="best")
-        axes.plot(time, other, color=GREY, lw=1.2, linestyle=_OTHER, label="harmonic")
+        axes.plot(time, result[name].values, color="black", label="best")
+        axes.plot(time, other, color=GREY, lw=1, linestyle=DASHES[1], label="harmonic")
         legend(axes, [*axes.get_lines()])
     rows[0].set_ylabel(label("field $G$", result["field"].unit))
-    rows[1].set_ylabel(label("stretch $x_2 - x_1$", result["stretch"].unit))
+    rows[1].set_ylabel(label("stretch $x_1 - x_0$", result["stretch"].unit))
     for mass, velocity in enumerate(result["velocity"].values):
-        rows[2].plot(time, velocity, color=MASSES[mass], lw=1.6, label=f"mass {mass + 1}")
-    legend(rows[2], [*rows[2].get_lines()])
-    rows[2].axhline(scalar(result, "speed"), color=GREY, lw=1, linestyle=":")
+        rows[2].plot(time, velocity, color=MASSES[mass], linestyle=DASHES[mass])
+    rows[2].axhline(needed(result, "speed"), color=GREY, lw=1, linestyle=":")
+    told = handles("mass", len(result["velocity"].values), worm=False)
+    for entry, dashes in zip(told, DASHES, strict=False):
+        entry.set_linestyle(dashes)
+    legend(rows[2], [*told, line("mean velocity", GREY, ":", 1)])
     rows[2].set_ylabel(label("velocity $v_i$", result["velocity"].unit))
     _draw_modes(rows[3], result)
     rows[3].set_xlabel(label("time $t$", result["instant"].unit))
-    rows[0].set_title(facts(result, "speed", "speed_harmonic", "gain"), loc="left")
+    tell(
+        drawn,
+        fact(result, "speed", "mean velocity"),
+        fact(result, "speed_harmonic", "in the harmonic field"),
+        fact(result, "gain", "gain"),
+    )
     rows[0].margins(x=0)
     drawn.align_ylabels()
     return drawn
@@ -45,13 +64,13 @@ def waveform(result: Result) -> Figure:
 
 def _draw_modes(axes: Axes, result: Result) -> None:
     """One row per mass, filled while it rests or slides back."""
-    modes, times = np.array(scalar(result, "mode_sequence")), scalar(result, "phase_times")
+    modes, times = np.array(needed(result, "mode_sequence")), needed(result, "phase_times")
     spans = list(zip(times[:-1], np.diff(times), strict=True))
     for mass in range(modes.shape[1]):
         for mode, (_, colour) in _DOES.items():
             bars = [span for span, m in zip(spans, modes[:, mass], strict=True) if m == mode]
             axes.broken_barh(bars, (mass - 0.4, 0.8), color=colour, linewidth=0)
-    axes.set_yticks(range(modes.shape[1]), [f"{m + 1}" for m in range(modes.shape[1])])
+    axes.set_yticks(range(modes.shape[1]), [str(m) for m in range(modes.shape[1])])
     axes.set_ylabel("mass $i$")
     axes.set_ylim(modes.shape[1] - 0.5, -0.5)
     axes.grid(visible=False)
@@ -60,4 +79,4 @@ def _draw_modes(axes: Axes, result: Result) -> None:
         for mode, (does, colour) in _DOES.items()
         if np.any(modes == mode)
     ]
-    axes.legend(handles=shown, loc="center left", bbox_to_anchor=(1.01, 0.5))
+    legend(axes, shown)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from wormopt.plotting.parts import GREY, LINKS, RED, label, scalar, sheet
+from wormopt.plotting.parts import GREY, LINKS, RED, label, legend_below, scalar, sheet, tell
 from wormopt.result import Result
 from wormopt.systems.spiked.plots import gaits
 from wormopt.systems.spiked.plots.gaits import OBJECTIVES
@@ -35,7 +35,7 @@ def front(result: Result) -> Figure:
     axes.set_xlabel(label("mean speed $v$", speed.unit))
     axes.set_ylabel(label(name, value.unit))
     axes.margins(0.06)
-    drawn.legend(loc="outside lower center", ncols=4)
+    legend_below(drawn)
     return drawn
 
 
@@ -82,10 +82,7 @@ def spikes(result: Result) -> Figure:
 
 def _of_knee(drawn: Figure, result: Result) -> Figure:
     """The same figure, which says that its gait is the one at the knee."""
-    top, knee = drawn.axes[0], scalar(result, "front_knee")
-    which = (
-        "" if knee is None else f", point {knee} of 0 to {len(result['front_speed'].values) - 1}"
-    )
-    whose = f"the gait at the knee of the front{which}"
-    top.set_title(f"{whose}\n{top.get_title(loc='left')}".rstrip(), loc="left")
+    knee, last = scalar(result, "front_knee"), len(result["front_speed"].values) - 1
+    which = "" if knee is None else f", point {knee} of 0 to {last}"
+    tell(drawn, f"the gait at the knee of the front{which}")
     return drawn

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from wormopt.plotting.parts import (
+    DASHES,
     GREY,
+    LIMIT,
     LINKS,
     MASSES,
     RED,
-    facts,
+    fact,
+    handles,
     label,
     legend,
-    link_handles,
-    mass_handles,
+    line,
+    link_styles,
     scalar,
     sheet,
+    tell,
 )
 from wormopt.result import Result
 
@@ -25,29 +28,38 @@ from wormopt.result import Result
 def steps(result: Result) -> Figure:
     """Commanded and ideal lengths, close-up of a turn, motor rates with limits, mass positions.
 
-    The result is of kind ``stepper``.
+    The result is of kind ``stepper``; motor 0 drives link 0.
     """
-    drawn = sheet(8.5, 11)
-    lengths, turn, rates, places = drawn.subplots(4, height_ratios=(2.4, 2.4, 2, 3))
-    time = result["time"].values
-    count = len(result["length"].values)
-    for j in range(count):
-        lengths.plot(time, 1e3 * result["commanded"].values[j], color=LINKS[j], linewidth=4,
+    drawn = sheet(7.1, 7.2, 7.6)
+    lengths, rates, places, turn = drawn.subplots(4, height_ratios=(2.4, 2, 3, 2.2))
+    rates.sharex(lengths)
+    places.sharex(lengths)
+    time, styles = result["time"].values, link_styles(len(result["length"].values))
+    for j, (colour, dashes) in enumerate(styles):
+        lengths.plot(time, 1e3 * result["commanded"].values[j], color=colour, linewidth=3,
                      alpha=0.35)  # fmt: skip
-        lengths.plot(time, 1e3 * result["length"].values[j], color=LINKS[j], linewidth=1.1)
-        rates.plot(time, result["turn_rate"].values[j], color=LINKS[j], linewidth=1.8)
-    wide = Line2D([], [], color=GREY, linewidth=4, alpha=0.35, label="commanded")
-    thin = Line2D([], [], color=GREY, linewidth=1.1, label="gait")
-    legend(lengths, [*link_handles(count), wide, thin])
-    lengths.set_ylabel("link length $l_j$\n(mm)")
-    lengths.set_title(facts(result, "travel_per_step", "quantisation_error"), loc="left")
-    _close_up(turn, result)
+        lengths.plot(time, 1e3 * result["length"].values[j], color=colour, linewidth=0.9)
+        rates.plot(time, result["turn_rate"].values[j], color=colour, linestyle=dashes)
+    wide = line("commanded", GREY, width=3)
+    wide.set_alpha(0.4)
+    legend(lengths, [*handles("link", len(styles)), wide, line("gait", width=0.9)])
+    lengths.set_ylabel("length $l_j$ (mm)")
     _limits(rates, result)
     _motion(places, result)
-    for axes in (lengths, rates, places):
-        axes.set_xlim(time[0], time[-1])
-    lengths.set_xticklabels([])
-    rates.set_xticklabels([])
+    for axes in (lengths, rates):
+        axes.tick_params(labelbottom=False)
+    places.set_xlim(time[0], time[-1])
+    _close_up(turn, result)
+    tell(
+        drawn,
+        fact(result, "travel_per_step", unit="µm"),
+        fact(result, "quantisation_error", unit="µm"),
+        fact(result, "period"),
+        fact(result, "period_min", "shortest possible"),
+        fact(result, "speed", "mean speed", "mm s-1"),
+        fact(result, "speed_ideal", "ideal", "mm s-1"),
+        fact(result, "backslip", unit="mm"),
+    )
     drawn.align_ylabels()
     return drawn
 
@@ -59,32 +71,26 @@ def _close_up(axes: Axes, result: Result) -> None:
     base = result["turn_commanded"].values[0]
     commanded = 1e6 * (result["turn_commanded"].values - base)
     ideal = 1e6 * (result["turn_length"].values - base)
-    axes.step(time, commanded, where="post", color=LINKS[link], linewidth=2.2, alpha=0.6)
-    axes.plot(time, ideal, color="black", linewidth=1.1)
-    handles = [
-        Line2D([], [], color=LINKS[link], linewidth=2.2, alpha=0.6, label="commanded"),
-        Line2D([], [], color="black", linewidth=1.1, label="gait"),
-    ]
-    legend(axes, handles)
+    axes.step(time, commanded, where="post", color=LINKS[link], linewidth=1.8, alpha=0.6,
+              label="commanded")  # fmt: skip
+    axes.plot(time, ideal, color="black", linewidth=0.9, label="gait")
+    legend(axes)
     axes.margins(x=0)
-    axes.set_ylabel(f"$l_{link + 1}$ near a turn,\nchange (µm)")
-    axes.set_xlabel("time $t$ (s), close-up")
+    axes.set_ylabel(f"$l_{link}$ near a turn,\nchange (µm)")
+    axes.set_xlabel("close-up, time $t$ (s)")
 
 
 def _limits(axes: Axes, result: Result) -> None:
     """The motor's largest rate and its start rate, in both directions."""
     limit, start = (float(scalar(result, k) or 0.0) for k in ("turn_rate_limit", "start_rate"))
-    lines = [Line2D([], [], color=RED, linestyle="--", linewidth=1.1, label="limit")]
-    levels = [limit]
+    levels = [(limit, line("limit of the motor", RED, LIMIT, 0.9))]
     if start:
-        lines.append(Line2D([], [], color=GREY, linestyle=":", linewidth=1.1, label="start rate"))
-        levels.append(start)
-    for line, value in zip(lines, levels, strict=True):
+        levels.append((start, line("start rate", GREY, ":", 0.9)))
+    for value, own in levels:
         for level in (-value, value):
-            axes.axhline(level, color=line.get_color(), linestyle=line.get_linestyle(), lw=1.1)
-    legend(axes, lines)
+            axes.axhline(level, color=own.get_color(), linestyle=own.get_linestyle(), lw=0.9)
+    legend(axes, [own for _, own in levels])
     axes.set_ylabel(label("rate of the\nmotors", "turns s-1"))
-    axes.set_title(facts(result, "period", "period_min"), loc="left")
 
 
 def _motion(axes: Axes, result: Result) -> None:
@@ -92,10 +98,9 @@ def _motion(axes: Axes, result: Result) -> None:
     time = result["time"].values
     rows, ideal = result["position"].values, result["position_ideal"].values
     for row, lossless, colour in zip(rows, ideal, MASSES, strict=False):
-        axes.plot(time, 1e3 * lossless, color=colour, linewidth=1.1, linestyle=(0, (4, 2)))
-        axes.plot(time, 1e3 * row, color=colour, linewidth=1.8)
-    dashed = Line2D([], [], color=GREY, linewidth=1.1, linestyle=(0, (4, 2)), label="ideal gait")
-    legend(axes, [*mass_handles(len(rows)), dashed])
+        axes.plot(time, 1e3 * lossless, color=colour, linewidth=0.9, linestyle=DASHES[1])
+        axes.plot(time, 1e3 * row, color=colour)
+    dashed = line("ideal gait", GREY, DASHES[1], 0.9)
+    legend(axes, [*handles("mass", len(rows)), dashed])
     axes.set_ylabel("position $x_i$\n(mm)")
     axes.set_xlabel("time $t$ (s)")
-    axes.set_title(facts(result, "speed", "speed_ideal", "backslip"), loc="left")

@@ -165,6 +165,7 @@ def _scalars(table: DesignTable, found: Design, motion: Crawl) -> dict[str, Any]
     low, high = found.task.worm.load_range
     given = {
         "rate_limit": limits.rate_limits(links),
+        "acceleration_limit": limits.acceleration,
         "spike_load_limit": limits.spike_load,
         "actuator_force_limit": limits.actuator_force,
         "load_range": [low, high] if low < high else None,

@@ -68,6 +68,7 @@ _DESIGN_SCALARS = MOTION_SCALARS | {
         "where `gait.rate` or `[motor]` is given: limits on contraction of every link, then on "
         "extension",
     ),
+    "acceleration_limit": ("acceleration", "where there is one: on |*l*″|, for all or each link"),
     "spike_load_limit": ("force", "as given in the scene, where given"),
     "actuator_force_limit": ("force", "as given in the scene, where given"),
 }

@@ -140,7 +140,7 @@ class StepperScene(SceneTable, frozen=True, kw_only=True):
         "turn_time": ("time", ("turn_time",), "time about a turn"),
         "turn_length": ("length", ("turn_time",), "length of the gait"),
         "turn_commanded": ("length", ("turn_time",), "commanded length"),
-        "turn_link": ("1", ("turn",), "link shown"),
+        "turn_link": ("1", ("turn",), "link shown, the first is 0"),
         **GAIT,
     }
 

@@ -1,0 +1,156 @@
+"""``wormopt plot``: pictures of a result that is saved, nothing computed again."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from wormopt.cli.codes import BAD_INPUT, DONE, say
+from wormopt.errors import ArgumentError, OutputError, UnknownNameError
+from wormopt.files import MOVING, RESULT_FILE, STILL, is_marked, picture_file
+from wormopt.scene.output import earlier_result, enlist
+
+if TYPE_CHECKING:
+    from wormopt.result import Result
+
+_INTO_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "": 1.0}
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's."""
+    command = commands.add_parser(
+        "plot",
+        help="draw pictures of a saved result",
+        description="Draw pictures of a saved result. Nothing is computed again.",
+        epilog="widths of journals: 85mm is one column, 180mm (as without --width) a page",
+        allow_abbrev=False,
+    )
+    command.set_defaults(command=_plot)
+    command.add_argument("result", metavar="RESULT", help="folder of a result, or its .nc file")
+    command.add_argument(
+        "pictures", metavar="PICTURE", nargs="*",
+        help="words of `want`; without any those that the scene wants, or all there are",
+    )  # fmt: skip
+    command.add_argument(
+        "-o", "--output", metavar="PATH", help="a file, or a folder (that of the result)"
+    )
+    command.add_argument("--width", type=_millimetres, metavar="85mm", help="in mm, cm or in")
+    command.add_argument("--height", type=_millimetres, metavar="60mm", help="as much as it needs")
+    command.add_argument("--no-title", action="store_true", help="neither title nor facts")
+    command.add_argument("--format", choices=(*STILL, *MOVING), help="mp4 and gif: of an animation")
+    command.add_argument("--force", action="store_true", help="replace other pictures of wormopt")
+
+
+def _millimetres(text: str) -> float:
+    found = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*(mm|cm|in|)\s*", text)
+    if not found or not 30 <= (size := float(found[1]) * _INTO_MM[found[2]]) <= 2000:
+        raise argparse.ArgumentTypeError(f"{text!r} is no size; write 85mm, say (30mm to 2000mm)")
+    return size
+
+
+def _plot(options: argparse.Namespace) -> int:
+    try:
+        return _draw_all(options)
+    except ArgumentError as error:
+        say(str(error))
+        return BAD_INPUT
+
+
+def _draw_all(options: argparse.Namespace) -> int:
+    source = Path(options.result)
+    source = source / RESULT_FILE if source.is_dir() else source
+    result = _load(source)
+    from wormopt.plotting import no_picture, pictures_of
+
+    there = pictures_of(result)
+    if unknown := [name for name in options.pictures if name not in there]:
+        raise ArgumentError("\n".join(no_picture(result, name) for name in unknown))
+    files = _files(options, source, options.pictures or _wanted(result, there))
+    _refuse(files.values(), source, options.force)
+    drawn: list[Path] = []
+    try:
+        for name, file in files.items():
+            if _draw(result, name, file, options):
+                drawn.append(file)
+                print(file)
+    finally:
+        _enlist(drawn, source)
+    if not drawn:
+        raise ArgumentError(f"{source}: holds nothing that can be drawn")
+    return DONE
+
+
+def _draw(result: Result, name: str, file: Path, options: argparse.Namespace) -> bool:
+    """Draw a picture; one that the result lacks something for is left out if nobody named it."""
+    from wormopt.plotting import draw
+
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        draw(result, name, file, width=options.width, height=options.height,
+             title=not options.no_title)  # fmt: skip
+    except UnknownNameError as error:
+        lacks = f"{name} cannot be drawn: {str(error).partition(';')[0]}"
+        if options.pictures:
+            raise ArgumentError(f"{lacks}, which its run did not compute") from error
+        say(f"{lacks}; left out")
+        return False
+    except OSError as error:
+        raise OutputError(f"{file}: cannot be written: {error.strerror or error}") from error
+    return True
+
+
+def _load(source: Path) -> Result:
+    from wormopt.result import Result
+
+    try:
+        return Result.load(source)
+    except OSError as error:
+        raise ArgumentError(f"{source}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:
+        raise ArgumentError(str(error)) from error
+
+
+def _wanted(result: Result, there: Mapping[str, str]) -> Sequence[str]:
+    """Pictures that the scene of a result wants, or all there are."""
+    wants = json.loads(result.scene_text or "{}").get("want", [])
+    return [name for name in wants if name in there] or list(there)
+
+
+def _files(options: argparse.Namespace, source: Path, names: Sequence[str]) -> dict[str, Path]:
+    """Where each picture goes."""
+    names = list(dict.fromkeys(names))
+    path = Path(options.output) if options.output else source.parent
+    if options.output is None or path.is_dir() or not path.suffix:
+        return {name: path / picture_file(name, options.format) for name in names}
+    if len(names) > 1:
+        raise ArgumentError(
+            f"{path}: is one file, for {len(names)} pictures ({', '.join(names)}); "
+            "name one of them, or give a folder"
+        )
+    if options.format and path.suffix != f".{options.format}":
+        raise ArgumentError(f"{path}: does not end in .{options.format}; leave --format out")
+    return {names[0]: path}
+
+
+def _refuse(files: Iterable[Path], source: Path, force: bool) -> None:
+    """Refuse to replace what is no picture of ours: not listed beside the result, nor marked."""
+    beside = earlier_result(source.parent)
+    own = beside.own if source.name in beside.own else frozenset()
+    for file in files:
+        listed = file.name in own and file.parent.resolve() == source.parent.resolve()
+        if os.path.lexists(file) and not listed and not (force and is_marked(file)):
+            hint = "" if force else ", or replace a picture of wormopt with --force"
+            what = "is there, and not of this result; choose another with -o"
+            raise OutputError(f"{file}: {what}{hint}")
+
+
+def _enlist(files: Iterable[Path], source: Path) -> None:
+    """List new pictures beside a result as its own."""
+    beside = [f.name for f in files if f.parent.resolve() == source.parent.resolve()]
+    if beside and source.name in earlier_result(source.parent).own:
+        enlist(source.parent, beside)
