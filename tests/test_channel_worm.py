@@ -431,9 +431,8 @@ def test_pictures():
     (axes,) = figure(run("fig19_channel_worm"), "channel_velocity").axes
     labels = axes.get_legend_handles_labels()[1]
     assert "beam: 1.431 mm a switch" in labels
-    assert "sample 1: measured maximum, from the text: 78.9 mm/s" in labels
-    above, below = figure(shaped(), "segment_shapes").axes
-    assert "sleeve (elastica): 12.686 mm" in above.get_legend_handles_labels()[1]
-    assert below.get_title(loc="left") == (
-        "closest to point contact: sine, 0.108 mm; sleeve: sine, 0.161 mm"
-    )
+    assert "sample 1: measured maximum, from the text: 78.9\xa0mm\xa0s$^{-1}$" in labels
+    drawn = figure(shaped(), "segment_shapes")
+    assert "sleeve (elastica): 12.69 mm" in drawn.axes[0].get_legend_handles_labels()[1]
+    facts = " ".join(text.get_text() for text in drawn.texts).replace("\n", "; ")
+    assert "closest to point contact: sine, 0.108 mm; closest to sleeve: sine, 0.161 mm" in facts

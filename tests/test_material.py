@@ -520,12 +520,13 @@ def test_a_run_saves_lines_and_a_picture(tmp_path: Path):
 )
 def test_the_picture_shades_strains_that_are_not_small(strain: str, shades: int):
     result = wo.run(load_scene(SCENE, [f"strain={strain}"]))
-    (axes,) = figure(result, "stress_strain").axes
+    drawn = figure(result, "stress_strain")
+    (axes,) = drawn.axes
     assert len(axes.patches) == shades
-    labels = [text.get_text() for text in axes.get_legend().get_texts()]  # pyright: ignore
+    labels = [text.get_text() for text in drawn.legends[0].get_texts()]
     assert labels.count("beyond small strains") == min(shades, 1)
     lines = {str(line.get_label()): line for line in axes.get_lines()}
-    with_field = next(line for name, line in lines.items() if "150000 A/m" in name)
+    with_field = next(line for name, line in lines.items() if r"1.5·10$^{5}$ A m$^{-1}$" in name)
     x, y = (np.asarray(data, dtype=float) for data in with_field.get_data())
     assert y == pytest.approx(16e3 * (x / 100 - 0.071), abs=1e-8)
 

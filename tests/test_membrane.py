@@ -221,8 +221,7 @@ def test_wrong_scenes_are_told(tmp_path: Path, change: str, key: str, message: s
 
 def test_the_picture(tmp_path: Path):
     result = wo.run(SCENE)
-    left, _ = figure(result, "membrane").axes
-    labels = [text.get_text() for text in left.get_legend().get_texts()]  # pyright: ignore
+    labels = [text.get_text() for text in figure(result, "membrane").legends[0].get_texts()]
     assert "best: 0.197 mm" in labels
     out = tmp_path / "out"
     assert main(["run", SCENE, "-o", str(out), "--quiet", "--set", "loss_max=0.001"]) == 3

@@ -297,7 +297,7 @@ def test_a_map_of_films_names_its_outcomes_and_marks_unstable_waves():
     assert [text.get_text() for text in drawn.legends[0].get_texts()] == [
         "takes the wave", "another steady film", "still moves", "breaks", "not resolved"
     ]  # fmt: skip
-    marked = {text.get_text(): text.get_weight() for text in drawn.axes[0].texts}
+    marked = {t.get_text(): t.get_fontproperties().get_weight() for t in drawn.axes[0].texts}
     assert marked["+0.50"] == marked["+0.47"] == "bold"
     assert {marked[stable] for stable in ("−0.24", "−0.31", "−1.62", "−0.44")} == {"normal"}
     assert "bold where it is not stable" in texts(drawn)
@@ -518,9 +518,9 @@ def boxes(drawn: Figure) -> list[tuple[str, float, np.ndarray]]:
     ]
     renderer = canvas.get_renderer()
     return [
-        (text.get_text(), text.get_fontsize(), text.get_window_extent(renderer).get_points())
-        for text in seen
-        if text not in hidden
+        (t.get_text(), float(t.get_fontsize()), t.get_window_extent(renderer).get_points())
+        for t in seen
+        if t not in hidden
     ]
 
 
@@ -571,9 +571,9 @@ def test_without_title_a_picture_is_smaller_and_says_neither_title_nor_facts():
     assert figure(result, "gait", height=120, title=False).get_figheight() == pytest.approx(
         120 / 25.4
     )
-    for size in ({"width": 20}, {"height": 3000}, {"width": np.nan}):
+    for width, height in ((20, None), (None, 3000), (np.nan, None)):
         with pytest.raises(ValueError, match="in mm, from 30 to 2000"):
-            figure(result, "gait", **size)
+            figure(result, "gait", width=width, height=height)
 
 
 def test_facts_are_rounded_and_in_the_units_of_the_picture():

@@ -684,8 +684,10 @@ def test_reversals_faster_than_the_motor_starts_are_told(changes: list[str], war
 
 
 def test_the_picture_shows_commands_limits_and_motion(prototype: Result):
-    lengths, turn, rates, places = figure(prototype, "steps").axes
-    assert "quantisation error" in lengths.get_title(loc="left")
+    drawn = figure(prototype, "steps")
+    _, rates, places, turn = drawn.axes
+    assert any("quantisation error" in text.get_text() for text in drawn.texts)
+    assert "$l_0$" in turn.get_ylabel()
     assert "µm" in turn.get_ylabel()
     levels = {float(np.ravel(line.get_ydata())[0]) for line in rates.get_lines()[2:]}
     assert levels == {5.0, -5.0, 0.5, -0.5}
