@@ -89,7 +89,7 @@ def test_the_table_is_printed_and_names_knee_and_jumps(
     from wormopt.cli.printing import print_result
 
     result = Result.load(folder)
-    print_result(result, folder)
+    print_result(result)
     table = (folder / "table.md").read_text()
     assert table in capsys.readouterr().out
     _, _, *rows = table.splitlines()

@@ -689,11 +689,17 @@ def test_plot_replaces_only_what_is_its_own(saved: Path, tmp_path: Path, capsys:
     foreign = saved / "gait.png"
     foreign.write_text("mine")
     assert main(["plot", str(saved), "motion", "gait"]) == 2
-    assert "gait.png: was not written by wormopt" in capsys.readouterr().err
+    assert "gait.png: is there, and not of this result" in capsys.readouterr().err
     assert foreign.read_text() == "mine"
     assert not (saved / "motion.png").exists()
-    assert main(["plot", str(saved), "gait", "--force"]) == 0
-    assert foreign.read_bytes().startswith(FORMATS["png"])
+    assert main(["plot", str(saved), "gait", "--force"]) == 2  # never what is not ours
+    assert foreign.read_text() == "mine"
+    # one of ours that is elsewhere is known by its mark
+    for form in ("png", "pdf", "svg"):
+        elsewhere = ["gait", "-o", str(tmp_path / "new" / f"gait.{form}")]
+        assert main(["plot", str(saved), *elsewhere]) == 0
+        assert main(["plot", str(saved), *elsewhere]) == 2
+        assert main(["plot", str(saved), *elsewhere, "--force"]) == 0
     # of another folder nothing is known
     other = tmp_path / "gait.png"
     other.write_text("mine")

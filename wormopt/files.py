@@ -1,5 +1,6 @@
 """Names of the files a result is kept in, known without loading what reads and writes them."""
 
+import hashlib
 from pathlib import Path
 
 RESULT_FILE = "result.nc"
@@ -18,3 +19,8 @@ def picture_file(picture: str, form: str | None = None) -> str:
 def is_marked(file: Path) -> bool:
     """Whether a file says in itself that wormopt made it: nothing else is ever replaced."""
     return file.is_file() and not file.is_symlink() and MARK in file.read_bytes()
+
+
+def hash_of(file: Path) -> str:
+    """SHA-256 of a file's bytes, by which it is known to be as it was written."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from wormopt.errors import OutputError
-from wormopt.files import SUMMARY_FILE
+from wormopt.files import SUMMARY_FILE, hash_of
 
 _LONGEST_NAME = 100
 
@@ -132,7 +132,7 @@ def enlist(folder: Path, names: Sequence[str]) -> None:
     path = folder / SUMMARY_FILE
     summary = json.loads(path.read_text(encoding="utf-8"))
     summary["files"] += [name for name in names if name not in summary["files"]]
-    summary["sha256"] |= {name: _hash(folder / name) for name in names}
+    summary["sha256"] |= {name: hash_of(folder / name) for name in names}
     unfinished = path.with_name(f".unfinished-{path.name}")
     _write(unfinished, summary)
     unfinished.replace(path)
@@ -145,11 +145,7 @@ def _write(path: Path, summary: Mapping[str, Any]) -> None:
 
 def _is_as_written(folder: Path, name: str, digest: object) -> bool:
     path = folder / name
-    return Path(name).name == name and path.is_file() and digest == _hash(path)
-
-
-def _hash(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return Path(name).name == name and path.is_file() and digest == hash_of(path)
 
 
 @contextmanager
@@ -192,5 +188,5 @@ def _write_hashes(staging: Path) -> None:
     path = staging / SUMMARY_FILE
     summary = json.loads(path.read_text(encoding="utf-8"))
     others = sorted(set(staging.iterdir()) - {path})
-    summary["sha256"] = {other.name: _hash(other) for other in others}
+    summary["sha256"] = {other.name: hash_of(other) for other in others}
     _write(path, summary)
