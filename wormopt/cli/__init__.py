@@ -12,7 +12,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from wormopt.cli import measuring, running, scenes
+from wormopt.cli import measuring, reporting, running, scenes
 from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, say
 from wormopt.errors import OutputError, SceneError
 from wormopt.version import VERSION
@@ -50,6 +50,6 @@ def parser() -> argparse.ArgumentParser:
     )
     found.add_argument("--version", action="version", version=f"wormopt {VERSION}")
     commands = found.add_subparsers(metavar="COMMAND", required=True)
-    for group in (running, scenes, measuring):
+    for group in (running, reporting, scenes, measuring):
         group.add(commands)
     return found
