@@ -18,6 +18,8 @@ from wormopt.result import Result
 
 _ELSEWHERE = ("schema", "kind", "title", "units", "want")  # said in other places, or not worth it
 
+_SHORT = 16
+
 
 @dataclass(frozen=True)
 class Key:
@@ -45,7 +47,7 @@ def asked_html(result: Result) -> str:
         return "<p>The result does not hold its scene.</p>"
     keys = keys_set(result.kind, raw)
     rows = (
-        (f"<code>{escaped(k.path)}</code>", escaped(value_text(k.value)),
+        (f"<code>{escaped(k.path)}</code>", escaped(_kept(value_text(k.value))),
          escaped(unit_text(k.unit)), marked(k.meaning))
         for k in keys
     )  # fmt: skip
@@ -71,6 +73,11 @@ def again_html(result: Result) -> str:
             code(escaped(text)),
         )
     )
+
+
+def _kept(text: str) -> str:
+    """Keep what is short on one line."""
+    return text.replace(" ", "\u00a0") if len(text) <= _SHORT else text
 
 
 def keys_set(kind: str, raw: dict[str, Any]) -> list[Key]:

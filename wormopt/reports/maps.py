@@ -31,12 +31,14 @@ def map_html(grid: Grid, variable: Variable, targets: list[str]) -> str:
         )
         lines.append(f'<tr><th scope="row">{escaped(rows.texts[i])}</th>{cells}</tr>')
     head = "".join(f'<th scope="col">{escaped(text)}</th>' for text in columns.texts)
-    corner = f"<td><code>{escaped(rows.key)}</code> ↑ <code>{escaped(columns.key)}</code> →</td>"
-    return scrolled(
-        "Map",
-        f'<table class="grid{dense}"><tbody>{"".join(lines)}</tbody>'
-        f"<tfoot><tr>{corner}{head}</tr></tfoot></table>",
-    ) + _legend(grid, low, high, best)
+    name = f"<code>{escaped(columns.key)}</code> →"
+    whole = (
+        f'<table class="grid{dense}"><tbody>{"".join(lines)}</tbody><tfoot><tr><td></td>{head}</tr>'
+        f'<tr><td></td><td class="key" colspan="{len(columns.texts)}">{name}</td></tr></tfoot>'
+        "</table>"
+    )
+    rows_named = f'<p class="key"><code>{escaped(rows.key)}</code> ↑</p>'
+    return rows_named + scrolled("Map", whole) + _legend(grid, low, high, best)
 
 
 def _cell(

@@ -54,7 +54,19 @@ def headline_html(result: Result) -> str:
         f'<dd class="meaning">{marked(meanings.get(name, ""))}</dd></div>'
         for name, s in headlines(result).items()
     )
-    return f'<dl class="headline">{parts}</dl>' if parts else "<p>No number was found.</p>"
+    if not parts:
+        return "<p>No number was found.</p>"
+    return f'<dl class="headline">{parts}</dl>{_columns(result)}'
+
+
+def _columns(result: Result) -> str:
+    """Say what the entries of a list stand for, where the result names them."""
+    lengths = {len(s.value) for s in headlines(result).values() if isinstance(s.value, list)}
+    names = result.attributes.get("trackers")
+    if not isinstance(names, list) or lengths != {len(names)} or len(names) < 2:
+        return ""
+    named = ", then ".join(map(escaped, names))
+    return f'<p class="note">Where there are several values: {named}.</p>'
 
 
 def table_html(result: Result) -> str:

@@ -22,7 +22,7 @@ from wormopt.version import VERSION
 
 LARGEST = 5_000_000
 """Bytes that a page may have: more is refused by many who carry mail."""
-_FOR_PICTURES = 3_600_000
+_ROOM, _WORDS = 4_500_000.0, 120_000.0  # letters of all sections, and of the words of one
 
 
 def compose(sources: Sequence[Source], title: str) -> str:
@@ -32,11 +32,10 @@ def compose(sources: Sequence[Source], title: str) -> str:
     title = title or (
         results[0].title or results[0].scene if alone else f"{len(results)} results side by side"
     )
-    room = _FOR_PICTURES / len(sources)
-    sections = "".join(
-        _section(source, number, 2 if alone else 3, room)
-        for number, source in enumerate(sources, 1)
-    )
+    sections, room = "", _ROOM
+    for done, source in enumerate(sources):  # what one leaves is shared by those to come
+        part = _section(source, done + 1, 2 if alone else 3, room / (len(sources) - done))
+        sections, room = sections + part, max(room - len(part), 0.0)
     before = "" if alone else _contents(sources)
     script, style = _own("page.js"), _own("page.css")
     return Template(_own("page.html")).substitute(
@@ -79,7 +78,11 @@ def _contents(sources: Sequence[Source]) -> str:
 
 
 def _section(source: Source, number: int, level: int, room: float) -> str:
-    """One result; headings of its parts are of the level given, its own one above."""
+    """One result; headings of its parts are of the level given, its own one above.
+
+    `room`: letters that it may have.
+    """
+    room -= min(_WORDS, room / 2)
     result, ident = source.result, f"r{number}"
     name = escaped(result.title or result.scene)
     own = f'<h2 id="{ident}-title">{name}</h2>' if level > 2 else ""
@@ -95,7 +98,7 @@ def _section(source: Source, number: int, level: int, room: float) -> str:
             parts.append(f'<h{level}>{heading}</h{level}><div class="part">{html}</div>')
 
     if result.kind == "sweep":
-        part("The map", sweep.sweep_html(source, ident, room))
+        part("The sweep", sweep.sweep_html(source, ident, room))
         room = 0.0
     if result.scalars:
         part("The answer", numbers.headline_html(result) + numbers.table_html(result))

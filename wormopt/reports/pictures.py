@@ -61,7 +61,8 @@ def _picture(result: Result, name: str, prefix: str) -> Picture:
         drawn = figure(result, name)
         drawn.suptitle("")  # the page says it
         into = io.StringIO()
-        style: dict[RcKeyType, Any] = {**STYLE, "svg.fonttype": "path", "svg.hashsalt": prefix}
+        style: dict[RcKeyType, Any] = {**STYLE, "svg.fonttype": "path", "svg.hashsalt": prefix,
+                                       "path.simplify_threshold": 0.4}  # fmt: skip
         with rc_context(style), warnings.catch_warnings():
             # a title may hold letters that the font lacks; the picture is good all the same
             warnings.filterwarnings("ignore", message="Glyph .* missing from font")

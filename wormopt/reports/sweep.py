@@ -12,7 +12,7 @@ from wormopt.reports.motion import moving, rod
 from wormopt.reports.parts import details, scrolled
 from wormopt.reports.pictures import pictures
 from wormopt.reports.source import Source
-from wormopt.reports.words import escaped, sentence, unit_text, value_text
+from wormopt.reports.words import escaped, name_text, sentence, unit_text, value_text
 from wormopt.reports.worm import motion_html
 
 _MOST_OPENED, _MOST_DRAWN = 64, 24  # points with the worm moving, and with a picture too
@@ -70,7 +70,9 @@ def _choice(grid: Grid, variable: Variable, ident: str, targets: list[str], k: i
         if len(grid.axes) == 1
         else map_html(grid, variable, targets)
     )
-    said = sentence(variable.long_name) if variable.long_name != words_of(variable) else ""
+    said = (
+        sentence(variable.long_name) if name_text(variable.long_name) != words_of(variable) else ""
+    )
     caption = f"<strong>{escaped(name)}</strong> {escaped(said)}"
     return (
         f'<figure class="map" id="{ident}-map{k}"><figcaption>{caption}</figcaption>{body}</figure>'

@@ -78,13 +78,14 @@ def _worm_caption(moving: Moving, most: float) -> str:
             lane.load is not None and lane.load.min() < -1e-3 * most for lane in moving.lanes
         )
         told = f"Bars: {moving.load_name}, the longest {value_text(most, moving.load_unit, 3)}"
-        parts.append(told + ("; hollow where it points backward." if back else "."))
+        told += "; hollow where it points backward." if back else "."
+        parts.append(f'<span class="bars">{escaped(told)}</span>')
     if moving.angle:
         degrees = number(float(np.degrees(moving.angle)), 3)
         parts.append(f"The load on the masses is that of a slope of {degrees}°.")
     elif moving.pull:
         parts.append(f"A load of {value_text(moving.pull)} pulls every mass back.")
-    return escaped(" ".join(filter(None, parts)))
+    return " ".join(filter(None, parts))
 
 
 def _lane_data(lane: Lane, span: float, most: float) -> dict[str, Any]:
@@ -128,8 +129,8 @@ def _stage(moving: Moving, scale: float, low: float, high: float, radius: float)
         turn = f' transform="rotate({degrees:.3f} {_WIDTH / 2:g} {height / 2:.1f})"'
     arrow = _PULL if moving.pull > 0 else ""
     return (
-        f'<svg class="worm" viewBox="0 0 {_WIDTH:g} {height:.0f}" role="img" '
-        f'aria-label="The worm at the chosen time"><g{turn}>{lanes}</g>{arrow}</svg>'
+        f'<svg class="worm{" roomy" * (radius > 12)}" viewBox="0 0 {_WIDTH:g} {height:.0f}" '
+        f'role="img" aria-label="The worm at the chosen time"><g{turn}>{lanes}</g>{arrow}</svg>'
     )
 
 
