@@ -33,8 +33,11 @@ def compose(sources: Sequence[Source], title: str) -> str:
         results[0].title or results[0].scene if alone else f"{len(results)} results side by side"
     )
     sections, room = "", _ROOM
-    for done, source in enumerate(sources):  # what one leaves is shared by those to come
-        part = _section(source, done + 1, 2 if alone else 3, room / (len(sources) - done))
+    for done, source in enumerate(sources):
+        left = len(sources) - done  # each shall have its words, and no less than its share
+        part = _section(
+            source, done + 1, 2 if alone else 3, max(room - _WORDS * (left - 1), room / left)
+        )
         sections, room = sections + part, max(room - len(part), 0.0)
     before = "" if alone else _contents(sources)
     script, style = _own("page.js"), _own("page.css")

@@ -9,8 +9,17 @@ from typing import Any
 
 
 def as_toml(table: Mapping[str, Any]) -> str:
-    """Write a table: its own keys first, then its tables and lists of tables."""
-    return "\n".join(_lines(table, "")).strip() + "\n"
+    """Write a table: its own keys first, then its tables and lists of tables.
+
+    Keys without a value are left out; a list holds none.
+    """
+    return "\n".join(_lines(_told(table), "")).strip() + "\n"
+
+
+def _told(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _told(item) for key, item in value.items() if item is not None}
+    return [_told(item) for item in value] if isinstance(value, list) else value
 
 
 def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
@@ -33,7 +42,7 @@ def _are_tables(value: Any) -> bool:
 
 
 def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key)
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _value(key)
 
 
 def _value(value: Any) -> str:
