@@ -15,7 +15,7 @@ function worm(figure) {
     bars: svg(lane, ".bar"),
   }));
   const rod = figure.querySelector(".stage .rod");
-  const slider = figure.querySelector(".when[type=range]");
+  const slider = figure.querySelector(".slider");
   const button = figure.querySelector(".play");
   const now = figure.querySelector(".now");
   const still = matchMedia("(prefers-reduced-motion: reduce)");

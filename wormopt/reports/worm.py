@@ -33,7 +33,7 @@ def motion_html(motion: Moving | Rod, ident: str) -> str:
         f'<figure class="moving" id="{ident}"><div class="still">{poses}</div>'
         f'<div class="stage" hidden=""><div class="card-plain">{stage}</div>'
         '<div class="controls"><button type="button" class="play" aria-pressed="false">Play'
-        '</button><input type="range" class="when" min="0" '
+        '</button><input type="range" class="slider" min="0" '
         f'max="{last}" value="0" step="1" aria-label="Time"><output class="now"></output></div>'
         f'</div><figcaption>{caption}</figcaption><script type="application/json">{text}'
         "</script></figure>"
