@@ -43,17 +43,18 @@ def make_sweep(folder: Path) -> Path:
         "sweep",
         title="Speed over load and elongation",
         variables=(
-            Variable("load", "1", ("load",), LOADS, "worm.load"),
-            Variable("elongation", "1", ("elongation",), ELONGATIONS, "gait.elongation"),
+            Variable("load", "1", ("load",), np.array(LOADS), "worm.load"),
+            Variable("elongation", "1", ("elongation",), np.array(ELONGATIONS), "gait.elongation"),
             Variable("speed", "1", dims, speed, "mean speed"),
             Variable("spike_load_max", "1", dims, largest, "largest load of a single spike"),
             Variable("status", "1", dims, status),
         ),
         scene_text=wo.load_scene("fast_gait").text,
         attributes={
+            "kind": "gait",
             "axes": [
-                {"key": "worm.load", "dim": "load"},
-                {"key": "gait.elongation", "dim": "elongation"},
+                {"key": "worm.load", "dim": "load", "values": LOADS},
+                {"key": "gait.elongation", "dim": "elongation", "values": ELONGATIONS},
             ],
             "points": points,
             "reasons": reasons,

@@ -463,6 +463,21 @@ def test_a_load_is_a_slope_where_it_weighs_what_a_slope_would():
     assert [(s.angle, s.pull > 0) for s in shown[1:] if s] == [(0.0, True), (0.0, True)]
 
 
+def test_the_ground_rises_as_the_scene_says(gait: Result, tmp_path: Path):
+    scene = json.loads(gait.scene_text)
+    for degrees, told in ((12, "The ground rises by 12°."), (-12, "rises by −12°."),
+                          (60, "rises by 60°, drawn less steep than it is.")):  # fmt: skip
+        scene["worm"] |= {"slope": np.radians(degrees), "load": 3.0}
+        sloping = dataclasses.replace(gait, scene_text=json.dumps(scene))
+        shown = moving(sloping)
+        assert shown is not None
+        assert (shown.angle, shown.pull) == (pytest.approx(np.radians(degrees)), 3.0)
+        page = page_of(sloping, tmp_path)
+        assert told in Whole(page).text
+        turned = -np.sign(degrees) * min(abs(degrees), 30)
+        assert f"rotate({turned:.3f} " in page
+
+
 @pytest.mark.parametrize("position", [np.full((3, 4), np.nan), np.zeros((3, 4))])
 def test_a_motion_that_is_none_is_shown_as_it_is(position: np.ndarray, tmp_path: Path):
     variables = (
@@ -516,6 +531,27 @@ def test_a_sweep_of_one_key_is_a_line_and_of_three_a_table(
     Whole(page)
     assert f'class="{holds}"' in page
     assert page.count("data-point=") >= int(np.prod(shape))
+
+
+def test_points_that_lie_anywhere_are_dots(tmp_path: Path):
+    speed = np.array([0.5, 0.75, np.nan])
+    variables = (
+        Variable("load", "N", ("point",), np.array([1.0, 2.0, 4.0])),
+        Variable("law", "1", ("point",), np.arange(3)),
+        Variable("speed", "m s-1", ("point",), speed),
+        Variable("status", "1", ("point",), np.array([0, 0, 1])),
+    )
+    axes = [{"key": "worm.load", "dim": "load", "values": [1.0, 2.0, 4.0]},
+            {"key": "worm.law", "dim": "law", "values": ["spike", "<b>", "viscous"]}]  # fmt: skip
+    found = Result("any", "sweep", variables=variables, attributes={"axes": axes})
+    page = page_of(found, tmp_path)
+    Whole(page)
+    said = re.findall(r'class="cell dot[^"]*" data-point="\d" [^>]*aria-label="([^"]*)"', page)
+    assert said == [
+        "worm.load = 1 N, worm.law = spike: 0.5",
+        "worm.load = 2 N, worm.law = &lt;b&gt;: 0.75, best",
+        "worm.load = 4 N, worm.law = viscous: failed",
+    ]
 
 
 def grid_result(shape: tuple[int, ...]) -> Result:

@@ -52,7 +52,7 @@ def asked_html(result: Result) -> str:
         for k in keys
     )  # fmt: skip
     whole = table("keys", ("key", "value", "unit", "meaning"), rows)
-    note = "<p>What is not listed has its default.</p>" if result.kind in KINDS else ""
+    note = "<p>What is not listed has its default.</p>" if raw.get("kind") in KINDS else ""
     return scrolled("Keys that were set", whole) + note
 
 
@@ -84,10 +84,13 @@ def keys_set(kind: str, raw: dict[str, Any]) -> list[Key]:
     """Keys of a scene that differ from their defaults; all of them where the kind is unknown."""
     from wormopt.scene.read import read_table
 
+    swept = raw.get("sweep", {})  # its keys are of no kind
+    raw = {key: value for key, value in raw.items() if key != "sweep"}
+    kind = kind if kind in KINDS else raw.get("kind", "")
     known = read_table(raw, KINDS[kind].load_table(), "", []) if kind in KINDS else None
     if known is None:
-        return list(_flat(raw, ""))
-    return list(_set(known, "", raw.get("units", "dimensionless")))
+        return list(_flat(raw | {"sweep": swept} if swept else raw, ""))
+    return [*_flat(swept, "sweep"), *_set(known, "", raw.get("units", "dimensionless"))]
 
 
 def _set(table: Any, path: str, units: str) -> Iterator[Key]:
@@ -127,6 +130,8 @@ def _flat(raw: Any, path: str) -> Iterator[Key]:
         for name, value in raw.items():
             if path or name not in _ELSEWHERE:
                 yield from _flat(value, f"{path}.{name}" if path else name)
+    elif raw is None:
+        return
     elif isinstance(raw, list) and any(isinstance(item, dict) for item in raw):
         for i, item in enumerate(raw):
             yield from _flat(item, f"{path}[{i}]")

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from wormopt.quantities import Variable
 from wormopt.reports.numbers import BETTER
 from wormopt.reports.source import Source
-from wormopt.reports.words import name_text, number, value_text
+from wormopt.reports.words import name_text, number, unit_text, value_text
 from wormopt.result import Result
 
 STATES = ("ok", "failed", "refused", "not computed")
@@ -26,12 +27,25 @@ class Axis:
     texts: tuple[str, ...]
     values: np.ndarray
 
+    @property
+    def name(self) -> str:
+        """The key with its unit."""
+        return f"{self.key} ({unit_text(self.unit)})" if self.unit != "1" else self.key
+
+    def at(self, k: int) -> str:
+        """Key and value."""
+        return f"{self.key} = {self.texts[k]} {unit_text(self.unit)}".rstrip()
+
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A sweep; its points are counted in C order, the last axis fastest."""
+    """A sweep; its points are counted in C order, the last axis fastest.
+
+    Where it is no lattice, points lie anywhere, and every axis has a value for each.
+    """
 
     axes: tuple[Axis, ...]
+    lattice: bool
     numbers: tuple[Variable, ...]
     states: tuple[int, ...]
     reasons: tuple[str, ...]
@@ -42,12 +56,15 @@ class Grid:
         """Points along each axis."""
         return tuple(len(axis.texts) for axis in self.axes)
 
+    def index(self, point: int) -> tuple[int, ...]:
+        """Place of a point along each axis."""
+        if not self.lattice:
+            return (point,) * len(self.axes)
+        return tuple(int(k) for k in np.unravel_index(point, self.shape))
+
     def place(self, point: int) -> str:
         """Say where a point is."""
-        at = np.unravel_index(point, self.shape)
-        return ", ".join(
-            f"{axis.key} = {axis.texts[k]}" for axis, k in zip(self.axes, at, strict=True)
-        )
+        return ", ".join(a.at(k) for a, k in zip(self.axes, self.index(point), strict=True))
 
     def value(self, variable: Variable, point: int) -> float:
         """Number at a point."""
@@ -93,16 +110,17 @@ def grid_of(source: Source) -> Grid:
     result = source.result
     said = result.attributes["axes"]
     axes = tuple(_axis(result, axis["key"], axis["dim"], axis.get("values")) for axis in said)
-    dims = tuple(axis["dim"] for axis in said)
-    numbers = [v for v in result.variables if v.dims == dims and v.name not in ("status", *dims)]
-    numbers.sort(key=lambda v: (v.name not in BETTER, list(BETTER).index(v.name)
-                                if v.name in BETTER else 0))  # fmt: skip
-    count = int(np.prod([len(axis.texts) for axis in axes]))
-    states = result["status"].values.ravel() if "status" in result else [0] * count
+    names = {axis["dim"] for axis in said}
+    dims = result["status"].dims
+    numbers = [v for v in result.variables if v.dims == dims and v.name not in {"status", *names}]
+    numbers.sort(key=lambda v: (v.name == "seconds", *_rank(v.name)))
+    states = result["status"].values.ravel()
+    count = len(states)
     reasons = result.attributes.get("reasons") or []
     files = [_file(source.folder, name) for name in result.attributes.get("points") or []]
     return Grid(
         axes,
+        dims == tuple(axis["dim"] for axis in said),
         tuple(numbers),
         tuple(int(s) if 0 <= s < len(STATES) else 1 for s in states),
         tuple(str(reasons[k] or "") if k < len(reasons) else "" for k in range(count)),
@@ -110,10 +128,16 @@ def grid_of(source: Source) -> Grid:
     )
 
 
-def _axis(result: Result, key: str, dim: str, named: list[object] | None) -> Axis:
+def _rank(name: str) -> tuple[int, int]:
+    """Numbers that tell which is better come first."""
+    known = list(BETTER)
+    return (0, known.index(name)) if name in BETTER else (1, 0)
+
+
+def _axis(result: Result, key: str, dim: str, named: list[Any] | None) -> Axis:
     own = result[dim]
-    texts = named or [value_text(float(value), own.unit) for value in own.values]
-    return Axis(key, own.unit, tuple(map(str, texts)), own.values.astype(float))
+    texts = (value_text(value) for value in named or own.values.tolist())
+    return Axis(key, own.unit, tuple(texts), own.values.astype(float))
 
 
 def _file(folder: Path | None, name: object) -> Path | None:

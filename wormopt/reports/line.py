@@ -1,4 +1,4 @@
-"""A number of a sweep over one key: a line with points that open."""
+"""A number of a sweep over one key: a line with points that open. Axes for other plots too."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from wormopt.quantities import Variable
 from wormopt.reports.grid import Grid, words_of
 from wormopt.reports.words import escaped, number
 
-_WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 720.0, 300.0, 64.0, 14.0, 46.0
+WIDTH, HEIGHT, LEFT, TOP, BOTTOM = 720.0, 300.0, 64.0, 14.0, 46.0
 _MOST_NAMES = 12
 
 
@@ -18,8 +18,8 @@ def line_html(grid: Grid, variable: Variable, targets: list[str]) -> str:
     low, high, best = grid.span(variable)
     margin = 0.08 * (high - low) or abs(high) * 0.1 or 1.0
     low, high = low - margin, high + margin
-    base, per = _HEIGHT - _BOTTOM, (_HEIGHT - _BOTTOM - _TOP) / (high - low)
-    xs = _along(axis.values, _LEFT + 14, _WIDTH - 20)
+    base, per = HEIGHT - BOTTOM, (HEIGHT - BOTTOM - TOP) / (high - low)
+    xs = along(axis.values, LEFT + 14, WIDTH - 20)
     ys = [base - (grid.value(variable, k) - low) * per for k in range(len(xs))]
     dots = "".join(
         _dot(
@@ -27,26 +27,27 @@ def line_html(grid: Grid, variable: Variable, targets: list[str]) -> str:
         )
         for k in range(len(xs))
     )
-    levels = "".join(_level(at, base - (at - low) * per) for at in _levels(low, high))
+    rules = "".join(level(at, base - (at - low) * per) for at in levels(low, high))
     return (
-        f'<svg class="plot" viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" role="group" aria-label="'
-        f'{escaped(words_of(variable))} over {escaped(axis.key)}">{levels}{_names(axis.texts, xs)}'
-        f'<text class="axis" x="{(_LEFT + _WIDTH) / 2:g}" y="{_HEIGHT - 4:g}" '
-        f'text-anchor="middle">{escaped(axis.key)}</text>'
+        f'<svg class="plot" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="group" aria-label="'
+        f'{escaped(words_of(variable))} over {escaped(axis.name)}">{rules}{_names(axis.texts, xs)}'
+        f'<text class="axis" x="{(LEFT + WIDTH) / 2:g}" y="{HEIGHT - 4:g}" '
+        f'text-anchor="middle">{escaped(axis.name)}</text>'
         f'<path class="course" d="{_course(grid, variable, xs, ys)}"/>{dots}</svg>'
     )
 
 
-def _level(level: float, y: float) -> str:
+def level(at: float, y: float) -> str:
+    """Draw a level with its number."""
     return (
-        f'<path class="rule" d="M{_LEFT:g} {y:.1f}H{_WIDTH:g}"/><text x="{_LEFT - 8:g}" '
-        f'y="{y + 4:.1f}" text-anchor="end">{number(level, 4)}</text>'
+        f'<path class="rule" d="M{LEFT:g} {y:.1f}H{WIDTH:g}"/><text x="{LEFT - 8:g}" '
+        f'y="{y + 4:.1f}" text-anchor="end">{number(at, 4)}</text>'
     )
 
 
 def _names(texts: tuple[str, ...], xs: list[float]) -> str:
     apart = max(1, -(-len(xs) // _MOST_NAMES))
-    y = _HEIGHT - _BOTTOM + 20
+    y = HEIGHT - BOTTOM + 20
     return "".join(
         f'<text x="{x:.1f}" y="{y:g}" text-anchor="middle">{escaped(text)}</text>'
         for text, x in list(zip(texts, xs, strict=True))[::apart]
@@ -66,7 +67,7 @@ def _course(grid: Grid, variable: Variable, xs: list[float], ys: list[float]) ->
 def _dot(
     grid: Grid, variable: Variable, point: int, at: tuple[float, float], target: str, best: bool
 ) -> str:
-    x, y = at if grid.good(variable, point) else (at[0], _HEIGHT - _BOTTOM)
+    x, y = at if grid.good(variable, point) else (at[0], HEIGHT - BOTTOM)
     said = escaped(grid.says(variable, point, best))
     shape = f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{7 if best else 5}"/>'
     if not grid.good(variable, point):
@@ -78,7 +79,7 @@ def _dot(
     )
 
 
-def _along(values: np.ndarray, first: float, last: float) -> list[float]:
+def along(values: np.ndarray, first: float, last: float) -> list[float]:
     """Places of values along an axis, which is logarithmic where they are."""
     if len(values) < 2 or not np.isfinite(values).all():
         return np.linspace(first, last, len(values)).tolist()
@@ -89,7 +90,8 @@ def _along(values: np.ndarray, first: float, last: float) -> list[float]:
     return [first + (float(value) - low) / span * (last - first) for value in values]
 
 
-def _levels(low: float, high: float) -> list[float]:
+def levels(low: float, high: float) -> list[float]:
+    """Choose round numbers between two."""
     power = 10.0 ** np.floor(np.log10((high - low) / 4))
     step = next(m * power for m in (1, 2, 5, 10) if m * power >= (high - low) / 5)
     first = np.ceil(low / step) * step

@@ -31,14 +31,14 @@ def map_html(grid: Grid, variable: Variable, targets: list[str]) -> str:
         )
         lines.append(f'<tr><th scope="row">{escaped(rows.texts[i])}</th>{cells}</tr>')
     head = "".join(f'<th scope="col">{escaped(text)}</th>' for text in columns.texts)
-    name = f"<code>{escaped(columns.key)}</code> →"
+    name = f"<code>{escaped(columns.name)}</code> →"
     whole = (
         f'<table class="grid{dense}"><tbody>{"".join(lines)}</tbody><tfoot><tr><td></td>{head}</tr>'
         f'<tr><td></td><td class="key" colspan="{len(columns.texts)}">{name}</td></tr></tfoot>'
         "</table>"
     )
-    rows_named = f'<p class="key"><code>{escaped(rows.key)}</code> ↑</p>'
-    return rows_named + scrolled("Map", whole) + _legend(grid, low, high, best)
+    rows_named = f'<p class="key"><code>{escaped(rows.name)}</code> ↑</p>'
+    return rows_named + scrolled("Map", whole) + legend_html(grid, low, high, best)
 
 
 def _cell(
@@ -64,7 +64,8 @@ def _cell(
     )
 
 
-def _legend(grid: Grid, low: float, high: float, best: int | None) -> str:
+def legend_html(grid: Grid, low: float, high: float, best: int | None) -> str:
+    """Tell what colours and signs mean."""
     there = set(grid.states)
     keys = [
         f'<span class="key"><span class="cell state{k}" aria-hidden="true">{_SIGNS[k]}'

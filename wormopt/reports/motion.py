@@ -14,7 +14,8 @@ from wormopt.result import Result
 _PERIODS = 2  # shown of a gait
 _MOST_FRAMES, _FEWEST_FRAMES, _MOST_NUMBERS = 241, 61, 40_000
 _MOST_LANES = 6
-_STEEPEST = np.radians(30)  # a steeper slope leaves no room for the worm
+STEEPEST = float(np.radians(30))
+"""Slope that is drawn at most: a steeper one leaves no room for the worm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +37,7 @@ class Moving:
     """Worms side by side over the same time.
 
     time: (frame,), in equal steps. angle: of the slope, rad. pull: the load that pulls each mass
-    back where it is no slope, else 0.
+    back, 0 where it is the slope.
     """
 
     time: np.ndarray
@@ -174,15 +175,20 @@ def _labels(result: Result, dims: tuple[str, ...]) -> list[str]:
 
 
 def _slope(result: Result) -> tuple[float, float]:
-    """Angle of the slope that a load is, or the load: only weights in SI units tell an angle."""
+    """Angle of the ground, rad, and the load that pulls beside.
+
+    A load by itself is a slope where it can be: a weight in SI units tells an angle.
+    """
     raw = scene_of(result)
-    worm = raw.get("worm", {})
-    load, mass = (worm.get(name) if isinstance(worm, dict) else None for name in ("load", "mass"))
-    if not isinstance(load, int | float) or not load:
-        return 0.0, 0.0
-    masses = {*mass} if isinstance(mass, list) else {mass}
-    if raw.get("units") == "SI" and len(masses) == 1 and isinstance(mass := masses.pop(), float):
+    worm = raw.get("worm")
+    slope, load, mass = (
+        worm.get(name) if isinstance(worm, dict) else None for name in ("slope", "load", "mass")
+    )
+    load = float(load) if isinstance(load, int | float) else 0.0
+    if isinstance(slope, int | float) and slope:
+        return float(slope), load
+    if load and raw.get("units") == "SI" and isinstance(mass, int | float):
         share = load / (mass * GRAVITY)
-        if abs(share) <= np.sin(_STEEPEST):
+        if abs(share) <= np.sin(STEEPEST):
             return float(np.arcsin(share)), 0.0
-    return 0.0, float(load)
+    return 0.0, load

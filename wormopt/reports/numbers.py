@@ -71,6 +71,8 @@ def _columns(result: Result) -> str:
 
 def table_html(result: Result) -> str:
     """All scalars with what they mean."""
+    if not result.scalars:
+        return ""
     meanings = _meanings(result.kind)
     rows = (
         (escaped(name_text(name)), escaped(value_text(s.value, "1", 9)),

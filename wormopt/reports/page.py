@@ -18,6 +18,7 @@ from wormopt.reports.pictures import pictures
 from wormopt.reports.source import Source
 from wormopt.reports.words import escaped, sentence, value_text
 from wormopt.reports.worm import motion_html
+from wormopt.result import Result
 from wormopt.version import VERSION
 
 LARGEST = 5_000_000
@@ -92,7 +93,7 @@ def _section(source: Source, number: int, level: int, room: float) -> str:
     labelled = f"{ident}-title" if level > 2 else "title"
     parts = [
         f'<section class="result" id="{ident}" aria-labelledby="{labelled}">{own}',
-        f'<p class="asked">{escaped(_summary(result.kind))}</p>',
+        f'<p class="asked">{escaped(_summary(result))}</p>',
         trust.status_html(result),
     ]
 
@@ -100,23 +101,28 @@ def _section(source: Source, number: int, level: int, room: float) -> str:
         if html:
             parts.append(f'<h{level}>{heading}</h{level}><div class="part">{html}</div>')
 
-    if result.kind == "sweep":
-        part("The sweep", sweep.sweep_html(source, ident, room))
-        room = 0.0
-    if result.scalars:
+    swept = result.kind == "sweep"
+    if swept:
+        part("The sweep", sweep.sweep_html(source, ident, room) + numbers.table_html(result))
+    else:
         part("The answer", numbers.headline_html(result) + numbers.table_html(result))
     motion = moving(result) or rod(result)
     part("The motion", motion_html(motion, f"{ident}-motion") if motion else "")
     part("What was asked", asked_html(result))
-    part("Pictures", "".join(p.html() for p in pictures(result, ident, room) if room))
+    part("Pictures", "".join(p.html() for p in pictures(result, ident, room)) if not swept else "")
     part("How far to trust it", trust.trust_html(result))
     part("Where it comes from", _provenance(source))
     return "".join([*parts, "</section>"])
 
 
-def _summary(kind: str) -> str:
-    told = KINDS[kind].summary if kind in KINDS else ""
-    return f"{sentence(told)} Kind of scene: {kind}." if told else f"Kind of scene: {kind}."
+def _summary(result: Result) -> str:
+    """What such a scene computes; of a sweep, what every point of it does."""
+    kind = (
+        str(result.attributes.get("kind", result.kind)) if result.kind == "sweep" else result.kind
+    )
+    told = sentence(KINDS[kind].summary) if kind in KINDS else ""
+    swept = "A sweep. " if result.kind == "sweep" else ""
+    return f"{swept}{told} Kind of scene: {kind}.".strip()
 
 
 def _provenance(source: Source) -> str:

@@ -1,8 +1,6 @@
-"""A sweep as a map of its points, which open; of one key a line, of more than two a table."""
+"""A sweep as a map of its points, which open; of one key a line, of many a table or dots."""
 
 from __future__ import annotations
-
-import numpy as np
 
 from wormopt.quantities import Variable
 from wormopt.reports.grid import STATES, Grid, grid_of, words_of
@@ -11,6 +9,7 @@ from wormopt.reports.maps import map_html
 from wormopt.reports.motion import moving, rod
 from wormopt.reports.parts import details, scrolled
 from wormopt.reports.pictures import pictures
+from wormopt.reports.scatter import scatter_html
 from wormopt.reports.source import Source
 from wormopt.reports.words import escaped, name_text, sentence, unit_text, value_text
 from wormopt.reports.worm import motion_html
@@ -30,7 +29,7 @@ def sweep_html(source: Source, ident: str, room: float) -> str:
         for k in range(count)
     ]
     numbers = grid.numbers[: max(1, min(_MOST_MAPS, _MOST_CELLS // max(count, 1)))]
-    flat = len(grid.axes) > 2
+    flat = grid.lattice and len(grid.axes) > 2
     shown = [] if flat else [_choice(grid, v, ident, targets, k) for k, v in enumerate(numbers)]
     options = "".join(
         f'<option value="{ident}-map{k}">{escaped(words_of(v))}</option>'
@@ -57,19 +56,17 @@ def sweep_html(source: Source, ident: str, room: float) -> str:
 def _states_text(grid: Grid) -> str:
     counts = [sum(state == k for state in grid.states) for k in range(len(STATES))]
     told = ", ".join(f"{n} {STATES[k]}" for k, n in enumerate(counts) if n)
-    keys = " and ".join(f"<code>{escaped(axis.key)}</code>" for axis in grid.axes)
-    return f"{len(grid.states)} points over {keys}: {told}. Choose a point to see it."
+    keys = [f"<code>{escaped(axis.key)}</code>" for axis in grid.axes]
+    over = " and ".join([", ".join(keys[:-1]), keys[-1]] if keys[1:] else keys)
+    return f"{len(grid.states)} points over {over}: {told}. Choose a point to see it."
 
 
 def _choice(grid: Grid, variable: Variable, ident: str, targets: list[str], k: int) -> str:
     """One number over the sweep."""
     unit = unit_text(variable.unit)
     name = f"{words_of(variable)}{f' ({unit})' if unit else ''}"
-    body = (
-        line_html(grid, variable, targets)
-        if len(grid.axes) == 1
-        else map_html(grid, variable, targets)
-    )
+    draw = line_html if len(grid.axes) == 1 else map_html if grid.lattice else scatter_html
+    body = draw(grid, variable, targets)
     said = (
         sentence(variable.long_name) if name_text(variable.long_name) != words_of(variable) else ""
     )
@@ -113,7 +110,7 @@ def _table(grid: Grid, ident: str, targets: list[str], opened: bool) -> str:
         return f"<p>The numbers of all {len(grid.states)} points stand in the result.</p>"
     numbers = grid.numbers[: max(1, min(12, 30_000 // len(grid.states)))]
     heads = [f"{name} ({unit})" if unit else name for name, unit in [
-        *((axis.key, "") for axis in grid.axes), ("status", ""),
+        *((axis.name, "") for axis in grid.axes), ("status", ""),
         *((words_of(v), unit_text(v.unit)) for v in numbers),
     ]]  # fmt: skip
     head = "".join(f'<th scope="col">{escaped(name)}</th>' for name in heads)
@@ -126,8 +123,7 @@ def _table(grid: Grid, ident: str, targets: list[str], opened: bool) -> str:
 def _table_row(
     grid: Grid, point: int, ident: str, targets: list[str], numbers: tuple[Variable, ...]
 ) -> str:
-    at = np.unravel_index(point, grid.shape)
-    places = [axis.texts[k] for axis, k in zip(grid.axes, at, strict=True)]
+    places = [axis.texts[k] for axis, k in zip(grid.axes, grid.index(point), strict=True)]
     first = (
         f'<a class="cell row" data-point="{point}" href="{targets[point]}">{escaped(places[0])}</a>'
     )

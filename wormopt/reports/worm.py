@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.reports.motion import Lane, Moving, Rod
+from wormopt.reports.motion import STEEPEST, Lane, Moving, Rod
 from wormopt.reports.words import escaped, number, unit_text, value_text
 
 _WIDTH, _PAD = 720.0, 26.0
@@ -82,8 +82,9 @@ def _worm_caption(moving: Moving, most: float) -> str:
         parts.append(f'<span class="bars">{escaped(told)}</span>')
     if moving.angle:
         degrees = number(float(np.degrees(moving.angle)), 3)
-        parts.append(f"The load on the masses is that of a slope of {degrees}°.")
-    elif moving.pull:
+        drawn = "" if abs(moving.angle) <= STEEPEST else ", drawn less steep than it is"
+        parts.append(f"The ground rises by {degrees}°{drawn}.")
+    if moving.pull:
         parts.append(f"A load of {value_text(moving.pull)} pulls every mass back.")
     return " ".join(filter(None, parts))
 
@@ -114,7 +115,8 @@ def _radius(lanes: Sequence[Lane], scale: float) -> float:
 def _stage(moving: Moving, scale: float, low: float, high: float, radius: float) -> str:
     step = _LANE + _LONGEST_BAR * any(lane.load is not None for lane in moving.lanes)
     last = len(moving.lanes) - 1
-    rise = (_WIDTH / 2) * abs(np.tan(moving.angle))
+    angle = float(np.clip(moving.angle, -STEEPEST, STEEPEST))
+    rise = (_WIDTH / 2) * abs(np.tan(angle))
     height = step * len(moving.lanes) + 2 * rise + 20
     foot = _SKY + radius + 5
     marks = _ticks(low, high, scale, foot)
@@ -124,8 +126,8 @@ def _stage(moving: Moving, scale: float, low: float, high: float, radius: float)
         for k, lane in enumerate(moving.lanes)
     )
     turn = ""
-    if moving.angle:
-        degrees = -np.degrees(moving.angle)
+    if angle:
+        degrees = -np.degrees(angle)
         turn = f' transform="rotate({degrees:.3f} {_WIDTH / 2:g} {height / 2:.1f})"'
     arrow = _PULL if moving.pull > 0 else ""
     return (
