@@ -165,8 +165,19 @@ def test_several_results_are_set_side_by_side(gait: Result, uphill: Result, tmp_
 
 
 def test_a_failed_result_is_never_the_best(gait: Result, uphill: Result, tmp_path: Path):
-    table = page_of([gait.failed("no"), uphill], tmp_path).split('class="compare"')[1]
-    assert 'class="best"' not in table.split("</table>")[0]
+    told = Whole(page_of([gait.failed("no"), uphill, gait], tmp_path)).text
+    fast, slow = (number(r.scalars["speed"].value) for r in (gait, uphill))
+    assert f"speed {fast} {slow} {fast} best" in told
+    told = Whole(page_of([gait.failed("no"), uphill], tmp_path)).text
+    assert f"speed {fast} {slow} " in told
+    assert " best " not in told.split("Side by side")[1].split("The answer")[0]
+
+
+def test_keys_in_which_scenes_differ_are_set_side_by_side(tmp_path: Path):
+    two = [wo.run(wo.load_scene("fast_gait", [f"worm.load={load}"])) for load in (20, 30)]
+    told = Whole(page_of(two, tmp_path)).text.split("Side by side")[1].split("The answer")[0]
+    assert "worm.load 20 30" in told
+    assert "worm.mass" not in told
 
 
 def test_results_of_different_kinds_share_what_they_share(gait: Result, tmp_path: Path):

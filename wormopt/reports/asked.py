@@ -40,6 +40,11 @@ def scene_of(result: Result) -> dict[str, Any]:
     return _public(found) if isinstance(found, dict) else {}
 
 
+def all_keys(result: Result) -> dict[str, Any]:
+    """Value of every key of the scene of a result, by dotted path."""
+    return {key.path: key.value for key in _flat(scene_of(result), "")}
+
+
 def asked_html(result: Result) -> str:
     """Table of the keys that were set, and the scene as a file."""
     raw = scene_of(result)

@@ -92,7 +92,7 @@ def along(values: np.ndarray, first: float, last: float) -> list[float]:
 
 def levels(low: float, high: float) -> list[float]:
     """Choose round numbers between two."""
-    power = 10.0 ** np.floor(np.log10((high - low) / 4))
-    step = next(m * power for m in (1, 2, 5, 10) if m * power >= (high - low) / 5)
+    power = 10.0 ** np.floor(np.log10((high - low) / 6))
+    step = next(m * power for m in (1, 2, 5, 10) if m * power >= (high - low) / 6)
     first = np.ceil(low / step) * step
     return [round(float(at), 12) for at in np.arange(first, high + 1e-9 * step, step)]

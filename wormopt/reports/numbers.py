@@ -7,6 +7,7 @@ from typing import Any
 
 from wormopt.kinds import KINDS
 from wormopt.quantities import Scalar
+from wormopt.reports.asked import all_keys
 from wormopt.reports.parts import details, scrolled, table
 from wormopt.reports.words import escaped, marked, name_text, unit_text, value_text
 from wormopt.result import Result
@@ -16,9 +17,9 @@ BETTER = {
     "speed": 1, "mean_speed": 1, "distance": 1, "velocity_best": 1, "mean_flow": 1,
     "spike_load_max": -1, "actuator_force_max": -1, "energy_per_distance": -1,
     "cost_of_transport": -1, "input_rms": -1, "input_peak": -1, "time_outside_tube": -1,
-    "capture_time": -1, "gap": -1, "gap_certified": -1,
+    "capture_time": -1, "gap_certified": -1,
 }  # fmt: skip
-_MOST_HEADLINES, _LONGEST_LIST = 6, 4
+_MOST_HEADLINES, _LONGEST_LIST, _MOST_DIFFERENCES = 6, 4, 12
 _ASIDE = ("recheck", "n_", "sensitivity", "lambda_", "resting", "assumed", "defect", "order_",
           "complementarity", "worst", "discretisation", "solve_", "cycles", "objective", "same_",
           "certified_", "boxes_", "leaf_", "smallest_")  # fmt: skip
@@ -89,13 +90,32 @@ def _meanings(kind: str) -> dict[str, str]:
 
 
 def comparison_html(results: Sequence[Result]) -> str:
-    """Scalars that several results share, side by side, the best marked where that is known."""
+    """What several results were asked differently, and the scalars that they share.
+
+    The best is marked where it is known which that is.
+    """
     names = dict.fromkeys(n for r in results for n in r.scalars)
     rows = [_row(n, results) for n in names if not n.startswith(_ASIDE) and _comparable(n, results)]
-    heads = [f'<a href="#r{k}">{escaped(r.title or r.scene)}</a>' for k, r in enumerate(results, 1)]
+    heads = [
+        f'<a href="#r{k}">{k}. {escaped(r.title or r.scene)}</a>' for k, r in enumerate(results, 1)
+    ]
     states = ["failed" if r.status == "failed" else "accepted" for r in results]
-    whole = table("compare", ["", *heads], [["status", *states], *rows])
+    whole = table("compare", ["", *heads], [*_differences(results), ["status", *states], *rows])
     return scrolled("Comparison", whole) + ("" if rows else "<p>They share no number.</p>")
+
+
+def _differences(results: Sequence[Result]) -> list[list[str]]:
+    """Keys in which the scenes of results of one kind differ, if they are not too many to see."""
+    asked = [all_keys(result) for result in results]
+    paths = dict.fromkeys(path for keys in asked for path in keys)
+    different = [path for path in paths if len({repr(keys.get(path)) for keys in asked}) > 1]
+    if len({result.kind for result in results}) > 1 or len(different) > _MOST_DIFFERENCES:
+        return []
+    return [
+        [f"<code>{escaped(path)}</code>",
+         *(escaped(value_text(keys[path])) if path in keys else "–" for keys in asked)]
+        for path in different
+    ]  # fmt: skip
 
 
 def _comparable(name: str, results: Sequence[Result]) -> bool:
@@ -110,12 +130,12 @@ def _row(name: str, results: Sequence[Result]) -> list[str]:
     best = _best(name, results) if one_unit else None
     unit = unit_text(min(units)) if one_unit else ""
     cells = []
-    for s in scalars:
+    for result, s in zip(results, scalars, strict=True):
         if s is None:
             cells.append("–")
             continue
         told = escaped(value_text(s.value, "1" if one_unit else s.unit))
-        if best is not None and s.value == best:
+        if result.status == "ok" and best is not None and s.value == best:
             told = f'<strong>{told}</strong> <span class="best">best</span>'
         cells.append(told)
     shown = f' <span class="unit">{escaped(unit)}</span>' if unit else ""

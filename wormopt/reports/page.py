@@ -76,7 +76,7 @@ def _contents(sources: Sequence[Source]) -> str:
     )
     return (
         f'<nav aria-labelledby="contents"><h2 id="contents">Contents</h2><ol>{items}</ol></nav>'
-        '<section aria-labelledby="beside"><h2 id="beside">Numbers in common</h2>'
+        '<section aria-labelledby="beside"><h2 id="beside">Side by side</h2>'
         f"{numbers.comparison_html([s.result for s in sources])}</section>"
     )
 
