@@ -29,8 +29,7 @@ class Picture:
         if not self.svg:
             return f'<p class="note">{escaped(self.missing)}</p>' if self.missing else ""
         return (
-            f'<figure class="picture"><div class="card" tabindex="0" role="group" '
-            f'aria-label="Picture, may be scrolled">{self.svg}</div>'
+            f'<figure class="picture"><div class="card">{self.svg}</div>'
             f"<figcaption>{escaped(self.caption)}</figcaption></figure>"
         )
 
