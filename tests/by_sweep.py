@@ -28,10 +28,10 @@ def make_sweep(folder: Path) -> Path:
         result = wo.run(wo.load_scene("fast_gait", changes))
         if status[at]:
             result = result.failed("the check failed")
-        name = f"points/{at[0]}-{at[1]}.nc"
+        name = f"{at[0]}-{at[1]}.nc"
         (folder / "points").mkdir(exist_ok=True)
         result.save(folder / "points")
-        (folder / "points" / "result.nc").rename(folder / name)
+        (folder / "points" / "result.nc").rename(folder / "points" / name)
         (folder / "points" / "summary.json").unlink()
         points.append(name)
         reasons.append(result.reason)
@@ -48,10 +48,13 @@ def make_sweep(folder: Path) -> Path:
             Variable("speed", "1", dims, speed, "mean speed"),
             Variable("spike_load_max", "1", dims, largest, "largest load of a single spike"),
             Variable("status", "1", dims, status),
+            Variable("seconds", "s", dims, np.full(shape, 0.1), "time that it took"),
         ),
         scene_text=wo.load_scene("fast_gait").text,
         attributes={
             "kind": "gait",
+            "units": "dimensionless",
+            "numbers": ["speed", "spike_load_max"],
             "axes": [
                 {"key": "worm.load", "dim": "load", "values": LOADS},
                 {"key": "gait.elongation", "dim": "elongation", "values": ELONGATIONS},

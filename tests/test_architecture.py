@@ -15,8 +15,8 @@ PACKAGE = Path(wormopt.__file__).parent
 # Groups of rooms, and the groups each may import from. Rooms of one group may import each other
 # as long as no circle arises.
 GROUPS = {
-    "ground": {"version", "errors", "files", "kinds", "lazy", "progress"},
-    "base": {"model", "numerics", "quantities", "saving", "result"},
+    "ground": {"version", "errors", "files", "fingerprint", "kinds", "lazy", "progress", "shown"},
+    "base": {"model", "numerics", "quantities", "labelled", "digest", "saving", "result"},
     "engine": {"simulation", "control", "ocp", "analysis", "magnetics"},
     "scene": {"scene"},
     "plotting": {"plotting"},

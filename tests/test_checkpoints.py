@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from wormopt.systems.shared import checkpoints as kept
-from wormopt.systems.shared.checkpoints import checkpoints, fingerprint
+from wormopt import fingerprint as kept
+from wormopt.fingerprint import code_key, fingerprint
+from wormopt.systems.shared.checkpoints import checkpoints
 
 ROD = "wormopt.systems.channel.runs.rod_course"
 SOURCE = '''"""A module."""
@@ -53,7 +54,7 @@ def test_folders_differ_by_work_and_by_code(tmp_path: Path, monkeypatch: pytest.
     def folder(**changed: str) -> Path:
         for name, text in (texts | changed).items():
             (root / f"{name}.py").write_text(text)
-        checkpoints.cache_clear()
+        code_key.cache_clear()
         kept._files.cache_clear()
         return checkpoints("work", "wormopt.maker")
 
@@ -64,7 +65,7 @@ def test_folders_differ_by_work_and_by_code(tmp_path: Path, monkeypatch: pytest.
     assert folder(maker="from wormopt import helper, other") != plain
     monkeypatch.setattr(kept, "_FORM", kept._FORM + 1)
     assert folder() != plain
-    checkpoints.cache_clear()
+    code_key.cache_clear()
     kept._files.cache_clear()
 
 

@@ -1,7 +1,9 @@
 """The command line: what it prints, what it writes, what it refuses. The study is a stand-in."""
 
 import dataclasses
+import hashlib
 import json
+import random
 import shutil
 import sys
 from collections.abc import Callable
@@ -91,8 +93,8 @@ def test_run_writes_numbers_and_pictures(tmp_path: Path, capsys: pytest.CaptureF
     out, err = capsys.readouterr()
     assert err == ""
     assert "Fast gait (15)" in out
-    assert "speed          2              m s-1" in out
-    assert "gap            unknown" in out
+    assert "  speed          2 m s-1\n" in out
+    assert "gap  unknown" in out
     assert str(folder) in out
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert summary["table"]["gait"]["elongation"] == 0.15
@@ -130,7 +132,8 @@ def test_a_rerun_replaces_its_own_files_and_keeps_others(tmp_path: Path):
     assert main(["run", "fast_gait"]) == 0
     (folder / "notes.txt").write_text("mine")
     (folder / "sub").mkdir()
-    assert main(["run", "fast_gait", "--set", "worm.load=30", "--set", 'want=["gait"]']) == 0
+    changes = ["--set", "worm.load=30", "--set", 'want=["gait"]']
+    assert main(["run", "fast_gait", *changes, "-o", str(folder)]) == 0
     assert names(folder) == NUMBERS | {"gait.png", "notes.txt", "sub"}
     assert speed_in(folder) == 3.0
 
@@ -163,14 +166,23 @@ def make_result_with_own_picture(path: Path) -> None:
     (path / "gait.png").write_text("mine")
 
 
-OBSTACLES = [
+def make_changed_result(path: Path) -> None:
+    main(["run", "fast_gait", "-o", str(path)])
+    (path / "gait.png").write_text("with remarks of mine")
+
+
+def make_sweep(path: Path) -> None:
+    main(["sweep", "fast_gait", "--over", "worm.load=[2]", "--engine", "serial", "-o", str(path)])
+
+
+FOREIGN = [
     make_file,
-    make_foreign_folder,
-    make_other_result,
     make_foreign_summary,
     make_broken_summary,
     make_result_with_own_picture,
+    make_changed_result,
 ]
+OBSTACLES = [*FOREIGN, make_foreign_folder, make_other_result, make_sweep]
 
 
 def contents(path: Path) -> dict[str, bytes]:
@@ -191,20 +203,89 @@ def test_what_is_in_the_way_is_refused_before_the_work(
     out, err = capsys.readouterr()
     assert out == ""
     assert str(path) in err
-    assert "--force" in err
+    assert ("--force" in err) == (make not in FOREIGN)
     assert contents(path) == before
     assert names(tmp_path) == {"out"}
 
 
-@pytest.mark.parametrize("make", OBSTACLES)
-def test_force_writes_over_it_and_keeps_other_files(tmp_path: Path, make: Callable[[Path], None]):
+@pytest.mark.parametrize("make", FOREIGN)
+def test_what_is_no_result_of_ours_is_never_replaced(
+    tmp_path: Path, study: Install, make: Callable[[Path], None]
+):
+    path = tmp_path / "out"
+    make(path)
+    before = contents(path)
+    study(never)
+    assert main(["run", "fast_gait", "-o", str(path), "--force"]) == 2
+    assert contents(path) == before
+
+
+@pytest.mark.parametrize("make", [make_foreign_folder, make_other_result, make_sweep])
+def test_force_replaces_results_and_keeps_other_files(tmp_path: Path, make: Callable[[Path], None]):
     path = tmp_path / "out"
     make(path)
     assert main(["run", "fast_gait", "-o", str(path), "--force"]) == 0
     assert speed_in(path) == 2.0
-    assert names(path) - {"notes.txt"} == NUMBERS | PICTURES
+    assert names(path) - {"notes.txt", "points"} == NUMBERS | PICTURES
     if make is make_foreign_folder:
         assert (path / "notes.txt").read_text() == "mine"
+
+
+def test_trials_with_other_keys_have_folders_of_their_own(tmp_path: Path):
+    assert main(["run", "fast_gait", "--no-plots"]) == 0
+    assert main(["run", "fast_gait", "--no-plots", "--set", "worm.load=30"]) == 0
+    assert main(["run", "fast_gait", "--no-plots", "--set", f'title="{"x/" * 99}"']) == 0
+    plain, loaded, titled = sorted((tmp_path / "results").iterdir(), key=lambda f: len(f.name))
+    assert (plain.name, loaded.name) == ("fast_gait", "fast_gait,worm.load=30")
+    assert titled.name.startswith("fast_gait,title=_x_x")
+    assert (speed_in(plain), speed_in(loaded)) == (2.0, 3.0)
+
+
+def test_what_appears_while_a_scene_runs_is_kept_and_so_is_the_result(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install
+):
+    def meanwhile(scene: Scene, report: Report) -> Result:
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "result.nc").write_text("mine")
+        return Result(scene.name, "gait")
+
+    study(meanwhile)
+    assert main(["run", "fast_gait", "--no-plots", "-o", "out"]) == 2
+    assert (tmp_path / "out" / "result.nc").read_text() == "mine"
+    (spare,) = (path for path in tmp_path.iterdir() if path.name.startswith("out-"))
+    assert f"the result is in {spare}" in capsys.readouterr().err
+    assert Result.load(spare).scene == "fast_gait"
+
+
+FILES = ["result.nc", "summary.json", "gait.png", "motion.png", "spikes.png", "notes.txt", "a.csv"]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_foreign_files_survive_fifty_random_runs_with_force(
+    tmp_path: Path, study: Install, seed: int
+):
+    """A thousand in all: files come, go, and are changed between runs of several scenes."""
+    study(lambda scene, _: Result(scene.name, scene.table.kind))
+    draw, mine = random.Random(seed), {}
+    for k in range(50):
+        folder = tmp_path / draw.choice(["b"] if (tmp_path / "a").is_file() else ["a", "b", "a/b"])
+        file = folder / draw.choice(FILES)
+        if draw.random() < 0.5 and not folder.is_file():
+            folder.mkdir(parents=True, exist_ok=True)
+            mine[file] = f"mine {k}"
+            file.write_text(mine[file])
+        elif draw.random() < 0.1 and not folder.exists():
+            mine[folder] = "a file"
+            folder.parent.mkdir(exist_ok=True)
+            folder.write_text("a file")
+        elif draw.random() < 0.2 and file in mine:
+            file.unlink()
+            del mine[file]
+        scene = draw.choice(["fast_gait", "uphill_gait"])
+        plots = draw.choice([["--no-plots"], []])
+        main(["run", scene, *plots, "--force", "--quiet", "-o", str(folder)])
+        for path, text in mine.items():
+            assert path.read_text() == text, (k, path)
 
 
 def test_nothing_is_removed_that_wormopt_cannot_have_written(tmp_path: Path):
@@ -213,7 +294,9 @@ def test_nothing_is_removed_that_wormopt_cannot_have_written(tmp_path: Path):
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     (folder / "notes.txt").write_text("mine")
     (tmp_path / "outside.png").write_text("mine")
-    summary["files"] += ["notes.txt", "../outside.png", str(tmp_path / "outside.png"), 3]
+    digest = hashlib.sha256(b"mine").hexdigest()
+    summary["sha256"] |= {"../outside.png": digest, str(tmp_path / "outside.png"): digest}
+    summary["sha256"] |= {"notes.txt": "of another text", "x": 3}
     (folder / "summary.json").write_text(json.dumps(summary))
     assert main(["run", "fast_gait", "-o", "out"]) == 0
     assert (folder / "notes.txt").exists()
@@ -374,7 +457,8 @@ def test_a_scene_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     shutil.copy(packaged_scenes()["fast_gait"], path)
     assert main(["run", str(path), "--set", 'title="Größe λ — 1"']) == 0
     assert "Größe λ — 1" in capsys.readouterr().out
-    loaded = Result.load(tmp_path / "results" / "mein λ")
+    (folder,) = (tmp_path / "results").iterdir()
+    loaded = Result.load(folder)
     assert (loaded.scene, loaded.title) == ("mein λ", "Größe λ — 1")
 
 
@@ -441,7 +525,7 @@ def test_the_report_is_readable(
     told = ["a warning that is much too long to stand in a line of sixty characters", "another"]
     trust = {"recheck": routes, "events": {}, "warnings": told}
     study(lambda scene, report: found(scene, scalars={"ends": Scalar(ends, "m")}, trust=trust))
-    assert main(["run", "fast_gait"]) == 0
+    assert main(["run", "fast_gait", "--all"]) == 0
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()[1:-1]]
     assert lines == [
         "  ends  [0.333333333333, 0.666666666667, 1]  m",

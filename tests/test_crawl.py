@@ -12,8 +12,9 @@ from scipy.optimize import nnls, root_scalar
 from wormopt.model.gait import Gait
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.construct import Profile, accordion, block_wave, fast_gait
-from wormopt.systems.spiked.crawl import Crawl, crawl, share_load
+from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.limits import Sharing
+from wormopt.systems.spiked.sharing import share_load
 
 PROFILES: tuple[Profile, ...] = ("cosine", "quintic", "trapezoid")
 RULES: tuple[Sharing, ...] = ("equal", "least_actuation")

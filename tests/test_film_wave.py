@@ -356,7 +356,7 @@ def test_the_least_field_that_holds_a_float():
 
 @pytest.mark.slow
 def test_a_sweep_tells_other_films():
-    found = solved("sweep={tension=[0.1, 0.02], field=[2.0]}", "search.crests=2")
+    found = solved("map={tension=[0.1, 0.02], field=[2.0]}", "search.crests=2")
     flows, cosine = found["sweep_mean_flow"].values, found["sweep_mean_flow_cosine"].values
     assert flows.shape == (2, 1)
     assert flows[1, 0] > flows[0, 0]
@@ -468,8 +468,8 @@ def test_aims_that_cannot_be_are_refused():
         ("aim.mean_flow=1.0", "aim.mean_flow", "below 1"),
         ("search.crests=0", "search.crests", "1 to 12"),
         ("mesh.degree=2", "mesh.degree", "write 3 or more"),
-        ("sweep={}", "sweep", "is empty"),
-        ("sweep.tension=[0.1, 0.1]", "sweep.tension", "twice"),
+        ("map={}", "map", "is empty"),
+        ("map.tension=[0.1, 0.1]", "map.tension", "twice"),
         ('units="SI"', "units", '"dimensionless"'),
     ],
 )

@@ -211,7 +211,104 @@ def test_the_rows_of_a_table_come_back_exactly(tmp_path: Path):
     assert Gait.from_csv(tmp_path / "gait.csv")(t) == pytest.approx(gait(t), abs=1e-15)
 
 
-GOOD = ["t,l_1,l_2", "0,1,1", "0.3,1.2,1", "0.6,1.1,0.9", "1,1,1"]
+@settings(max_examples=40, deadline=None)
+@given(
+    omega=st.floats(0.1, 10),
+    sizes=st.lists(st.floats(0.01, 0.45), min_size=1, max_size=3),
+    samples=st.integers(4, 200),
+)
+def test_what_a_table_loses_is_at_most_what_theory_says(
+    tmp_path_factory: pytest.TempPathFactory, omega: float, sizes: list[float], samples: int
+):
+    """The error of a periodic cubic spline is at most 5/384 h⁴ max|f⁗| (Hall, Meyer)."""
+    n, period = len(sizes), 2 * math.pi / omega
+    amplitudes = [np.array([sizes]), np.zeros((1, n))]
+    gait = Gait(np.array([0.0, period]), np.ones((1, n, 1)), np.array([omega]), *amplitudes)
+    path = tmp_path_factory.mktemp("table") / "gait.csv"
+    gait.to_csv(path, samples, derivatives=2, units="SI")
+    back, t = Gait.from_csv(path), np.linspace(0, period, 997)
+    assert (back.period, back.links) == (period, n)
+    bound = 5 / 384 * (omega * period / (samples - 1)) ** 4 * np.array(sizes)
+    assert np.all(np.abs(back(t) - gait(t)).max(axis=1) <= bound + 1e-14)
+
+
+def table(path: Path) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of a file, as texts."""
+    head, *rows = path.read_text(encoding="utf-8").splitlines()
+    return head.split(","), [row.split(",") for row in rows]
+
+
+def test_times_of_a_table_are_the_decimals_one_would_write(tmp_path: Path):
+    gait = wave_of_harmonics()
+    gait.to_csv(tmp_path / "gait.csv", step=0.01)
+    _, rows = table(tmp_path / "gait.csv")
+    assert [row[0] for row in rows] == [str(k / 100) for k in range(161)]
+    gait.to_csv(tmp_path / "gait.csv", 161)
+    assert table(tmp_path / "gait.csv")[1] == rows
+
+
+@pytest.mark.parametrize(
+    ("period", "step", "times"),
+    [
+        (1.0, 0.3, ["0.0", "0.3", "0.6", "0.9", "1.0"]),
+        (0.1 + 0.2, 0.1, ["0.0", "0.1", "0.2", "0.30000000000000004"]),
+        (0.9, 0.3, ["0.0", "0.3", "0.6", "0.9"]),
+    ],
+)
+def test_a_table_ends_with_the_period(tmp_path: Path, period: float, step: float, times: list[str]):
+    gait = fast_gait(period)
+    gait.to_csv(tmp_path / "gait.csv", step=step, derivatives=2)
+    _, rows = table(tmp_path / "gait.csv")
+    assert [row[0] for row in rows] == times
+    assert rows[0][1:] == rows[-1][1:]
+    assert load_gait(tmp_path / "gait.csv").period == period
+
+
+def test_a_table_holds_rates_and_accelerations_with_units(tmp_path: Path):
+    gait, path, omega = wave_of_harmonics(), tmp_path / "gait.csv", 2 * math.pi / 1.6
+    gait.to_csv(path, step=0.05, derivatives=2, units="SI")
+    head, rows = table(path)
+    units = {"length": "m", "rate": "m s-1", "acceleration": "m s-2"}
+    assert head == ["time [s]", *(f"{k}_{j} [{u}]" for k, u in units.items() for j in range(2))]
+    t, *columns = np.array(rows, dtype=float).T
+    first = 0.3 * np.exp(1j * omega * t)
+    second = 0.3 * np.exp(1j * omega * t - 2j * math.pi / 3)
+    expected = [(1j * omega) ** k * link for k in range(3) for link in (first, second)]
+    expected = np.real(expected) + np.array([1, 1, 0, 0, 0, 0])[:, None]
+    assert np.array(columns) == pytest.approx(expected, abs=1e-13)
+    assert Gait.from_csv(path).links == 2
+    gait.to_csv(path, step=0.05)
+    assert table(path)[0] == ["time", "length_0", "length_1"]
+
+
+def test_a_row_at_a_break_shows_the_later_piece(tmp_path: Path):
+    """0.1 + 0.2 is the break, 0.3 the row; the acceleration jumps from 1 to -1 there."""
+    late = 0.1 + 0.2
+    up, down = [[1.0, 0.0, 0.5]], [[1.0 + late**2 / 2, late, -0.5]]
+    gait = Gait(np.array([0.0, late, 3 * late]), np.array([up, down]))
+    gait.to_csv(tmp_path / "gait.csv", step=0.1, derivatives=2)
+    rows = {row[0]: row for row in table(tmp_path / "gait.csv")[1]}
+    assert float(rows["0.3"][3]) == -1.0
+    assert float(rows["0.2"][3]) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"step": 0.0}, "step must be a positive number"),
+        ({"step": math.nan}, "step must be a positive number"),
+        ({"step": 0.9}, "write at most 0.533333"),
+        ({"samples": 3}, "at least 4 samples, not 3"),
+        ({"derivatives": 3}, "derivatives must be 0, 1 or 2"),
+    ],
+)
+def test_tables_that_say_too_little_are_refused(tmp_path: Path, asked: dict, message: str):
+    with pytest.raises(ValueError, match=message):
+        wave_of_harmonics().to_csv(tmp_path / "gait.csv", **asked)
+    assert not list(tmp_path.iterdir())
+
+
+GOOD = ["t,l_0,l_1", "0,1,1", "0.3,1.2,1", "0.6,1.1,0.9", "1,1,1"]
 
 
 @pytest.mark.parametrize(
@@ -249,10 +346,11 @@ def test_tables_from_any_editor_are_read(tmp_path: Path, text: str):
         ([*GOOD[:-1], "1,1,1.01"], "closed period"),
         (GOOD[:1] + GOOD[:0:-1], "ascend from 0"),
         ([*GOOD[:2], "0,1.2,1", *GOOD[3:]], "ascend"),
-        (["t,l_1,l_2", "0.1,1,1", *GOOD[2:]], "ascend from 0"),
+        (["t,l_0,l_1", "0.1,1,1", *GOOD[2:]], "ascend from 0"),
         ([*GOOD[:2], "0.3,-1.2,1", *GOOD[3:]], "positive"),
         ([*GOOD[:2], "0.3,0,1", *GOOD[3:]], "positive"),
-        (["t;l_1;l_2", "0;1;1", "0.3;1.2;1", "0.6;1;1", "1;1;1"], "header t,l_1"),
+        (["t;l_0;l_1", "0;1;1", "0.3;1.2;1", "0.6;1;1", "1;1;1"], "header t,l_0"),
+        (["t,rate_0", "0,0", "0.3,1", "0.6,-1", "1,0"], "header t,l_0"),
         ([*GOOD[:2], "0.3," + "1" * 200000 + ",1", *GOOD[3:]], "CSV text"),
     ],
 )
@@ -264,7 +362,7 @@ def test_hostile_tables_are_refused_with_a_reason(tmp_path: Path, rows: list[str
 
 
 @pytest.mark.parametrize(
-    "content", [b"t,l_1\n0,\xff\xfe1\n", b"\x00\x01\x02" * 40, "t,l_1\n0,1".encode("utf-16")]
+    "content", [b"t,l_0\n0,\xff\xfe1\n", b"\x00\x01\x02" * 40, "t,l_0\n0,1".encode("utf-16")]
 )
 def test_a_file_that_is_no_text_is_refused(tmp_path: Path, content: bytes):
     path = tmp_path / "gait.csv"

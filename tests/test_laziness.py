@@ -11,7 +11,7 @@ import pytest
 
 import wormopt as wo
 
-HEAVY = {"casadi", "numpy", "scipy", "matplotlib", "rich", "xarray", "control"}
+HEAVY = {"casadi", "numpy", "scipy", "matplotlib", "rich", "pandas", "xarray", "control"}
 
 
 def modules_after(code: str, folder: Path) -> set[str]:
@@ -34,6 +34,8 @@ def modules_after(code: str, folder: Path) -> set[str]:
         "import wormopt",
         "from wormopt.cli import main; main(['--help'])",
         "from wormopt.cli import main; main(['run', '--help'])",
+        "from wormopt.cli import main; main(['export', '--help'])",
+        "from wormopt.cli import main; assert main(['export', 'nothing']) == 2",
         "from wormopt.cli import main; assert main(['list']) == 0",
         "from wormopt.cli import main; assert main(['check', 'design_fast_gait']) == 0",
         "from wormopt.cli import main; assert main(['check', 'no_such_scene']) == 2",
@@ -49,6 +51,7 @@ def modules_after(code: str, folder: Path) -> set[str]:
         "from wormopt.cli import main; assert main(['check', 'film_wave_design']) == 0",
         "from wormopt.cli import main; assert main(['check', 'coil_row_inverse']) == 0",
         "from wormopt.cli import main; assert main(['check', 'fig20_capsule']) == 0",
+        "import wormopt as wo; wo.load_scene('prototype_steps', {'gait.rest_length': '0.1 m'})",
     ],
 )
 def test_reading_and_checking_load_no_numerics(code: str, tmp_path: Path):
@@ -73,7 +76,7 @@ def test_no_public_name_is_hidden_by_a_module():
 
 
 def test_the_check_would_see_a_heavy_module(tmp_path: Path):
-    assert "numpy" in modules_after("import wormopt; wormopt.Result", tmp_path)
+    assert "numpy" in modules_after("import wormopt; wormopt.Gait", tmp_path)
 
 
 def test_a_result_is_held_without_scipy(tmp_path: Path):

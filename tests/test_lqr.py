@@ -331,7 +331,10 @@ def loop_of(plant: Model, **options: Any) -> Model:
         (lambda: loop_of(cubic_spring()), "cubic is not linear"),
         (lambda: loop_of(idle()), "do not accelerate all links"),
         (lambda: loop_of(worm(), feedforward=np.zeros(2)), "feedforward must be a Gait"),
-        (lambda: loop_of(worm(), feedforward=travelling_sine(3, 1.0)), "has 3 rows, the worm 2"),
+        (
+            lambda: loop_of(worm(), feedforward=travelling_sine(3, 1.0)),
+            "has 3 rows, the reference 2",
+        ),
     ],
 )
 def test_loops_that_make_no_sense_are_refused(build: Callable[[], object], message: str):

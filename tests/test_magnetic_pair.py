@@ -315,7 +315,7 @@ kind = "resonance"
 [pair]
 eps = 0.0355
 friction = {kind = "coulomb", forward = 0.5, backward = 1.0}
-[sweep]
+[frequencies]
 detuning = [-1.0, 1.0]
 points = 20
 """
@@ -338,7 +338,7 @@ def test_both_branches_are_those_of_19(tmp_path: Path):
 
 
 def test_exact_motions_confirm_the_branches(tmp_path: Path):
-    result = run_text(tmp_path, SWEEP, "confirm.time=1200.0", "sweep.points=8")
+    result = run_text(tmp_path, SWEEP, "confirm.time=1200.0", "frequencies.points=8")
     assert value(result, "confirmed") == 8
     assert value(result, "averaging_error") < 0.2 * 0.0355
     assert value(result, "averaging_error_second") < 0.1 * value(result, "averaging_error")
@@ -352,7 +352,7 @@ def test_folds_of_a_resonance(tmp_path: Path):
         'pair.friction={kind="stribeck", forward=0.3, backward=0.6, stick_forward=0.9, '
         "stick_backward=1.8, v_stribeck=0.15}"
     )
-    result = run_text(tmp_path, SWEEP, friction, "sweep.detuning=[0.3, 3.0]")
+    result = run_text(tmp_path, SWEEP, friction, "frequencies.detuning=[0.3, 3.0]")
     (fold,) = value(result, "delta_fold")
     assert result["detuning"].values.max() < fold < 3.0
     assert value(result, "steady_motions") > value(result, "stable") > 0
@@ -376,7 +376,9 @@ def test_branches_that_begin_where_stability_changes_are_followed(tmp_path: Path
         'pair.friction={kind="stribeck", forward=0.1, backward=0.1, stick_forward=0.5, '
         "stick_backward=0.5, v_stribeck=0.3}"
     )
-    result = run_text(tmp_path, SWEEP, friction, "sweep.detuning=[0.3, 3.0]", "sweep.points=28")
+    result = run_text(
+        tmp_path, SWEEP, friction, "frequencies.detuning=[0.3, 3.0]", "frequencies.points=28"
+    )
     assert value(result, "branches") > 1
     detuning, stable = result["detuning"].values, result["stable_point"].values > 0
     near = np.abs(detuning - 1.1) < 1e-9
@@ -389,12 +391,12 @@ def test_branches_that_begin_where_stability_changes_are_followed(tmp_path: Path
 @pytest.mark.parametrize(
     ("change", "key"),
     [
-        ("sweep.detuning=[1.0, -1.0]", "sweep.detuning"),
-        ("sweep.detuning=[1.0, 1.0]", "sweep.detuning"),
-        ("sweep.detuning=[-50.0, 1.0]", "sweep.detuning"),
-        ("sweep.points=1", "sweep.points"),
+        ("frequencies.detuning=[1.0, -1.0]", "frequencies.detuning"),
+        ("frequencies.detuning=[1.0, 1.0]", "frequencies.detuning"),
+        ("frequencies.detuning=[-50.0, 1.0]", "frequencies.detuning"),
+        ("frequencies.points=1", "frequencies.points"),
         ("confirm.time=10.0", "confirm.time"),
-        ("sweep.largest=0.0", "sweep.largest"),
+        ("frequencies.largest=0.0", "frequencies.largest"),
     ],
 )
 def test_bad_sweeps_are_refused(tmp_path: Path, change: str, key: str):

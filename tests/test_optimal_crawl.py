@@ -162,8 +162,8 @@ def test_one_input_for_two_worms_serves_the_slower_one_best_when_the_worst_count
     ("change", "key"),
     [
         ("[aim]\n", "aim"),
-        ('[aim]\nminimise = "cost_of_transport"\n', "aim.speed"),
-        ('[aim]\nminimise = "cost_of_transport"\nspeed = 1.0\n[robust]\n', "aim.minimise"),
+        ('[aim]\nminimise = "energy_per_mass_distance"\n', "aim.speed"),
+        ('[aim]\nminimise = "energy_per_mass_distance"\nspeed = 1.0\n[robust]\n', "aim.minimise"),
         ('[aim]\nmaximise = "speed"\n[robust]\n', "want"),
     ],
 )

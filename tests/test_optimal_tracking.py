@@ -174,7 +174,7 @@ def test_what_is_measured_agrees_with_quadrature():
     spent = np.trapezoid(np.maximum(power, 0).sum(axis=0), t)
     assert numbers["work"] == pytest.approx(spent, rel=1e-4)
     assert numbers["net_work"] == pytest.approx(np.trapezoid(power.sum(axis=0), t), rel=1e-4)
-    assert numbers["cost_of_transport"] == pytest.approx(
+    assert numbers["energy_per_mass_distance"] == pytest.approx(
         numbers["work"] / (3 * numbers["distance"])
     )
     late, size = t >= 1.0, np.linalg.norm(error, axis=0)

@@ -403,9 +403,10 @@ def test_a_front_shows_what_was_not_accepted_hollow():
     found = sample("front")
     assert found["front_accepted"].values.tolist() == [1, 1, 1, 1]
     lost = dataclasses.replace(found["front_accepted"], values=np.array([1, 1, 0, 1]))
-    variables = (*without(found, "front_accepted").variables, lost)
+    variables = (*without(found, "front_accepted", "front_order").variables, lost)
     (axes,) = figure(dataclasses.replace(found, variables=variables), "front").axes
-    good, bad, _ = axes.get_lines()
+    drawn = {line.get_label(): line for line in axes.get_lines()}
+    good, bad = drawn["best found"], drawn["not accepted"]
     speed = found["front_speed"].values
     assert np.asarray(good.get_xdata()).tolist() == speed[[0, 1, 3]].tolist()
     assert np.asarray(bad.get_xdata()).tolist() == speed[[2]].tolist()

@@ -13,7 +13,8 @@ from wormopt.cli import main
 from wormopt.kinds import KINDS
 from wormopt.quantities import unit_of
 from wormopt.scene import packaged_scenes
-from wormopt.scene.reference import meaning, page, schema, tables_below
+from wormopt.scene.reference import page, schema, tables_below
+from wormopt.scene.types import meaning
 
 PAGES = Path(__file__).parents[1] / "docs" / "scenes"
 
@@ -31,7 +32,7 @@ def test_every_key_says_what_it_means(kind: str):
     for table in tables_below(KINDS[kind].load_table()):
         for field in msgspec.structs.fields(table):
             if field.name != "kind":
-                quantity, what = meaning(field.type) or ("", "")
+                quantity, what = meaning(field.type)
                 assert what, f"{table.__name__}.{field.name}"
                 assert not quantity or unit_of(quantity, "SI")
 

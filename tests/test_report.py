@@ -544,6 +544,25 @@ def test_a_sweep_of_one_key_is_a_line_and_of_three_a_table(
     assert page.count("data-point=") >= int(np.prod(shape))
 
 
+def test_a_sweep_as_it_was_computed_opens(tmp_path: Path):
+    out = tmp_path / "out"
+    over = ["--over", "worm.load=[10, 20]", "--over", "gait.elongation=[0.1, 0.15, 0.2]"]
+    asked = ["sweep", "fast_gait", *over, "-o", str(out), "--engine", "serial", "--no-plots"]
+    assert main([*asked, "--quiet"]) == 0
+    page = page_of(out, tmp_path)
+    whole = Whole(page)
+    assert "6 points over worm.load and gait.elongation: 6 ok" in whole.text
+    assert {f"r1-p{k}-motion" for k in range(6)} <= {*whole.ids}
+    assert "wormopt sweep fast_gait.toml" in whole.text
+    (link,) = re.findall(r"base64,([^\"]+)", page)
+    written = tomllib.loads(base64.b64decode(link).decode())
+    assert [*written["sweep"]["over"]] == ["worm.load", "gait.elongation"]
+    speeds = Result.load(out)["speed"].values
+    first = page.split('class="grid"')[1].split("</table>")[0]
+    cells = dict(re.findall(r'data-point="(\d)"[^>]*>([^<]*)</a>', first))
+    assert [cells[str(k)] for k in range(6)] == [number(v, 3) for v in speeds.ravel()]
+
+
 def test_points_that_lie_anywhere_are_dots(tmp_path: Path):
     speed = np.array([0.5, 0.75, np.nan])
     variables = (
@@ -588,7 +607,7 @@ def test_points_are_read_from_the_folder_of_the_sweep_only(sweep: Path, tmp_path
     from wormopt.reports.source import Source
 
     result = Result.load(sweep)
-    names = [f"../{sweep.name}/{name}" if name else None for name in result.attributes["points"]]
+    names = [f"../{sweep.name}/points/{name}" if name else None for name in result.attributes["points"]]
     inside = [file for file in grid_of(Source(result, folder=sweep)).files if file]
     assert len(inside) == 7
     away = dataclasses.replace(result, attributes={**result.attributes, "points": names})

@@ -226,7 +226,7 @@ def test_a_page_without_scripts_can_be_read(opened: Open, pages: dict[str, Path]
     for words in ("The answer", "0.82567", "All 13 checks passed", "wormopt run design_fast_gait"):
         assert words in told
     page = opened(pages["sweep"], java_script_enabled=False)
-    assert page.locator("figure.map").count() == 2
+    assert page.locator("figure.map").count() == 3
     assert all(one.is_visible() for one in page.locator("figure.map").all())
     page.locator("figure.map").first.locator('a[data-point="4"]').click()
     assert page.locator("#r1-p4 svg.poses").is_visible()  # the link opens what it leads to
@@ -257,9 +257,9 @@ def test_cells_open_their_points(opened: Open, pages: dict[str, Path]):
 def test_another_number_is_chosen(opened: Open, pages: dict[str, Path]):
     page = opened(pages["sweep"])
     maps = page.locator("figure.map")
-    assert [m.is_visible() for m in maps.all()] == [True, False]
+    assert [m.is_visible() for m in maps.all()] == [True, False, False]
     page.locator("select").select_option(label="spike load max")
-    assert [m.is_visible() for m in maps.all()] == [False, True]
+    assert [m.is_visible() for m in maps.all()] == [False, True, False]
 
 
 def test_arrows_go_from_cell_to_cell(opened: Open, pages: dict[str, Path]):

@@ -477,7 +477,7 @@ def test_a_title_keeps_its_letters(tmp_path: Path):
 
 
 def test_a_gait_file_is_found_beside_the_scene(tmp_path: Path):
-    (tmp_path / "mine.csv").write_text("t,l_1,l_2\n")
+    (tmp_path / "mine.csv").write_text("t,l_0,l_1\n")
     scene = load(tmp_path, FILE, 'gait.file="mine.csv"')
     assert scene.table.gait.file == "mine.csv"
     assert scene.table.gait.period is None

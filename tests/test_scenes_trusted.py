@@ -113,7 +113,7 @@ def test_a_motion_that_is_interrupted_is_kept_as_far_as_it_came(
     scene = load_scene(write(tmp_path, text), drive)
     whole = wo.run(load_scene(write(tmp_path, text), [*drive, "tolerance.recheck=false"]))
     with pytest.raises(Interrupted) as caught:
-        wo.run(scene, stop_at("simulating", 3))
+        wo.run(scene, report=stop_at("simulating", 3))
     partial = caught.value.partial
     assert partial.status == "failed"
     assert "interrupted at t = " in partial.reason
@@ -122,7 +122,7 @@ def test_a_motion_that_is_interrupted_is_kept_as_far_as_it_came(
     kept = partial["position"].values
     assert kept == pytest.approx(whole["position"].values[..., :reached], abs=1e-12)
     with pytest.raises(Interrupted) as caught:
-        wo.run(scene, stop_at("rechecking"))
+        wo.run(scene, report=stop_at("rechecking"))
     assert "before the second route was done" in caught.value.partial.reason
     assert caught.value.partial["time"].values.tolist() == whole["time"].values.tolist()
 
@@ -130,7 +130,7 @@ def test_a_motion_that_is_interrupted_is_kept_as_far_as_it_came(
 def test_trackers_that_are_done_are_kept_when_interrupted():
     scene = load_scene("fig05_lambda_trackers", ["tolerance.recheck=false"])
     with pytest.raises(Interrupted) as caught:
-        wo.run(scene, stop_at("simulating tracker (13)"))
+        wo.run(scene, report=stop_at("simulating tracker (13)"))
     partial = caught.value.partial
     assert partial.reason == "interrupted after 1 of 2 trackers"
     assert partial.attributes["trackers"] == ["tracker (14)"]
@@ -141,13 +141,13 @@ def test_members_that_are_done_are_kept_when_interrupted(tmp_path: Path):
     change = [CHANCE, "ensemble.members=12", "time.samples=11"]
     scene = load_scene(write(tmp_path, TRACK), change)
     with pytest.raises(Interrupted) as caught:
-        wo.run(scene, stop_at("simulating members", 4))
+        wo.run(scene, report=stop_at("simulating members", 4))
     partial = caught.value.partial
     done = np.isfinite(partial["member_distance"].values[0]).sum()
     assert 4 <= done <= 12
     assert partial.reason == f"interrupted after {done} of 12 members"
     with pytest.raises(Interrupted) as caught:
-        wo.run(scene, stop_at("rechecking"))
+        wo.run(scene, report=stop_at("rechecking"))
     assert np.isfinite(caught.value.partial["member_distance"].values).all()
 
 
@@ -164,7 +164,7 @@ def test_ctrl_c_while_the_second_route_runs_is_heard(tmp_path: Path):
 
     pressed: list[threading.Timer] = []
     with pytest.raises(Interrupted, match="interrupted") as caught:
-        wo.run(scene, press)
+        wo.run(scene, report=press)
     assert "before the second route was done" in caught.value.partial.reason
 
 

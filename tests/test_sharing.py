@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from wormopt.systems.spiked.construct import block_wave
-from wormopt.systems.spiked.crawl import crawl, share_load
+from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.sharing import share_load
 from wormopt.systems.spiked.task import Cost, Worm
 
 Split = tuple[np.ndarray, float, list[int], np.ndarray, np.ndarray]

@@ -75,7 +75,7 @@ def counted(text: str, gait: Gait) -> float:
     rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
     worst = 0.0
     for j in range(len(start)):
-        own = [row for row in rows if int(row["motor"]) == j + 1]
+        own = [row for row in rows if int(row["motor"]) == j]
         times = np.array([float(row["time_s"]) for row in own])
         place = start[j] + travel * np.cumsum([0] + [int(row["direction"]) for row in own])
         t = np.linspace(0, period, 4001)[:-1]
@@ -185,8 +185,8 @@ def test_the_first_step_follows_the_last_a_period_later():
     assert steps.intervals_min == pytest.approx([0.07, 0.2, np.inf])
     assert steps.interval_min == pytest.approx(0.07)
     assert in_ticks(steps, 0.01)[1][0].tolist() == [2, 93, 5]
-    # rounded to ticks of a quarter, motor 1 would step twice at once where periods meet
-    with pytest.raises(ArgumentError, match=r"motor 1 fall on one tick; write a tick below 0\.07"):
+    # rounded to ticks of a quarter, motor 0 would step twice at once where periods meet
+    with pytest.raises(ArgumentError, match=r"motor 0 fall on one tick; write a tick below 0\.07"):
         in_ticks(steps, 0.25)
     assert Steps(1.0, 0.1, np.ones(1), *np.zeros((3, 0), int)).interval_min == np.inf
 
@@ -247,7 +247,7 @@ def test_gaits_that_are_too_fast_are_refused_with_the_period_that_is_not():
     with pytest.raises(SolveError) as caught:
         step_times(fast_gait(1.0), motor(0.01, rate_max=100.0))
     assert caught.value.code == "too_fast"
-    assert "turns/s of the motor of link 1 at t = 0.166667, and motor.rate_max is 100" in str(
+    assert "turns/s of the motor of link 0 at t = 0.166667, and motor.rate_max is 100" in str(
         caught.value
     )
     period = float(re.findall(r"gait\.period = ([\d.]+)", caught.value.suggestion)[0])
@@ -392,7 +392,7 @@ def test_a_backslip_of_a_step_keeps_steps_in_turns_from_making_way(gait: Gait):
 
 
 def test_steps_in_turns_carry_bristles_that_hold_at_once():
-    # link 1 shortens while link 2 lengthens: ideally masses 0 and 2 rest; strokes are no whole
+    # link 0 shortens while link 1 lengthens: ideally masses 0 and 2 rest; strokes are no whole
     # number of steps, so that the motors step at different instants
     lines = np.array([[[1.3, -0.3], [1.0, 0.3001]], [[1.0, 0.3], [1.3001, -0.3001]]])
     gait = Gait(np.array([0.0, 1.0, 2.0]), lines)
@@ -438,7 +438,7 @@ def test_the_table_reads_back_as_it_was():
 
 
 @pytest.mark.parametrize(
-    "text", ["", "t,l_1\n0,1\n", "# period_s: 1\ntime_s,motor,direction\n0.5,1,1\n"]
+    "text", ["", "t,l_0\n0,1\n", "# period_s: 1\ntime_s,motor,direction\n0.5,1,1\n"]
 )
 def test_other_tables_are_refused(text: str):
     with pytest.raises(ArgumentError, match="no table of steps"):
@@ -480,8 +480,8 @@ static void replay(int motor, const uint32_t *delay, const int8_t *direction, ui
     printf("%d %lu 0\\n", motor, (unsigned long)(now + rest));
 }
 int main(void) {
+    replay(0, motor_0_delay, motor_0_direction, motor_0_count, motor_0_rest);
     replay(1, motor_1_delay, motor_1_direction, motor_1_count, motor_1_rest);
-    replay(2, motor_2_delay, motor_2_direction, motor_2_count, motor_2_rest);
     printf("%lu\\n", (unsigned long)period_ticks);
     return 0;
 }
@@ -509,9 +509,9 @@ def test_the_c_table_compiles_and_replays_the_csv(tmp_path: Path, still: bool):
     said = np.array([[int(v) for v in line.split()] for line in lines])
     table = read_csv(csv_text(steps))
     for j in range(2):
-        own = said[said[:, 0] == j + 1]
+        own = said[said[:, 0] == j]
         time, direction = table.of_motor(j)
-        assert own[-1].tolist() == [j + 1, 18_000_000, 0]
+        assert own[-1].tolist() == [j, 18_000_000, 0]
         assert own[:-1, 2].tolist() == direction.tolist()
         assert np.abs(own[:-1, 1] * 1e-6 - time).max(initial=0.0) <= 0.5e-6 * (1 + 1e-6)
 

@@ -625,7 +625,7 @@ WIDE = Funnel(9.0, 1.0, 1.0)
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: lambda_tracker(worm(), constant(3), tube_radius=0.2), "has 3 links, the worm 2"),
+        (lambda: lambda_tracker(worm(), constant(3), tube_radius=0.2), "has 3 entries, length"),
         (lambda: lambda_tracker(worm(), constant(2), tube_radius=0.0), "tube_radius must be"),
         (lambda: lambda_tracker(worm(), constant(2), tube_radius=np.inf), "tube_radius must be"),
         (

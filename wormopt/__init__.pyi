@@ -27,6 +27,7 @@ from wormopt.errors import SceneError as SceneError
 from wormopt.errors import SolveError as SolveError
 from wormopt.errors import UnknownNameError as UnknownNameError
 from wormopt.errors import WormoptError as WormoptError
+from wormopt.exports.export import export as export
 from wormopt.model.friction import Coulomb as Coulomb
 from wormopt.model.friction import Law as Law
 from wormopt.model.friction import Spike as Spike
@@ -41,6 +42,7 @@ from wormopt.model.model import Switch as Switch
 from wormopt.model.modes import ModeSequence as ModeSequence
 from wormopt.model.schedule import Schedule as Schedule
 from wormopt.numerics.collocation import Collocation as Collocation
+from wormopt.numerics.workers import Engine as Engine
 from wormopt.ocp.contact import Complementarity as Complementarity
 from wormopt.ocp.contact import FixedModes as FixedModes
 from wormopt.ocp.contact import Regularised as Regularised
@@ -79,6 +81,7 @@ from wormopt.simulation.simulate import simulate as simulate
 from wormopt.simulation.trajectory import Event as Event
 from wormopt.simulation.trajectory import Trajectory as Trajectory
 from wormopt.simulation.walls import smooth_walls as smooth_walls
+from wormopt.sweeps.sweep import sweep as sweep
 from wormopt.systems import channel as channel
 from wormopt.systems import film as film
 from wormopt.systems import pair as pair

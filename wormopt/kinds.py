@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
@@ -71,11 +72,12 @@ KINDS: dict[str, Kind] = {
         table="wormopt.systems.spiked.scenes.gait_design:GaitParetoScene",
         study="wormopt.systems.spiked.runs.gait_pareto",
         pictures={
-            "front": "wormopt.systems.spiked.plots.gaits:front",
-            "gait": "wormopt.systems.spiked.plots.gaits:gait",
-            "motion": "wormopt.systems.spiked.plots.gaits:motion",
-            "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
+            "front": "wormopt.systems.spiked.plots.front:front",
+            "gait": "wormopt.systems.spiked.plots.front:gait",
+            "motion": "wormopt.systems.spiked.plots.front:motion",
+            "spikes": "wormopt.systems.spiked.plots.front:spikes",
         },
+        table_file=True,
     ),
     "stepper": Kind(
         summary="a gait as commands for stepping motors, and how the worm moves by them",
@@ -299,3 +301,22 @@ KINDS: dict[str, Kind] = {
         },
     ),
 }
+
+SWEEP = Kind(
+    summary="a scene computed at many values of some of its keys",
+    table="wormopt.scene.swept:Swept",
+    study="wormopt.sweeps.sweep",
+    pictures={"sweep": "wormopt.sweeps.plots:sweep"},
+    exports={"points.csv": "wormopt.sweeps.gathered:as_csv"},
+)
+"""What results of sweeps are; no kind of scene, since any scene can be swept."""
+
+
+def kind_of(result: Any) -> Kind | None:
+    """Kind of a Result, None where it is not registered."""
+    return SWEEP if result.kind == "sweep" else KINDS.get(result.kind)
+
+
+def near(name: str) -> str:
+    """Kind that may be meant by a name that is none; "" where none is close."""
+    return next(iter(get_close_matches(name, KINDS, n=1)), "")

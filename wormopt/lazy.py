@@ -31,3 +31,9 @@ def names_of(
         return getattr(import_module(module), origin)
 
     return load, lambda: sorted(homes), sorted(homes)
+
+
+def above(place: str) -> Any:
+    """Load "module:name" of a room above: what a method offers, and its own room does without."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)

@@ -1,4 +1,7 @@
-"""Numbers and arrays with units, and the units of quantities."""
+"""Numbers and arrays with units, and the units of quantities.
+
+NumPy is loaded by the first array: scenes are checked without one.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,10 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Quantity -> unit of a scene with units = "SI"; in a dimensionless scene every unit is "1".
@@ -89,7 +93,7 @@ def plain(value: Any) -> Any:
 
     Raises TypeError for what is no number, text, None, array, or list or mapping of these.
     """
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):  # arrays and numbers of NumPy
         value = value.tolist()
     if value is None or isinstance(value, bool | int | str):
         return value
@@ -177,6 +181,8 @@ class Variable:
 
 
 def _storable(name: str, values: Any) -> np.ndarray:
+    import numpy as np
+
     array = np.asarray(values)
     if array.dtype.kind == "f":
         return array.astype(np.float64)

@@ -6,13 +6,22 @@ loads back to an equal Result; ``summary.json`` holds what a person or a script 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from wormopt.errors import UnknownNameError
+from wormopt.kinds import KINDS
+from wormopt.lazy import above
 from wormopt.quantities import Scalar, Variable, plain, unit_of
+from wormopt.shown import html, lines
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
 
 Status = Literal["ok", "failed"]
 
@@ -141,6 +150,18 @@ class Result:
                 return variable
         raise UnknownNameError("the result", "variable", [name], [v.name for v in self.variables])
 
+    def __repr__(self) -> str:
+        from wormopt.digest import headline
+
+        found = f"Result of {self.scene} ({self.kind}): {self.status}"
+        reason = f", {self.reason}" if self.reason else ""
+        return lines(f"{found}{reason}; {len(self.variables)} variables", headline(self))
+
+    def _repr_html_(self) -> str:
+        from wormopt.digest import groups, trust
+
+        return html(self.title or self.scene, groups(self), trust(self))
+
     def __contains__(self, name: str) -> bool:
         """Whether there is a variable of that name."""
         return any(variable.name == name for variable in self.variables)
@@ -148,7 +169,8 @@ class Result:
     @property
     def checks(self) -> tuple[Check, ...]:
         """What the trust report accepts or not, line by line."""
-        return tuple(Check(name, **found) for name, found in self.trust.get("checks", {}).items())
+        told = self.trust.get("checks", {}).items()
+        return tuple(Check(name, **found) for name, found in told if isinstance(found, Mapping))
 
     def failed(self, reason: str) -> Result:
         """Give the same as a failed result.
@@ -160,30 +182,106 @@ class Result:
         """
         return replace(self, status="failed", reason=reason)
 
-    def to_xarray(self) -> Any:
+    @property
+    def labels(self) -> dict[str, list[str]]:
+        """Names of the entries along dimensions that do not just count, by dimension."""
+        from wormopt.labelled import labels
+
+        texts = {name: scalar.value for name, scalar in self.scalars.items()}
+        return labels(self._lengths(), {**texts, **self.attributes})
+
+    def to_xarray(self) -> xarray.Dataset:
         """Make an xarray.Dataset of variables and single numbers, with units and long names.
 
         Returns
         -------
         xarray.Dataset
-            Its attributes are scene, kind, title and status.
+            Every dimension has a coordinate: its own variable, the names of its entries, or
+            numbers from 0. Where something jumps, what was before stands a last digit earlier, so
+            that every instant can be selected. Attributes are scene, kind, title and status.
 
         Raises
         ------
         ImportError
             If xarray is not installed.
-        """
-        import xarray  # only who asks for it needs it
 
-        found: dict[str, Any] = {
-            v.name: (v.dims, v.values, {"units": v.unit, "long_name": v.long_name})
-            for v in self.variables
-        }
+        Examples
+        --------
+        >>> time = Variable("time", "s", ("time",), [0.0, 1.0, 1.0, 2.0])
+        >>> jump = Variable("rate", "m s-1", ("time",), [1.0, 1.0, -1.0, -1.0])
+        >>> data = Result("walk", "gait", variables=(time, jump)).to_xarray()
+        >>> float(data["rate"].sel(time=1.0))
+        -1.0
+        """
+        from wormopt.labelled import dataset
+
+        facts = {name: getattr(self, name) for name in ("scene", "kind", "title", "status")}
+        found = dataset(self.variables, self.labels, facts)
         for name, scalar in self.scalars.items():
             if isinstance(scalar.value, int | float):
                 found[name] = ((), scalar.value, {"units": scalar.unit})
-        names = ("scene", "kind", "title", "status")
-        return xarray.Dataset(found, attrs={name: getattr(self, name) for name in names})
+        return found
+
+    def to_dataframe(self, over: str | None = None) -> pandas.DataFrame:
+        """Make a pandas.DataFrame of the variables along one dimension.
+
+        Parameters
+        ----------
+        over : str, optional
+            The dimension along which rows go; time, or what most variables go along.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row for each entry, columns ``length_0``, ``length_1`` and so on; the index is the
+            coordinate of `to_xarray`, units by column stand in ``attrs["units"]``.
+
+        Raises
+        ------
+        UnknownNameError
+            If no variable goes along that dimension.
+        ImportError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> time = Variable("time", "s", ("time",), [0.0, 1.0])
+        >>> length = Variable("length", "m", ("link", "time"), [[1.0, 2.0], [3.0, 4.0]])
+        >>> frame = Result("walk", "gait", variables=(time, length)).to_dataframe()
+        >>> list(frame.columns), float(frame["length_1"][1.0])
+        (['length_0', 'length_1'], 4.0)
+        """
+        from wormopt.labelled import dataframe
+
+        return dataframe(self.variables, self.labels, over)
+
+    def plot(self, picture: str = "") -> Figure:
+        """Draw a picture of the result.
+
+        Parameters
+        ----------
+        picture : str, optional
+            A picture of the result's kind; the first one its scene wants if left out.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Bound to no window; a notebook shows it.
+
+        Raises
+        ------
+        ValueError
+            If its kind has no such picture.
+        UnknownNameError
+            Naming the variables that the picture needs and the result lacks.
+        """
+        return above("wormopt.plotting:figure")(self, picture or self._picture())
+
+    def _picture(self) -> str:
+        """First picture that the scene wants, or that its kind has; empty where there is none."""
+        there = KINDS[self.kind].pictures if self.kind in KINDS else {}
+        wanted = json.loads(self.scene_text).get("want", []) if self.scene_text else []
+        return next((name for name in (*wanted, *there) if name in there), "")
 
     def summary(self) -> dict[str, Any]:
         """What `wormopt run --json` prints: names, status, scalars, trust and timings.
@@ -291,6 +389,11 @@ class Asked(Protocol):
         ...
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is hardly meant so."""
+        ...
+
+    @property
     def table(self) -> Any:
         """Typed table, with `scalars` and `variables` of its kind."""
         ...
@@ -314,7 +417,7 @@ def conclude(
     the trust report that is neither accepted nor refused.
     """
     table, checks = scene.table, tuple(checks)
-    trust: dict[str, Any] = dict(facts or {})
+    trust: dict[str, Any] = {**table.facts, **(facts or {})}
     if checks:
         trust["checks"] = {check.name: check.found() for check in checks}
         assert len(trust["checks"]) == len(checks), [check.name for check in checks]
@@ -332,7 +435,7 @@ def conclude(
             for name, value in scalars.items()
         },
         variables=tuple(_arrays(table, variables)),
-        trust=trust | {"warnings": list(dict.fromkeys(warnings))},
+        trust=trust | {"warnings": list(dict.fromkeys([*scene.warnings, *warnings]))},
         timings_s=timings or {},
         scene_text=scene.text,
         attributes=attributes or {},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -11,18 +12,25 @@ from wormopt.errors import Interrupted, SolveError, interruptible
 from wormopt.kinds import KINDS
 from wormopt.progress import Report, silent
 from wormopt.scene import Scene, load_scene
+from wormopt.scene.overrides import Overrides
 
 if TYPE_CHECKING:
     from wormopt.result import Result
 
 
-def run(scene: Scene[Any] | str | Path, report: Report = silent) -> Result:
+def run(
+    scene: Scene[Any] | str | Path | Mapping[str, Any],
+    overrides: Overrides = (),
+    report: Report = silent,
+) -> Result:
     """Compute what a scene asks for. Nothing is written.
 
     Parameters
     ----------
-    scene : Scene, str or path
-        The scene, or what `load_scene` finds it by.
+    scene : Scene, str, path or mapping
+        The scene, or what `load_scene` finds or makes it by.
+    overrides : str, mapping, or iterable of them
+        Changes, as for `load_scene`.
     report : callable
         Is told what is being done and the fraction done, see `wormopt.progress`.
 
@@ -42,12 +50,12 @@ def run(scene: Scene[Any] | str | Path, report: Report = silent) -> Result:
 
     Examples
     --------
-    >>> result = run("fast_gait")
+    >>> result = run("fast_gait", {"gait.period": 2})
     >>> round(result.scalars["advance"].value, 9)
     1.2
     """
-    if not isinstance(scene, Scene):
-        scene = load_scene(scene)
+    if overrides or not isinstance(scene, Scene):
+        scene = load_scene(scene, overrides)
     start = perf_counter()
     study = KINDS[scene.table.kind].load_study()
     loaded = perf_counter()
@@ -63,7 +71,7 @@ def attempt(scene: Scene[Any], report: Report = silent) -> Result:
     Raises Interrupted, with such a Result, where it was stopped.
     """
     try:
-        return run(scene, report)
+        return run(scene, report=report)
     except SolveError as error:
         return _failed(scene, error.partial, str(error))
     except Interrupted as stop:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE
-from wormopt.kinds import KINDS
+from wormopt.kinds import kind_of
 from wormopt.quantities import NAME, Scalar, Variable
 from wormopt.version import VERSION
 
@@ -16,7 +16,7 @@ _JSON_PARTS = ("scalars", "trust", "timings_s", "attributes")
 
 def save(result: Any, folder: Path, pictures: tuple[str, ...]) -> None:
     """Write the files of a Result into a folder that exists, see `Result.save`."""
-    _write_netcdf(result, folder / RESULT_FILE)
+    write_netcdf(result, folder / RESULT_FILE)
     texts = _exports(result)
     if "table" in result.attributes:
         texts[TABLE_FILE] = result.attributes["table"]
@@ -45,12 +45,14 @@ def load(path: Path) -> dict[str, Any]:
 
 
 def _exports(result: Any) -> dict[str, str]:
-    makers = KINDS[result.kind].load_exports() if result.kind in KINDS else {}
+    kind = kind_of(result)
+    makers = kind.load_exports() if kind else {}
     made = {name: make(result) for name, make in makers.items()}
     return {name: text for name, text in made.items() if text is not None}
 
 
-def _write_netcdf(result: Any, path: Path) -> None:
+def write_netcdf(result: Any, path: Path) -> None:
+    """Write all of a Result into one file, see `Result.load`."""
     from scipy.io import netcdf_file
 
     with netcdf_file(path, "w", version=2) as file:

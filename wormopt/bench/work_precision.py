@@ -153,7 +153,7 @@ def measure(
             _descend(case, record, runs, effort)
             yield records
     for turn in range(1, effort.rounds):
-        report(f"{case.name}: round {turn + 1}", turn / effort.rounds)
+        report(f"{case.name}: round {turn}", turn / effort.rounds)
         for record in records:
             for point in record.points:
                 near = GOAL / 100 <= point.error <= 100 * GOAL

@@ -12,7 +12,17 @@ import os
 import sys
 from collections.abc import Sequence
 
-from wormopt.cli import measuring, reporting, running, scenes
+from wormopt.cli import (
+    completing,
+    exporting,
+    making,
+    measuring,
+    reporting,
+    running,
+    scenes,
+    showing,
+    sweeping,
+)
 from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, say
 from wormopt.errors import OutputError, SceneError
 from wormopt.version import VERSION
@@ -49,7 +59,18 @@ def parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     found.add_argument("--version", action="version", version=f"wormopt {VERSION}")
+    found.set_defaults(parser=found)  # `wormopt completion` tells a shell of all of it
     commands = found.add_subparsers(metavar="COMMAND", required=True)
-    for group in (running, reporting, scenes, measuring):
+    for group in (
+        running,
+        sweeping,
+        showing,
+        reporting,
+        exporting,
+        scenes,
+        making,
+        measuring,
+        completing,
+    ):
         group.add(commands)
     return found

@@ -8,17 +8,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED, say
-from wormopt.cli.printing import print_result
+from wormopt.cli.printing import print_all, print_result
 from wormopt.errors import Interrupted
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, picture_file
 from wormopt.kinds import KINDS
 from wormopt.progress import shown_on_stderr
 from wormopt.runner import attempt
 from wormopt.scene import Scene, load_scene
-from wormopt.scene.output import check_output, output_folder
+from wormopt.scene.output import Output, check_output, default_folder, output_folder
 
 if TYPE_CHECKING:
     from wormopt.result import Result
+
+FORCE = "replace a result of another scene; never what is no result of wormopt"
 
 
 def add(commands: Any) -> None:
@@ -30,33 +32,44 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene"
     )
+    command.add_argument(
+        "--all", action="store_true", help="print all scalars, facts and checks, not the short form"
+    )
     command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
     command.add_argument("--no-plots", action="store_true", help="draw no pictures")
     command.add_argument("--quiet", action="store_true", help="show no progress")
-    command.add_argument("--force", action="store_true", help="write over what is in the way")
+    command.add_argument(
+        "--force",
+        action="store_true",
+        help="replace a result of another scene; never what is no result of wormopt",
+    )
 
 
 def _run(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene, options.set)
     pictures = {} if options.no_plots else _pictures(scene)
-    folder = Path(options.output) if options.output else Path("results") / scene.name
+    folder = Path(options.output or default_folder(scene.name, options.set))
     kind = KINDS[scene.table.kind]
     tables = [TABLE_FILE] * kind.table_file
     files = [RESULT_FILE, SUMMARY_FILE, *tables, *kind.exports, *pictures.values()]
-    folder = check_output(folder, scene.name, files, options.force)
+    output = Output(folder, scene.name, scene.table.kind, force=options.force)
+    output = check_output(output, files)
     with shown_on_stderr(options.quiet) as report:
         try:
             result = attempt(scene, report)
             code = DONE if result.status == "ok" else NOT_SOLVED
         except Interrupted as stop:
             result, code = stop.partial, INTERRUPTED
-    with output_folder(folder) as staging:
+    if scene.sweep is not None:
+        say(f"{scene.name}: computed as it stands; `wormopt sweep` varies its keys")
+    with output_folder(output) as staging:
         result.save(staging, tuple(pictures.values()))
-        _draw(result, pictures, staging)
+        draw_all(result, pictures, staging)
     if options.json:
         print(json.dumps(result.summary(), allow_nan=False))
     else:
-        print_result(result, folder)
+        (print_all if options.all else print_result)(result)
+        print(f"Saved in {output.folder}")
     if result.status == "failed":
         say(f"{scene.name}: failed: {result.reason}")
     return code
@@ -68,7 +81,8 @@ def _pictures(scene: Scene[Any]) -> dict[str, str]:
     return {name: picture_file(name) for name in scene.table.want if name in drawable}
 
 
-def _draw(result: Result, pictures: dict[str, str], folder: Path) -> None:
+def draw_all(result: Result, pictures: dict[str, str], folder: Path) -> None:
+    """Draw pictures into files of a folder; one that fails is told and left out."""
     if not pictures or not result.variables:
         return
     from wormopt.plotting import draw

@@ -73,6 +73,8 @@ def funnel_tracker(
     rate_funnel: Funnel,
     gain: float = 1.0,
     feedforward: FeedForward | None = None,
+    output: str = "length",
+    input: str = "input",  # noqa: A002
 ) -> Model:
     """Close the loop by the funnel controller for relative degree two.
 
@@ -90,7 +92,7 @@ def funnel_tracker(
     Parameters
     ----------
     plant : Model
-        With the input ``input`` and the output ``length``, of relative degree two.
+        With an input and an output of relative degree two, of as many entries.
     reference : Reference
         What the output shall follow.
     funnel, rate_funnel : Funnel
@@ -99,20 +101,24 @@ def funnel_tracker(
         Force per speed of e_1 in the middle of the funnels, positive.
     feedforward : FeedForward, optional
         Force added to the controller's.
+    output, input : str, optional
+        Names of the plant's output that follows, or state, and of the input that is put in.
 
     Returns
     -------
     Model
         The plant's states. Parameters: the plant's, ``gain``, ``funnel_start``, ``funnel_end``,
         ``funnel_time``, the same of ``rate_funnel``, and those of the feed-forward. Outputs: the
-        plant's, ``reference``, ``error``, ``error_norm``, ``input``, ``rate_error_norm`` |e_1|,
-        ``funnel`` and ``rate_funnel`` (the widths), ``funnel_gain`` (k_0 and k_1).
+        plant's, ``reference``, ``error``, ``error_norm``, the input under its name,
+        ``rate_error_norm`` |e_1|, ``funnel`` and ``rate_funnel`` (the widths), ``funnel_gain``
+        (k_0 and k_1).
 
     Raises
     ------
     ArgumentError
-        If a number is out of range, sizes of plant and reference differ, forces act on the
-        output's rate at once, or the plant starts outside a funnel.
+        If a number is out of range, the plant has no such output or input, sizes of plant and
+        reference differ, forces act on the output's rate at once, or the plant starts outside a
+        funnel.
 
     Examples
     --------
@@ -128,11 +134,11 @@ def funnel_tracker(
     """
     if not 0 < gain < math.inf:
         raise ArgumentError("gain must be positive and finite")
-    error = TrackingError.of(plant, reference)
+    error = TrackingError.of(plant, reference, output)
     _check_start(error.at_start(plant, reference), funnel, rate_funnel)
     strength = ca.SX.sym("gain")
-    (outer,), numbers = lift([funnel], "funnel", _units("length"))
-    (inner,), rate_numbers = lift([rate_funnel], "rate_funnel", _units("speed"))
+    (outer,), numbers = lift([funnel], "funnel", _units(error.unit))
+    (inner,), rate_numbers = lift([rate_funnel], "rate_funnel", _units(error.rate_unit))
 
     width, rate_width = outer.width(plant.t), inner.width(plant.t)
     k0 = 1 / (1 - error.square / width**2)
@@ -146,16 +152,17 @@ def funnel_tracker(
         error,
         ahead - strength * k1 * rate_error,
         name="a funnel controller",
+        input=input,
         parameters=[
-            Signal("gain", strength, "drag", lower=TINY, value=gain),
+            Signal("gain", strength, error.per("drag"), lower=TINY, value=gain),
             *numbers,
             *rate_numbers,
             *believed,
         ],
         outputs=[
-            Output("rate_error_norm", ca.sqrt(square), "speed"),
-            Output("funnel", width, "length"),
-            Output("rate_funnel", rate_width, "speed"),
+            Output("rate_error_norm", ca.sqrt(square), error.rate_unit),
+            Output("funnel", width, error.unit),
+            Output("rate_funnel", rate_width, error.rate_unit),
             Output("funnel_gain", ca.vertcat(k0, k1)),
         ],
     )

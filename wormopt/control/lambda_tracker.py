@@ -203,6 +203,8 @@ def lambda_tracker(
     filter_start: ArrayLike = 1.0,
     feedforward: FeedForward | None = None,
     watch: bool = False,
+    output: str = "length",
+    input: str = "input",  # noqa: A002
 ) -> Model:
     """Close the loop by a lambda-tracker: the error e = y - y_ref is forced into |e| <= lambda.
 
@@ -213,7 +215,7 @@ def lambda_tracker(
     Parameters
     ----------
     plant : Model
-        With the input ``input`` and the output ``length``, of relative degree two.
+        With an input and an output of relative degree two, of as many entries.
     reference : Reference
         What the output shall follow.
     tube_radius : float
@@ -231,6 +233,8 @@ def lambda_tracker(
     watch : bool, optional
         Whether crossings of the tube are events of the model, so that solvers locate them. A
         `Decay` has these events anyway.
+    output, input : str, optional
+        Names of the plant's output that follows, or state, and of the input that is put in.
 
     Returns
     -------
@@ -238,13 +242,13 @@ def lambda_tracker(
         States: the plant's, ``gain``, for (14) ``filter`` (n), and those of the adaptation.
         Parameters: the plant's, ``tube_radius``, ``gain_growth`` and the adaptation's others, and
         those of the feed-forward. Outputs: the plant's, ``reference``, ``error``,
-        ``error_norm``, ``input``, ``gain_rate``.
+        ``error_norm``, the input under its name, ``gain_rate``.
 
     Raises
     ------
     ArgumentError
-        If a number is out of range, sizes of plant and reference differ, or forces act on the
-        output's rate at once.
+        If a number is out of range, the plant has no such output or input, sizes of plant and
+        reference differ, or forces act on the output's rate at once.
 
     Examples
     --------
@@ -262,7 +266,7 @@ def lambda_tracker(
     _check("gain_start", gain_start, above=0.0)
     if feedback not in get_args(Feedback):
         raise ArgumentError(f"feedback must be 'derivative' or 'filter', not {feedback!r}")
-    error = TrackingError.of(plant, reference)
+    error = TrackingError.of(plant, reference, output)
     n = error.value.numel()
     k, lam = ca.SX.sym("gain"), ca.SX.sym("tube_radius")
     (law,), numbers = lift([adaptation or Quadratic()], "gain", {"dwell": "time"})
@@ -275,7 +279,7 @@ def lambda_tracker(
         fed = ca.SX.sym("filter", n)
         fed_rate = k**2 * (error.value - fed)
         start = np.broadcast_to(np.asarray(filter_start, dtype=float), (n,))
-        states.append(Signal("filter", fed, "length", value=tuple(start.tolist())))
+        states.append(Signal("filter", fed, error.unit, value=tuple(start.tolist())))
         rates.append(fed_rate)
     force = -(k * fed + growth.rate * fed + k * fed_rate)
     ahead, believed = feedforward.force(reference) if feedforward else (0, ())
@@ -291,10 +295,11 @@ def lambda_tracker(
         error,
         force + ahead,
         name="a lambda-tracker",
+        input=input,
         states=states,
         rates=[*rates, *growth.rates],
         parameters=[
-            Signal("tube_radius", lam, "length", lower=TINY, value=tube_radius),
+            Signal("tube_radius", lam, error.unit, lower=TINY, value=tube_radius),
             *numbers,
             *believed,
         ],

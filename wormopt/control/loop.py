@@ -14,6 +14,8 @@ from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, Output, Signal, Switch, pack
 from wormopt.model.schedule import Schedule
 
+_RATES = {"length": "speed", "angle": "angular_frequency", "share": "rate"}
+
 
 @dataclass(frozen=True, eq=False)
 class FeedForward:
@@ -74,13 +76,14 @@ class TrackingError:
 
     value: ca.SX  # (n, 1) error e
     rate: ca.SX  # (n, 1) e'
+    unit: str  # quantity of both y and e
 
     @classmethod
-    def of(cls, plant: Model, reference: Reference) -> TrackingError:
-        """Take the error of the plant's output ``length``; e' follows from the plant's ode.
+    def of(cls, plant: Model, reference: Reference, output: str = "length") -> TrackingError:
+        """Take the error of a plant's output; e' follows from the plant's ode.
 
-        Raises ArgumentError if the reference does not fit, or if the output's rate depends
-        on inputs or contact forces at once (relative degree below two).
+        Raises ArgumentError if there is no such output, if the reference does not fit, or if the
+        output's rate depends on inputs or contact forces at once (relative degree below two).
         """
         if not isinstance(reference, Reference):
             what = type(reference).__name__
@@ -90,21 +93,45 @@ class TrackingError:
         used = ca.symvar(ca.vertcat(reference.value, reference.rate))
         if not all(symbol.element_hash() in known for symbol in used):
             raise ArgumentError("the reference must be a function of the plant's own time, plant.t")
-        y = plant["length"]
+        followed = {signal.name: signal.unit for signal in (*plant.x, *plant.outputs)}
+        if output not in followed:
+            raise ArgumentError(
+                f"{plant.name} has no output {output!r} to follow the reference; "
+                f"name one by output=: {', '.join(map(repr, followed))}"
+            )
+        y = plant[output]
         if y.shape != reference.value.shape:
             raise ArgumentError(
-                f"the reference has {reference.value.numel()} links, the worm {y.numel()}"
+                f"the reference has {reference.value.numel()} entries, {output} of {plant.name} "
+                f"{y.numel()}"
             )
         rate = lie(plant, y)
         acting = ca.vertcat(pack(plant.u), plant.forces)
-        if ca.depends_on(rate, acting):
+        if ca.depends_on(ca.vertcat(y, rate), acting):
             raise ArgumentError(f"forces act on the rates of {plant.name} at once, not by inertia")
-        return cls(y - reference.value, rate - reference.rate)
+        return cls(y - reference.value, rate - reference.rate, followed[output])
+
+    @property
+    def rate_unit(self) -> str:
+        """Quantity of the rate, as far as it has a name."""
+        return _RATES.get(self.unit, "1")
+
+    def per(self, quantity: str) -> str:
+        """Quantity of a gain, which has a name where a force answers a length."""
+        return quantity if self.unit == "length" else "1"
 
     @property
     def square(self) -> ca.SX:
         """Square of the Euclidean norm, which is smooth everywhere."""
         return ca.dot(self.value, self.value)
+
+    def shown(self, reference: Reference) -> list[Output]:
+        """Outputs ``reference``, ``error`` and ``error_norm``."""
+        return [
+            Output("reference", reference.value, self.unit),
+            Output("error", self.value, self.unit),
+            Output("error_norm", ca.sqrt(self.square), self.unit),
+        ]
 
     def at_start(self, plant: Model, reference: Reference) -> tuple[np.ndarray, np.ndarray] | None:
         """Error and its rate at time 0; None where the plant does not say where it starts."""
@@ -136,15 +163,18 @@ def at_zero(schedules: Sequence[Schedule]) -> tuple[ca.SX, np.ndarray]:
     return symbols, values
 
 
-def input_of(plant: Model, size: int) -> Signal:
-    """Take the plant's input ``input``, by which loops are closed.
+def input_of(plant: Model, size: int, name: str = "input") -> Signal:
+    """Take the plant's input by which a loop is closed.
 
-    Raises ArgumentError if there is none of `size` scalars.
+    Raises ArgumentError if there is none of that name, of `size` scalars.
     """
     for signal in plant.u:
-        if signal.name == "input" and signal.size == size:
+        if signal.name == name and signal.size == size:
             return signal
-    raise ArgumentError(f"{plant.name} has no input 'input' of {size} scalars")
+    known = ", ".join(f"{s.name!r} of {s.size}" for s in plant.u) or "none"
+    raise ArgumentError(
+        f"{plant.name} has no input {name!r} of {size} scalars; name one by input=: {known}"
+    )
 
 
 def feed(plant: Model, inputs: Sequence[Signal], force: ca.SX) -> Model:
@@ -179,6 +209,7 @@ def close(
     force: ca.SX,
     *,
     name: str,
+    input: str = "input",  # noqa: A002
     states: Sequence[Signal] = (),
     rates: Sequence[ca.SX] = (),
     parameters: Sequence[Signal] = (),
@@ -188,10 +219,11 @@ def close(
 ) -> Model:
     """Put `force` (n, 1) for the plant's input and add the controller's states and parameters.
 
-    Plant states come first; the ``reset`` of `switches` is the controller's states alone.
-    Raises ArgumentError if the plant has no input ``input`` of the force's size.
+    Plant states come first; the ``reset`` of `switches` is the controller's states alone. The
+    input's name is then that of an output.
+    Raises ArgumentError if the plant has no such input of the force's size.
     """
-    signal = input_of(plant, force.numel())
+    signal = input_of(plant, force.numel(), input)
     fed = feed(plant, [signal], force)
     x, own = pack(plant.x), pack(states)
     return replace(
@@ -202,10 +234,8 @@ def close(
         p=[*plant.p, *parameters],
         outputs=[
             *fed.outputs,
-            Output("reference", reference.value, "length"),
-            Output("error", error.value, "length"),
-            Output("error_norm", ca.sqrt(error.square), "length"),
-            Output("input", force, signal.unit),
+            *error.shown(reference),
+            Output(signal.name, force, signal.unit),
             *outputs,
         ],
         switches=[
@@ -216,18 +246,13 @@ def close(
     )
 
 
-def with_reference(plant: Model, reference: Reference) -> Model:
-    """Compare a plant's output ``length`` with a reference unknown to the plant itself.
+def with_reference(plant: Model, reference: Reference, output: str = "length") -> Model:
+    """Compare a plant's output with a reference unknown to the plant itself.
 
     Adds the reference's schedule and sets ``reference``, ``error`` and ``error_norm``.
     Raises ArgumentError as `TrackingError.of`.
     """
-    error = TrackingError.of(plant, reference)
-    compared = [
-        Output("reference", reference.value, "length"),
-        Output("error", error.value, "length"),
-        Output("error_norm", ca.sqrt(error.square), "length"),
-    ]
+    compared = TrackingError.of(plant, reference, output).shown(reference)
     names = {output.name for output in compared}
     return replace(
         plant,

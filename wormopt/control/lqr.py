@@ -27,6 +27,8 @@ def lqr(
     input_weight: ArrayLike = 1.0,
     p: Mapping[str, ArrayLike] | None = None,
     feedforward: Gait | None = None,
+    output: str = "length",
+    input: str = "input",  # noqa: A002
 ) -> Model:
     """Close the loop by linear feedback of error and rate, optimal for a plant as it is believed.
 
@@ -50,8 +52,8 @@ def lqr(
     Parameters
     ----------
     plant : Model
-        With the input ``input`` and the output ``length``, of relative degree two, linear in
-        states and input but for its contacts.
+        With an input and an output of relative degree two, of as many entries, linear in states
+        and input but for its contacts.
     reference : Reference
         What the output shall follow; ``follow(..., periodic=False)`` for one that ends.
     error_weight, rate_weight, input_weight : array_like, shape (), (n,) or (n, n)
@@ -63,6 +65,8 @@ def lqr(
     feedforward : Gait, optional
         Input course, an optimal one say, in place of the computed feed-forward: from time 0 on,
         repeated if the reference is, otherwise held where it ends.
+    output, input : str, optional
+        Names of the plant's output that follows, or state, and of the input that is put in.
 
     Returns
     -------
@@ -70,14 +74,15 @@ def lqr(
         The plant's states. Parameters: the plant's, ``error_gain`` K_0 and ``rate_gain`` K_1,
         and without a course ``feedforward_inertia`` M, ``feedforward_damping`` D,
         ``feedforward_stiffness`` S (matrices row by row) and ``feedforward_force`` f. Outputs:
-        the plant's, ``reference``, ``error``, ``error_norm``, ``input``, ``feedforward``. A
-        course is the schedule ``feedforward``.
+        the plant's, ``reference``, ``error``, ``error_norm``, the input under its name,
+        ``feedforward``. A course is the schedule ``feedforward``.
 
     Raises
     ------
     ArgumentError
-        If sizes of plant, reference or course differ, a weight is no such matrix, the plant is not
-        linear, its inputs do not accelerate all links at once, or no optimal feedback is stable.
+        If the plant has no such output or input, sizes of plant, reference or course differ, a
+        weight is no such matrix, the plant is not linear, its inputs do not accelerate all links
+        at once, or no optimal feedback is stable.
 
     References
     ----------
@@ -96,16 +101,16 @@ def lqr(
     >>> {s.name: np.round(s.value, 12).tolist() for s in loop.p if s.name.endswith("gain")}
     {'error_gain': [4.0], 'rate_gain': [2.0]}
     """
-    error = TrackingError.of(plant, reference)
+    error = TrackingError.of(plant, reference, output)
     n = error.value.numel()
-    links = _Links.of(plant, n, p)
+    links = _Links.of(plant, plant[output], input_of(plant, n, input), p)
     Q0, Q1 = _weight("error_weight", error_weight, n), _weight("rate_weight", rate_weight, n)
     Q = np.block([[Q0, np.zeros((n, n))], [np.zeros((n, n)), Q1]])
     gains = _riccati(*links.pair, Q, _weight("input_weight", input_weight, n))
-    k0, error_gain = _matrix("error_gain", gains[:, :n], "stiffness")
-    k1, rate_gain = _matrix("rate_gain", gains[:, n:], "drag")
+    k0, error_gain = _matrix("error_gain", gains[:, :n], error.per("stiffness"))
+    k1, rate_gain = _matrix("rate_gain", gains[:, n:], error.per("drag"))
     if feedforward is None:
-        ahead, believed = links.force(reference)
+        ahead, believed = links.force(reference, error)
         schedules = ()
     else:
         course = _course(feedforward, plant, reference)
@@ -116,8 +121,9 @@ def lqr(
         error,
         ahead - k0 @ error.value - k1 @ error.rate,
         name="LQR",
+        input=input,
         parameters=[error_gain, rate_gain, *believed],
-        outputs=[Output("feedforward", ahead, "force")],
+        outputs=[Output("feedforward", ahead, error.per("force"))],
         schedules=schedules,
     )
 
@@ -132,10 +138,11 @@ class _Links:
     rest: np.ndarray
 
     @classmethod
-    def of(cls, plant: Model, n: int, p: Mapping[str, ArrayLike] | None) -> _Links:
-        """Take them from a plant, by Lie derivatives of its output."""
-        x, u = pack(plant.x), input_of(plant, n).symbol
-        y = plant["length"]
+    def of(
+        cls, plant: Model, y: ca.SX, driven: Signal, p: Mapping[str, ArrayLike] | None
+    ) -> _Links:
+        """Take them from a plant, by Lie derivatives of its output y; `driven` is its input."""
+        x, u, n = pack(plant.x), driven.symbol, driven.size
         rate = lie(plant, y)
         acceleration = lie(plant, rate)
         both = ca.vertcat(y, rate)
@@ -147,7 +154,7 @@ class _Links:
         at = [plant.t, x, pack(plant.u), pack(plant.p), plant.forces, scheduled]
         wanted = [both, ca.jacobian(both, x), acceleration]
         wanted += [ca.jacobian(acceleration, w) for w in (x, u)]
-        rest = signal_values(plant.u, {"input": 0.0}, "input", fill=0.0)
+        rest = signal_values(plant.u, {driven.name: 0.0}, "input", fill=0.0)
         believed = signal_values(plant.p, p, "parameter")
         found = ca.Function("links", at, wanted)(0, 0, rest, believed, 0, values)
         y0, C, a0, a, gain = (part.full() for part in found)
@@ -167,12 +174,12 @@ class _Links:
         A = np.vstack([np.eye(n, 2 * n, n), below])
         return A, np.vstack([np.zeros((n, n)), gain])
 
-    def force(self, reference: Reference) -> tuple[ca.SX, tuple[Signal, ...]]:
+    def force(self, reference: Reference, error: TrackingError) -> tuple[ca.SX, tuple[Signal, ...]]:
         """Force that keeps links on the reference, and the parameters in it."""
-        M, inertia = _matrix("feedforward_inertia", self.inertia, "mass")
-        D, damping = _matrix("feedforward_damping", self.damping, "drag")
-        S, stiffness = _matrix("feedforward_stiffness", self.stiffness, "stiffness")
-        f, rest = _matrix("feedforward_force", self.rest, "force")
+        M, inertia = _matrix("feedforward_inertia", self.inertia, error.per("mass"))
+        D, damping = _matrix("feedforward_damping", self.damping, error.per("drag"))
+        S, stiffness = _matrix("feedforward_stiffness", self.stiffness, error.per("stiffness"))
+        f, rest = _matrix("feedforward_force", self.rest, error.per("force"))
         ahead = M @ reference.acceleration + D @ reference.rate + S @ reference.value + f
         return ahead, (inertia, damping, stiffness, rest)
 
@@ -222,6 +229,6 @@ def _course(feedforward: Gait, plant: Model, reference: Reference) -> Reference:
         raise ArgumentError(f"feedforward must be a Gait, not {type(feedforward).__name__}")
     n = reference.value.numel()
     if feedforward.links != n:
-        raise ArgumentError(f"the feedforward has {feedforward.links} rows, the worm {n} links")
+        raise ArgumentError(f"the feedforward has {feedforward.links} rows, the reference {n}")
     repeats = any(schedule.periodic for schedule in reference.schedules)
     return gait_reference(feedforward, plant.t, periodic=repeats, name="feedforward")

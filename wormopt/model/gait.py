@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import csv
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.quantities import unit_of
+
+# Columns of a table: what is derived from lengths so many times.
+_COLUMNS = ("length", "rate", "acceleration")
+# Rows of a table that a periodic cubic spline can join.
+_FEWEST_ROWS = 4
+# A time so near to a break, in periods, is the break's; so much of a step is no step.
+_AT_BREAK, _NO_STEP = 1e-13, Fraction(1, 10**6)
 
 
 @dataclass(frozen=True, eq=False)
 class Gait:
-    """Periodic link lengths l_1..l_n, on each piece a polynomial plus one harmonic.
+    """Periodic link lengths l_0..l_(n-1), on each piece a polynomial plus one harmonic.
 
     On piece q, with s the time since it began,
     l_j(s) = sum_k polynomial[q, j, k] s^k
@@ -156,30 +168,84 @@ class Gait:
         names = ("breaks", "polynomial", "omega", "cosine", "sine")
         return {k: getattr(self, k) for k in names if getattr(self, k) is not None}
 
-    def to_csv(self, path: Path, samples: int = 1001) -> None:
-        """Write a table t, l_1..l_n over one closed period.
+    def to_csv(
+        self,
+        path: str | Path,
+        samples: int = 1001,
+        *,
+        step: float | None = None,
+        derivatives: int = 0,
+        units: Literal["dimensionless", "SI"] = "dimensionless",
+    ) -> None:
+        """Write a table over one closed period: time, length_0, length_1, ...
+
+        Every number is the shortest that reads back as the same, and a row at a multiple of 0.01
+        reads 0.07. At a break the later piece counts; the last row repeats the first.
 
         Parameters
         ----------
-        path : Path
+        path : path
             Where to write.
         samples : int, optional
-            Rows, equidistant in time.
+            Rows, equidistant in time; at least 4.
+        step : float, optional
+            Time from row to row, instead of `samples`; the last row stands at the period, after a
+            shorter step where the period is no multiple.
+        derivatives : {0, 1, 2}, optional
+            Lengths only, rates too (rate_0, ...), or accelerations as well.
+        units : {"dimensionless", "SI"}, optional
+            Names of the units in the header, "length_0 [m]"; nothing is converted.
+
+        Raises
+        ------
+        ArgumentError
+            If there would be fewer than 4 rows, or `derivatives` is none of the three.
+        OSError
+            If the file cannot be written.
+
+        Examples
+        --------
+        >>> from tempfile import TemporaryDirectory
+        >>> gait = Gait(np.array([0.0, 0.5, 1.0]), np.array([[[1.0, 0.5]], [[1.25, -0.5]]]))
+        >>> with TemporaryDirectory() as folder:
+        ...     gait.to_csv(Path(folder) / "gait.csv", step=0.3, derivatives=1, units="SI")
+        ...     print((Path(folder) / "gait.csv").read_text())
+        time [s],length_0 [m],rate_0 [m s-1]
+        0.0,1.0,0.5
+        0.3,1.15,0.5
+        0.6,1.2,-0.5
+        0.9,1.05,-0.5
+        1.0,1.0,0.5
+        <BLANKLINE>
         """
-        t = np.linspace(0.0, self.period, samples)
-        with Path(path).open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(["t", *(f"l_{j}" for j in range(1, self.links + 1))])
-            writer.writerows([repr(float(v)) for v in row] for row in np.vstack([t, self(t)]).T)
+        if derivatives not in range(len(_COLUMNS)):
+            raise ArgumentError(f"derivatives must be 0, 1 or 2, not {derivatives!r}")
+        t = _instants(self.period, samples, step)
+        # a time rounded otherwise than the break it means would show the piece before
+        nearest = self.breaks[np.abs(t[:, None] - self.breaks).argmin(axis=1)]
+        at = np.where(np.abs(t - nearest) <= _AT_BREAK * self.period, nearest, t)
+        columns = np.vstack([t, *(self(at, k) for k in range(derivatives + 1))])
+        rows = [",".join(repr(float(value)) for value in row) for row in columns.T]
+        text = "\n".join([",".join(self._header(derivatives, units)), *rows, ""])
+        Path(path).write_text(text, encoding="utf-8", newline="\n")
+
+    def _header(self, derivatives: int, units: Literal["dimensionless", "SI"]) -> Iterator[str]:
+        kinds = ("length", "speed", "acceleration")
+        unit = [unit_of(quantity, units) for quantity in ("time", *kinds)]
+        told = ["" if u == "1" else f" [{u}]" for u in unit]
+        yield f"time{told[0]}"
+        for name, its in zip(_COLUMNS[: derivatives + 1], told[1:], strict=False):
+            yield from (f"{name}_{j}{its}" for j in range(self.links))
 
     @classmethod
-    def from_csv(cls, path: Path) -> Gait:
-        """Read a table t, l_1..l_n over one closed period; a periodic cubic spline joins the rows.
+    def from_csv(cls, path: str | Path) -> Gait:
+        """Read a table t, l_0, l_1, ... over one closed period, joined by a periodic cubic spline.
 
         Parameters
         ----------
-        path : Path
-            File with one header line.
+        path : path
+            File with one header line. Names of columns are free, but those that begin with `rate`
+            or `acceleration`, as `to_csv` writes them, are passed over.
 
         Returns
         -------
@@ -198,8 +264,8 @@ class Gait:
                 rows = [row for row in csv.reader(stream) if row]
         except (UnicodeDecodeError, csv.Error) as error:
             raise ArgumentError(f"a gait table must be CSV text in UTF-8 ({error})") from None
-        needs = "a gait table needs a header t,l_1,...,l_n and at least 4 rows"
-        if len(rows) < 5 or len(rows[0]) < 2 or _is_number(rows[0][0]):
+        needs = f"a gait table needs a header t,l_0,l_1,... and at least {_FEWEST_ROWS} rows"
+        if len(rows) <= _FEWEST_ROWS or len(rows[0]) < 2 or _is_number(rows[0][0]):
             raise ArgumentError(needs)
         for number, row in enumerate(rows[1:], start=1):
             if len(row) != len(rows[0]):
@@ -210,7 +276,10 @@ class Gait:
             table = np.array([[float(v) for v in row] for row in rows[1:]])
         except ValueError as error:
             raise ArgumentError(f"every row after the header must hold numbers ({error})") from None
-        t, lengths = table[:, 0], table[:, 1:]
+        lasting = [not name.strip().startswith(_COLUMNS[1:]) for name in rows[0][1:]]
+        t, lengths = table[:, 0], table[:, 1:][:, lasting]
+        if not lengths.size:
+            raise ArgumentError(needs)
         if not np.all(np.isfinite(table)) or t[0] != 0 or np.any(np.diff(t) <= 0):
             raise ArgumentError("times must be finite and ascend from 0")
         if np.any(lengths <= 0):
@@ -222,6 +291,20 @@ class Gait:
 
         spline = CubicSpline(t, lengths, bc_type="periodic")
         return cls(t.copy(), np.transpose(spline.c[::-1], (1, 2, 0)))
+
+
+def _instants(period: float, samples: int, step: float | None) -> np.ndarray:
+    """Times of a table from 0 to the period: rational multiples, each rounded once."""
+    if step is not None and not (step > 0 and math.isfinite(step)):
+        raise ArgumentError(f"step must be a positive number, not {step!r}")
+    whole = Fraction(repr(float(period)))
+    if step is None and samples < _FEWEST_ROWS:
+        raise ArgumentError(f"a gait table needs at least {_FEWEST_ROWS} samples, not {samples}")
+    part = whole / (samples - 1) if step is None else Fraction(repr(float(step)))
+    steps = math.ceil(whole / part - _NO_STEP)
+    if steps < _FEWEST_ROWS - 1:
+        raise ArgumentError(f"step = {step!r} is too large; write at most {period / 3:.6g}")
+    return np.array([*(float(k * part) for k in range(steps)), period])
 
 
 def _is_number(text: str) -> bool:

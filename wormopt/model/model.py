@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.friction import Law
 from wormopt.model.schedule import Schedule
+from wormopt.shown import lines, listed
 
 TINY = math.ulp(0.0)
 """Smallest number above 0: the lower bound of what must be positive."""
@@ -233,6 +234,13 @@ class Model:
             if switch.guard.numel() != 1 or switch.reset.numel() != self.n_x:
                 message = f"a scalar guard and a reset of {self.n_x} states"
                 raise ArgumentError(f"switch {switch.name} needs {message}")
+
+    def __repr__(self) -> str:
+        parts = {"states": self.x, "algebraic": self.z, "inputs": self.u, "parameters": self.p}
+        told = [f"{what} {listed(signals)}" for what, signals in parts.items() if signals]
+        touching = ", ".join(contact.name for contact in self.contacts)
+        contacts = f"contacts {touching}" if touching else "no contacts"
+        return lines(f"Model {self.name}: {'; '.join(told[:1])}; {contacts}", "; ".join(told[1:]))
 
     @property
     def n_x(self) -> int:

@@ -1,4 +1,4 @@
-"""The same work for many jobs, in several processes.
+"""The same work for many jobs, side by side: in several processes, or on a Dask cluster.
 
 Python's lock lets threads do little of this package's work side by side: programs are assembled
 and looked through in Python, and CasADi does not let go of the lock.
@@ -8,58 +8,126 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from concurrent.futures import BrokenExecutor, Future, as_completed
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import partial
 from multiprocessing import current_process
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
+
+from wormopt.errors import ArgumentError, SolveError
 
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")
+EngineName = Literal["processes", "serial", "dask"]
 
-# Seconds after which processes that have nothing to do end.
-_IDLE = 30
-_is_worker = False
+# Seconds after which processes that have nothing to do end, and between looks at who began them.
+_IDLE, _LOOK = 30, 0.5
+# Processes are started anew so many times after some have died.
+_REVIVALS = 3
+_here = threading.local()  # whether this thread is a worker
 _executors: dict[tuple[int, int], Any] = {}  # by the process that owns them, and their size
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Where work goes that can be done side by side.
+
+    Parameters
+    ----------
+    name : {"processes", "serial", "dask"}
+        Processes of this machine, this process alone, or a Dask cluster.
+    workers : int, optional
+        How many; one per processor if left out. A cluster that is there has its own.
+    scheduler : str
+        Address of a Dask cluster that is there, "tcp://node7:8786" say; without one a cluster
+        of processes is made for the time being.
+
+    Examples
+    --------
+    >>> with using(Engine("serial")):
+    ...     Workers().count
+    1
+    """
+
+    name: EngineName = "processes"
+    workers: int | None = None
+    scheduler: str = ""
+
+
+_engine = Engine()
+_cluster: Any = None  # executor of the Dask cluster in use
+
+
+@contextmanager
+def using(engine: Engine) -> Iterator[None]:
+    """Send all work to an engine while the context lasts; ArgumentError if it cannot be had."""
+    global _engine, _cluster
+    before = _engine, _cluster
+    with _cluster_of(engine) as cluster:
+        _engine, _cluster = engine, cluster
+        try:
+            yield
+        finally:
+            _engine, _cluster = before
+
+
+def _cluster_of(engine: Engine) -> AbstractContextManager[Any]:
+    if engine.name != "dask":
+        return nullcontext()
+    try:
+        from wormopt.numerics.dask_cluster import connected
+    except ImportError as error:
+        what = "engine dask: the package distributed is not installed"
+        raise ArgumentError(f"{what}; pip install 'wormopt[sweep]'") from error
+    return connected(engine.workers, engine.scheduler)
 
 
 class Workers:
     """Processes that take jobs, started when first needed and shared by all in turn.
 
-    Until they are ready, or once one is killed, work goes on here. A worker has none itself.
-    `count`: one per processor if left out; with 1 all is done here.
+    Until they are ready, or once they die again and again, work goes on here. A worker has none
+    itself. `count`: as many as the engine has if left out; with 1 all is done here.
     """
 
     def __init__(self, count: int | None = None) -> None:
-        alone = _is_worker or current_process().daemon
-        self.count = 1 if alone else count or os.cpu_count() or 1
+        alone = getattr(_here, "is_worker", False) or current_process().daemon
+        self._local = alone or _engine.name == "serial"
+        if self._local:
+            self.count = 1
+        elif _cluster is not None:
+            self.count = _cluster.count
+        else:
+            self.count = count or _engine.workers or os.cpu_count() or 1
+            self._local = self.count == 1
         self._begun: list[Future] = []
         self._asked = deque[Future]()
+        self._died = 0
 
     def map(self, work: Callable[[Job], Answer], jobs: Sequence[Job]) -> Iterator[Answer]:
         """Do the same with every job; yields the answers in the order of the jobs.
 
         `work` and the jobs are sent to the processes.
         """
-        if self.count == 1 or len(jobs) < 2:
-            yield from map(work, jobs)
-            return
         todo = deque(jobs)
-        try:
-            while todo and not self._ready(work):
-                yield work(todo.popleft())
-            with _interrupts_held():
-                asked = self._asked = deque(self._executor.submit(work, job) for job in todo)
-            while asked:
-                answer = asked[0].result()
-                asked.popleft()
-                todo.popleft()
-                yield answer
-        except BrokenProcessPool:
-            self._go_on_here()
-            yield from map(work, todo)
+        while todo:
+            try:
+                while todo and (self._local or len(jobs) < 2 or not self._ready(work)):
+                    yield work(todo.popleft())
+                if not todo:
+                    return
+                self._asked = asked = deque(self._submit(work, todo))
+                while asked:
+                    answer = self._answer(asked[0])
+                    asked.popleft()
+                    todo.popleft()
+                    yield answer
+            except BrokenExecutor:
+                self._revive()
 
     def as_completed(
         self, work: Callable[[Job], Answer], jobs: Sequence[Job]
@@ -68,40 +136,63 @@ class Workers:
 
         For long jobs: all are asked for at once, and none is done here unless processes die.
         """
-        if self.count == 1 or len(jobs) < 2:
-            yield from enumerate(map(work, jobs))
-            return
         todo = dict(enumerate(jobs))
-        try:
-            self._executor = _executor(self.count)
-            with _interrupts_held():
-                numbers = {self._executor.submit(work, job): k for k, job in todo.items()}
-            self._asked = deque(numbers)
-            for future in as_completed(numbers):
-                answer = future.result()
-                del todo[numbers[future]]
-                yield numbers[future], answer
-        except BrokenProcessPool:
-            self._go_on_here()
-            for k, job in todo.items():
-                yield k, work(job)
+        while todo:
+            try:
+                if self._local or len(jobs) < 2:
+                    for k in list(todo):
+                        yield k, work(todo.pop(k))
+                    return
+                numbers = dict(zip(self._submit(work, todo.values()), list(todo), strict=True))
+                self._asked = deque(numbers)
+                for future in as_completed(numbers):
+                    answer = self._answer(future)
+                    del todo[numbers[future]]
+                    yield numbers.pop(future), answer
+            except BrokenExecutor:
+                self._revive()
 
-    def _go_on_here(self) -> None:
+    def _submit(self, work: Callable[[Job], Answer], jobs: Any) -> list[Future]:
+        if _cluster is not None:
+            return [_cluster.submit(partial(_as_worker, work), job) for job in jobs]
+        self._executor = _executor(self.count)
+        with _interrupts_held():
+            return [self._executor.submit(work, job) for job in jobs]
+
+    def _answer(self, future: Future) -> Any:
+        try:
+            answer = future.result()
+        except Exception as error:
+            if _cluster is None or not isinstance(error, _cluster.lost):
+                raise
+            what = f"the Dask cluster lost a job ({type(error).__name__})"
+            raise SolveError(what, "run again: what is done is kept", code="lost") from error
+        self._died = 0
+        return answer
+
+    def _revive(self) -> None:
+        """Have new processes in place of dead ones; at last go on here."""
         _executors.pop((os.getpid(), self.count), None)
-        self.count = 1
+        self._begun, self._died = [], self._died + 1
+        if self._died > _REVIVALS:
+            self.count, self._local = 1, True
 
     def _ready(self, work: Callable) -> bool:
+        if _cluster is not None:
+            return True
         if not self._begun:
-            self._executor = _executor(self.count)
-            with _interrupts_held():
-                self._begun = [self._executor.submit(_load, work) for _ in range(self.count)]
+            self._begun = self._submit(_load, [work] * self.count)
         return all(future.done() for future in self._begun)
 
     def close(self) -> None:
         """Drop what is not done; processes that are at work on it end."""
         if any(not future.done() for future in self._asked):
-            _executors.pop((os.getpid(), self.count), None)
-            self._executor.shutdown(wait=False, kill_workers=True)
+            if _cluster is not None:
+                for future in self._asked:
+                    future.cancel()
+            else:
+                _executors.pop((os.getpid(), self.count), None)
+                self._executor.shutdown(wait=False, kill_workers=True)
         self._asked.clear()
 
     def __enter__(self) -> Workers:
@@ -117,7 +208,9 @@ def _executor(count: int) -> Any:
 
     key = os.getpid(), count
     if key not in _executors:
-        _executors[key] = ProcessPoolExecutor(count, timeout=_IDLE, initializer=_begin)
+        _executors[key] = ProcessPoolExecutor(
+            count, timeout=_IDLE, initializer=_begin, initargs=(os.getpid(),)
+        )
     return _executors[key]
 
 
@@ -144,7 +237,20 @@ def _load(work: Callable) -> None:
     """Import what the work needs, as it was sent."""
 
 
-def _begin() -> None:
-    global _is_worker
-    _is_worker = True
+def _begin(parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever asked for the work is told, and ends it
+    _here.is_worker = True
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _as_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
+    """Do a job in a thread from which work goes nowhere else."""
+    _here.is_worker = True
+    return work(job)
+
+
+def _end_with(parent: int) -> None:
+    """End this process when the one that began it is gone, even if killed: nobody waits."""
+    while os.getppid() == parent:
+        time.sleep(_LOOK)
+    os._exit(1)

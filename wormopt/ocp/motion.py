@@ -92,6 +92,13 @@ class Motion(SampledMotion):
     schedules: np.ndarray
     p: np.ndarray
 
+    __repr__ = SampledMotion.__repr__
+
+    @property
+    def _title(self) -> str:
+        name, arcs = self.program.problem.model.name, self.mesh.total
+        return f"Motion of {name} ({arcs} arcs in {self.mesh.phases} phases)"
+
     @classmethod
     def of(cls, program: Transcription, w: np.ndarray, bounds: Bounds) -> Motion:
         """Read a solution of a program.

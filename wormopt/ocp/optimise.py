@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +22,10 @@ from wormopt.ocp.nlp import Bounds, Ipopt, Solution, Solver
 from wormopt.ocp.problem import Problem
 from wormopt.ocp.transcription import Transcription
 from wormopt.progress import Report, silent
+from wormopt.shown import html, lines
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Contacts = Regularised | Complementarity | FixedModes
 
@@ -78,6 +83,22 @@ class Optimum:
     treatment: Contacts
     build_s: float
     bounds: Bounds
+
+    def __repr__(self) -> str:
+        return lines(f"Optimum: {self._told}", repr(self.motion).partition("\n")[0])
+
+    @property
+    def _told(self) -> str:
+        how = type(self.treatment).__name__
+        ended = f"{self.solution.status}, {self.iterations} iterations"
+        return f"objective {self.objective:.9g} ({ended}; contacts: {how})"
+
+    def _repr_html_(self) -> str:
+        return html(f"Optimum: {self._told}", [self.motion.overview()])
+
+    def plot(self, *names: str) -> Figure:
+        """Draw signals of the motion over time, see `SampledMotion.plot`."""
+        return self.motion.plot(*names)
 
     @property
     def objective(self) -> float:
@@ -406,7 +427,7 @@ def best_of(
     """
     best, objectives, error = None, [], None
     for k, guess in enumerate(guesses):
-        report(f"start {k + 1}", None)
+        report(f"start {k}", None)
         try:
             found = optimise(problem, mesh, treatment, guess, p=p, solver=solver)
         except SolveError as failed:

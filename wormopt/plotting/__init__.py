@@ -15,7 +15,7 @@ from matplotlib import rc_context
 from matplotlib.animation import PillowWriter
 from matplotlib.figure import Figure
 
-from wormopt.kinds import KINDS
+from wormopt.kinds import kind_of
 from wormopt.plotting.parts import RED, STYLE
 from wormopt.result import Result
 
@@ -87,7 +87,8 @@ def draw(result: Result, picture: str, path: str | Path) -> None:
 
 def _composer(result: Result, picture: str) -> Callable[[Result], Figure]:
     """Load the function that composes a picture."""
-    pictures = KINDS[result.kind].pictures if result.kind in KINDS else {}
+    kind = kind_of(result)
+    pictures = kind.pictures if kind else {}
     if picture not in pictures:
         there = ", ".join(pictures) or "none"
         raise ValueError(f"no picture {picture!r} of kind {result.kind}; there are: {there}")

@@ -9,11 +9,13 @@ with one list each), ``spike_load_limit`` (a number or one per mass) and ``actua
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Sequence
+from io import BytesIO
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps
+from matplotlib import colormaps, rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -170,7 +172,19 @@ def facts(result: Result, *names: str) -> str:
     )
 
 
+class Sheet(Figure):
+    """A figure that notebooks show, though it is bound to no window."""
+
+    def _repr_png_(self) -> bytes:
+        file = BytesIO()
+        with rc_context(STYLE), warnings.catch_warnings():
+            # a title may hold letters that the font lacks; the picture is good all the same
+            warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+            self.savefig(file, format="png")
+        return file.getvalue()
+
+
 def sheet(width: float, height: float) -> Figure:
     """Give an empty figure, in inches, with some room at its edges, bound to no window."""
     layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.1)
-    return Figure(figsize=(width, height), layout=layout)
+    return Sheet(figsize=(width, height), layout=layout)

@@ -68,11 +68,12 @@ def again_html(result: Result) -> str:
         return ""
     text, name = as_toml(raw), re.sub(r"[^\w-]+", "_", result.scene, flags=re.ASCII) or "scene"
     link = base64.b64encode(text.encode()).decode()
+    verb = "sweep" if result.kind == "sweep" else "run"
     beside = sorted(set(re.findall(r"[\w.-]+\.(?:py|nc|csv|toml)\b", json.dumps(raw))))
     needs = f" Beside it must lie {escaped(', '.join(beside))}." if beside else ""
     return (
         f'<p>Save the scene as <a download="{name}.toml" href="data:application/toml;base64,'
-        f'{link}">{name}.toml</a>.{needs} Then run</p>{code(f"wormopt run {name}.toml")}'
+        f'{link}">{name}.toml</a>.{needs} Then run</p>{code(f"wormopt {verb} {name}.toml")}'
         + details(
             "The scene in full, defaults included",
             code(escaped(text)),
@@ -92,10 +93,11 @@ def keys_set(kind: str, raw: dict[str, Any]) -> list[Key]:
     swept = raw.get("sweep", {})  # its keys are of no kind
     raw = {key: value for key, value in raw.items() if key != "sweep"}
     kind = kind if kind in KINDS else raw.get("kind", "")
-    known = read_table(raw, KINDS[kind].load_table(), "", []) if kind in KINDS else None
+    units = raw.get("units", "dimensionless")
+    known = read_table(raw, KINDS[kind].load_table(), "", units, []) if kind in KINDS else None
     if known is None:
         return list(_flat(raw | {"sweep": swept} if swept else raw, ""))
-    return [*_flat(swept, "sweep"), *_set(known, "", raw.get("units", "dimensionless"))]
+    return [*_flat(swept, "sweep"), *_set(known, "", units)]
 
 
 def _set(table: Any, path: str, units: str) -> Iterator[Key]:

@@ -15,6 +15,8 @@ from wormopt.reports.source import Source
 from wormopt.reports.words import name_text, number, unit_text, value_text
 from wormopt.result import Result
 
+STORE = "points"
+"""Folder beside a sweep in which its points are kept."""
 STATES = ("ok", "failed", "refused", "not computed")
 
 
@@ -144,8 +146,11 @@ def _file(folder: Path | None, name: object) -> Path | None:
     """File of a point, which lies with the sweep and nowhere else."""
     if folder is None or not isinstance(name, str) or not name:
         return None
-    file = (folder / name).resolve()
-    return file if file.is_relative_to(folder.resolve()) and file.is_file() else None
+    folder = folder.resolve()
+    for file in ((folder / name).resolve(), (folder / STORE / name).resolve()):
+        if file.is_relative_to(folder) and file.is_file():
+            return file
+    return None
 
 
 def words_of(variable: Variable) -> str:

@@ -61,6 +61,7 @@ class ToleranceTable(Table, frozen=True, kw_only=True):
             "time",
             "longest step, a fiftieth of the time if left out; while nothing moves, an input "
             "shorter than a tenth of it may go unseen",
+            usual=(1e-9, 1e6),
         ),
     ] = None
     recheck: Annotated[bool, says("", "whether a second route finds the end again")] = True

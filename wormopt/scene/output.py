@@ -1,97 +1,138 @@
 """Where results go: refused before the work starts, or whole when it is done.
 
-Files are written into a temporary folder and renamed into place. In a folder that is there
-already, only files that wormopt itself wrote are replaced or removed.
+Files are written into a temporary folder and renamed into place. ``summary.json`` tells the
+hashes of the files written with it: only files that are still as wormopt wrote them are ever
+replaced or removed.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from wormopt.errors import OutputError
 from wormopt.files import SUMMARY_FILE
 
-_SUFFIXES = (".nc", ".json", ".png", ".gif", ".md", ".csv", ".c")
+_LONGEST_NAME = 100
 
 
-def check_output(folder: Path, scene: str, files: Sequence[str], force: bool) -> Path:
+@dataclass(frozen=True)
+class Output:
+    """Folder of a result, and what stands there already.
+
+    `kept` are names in it that may be there without being in the way, such as a store of points.
+    """
+
+    folder: Path
+    scene: str
+    kind: str
+    kept: tuple[str, ...] = ()
+    force: bool = False
+
+
+def default_folder(scene: str, changes: Sequence[str] = ()) -> Path:
+    """Folder for a scene: trials with changed keys have one of their own each."""
+    name = ",".join([scene, *(re.sub(r"[^\w.=+-]+", "_", text) for text in changes)])
+    if len(name) > _LONGEST_NAME:
+        digest = hashlib.sha256("\n".join(changes).encode(errors="replace")).hexdigest()
+        name = f"{name[: _LONGEST_NAME - 9]}-{digest[:8]}"
+    return Path("results") / name
+
+
+def check_output(output: Output, files: Sequence[str]) -> Output:
     """Make sure that results can be written, so that no work is done in vain.
 
-    Gives the folder, absolute and free of links. An earlier result of the same scene may be
-    replaced; else OutputError if something is in the way (unless `force`) or not writable.
+    Gives it with its folder absolute and free of links. An earlier result of the same scene and
+    kind may be replaced, with `force` of any; else OutputError if something is in the way.
     """
     try:
-        folder = folder.resolve()
-        _refuse_obstacles(folder, scene, files, force)
-        with _staging(folder):
-            return folder
+        output = replace(output, folder=output.folder.resolve())
+        _refuse_obstacles(output, files)
+        with _staging(output.folder):
+            return output
     except (OSError, RuntimeError, ValueError) as error:  # links in a ring; a null character
         why = getattr(error, "strerror", None) or error
-        raise OutputError(f"{folder}: cannot be written: {why}; choose another with -o") from error
+        where = output.folder
+        raise OutputError(f"{where}: cannot be written: {why}; choose another with -o") from error
 
 
 @contextmanager
-def output_folder(folder: Path) -> Iterator[Path]:
-    """Give a temporary folder whose files appear in `folder` when the context ends.
+def output_folder(output: Output) -> Iterator[Path]:
+    """Give a temporary folder whose files appear in the output's when the context ends.
 
     Even by an error: a picture that fails must not cost the numbers.
-    `folder` is from `check_output`. Raises OutputError if files cannot be written after all.
+    `output` is from `check_output`. Raises OutputError if files cannot be written after all.
     """
+    folder = output.folder
     try:
         with _staging(folder) as staging:
             try:
                 yield staging
             finally:
                 if (staging / SUMMARY_FILE).is_file():
-                    _publish(staging, folder)
+                    _publish(staging, output)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
 
 
-def _refuse_obstacles(folder: Path, scene: str, files: Sequence[str], force: bool) -> None:
-    hint = "choose another folder with -o, or --force"
+@dataclass(frozen=True)
+class _Earlier:
+    """The result that a folder holds: what it is, and which files are as they were written."""
+
+    scene: str = ""
+    kind: str = ""
+    own: frozenset[str] = field(default_factory=frozenset)
+
+
+def _refuse_obstacles(output: Output, files: Sequence[str]) -> None:
+    folder, elsewhere = output.folder, "choose another folder with -o"
     if folder.exists() and not folder.is_dir():
-        if not force:
-            raise OutputError(f"{folder}: is a file, not a folder; {hint}")
-        return
+        raise OutputError(f"{folder}: is a file, not a folder; {elsewhere}")
     if not folder.is_dir():
         return
+    earlier = _earlier_result(folder)
     for name in files:
         if (folder / name).is_dir():
             raise OutputError(f"{folder / name}: is a folder where a file must go; rename it")
-    if force or not any(folder.iterdir()):
+        if os.path.lexists(folder / name) and name not in earlier.own:
+            what = "was not written by wormopt, or changed since; it is never replaced"
+            raise OutputError(f"{folder / name}: {what}: rename it, or {elsewhere}")
+    if output.force or not {path.name for path in folder.iterdir()} - set(output.kept):
         return
-    earlier, own = _earlier_result(folder)
-    if earlier is None:
-        raise OutputError(f"{folder}: holds other files and no result of wormopt; {hint}")
-    if earlier != scene:
-        raise OutputError(f"{folder}: holds the result of another scene, {earlier}; {hint}")
-    for name in files:
-        if name not in own and os.path.lexists(folder / name):
-            raise OutputError(f"{folder / name}: was not written by wormopt; {hint}")
+    if not earlier.scene:
+        what = "holds other files and no result of wormopt"
+        raise OutputError(f"{folder}: {what}; {elsewhere}, or write beside them with --force")
+    if (earlier.scene, earlier.kind) != (output.scene, output.kind):
+        what = f"holds the result of another scene, {earlier.scene} ({earlier.kind})"
+        raise OutputError(f"{folder}: {what}; {elsewhere}, or replace it with --force")
 
 
-def _earlier_result(folder: Path) -> tuple[str | None, set[str]]:
-    """Find the scene and the files of the result in a folder; None where there is no result."""
+def _earlier_result(folder: Path) -> _Earlier:
+    """Find what was written into a folder; nothing where there is no result."""
     try:
         summary = json.loads((folder / SUMMARY_FILE).read_text(encoding="utf-8"))
-        scene, names = summary["scene"], summary["files"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None, set()
-    if not isinstance(scene, str) or not isinstance(names, list) or "wormopt" not in summary:
-        return None, set()
-    return scene, {name for name in names if isinstance(name, str) and _is_plain(name)}
+        scene, kind, hashes = (summary[key] for key in ("scene", "kind", "sha256"))
+        same = {name for name, digest in hashes.items() if _is_as_written(folder, name, digest)}
+        return _Earlier(str(scene), str(kind), frozenset(same | {SUMMARY_FILE}))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return _Earlier()
 
 
-def _is_plain(name: str) -> bool:
-    """Whether a name can be one that wormopt wrote: nothing else is ever removed."""
-    return Path(name).name == name and name.endswith(_SUFFIXES)
+def _is_as_written(folder: Path, name: str, digest: object) -> bool:
+    path = folder / name
+    return Path(name).name == name and path.is_file() and digest == _hash(path)
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 @contextmanager
@@ -108,16 +149,32 @@ def _staging(folder: Path) -> Iterator[Path]:
         shutil.rmtree(staging, ignore_errors=True)
 
 
-def _publish(staging: Path, folder: Path) -> None:
-    if folder.is_file():
-        folder.unlink()
+def _publish(staging: Path, output: Output) -> None:
+    folder, new = output.folder, sorted(path.name for path in staging.iterdir())
+    _write_hashes(staging)
+    try:
+        # what came while we worked
+        _refuse_obstacles(replace(output, kept=(*output.kept, staging.name)), new)
+    except OutputError as error:
+        spare = folder.with_name(f"{folder.name}-{secrets.token_hex(4)}")
+        staging.rename(spare)
+        raise OutputError(f"{error}; the result is in {spare}") from None
     if not folder.exists():
         staging.rename(folder)
         return
-    _, stale = _earlier_result(folder)
-    new = sorted(staging.iterdir(), key=lambda path: path.name == SUMMARY_FILE)
-    for path in new:
-        path.replace(folder / path.name)
-    for name in stale - {path.name for path in new}:
+    stale = _earlier_result(folder).own - set(new)
+    for name in sorted(new, key=SUMMARY_FILE.__eq__):  # it comes last
+        (staging / name).replace(folder / name)
+    for name in stale:
         with suppress(FileNotFoundError):
             (folder / name).unlink()
+
+
+def _write_hashes(staging: Path) -> None:
+    """Add the hashes of all other files to the summary."""
+    path = staging / SUMMARY_FILE
+    summary = json.loads(path.read_text(encoding="utf-8"))
+    others = sorted(set(staging.iterdir()) - {path})
+    summary["sha256"] = {other.name: _hash(other) for other in others}
+    text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import msgspec
 
 from wormopt.errors import Fault
+from wormopt.scene.types import meaning
+from wormopt.scene.units import has_unit, to_number
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -22,10 +24,13 @@ _WORDS: dict[Any, str] = {
 }
 
 
-def read_table(raw: Mapping[str, Any], table: type[T], path: str, faults: list[Fault]) -> T | None:
+def read_table(
+    raw: Mapping[str, Any], table: type[T], path: str, units: str, faults: list[Fault]
+) -> T | None:
     """Convert a raw table to a struct; every fault is added to `faults`, and gives None.
 
-    `path` is the key path of the table, "" for the whole scene.
+    `path` is the key path of the table, "" for the whole scene; `units` those of the scene, "SI"
+    or not.
     """
     known = {item.name: item for item in msgspec.structs.fields(table)}
     tag_key = table.__struct_config__.tag_field
@@ -38,22 +43,46 @@ def read_table(raw: Mapping[str, Any], table: type[T], path: str, faults: list[F
     values = {}
     for key, item in known.items():
         if key in raw:
-            values[key] = _read_value(raw[key], item.type, _join(path, key), faults)
+            values[key] = _read_key(raw[key], item.type, _join(path, key), units, faults)
         elif item.required:
             faults.append((_join(path, key), f"missing; write {describe(item.type)}"))
     return table(**values) if len(faults) == before else None
 
 
-def _read_value(raw: Any, kind: Any, path: str, faults: list[Fault]) -> Any:
+def _read_key(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) -> Any:
+    """Read a value, of which numbers may be written with a unit where the key has a quantity."""
+    before, (quantity, _) = len(faults), meaning(kind)
+    if quantity:
+        raw = _without_units(raw, quantity, path, units, faults)
+    return read_value(raw, kind, path, units, faults) if len(faults) == before else None
+
+
+def _without_units(raw: Any, quantity: str, path: str, units: str, faults: list[Fault]) -> Any:
+    if isinstance(raw, list):
+        return [
+            _without_units(item, quantity, f"{path}[{i}]", units, faults)
+            for i, item in enumerate(raw)
+        ]
+    if not isinstance(raw, str) or not has_unit(raw):
+        return raw
+    try:
+        return to_number(raw, quantity, units)
+    except ValueError as error:
+        faults.append((path, f"{_shown(raw)} {error}"))
+        return raw
+
+
+def read_value(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) -> Any:
+    """Convert a raw value to a type; every fault is added to `faults`, and gives None."""
     kind = bare(kind)
     tables = tables_in(kind)
     if isinstance(raw, Mapping) and tables:
         table = _chosen(raw, tables, path, faults)
-        return table and read_table(raw, table, path, faults)
+        return table and read_table(raw, table, path, units, faults)
     listed = _listed_in(kind)
     if isinstance(raw, list) and listed is not None:
         return tuple(
-            _read_value(item, listed, f"{path}[{i}]", faults) for i, item in enumerate(raw)
+            read_value(item, listed, f"{path}[{i}]", units, faults) for i, item in enumerate(raw)
         )
     try:
         return msgspec.convert(raw, kind)
@@ -63,7 +92,9 @@ def _read_value(raw: Any, kind: Any, path: str, faults: list[Fault]) -> Any:
         for index in indices:
             raw = raw[int(index)]
         path += "".join(f"[{index}]" for index in indices)
-        faults.append((path, f"{_shown(raw)} is not allowed; write {describe(kind)}"))
+        meant = get_close_matches(raw, _words_in(kind), n=1) if isinstance(raw, str) else []
+        hint = f"did you mean {_shown(meant[0])}? Else write" if meant else "write"
+        faults.append((path, f"{_shown(raw)} is not allowed; {hint} {describe(kind)}"))
         return None
 
 
@@ -120,6 +151,13 @@ def tables_in(kind: Any) -> list[type[msgspec.Struct]]:
     return []
 
 
+def _words_in(kind: Any) -> list[str]:
+    """Texts that a type names one by one."""
+    if get_origin(kind) is Literal:
+        return [word for word in get_args(kind) if isinstance(word, str)]
+    return [word for part in get_args(kind) for word in _words_in(part)]
+
+
 def _listed_in(kind: Any) -> Any:
     """Type of the tables in a list, None where there is no list of tables."""
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else [kind]
@@ -133,9 +171,20 @@ def _unknown(key: str, table: type[msgspec.Struct], known: list[str]) -> str:
     config = table.__struct_config__
     where = f' with {config.tag_field} = "{config.tag}"' if config.tag_field else ""
     close = get_close_matches(key, known, n=1)
-    if close:
-        return f"unknown key{where}; did you mean {close[0]}?"
+    below = [] if close else list(_paths_to(key, table))
+    if close or len(below) == 1:
+        return f"unknown key{where}; did you mean {(close or below)[0]}?"
     return f"unknown key{where}; allowed here: {', '.join(known)}"
+
+
+def _paths_to(key: str, table: type[msgspec.Struct], path: str = "") -> Iterator[str]:
+    """Key paths in the single tables below a table that end with a key."""
+    for item in msgspec.structs.fields(table):
+        for part in tables_in(bare(item.type)):
+            inside = _join(path, item.name)
+            if key in part.__struct_fields__:
+                yield _join(inside, key)
+            yield from _paths_to(key, part, inside)
 
 
 def _one_of(values: list[Any]) -> str:

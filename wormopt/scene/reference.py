@@ -9,13 +9,16 @@ import inspect
 import re
 from collections.abc import Iterator
 from types import NoneType, UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Any, Union, get_args, get_origin
 
 import msgspec
 
 from wormopt.kinds import KINDS
+from wormopt.quantities import unit_of
 from wormopt.scene.read import bare, describe, tables_in
-from wormopt.scene.types import SceneTable
+from wormopt.scene.swept import Swept
+from wormopt.scene.types import SceneTable, meaning
+from wormopt.scene.units import WITH_UNIT
 
 _COMMON = ("schema", "kind", "title", "units")
 
@@ -23,16 +26,38 @@ _COMMON = ("schema", "kind", "title", "units")
 def schema(kind: str) -> dict[str, Any]:
     """JSON Schema of the scenes of a kind, with what every key means."""
     table = KINDS[kind].load_table()
-    (found,), parts = msgspec.json.schema_components([table], ref_template="#/$defs/{name}")
+    (found, sweep), parts = msgspec.json.schema_components(
+        [table, Swept], ref_template="#/$defs/{name}"
+    )
     found = {"$schema": "https://json-schema.org/draft/2020-12/schema", **found, "$defs": parts}
-    for part in tables_below(table):
+    parts[table.__name__]["properties"]["sweep"] = sweep
+    for part in (*tables_below(table), Swept):
+        parts[part.__name__]["description"] = inspect.getdoc(part) or ""
         properties = parts[part.__name__]["properties"]
         for field in msgspec.structs.fields(part):
-            said = meaning(field.type)
-            if said:
-                properties[field.encode_name]["description"] = said[1]
-                properties[field.encode_name] |= {"quantity": said[0]} if said[0] else {}
+            quantity, what = meaning(field.type)
+            if what:
+                properties[field.encode_name]["description"] = what
+            if quantity:
+                told = _or_with_unit(properties[field.encode_name], quantity)
+                properties[field.encode_name] = told | {"quantity": quantity}
     return found
+
+
+def _or_with_unit(node: dict[str, Any], quantity: str) -> dict[str, Any]:
+    """Let texts with a unit stand where a schema has numbers, if the quantity has a unit."""
+    if unit_of(quantity, "SI") == "1" and quantity != "share":
+        return node
+    if node.get("type") == "number":
+        bounds = {key: node[key] for key in node if key not in ("description", "default")}
+        kept = {key: node[key] for key in node if key not in bounds}
+        return kept | {"anyOf": [bounds, {"type": "string", "pattern": WITH_UNIT}]}
+    inside: dict[str, Any] = (
+        {"items": _or_with_unit(node["items"], quantity)} if "items" in node else {}
+    )
+    if "anyOf" in node:
+        inside["anyOf"] = [_or_with_unit(one, quantity) for one in node["anyOf"]]
+    return node | inside
 
 
 def page(kind: str) -> str:
@@ -62,12 +87,14 @@ def page(kind: str) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def meaning(kind: Any) -> tuple[str, str] | None:
-    """Quantity and meaning that the type of a key carries."""
-    if get_origin(kind) is not Annotated:
-        return None
-    said = [meta.extra for meta in get_args(kind)[1:] if meta.extra]
-    return (said[-1]["quantity"], said[-1]["meaning"]) if said else None
+def quantity_of(table: type[msgspec.Struct], key: str) -> str:
+    """Quantity of a dotted key, "" where it has none."""
+    inside, quantity = [table], ""
+    for name in (part for part in re.split(r"[.\[\]]+", key) if part and not part.isdecimal()):
+        fields = [f for t in inside for f in msgspec.structs.fields(t) if f.encode_name == name]
+        quantity = next((found for f in fields if (found := meaning(f.type)[0])), "")
+        inside = [part for field in fields for part in tables_in(single(field.type))]
+    return quantity
 
 
 def _prose(table: type) -> list[str]:
@@ -81,7 +108,7 @@ def _keys(table: type[msgspec.Struct]) -> Iterator[str]:
     for field in msgspec.structs.fields(table):
         if field.encode_name in _COMMON and issubclass(table, SceneTable):
             continue
-        quantity, what = meaning(field.type) or ("", "")
+        quantity, what = meaning(field.type)
         cells = (f"`{field.encode_name}`", _of(field), _words(quantity), _default(field), what)
         yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 
@@ -89,9 +116,9 @@ def _keys(table: type[msgspec.Struct]) -> Iterator[str]:
 def _of(field: msgspec.structs.FieldInfo) -> str:
     kind = bare(field.type)
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    numbers = [part for part in parts if part is not NoneType and not tables_in(_single(part))]
+    numbers = [part for part in parts if part is not NoneType and not tables_in(single(part))]
     words = [describe(Union[tuple(numbers)])] if numbers else []  # noqa: UP007
-    words += ["a table"] if len(words) == 0 or tables_in(_single(kind)) else []
+    words += ["a table"] if len(words) == 0 or tables_in(single(kind)) else []
     return re.sub(r'("[^"]*")', r"`\1`", ", or ".join(words))
 
 
@@ -118,7 +145,7 @@ def _sections(table: type[msgspec.Struct], path: str) -> Iterator[str]:
     """A section for every table below a table, in the order of its keys."""
     for field in msgspec.structs.fields(table):
         key = f"{path}.{field.encode_name}" if path else field.encode_name
-        for part in tables_in(_single(field.type)):
+        for part in tables_in(single(field.type)):
             config = part.__struct_config__
             tagged = f' with `{config.tag_field} = "{config.tag}"`' if config.tag_field else ""
             yield f"### `[{key}]`{tagged}"
@@ -129,7 +156,7 @@ def _sections(table: type[msgspec.Struct], path: str) -> Iterator[str]:
             yield from _sections(part, key)
 
 
-def _single(kind: Any) -> Any:
+def single(kind: Any) -> Any:
     """Type of an entry where there is a list of tables, the type itself otherwise."""
     kind = bare(kind)
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
@@ -142,7 +169,7 @@ def tables_below(table: type[msgspec.Struct]) -> Iterator[type[msgspec.Struct]]:
     """A table and all that stand in it."""
     yield table
     for field in msgspec.structs.fields(table):
-        for part in tables_in(_single(field.type)):
+        for part in tables_in(single(field.type)):
             yield from tables_below(part)
 
 

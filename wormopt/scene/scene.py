@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -15,9 +14,13 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from wormopt.errors import Fault, SceneError
-from wormopt.kinds import KINDS
-from wormopt.scene.read import read_table
+from wormopt.kinds import KINDS, near
+from wormopt.scene.overrides import Overrides, as_toml, override
+from wormopt.scene.plausible import surprises
+from wormopt.scene.read import read_table, read_value
+from wormopt.scene.swept import Swept
 from wormopt.scene.types import SceneTable
+from wormopt.shown import lines
 
 TableT = TypeVar("TableT", bound=SceneTable, covariant=True)
 
@@ -34,6 +37,8 @@ class Scene(Generic[TableT]):
         Folder of the file; file names in the scene are relative to it.
     table : SceneTable
         The typed content, a table of the scene's kind.
+    sweep : Swept, optional
+        Which keys are varied when the scene is swept.
 
     Examples
     --------
@@ -45,6 +50,10 @@ class Scene(Generic[TableT]):
     name: str
     folder: Path
     table: TableT
+    sweep: Swept | None = None
+
+    def __repr__(self) -> str:
+        return lines(f"Scene {self.name} ({self.table.kind}): {self.title}")
 
     @property
     def title(self) -> str:
@@ -62,16 +71,28 @@ class Scene(Generic[TableT]):
         """Hash of the content: scenes that ask for the same have the same key."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Numbers that are hardly meant as they stand: 300 m of link, say."""
+        return tuple(surprises(self.table, self.table.units))
 
-def load_scene(source: str | Path, overrides: Iterable[str] = ()) -> Scene[Any]:
+
+def load_scene(
+    source: Scene[Any] | str | Path | Mapping[str, Any], overrides: Overrides = (), **tables: Any
+) -> Scene[Any]:
     """Read and check a scene.
 
     Parameters
     ----------
-    source : str or path
-        A TOML file, or the bare name of a scene that comes with the package.
-    overrides : iterable of str
-        Changes, each "dotted.key=value" with the value written as in TOML.
+    source : str, path, mapping or Scene
+        A TOML file, the bare name of a scene that comes with the package, the tables of a scene
+        without a file, or a Scene that shall be changed.
+    overrides : str, mapping, or iterable of them
+        Changes. A text reads "dotted.key=value", with the value written as in TOML, and replaces
+        what is there. Keys of a mapping may be dotted too; tables in it are merged with those of
+        the scene.
+    **tables
+        Further changes, by the names of keys: ``worm={"load": 3}``.
 
     Returns
     -------
@@ -82,31 +103,83 @@ def load_scene(source: str | Path, overrides: Iterable[str] = ()) -> Scene[Any]:
     ------
     SceneError
         If the scene cannot be read or is wrong, with all that is wrong.
+    ArgumentError
+        If an override is neither text nor mapping.
 
     Examples
     --------
-    >>> load_scene("fast_gait", ["worm.load=25"]).table.worm.load
+    >>> load_scene("fast_gait", "worm.load=25").table.worm.load
+    25.0
+    >>> load_scene("fast_gait", {"gait.period": 2, "worm": {"load": 25}}).table.gait.period
+    2.0
+    >>> scene = load_scene("fast_gait", worm={"load": 25})
+    >>> load_scene(scene, title="Loaded").table.worm.load
     25.0
     """
-    file = str(source)
-    path = _find(file)
-    raw = _parse(file, path)
-    _override(file, raw, overrides)
-    table = _read_kind(file, raw)
-    wrong = list(table.faults(path.parent))
+    file, name, folder, raw = _raw(source)
+    wrong = [*override(raw, overrides), *override(raw, tables)]
     if wrong:
         raise SceneError(file, wrong)
-    # A file name need not be valid text; results and reports must be.
-    name = path.stem.encode(errors="replace").decode()
-    return Scene(name, path.parent, table)
+    table, sweep = _read_kind(file, raw)
+    wrong = list(table.faults(folder))
+    wrong += [(f"sweep.{key}", what) for key, what in (sweep.faults() if sweep else ())]
+    if wrong:
+        raise SceneError(file, wrong)
+    return Scene(name, folder, table, sweep)
+
+
+def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
+    """Read back what `Scene.text` gave of a scene of that kind, as a Result keeps it.
+
+    File names are relative to the folder of the packaged scenes for one of these, else to the
+    current folder. Raises SceneError as `load_scene`.
+    """
+    try:
+        raw = json.loads(text)
+    except ValueError:
+        raw = None
+    if not isinstance(raw, dict) or raw.get("kind") != kind:
+        raise SceneError(name, [("", "the result does not say its scene; run it again")])
+    table = _read_kind(name, raw)
+    packaged = packaged_scenes().get(name)
+    folder = packaged.parent if packaged else Path()
+    wrong = list(table.faults(folder))
+    if wrong:
+        raise SceneError(name, wrong)
+    return Scene(name, folder, table)
 
 
 def packaged_scenes() -> dict[str, Path]:
     """Name and file of each scene that comes with the package."""
+    return {path.stem: path for path in sorted(packaged_folder().glob("*.toml"))}
+
+
+def times_of_scenes() -> dict[str, float]:
+    """About how many seconds packaged scenes take, as it was measured once; 0 for less than one."""
+    return json.loads((packaged_folder() / "times.json").read_text(encoding="utf-8"))
+
+
+def packaged_folder() -> Path:
+    """Where the scenes are that come with the package: in it, or beside it in a checkout."""
     package = Path(__file__).parents[1]
     inside = package / "problems"
-    folder = inside if inside.is_dir() else package.parent / "problems"
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return inside if inside.is_dir() else package.parent / "problems"
+
+
+def _raw(
+    source: Scene[Any] | str | Path | Mapping[str, Any],
+) -> tuple[str, str, Path, dict[str, Any]]:
+    """What messages call a scene, its name, its folder, and its tables as they were written."""
+    if isinstance(source, Scene):
+        raw = json.loads(source.text)
+        raw |= {"sweep": msgspec.to_builtins(source.sweep)} if source.sweep else {}
+        return source.name, source.name, source.folder, raw
+    if isinstance(source, Mapping):
+        return "scene", "scene", Path(), as_toml(source)
+    file = str(source)
+    path = _find(file)
+    # A file name need not be valid text; results and reports must be.
+    return file, path.stem.encode(errors="replace").decode(), path.parent, _parse(file, path)
 
 
 def _find(file: str) -> Path:
@@ -120,9 +193,16 @@ def _find(file: str) -> Path:
             raise SceneError(file, [("", "is not a file; name a .toml file")])
     except OSError as error:
         raise SceneError(file, [("", f"cannot be read: {error.strerror}")]) from error
-    close = get_close_matches(file, packaged, n=1)
+    close = _near(path) or get_close_matches(file, packaged, n=1)
     hint = f"did you mean {close[0]}?" if close else "`wormopt list` names the packaged scenes"
     raise SceneError(file, [("", f"there is no such file or packaged scene; {hint}")])
+
+
+def _near(path: Path) -> list[str]:
+    """TOML files beside a path that does not exist which may be meant."""
+    beside = {str(path.parent / found.name): found for found in path.parent.glob("*.toml")}
+    exact = f"{path}.toml"
+    return [exact] if exact in beside else get_close_matches(str(path), beside, n=1, cutoff=0.8)
 
 
 def _parse(file: str, path: Path) -> dict[str, Any]:
@@ -139,66 +219,21 @@ def _parse(file: str, path: Path) -> dict[str, Any]:
     raise SceneError(file, [("", message)])
 
 
-def _override(file: str, raw: dict[str, Any], overrides: Iterable[str]) -> None:
-    """Change raw tables in place."""
-    faults = [fault for text in overrides for fault in _override_one(raw, text)]
-    if faults:
-        raise SceneError(file, faults)
-
-
-def _override_one(raw: dict[str, Any], text: str) -> Iterator[Fault]:
-    path, equals, value = text.partition("=")
-    path = path.strip()
-    keys = re.sub(r"\[(\d+)\]", r".\1", path).split(".")  # tracker[0].gain or tracker.0.gain
-    if not equals or not all(keys):
-        yield path or "--set", f"{text!r} does not read key=value, worm.links=3 say"
-        return
-    try:
-        value.encode()  # arguments need not be text; what they are kept as cannot be saved
-        parsed = tomllib.loads(f"value = {value}")
-    except (ValueError, RecursionError):
-        parsed = {}
-    if parsed.keys() != {"value"}:
-        yield path, f"{value!r} is no TOML value; put text in quotes: --set '{path}=\"...\"'"
-        return
-    try:
-        _set(raw, keys, parsed["value"])
-    except ValueError as error:
-        yield path, str(error)
-    except RecursionError:
-        yield path, "is nested too deeply"
-
-
-def _set(inside: Any, keys: list[str], value: Any, name: str = "") -> None:
-    """Set what a path of keys and, in lists, of indices leads to; tables on the way may be new."""
-    key, *rest = keys
-    place: Any = key
-    if isinstance(inside, list):
-        place = int(key) if key.isdecimal() else len(inside)
-        if place >= len(inside):
-            raise ValueError(f"{name} is a list; its entries are {name}.0 to {len(inside) - 1}")
-    elif not isinstance(inside, dict):
-        what = f"{name} is not a table or list; give all of it: {name}=[...]"
-        raise ValueError(what)  # noqa: TRY004  a fault of the user's
-    if not rest:
-        inside[place] = value
-        return
-    if isinstance(inside, dict):
-        inside.setdefault(place, {})
-    _set(inside[place], rest, value, f"{name}.{key}" if name else key)
-
-
-def _read_kind(file: str, raw: dict[str, Any]) -> SceneTable:
+def _read_kind(file: str, raw: dict[str, Any]) -> tuple[SceneTable, Swept | None]:
     kind = raw.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         what = f"{kind!r} is no kind of scene" if "kind" in raw else "missing"
+        close = near(kind) if isinstance(kind, str) else ""
+        what += f'; did you mean "{close}"? Else' if close else ";"
         allowed = ", ".join(f'"{name}"' for name in KINDS)
-        raise SceneError(file, [("kind", f"{what}; write one of {allowed}")])
+        raise SceneError(file, [("kind", f"{what} write one of {allowed}")])
     faults: list[Fault] = []
-    table = read_table(raw, KINDS[kind].load_table(), "", faults)
-    if table is None:
+    sweep = raw.pop("sweep", None)
+    swept = None if sweep is None else read_value(sweep, Swept, "sweep", "", faults)
+    table = read_table(raw, KINDS[kind].load_table(), "", raw.get("units", ""), faults)
+    if table is None or faults:
         raise SceneError(file, faults)
-    return table
+    return table, swept
 
 
 def _without_none(value: Any) -> Any:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin
 
 from msgspec import Meta, Struct
 
@@ -24,9 +24,26 @@ def _words(description: str) -> Meta:
     return Meta(description=description)
 
 
-def says(quantity: str, meaning: str) -> Meta:
-    """What a key means, in Markdown, and its quantity: a name of `wormopt.quantities`, or ""."""
-    return Meta(extra={"quantity": quantity, "meaning": meaning})
+def says(quantity: str, meaning: str, usual: tuple[float, float] | None = None) -> Meta:
+    """What a key means, in Markdown, and its quantity: a name of `wormopt.quantities`, or "".
+
+    `usual` are the sizes in SI of which nobody is warned, where not those of the quantity.
+    """
+    return Meta(extra={"quantity": quantity, "meaning": meaning, "usual": usual})
+
+
+def said_of(kind: Any) -> dict[str, Any]:
+    """What `says` says, by the type of a key; empty where nothing is said."""
+    if get_origin(kind) is not Annotated:
+        return {}
+    said = [meta.extra for meta in get_args(kind)[1:] if meta.extra]
+    return said[-1] if said else {}
+
+
+def meaning(kind: Any) -> tuple[str, str]:
+    """Quantity and meaning of a key, by its type; "" where there is none."""
+    said = said_of(kind)
+    return said.get("quantity", ""), said.get("meaning", "")
 
 
 Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST), _words("a finite number")]
@@ -84,6 +101,13 @@ Title = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]*$"), _words("text in quo
 class Table(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of all tables of a scene: unchangeable data, unknown keys are errors."""
 
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What trust reports say of the table, beside what was found."""
+        below = (getattr(self, name) for name in self.__struct_fields__)
+        tables = [table for table in below if isinstance(table, Table)]
+        return {key: fact for table in tables for key, fact in table.facts.items()}
+
 
 class SceneTable(Table, frozen=True, kw_only=True):
     """Keys that every scene shares, and the numbers that its results hold."""
@@ -92,6 +116,8 @@ class SceneTable(Table, frozen=True, kw_only=True):
     """Name: quantity, meaning."""
     variables: ClassVar[Mapping[str, tuple[str, tuple[str, ...], str]]] = {}
     """Name: quantity, dimensions, long name."""
+    headline: ClassVar[tuple[str, ...]] = ()
+    """Scalars that answer what was asked, told first; the first five declared if empty."""
 
     schema: Annotated[Literal[1], says("", "version of the scene form")]
     kind: Annotated[str, says("", "what the scene computes")]

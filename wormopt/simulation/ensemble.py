@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.model.model import Model
 from wormopt.progress import Report, silent
+from wormopt.shown import lines
 from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
@@ -63,6 +64,11 @@ class Ensemble:
     states: np.ndarray
     motions: tuple[Trajectory, ...]
     codes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        given_up = sum(code != "" for code in self.codes)
+        told = f"Ensemble of {len(self.codes)} motions, {given_up} of them not to the end"
+        return lines(told, repr(self.motions[0]).partition("\n")[0] if self.motions else "")
 
     @property
     def end(self) -> np.ndarray:

@@ -117,6 +117,14 @@ class Trajectory(SampledMotion):
     n_evaluations: int = 0
     dense: Dense | None = None
 
+    __repr__ = SampledMotion.__repr__
+
+    @property
+    def _title(self) -> str:
+        how = "exact" if self.system.exact else "smooth"
+        counts = f"{len(self.events)} events, {self.n_steps} steps"
+        return f"Trajectory of {self.system.model.name} ({how}, {self.route}; {counts})"
+
     @cached_property
     def _rows(self) -> dict[str, slice]:
         signals = self.system.model.x

@@ -39,8 +39,8 @@ def chain(
 ) -> Model:
     """Build n+1 point masses in a row that n visco-elastic links with actuators join, (8)-(12).
 
-    With l_j = x_{j-1} - x_j and mu_j = c_j (l_j - l0_j) + d_j l_j' - u_j, mu_0 = mu_{n+1} = 0,
-    m_i x_i'' = F_i - k_i x_i' - Gamma_i + mu_i - mu_{i+1}, where F_i is the contact's force and
+    With l_j = x_j - x_{j+1} and mu_j = c_j (l_j - l0_j) + d_j l_j' - u_j, mu_{-1} = mu_n = 0,
+    m_i x_i'' = F_i - k_i x_i' - Gamma_i + mu_{i-1} - mu_i, where F_i is the contact's force and
     the head has the number 0. Link forces pull their two masses together where mu_j > 0.
 
     Stored energy (kinetic and elastic) changes by the power of the inputs, sum_j u_j l_j', less

@@ -34,7 +34,7 @@ class CrawlLimits:
 
 @dataclass(frozen=True)
 class Aim:
-    """What a crawl is to be good at: speed, or cost of transport if `maximise` is None.
+    """What a crawl is to be good at: speed, or energy by mass and way if `maximise` is None.
 
     The latter is the positive work of the actuators over mass and way, at a mean speed of at
     least `speed`; raises ArgumentError if that is missing.
@@ -54,7 +54,7 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
     """State the periodic crawl of a chain: velocities return, positions up to the advance.
 
     `plant` is from `chain`, or several from `copies`. The tail starts at 0; bounds have the
-    names of scene keys. Raises ArgumentError for cost of transport without ``mass``.
+    names of scene keys. Raises ArgumentError where energy is the cost without ``mass``.
     """
     plant = replace(plant, u=[replace(u, lower=-limits.force, upper=limits.force) for u in plant.u])
     costs = aim.maximise is None
@@ -153,7 +153,7 @@ def _transport(plant: Model, speeds: ca.SX) -> _Cost:
     masses = [s.symbol for s in plant.p if s.name == "mass"]
     if not masses:
         raise ArgumentError(
-            f"the cost of transport needs the parameter mass; {plant.name} has none"
+            f"energy by mass and way needs the parameter mass; {plant.name} has none"
         )
     mass = ca.sum1(ca.vertcat(*masses))
     return _Cost(ca.sum1(spent.symbol) / mass / speeds.numel(), bounds, (spent,))

@@ -59,7 +59,7 @@ def measure_power(model: Model) -> Model:
     """
     u, rate, v = model["input"], model["rate"], model["velocity"]
     spring, links = model["spring_force"], rate.numel()
-    # the spring force is c (l - l0) + d l', and l_j' = v_{j-1} - v_j
+    # the spring force is c (l - l0) + d l', and l_j' = v_j - v_{j+1}
     damping = ca.diag(ca.jacobian(spring, v)[:, :links])
     lost = ca.dot(damping, rate**2)
     lost += ca.dot(model["drag"] * v + model["load"], v)
@@ -369,7 +369,7 @@ def judged(model: Model, tube: TubeTable) -> Model:
 def judged_numbers(motion: Trajectory, tube: TubeTable) -> dict[str, Any]:
     """Numbers of a `judged` motion, from time 0 on, by their names in a Result.
 
-    Work and cost of transport count the positive power of each actuator, ``net_work`` all of it.
+    ``work`` and what is made of it count the positive power of each actuator, ``net_work`` all.
     """
     seen, chain = _seen(motion), chain_numbers(motion)
     missed, work, net_work, spent = (
@@ -389,6 +389,8 @@ def judged_numbers(motion: Trajectory, tube: TubeTable) -> dict[str, Any]:
         "input_integral": spent,
         "work": work,
         "net_work": net_work,
-        "cost_of_transport": work / (float(seen["mass"][0]) * distance) if distance > 0 else None,
+        "energy_per_mass_distance": work / (float(seen["mass"][0]) * distance)
+        if distance > 0
+        else None,
     }
     return {name: found[name] for name in (*JUDGED, *chain)}

@@ -109,7 +109,7 @@ def fit_currents(
     tries: list[dict[str, object]] = []
     best: Solution | None = None
     for k, (offset, currents) in enumerate(guesses):
-        report(f"start {k + 1} of {starts}", k / starts)
+        report(f"{k} of {starts} starts done", k / starts)
         field = (made.field @ currents).ravel() / math.sqrt(scale)
         w0 = np.concatenate([currents / unit, [offset], field])
         found = nlp.solve(np.clip(w0, bounds.lbw, bounds.ubw), bounds, options or Ipopt())

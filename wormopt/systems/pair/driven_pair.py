@@ -86,7 +86,7 @@ class FieldAim:
 class Orbit:
     """One period of a motion, from exact simulation."""
 
-    start: np.ndarray  # (4,) positions and velocities; mass 1 is at 0
+    start: np.ndarray  # (4,) positions and velocities; mass 0 is at 0
     speed: float  # advance over period
     strain: float  # largest |x_2 - x_1|
     work: float  # net work of the field
@@ -138,7 +138,7 @@ def relative(state: np.ndarray) -> np.ndarray:
 
 
 def from_origin(state: np.ndarray) -> np.ndarray:
-    """The same state (4,) with mass 1 at 0."""
+    """The same state (4,) with mass 0 at 0."""
     return np.concatenate([state[:2] - state[0], state[2:]])
 
 

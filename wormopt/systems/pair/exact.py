@@ -69,7 +69,7 @@ def magnetic_pair(
     >>> law = Coulomb(0.5 * eps, 1.0 * eps)
     >>> pair = magnetic_pair(law=law, push=eps, frequency=math.sqrt(2) + 0.5 * eps)
     >>> pair.n_x, [contact.name for contact in pair.contacts]
-    (4, ['mass 1', 'mass 2'])
+    (4, ['mass 0', 'mass 1'])
     """
     parts = pair_parts(law, mass, stiffness, push, frequency, cosines)
     x, v = ca.SX.sym("x", 2), ca.SX.sym("v", 2)
@@ -129,7 +129,7 @@ class PairParts:
         `nominal_force`: usual friction.
         """
         return [
-            Contact(f"mass {i + 1}", velocities[i], self.forces[i], law, nominal_force)
+            Contact(f"mass {i}", velocities[i], self.forces[i], law, nominal_force)
             for i, law in enumerate(self.laws)
         ]
 

@@ -61,7 +61,7 @@ _TOPS, _OTHERS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1), 4
 
 
 def waveform_problem(pair: Model, limits: FieldLimits, aim: FieldAim) -> Problem:
-    """State the periodic motion of a pair under the best field, with mass 1 at 0 at the start.
+    """State the periodic motion of a pair under the best field, with mass 0 at 0 at the start.
 
     Velocities return, positions up to the advance. Net work of the field: friction's loss.
     The phase is free; with a slope the field is a state and its rate the input.
@@ -157,7 +157,7 @@ def first_harmonic(field: Gait) -> tuple[float, float]:
 
 
 def check_strain(limits: FieldLimits, push: float, forward: float) -> None:
-    """Refuse a strain at which the link cannot draw mass 1, of friction `forward`, forward.
+    """Refuse a strain at which the link cannot draw mass 0, of friction `forward`, forward.
 
     To gather speed forward it must be drawn with more than its friction and the field that pushes
     it back; and if it never gathers any, these are what the mean force of the link makes up for.
@@ -166,7 +166,7 @@ def check_strain(limits: FieldLimits, push: float, forward: float) -> None:
     strain, least = limits.strain, push * (limits.field[0] + forward)
     if strain is not None and strain <= least:
         raise SolveError(
-            f"limits.strain {strain:.6g} lets nothing move: the link draws mass 1 forward, against "
+            f"limits.strain {strain:.6g} lets nothing move: the link draws mass 0 forward, against "
             f"friction and the least field, only at strains above {least:.6g}",
             f"write limits.strain above {least:.6g}, or weaker friction forward",
         )

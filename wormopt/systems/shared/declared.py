@@ -131,7 +131,7 @@ JUDGED: Scalars = {
     **{name: CHAIN[name] for name in ("input_rms", "input_peak", "distance", "mean_speed")},
     "work": ("energy", "of the actuators: positive power of each, nothing recovered"),
     "net_work": ("energy", "of the actuators: what flows back too"),
-    "cost_of_transport": (
+    "energy_per_mass_distance": (
         "acceleration",
         "`work` by total mass and distance; unknown where the worm does not advance",
     ),
@@ -169,3 +169,13 @@ OPTIMUM: Scalars = {
     "phase_times": ("time", "times at which phases begin, and the end"),
 }
 """What is told of every optimal motion."""
+
+COST_OF_TRANSPORT: Scalars = {
+    "cost_of_transport": (
+        "1",
+        'energy by weight and distance, with `units = "SI"` only: a dimensionless scene has no '
+        "gravity. The weight is that under standard gravity, which the trust report names among "
+        "its `assumptions`; unknown where the energy is",
+    ),
+}
+"""What scenes in SI units tell besides energies."""

@@ -57,7 +57,7 @@ def travelling_sine(
     amplitude: float = 0.6,
     lag: float = 1 / 3,
 ) -> Gait:
-    """Sine that runs from link to link, l_j = l0 + A sin(2 pi (t/T - j lag)), chapter 2.4.
+    """Sine that runs from link to link, l_j = l0 + A sin(2 pi (t/T - (j + 1) lag)).
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def travelling_sine(
     rest_length, amplitude : float, optional
         Mean length l0 and amplitude A of every link.
     lag : float, optional
-        By how much of a period each link is behind the one ahead of it; link 1 itself lags by
+        By how much of a period each link is behind the one ahead of it; link 0 itself lags by
         as much.
 
     Returns
@@ -118,7 +118,7 @@ def block_wave(
     moves = np.array(
         [[i not in rest for i in range(links + 1)] for rest in block_wave_sequence(links, resting)]
     )
-    changes = -np.diff(moves.astype(float), axis=1)  # l_j = x_{j-1} - x_j, in strokes per phase
+    changes = -np.diff(moves.astype(float), axis=1)  # l_j = x_j - x_{j+1}, in strokes per phase
     return _strokes(changes * (long - short), period, length, profile, ramp)
 
 

@@ -2,8 +2,7 @@
 
 Between instants at which the resting masses change, everything is a smooth explicit function of
 time. The instants are roots of such functions, and gliding (mode 1) is a linear equation whose
-solution is one integral. Nothing is stepped through time. How several resting masses share the
-spike load, which statics leaves open, is a rule.
+solution is one integral. Nothing is stepped through time.
 """
 
 from __future__ import annotations
@@ -11,15 +10,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
-from wormopt.errors import ArgumentError
+from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.gait import Gait
+from wormopt.model.motion import SampledMotion
 from wormopt.numerics.chebyshev import Series, resolve
 from wormopt.numerics.roots import root
 from wormopt.systems.spiked.limits import Sharing
+from wormopt.systems.spiked.sharing import share_load
 from wormopt.systems.spiked.stretches import (
     Drive,
     Stretch,
@@ -30,7 +30,7 @@ from wormopt.systems.spiked.stretches import (
 
 
 @dataclass(frozen=True, eq=False)
-class Crawl:
+class Crawl(SampledMotion):
     """Periodic motion of a worm with spikes under a rigidly prescribed gait."""
 
     gait: Gait
@@ -58,6 +58,37 @@ class Crawl:
         }
         edges = np.cumsum([0, *sizes.values()])
         return {k: slice(int(a), int(b)) for k, a, b in zip(sizes, edges, edges[1:], strict=False)}
+
+    __repr__ = SampledMotion.__repr__
+
+    @property
+    def _title(self) -> str:
+        masses = len(self.drive.mass)
+        return f"Crawl of {masses} masses (speed {self.speed:.6g}, at rest {self.resting_sequence})"
+
+    @cached_property
+    def _sampled(self) -> dict[str, np.ndarray]:
+        return self.sample()
+
+    @property
+    def time(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Some 600 instants (m,) of a period, both sides of every jump."""
+        return self._sampled["time"]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its signals."""
+        return tuple(name for name in self._sampled if name != "time")
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Samples (rows, m) of a signal of `sample`, at `time`."""
+        if name not in self.names:
+            raise UnknownNameError("the motion", "signal", [name], self.names)
+        return self._sampled[name]
+
+    def dimension(self, name: str) -> str:
+        """Name of the dimension of a signal's rows."""
+        return "link" if len(self[name]) == self.gait.links else "mass"
 
     def quantities(self, stretch: Stretch, s: np.ndarray) -> np.ndarray:
         """All signals of a stretch at times `s` (m,) since its piece began, shape (rows, m).
@@ -358,69 +389,3 @@ def crawl(
         raise ArgumentError(f"{gait.links} links join {gait.links + 1} masses, not {len(mass)}")
     drive = Drive(gait, np.asarray(mass, dtype=float), drag, load, sharing, spike_load)
     return Crawl(gait, *periodic_stretches(drive), drive)
-
-
-def share_load(
-    total: np.ndarray,
-    unloaded: np.ndarray,
-    resting: Sequence[int],
-    sharing: Sharing,
-    most: Sequence[float] | np.ndarray | float | None = None,
-) -> np.ndarray:
-    """Split the total spike load (m,) over the resting masses: (n+1, m), 0 for those that move.
-
-    `unloaded`: mu_1..mu_{n+1} (n+1, m) from the head without loads. Least actuation: least
-    sum of mu², loads 0 to `most`, or all overloaded alike; "equal" does not heed `most`.
-    """
-    loads, masses = np.zeros_like(unloaded), list(resting)
-    if sharing == "equal" or len(masses) == 1:
-        loads[masses] = total / len(masses)
-        return loads
-    caps = np.broadcast_to(np.inf if most is None else most, len(unloaded))[masses]
-    pushed = np.maximum(total, 0.0)
-    excess = np.maximum(pushed - caps.sum(), 0.0) / len(masses)
-    caps = np.minimum(caps[:, None], pushed) + excess
-    # Behind resting mass k and before the next, every actuator force is unloaded + carried[k].
-    spans = list(pairwise(masses))
-    sums = np.array([unloaded[i:j].sum(axis=0) for i, j in spans])
-    counts = [j - i for i, j in spans]
-    carried = [pushed]
-    wanted = list(_wanted(sums, counts, caps))
-    for want, cap in zip(reversed(wanted), caps[:0:-1], strict=True):
-        carried.append(np.clip(want, carried[-1] - cap, carried[-1]))
-    inner = np.array(carried[:0:-1])
-    loads[masses] = np.diff(inner, axis=0, prepend=0.0 * total[None], append=total[None])
-    return loads
-
-
-def _wanted(sums: np.ndarray, counts: Sequence[int], caps: np.ndarray) -> Iterator[np.ndarray]:
-    """What the first resting masses would carry together, did those behind let them.
-
-    The least sum of squares ahead is a convex function of the load carried so far; its slope is
-    piecewise linear, given by knots. One more spike, which takes 0 to its cap, parts the slope
-    at its root and moves what is behind by the cap.
-    """
-    place, slope = np.zeros((1, sums.shape[1])), np.zeros((1, sums.shape[1]))
-    zero = place[0]
-    for total, count, cap in zip(sums, counts, caps[:-1], strict=True):
-        place = np.vstack([place + np.where(slope > 0, cap, 0.0), zero, zero + cap])
-        slope = np.vstack([slope, np.zeros((2, len(zero)))])
-        order = np.lexsort((slope, place), axis=0)
-        place, slope = (np.take_along_axis(knots, order, axis=0) for knots in (place, slope))
-        slope = slope + count * place + total
-        zero = _zero_of(place, slope)
-        yield zero
-
-
-def _zero_of(place: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Root of ascending piecewise linear functions, or the end of their range nearest to one."""
-    last = len(place) - 1
-    above = np.minimum((slope < 0).sum(axis=0), last)
-    below = np.maximum(above - 1, 0)
-    x0, x1, y0, y1 = (
-        np.take_along_axis(knots, at[None], axis=0)[0]
-        for knots in (place, slope)
-        for at in (below, above)
-    )
-    rise = np.where(y1 > y0, y1 - y0, 1.0)
-    return np.clip(x0 - y0 * (x1 - x0) / rise, x0, x1)

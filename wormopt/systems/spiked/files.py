@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from wormopt.errors import ArgumentError
+import numpy as np
+
+from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.gait import Gait
 from wormopt.result import Result
 
@@ -17,20 +19,35 @@ _DIMS = {
 }
 
 
-def gait_of_result(result: Result) -> Gait:
-    """Read the gait out of a Result; raises ArgumentError if it holds none."""
+def gait_of_result(result: Result, point: int | None = None) -> Gait:
+    """Read the gait out of a Result, or that of a point of a front; ArgumentError if none."""
+    if point is not None:
+        return _gait_of_point(result, point)
     if "gait_polynomial" not in result:
         raise ArgumentError(f"the result of scene {result.scene!r} holds no gait")
     return Gait(**{k: result[f"gait_{k}"].values for k in _DIMS if f"gait_{k}" in result})
 
 
-def load_gait(path: str | Path) -> Gait:
-    """Load a gait from a CSV table (t, l_1..l_n) or from a saved Result.
+def _gait_of_point(result: Result, point: int) -> Gait:
+    if "front_gait_polynomial" not in result:
+        raise ArgumentError(f"the result of scene {result.scene!r} holds no front; leave out point")
+    breaks, pieces = (result[f"front_gait_{name}"].values for name in ("breaks", "polynomial"))
+    if point not in range(len(breaks)):
+        where = f"the front of scene {result.scene!r}"
+        raise UnknownNameError(where, "point", [point], map(str, range(len(breaks))))
+    own = breaks[point][np.isfinite(breaks[point])]
+    return Gait(own, pieces[point][: len(own) - 1])
+
+
+def load_gait(path: str | Path, point: int | None = None) -> Gait:
+    """Load a gait from a CSV table (t, l_0, l_1, ...) or from a saved Result.
 
     Parameters
     ----------
     path : str or Path
         A ``.csv`` file, a ``result.nc``, or a result's folder.
+    point : int, optional
+        Of a front (kind ``gait-pareto``) the point, from 0, the slowest; its knee if left out.
 
     Returns
     -------
@@ -41,9 +58,11 @@ def load_gait(path: str | Path) -> Gait:
     OSError
         If the file cannot be read.
     ArgumentError
-        If it is neither a gait table nor a result with a gait.
+        If it is neither a gait table nor a result with a gait, or has no such point.
     """
     path = Path(path)
     if path.suffix.lower() == ".csv":
+        if point is not None:
+            raise ArgumentError("a gait table holds one gait; leave out point")
         return Gait.from_csv(path)
-    return gait_of_result(Result.load(path))
+    return gait_of_result(Result.load(path), point)

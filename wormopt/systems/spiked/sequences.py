@@ -123,20 +123,36 @@ def neighbours(
         yield 1, tuple(word[i] for i in turn), list(turn)
 
 
-def lasting(sequence: Sequence_, durations: Sequence[float]) -> tuple[Sequence_, tuple[float, ...]]:
-    """Phases that last, and how long; equal phases on either side of a gap become one.
+def lasting_phases(
+    sequence: Sequence_, durations: Sequence[float], share: float = _NOTHING
+) -> list[list[int]]:
+    """Which phases last, those that are one together; each by its indices.
 
-    Some of `durations` may be 0.
+    Phases of at most `share` of the cycle are none, and equal phases on either side of one, also
+    round the period, are one.
     """
-    found: list[tuple[Resting, float]] = []
-    for resting, duration in zip(sequence, durations, strict=True):
-        if duration <= _NOTHING * sum(durations):
+    found: list[list[int]] = []
+    for k, duration in enumerate(durations):
+        if duration <= share * sum(durations):
             continue
-        if found and found[-1][0] == resting:
-            found[-1] = resting, found[-1][1] + duration
+        if found and sequence[found[-1][0]] == sequence[k]:
+            found[-1].append(k)
         else:
-            found.append((resting, duration))
-    if len(found) > 2 and found[0][0] == found[-1][0]:  # round the period
-        found[0] = found[0][0], found[0][1] + found.pop()[1]
-    sets, times = zip(*found, strict=True)
-    return sets, times
+            found.append([k])
+    if len(found) > 1 and sequence[found[0][0]] == sequence[found[-1][0]]:
+        found[0] = found.pop() + found[0]
+    return found
+
+
+def lasting(sequence: Sequence_, durations: Sequence[float]) -> tuple[Sequence_, tuple[float, ...]]:
+    """Phases that last, and how long, see `lasting_phases`; some of `durations` may be 0."""
+    phases = lasting_phases(sequence, durations)
+    sets = tuple(sequence[phase[0]] for phase in phases)
+    return sets, tuple(sum(durations[k] for k in phase) for phase in phases)
+
+
+def repetition(sequence: Sequence_) -> int:
+    """Phases after which a cycle repeats its resting masses; all of them where it does not."""
+    count = len(sequence)
+    parts = (k for k in range(2, count) if count % k == 0)
+    return next((k for k in parts if sequence[k:] + sequence[:k] == sequence), count)

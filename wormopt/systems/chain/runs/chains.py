@@ -117,7 +117,7 @@ def build_chain(
         rest_length=links.rest_length,
         law=laws_of(worm) or None,
         drag=worm.drag,
-        load=worm.load,
+        load=worm.pull,
         position=position,
         velocity=start.velocity,
         length_nominal=length_nominal,
@@ -261,7 +261,7 @@ def labels(trackers: Sequence[Tracker]) -> list[str]:
     found = [tracker.name or _default_name(tracker) for tracker in trackers]
     counts = Counter(found)
     return [
-        f"{name}, no. {found[: k + 1].count(name)}" if counts[name] > 1 else name
+        f"{name}, no. {found[:k].count(name)}" if counts[name] > 1 else name
         for k, name in enumerate(found)
     ]
 

@@ -48,7 +48,7 @@ _COLUMNS = {
     "mean_speed": "mean speed",
     "work": "work spent",
     "net_work": "net work",
-    "cost_of_transport": "cost of transport",
+    "energy_per_mass_distance": "work by mass and distance",
 }
 
 

@@ -40,6 +40,7 @@ from wormopt.systems.shared.optimum import (
     warnings_of_reading,
 )
 from wormopt.systems.shared.signals import chain_expressions
+from wormopt.systems.shared.transport import assumed, cost_of_transport
 
 _SHOWN = ("length", "velocity", "contact_force", "input")
 # Relaxation of complementarity, in usual speeds times usual forces: it only has to show the phases.
@@ -85,7 +86,7 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
         _signals(exact.motion, bool(table.robust)) | (convergence.variables if convergence else {}),
         objective="acceleration" if table.aim.minimise else None,
         checks=[kept, *more],
-        facts={"starts": [*tries]},
+        facts={"starts": [*tries]} | ({} if table.robust else assumed(table.units)),
         warnings=_warnings(table, stages, convergence),
         timings={"optimise": solved - begin, "check": time.perf_counter() - solved},
         shown=_SHOWN,
@@ -208,7 +209,8 @@ def _numbers(
         "advance": float(np.mean(advances)),
     }
     if not table.robust:
-        found["cost_of_transport"] = _work(plant, motion) / advances[0]
+        energy = _work(plant, motion) / advances[0]
+        found |= {"energy_per_mass_distance": energy} | cost_of_transport(energy, table.units)
     return found
 
 

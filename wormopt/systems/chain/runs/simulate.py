@@ -117,6 +117,12 @@ def run(scene: Scene[SimulateScene], report: Report) -> Result:
     )
 
 
+def models_of(scene: Scene[SimulateScene]) -> dict[str, Model]:
+    """Make the model that is simulated; raises SceneError as `run`."""
+    worm = scene.table.worm
+    return {"": load_model(scene) if worm is None else _driven_chain(scene, worm)}
+
+
 # -- chains --------------------------------------------------------------------------------------
 
 

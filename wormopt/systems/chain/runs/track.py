@@ -10,6 +10,7 @@ import numpy as np
 
 from wormopt.errors import Interrupted, SolveError
 from wormopt.model.gait import Gait
+from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
@@ -108,6 +109,15 @@ def _follow(
     except Interrupted as stop:
         raise Interrupted(Tracked(label, tracker, loop, stop.partial)) from None
     return Tracked(label, tracker, loop, motion)
+
+
+def models_of(scene: Scene[TrackScene]) -> dict[str, Model]:
+    """Make the closed loop of every tracker, by its label; links are the first that are drawn."""
+    table = scene.table
+    gait = gait_of_shape(table.reference.gait, scene, "reference.gait")
+    links = draw_links(table.worm, table.time.end)
+    names = labels(table.trackers)
+    return {name: build_loop(scene, k, gait, links) for k, name in enumerate(names)}
 
 
 # -- what is said of the motions -----------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta
 
@@ -19,6 +19,13 @@ from wormopt.scene.types import (
     per,
     says,
     wrong_count,
+)
+from wormopt.systems.shared.incline import (
+    Gravity,
+    Inclined,
+    faults_of_slope,
+    told_of_slope,
+    weights,
 )
 
 # A path of a random parameter may have so many pieces: more would fill the memory.
@@ -176,6 +183,8 @@ class ChainTable(Table, frozen=True, kw_only=True):
         FinitePerMass,
         says("force", "*Γ*<sub>i</sub>, force against forward motion; negative downhill"),
     ] = 0.0
+    slope: Inclined = 0.0
+    gravity: Gravity = None
     friction: Annotated[
         Friction | tuple[Friction, ...] | None,
         says(
@@ -195,8 +204,26 @@ class ChainTable(Table, frozen=True, kw_only=True):
             return self.friction
         return (self.friction,) * (self.links + 1)
 
-    def faults(self, horizon: float) -> Iterator[Fault]:
-        """Yield what is wrong between the keys of this table, for a motion as long as `horizon`."""
+    @property
+    def pull(self) -> float | tuple[float, ...]:
+        """Load and weight of each mass along the ground, against forward motion."""
+        if not self.slope:
+            return self.load
+        masses, loads = (per(given, self.links + 1) for given in (self.mass, self.load))
+        pull = weights(self.slope, self.gravity, masses)
+        return tuple(map(sum, zip(loads, pull, strict=True)))
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What its weight does."""
+        return told_of_slope(self.slope, self.gravity, per(self.mass, self.links + 1))
+
+    def faults(self, horizon: float, units: str) -> Iterator[Fault]:
+        """Yield what is wrong between the keys of this table.
+
+        `horizon` is how long it moves, `units` are the scene's.
+        """
+        yield from faults_of_slope(self.slope, self.gravity, units)
         for name in ("mass", "drag", "load"):
             yield from wrong_count(f"worm.{name}", getattr(self, name), self.links + 1, "masses")
         for name in ("stiffness", "damping", "rest_length"):

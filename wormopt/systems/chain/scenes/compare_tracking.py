@@ -142,6 +142,7 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
     `optimise`, `simulate`, `know`.
     """
 
+    headline: ClassVar = ("tube_radius", "draws", "draws_failed", "draws_outside", "distance")
     scalars: ClassVar = JUDGED | {
         "tube_radius": ("length", "*λ*"),
         "draws": ("count", "plants that are not as believed"),
@@ -223,7 +224,7 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         links = self.worm.links
-        yield from self.worm.faults(self.time.end)
+        yield from self.worm.faults(self.time.end, self.units)
         yield from self.start.faults(links)
         yield from self.relaxation.faults()
         yield from wrong_order("crawl.length", self.crawl.length, may_be_equal=False)
@@ -243,6 +244,8 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
     def _faults_of_draws(self) -> Iterator[Fault]:
         if self.worm.random is not None:
             yield "worm.random", "plants vary by [draws] here; leave the table out"
+        if self.worm.slope:
+            yield "worm.slope", "masses are drawn here, their weights are not; write worm.load"
         if not isinstance(self.worm.friction, CoulombFriction):
             yield "worm.friction", 'is compared with kind = "coulomb", one table for all masses'
         if self.draws.known > self.draws.members:

@@ -23,7 +23,7 @@ from wormopt.scene.types import (
     wrong_order,
 )
 from wormopt.systems.chain.scenes.chain import ChainTable
-from wormopt.systems.shared.declared import CHAIN_SIGNALS, INSTANT, OPTIMUM, over
+from wormopt.systems.shared.declared import CHAIN_SIGNALS, COST_OF_TRANSPORT, INSTANT, OPTIMUM, over
 from wormopt.systems.spiked import why_unreadable
 
 
@@ -64,7 +64,7 @@ class AimTable(Table, frozen=True, kw_only=True):
         Literal["speed"] | None, says("", "mean speed − `effort` · mean of |*u*|²")
     ] = None
     minimise: Annotated[
-        Literal["cost_of_transport"] | None,
+        Literal["energy_per_mass_distance"] | None,
         says("", "positive work of the actuators over mass and way; `speed` is required then"),
     ] = None
     effort: Annotated[NonNegative, says("", "weight of the squared inputs, for `maximise`")] = 0.0
@@ -76,7 +76,10 @@ class AimTable(Table, frozen=True, kw_only=True):
         `robust`: several draws of the worm are optimised for.
         """
         if (self.maximise is None) == (self.minimise is None):
-            yield "aim", 'write maximise = "speed" or minimise = "cost_of_transport", one of both'
+            yield (
+                "aim",
+                'write maximise = "speed" or minimise = "energy_per_mass_distance", one of both',
+            )
         elif self.minimise and self.speed is None:
             yield "aim.speed", "missing; the cheapest crawl rests: write the least mean speed"
         elif self.minimise and self.effort:
@@ -159,6 +162,15 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
     programs), `optimise` and `check`.
     """
 
+    headline: ClassVar = (
+        "speed",
+        "speed_simulated",
+        "cost_of_transport",
+        "objective",
+        "time",
+        "input_peak",
+        "mode_sequence",
+    )
     scalars: ClassVar = {
         "speed": ("speed", "mean speed"),
         "speed_simulated": (
@@ -167,10 +179,11 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
             "worm, after many periods",
         ),
         "advance": ("length", "way in a period"),
-        "cost_of_transport": (
+        "energy_per_mass_distance": (
             "acceleration",
             "positive work of the actuators over mass and way; not with `[robust]`",
         ),
+        **COST_OF_TRANSPORT,
         "order_smoothed": ("1", "slope of the errors over the width (convergence)"),
         "order_complementarity": ("1", "slope of the errors over the grid (convergence)"),
         "objective_smoothed": ("speed", "at the least width (convergence)"),
@@ -187,7 +200,8 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
         **OPTIMUM,
         "objective": (
             "speed",
-            "what was minimised; of a speed its negative; the cost of transport is an acceleration",
+            "what was minimised; of a speed its negative; energy by mass and distance counts as an "
+            "acceleration",
         ),
     }
     variables: ClassVar = {
@@ -224,12 +238,14 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
         """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
-        yield from self.worm.faults(1.0)
+        yield from self.worm.faults(1.0, self.units)
         yield from self.limits.faults()
         yield from self.aim.faults(self.robust is not None)
         yield from self.search.faults(folder, self.robust is not None)
         if self.worm.random is not None:
             yield "worm.random", "an optimal crawl is one of a known worm; write [robust] instead"
+        if self.robust is not None and self.worm.slope:
+            yield "worm.slope", "masses are drawn by [robust], not their weights; write worm.load"
         if self.worm.friction is None:
             yield "worm.friction", "missing; without friction no worm crawls"
         if self.robust is not None and "convergence" in self.want:

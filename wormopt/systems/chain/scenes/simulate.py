@@ -50,7 +50,7 @@ class ConstantForce(Table, frozen=True, kw_only=True, tag_field="law", tag="cons
 class HarmonicChange(Table, frozen=True, kw_only=True, tag_field="law", tag="harmonic"):
     """Commanded change of rest length (11): a sine.
 
-    *u*<sub>j</sub> = *c*<sub>j</sub> `amplitude` sin(2π(*t*/`period` − *j* `lag`)).
+    *u*<sub>j</sub> = *c*<sub>j</sub> `amplitude` sin(2π(*t*/`period` − (*j* + 1) `lag`)).
     """
 
     amplitude: Annotated[NonNegativePerLink, says("length", "amplitude")]
@@ -59,7 +59,7 @@ class HarmonicChange(Table, frozen=True, kw_only=True, tag_field="law", tag="har
         Finite,
         says(
             "share",
-            "by how much of a period each link is behind the one ahead of it; link 1 itself lags "
+            "by how much of a period each link is behind the one ahead of it; link 0 itself lags "
             "by as much",
         ),
     ] = 0.0
@@ -113,6 +113,7 @@ class SimulateScene(SceneTable, frozen=True, kw_only=True):
     What the trust report says: [simulations](../scenes.md#the-trust-report-of-a-simulation).
     """
 
+    headline: ClassVar = ("distance", "mean_speed", "input_rms", "input_peak", "x_end", "v_end")
     scalars: ClassVar = CHAIN
     variables: ClassVar = (
         TIME
@@ -180,7 +181,7 @@ class SimulateScene(SceneTable, frozen=True, kw_only=True):
             yield "worm", 'missing; write [worm], or a model: model = "my_worm.py:build"'
 
     def _faults_of_chain(self, worm: ChainTable, folder: Path) -> Iterator[Fault]:
-        yield from worm.faults(self.time.end)
+        yield from worm.faults(self.time.end, self.units)
         if self.parameters is not None:
             yield "parameters", "are those of a model; a worm has its own keys in [worm]"
         if self.start is not None:

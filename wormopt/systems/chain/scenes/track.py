@@ -221,6 +221,14 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
     rests are known for exact contact only.
     """
 
+    headline: ClassVar = (
+        "distance",
+        "mean_speed",
+        "capture_time",
+        "time_outside_tube",
+        "input_rms",
+        "input_peak",
+    )
     scalars: ClassVar = _SCALARS | {
         "distance_quantiles": ("length", "of 5, 25, 50, 75 and 95 % of the members (ensemble)"),
         "captured_share": ("share", "members that are in the tube at the end (ensemble)"),
@@ -286,7 +294,7 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         links = self.worm.links
-        yield from self.worm.faults(self.time.end)
+        yield from self.worm.faults(self.time.end, self.units)
         yield from self.start.faults(links)
         yield from self.reference.gait.faults(links, folder, "reference.gait")
         if not self.trackers:

@@ -105,6 +105,14 @@ class TrackOptimalScene(SceneTable, frozen=True, kw_only=True):
     `recheck` the second route of the simulation.
     """
 
+    headline: ClassVar = (
+        "objective",
+        "capture_time",
+        "time_outside_tube",
+        "error_peak",
+        "input_rms",
+        "distance",
+    )
     scalars: ClassVar = {
         **JUDGED,
         **CHAIN,
@@ -156,7 +164,7 @@ class TrackOptimalScene(SceneTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         links = self.worm.links
-        yield from self.worm.faults(self.time.end)
+        yield from self.worm.faults(self.time.end, self.units)
         yield from self.start.faults(links)
         yield from self.reference.gait.faults(links, folder, "reference.gait")
         yield from self.relaxation.faults()

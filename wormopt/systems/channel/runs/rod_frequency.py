@@ -244,7 +244,7 @@ def _result(scene: Scene[RodFrequencyScene], found: Response, seconds: float) ->
 def _checks(table: RodFrequencyScene, found: Response, best: RodCase) -> Iterator[Check]:
     """Every motion that is refused, the worst of the others, and the best one computed again."""
     fine: dict[str, Check] = {}
-    for number, point in enumerate(dict.fromkeys(found.points), start=1):
+    for number, point in enumerate(dict.fromkeys(found.points)):
         for check in checks_of_motion(point):
             if not check.passed:
                 yield replace(check, name=f"{check.name} of motion {number}")

@@ -20,7 +20,7 @@ from wormopt.systems.film.design.check import CosineBeside, Sampled, check_wave,
 from wormopt.systems.film.design.search import DesignedWave, best_wave
 from wormopt.systems.film.design.wave import WaveAim, WaveLimits, largest_flow
 from wormopt.systems.film.lubrication import surface_velocity
-from wormopt.systems.film.scenes.film_wave import FilmWaveScene, WaveSweepTable
+from wormopt.systems.film.scenes.film_wave import FilmWaveScene, WaveMapTable
 from wormopt.systems.shared.optimum import (
     optimum_facts,
     optimum_timings,
@@ -58,7 +58,7 @@ def run(scene: Scene[FilmWaveScene], report: Report) -> Result:
     wave = waves[-1]
     shape, checks = check_wave(wave, aim)
     cosine = cosine_beside(limits, aim)
-    swept = _sweep(table, table.sweep, limits, report) if table.sweep else {}
+    swept = _sweep(table, table.map, limits, report) if table.map else {}
     return conclude(
         scene,
         _scalars(table, wave, shape, cosine),
@@ -190,7 +190,7 @@ def _variables(wave: DesignedWave, shape: Sampled, cosine: CosineBeside) -> dict
 
 
 def _sweep(
-    table: FilmWaveScene, sweep: WaveSweepTable, limits: WaveLimits, report: Report
+    table: FilmWaveScene, sweep: WaveMapTable, limits: WaveLimits, report: Report
 ) -> dict[str, Any]:
     """Best flow of other films and fields; NaN where no wave is found."""
     assert limits.field is not None

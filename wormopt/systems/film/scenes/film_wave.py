@@ -100,7 +100,7 @@ class WaveSearchTable(Table, frozen=True, kw_only=True):
     ] = 3
 
 
-class WaveSweepTable(Table, frozen=True, kw_only=True):
+class WaveMapTable(Table, frozen=True, kw_only=True):
     """Other films and fields, with `maximise = "mean_flow"`: every tension with every field."""
 
     tension: Annotated[Values | None, says("1", "numbers *W*; that of the film if left out")] = None
@@ -206,7 +206,7 @@ class FilmWaveScene(SceneTable, frozen=True, kw_only=True):
     search: Annotated[WaveSearchTable, says("", "where to begin")] = field(
         default_factory=WaveSearchTable
     )
-    sweep: Annotated[WaveSweepTable | None, says("", "other films and fields")] = None
+    map: Annotated[WaveMapTable | None, says("", "other films and fields")] = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
@@ -228,15 +228,15 @@ class FilmWaveScene(SceneTable, frozen=True, kw_only=True):
             yield "limits.field", 'is what minimise = "field" finds; leave it out'
         if self.mesh.degree < 3:
             yield "mesh.degree", "the field is at least linear on every arc; write 3 or more"
-        if self.sweep is not None:
-            yield from self._faults_of_sweep(self.sweep)
+        if self.map is not None:
+            yield from self._faults_of_map(self.map)
 
-    def _faults_of_sweep(self, sweep: WaveSweepTable) -> Iterator[Fault]:
+    def _faults_of_map(self, table: WaveMapTable) -> Iterator[Fault]:
         if self.aim.maximise != "mean_flow":
-            yield "sweep", 'is for maximise = "mean_flow"; leave it out'
-        if sweep.tension is None and sweep.field is None:
-            yield "sweep", "is empty; write tension = [0.1, 0.03], say, or field = [...]"
+            yield "map", 'is for maximise = "mean_flow"; leave it out'
+        if table.tension is None and table.field is None:
+            yield "map", "is empty; write tension = [0.1, 0.03], say, or field = [...]"
         for name in ("tension", "field"):
-            values = getattr(sweep, name) or ()
+            values = getattr(table, name) or ()
             if len(set(values)) < len(values):
-                yield f"sweep.{name}", "the same number stands there twice; write it once"
+                yield f"map.{name}", "the same number stands there twice; write it once"

@@ -33,12 +33,12 @@ def run(scene: Scene[ResonanceScene], report: Report) -> Result:
     """
     table, begin = scene.table, time.perf_counter()
     pair = pair_of(table.pair, table.averaging.nodes)
-    low, high = table.sweep.detuning
+    low, high = table.frequencies.detuning
     report("averaging", 0.0)
-    branches = branches_of(pair, (low, high), table.sweep.largest)
+    branches = branches_of(pair, (low, high), table.frequencies.largest)
     if not branches:
         raise no_steady_motion(scene, pair.why_none((low + high) / 2 or high))
-    points = points_of(pair, branches, np.linspace(low, high, table.sweep.points))
+    points = points_of(pair, branches, np.linspace(low, high, table.frequencies.points))
     timings, exact = {"follow": time.perf_counter() - begin}, None
     if table.confirm is not None:
         end, periods = table.confirm.time, table.confirm.periods
@@ -141,7 +141,7 @@ def _facts(
     table: ResonanceScene, pair: Pair, branches: list[Branch], points: Points, exact: Exact | None
 ) -> dict[str, Any]:
     rates = rates_of(pair.averages[0])
-    nearest = int(np.argmin(np.abs(points.detuning - table.sweep.detuning[1])))
+    nearest = int(np.argmin(np.abs(points.detuning - table.frequencies.detuning[1])))
     p = rates.parameters({"frequency": pair.frequency(float(points.detuning[nearest]))})
     state = rates.steady(points.x[nearest], p)
     return {

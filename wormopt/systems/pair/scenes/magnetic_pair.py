@@ -168,6 +168,13 @@ class MagneticPairScene(SceneTable, frozen=True, kw_only=True):
     strains of 0.1 a warning says that the law of the material ends.
     """
 
+    headline: ClassVar = (
+        "velocity_steady",
+        "velocity_steady_second",
+        "velocity_exact_mean",
+        "amplitude_steady",
+        "stable",
+    )
     scalars: ClassVar = {
         "eps": ("1", "*ε*, the small parameter"),
         "frequency": ("angular_frequency", "of the field"),
@@ -243,7 +250,7 @@ class MagneticPairScene(SceneTable, frozen=True, kw_only=True):
                 )
 
 
-class SweepTable(Table, frozen=True, kw_only=True):
+class FrequenciesTable(Table, frozen=True, kw_only=True):
     """Frequencies along which steady motions are followed."""
 
     detuning: Annotated[FinitePair, says("1", "least and largest *Δ*")] = (-2.0, 2.0)
@@ -279,6 +286,7 @@ class ResonanceScene(SceneTable, frozen=True, kw_only=True):
     motion no state is given. Theory: [theory-magnetics.md](../theory-magnetics.md#2-the-pair).
     """
 
+    headline: ClassVar = ("velocity_largest", "steady_motions", "stable", "delta_fold", "confirmed")
     scalars: ClassVar = {
         "eps": ("1", "*ε*, the small parameter"),
         "delta_fold": (
@@ -315,8 +323,8 @@ class ResonanceScene(SceneTable, frozen=True, kw_only=True):
         says("", "`resonance`: velocity and amplitude along the detuning"),
     ] = ()
     pair: ThePair
-    sweep: Annotated[SweepTable, says("", "along which frequencies")] = field(
-        default_factory=SweepTable
+    frequencies: Annotated[FrequenciesTable, says("", "along which frequencies")] = field(
+        default_factory=FrequenciesTable
     )
     confirm: Annotated[ConfirmTable | None, says("", "exact motions to compare with")] = None
     averaging: Averaging = field(default_factory=AveragingTable)
@@ -327,9 +335,11 @@ class ResonanceScene(SceneTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from self.pair.faults(self.units)
-        yield from wrong_order("sweep.detuning", self.sweep.detuning, may_be_equal=False)
+        yield from wrong_order(
+            "frequencies.detuning", self.frequencies.detuning, may_be_equal=False
+        )
         if self.confirm is not None:
-            lowest = max(NATURAL + self.pair.smallness * self.sweep.detuning[0], 0.1)
+            lowest = max(NATURAL + self.pair.smallness * self.frequencies.detuning[0], 0.1)
             least = 2 * self.confirm.periods * 2 * math.pi / lowest
             if self.confirm.time < least:
                 yield (
@@ -337,5 +347,8 @@ class ResonanceScene(SceneTable, frozen=True, kw_only=True):
                     f"is shorter than twice confirm.periods; write at least {least:.5g}, or fewer "
                     "periods",
                 )
-        if NATURAL + self.pair.smallness * self.sweep.detuning[0] <= 0.1:
-            yield "sweep.detuning", "leaves no frequency above 0; write a least one nearer to 0"
+        if NATURAL + self.pair.smallness * self.frequencies.detuning[0] <= 0.1:
+            yield (
+                "frequencies.detuning",
+                "leaves no frequency above 0; write a least one nearer to 0",
+            )

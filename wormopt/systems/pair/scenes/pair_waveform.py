@@ -68,7 +68,7 @@ class FieldLimitsTable(Table, frozen=True, kw_only=True):
     Refused: frequencies that contain √2 or √2/*k* for a whole *k*, without `strain`. There the
     field, or its *k*-th harmonic, lets the swing grow without bound, and the speed with it.
     Refused as well (exit code 3): `strain` up to `eps` times the sum of the least field and mass
-    1's friction forward, with which the link cannot draw mass 1 on.
+    0's friction forward, with which the link cannot draw mass 0 on.
     """
 
     field: Annotated[

@@ -21,6 +21,7 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.model.given import check_kind, per
 from wormopt.progress import Report, silent
+from wormopt.shown import lines
 from wormopt.systems.spiked.certify.relaxation import Relaxed
 from wormopt.systems.spiked.certify.tree import Node, Solver, Tree, periods, plant
 from wormopt.systems.spiked.design.design import Design, finished
@@ -81,6 +82,12 @@ class Certificate:
     sequence: Sequence_ | None
     ending: Ending
 
+    def __repr__(self) -> str:
+        scope = "all orders of rest" if self.sequence is None else f"the order {self.sequence}"
+        proven = f"bound {self.progress.bound:.9g}, gap {self.gap:.3g} ({self.ending})"
+        limited = f"gaits of at most {self.phases} phases a cycle, {scope}"
+        return lines(f"Certificate: {proven}", f"{limited}; {self.progress.boxes} boxes")
+
 
 @dataclass(frozen=True, eq=False)
 class Certified:
@@ -96,6 +103,10 @@ class Certified:
 
     design: Design
     certificate: Certificate
+
+    def __repr__(self) -> str:
+        shown = (repr(part).partition("\n")[0] for part in (self.design, self.certificate))
+        return lines(*(f"Certified {part[0].lower()}{part[1:]}" for part in shown))
 
     @property
     def bound(self) -> float:
@@ -197,6 +208,8 @@ def certified(
         return finer.value
 
     begun = begun or _begun(design)
+    if not cost:  # what is kept may be of an earlier run
+        begun = replace(begun, bound=min(begun.bound, design.ceiling))
     proof = prove(task, design.value, wanted, report, begun, save, improve)
     with suppress(KeyboardInterrupt):  # the design as it was
         better = finished(design, best[-1]) if best else design

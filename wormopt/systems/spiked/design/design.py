@@ -15,10 +15,11 @@ import numpy as np
 
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
+from wormopt.shown import Part, brief, html, lines
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.search.search import Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.sequences import Sequence_, lasting
+from wormopt.systems.spiked.sequences import Sequence_, lasting, repetition
 from wormopt.systems.spiked.task import Cost, GaitProblem, Search
 from wormopt.systems.spiked.verify import violations
 
@@ -94,6 +95,30 @@ class Design:
     ended: str = "searched"
     trial: Trial | None = field(default=None, repr=False)
 
+    def __repr__(self) -> str:
+        rests = [list(masses) for masses in self.sequence]
+        return lines(f"Design: {self._told}", f"at rest {rests}, for {brief(list(self.durations))}")
+
+    @property
+    def _told(self) -> str:
+        worm, cost = self.task.worm, self.task.objective.minimise
+        least = f", {cost} {self.value:.6g}" if cost else ""
+        cycles = f"{self.cycles} cycle{'s' * (self.cycles > 1)} in period {self.period:.6g}"
+        return f"{worm.links + 1} masses, speed {self.speed:.6g}{least}, {cycles} ({self.ended})"
+
+    def _repr_html_(self) -> str:
+        phases = [
+            (brief(list(masses)), f"{duration:.6g}")
+            for masses, duration in zip(self.sequence, self.durations, strict=True)
+        ]
+        excess = [(name, f"{value:.2g}") for name, value in self.violations.items()]
+        parts = [
+            Part("Masses at rest, and for how long", phases),
+            Part("Excess over each limit, as a share of it", excess),
+            Part("Speed of any gait is at most", [(f"{self.ceiling:.6g}", "by rates and rest")]),
+        ]
+        return html(f"Design: {self._told}", parts)
+
     @cached_property
     def motion(self) -> Crawl:
         """How the worm crawls with it, in closed form; under the largest load of a range."""
@@ -125,6 +150,11 @@ class Design:
         if self.trial is None:
             return objective_of(self.motion, self.task.objective.minimise)
         return abs(self.trial.value)
+
+    @cached_property
+    def phases(self) -> int:
+        """Phases of a cycle, by the order that was prescribed or by the masses that do rest."""
+        return min(len(self.sequence), len(self.motion.resting_sequence))
 
     @cached_property
     def violations(self) -> dict[str, float]:
@@ -205,7 +235,7 @@ def sharpest(
         if sound and (k >= most or trial.value < _hopeful(survey.trials[0], solved[0][0])):
             break
         try:
-            report(f"sharpening gait {k + 1}", 0.9)
+            report(f"sharpening gait {k}", 0.9)
             record = max((s[0].value for s in solved if s[2]), default=-np.inf)
             solved.append(_sharpen(trier, trial, ended != "searched", record))
         except KeyboardInterrupt:
@@ -217,8 +247,10 @@ def sharpest(
     value = max(trial.value for trial, *_ in sound)
     trial, error, _ = min(
         (s for s in sound if s[0].value >= value - _TIE * abs(value)),
-        key=lambda s: len(s[0].sequence),
+        key=lambda s: len(lasting(s[0].sequence, s[0].durations.tolist())[0]),
     )
+    if ended == "searched":
+        trial = _in_fewer_phases(trier, trial)
     return of_trial(task, trial, error, bound, survey, ended)
 
 
@@ -229,9 +261,42 @@ def _hopeful(best: Trial, sharp: Trial) -> float:
 
 def finished(design: Design, trial: Trial) -> Design:
     """Make a design of a better, sharpened trial of the same task."""
-    sharp, error, _ = _sharpen(Trier(design.task), trial, quickly=False)
+    trier = Trier(design.task)
+    sharp, error, _ = _sharpen(trier, trial, quickly=False)
+    sharp = _in_fewer_phases(trier, sharp)
     found = of_trial(design.task, sharp, error, design.ceiling, design.survey, design.ended)
     return replace(found, timings_s=design.timings_s)
+
+
+def _in_fewer_phases(trier: Trier, trial: Trial) -> Trial:
+    """The same with the phases that it needs, where those are fewer.
+
+    Phases of next to no length are left out, and of a cycle that repeats itself one repetition
+    is taken. Either may cost next to nothing.
+    """
+    for simpler in (_without_short_phases(trier, trial), _one_repetition(trier, trial)):
+        if simpler is None or simpler.value < trial.value - _TIE * abs(trial.value):
+            continue
+        if _keeps(trier.task, simpler):
+            trial = simpler
+    return trial
+
+
+def _without_short_phases(trier: Trier, trial: Trial) -> Trial | None:
+    program, point = trial.program.lasting(trial.point)
+    if program is trial.program or point is None:
+        return None
+    return _exact(trier.climbed(replace(trial, program=program, point=point), 1e-10, _STEPS))
+
+
+def _one_repetition(trier: Trier, trial: Trial) -> Trial | None:
+    sequence, durations = lasting(trial.sequence, trial.durations.tolist())
+    part = repetition(sequence)
+    if part == len(sequence):
+        return None
+    mean = np.reshape(durations, (-1, part)).mean(axis=0)
+    one = trier.near(sequence[:part], mean, trial.cycles * len(sequence) // part)
+    return one and _sharpen(trier, one, quickly=False)[0]
 
 
 def _keeps(task: GaitProblem, trial: Trial) -> bool:

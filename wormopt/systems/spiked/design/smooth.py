@@ -348,7 +348,7 @@ def conflict(
     for k, sequence in enumerate(tried):
         if k and monotonic() > until:
             break
-        report(f"looking for the limits in conflict, order {k + 1} of {len(tried)}", 0.8)
+        report(f"looking for the limits in conflict, {k} of {len(tried)} orders done", 0.8)
         program = Transcription(problem, mesh_of(sequence, 4))
         bounds = _bounds(program, sequence)
         total = program.mesh.total

@@ -1,4 +1,4 @@
-"""Pictures of gaits and their design: lengths, way, loads, limits, front, proof, animation.
+"""Pictures of gaits and their design: lengths, way, loads, limits, proof, animation.
 
 Values of time stand twice where something jumps, so lines draw jumps as they are.
 """
@@ -44,7 +44,7 @@ _PERIODS = 2  # shown of a motion
 _FRAMES_PER_PERIOD = 36
 FRAMES = _PERIODS * _FRAMES_PER_PERIOD
 _CENTRED: dict[str, Any] = {"ha": "center", "va": "center_baseline", "size": 9, "weight": "bold"}
-_OBJECTIVES = {
+OBJECTIVES = {
     "peak_spike_load": r"largest load on a spike, max $\lambda_i$",
     "peak_actuator_force": r"largest actuator force, max $|\mu_j|$",
     "energy_per_distance": "energy per distance",
@@ -161,36 +161,6 @@ def spikes(result: Result) -> Figure:
     return drawn
 
 
-def front(result: Result) -> Figure:
-    """Pareto front of speed and a cost; accepted points joined by a line, the others hollow.
-
-    Needs ``front_speed``, ``front_value`` and ``front_accepted``.
-    """
-    speed, value = result["front_speed"], result["front_value"]
-    accepted = result["front_accepted"].values.astype(bool)
-    drawn = sheet(7.5, 5.5)
-    axes = drawn.subplots()
-    order = np.argsort(speed.values)
-    line = order[accepted[order]]
-    x, y = speed.values, value.values
-    axes.plot(
-        x[line], y[line], "o-", color=LINKS[0], linewidth=1.6, markersize=7, label="best found"
-    )
-    if not accepted.all():
-        axes.plot(x[~accepted], y[~accepted], "o", color=RED, markerfacecolor="none",
-                  markeredgewidth=1.6, markersize=8, label="not accepted")  # fmt: skip
-    ceiling = scalar(result, "ceiling")
-    if ceiling is not None:
-        axes.axvline(ceiling, color=GREY, linestyle="--", linewidth=1, label="ceiling on speed")
-    objective = str(scalar(result, "front_objective") or "")
-    name = _OBJECTIVES.get(objective, objective.replace("_", " ") or "objective")
-    axes.set_xlabel(label("mean speed $v$", speed.unit))
-    axes.set_ylabel(label(name, value.unit))
-    axes.margins(0.06)
-    drawn.legend(loc="outside lower center", ncols=3)
-    return drawn
-
-
 def limits(result: Result) -> Figure:
     """Bars of what each limit is worth: per cent of the objective per per cent of the limit.
 
@@ -214,7 +184,7 @@ def limits(result: Result) -> Figure:
     axes.grid(visible=False, axis="y")
     axes.margins(x=0.16)
     axes.set_ylabel("limit")
-    cost = _OBJECTIVES.get(known["objective"], "").partition(",")[0]
+    cost = OBJECTIVES.get(known["objective"], "").partition(",")[0]
     of = f"of the {cost}" if cost else "speed"
     axes.set_xlabel(rf"per cent {of} per per cent of the limit ($\%/\%$)")
     axes.set_title(_limit_notes(known, elasticity, len(binding) - len(shown)), loc="left")

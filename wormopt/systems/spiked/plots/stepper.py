@@ -54,7 +54,7 @@ def steps(result: Result) -> Figure:
 
 def _close_up(axes: Axes, result: Result) -> None:
     """Steps about a turn of one link, counted from the length commanded there."""
-    link = int(result["turn_link"].values[0]) - 1
+    link = int(result["turn_link"].values[0])
     time = result["turn_time"].values
     base = result["turn_commanded"].values[0]
     commanded = 1e6 * (result["turn_commanded"].values - base)

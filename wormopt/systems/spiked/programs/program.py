@@ -26,7 +26,12 @@ from wormopt.systems.spiked.programs.split import (
     simple_patterns,
     split_matters,
 )
-from wormopt.systems.spiked.sequences import Sequence_, is_gait, wave_direction
+from wormopt.systems.spiked.sequences import (
+    Sequence_,
+    is_gait,
+    lasting_phases,
+    wave_direction,
+)
 from wormopt.systems.spiked.task import GaitProblem
 
 # Arcs of a smaller share of the cycle count as having no duration.
@@ -90,6 +95,23 @@ class GaitProgram(GaitRows):
         if self._costs is not None:
             return finer, finer.moving(*self._cut(point, widths / self.limits.time, parts))
         return finer, finer.start_arcs(np.repeat(widths, parts))
+
+    def lasting(self, point: Point) -> tuple[GaitProgram, Point | None]:
+        """The same cycle without phases of next to no length, of which equal neighbours are one.
+
+        None if the solver fails; the program itself where all phases last.
+        """
+        phases = lasting_phases(self.sequence, self.durations(point).tolist(), _SHORT)
+        if len(phases) == len(self.sequence):
+            return self, point
+        arcs = np.split(np.arange(self.total), self._edges[1:-1])
+        kept = np.concatenate([arcs[k] for phase in phases for k in phase])
+        sequence = tuple(self.sequence[phase[0]] for phase in phases)
+        counts = np.array([sum(len(arcs[k]) for k in phase) for phase in phases])
+        patterns = self.patterns and tuple(self.patterns[k] for k in kept)
+        shorter = GaitProgram(self.task, sequence, self.period, counts, self.degree, patterns)
+        widths = self.widths(point)
+        return shorter, shorter.start_arcs(widths[kept] * widths.sum() / widths[kept].sum())
 
     def moving(self, widths: np.ndarray, v: np.ndarray, first: np.ndarray) -> Point:
         """Point of a motion that is known to be feasible, all in scaled units.

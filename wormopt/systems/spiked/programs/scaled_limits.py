@@ -274,7 +274,7 @@ class ScaledLimits:
         contraction, extension = self.rates
         fastest = self.fastest(resting)
         least, largest = [np.minimum(alpha, 0.0) @ fastest], [np.maximum(alpha, 0.0) @ fastest]
-        for m in resting:  # velocities are sums of rates v_{j-1} - v_j, counted from this mass
+        for m in resting:  # velocities are sums of rates v_j - v_{j+1}, counted from this mass
             inner = np.cumsum(alpha)[:-1] - (np.arange(self.links) >= m) * alpha.sum()
             into, out = np.maximum(inner, 0.0), np.maximum(-inner, 0.0)
             largest.append(into @ extension + out @ contraction)

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wormopt.systems.spiked.crawl import share_load
 from wormopt.systems.spiked.sequences import Resting
+from wormopt.systems.spiked.sharing import share_load
 from wormopt.systems.spiked.task import GaitProblem
 
 # For each resting mass, ascending: -1 where its spike is unloaded, 1 where it is full, else 0.

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from wormopt.progress import Report
 from wormopt.result import Result, conclude
 from wormopt.scene.scene import Scene
+from wormopt.systems.shared.transport import assumed
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.runs.motion import (
     agreement,
@@ -34,10 +35,10 @@ def run(scene: Scene[GaitScene], report: Report) -> Result:
     again = cross_check(motion)
     return conclude(
         scene,
-        motion_scalars(motion, again),
+        motion_scalars(motion, again, table.units),
         motion_variables(motion) if table.want else {},
         checks=agreement(motion, again),
-        facts=motion_facts(motion, again),
+        facts=motion_facts(motion, again) | assumed(table.units),
         warnings=_warnings(motion),
         timings={"crawl": crawled - clock, "recheck": time.perf_counter() - crawled},
     )

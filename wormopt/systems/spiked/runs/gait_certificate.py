@@ -50,7 +50,7 @@ def of_certificate(
     proof, better = outcome.certificate, outcome.design
     if proof.ending in ("gap reached", "finest cells"):
         forget(file)
-    longer = len(better.sequence) > proof.phases
+    longer = better.phases > proof.phases
     advice = "the gait is better than its proven bound; please report this scene"
     beaten = Check("gait over its proven bound", max(0.0, -proof.gap), _ROUNDING, advice)
     whose = "of its own sequence of resting masses" if proof.sequence else "of any sequence"

@@ -17,6 +17,7 @@ from wormopt.quantities import Scalar, unit_of, unit_ratio
 from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.scene.types import per
+from wormopt.systems.shared.transport import assumed
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import designed
@@ -33,7 +34,7 @@ from wormopt.systems.spiked.scenes.design_tables import in_scene
 from wormopt.systems.spiked.scenes.gait_design import DesignTable, GaitDesignScene
 from wormopt.systems.spiked.scenes.stepper import MotorTable
 from wormopt.systems.spiked.stepper.stepper import Demand, Stepper, demand
-from wormopt.systems.spiked.task import Cost
+from wormopt.systems.spiked.task import Cost, Effort
 
 # A gait is accepted if no limit is exceeded by more, and the second route agrees to this.
 _ACCEPTED = 1e-9
@@ -113,11 +114,11 @@ def of_design(table: DesignTable, found: Design) -> Findings:
         excess["objective.speed"] = 1.0 - motion.speed / objective.speed
     checks = [*_checks(excess, motion, found), *agreement(motion, again), *_under_loads(found)]
     known = Findings(
-        motion_scalars(motion, again) | _scalars(table, found, motion),
+        motion_scalars(motion, again, table.units) | _scalars(table, found, motion),
         motion_variables(motion),
         tuple(checks),
-        motion_facts(motion, again) | _facts(found, excess),
-        tuple(_warnings(found)),
+        motion_facts(motion, again) | _facts(found, excess) | assumed(table.units),
+        tuple(_warnings(found, table.search.effort)),
     ) | Findings({"worst_violation": max(0.0, *excess.values())})
     if table.motor is not None:
         known |= _of_motors(table, table.motor, found)
@@ -197,7 +198,9 @@ def _facts(found: Design, excess: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def _warnings(found: Design) -> Iterator[str]:
+def _warnings(found: Design, effort: Effort) -> Iterator[str]:
+    if effort == "quick":
+        yield 'search.effort = "quick" tries little: write "normal" or "thorough" for better gaits'
     if not found.error <= 1e-6:
         known = np.isfinite(found.error)
         size = f"by {found.error:.1g} of it" if known else "by an unknown share"
@@ -223,7 +226,7 @@ def _of_motors(table: DesignTable, motor: MotorTable, found: Design) -> Findings
         "motor_acceleration_share": float(asked.acceleration.max()) / motor.acceleration_max,
     }
     return Findings(
-        scalars, checks=(_check_of_motors(asked),), facts={"assumptions": {"motors": _MOTORS}}
+        scalars, checks=(_check_of_motors(asked),), facts=assumed(table.units, motors=_MOTORS)
     )
 
 

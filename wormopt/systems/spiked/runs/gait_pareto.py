@@ -12,17 +12,21 @@ import numpy as np
 
 from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
-from wormopt.quantities import Variable
+from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.shared.checkpoints import checkpoints
-from wormopt.systems.spiked.design.design import objective_of
+from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.runs.gait_design import COST_SCALARS, of_design, refused
 from wormopt.systems.spiked.runs.motion import Findings
 from wormopt.systems.spiked.scenes.gait_design import GaitParetoScene
-from wormopt.systems.spiked.sequences import Sequence_
+from wormopt.systems.spiked.search.orders import is_mirror_symmetric
+from wormopt.systems.spiked.sequences import Sequence_, canonical
 from wormopt.systems.spiked.task import Objective
+
+# A limit with less room than this share of its size binds.
+_BINDS = 1e-6
 
 
 def run(scene: Scene[GaitParetoScene], report: Report) -> Result:
@@ -92,7 +96,8 @@ def _point(
         return _Point(Result.load(folder), name)
 
     def on(text: str, fraction: float | None) -> None:
-        report(f"point {total - index + 1} of {total}: {text}", done + (fraction or 0.0) / total)
+        told = f"{total - index} of {total} points done: {text}"
+        report(told, done + (fraction or 0.0) / total)
 
     goal = Objective() if speed is None else Objective(against, speed)
     try:
@@ -102,7 +107,8 @@ def _point(
     if found.ended == "interrupted":
         raise KeyboardInterrupt
     cost = {name: objective_of(found.motion, against)}
-    result = (of_design(table, found) | Findings(cost)).result(scene)
+    known = Findings(cost, attributes={"binding": _binding(found)})
+    result = (of_design(table, found) | known).result(scene)
     unfinished = folder.with_suffix(".part")
     shutil.rmtree(unfinished, ignore_errors=True)
     unfinished.mkdir(parents=True)
@@ -112,44 +118,132 @@ def _point(
     return _Point(result, name)
 
 
+def _binding(found: Design) -> str:
+    """Limits that leave a gait no room, but for those that every gait meets exactly."""
+    exact = {"limits.resting", "closed"}
+    if np.size(found.task.limits.period) == 1:
+        exact.add("limits.period")
+    binding = [key for key, excess in found.violations.items() if excess > -_BINDS]
+    return ", ".join(key.removeprefix("limits.") for key in binding if key not in exact)
+
+
 def _front(
     scene: Scene[GaitParetoScene], points: list[_Point], lost: list[str], seconds: float
 ) -> Result:
     """Result of the whole front: a point counts if it is accepted and none dominates it."""
-    against = scene.table.pareto.against
+    against, unit = scene.table.pareto.against, points[0].result.scalars[points[0].cost].unit
     points = sorted(points, key=lambda p: p.speed)
     ok = np.array([p.result.status == "ok" for p in points])
     speed, value = np.array([p.speed for p in points]), np.array([p.value for p in points])
     beaten = np.array(
         [np.any(value[i + 1 :][ok[i + 1 :]] < value[i] * (1 - 1e-9)) for i in range(len(points))]
     )
-    accepted = ok & ~beaten
-    knee = points[_knee(speed, value, accepted)].result
+    accepted, order = ok & ~beaten, _orders(scene.table, points)
+    at = _knee(speed, value, accepted)
+    knee = points[at].result
     lost_points, reason = int(np.sum(~accepted)), "no point of the front was accepted"
     some_count = Check("points that do not count", lost_points, len(points) - 1, reason)
-    unit = knee.scalars[points[0].cost].unit
+    scalars = {
+        "front_objective": against,
+        "front_points": int(accepted.sum()),
+        "front_knee": at,
+        "front_jumps": int(np.count_nonzero(np.diff(order[accepted]))),
+        "speed_max": float(speed.max()),
+        "front_speeds": speed.tolist(),
+        "front_values": Scalar(value.tolist(), unit),
+        "front_counted": accepted.tolist(),
+        "front_sequences": [p.sequence for p in points],
+        "front_resting": [p.result.scalars["resting_min"].value for p in points],
+        "front_binding": [p.result.attributes["binding"] for p in points],
+    }
+    variables = {
+        "front_speed": speed,
+        "front_value": Variable("front_value", unit, ("point",), value, against.replace("_", " ")),
+        "front_accepted": accepted,
+        "front_order": order,
+        **_gaits([p.result for p in points]),
+    }
     front = conclude(
         scene,
-        {
-            **knee.scalars,
-            "front_objective": against,
-            "front_points": int(accepted.sum()),
-            "speed_max": float(speed.max()),
-        },
-        {
-            **{variable.name: variable for variable in knee.variables},
-            "front_speed": speed,
-            "front_value": Variable(
-                "front_value", unit, ("point",), value, against.replace("_", " ")
-            ),
-            "front_accepted": accepted,
-        },
+        knee.scalars | scalars,
+        {variable.name: variable for variable in knee.variables} | variables,
         checks=(*knee.checks, some_count),
         facts={**knee.trust, "dominated": int(np.sum(beaten))},
-        warnings=[*knee.trust["warnings"], *lost],
+        warnings=[*_warnings([p.result for p in points], at), *lost],
         timings={"front": seconds},
+        attributes={"table": _table(scene, points, accepted, order, at)},
     )
     return front if some_count.passed else front.failed(reason)
+
+
+def _orders(table: GaitParetoScene, points: list[_Point]) -> np.ndarray:
+    """Number of each point's order of rest; alike where rotation or a mirror makes them one."""
+    mirror = is_mirror_symmetric(table.task(Objective()))
+    words = [canonical(p.sequence, table.worm.links + 1, mirror=mirror) for p in points]
+    numbers = {word: k for k, word in enumerate(dict.fromkeys(words))}
+    return np.array([numbers[word] for word in words])
+
+
+def _gaits(results: list[Result]) -> dict[str, np.ndarray]:
+    """The gaits of all points in one array each, filled up with NaN where a gait has no piece."""
+    breaks = [result["gait_breaks"].values for result in results]
+    pieces = [result["gait_polynomial"].values for result in results]
+    most = np.max([piece.shape for piece in pieces], axis=0)
+    all_breaks = np.full((len(results), most[0] + 1), np.nan)
+    all_pieces = np.full((len(results), *most), np.nan)
+    for k, (at, piece) in enumerate(zip(breaks, pieces, strict=True)):
+        all_breaks[k, : len(at)] = at
+        all_pieces[k, : len(piece)] = 0.0  # powers that this gait has not
+        all_pieces[k, : len(piece), :, : piece.shape[2]] = piece
+    return {"front_gait_breaks": all_breaks, "front_gait_polynomial": all_pieces}
+
+
+def _warnings(results: list[Result], knee: int) -> list[str]:
+    """Warnings of the gait at the knee, and what else other points warn of."""
+    own = results[knee].trust["warnings"]
+    others = [
+        f"point {k}: {told}"
+        for k, result in enumerate(results)
+        for told in result.trust["warnings"]
+        if told not in own
+    ]
+    return [*own, *others]
+
+
+def _table(
+    scene: Scene[GaitParetoScene],
+    points: list[_Point],
+    accepted: np.ndarray,
+    order: np.ndarray,
+    knee: int,
+) -> str:
+    """The front in Markdown, from the slowest point to the fastest."""
+    cost = points[0].cost
+    units = [f" ({unit})" if unit != "1" else "" for unit in (
+        points[0].result.scalars["speed"].unit, points[0].result.scalars[cost].unit
+    )]  # fmt: skip
+    name = scene.table.pareto.against.replace("_", " ")
+    head = ("point", f"speed{units[0]}", f"{name}{units[1]}", "masses at rest, phase after phase",
+            "cycles", "limits that bind", "")  # fmt: skip
+    rows, before = [], None
+    for k, point in enumerate(points):
+        notes = ["knee"] * (k == knee)
+        if not accepted[k]:
+            failed = point.result.status != "ok"
+            notes.append("not accepted" if failed else "a faster one costs less")
+        else:
+            notes += ["another order than before"] * (before not in (None, order[k]))
+            before = order[k]
+        masses = ", ".join("+".join(map(str, resting)) for resting in point.sequence)
+        cycles, binding = point.result.scalars["cycles"].value, point.result.attributes["binding"]
+        numbers = (str(k), f"{point.speed:.6g}", f"{point.value:.6g}")
+        rows.append((*numbers, masses, str(cycles), binding, "; ".join(notes)))
+    widths = [max(3, *map(len, column)) for column in zip(head, *rows, strict=True)]
+    lines = [head, tuple("-" * width for width in widths), *rows]
+    return "".join(
+        f"| {' | '.join(cell.ljust(w) for cell, w in zip(line, widths, strict=True))} |\n"
+        for line in lines
+    )
 
 
 def _knee(speed: np.ndarray, value: np.ndarray, accepted: np.ndarray) -> int:

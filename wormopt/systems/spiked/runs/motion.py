@@ -11,6 +11,7 @@ import numpy as np
 from wormopt.model.gait import Gait
 from wormopt.result import Check, Result, conclude
 from wormopt.scene.scene import Scene
+from wormopt.systems.shared.transport import cost_of_transport
 from wormopt.systems.spiked.bimodal import BimodalMotion, integrate
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.scenes.gait import MOTION_VARIABLES
@@ -47,10 +48,11 @@ class Findings:
         return conclude(scene, **{part.name: getattr(self, part.name) for part in fields(self)})
 
 
-def motion_scalars(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:
+def motion_scalars(motion: Crawl, again: BimodalMotion, units: str) -> dict[str, Any]:
     """Scalars that every gait result carries; extremes are over all time, not over samples.
 
-    Energies are None, unknown, where a velocity jumps or the worm does not advance.
+    Energies are None, unknown, where a velocity jumps or the worm does not advance. `units` are
+    the scene's.
     """
     low, high = motion.extremes("reaction_mean")
     # Forces and energy are finite and complete only where no velocity jumps.
@@ -68,7 +70,7 @@ def motion_scalars(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:
         "spike_load_max": motion.extremes("reaction")[1].max(),
         "actuator_force_max": max(abs(v).max() for v in forces) if smooth else None,
         "energy_per_distance": spent,
-        "cost_of_transport": None if spent is None else spent / float(motion.drive.mass.sum()),
+        **cost_of_transport(spent and spent / float(motion.drive.mass.sum()), units),
         "mode_sequence": motion.resting_sequence,
         "glides": motion.glides,
         "impulses": motion.impulses,
@@ -86,7 +88,7 @@ def _lambda_mean(motion: Crawl) -> float:
 
 
 def _balances(motion: Crawl) -> tuple[float, float]:
-    """Largest mu_{n+1}, and mean lambda - k speed - Gamma, both as sizes."""
+    """Largest force left behind the tail, and mean lambda - k speed - Gamma, both as sizes."""
     closure = max(float(np.abs(v).max()) for v in motion.extremes("closure"))
     # drag acts on the mean velocity of the masses, which over a period is the speed
     return closure, abs(_lambda_mean(motion) - motion.drive.drag * motion.speed - motion.drive.load)
@@ -119,7 +121,8 @@ def cross_check(motion: Crawl) -> BimodalMotion:
 def motion_facts(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:
     """Residuals of a motion, and what the second route (`cross_check`) found.
 
-    ``force_balance``: largest mu_{n+1}; ``impulse_balance``: mean lambda - k speed - Gamma;
+    ``force_balance``: largest force left behind the tail, which is none; ``impulse_balance``:
+    mean lambda - k speed - Gamma;
     ``energy_balance``: (net work - dissipation) / (force scale × distance).
     """
     closure, impulse = _balances(motion)

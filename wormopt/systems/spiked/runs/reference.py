@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from wormopt.errors import SceneError
+from wormopt.errors import SceneError, UnknownNameError
 from wormopt.model.gait import Gait
 from wormopt.scene.scene import Scene
 from wormopt.systems.spiked.construct import accordion, block_wave, fast_gait, travelling_sine
@@ -40,7 +40,9 @@ def gait_of_shape(shape: Shape, scene: Scene[Any], key: str = "gait") -> Gait:
 def _from_file(shape: FileShape, scene: Scene[Any], key: str) -> Gait:
     path = scene.folder / Path(shape.file)
     try:
-        gait = load_gait(path)
+        gait = load_gait(path, shape.point)
+    except UnknownNameError as error:
+        raise SceneError(scene.name, [(f"{key}.point", f"{shape.file}: {error}")]) from None
     except (OSError, ValueError) as error:
         raise SceneError(scene.name, [(f"{key}.file", f"{shape.file}: {error}")]) from None
     if gait.links != scene.table.worm.links:

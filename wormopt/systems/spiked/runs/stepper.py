@@ -88,7 +88,7 @@ def run(scene: Scene[StepperScene], report: Report) -> Result:
         },
         {
             "step_time": steps.time,
-            "step_motor": steps.motor + 1,
+            "step_motor": steps.motor,
             "step_direction": steps.direction,
             "length_start": steps.start,
             **_signals(stepper, steps, ideal, moved, bristles.settle_time),
@@ -205,7 +205,7 @@ def _short_pauses(stepper: Stepper, asked: Demand, steps: Steps) -> Iterator[str
         at_once = interval * stepper.start_rate * stepper.pulses_per_turn >= 1
         if np.isfinite(interval) and times > 1 + _ACCEPTED and not at_once:
             yield (
-                f"motor {j + 1} reverses with two pulses {interval:.3g} s apart, {times:.3g} times "
+                f"motor {j} reverses with two pulses {interval:.3g} s apart, {times:.3g} times "
                 "as fast as the gait's largest rate and faster than motor.start_rate: it may "
                 "lose them; take a larger motor.hysteresis, or a gait that rounds off its turns"
             )
@@ -247,7 +247,7 @@ def _close_up(gait: Gait, steps: Steps) -> dict[str, np.ndarray]:
         "turn_time": t,
         "turn_length": gait(t)[j],
         "turn_commanded": steps.lengths(t)[j],
-        "turn_link": np.array([j + 1]),
+        "turn_link": np.array([j]),
     }
 
 
@@ -263,7 +263,7 @@ def steps_of_result(result: Result) -> Steps | None:
         result.scalars["travel_per_step"].value,
         result["length_start"].values,
         result["step_time"].values,
-        result["step_motor"].values.astype(int) - 1,
+        result["step_motor"].values.astype(int),
         result["step_direction"].values.astype(int),
     )
 

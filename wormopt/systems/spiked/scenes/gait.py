@@ -4,13 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import NonNegative, NonNegativeOrPair, PerMass, SceneTable, Table, says
-from wormopt.systems.shared.declared import GAIT
+from wormopt.scene.types import (
+    NonNegative,
+    NonNegativeOrPair,
+    PerMass,
+    SceneTable,
+    Table,
+    per,
+    says,
+)
+from wormopt.systems.shared.declared import COST_OF_TRANSPORT, GAIT
+from wormopt.systems.shared.incline import (
+    Gravity,
+    Uphill,
+    faults_of_slope,
+    told_of_slope,
+    weights,
+)
 from wormopt.systems.spiked.limits import Sharing
 from wormopt.systems.spiked.scenes.shapes import (
     AccordionShape,
@@ -60,10 +75,7 @@ MOTION_SCALARS: dict[str, tuple[str, str]] = {
         "energy the actuators spend, nothing recovered; unknown where velocities jump or the worm "
         "stands still",
     ),
-    "cost_of_transport": (
-        "acceleration",
-        "the same per total mass; divide by *g* for the dimensionless figure",
-    ),
+    **COST_OF_TRANSPORT,
     "mode_sequence": (
         "count",
         "lists of resting masses, phase after phase; an empty list is a glide",
@@ -121,23 +133,45 @@ class WormTable(Table, frozen=True, kw_only=True):
         NonNegativeOrPair,
         says(
             "force",
-            "*Γ*: force against the direction of motion on each mass (slope, towed load). A range "
+            "*Γ*: force against the direction of motion on each mass (towed load, slope). A range "
             "is for designs only: a designed gait keeps its limits under every load of it",
         ),
     ] = 0.0
+    slope: Uphill = 0.0
+    gravity: Gravity = None
 
     @property
     def worm(self) -> Worm:
-        """The worm itself."""
-        return Worm(self.links, self.mass, self.drag, self.load)  # pyright: ignore[reportArgumentType]
+        """The worm itself, pulled back by its load and by its weight."""
+        load = self.load
+        if self.slope:
+            pull = weights(self.slope, self.gravity, per(self.mass, self.links + 1))[0]
+            load = tuple(g + pull for g in load) if isinstance(load, tuple) else load + pull
+        return Worm(self.links, self.mass, self.drag, load)  # pyright: ignore[reportArgumentType]
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What its weight does."""
+        return told_of_slope(self.slope, self.gravity, self.masses)
 
     @property
     def masses(self) -> tuple[float, ...]:
         """Mass of each point mass, head first."""
         return self.worm.masses
 
-    def faults(self, loads: bool = False) -> Iterator[Fault]:
-        """Yield what is wrong between the keys; `loads`: whether the load may be a range."""
+    def faults(self, units: str, loads: bool = False) -> Iterator[Fault]:
+        """Yield what is wrong between the keys.
+
+        `units` are the scene's; `loads`: whether the load may be a range.
+        """
+        yield from faults_of_slope(self.slope, self.gravity, units)
+        if self.slope and isinstance(self.mass, tuple) and len(set(self.mass)) > 1:
+            yield (
+                "worm.slope",
+                "pulls unequal masses back by unequal forces, but Γ is alike on all here; write "
+                'one mass for all, or take kind "simulate"',
+            )
+            return
         if isinstance(self.load, tuple) and not loads:
             yield "worm.load", "a range of loads is for gaits that are designed; write one number"
         for key, message in self.worm.faults():
@@ -176,7 +210,7 @@ class GaitScene(SceneTable, frozen=True, kw_only=True):
 
     With an empty `want` no variables are saved, only scalars. Signals are over one period, from
     time 0; where something jumps, the instant appears twice, with the values before and after.
-    Index 0 of links is link 1, at the head; the head starts at position 0. `sigma` is what is
+    Link 0 is at the head, between masses 0 and 1; the head starts at position 0. `sigma` is what is
     needed to hold the worm; `glide` is 0 while a mass rests; `actuator_force` is positive where
     the link pulls its masses together.
 
@@ -186,6 +220,7 @@ class GaitScene(SceneTable, frozen=True, kw_only=True):
     only for gaits with harmonics. Coefficients count in length times time<sup>−k</sup>.
     """
 
+    headline: ClassVar = ("speed", "period", "resting_min", "mode_sequence", "glides")
     scalars: ClassVar = MOTION_SCALARS
     variables: ClassVar = MOTION_VARIABLES | GAIT
 
@@ -204,5 +239,5 @@ class GaitScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
         yield from super().faults(folder)
-        yield from self.worm.faults()
+        yield from self.worm.faults(self.units)
         yield from self.gait.faults(self.worm.links, folder)

@@ -36,8 +36,7 @@ _DESIGN_SCALARS = MOTION_SCALARS | {
     "mode_sequence": (
         "count",
         "resting masses of a cycle of the motion, phase after phase; the order that was prescribed "
-        "stands in the trust report under `solver.sequence` and may contain phases that shrank to "
-        "nothing",
+        "stands in the trust report under `solver.sequence`: more masses may rest than it asks for",
     ),
     "load_range": (
         "force",
@@ -107,7 +106,7 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
         yield from super().faults(folder)
-        yield from self.worm.faults(loads=True)
+        yield from self.worm.faults(self.units, loads=True)
         yield from self._faults_of_limits()
         if self.motor is not None:
             yield from self.motor.faults()
@@ -177,7 +176,7 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     | `solver.status` | `sharpened`: arcs halved until that gains nothing, then taken to rounding; `cut short` after a time limit or Ctrl-C; IPOPT's word where it solved for a smooth cost |
     | `solver.violation` | largest excess over any row of the last program, in its own units |
     | `solver.arcs_per_phase`, `solver.degree` | arcs of each phase; degree of the lengths on an arc |
-    | `solver.sequence`, `solver.durations`, `solver.cycles` | the order that was prescribed, how long each phase lasts, cycles in the period |
+    | `solver.sequence`, `solver.durations`, `solver.cycles` | the order that was prescribed, without phases that shrank to nothing; how long each phase lasts; cycles in the period |
     | `search.ended` | `searched`, `time limit` or `interrupted` |
     | `search.tried`, `search.variations_tried` | orders of rest that were tried; variations that were made, those passed over for their ceilings included |
     | `search.linear_programs` | linear programs solved in the search |
@@ -187,12 +186,24 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     | `certificate` | with `[search.certify]`: of which gaits the proof speaks, why it ended |
     """  # noqa: E501
 
+    headline: ClassVar = (
+        "speed",
+        "objective",
+        "bound",
+        "gap_certified",
+        "ceiling",
+        "gap",
+        "period",
+        "cycles",
+        "mode_sequence",
+    )
     scalars: ClassVar = _DESIGN_SCALARS | {
         "objective": ("speed", "value reached, in its quantity, recomputed from the gait"),
         "bound": (
             "speed",
             "with `[search.certify]`: proven, no gait of at most `certified_phases` phases a cycle "
-            "is faster, or cheaper; the ceiling, or 0 for a cost, before anything better is proven",
+            "is faster, or cheaper; never above the ceiling, which it is (for a cost 0) before "
+            "anything better is proven",
         ),
         "gap_certified": (
             "share",
@@ -285,17 +296,42 @@ class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
 
     Refused: costs that are refused in `[objective]` of a design; `[search.certify]`.
 
-    All scalars but those of the front, and the signals, belong to the gait at its knee, and so does
-    the trust report, with `dominated` (points that a faster one beats) and, among its warnings,
-    the points for which no gait was found. The cost itself is a scalar too (`spike_load_max`,
-    `actuator_force_max`, `energy_per_distance`, or `acceleration_effort`), and `front_value` is in
-    its quantity. Timing: `front`.
+    Points count from 0, the slowest. The front is printed as a table, which `table.md` holds too:
+    what each point costs, which masses rest in turn, which limits bind, which point is the knee,
+    and where the order of rest is another than before: there the front jumps, and the picture
+    `front` joins no line.
+
+    The gait of every point is kept: `load_gait(path, point=2)` from Python, `file = "result.nc"`
+    with `point = 2` in a scene. All scalars but those of the front, and the signals, belong to the
+    gait at its knee, and so does the trust report, with `dominated` (points that a faster one
+    beats) and, among its warnings, those of other points and points for which no gait was found.
+    The cost itself is a scalar too (`spike_load_max`, `actuator_force_max`, `energy_per_distance`,
+    or `acceleration_effort`), and `front_value` is in its quantity. Timing: `front`.
     """
 
+    headline: ClassVar = (
+        "front_objective",
+        "front_points",
+        "speed_max",
+        "speed",
+        "period",
+        "mode_sequence",
+    )
     scalars: ClassVar = _DESIGN_SCALARS | {
         "acceleration_effort": ("acceleration_squared", "where it is the cost"),
         "front_objective": ("1", "the cost, as in `pareto.against`"),
         "front_points": ("count", "points that count"),
+        "front_knee": ("count", "which point the knee is; points count from 0, the slowest"),
+        "front_jumps": (
+            "count",
+            "neighbouring points that count and differ in the order in which masses rest",
+        ),
+        "front_speeds": ("speed", "mean speed of each point"),
+        "front_values": ("force", "the cost of each point, in its quantity"),
+        "front_counted": ("1", "whether each point counts: accepted, and no faster one costs less"),
+        "front_sequences": ("count", "of each point the masses that rest, phase after phase"),
+        "front_resting": ("count", "of each point the smallest number of masses at rest"),
+        "front_binding": ("1", "of each point the limits of `[gait]` that leave it no room"),
         "speed_max": ("speed", "of the fastest gait"),
     }
     variables: ClassVar = {
@@ -304,6 +340,17 @@ class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
         "front_speed": ("speed", ("point",), "mean speed"),
         "front_value": ("force", ("point",), "the cost"),
         "front_accepted": ("1", ("point",), "1 where the point counts"),
+        "front_order": ("count", ("point",), "number of the order of rest, alike where that is"),
+        "front_gait_breaks": (
+            "time",
+            ("point", "front_gait_break"),
+            "times at which pieces of the point's gait begin, NaN behind the last",
+        ),
+        "front_gait_polynomial": (
+            "length",
+            ("point", "front_gait_piece", "link", "front_gait_power"),
+            "coefficients of s^k, s the time since the piece began, NaN behind the last piece",
+        ),
     }
 
     kind: Literal["gait-pareto"]

@@ -14,13 +14,9 @@ from wormopt.scene.types import Finite, Pair, Positive, Table, says, wrong_order
 Elongation = Annotated[float, Meta(gt=0, lt=0.5, description="a number above 0 and below 0.5")]
 Ramp = Annotated[float, Meta(ge=0, le=0.5, description="a number from 0 to 0.5")]
 Few = Annotated[int, Meta(ge=1, description="a whole number, 1 or above")]
+Point = Annotated[int, Meta(ge=0, description="a whole number, 0 or above")]
 GaitPath = Annotated[str, Meta(min_length=1, description="the name of a .csv or .nc file")]
 Period = Annotated[Positive, says("time", "period *T*")]
-
-_PIECE = ("gait_piece", "link")
-
-
-"""Variables from which `wormopt.systems.spiked.files.gait_of_result` reads a gait back exactly."""
 
 
 class FastShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="fast"):
@@ -34,8 +30,8 @@ class FastShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="fast")
         Positive,
         says(
             "length",
-            "*l*<sub>0</sub>: link 1 goes between *l*<sub>0</sub> and *l*<sub>0</sub>(1 + 2*e*), "
-            "link 2 between *l*<sub>0</sub>(1 − 2*e*) and *l*<sub>0</sub>",
+            "*l*<sub>0</sub> of (15): link 0 goes between it and 1 + 2*e* times it, link 1 between "
+            "1 − 2*e* times it and it",
         ),
     ] = 2.0
     elongation: Annotated[
@@ -113,7 +109,7 @@ class AccordionShape(WaveShape, frozen=True, kw_only=True, tag="accordion"):
 class SineShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="sine"):
     """A sine that runs from link to link, each behind the one ahead of it.
 
-    *l*<sub>j</sub> = `rest_length` + `amplitude` sin(2π(*t*/`period` − *j* `lag`)).
+    *l*<sub>j</sub> = `rest_length` + `amplitude` sin(2π(*t*/`period` − (*j* + 1) `lag`)).
     """
 
     period: Period
@@ -123,7 +119,7 @@ class SineShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="sine")
         Finite,
         says(
             "share",
-            "of a period, by which each link is behind the one ahead of it; link 1 itself lags by "
+            "of a period, by which each link is behind the one ahead of it; link 0 itself lags by "
             "as much",
         ),
     ] = 1 / 3
@@ -143,10 +139,14 @@ class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file")
         GaitPath,
         says(
             "",
-            "table `t,l_1,...,l_n`, or the `result.nc` of any scene with a gait; relative to the "
+            "table `t,l_0,l_1,...`, or the `result.nc` of any scene with a gait; relative to the "
             "scene's folder",
         ),
     ]
+    point: Annotated[
+        Point | None,
+        says("", "of a front (kind `gait-pareto`) the point, from 0, the slowest; else its knee"),
+    ] = None
     period: Annotated[
         Positive | None,
         says("time", "run the gait with this period instead of the file's own"),
@@ -164,6 +164,8 @@ class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file")
         unreadable = why_unreadable(path)
         if unreadable:
             yield f"{key}.file", f'"{self.file}" cannot be read from {folder}: {unreadable}'
+        if self.point is not None and path.suffix.lower() == ".csv":
+            yield f"{key}.point", "a table holds one gait; leave it out"
 
 
 Shape = FastShape | BlockWaveShape | AccordionShape | SineShape | FileShape

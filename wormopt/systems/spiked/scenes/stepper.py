@@ -128,7 +128,7 @@ class StepperScene(SceneTable, frozen=True, kw_only=True):
     }
     variables: ClassVar = {
         "step_time": ("time", ("step",), "time of the step"),
-        "step_motor": ("1", ("step",), "motor of link"),
+        "step_motor": ("1", ("step",), "motor, of the link of its number"),
         "step_direction": ("1", ("step",), "1 lengthens the link"),
         "length_start": ("length", ("link",), "length at time 0"),
         "time": ("time", ("time",), "time"),
@@ -159,7 +159,9 @@ class StepperScene(SceneTable, frozen=True, kw_only=True):
     bristles: Annotated[BristleTable, says("", "what holds the masses")] = field(
         default_factory=BristleTable
     )
-    tick: Annotated[Tick, says("time", "of the timer for which `steps.c` is made")] = 1e-6
+    tick: Annotated[
+        Tick, says("time", "of the timer for which `steps.c` is made", usual=(1e-9, 1.0))
+    ] = 1e-6
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
@@ -167,7 +169,7 @@ class StepperScene(SceneTable, frozen=True, kw_only=True):
         yield from extreme_numbers(self)
         if self.units != "SI":
             yield "units", 'motors are commanded in s and m: write units = "SI"'
-        yield from self.worm.faults()
+        yield from self.worm.faults(self.units)
         yield from self.gait.faults(self.worm.links, folder)
         yield from self.motor.faults()
         period = self.gait.period

@@ -42,7 +42,7 @@ def all_sequences(task: GaitProblem, phases: int) -> list[Sequence_]:
 
 
 def is_mirror_symmetric(task: GaitProblem) -> bool:
-    """Whether i -> n - i with l_j -> shortest + longest - l_{n+1-j} maps gaits on gaits."""
+    """Whether i -> n - i with l_j -> shortest + longest - l_{n-1-j} maps gaits on gaits."""
     n, limits = task.worm.links, task.limits
     contraction, extension = limits.rate_bounds(n)
     per_thing = [

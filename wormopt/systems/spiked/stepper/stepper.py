@@ -137,7 +137,7 @@ class Demand:
         if self.feasible:
             return
         limit = self.strictest
-        at = f"link {limit.link + 1} at t = {limit.time:.6g}"
+        at = f"link {limit.link} at t = {limit.time:.6g}"
         allowed = f"motor.{limit.name} is {getattr(stepper, limit.name):g}"
         if limit.name == "rate_max":
             asked = f"{self.rate[limit.link]:.6g} turns/s of the motor of {at}, and {allowed}"
@@ -207,7 +207,7 @@ def _refuse_jumps(gait: Gait) -> None:
     if gap.max() > _JUMP * np.abs(before).max():
         q, j = np.unravel_index(int(gap.argmax()), gap.shape)
         raise ArgumentError(
-            f"the length of link {j + 1} jumps by {gap[q, j]:.3g} at t = {gait.breaks[q]:.6g}: "
+            f"the length of link {j} jumps by {gap[q, j]:.3g} at t = {gait.breaks[q]:.6g}: "
             "no motor follows that"
         )
 

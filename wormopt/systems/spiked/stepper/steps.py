@@ -255,7 +255,7 @@ def _instants(
 def csv_text(steps: Steps) -> str:
     """Table ``time_s,motor,direction`` under lines that begin with ``#`` and say what it needs.
 
-    Motors are counted from 1, as links are. Numbers read back as they were.
+    Motors are counted from 0, as links are. Numbers read back as they were.
     """
     head = {
         "period_s": repr(float(steps.period)),
@@ -268,7 +268,7 @@ def csv_text(steps: Steps) -> str:
         [
             *(f"# {name}: {value}\n" for name, value in head.items()),
             "time_s,motor,direction\n",
-            *(f"{time!r},{motor + 1},{direction}\n" for time, motor, direction in rows),
+            *(f"{time!r},{motor},{direction}\n" for time, motor, direction in rows),
         ]
     )
 
@@ -288,7 +288,7 @@ def read_csv(text: str) -> Steps:
             float(about["travel_m"]),
             np.array([float(v) for v in about["length_at_start_m"].split(",")]),
             np.array([float(v) for v in columns[0]]),
-            np.array([int(v) - 1 for v in columns[1]], dtype=int),
+            np.array([int(v) for v in columns[1]], dtype=int),
             np.array([int(v) for v in columns[2]], dtype=int),
         )
     except (KeyError, ValueError) as error:
@@ -315,7 +315,7 @@ def in_ticks(steps: Steps, tick: float) -> tuple[int, list[np.ndarray]]:
         gaps = np.diff(instants, append=instants[:1] + whole)
         if np.any(gaps < 1):
             raise ArgumentError(
-                f"two steps of motor {j + 1} fall on one tick; write a tick below "
+                f"two steps of motor {j} fall on one tick; write a tick below "
                 f"{steps.interval_min:.3g}, or a larger motor.hysteresis"
             )
         delays.append(np.diff(np.concatenate([[0], instants, [whole]])))
@@ -339,8 +339,8 @@ def c_text(steps: Steps, tick: float) -> str:
         " */\n#include <stdint.h>\n\n"
         f"const uint32_t period_ticks = {whole}u;\n"
     ]
-    for j, delay in enumerate(delays, start=1):
-        direction = steps.of_motor(j - 1)[1]
+    for j, delay in enumerate(delays):
+        direction = steps.of_motor(j)[1]
         # C knows no arrays without entries: a motor that does not step has one that never counts
         size = max(len(direction), 1)
         name = f"motor_{j}"

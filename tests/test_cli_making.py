@@ -1,0 +1,225 @@
+"""`wormopt new`, `schema -o`, `list` with filters, `completion`: on real files and a real bash."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.kinds import KINDS
+from wormopt.scene import packaged_scenes
+from wormopt.scene.reference import schema
+from wormopt.scene.scene import packaged_folder, times_of_scenes
+
+BASH = shutil.which("bash")
+
+
+def made(kind: str, folder: Path) -> Path:
+    path = folder / f"{kind}.toml"
+    assert main(["new", kind, "-o", str(path)]) == 0
+    return path
+
+
+def on(text: str) -> str:
+    """The same with every key behind a # that shows its value, but in tables behind a #."""
+    lines, hidden = [], False
+    for line in text.splitlines():
+        hidden = (hidden or line.startswith("#[")) and bool(line)
+        shown = re.match(r"#(?=\w+ = (?!\.\.\.))", line) and not hidden
+        lines.append(line[1:] if shown else line)
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_new_scene_is_right_and_says_all(kind: str, tmp_path: Path):
+    path = made(kind, tmp_path)
+    assert main(["check", str(path)]) == 0
+    scene, text = wo.load_scene(path), path.read_text(encoding="utf-8")
+    untitled = [wo.load_scene(name, title="") for name in packaged_scenes()]
+    assert scene.text in [other.text for other in untitled]
+    jsonschema.validate(tomllib.loads(text), schema(kind))
+    # keys behind a # show the value they have when left out
+    whole = tmp_path / "whole.toml"
+    whole.write_text(on(text), encoding="utf-8")
+    assert len(on(text)) < len(text)
+    assert wo.load_scene(whole).text == scene.text
+    # and all keys of the scene are there
+    for key in schema(kind)["$defs"][type(scene.table).__name__]["properties"]:
+        assert re.search(rf"^#?({key} = |\[+{key}\])", text, re.MULTILINE), key
+    assert max(len(line) for line in text.splitlines() if line.startswith("# ")) <= 100
+
+
+@pytest.mark.parametrize("kind", ["gait", "stepper", "film-flow", "material", "slide"])
+def test_a_new_scene_runs(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = made(kind, tmp_path)
+    assert main(["run", str(path), "-o", str(tmp_path / "out"), "--no-plots", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert summary["status"] == "ok"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_new_scene_runs(kind: str, tmp_path: Path):
+    path = made(kind, tmp_path)
+    assert main(["run", str(path), "-o", str(tmp_path / "out"), "--no-plots", "--quiet"]) == 0
+
+
+def test_a_new_scene_names_a_schema_that_is_there(tmp_path: Path):
+    first = made("gait", tmp_path).read_text(encoding="utf-8").splitlines()[0]
+    file = Path(first.removeprefix("#:schema file://"))
+    assert json.loads(file.read_text(encoding="utf-8")) == json.loads(json.dumps(schema("gait")))
+
+
+def test_nothing_is_written_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "gait"]) == 0
+    kept = Path("gait.toml").read_text(encoding="utf-8") + "# mine\n"
+    Path("gait.toml").write_text(kept, encoding="utf-8")
+    assert main(["new", "gait"]) == 2
+    assert "gait.toml: is there already" in capsys.readouterr().err
+    assert Path("gait.toml").read_text(encoding="utf-8") == kept
+    assert main(["new", "gait", "--force"]) == 0
+    assert Path("gait.toml").read_text(encoding="utf-8") != kept
+    Path("folder.toml").mkdir()
+    Path("link.toml").symlink_to("gait.toml")
+    for name in ("folder.toml", "link.toml", "gait.txt", "gait.toml/a.toml", "a\0.toml"):
+        assert main(["new", "stepper", "-o", name, "--force"]) == 2
+    assert wo.load_scene("gait.toml").table.kind == "gait"
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "folder.toml", "gait.toml", "link.toml",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "arguments", [["new", "gate"], ["schema", "gate"], ["list", "--kind", "gate"]]
+)
+def test_a_kind_that_is_none_is_hinted_at(arguments: list[str], capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    assert end.value.code == 2
+    assert "did you mean gait?" in capsys.readouterr().err
+
+
+# -- schemas beside the packaged scenes ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_schema_beside_the_scenes_is_up_to_date(kind: str, tmp_path: Path):
+    file = packaged_folder() / "schemas" / f"{kind}.json"
+    assert main(["schema", kind, "-o", str(tmp_path / "new.json")]) == 0
+    assert file.read_text(encoding="utf-8") == (tmp_path / "new.json").read_text("utf-8"), (
+        "make it anew: wormopt schema --all -o problems/schemas --force"
+    )
+
+
+def test_no_schema_is_left_of_a_kind_that_is_gone():
+    assert {path.stem for path in (packaged_folder() / "schemas").iterdir()} == {*KINDS}
+
+
+@pytest.mark.parametrize("name", packaged_scenes())
+def test_packaged_scenes_tell_editors_of_their_schema(name: str):
+    text = packaged_scenes()[name].read_text(encoding="utf-8")
+    kind = tomllib.loads(text)["kind"]
+    assert text.startswith(f"#:schema schemas/{kind}.json\n")
+
+
+def test_schemas_of_all_kinds_go_to_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    for _ in range(2):  # what is the same already is no obstacle
+        assert main(["schema", "--all", "-o", str(tmp_path / "new")]) == 0
+    assert {path.stem for path in (tmp_path / "new").iterdir()} == {*KINDS}
+    (tmp_path / "new" / "gait.json").write_text("mine")
+    assert main(["schema", "--all", "-o", str(tmp_path / "new")]) == 2
+    assert "gait.json: is there already" in capsys.readouterr().err
+    assert main(["schema", "--all"]) == 2
+    assert main(["schema"]) == 2
+    assert main(["schema", "gait", "--all", "-o", "x"]) == 2
+
+
+# -- list ------------------------------------------------------------------------------------------
+
+
+def test_the_list_is_filtered(capsys: pytest.CaptureFixture[str]):
+    assert main(["list", "--kind", "gait"]) == 0
+    out = capsys.readouterr().out
+    assert re.findall(r"^  (\w\S*)  +gait  ", out, re.MULTILINE) == ["fast_gait", "uphill_gait"]
+    assert "film" not in out
+    assert main(["list", "FLUID", "wave"]) == 0
+    out = capsys.readouterr().out
+    assert "film-wave" in out
+    assert "fast_gait" not in out
+    assert all("wave" in line.lower() for line in out.splitlines() if line.startswith("  "))
+    assert main(["list", "no_such_word"]) == 0
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "no packaged scene" in said.err
+
+
+def test_every_packaged_scene_has_a_time(capsys: pytest.CaptureFixture[str]):
+    assert {*times_of_scenes()} == {*packaged_scenes()}, "measure it: .ci/times"
+    assert main(["list", "fast_gait"]) == 0
+    assert re.search(r"  fast_gait +gait +1 s  ", capsys.readouterr().out)
+
+
+# -- completion ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("completion") / "wormopt.bash"
+    command = [sys.executable, "-m", "wormopt", "completion", "bash"]
+    path.write_bytes(subprocess.run(command, capture_output=True, check=True).stdout)
+    return path
+
+
+@pytest.mark.skipif(not BASH, reason="there is no bash")
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("ru", {"run"}),
+        ("run fast_g", {"fast_gait"}),
+        ("run fast_gait --no-p", {"--no-plots"}),
+        ("run mine/wa", {"mine/walk.toml"}),
+        ("check fast_gait uphill", {"uphill_gait"}),
+        ("new gait-", {"gait-design", "gait-pareto"}),
+        ("schema film-fo", {"film-forward"}),
+        ("list --kind coil-r", {"coil-row"}),
+        ("completion z", {"zsh"}),
+    ],
+)
+def test_bash_completes(script: Path, tmp_path: Path, words: str, offered: set[str]):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "walk.toml").touch()
+    (tmp_path / "mine" / "water.txt").touch()
+    asked = ["wormopt", *words.split()]
+    program = f"""
+        source {script}
+        name=$(complete -p wormopt | sed 's/.*-F \\([^ ]*\\).*/\\1/')
+        COMP_WORDS=({" ".join(asked)}) COMP_CWORD={len(asked) - 1}
+        $name wormopt {asked[-1]} {asked[-2]}
+        printf '%s\\n' "${{COMPREPLY[@]}}"
+    """
+    assert BASH
+    done = subprocess.run([BASH, "-c", program], cwd=tmp_path, capture_output=True, text=True)
+    assert set(done.stdout.split()) == offered, done.stderr
+
+
+@pytest.mark.parametrize("shell", ["zsh", "tcsh"])
+def test_scripts_of_other_shells_are_read_by_them(shell: str, tmp_path: Path):
+    program = shutil.which(shell)
+    if not program:
+        pytest.skip(f"there is no {shell}")
+    command = [sys.executable, "-m", "wormopt", "completion", shell]
+    text = subprocess.run(command, capture_output=True, check=True, text=True).stdout
+    (tmp_path / "script").write_text(text)
+    assert "fast_gait" in text
+    done = subprocess.run([program, "-n", str(tmp_path / "script")], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")

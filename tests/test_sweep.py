@@ -1,0 +1,411 @@
+"""Sweeps: their points, their dataset, and that nothing done is lost or done twice."""
+
+import csv
+import json
+import math
+import os
+import pickle
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.numerics.workers import Engine
+from wormopt.scene import load_scene
+from wormopt.scene.reference import quantity_of
+from wormopt.scene.swept import Swept
+from wormopt.sweeps.axes import plan
+from wormopt.sweeps.store import Job, compute, key_of
+
+SERIAL = Engine("serial")
+
+
+def small(over, **kwargs):
+    return wo.sweep("fast_gait", over, engine=SERIAL, **kwargs)
+
+
+# -- which points --------------------------------------------------------------------------------
+
+
+def test_a_grid_has_every_combination_the_last_key_first():
+    asked = plan(Swept(over={"a.b": "1:2:2", "c": [5, "x", [1, 2]]}))
+    assert asked.shape == (2, 3)
+    assert asked.dims == ("a_b", "c")
+    assert [tuple(point.values()) for point in asked.points] == [
+        (1.0, 5), (1.0, "x"), (1.0, [1, 2]), (2.0, 5), (2.0, "x"), (2.0, [1, 2]),
+    ]  # fmt: skip
+
+
+@given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.integers(1, 50))
+def test_equidistant_values_begin_and_end_as_written(low, high, count):
+    (axis,) = [[p["a"] for p in plan(Swept(over={"a": f"{low!r}:{high!r}:{count}"})).points]]
+    assert len(axis) == count
+    assert axis[0] == pytest.approx(low, rel=1e-14)
+    if count > 1:
+        assert axis[-1] == pytest.approx(high, rel=1e-14)
+        assert np.diff(axis) == pytest.approx((high - low) / (count - 1), rel=1e-6, abs=1e-8)
+
+
+def test_equal_ratios_units_and_digits():
+    asked = plan(Swept(over={"a": "1:1000:4:log"}))
+    assert [p["a"] for p in asked.points] == pytest.approx([1, 10, 100, 1000])
+    asked = plan(Swept(over={"a": "0.1:0.3:3 mm"}))
+    assert [p["a"] for p in asked.points] == ["0.1 mm", "0.2 mm", "0.3 mm"]
+
+
+def test_first_with_first():
+    asked = plan(Swept(over={"a": [1, 2], "b": [3, 4]}, method="zip"))
+    assert [tuple(p.values()) for p in asked.points] == [(1, 3), (2, 4)]
+    assert asked.dims == ("point",)
+
+
+@pytest.mark.parametrize("method", ["latin-hypercube", "sobol"])
+def test_drawn_points_fill_the_ranges_and_repeat_with_their_seed(method):
+    over = {"a": "-1:3", "b": "1:100:log"}
+    found = plan(Swept(over=over, method=method, points=64, seed=3)).points
+    assert found == plan(Swept(over=over, method=method, points=64, seed=3)).points
+    assert found != plan(Swept(over=over, method=method, points=64, seed=4)).points
+    a = (np.array([p["a"] for p in found]) + 1) / 4
+    b = np.log10([p["b"] for p in found]) / 2
+    for share in (a, b):  # one in each of 64 equal intervals, by construction of both
+        assert sorted(np.floor(share * 64).astype(int)) == list(range(64))
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "part"),
+    [
+        ("sweep=3", "sweep", "a table"),
+        ("sweep={over={}}", "sweep.over", "nothing is varied"),
+        ('sweep={over={"worm.load"="1:10"}}', "sweep.over.worm.load", "how many values"),
+        ('sweep={over={"worm.load"="one"}}', "sweep.over.worm.load", "first:last:count"),
+        ('sweep={over={"worm.load"=3}}', "sweep.over.worm.load", "no list or range"),
+        ('sweep={over={"worm.load"=[]}}', "sweep.over.worm.load", "empty list"),
+        ('sweep={over={"worm.load"="0:10:3:log"}}', "sweep.over.worm.load", "above 0"),
+        ('sweep={over={"a"=[1], "b"=[1, 2]}, method="zip"}', "sweep.over", "1 of a, 2 of b"),
+        ('sweep={over={"a"="1:2:3"}, method="sobol", points=2}', "sweep.over.a", '"1:2"'),
+        ('sweep={over={"a"="2:1"}, method="sobol", points=2}', "sweep.over.a", "empty"),
+        ('sweep={over={"a"="1:2"}, method="sobol"}', "sweep.points", "missing"),
+        ('sweep={over={"a"=[1]}, points=4}', "sweep.points", "latin-hypercube"),
+        ('sweep={over={"a"="1:2:2000000"}}', "sweep.over.a", "too many"),
+        ('sweep={over={"a"="1:9:2000", "b"="1:9:2000"}}', "sweep.over", "too many"),
+    ],
+)
+def test_what_a_sweep_refuses(text, key, part):
+    with pytest.raises(wo.SceneError) as caught:
+        load_scene("fast_gait", text)
+    assert [k for k, _ in caught.value.faults] == [key]
+    assert part in caught.value.faults[0][1]
+
+
+def test_quantities_of_keys():
+    table = type(load_scene("design_fast_gait").table)
+    assert quantity_of(table, "worm.mass") == "mass"
+    assert quantity_of(table, "gait.length[0]") == quantity_of(table, "gait.length.1") == "length"
+    assert quantity_of(table, "search.effort") == quantity_of(table, "no.such") == ""
+
+
+# -- what is found -------------------------------------------------------------------------------
+
+
+def test_a_sweep_says_what_single_runs_say():
+    found = small({"worm.load": [1.0, 25.0], "gait.period": "1:2:3"})
+    assert found.status == "ok"
+    assert found["speed"].dims == ("worm_load", "gait_period")
+    for i, load in enumerate(found["worm_load"].values):
+        for j, period in enumerate(found["gait_period"].values):
+            alone = wo.run("fast_gait", {"worm.load": load, "gait.period": period})
+            ok = alone.status == "ok"
+            assert found["status"].values[i, j] == (not ok)
+            for name in ("speed", "lambda_max", "spike_load_max"):
+                assert found[name].values[i, j] == alone.scalars[name].value
+                assert found[name].unit == alone.scalars[name].unit
+
+
+def test_points_without_solution_are_data():
+    found = wo.sweep(
+        "design_fast_gait", {"gait.spike_load": [1.0, 40.0]}, overrides="search.effort='quick'",
+        engine=SERIAL,
+    )  # fmt: skip
+    assert found.status == "ok"
+    assert found["status"].values.tolist() == [1, 0]
+    assert np.isnan(found["speed"].values[0])
+    assert "gait.spike_load" in found.attributes["reasons"][0]
+    assert found.attributes["reasons"][1] == ""
+    assert found.trust["reasons"] == {found.attributes["reasons"][0]: 1}
+
+
+def test_scenes_that_are_refused_are_data_unless_all_are():
+    found = small({"worm.load": [1.0, -1.0]}, overrides='units="SI"')
+    reasons = found.attributes["reasons"]
+    refused = found["status"].values.tolist()
+    assert (refused == [0, 2]) == bool(reasons[1]) == ("worm.load" in reasons[1])
+    with pytest.raises(wo.SceneError, match="did you mean load"):
+        small({"worm.laod": [1, 2]})
+    with pytest.raises(wo.SceneError, match=r"sweep: missing; write \[sweep\]"):
+        wo.sweep("fast_gait", engine=SERIAL)
+
+
+def test_texts_and_lists_can_be_varied():
+    found = small({"worm.mass": [1.0, [1.0, 1.0, 1.0]], "title": ["a", "b"]})
+    assert found["worm_mass"].values.tolist() == [0, 1]
+    assert found.attributes["axes"][0]["values"] == [1.0, [1.0, 1.0, 1.0]]
+    assert found["speed"].values.ravel() == pytest.approx(1.2, rel=1e-12)
+
+
+def test_values_with_units_are_coordinates_in_si():
+    lengths = {"gait.period": ["1000 ms", "2 s"]}
+    found = small(lengths, overrides='units="SI"')
+    assert (found["gait_period"].values.tolist(), found["gait_period"].unit) == ([1.0, 2.0], "s")
+
+
+def test_the_dataset_opens_in_xarray(tmp_path: Path):
+    import xarray
+
+    # loads under which the masses rest as the links want it: the advance is 1.2 (theory)
+    small({"worm.load": [40, 50], "gait.period": [1.0, 1.5, 2.0]}).save(tmp_path)
+    with xarray.open_dataset(tmp_path / "result.nc", engine="scipy") as data:
+        assert data.speed.dims == ("worm_load", "gait_period")
+        assert float(data.speed.sel(worm_load=50, gait_period=1.5)) == pytest.approx(0.8)
+        assert data.gait_period.values.tolist() == [1.0, 1.5, 2.0]
+    with (tmp_path / "points.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [(r["worm.load"], r["gait.period"], r["status"]) for r in rows[:2]] == [
+        ("40.0", "1.0", "ok"),
+        ("40.0", "1.5", "ok"),
+    ]
+    assert float(rows[4]["speed"]) == pytest.approx(1.2 / 1.5)
+
+
+# -- what is kept --------------------------------------------------------------------------------
+
+
+def computed(store: Path) -> Counter:
+    """How often each point was computed, by the journal."""
+    journal = store / "journal.txt"
+    lines = journal.read_text().splitlines() if journal.exists() else []
+    return Counter(line.split()[3] for line in lines)
+
+
+def test_what_is_known_is_not_computed_again(tmp_path: Path):
+    one = small({"worm.load": [1, 2, 2]}, store=tmp_path)
+    assert one.scalars["computed_now"].value == 2  # equal points once
+    more = small({"worm.load": [1, 2, 3]}, store=tmp_path)
+    assert more.scalars["computed_now"].value == 1
+    assert more["speed"].values.tolist()[:2] == one["speed"].values.tolist()[:2]
+    assert set(computed(tmp_path).values()) == {1}
+    point = wo.Result.load(tmp_path / more.attributes["points"][2])
+    assert (point.scene, point.kind) == ("fast_gait", "gait")
+    assert "length" in point
+
+
+def test_scalars_alone_may_be_kept(tmp_path: Path):
+    found = small({"worm.load": [1]}, store=tmp_path, keep="scalars")
+    point = wo.Result.load(tmp_path / found.attributes["points"][0])
+    assert point.variables == ()
+    assert point.scalars["speed"].value == found["speed"].values[0]
+    assert small({"worm.load": [1]}, store=tmp_path).scalars["computed_now"].value == 1
+
+
+def test_a_damaged_point_is_computed_again(tmp_path: Path):
+    found = small({"worm.load": [1]}, store=tmp_path)
+    file = tmp_path / found.attributes["points"][0]
+    file.write_bytes(file.read_bytes()[:100])
+    assert small({"worm.load": [1]}, store=tmp_path).scalars["computed_now"].value == 1
+
+
+def test_a_point_hangs_on_the_files_that_it_names(tmp_path: Path):
+    gait = wo.fast_gait(1.0)
+    gait.to_csv(tmp_path / "gait.csv", samples=101)
+    scene = tmp_path / "mine.toml"
+    text = 'schema = 1\nkind = "gait"\n[worm]\nlinks = 2\nmass = 1.0\nload = 5.0\n[gait]\n'
+    scene.write_text(f'{text}shape = "file"\nfile = "gait.csv"\nperiod = 1.0\n')
+    before = key_of(load_scene(scene), "results")
+    assert key_of(load_scene(scene), "results") == before
+    assert key_of(load_scene(scene), "scalars") != before
+    wo.fast_gait(2.0).to_csv(tmp_path / "gait.csv", samples=101)
+    assert key_of(load_scene(scene), "results") != before
+
+
+def test_who_finds_a_point_in_hand_leaves_it(tmp_path: Path):
+    from filelock import FileLock
+
+    scene = load_scene("fast_gait")
+    job = Job(scene, tmp_path / f"{key_of(scene, 'results')}.nc", "results", "one")
+    with FileLock(job.file.with_suffix(".lock")):
+        script = "import pickle, sys; from wormopt.sweeps.store import compute;" + (
+            "print(compute(pickle.load(sys.stdin.buffer)))"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", script], input=pickle.dumps(job), capture_output=True, check=True
+        )
+        assert done.stdout.strip() == b"None"
+    record = compute(job)
+    assert record is not None
+    assert record.status == "ok"
+    assert {path.suffix for path in tmp_path.iterdir()} == {".nc", ".txt"}
+
+
+def test_a_point_at_which_processes_die_is_given_up(tmp_path: Path):
+    scene = load_scene("fast_gait")
+    job = Job(scene, tmp_path / "point.nc", "results", "one")
+    tries = job.file.with_suffix(".tries")
+    tries.write_text("another\n" * 9 + "one\n" * 3)
+    record = compute(job)
+    assert record is not None
+    assert (record.status, "died" in record.reason) == ("failed", True)
+    fresh = Job(scene, tmp_path / "other.nc", "results", "one")
+    fresh.file.with_suffix(".tries").write_text("another\n" * 9)  # killed with their sweeps
+    record = compute(fresh)
+    assert record is not None
+    assert record.status == "ok"
+
+
+# -- the command ---------------------------------------------------------------------------------
+
+COMMAND = [sys.executable, "-m", "wormopt", "sweep"]
+
+
+def test_one_command_gives_dataset_table_and_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    over = ["--over", "worm.load=1:10:3", "--over", "gait.period=[1, 2]"]
+    assert main(["sweep", "fast_gait", *over, "--engine", "serial", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["kind"], summary["scalars"]["points"]["value"]) == ("sweep", 6)
+    folder = tmp_path / "results" / "fast_gait-sweep"
+    there = {path.name for path in folder.iterdir()}
+    assert there == {"result.nc", "summary.json", "points.csv", "sweep.png", "points"}
+    again = ["sweep", "fast_gait", *over, "--over", "worm.mass=[1.0, 2.0]", "--engine", "serial"]
+    assert main([*again, "--no-plots"]) == 0
+    assert wo.Result.load(folder).scalars["computed_now"].value == 6
+    assert main(["sweep", "fast_gait", "--over", "worm.load=1"]) == 2
+    assert main(["sweep", "fast_gait", "--over", "worm.load"]) == 2
+    assert main(["sweep", "fast_gait", "--over", "worm.load=[1"]) == 2
+    assert main(["sweep", "fast_gait"]) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_scene_may_say_its_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    scene = tmp_path / "mine.toml"
+    text = (Path(__file__).parents[1] / "problems" / "fast_gait.toml").read_text(encoding="utf-8")
+    scene.write_text(text + '\n[sweep]\nover."worm.load" = "1:3:3"\n', encoding="utf-8")
+    out = str(tmp_path / "out")
+    assert main(["sweep", str(scene), "--engine", "serial", "--no-plots", "-o", out]) == 0
+    assert wo.Result.load(tmp_path / "out")["worm_load"].values.tolist() == [1, 2, 3]
+    assert main(["run", str(scene), "--no-plots", "-o", str(tmp_path / "one")]) == 0
+    assert "`wormopt sweep` varies" in capsys.readouterr().err
+    assert load_scene(scene).key == load_scene("fast_gait").key
+
+
+def started(store: Path, engine: list[str], over: list[str]) -> subprocess.Popen:
+    command = [*COMMAND, "fast_gait", *over, "--quiet", "--no-plots", *engine]
+    return subprocess.Popen(
+        [*command, "-o", str(store.parent / "out"), "--store", str(store)],
+        start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def points_in(store: Path) -> set[str]:
+    return {path.stem for path in store.glob("*.nc")}
+
+
+OVER = ["--over", "worm.load=1:30:40", "--over", "gait.period=[1.0, 1.5]"]
+
+
+@pytest.mark.parametrize("count", [3, pytest.param(20, marks=pytest.mark.slow)])
+def test_a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice(tmp_path: Path, count: int):
+    store, draw = tmp_path / "store", random.Random(count)
+    killed = 0
+    for _ in range(count):
+        before = points_in(store)
+        with started(store, ["--workers", "2"], OVER) as run:
+            begin, delay = time.monotonic(), draw.uniform(0.2, 1.0)
+            while points_in(store) == before and run.poll() is None:
+                assert time.monotonic() - begin < 60
+                time.sleep(0.01)
+            time.sleep(delay * 0.3)
+            if run.poll() is None:
+                killed += 1
+                os.kill(run.pid, signal.SIGKILL)
+        assert before <= points_in(store)
+    with started(store, ["--workers", "2"], OVER) as run:
+        _, told = run.communicate(timeout=120)
+    assert run.returncode == 0, told
+    found = wo.Result.load(tmp_path / "out")
+    assert found.scalars["not_computed"].value == 0
+    assert len(points_in(store)) == 80
+    assert max(computed(store).values()) == 1
+    assert killed > 0
+    assert not list(store.glob("*.lock")) + list(store.glob("*.part")) + list(store.glob("*.tries"))
+
+
+def test_an_interrupted_sweep_saves_what_it_has_and_leaves_nothing_running(tmp_path: Path):
+    store = tmp_path / "store"
+    over = ["--over", "worm.load=1:30:4000"]
+    with started(store, ["--workers", "2"], over) as run:
+        while len(points_in(store)) < 5:
+            time.sleep(0.02)
+        os.killpg(run.pid, signal.SIGINT)
+        _, told = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert "Traceback" not in told
+    assert "interrupted after" in told
+    found = wo.Result.load(tmp_path / "out")
+    assert found.status == "failed"
+    assert 5 <= found.scalars["ok"].value + found.scalars["failed"].value < 4000
+    time.sleep(1.5)
+    before = points_in(store)
+    time.sleep(1.0)
+    assert points_in(store) == before
+
+
+def test_two_sweeps_share_a_store(tmp_path: Path):
+    store = tmp_path / "a" / "store"
+    other = tmp_path / "b"
+    other.mkdir()
+    (other / "store").symlink_to(store)
+    store.mkdir(parents=True)
+    with (
+        started(store, ["--engine", "serial"], OVER) as one,
+        started(other / "store", ["--engine", "serial"], OVER) as two,
+    ):
+        for run in (one, two):
+            _, told = run.communicate(timeout=120)
+            assert run.returncode == 0, told
+    found = [wo.Result.load(folder / "out") for folder in (tmp_path / "a", other)]
+    assert [r.scalars["not_computed"].value for r in found] == [0, 0]
+    assert np.array_equal(found[0]["speed"].values, found[1]["speed"].values, equal_nan=True)
+    assert computed(store) == Counter(points_in(store))
+    shares = [r.scalars["computed_now"].value for r in found]
+    assert min(shares) > 0
+    assert math.fsum(shares) >= 80
+
+
+# -- Dask ----------------------------------------------------------------------------------------
+
+
+def test_a_dask_cluster_computes_the_same():
+    pytest.importorskip("distributed")
+    over = {"worm.load": [1.0, 2.0, 30.0]}
+    here = small(over)
+    there = wo.sweep("fast_gait", over, engine=Engine("dask", 2))
+    assert there["speed"].values.tolist() == here["speed"].values.tolist()
+    assert there["status"].values.tolist() == here["status"].values.tolist()
+
+
+def test_a_cluster_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    pytest.importorskip("distributed")
+    engine = ["--engine", "dask", "--scheduler", "tcp://127.0.0.1:9", "-o", str(tmp_path / "out")]
+    assert main(["sweep", "fast_gait", "--over", "worm.load=[1]", *engine]) == 2
+    assert "no Dask scheduler answers" in capsys.readouterr().err

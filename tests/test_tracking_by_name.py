@@ -1,0 +1,119 @@
+"""Models whose output and input have names of their own are tracked like any other."""
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import wormopt as wo
+from wormopt.control.funnel import Funnel, funnel_tracker
+from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
+from wormopt.control.loop import with_reference
+from wormopt.control.lqr import lqr
+from wormopt.control.reference import Reference, gait_reference
+from wormopt.errors import ArgumentError
+from wormopt.model.gait import Gait
+
+J, C, D = 0.5, 2.0, 0.1
+STILL = Gait(np.array([0.0, 1.0]), np.full((1, 1, 1), 0.4))
+WIDE = Funnel(3.0, 0.2, 1.0)
+
+
+def wheel() -> wo.Model:
+    """A wheel on a torsion spring, with a lamp beside it that nobody tracks."""
+    phi, spin, torque, volt = (ca.SX.sym(name) for name in ("phi", "spin", "torque", "volt"))
+    states = [
+        wo.Signal("phi", phi, "angle", value=0.0),
+        wo.Signal("spin", spin, "angular_frequency", value=0.0),
+    ]
+    return wo.Model(
+        "wheel",
+        states,
+        ca.vertcat(spin, (torque - C * phi - D * spin) / J),
+        u=[wo.Signal("volt", volt, value=0.0), wo.Signal("torque", torque)],
+        outputs=[wo.Output("tip", 3 * phi, "length"), wo.Output("glow", volt)],
+    )
+
+
+Close = Callable[[wo.Model, Reference], wo.Model]
+LOOPS: dict[str, Close] = {
+    "lambda": lambda plant, aim: lambda_tracker(
+        plant, aim, tube_radius=0.05, adaptation=Quadratic(1e4), output="phi", input="torque"
+    ),
+    "filter": lambda plant, aim: lambda_tracker(
+        plant,
+        aim,
+        tube_radius=0.05,
+        adaptation=Quadratic(1e4),
+        feedback="filter",
+        output="phi",
+        input="torque",
+    ),
+    "funnel": lambda plant, aim: funnel_tracker(
+        plant, aim, funnel=WIDE, rate_funnel=WIDE, output="phi", input="torque"
+    ),
+    "lqr": lambda plant, aim: lqr(plant, aim, error_weight=9.0, output="phi", input="torque"),
+}
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_a_wheel_is_turned_to_where_it_shall_be(name: str):
+    plant = wheel()
+    loop = LOOPS[name](plant, gait_reference(STILL, plant.t))
+    motion = wo.simulate(loop, 40.0, times=np.linspace(0.0, 40.0, 41))
+    radius = {"funnel": 0.2, "lqr": 1e-6}.get(name, 0.05)
+    assert abs(motion["error"][0, -1]) < radius * (1 + 1e-3)
+    assert motion["phi"][0, -1] - motion["error"][0, -1] == pytest.approx(0.4)
+    # the input under its own name is the torque that the balance of moments asks for
+    held = C * motion["phi"][0, -1] + D * motion["spin"][0, -1]
+    if name == "lqr":
+        assert motion["torque"][0, -1] == pytest.approx(held, abs=1e-6)
+    assert [signal.name for signal in loop.u] == ["volt"]
+    units = {output.name: output.unit for output in loop.outputs}
+    assert units["error"] == units["reference"] == "angle"
+
+
+def test_lqr_has_the_gains_of_its_closed_form():
+    """J e'' + D e' + C e = v: K_0 = -C + sqrt(C^2 + q), K_1 = -D + sqrt(D^2 + 2 J K_0)."""
+    plant = wheel()
+    loop = lqr(
+        plant, gait_reference(STILL, plant.t), error_weight=9.0, output="phi", input="torque"
+    )
+    k0 = -C + (C**2 + 9.0) ** 0.5
+    k1 = -D + (D**2 + 2 * J * k0) ** 0.5
+    found = {signal.name: signal.value for signal in loop.p if signal.name.endswith("gain")}
+    assert found == {"error_gain": pytest.approx((k0,)), "rate_gain": pytest.approx((k1,))}
+
+
+def test_an_output_of_the_model_is_followed_too():
+    plant = wheel()
+    aim = gait_reference(Gait(STILL.breaks, 3 * STILL.polynomial), plant.t)
+    loop = lqr(plant, aim, error_weight=9.0, output="tip", input="torque")
+    motion = wo.simulate(loop, 20.0, times=np.linspace(0.0, 20.0, 11))
+    assert motion["phi"][0, -1] == pytest.approx(0.4, abs=1e-6)
+    compared = with_reference(plant, aim, output="tip")
+    assert {"error", "error_norm"} <= {output.name for output in compared.outputs}
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ({}, "wheel has no output 'length'.*by output=: 'phi', 'spin', 'tip', 'glow'"),
+        ({"output": "phi"}, "no input 'input' of 1.*by input=: 'volt' of 1, 'torque' of 1"),
+        ({"output": "glow", "input": "torque"}, "at once, not by inertia"),
+        ({"output": "spin", "input": "torque"}, "at once, not by inertia"),
+    ],
+)
+@pytest.mark.parametrize("close", [lambda_tracker, funnel_tracker, lqr])
+def test_names_that_are_not_there_are_told(
+    close: Callable[..., wo.Model], names: dict[str, str], said: str
+):
+    plant = wheel()
+    needed = {
+        lambda_tracker: {"tube_radius": 0.1},
+        funnel_tracker: {"funnel": WIDE, "rate_funnel": WIDE},
+        lqr: {"error_weight": 1.0},
+    }[close]
+    with pytest.raises(ArgumentError, match=said):
+        close(plant, gait_reference(STILL, plant.t), **needed, **names)

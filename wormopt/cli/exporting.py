@@ -1,0 +1,94 @@
+"""``wormopt export``: a result, written for other tools."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from typing import TYPE_CHECKING, Any
+
+from wormopt.cli.codes import BAD_INPUT, DONE, say
+from wormopt.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from wormopt.result import Result
+
+_FORMATS = {
+    "csv": "tables, signals over time first",
+    "mat": "a MATLAB file with everything",
+    "c": "C99 source of the gait, exact, and a program that tests it",
+    "ros": "the gait as a ROS message trajectory_msgs/JointTrajectory, in YAML",
+    "fmu": "the model as an FMI 3.0 unit for model exchange, its friction smooth",
+}
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's."""
+    command = commands.add_parser(
+        "export",
+        help="write a result for other tools",
+        description="Write a result for other tools; all files, or none.",
+        allow_abbrev=False,
+    )
+    command.set_defaults(command=_export)
+    command.add_argument("result", metavar="RESULT", help="folder of a result, or the .nc in it")
+    for name, what in _FORMATS.items():
+        command.add_argument(
+            f"--{name}", action="append_const", const=name, dest="formats", help=what
+        )
+    command.add_argument(
+        "-o",
+        "--output",
+        metavar="PATH",
+        help="a folder or, for one format, a file (files named by the scene, in this folder)",
+    )
+    command.add_argument(
+        "--step",
+        metavar="TIME",
+        type=float,
+        help="time between rows of --csv (the result's own) and points of --ros (0.01)",
+    )
+    command.add_argument(
+        "--cycles", metavar="N", type=int, default=1, help="periods in --ros (%(default)s)"
+    )
+    command.add_argument("--force", action="store_true", help="replace files of the same names")
+    command.add_argument("--quiet", action="store_true", help="do not name the files written")
+
+
+def _export(options: argparse.Namespace) -> int:
+    if not options.formats:
+        say(f"nothing to export to; write one or more of --{', --'.join(_FORMATS)}")
+        return BAD_INPUT
+    try:
+        result = _loaded(options.result)
+        from wormopt.exports.export import export
+
+        files = export(
+            result,
+            options.formats,
+            options.output,
+            step=options.step,
+            cycles=options.cycles,
+            force=options.force,
+        )
+    except ArgumentError as error:
+        say(str(error))
+        return BAD_INPUT
+    if result.status != "ok":
+        say(f"{result.scene}: the result failed, as the files say: {result.reason}")
+    if not options.quiet:
+        for file in files:
+            print(file)
+    return DONE
+
+
+def _loaded(path: str) -> Result:
+    if not os.path.lexists(path):  # before anything heavy is loaded
+        raise ArgumentError(f"{path}: there is no such result; name its folder or its result.nc")
+    from wormopt.result import Result
+
+    try:
+        return Result.load(path)
+    except OSError as error:
+        raise ArgumentError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise ArgumentError(str(error)) from None

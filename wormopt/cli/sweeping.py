@@ -1,0 +1,161 @@
+"""``wormopt sweep``: a scene at many values of some of its keys, in one dataset."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, NOT_SOLVED, say
+from wormopt.cli.running import FORCE, draw_all
+from wormopt.errors import ArgumentError, Interrupted, SceneError
+from wormopt.files import RESULT_FILE, SUMMARY_FILE, picture_file
+from wormopt.kinds import SWEEP
+from wormopt.progress import shown_on_stderr
+from wormopt.scene import load_scene
+from wormopt.scene.output import Output, check_output, default_folder, output_folder
+
+ENGINES = ("processes", "serial", "dask")
+_STORE = "points"
+_DESCRIPTION = """\
+Compute a scene at many values of some of its keys: what is varied says its table
+[sweep], or --over. Every point is kept as soon as it is done, so that a sweep that
+was killed goes on where it was, and one that is enlarged computes what is new."""
+_EXAMPLES = """\
+examples:
+  wormopt sweep design_fast_gait --over worm.load=1:10:10 --over gait.spike_load=[20,30]
+  wormopt sweep fast_gait --over worm.load=1:100:5:log --over gait.period=1:2:5 --zip
+  wormopt sweep robot.toml --over worm.load=1:10 --sobol 64 --engine dask"""
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's."""
+    command = commands.add_parser(
+        "sweep",
+        help="compute a scene at many values of some of its keys",
+        description=_DESCRIPTION,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    command.set_defaults(command=_sweep)
+    command.add_argument("scene", metavar="SCENE", help="a TOML file, or the name of a scene")
+    command.add_argument(
+        "--over",
+        metavar="KEY=VALUES",
+        action="append",
+        default=[],
+        help="first:last:count, first:last:count:log, or a list; first:last where it is drawn from",
+    )
+    method = command.add_mutually_exclusive_group()
+    method.add_argument("--zip", action="store_true", help="first values together, and so on")
+    method.add_argument(
+        "--latin-hypercube", metavar="N", type=int, help="draw N points within the ranges"
+    )
+    method.add_argument("--sobol", metavar="N", type=int, help="draw N points, evenly")
+    command.add_argument("--seed", type=int, default=0, help="of what is drawn (%(default)s)")
+    command.add_argument(
+        "--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene"
+    )
+    command.add_argument(
+        "-o", "--output", metavar="DIR", help="where the dataset goes (results/<scene>-sweep)"
+    )
+    command.add_argument(
+        "--store", metavar="DIR", help=f"where points are kept, shared or not (DIR/{_STORE})"
+    )
+    command.add_argument(
+        "--keep", choices=("results", "scalars"), default="results", help="of a point (%(default)s)"
+    )
+    command.add_argument("--engine", choices=ENGINES, default="processes", help="(%(default)s)")
+    command.add_argument("--workers", metavar="N", type=int, help="one per processor if left out")
+    command.add_argument("--scheduler", metavar="ADDRESS", default="", help="of a Dask cluster")
+    command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+    command.add_argument("--no-plots", action="store_true", help="draw no pictures")
+    command.add_argument("--quiet", action="store_true", help="show no progress")
+    command.add_argument("--force", action="store_true", help=FORCE)
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    scene = load_scene(options.scene, options.set)
+    over = _over(scene.name, options.over)
+    picture = picture_file("sweep")
+    files = [RESULT_FILE, SUMMARY_FILE, *SWEEP.exports, *([] if options.no_plots else [picture])]
+    folder = Path(options.output or default_folder(f"{scene.name}-sweep", options.set))
+    output = Output(folder, scene.name, "sweep", kept=(_STORE,), force=options.force)
+    output = check_output(output, files)
+    from wormopt.numerics.workers import Engine
+    from wormopt.sweeps.sweep import sweep
+
+    code = DONE
+    try:
+        with shown_on_stderr(options.quiet) as report:
+            result = sweep(
+                scene,
+                over,
+                **_method(options),
+                store=options.store or output.folder / _STORE,
+                keep=options.keep,
+                engine=Engine(options.engine, options.workers, options.scheduler),
+                report=report,
+            )
+            code = DONE if result.status == "ok" else NOT_SOLVED
+    except Interrupted as stop:
+        result, code = stop.partial, INTERRUPTED
+    except ArgumentError as error:
+        say(str(error))
+        return BAD_INPUT
+    with output_folder(output) as staging:
+        pictures = {} if options.no_plots else {"sweep": picture}
+        result.save(staging, tuple(pictures.values()))
+        draw_all(result, pictures, staging)
+    if options.json:
+        print(json.dumps(result.summary(), allow_nan=False))
+    else:
+        _print(result, output.folder)
+    if result.status == "failed":
+        say(f"{scene.name}: failed: {result.reason}")
+    return code
+
+
+def _over(name: str, texts: list[str]) -> dict[str, Any] | None:
+    """What is varied, None where the scene says it."""
+    found = {}
+    for text in texts:
+        key, equals, values = text.partition("=")
+        if not equals or not key.strip():
+            what = f"{text!r} does not read key=values, worm.load=1:10:10 say"
+            raise SceneError(name, [("--over", what)])
+        found[key.strip()] = _values(name, key.strip(), values.strip())
+    return found or None
+
+
+def _values(name: str, key: str, text: str) -> Any:
+    if not text.startswith("["):
+        return text
+    import tomllib
+
+    try:
+        return tomllib.loads(f"values = {text}")["values"]
+    except ValueError:
+        what = f"{text!r} is no list; write {key}=[1, 2, 5]; texts stand in quotes"
+        raise SceneError(name, [("--over", what)]) from None
+
+
+def _method(options: argparse.Namespace) -> dict[str, Any]:
+    if options.zip:
+        return {"method": "zip"}
+    for name in ("latin_hypercube", "sobol"):
+        points = getattr(options, name)
+        if points is not None:
+            return {"method": name.replace("_", "-"), "points": points, "seed": options.seed}
+    return {}
+
+
+def _print(result: Any, folder: Path) -> None:
+    counts = {name: result.scalars[name].value for name in ("points", "ok", "failed", "refused")}
+    print(f"{result.title}: a sweep of {counts.pop('points')} points")
+    print("  " + ", ".join(f"{count} {name}" for name, count in counts.items() if count))
+    for reason, count in result.trust["reasons"].items():
+        print(f"  {count} x {reason}")
+    print(f"Saved in {folder}")

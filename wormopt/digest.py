@@ -1,0 +1,195 @@
+"""What a Result says in short: scalars in groups, what limits it, how far to trust it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from wormopt.kinds import KINDS
+from wormopt.shown import Part, brief
+
+# As many scalars as come first where a kind does not say which.
+_FIRST = 5
+# Scalars of these names speak of the computation; they are part of the whole, not of the short.
+_OF_THE_COMPUTATION = ("recheck_", "solve_", "defect_", "complementarity_", "discretisation_",
+                       "worst_", "n_steps", "boxes_", "assumed_")  # fmt: skip
+# A limit is reached where so small a share of it is left, and has no effect below so many per cent.
+_REACHED, _NO_EFFECT = 1e-6, 1e-6
+
+
+def groups(result: Any) -> list[Part]:
+    """Group scalars: what was asked for, limits, the rest; rows of name, value, remark."""
+    first, limits = _headline(result), [*_limits(result)]
+    taken = {*first, *(row[0] for row in limits), *_aside(result)}
+    taken |= {"objective"} if _repeated(result, first) else set()
+    return [
+        Part("", [*_entries(result), *(_row(result, name) for name in first)]),
+        Part(_heading_of_limits(result), limits),
+        Part("Besides", [_row(result, name) for name in result.scalars if name not in taken]),
+    ]
+
+
+def trust(result: Any) -> Iterator[str]:
+    """Tell in three lines how far to trust it: status and worst check, second route, warnings."""
+    reason = f": {result.reason}" if result.reason else ""
+    yield f"{result.status}{reason}{_worst(result.checks)}"
+    second = _second_route(result)
+    if second:
+        yield f"second route: {second}"
+    warnings = result.trust.get("warnings", [])
+    if not warnings:
+        yield "no warnings"
+    else:
+        yield f"{len(warnings)} warning{'s' * (len(warnings) > 1)}: {'; '.join(warnings)}"
+
+
+def headline(result: Any) -> str:
+    """Write the scalars that were asked for on one line."""
+    rows = [_row(result, name) for name in _headline(result)]
+    return ", ".join(f"{name} {value}" for name, value, _ in rows)
+
+
+def _headline(result: Any) -> list[str]:
+    declared = KINDS[result.kind].load_table().headline if result.kind in KINDS else ()
+    chosen = [name for name in declared if name in result.scalars]
+    chosen = chosen or [name for name in result.scalars if name not in _aside(result)][:_FIRST]
+    return [name for name in chosen if name != "objective" or not _repeated(result, chosen)]
+
+
+def _repeated(result: Any, chosen: Iterable[str]) -> bool:
+    """Whether the objective is one of the others, up to its sign."""
+    best = _size(result.scalars["objective"].value) if "objective" in result.scalars else None
+    others = (_size(result.scalars[name].value) for name in chosen if name != "objective")
+    return best is not None and best in others
+
+
+def _aside(result: Any) -> set[str]:
+    """Scalars that are left to the whole: of the computation, or told otherwise already."""
+    told = ("sensitivity.",) if _effects_known(result) else ()
+    found = {name for name in result.scalars if name.startswith((*_OF_THE_COMPUTATION, *told))}
+    return found | {name for name in result.scalars if told and _limited(name)}
+
+
+def _size(value: Any) -> float | None:
+    known = isinstance(value, int | float) and not isinstance(value, bool)
+    return abs(value) if known else None
+
+
+def _limited(name: str) -> str:
+    """What a scalar limits, by its name; empty where it is no limit."""
+    found = re.fullmatch(r"(.+)_limits?", name)
+    return found[1] if found else ""
+
+
+def _effects_known(result: Any) -> bool:
+    return isinstance(result.attributes.get("limits"), Mapping) and "limit_elasticity" in result
+
+
+def _row(result: Any, name: str) -> tuple[str, str, str]:
+    scalar = result.scalars[name]
+    return name, _with_unit(scalar.value, scalar.unit), ""
+
+
+def _with_unit(value: Any, unit: str) -> str:
+    return brief(value) if unit == "1" or value is None else f"{brief(value)} {unit}"
+
+
+def _entries(result: Any) -> Iterator[tuple[str, str, str]]:
+    """Names of what scalars hold one number of each for."""
+    held = dict.fromkeys(
+        dim for v in result.variables for dim in v.dims if f"{dim}s" in result.attributes
+    )
+    for dim in held:
+        names = result.labels.get(dim, [])
+        if len(names) > 1 and dim != "limit":
+            yield f"{dim}s", brief(names, 100), ""
+
+
+# -- limits --------------------------------------------------------------------------------------
+
+
+def _heading_of_limits(result: Any) -> str:
+    if _effects_known(result):
+        objective = result.attributes["limits"]["objective"]
+        return f"Limits, and what 1 % more of each does to {objective}"
+    return "Limits"
+
+
+def _limits(result: Any) -> Iterator[tuple[str, str, str]]:
+    """What stands in the way, as far as the result knows."""
+    if _effects_known(result):
+        yield from _effects(result.attributes["limits"], result["limit_elasticity"].values.tolist())
+        return
+    excess = result.trust.get("violations")
+    if isinstance(excess, Mapping):
+        yield from _reached(excess)
+    for name in result.scalars:
+        if _limited(name):
+            yield _against(result, name, f"{_limited(name)}_max")
+
+
+def _effects(known: Mapping[str, Any], shares: list[float]) -> Iterator[tuple[str, str, str]]:
+    rows = list(zip(known["name"], known["value"], known["unit"], shares, strict=True))
+    for name, value, unit, share in sorted(rows, key=lambda row: -abs(row[3])):
+        if abs(share) >= _NO_EFFECT:
+            yield name, _with_unit(value, unit), f"{share:+.3g} %"
+    without = [name for name, *_, share in rows if not abs(share) >= _NO_EFFECT]
+    if without:
+        yield "without effect", "", ", ".join(without)
+
+
+def _reached(excess: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    numbers = {name: value for name, value in excess.items() if isinstance(value, int | float)}
+    reached = [name for name, value in numbers.items() if value >= -_REACHED]
+    spare = [f"{name} {-value:.2g}" for name, value in numbers.items() if value < -_REACHED]
+    if reached:
+        yield "reached", ", ".join(reached), ""
+    if spare:
+        yield "share to spare", ", ".join(spare), ""
+
+
+def _against(result: Any, limit: str, largest: str) -> tuple[str, str, str]:
+    """A limit, with how much of it is used where the result knows both as numbers."""
+    name, value, _ = _row(result, limit)
+    most = _size(result.scalars[limit].value)
+    used = _size(result.scalars[largest].value) if largest in result.scalars else None
+    remark = "" if used is None or not most else f"{largest} is {100 * used / most:.3g} % of it"
+    return name, value, remark
+
+
+# -- trust ---------------------------------------------------------------------------------------
+
+
+def _share(check: Any) -> float:
+    if check.value is None:
+        return float("inf")
+    if check.limit:
+        return abs(check.value) / check.limit
+    return 0.0 if check.passed else float("inf")
+
+
+def _worst(checks: tuple[Any, ...]) -> str:
+    if not checks:
+        return ""
+    worst = max(checks, key=lambda check: (not check.passed, _share(check)))
+    which = f"the worst of {len(checks)} checks" if len(checks) > 1 else "the one check"
+    name = worst.name if worst.passed else f"{worst.name} (not passed)"
+    if worst.value is None or not worst.limit:
+        return f"; {which}, {name}, is {brief(worst.value)}, where {worst.limit:.2g} is accepted"
+    share = f"{100 * _share(worst):.3g} % of the {worst.limit:.2g} accepted"
+    return f"; {which}, {name}, is {worst.value:.2g}, {share}"
+
+
+def _second_route(result: Any) -> str:
+    """What the independent route found: how it went, and by how much it differs."""
+    told = result.trust.get("recheck")
+    each = [one for one in (told if isinstance(told, list) else [told]) if isinstance(one, Mapping)]
+    routes = dict.fromkeys(str(one.get("method") or one.get("route") or "") for one in each)
+    errors = [one["error"] for one in each if isinstance(one.get("error"), int | float)]
+    found = [f"differs by {max(map(abs, errors)):.2g}"] if errors else []
+    if not errors:
+        for name in (name for name in result.scalars if name.startswith("recheck_")):
+            what = name.removeprefix("recheck_").removesuffix("error").strip("_")
+            found.append(f"{what} differs by {brief(result.scalars[name].value)}".strip())
+    return ", ".join([*filter(None, routes), *found])

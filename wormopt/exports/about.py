@@ -1,0 +1,62 @@
+"""What every exported file says of where it comes from; and the gait of a result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from wormopt.errors import ArgumentError
+from wormopt.model.gait import Gait
+from wormopt.result import Result
+from wormopt.systems.spiked.files import gait_of_result
+from wormopt.version import VERSION
+
+
+def remarks(result: Result) -> list[str]:
+    """Lines, each plain text, on what a result is and whether it failed."""
+    titled = f": {result.title}" if result.title and result.title != result.scene else ""
+    lines = [
+        f"{result.scene}{titled} (kind {result.kind or 'unknown'})",
+        f"made by wormopt {VERSION}",
+    ]
+    if result.status != "ok":
+        lines.append(f"NOT TO BE TRUSTED, the result failed: {result.reason}")
+    return [one_line(line) for line in lines]
+
+
+def one_line(text: str) -> str:
+    """Text on one line, without what no file of text may hold."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Lengths of links over time, to be exported, and what is said of them."""
+
+    gait: Gait
+    remarks: tuple[str, ...] = (f"made by wormopt {VERSION}",)
+    time_unit: str = "s"
+    length_unit: str = "m"
+
+    @classmethod
+    def of(cls, result: Result) -> Course:
+        """Take the gait out of a result; raises ArgumentError if there is none of links."""
+        if "gait_polynomial" not in result or result["gait_polynomial"].dims[1] != "link":
+            held = "gait, gait-design, gait-pareto, stepper, track, track-optimal or pair-waveform"
+            raise ArgumentError(
+                f"{result.scene}: a result of kind {result.kind} holds no gait, which C and ROS "
+                f"need; take one of kind {held}, or export to csv or mat"
+            )
+        return cls(
+            gait_of_result(result),
+            tuple(remarks(result)),
+            result["gait_breaks"].unit,
+            result["gait_polynomial"].unit,
+        )
+
+    @property
+    def units(self) -> tuple[str, str, str, str]:
+        """Units of time, length, rate and acceleration, "1" where the scene has none."""
+        if self.time_unit == "1":
+            return "1", "1", "1", "1"
+        length, time = self.length_unit, self.time_unit
+        return time, length, f"{length} {time}-1", f"{length} {time}-2"

@@ -1,0 +1,130 @@
+"""CSV: signals over time, one row for each instant; everything else over its own dimensions."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.exports.about import remarks
+from wormopt.exports.instants import times
+from wormopt.model.gait import Gait
+from wormopt.quantities import Variable
+from wormopt.result import Result
+from wormopt.systems.spiked.files import gait_of_result
+
+# Dimensions that are time, and signals that may be a gait's own, with the order of derivative.
+_AXES = ("time", "instant")
+_OF_GAIT = {"length": 0, "reference": 0, "rate": 1, "acceleration": 2}
+_SAME = 1e-9
+
+
+def make(result: Result, stem: str, step: float | None = None) -> dict[str, bytes]:
+    """Tables of a result: ``STEM.csv`` over time, ``STEM_point.csv`` and the like over the rest.
+
+    A result without time that has one table alone has it in ``STEM.csv``. Raises ArgumentError
+    if there is nothing to write, or a step is given and no time.
+    """
+    axis = next((a for a in _AXES if a in result and result[a].dims == (a,)), None)
+    tables: dict[str, list[Variable]] = {}
+    for variable in result.variables:
+        if not variable.name.startswith("gait_"):
+            over = axis if axis in variable.dims else "_".join(variable.dims)
+            tables.setdefault(str(over), []).append(variable)
+    if not tables:
+        raise ArgumentError(f"{result.scene}: the result holds no signals; export it to mat")
+    if step is not None and axis is None:
+        raise ArgumentError(f"{result.scene}: the result has no time; leave the step out")
+    head = remarks(result)
+    found = {}
+    for over, variables in tables.items():
+        name = stem if over == axis or len(tables) == 1 else f"{stem}_{over}"
+        if axis is not None and over == axis:
+            said, columns = _over_time(result, axis, variables, step)
+        else:
+            said, columns = [], list(_long(result, variables))
+        found[f"{name}.csv"] = _text([*head, *said], columns)
+    return found
+
+
+Column = tuple[str, str, np.ndarray]  # name, unit, one value for each row
+
+
+def _text(said: Sequence[str], columns: Sequence[Column]) -> bytes:
+    stream = io.StringIO()
+    stream.writelines(f"# {line}\n" for line in said)
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow([f"{name} [{unit}]" for name, unit, _ in columns])
+    writer.writerows(zip(*([repr(v) for v in c.tolist()] for _, _, c in columns), strict=True))
+    return stream.getvalue().encode()
+
+
+def _over_time(
+    result: Result, axis: str, variables: Sequence[Variable], step: float | None
+) -> tuple[list[str], list[Column]]:
+    """Remarks and columns of the signals over time, at the result's own instants or at others."""
+    own = result[axis].values.astype(float)
+    at = own if step is None else times(step, own[0], own[-1])
+    columns: list[Column] = [("time", result[axis].unit, at)]
+    exact = _of_gait(result, axis)
+    for variable in variables:
+        if variable.name == axis:
+            continue
+        values = np.moveaxis(variable.values, variable.dims.index(axis), -1)
+        if step is not None and variable.name in exact:
+            values = exact[variable.name](at, _OF_GAIT[variable.name])
+        elif step is not None:
+            values = _between(at, own, values)
+        for place in np.ndindex(values.shape[:-1]):
+            name = "_".join([variable.name, *map(str, place)])
+            columns.append((name, variable.unit, values[place]))
+    if step is None:
+        return [], columns
+    said = f"every {step!r} in time, between samples linearly, whole numbers as they were before"
+    if exact:
+        said += f"; by the gait's own formulas: {', '.join(exact)}"
+    return [said], columns
+
+
+def _between(at: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
+    rows = values.reshape(-1, len(own))
+    if values.dtype.kind == "f":
+        found = np.array([np.interp(at, own, row) for row in rows])
+    else:
+        found = rows[:, np.clip(np.searchsorted(own, at, side="right") - 1, 0, None)]
+    return found.reshape(*values.shape[:-1], len(at))
+
+
+def _of_gait(result: Result, axis: str) -> dict[str, Gait]:
+    """The gait, by the names of those signals that are its lengths, rates and accelerations."""
+    if "gait_polynomial" not in result:
+        return {}
+    gait, t = gait_of_result(result), result[axis].values
+
+    def follows(name: str) -> bool:
+        if name not in result or result[name].dims != ("link", axis):
+            return False
+        values = result[name].values
+        if len(values) != gait.links:
+            return False
+        return bool(np.abs(values - gait(t)).max() <= _SAME * np.abs(values).max())
+
+    found = [name for name in ("length", "reference") if follows(name)]
+    if "length" in found:
+        found += [n for n in ("rate", "acceleration") if n in result]
+    return dict.fromkeys(found, gait)
+
+
+def _long(result: Result, variables: Sequence[Variable]) -> Iterator[Column]:
+    """One row for each entry: its place, by coordinate or number, then the variables there."""
+    dims, shape = variables[0].dims, variables[0].values.shape
+    for place, dim in zip(np.indices(shape), dims, strict=True):
+        known = dim in result and result[dim].dims == (dim,)
+        values = result[dim].values[place] if known else place
+        yield dim, result[dim].unit if known else "1", values.ravel()
+    for variable in variables:
+        if variable.name not in dims:
+            yield variable.name, variable.unit, variable.values.ravel()

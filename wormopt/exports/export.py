@@ -1,0 +1,113 @@
+"""The verb `export`: what was found, written for other tools."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from wormopt.errors import ArgumentError
+from wormopt.exports.files import publish, target
+
+if TYPE_CHECKING:
+    from wormopt.model.gait import Gait
+    from wormopt.model.model import Model
+    from wormopt.result import Result
+
+Format = Literal["csv", "mat", "c", "ros", "fmu"]
+SUFFIXES: dict[str, str] = {"csv": ".csv", "mat": ".mat", "c": ".c", "ros": ".yaml", "fmu": ".fmu"}
+
+
+def export(
+    what: Result | Gait | Model,
+    formats: Format | Sequence[Format],
+    path: str | Path | None = None,
+    *,
+    step: float | None = None,
+    cycles: int = 1,
+    force: bool = False,
+) -> tuple[Path, ...]:
+    """Write what was found for other tools, all files or none.
+
+    Parameters
+    ----------
+    what : Result, Gait or Model
+        A Result goes to all formats, as far as it holds what they need; a Gait to "c" and "ros",
+        a Model to "fmu".
+    formats : {"csv", "mat", "c", "ros", "fmu"}, or several of them
+        CSV tables; a MATLAB file; C99 source of the gait; the gait as a ROS message
+        trajectory_msgs/JointTrajectory in YAML; an FMI 3.0 model exchange unit of the model, its
+        friction smooth.
+    path : str or path, optional
+        A folder, or, for one format, a file with its suffix (.csv, .mat, .c, .yaml, .fmu). By
+        default files are named by the scene, in the current folder.
+    step : float, optional
+        Time between rows of a CSV table, by default those of the result, and between points of
+        a ROS trajectory, by default 0.01.
+    cycles : int, optional
+        Periods of the gait in a ROS trajectory.
+    force : bool, optional
+        Whether files of the same names are replaced.
+
+    Returns
+    -------
+    tuple of Path
+        The files.
+
+    Raises
+    ------
+    ArgumentError
+        If `what` cannot be written so, a number makes no sense, or an FMU cannot be compiled.
+    SceneError
+        If the model of a result cannot be built again.
+    OutputError
+        If something is in the way or cannot be written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from wormopt.runner import run
+    >>> result = run("fast_gait")
+    >>> with TemporaryDirectory() as folder:
+    ...     files = export(result, ["csv", "c"], folder)
+    ...     [file.name for file in files]
+    ['fast_gait.csv', 'fast_gait.h', 'fast_gait.c', 'fast_gait_replay.c']
+    """
+    wanted = [formats] if isinstance(formats, str) else [*dict.fromkeys(formats)]
+    unknown = [name for name in wanted if name not in SUFFIXES]
+    if unknown or not wanted:
+        raise ArgumentError(f"formats are {', '.join(SUFFIXES)}, not {unknown or 'none'}")
+    name = getattr(what, "scene", None) or getattr(what, "name", None) or "gait"
+    folder, stem = target(path, name, [SUFFIXES[each] for each in wanted])
+    files: dict[str, bytes] = {}
+    for each in wanted:
+        files |= _made(what, each, stem, step, cycles)
+    return publish(files, folder, force)
+
+
+def _made(
+    what: Result | Gait | Model, into: str, stem: str, step: float | None, cycles: int
+) -> dict[str, bytes]:
+    """Contents of the files of one format; each loads what it needs."""
+    from wormopt.model.gait import Gait
+    from wormopt.result import Result
+
+    if into == "fmu":
+        from wormopt.exports.fmu import make, plants_of
+
+        return make(plants_of(what), stem)
+    if into in ("c", "ros"):
+        from wormopt.exports import c_source, ros
+        from wormopt.exports.about import Course
+
+        if not isinstance(what, Result | Gait):
+            raise ArgumentError(f"{into} takes a Result or a Gait, not {type(what).__name__}")
+        course = Course.of(what) if isinstance(what, Result) else Course(what)
+        if into == "c":
+            return c_source.make(course, stem)
+        return ros.make(course, stem, 0.01 if step is None else step, cycles)
+    if not isinstance(what, Result):
+        raise ArgumentError(f"{into} takes a Result, not {type(what).__name__}")
+    from wormopt.exports import csv_tables, matlab
+
+    return csv_tables.make(what, stem, step) if into == "csv" else matlab.make(what, stem)

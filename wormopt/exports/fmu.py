@@ -1,0 +1,275 @@
+"""FMI 3.0: a Model as an FMU for model exchange, its contacts smooth, by CasADi's own export.
+
+CasADi 3.8 writes code and description of the model. What is mended: its wrapper does not look
+again when time alone is set, takes time for 0 in derivatives, and every state's usual size for 1;
+the description lacks units and dependence on time. `tests/test_exports.py` looks at each.
+"""
+
+from __future__ import annotations
+
+import io
+import platform
+import re
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections.abc import Iterator, Sequence
+from contextlib import chdir
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.exports.about import one_line, remarks
+from wormopt.exports.description import mend_description, only_sources
+from wormopt.exports.files import identifier
+from wormopt.kinds import KINDS
+from wormopt.model.explicit import Explicit
+from wormopt.model.model import TINY, Model
+from wormopt.model.schedule import Schedule
+from wormopt.model.values import signal_values
+from wormopt.quantities import UNITS, unit_of
+from wormopt.result import Result
+from wormopt.scene.scene import scene_of_text
+from wormopt.simulation.native.build import compiler
+from wormopt.simulation.options import Smooth
+from wormopt.systems.chain import treatment_of
+
+_HEADER = "fmi3Functions.h"
+# Line of CasADi's wrapper, what it must be.
+_MENDED = (
+    ("m->t = time;", "m->t = m->v[0] = time;\n  m->up_to_date = 0;"),
+    ("m->t = startTime;", "m->t = m->v[0] = startTime;\n  m->up_to_date = 0;"),
+    ("m->arg[i++] = 0;  // t", "m->arg[i++] = &m->t;"),
+    ("\nfmi3Status fmi3Get", "\nFMI3_Export fmi3Status fmi3Get"),
+    ("nominals[i] = 1;", "nominals[i] = nominal[i];"),
+)
+_MACHINES = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}
+_SUFFIXES = {"windows": ".dll", "darwin": ".dylib"}
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A Model to be exported, and what its author knows of it."""
+
+    model: Model
+    v_reg: float = 1 / 40
+    units: str = "SI"  # or "dimensionless": what quantities are measured in
+    remarks: tuple[str, ...] = ()
+
+
+def make(plants: Sequence[Plant], stem: str) -> dict[str, bytes]:
+    """``STEM.fmu``, or ``STEM_0.fmu`` and so on where there are several models.
+
+    Raises ArgumentError if a model has algebraic variables, walls or switches that move its
+    states, or there is no C compiler or no CasADi that exports FMUs.
+    """
+    stems = [stem] if len(plants) == 1 else [f"{stem}_{k}" for k in range(len(plants))]
+    return {f"{s}.fmu": _archive(plant, s) for s, plant in zip(stems, plants, strict=True)}
+
+
+def _archive(plant: Plant, stem: str) -> bytes:
+    name = f"{identifier(stem)}_model"  # no function of C is called so
+    if not hasattr(ca.DaeBuilder, "compile_fmu"):
+        raise ArgumentError(f"an FMU needs CasADi 3.8 or newer, here is {ca.CasadiMeta.version()}")
+    _refuse(plant.model)
+    dae = _builder(plant, name)
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):  # where CasADi writes to
+        files = dae.export_fmu({"no_warning": True, "with_serialization": False})
+        wrapper = Path(f"{name}_wrap.c")
+        text = wrapper.read_text(encoding="utf-8")
+        for old, new in _MENDED:
+            text = text.replace(old, new)
+        wrapper.write_text(text.replace(*_nominals(plant.model)), encoding="utf-8")
+        mend_description(Path("modelDescription.xml"), stem, _description(plant), _timed(plant))
+        only_sources(Path("buildDescription.xml"))
+        library, binary = _compiled(name)
+        stream = io.BytesIO()
+        with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+            for local, path in sorted([*files.items(), (library, binary)]):
+                archive.write(local, path.removeprefix("./"))
+    return stream.getvalue()
+
+
+def _refuse(model: Model) -> None:
+    x = ca.vertcat(*(signal.symbol for signal in model.x))
+    for switch in model.switches:  # those that only tell when something happens may go
+        if switch.terminal or not ca.is_equal(ca.densify(switch.reset), x, 2):
+            raise ArgumentError(
+                f"{model.name}: {switch.name!r} moves or ends the motion, and an FMU here has no "
+                "events; take a model without switches"
+            )
+    if any(c.gap is not None or c.normal_force is not None for c in model.contacts):
+        raise ArgumentError(f"{model.name} has walls; let them give way by smooth_walls")
+
+
+def _nominals(model: Model) -> tuple[str, str]:
+    """Line of the wrapper, and what it must be: it knows the usual size of every state then."""
+    line = "#include <fmi3Functions.h>\n"
+    sizes = [repr(float(s.nominal)) for s in model.x for _ in range(s.size)]
+    return line, f"{line}static const double nominal[] = {{{', '.join(sizes)}}};\n"
+
+
+def _timed(plant: Plant) -> bool:
+    """Whether time itself moves the model."""
+    model = plant.model
+    outputs = (ca.vec(o.expression) for o in model.outputs)
+    said = ca.vertcat(model.ode, model.contact_velocities, *outputs)
+    return len(model.schedules) > 0 or bool(ca.depends_on(said, model.t))
+
+
+def _description(plant: Plant) -> str:
+    parts = [plant.model.name, *plant.remarks]
+    if plant.model.contacts:
+        parts.append(
+            "friction is smoothed over velocities of the width v_reg: no contact ever rests"
+        )
+    return one_line("; ".join(parts))
+
+
+def plants_of(what: object) -> list[Plant]:
+    """Take the models of a Result, or a Model itself; raises ArgumentError if there is none."""
+    if isinstance(what, Model):
+        return [Plant(what)]
+    if not isinstance(what, Result):
+        raise ArgumentError(f"an FMU takes a Result or a Model, not {type(what).__name__}")
+    study = KINDS[what.kind].load_study() if what.kind in KINDS else None
+    models_of = getattr(study, "models_of", None)
+    if models_of is None:
+        raise ArgumentError(
+            f"{what.scene}: a result of kind {what.kind} holds no model, which an FMU needs; "
+            "take one of kind simulate or track"
+        )
+    scene = scene_of_text(what.scene, what.kind, what.scene_text)
+    treatment, said = treatment_of(scene.table.contact), remarks(what)
+    v_reg = treatment.v_reg if isinstance(treatment, Smooth) else Smooth().v_reg
+    return [
+        Plant(model, v_reg, scene.table.units, (*said, label) if label else tuple(said))
+        for label, model in models_of(scene).items()
+    ]
+
+
+# -- the model, in CasADi's words ----------------------------------------------------------------
+
+
+def _builder(plant: Plant, name: str) -> Any:
+    model = plant.model
+    taken = {s.name for s in (*model.x, *model.u, *model.p)}
+    outputs = [o for o in model.outputs if o.name not in taken]
+    taken |= {o.name for o in outputs}
+    explicit = Explicit(model, [o.name for o in outputs])
+    width = explicit.symbols["v_reg"]
+    laws = [c.law.smooth(c.velocity, width) for c in model.contacts]
+    function = explicit.function("model", "rates", "observed", ca.vertcat(ca.SX(0, 1), *laws))
+
+    dae = ca.DaeBuilder(name)
+    t = dae.add(_free("time", taken), "independent", {"unit": "s"} if plant.units == "SI" else {})
+    x = _signals(dae, plant, model.x, signal_values(model.x, None, "state"), "local")
+    u = _signals(dae, plant, model.u, signal_values(model.u, None, "input", 0.0), "input")
+    p = _signals(dae, plant, model.p, signal_values(model.p, None, "parameter"), "parameter")
+    # v_reg stands in every model, so that all are alike to who uses them
+    says = {"start": plant.v_reg, "description": "width of the smooth law of friction"}
+    v_reg = dae.add(
+        _free("v_reg", taken), "parameter", "tunable", says | _unit("speed", plant.units)
+    )
+    s = [_scheduled(schedule, t) for schedule in model.schedules]
+
+    rates, observed, forces = function(t, _column(x), _column(u), _column(p), v_reg, _column(s))
+    for k, state in enumerate(x):
+        dae.eq(dae.der(state), rates[k])
+    at = 0
+    for output in outputs:
+        for scalar in _scalars(output.name, output.expression.numel()):
+            dae.eq(dae.add(scalar, "output", _unit(output.unit, plant.units)), observed[at])
+            at += 1
+    if "contact_force" not in taken:
+        for k, scalar in enumerate(_scalars("contact_force", len(laws))):
+            dae.eq(dae.add(scalar, "output", _unit("force", plant.units)), forces[k])
+    return dae
+
+
+def _signals(
+    dae: Any, plant: Plant, signals: Sequence[Any], values: np.ndarray, causality: str
+) -> list[ca.MX]:
+    """Add the variables of some signals, scalar by scalar."""
+    found, at = [], 0
+    for signal in signals:
+        for scalar in _scalars(signal.name, signal.size):
+            says = _unit(signal.unit, plant.units) | dict(_bounds(signal))
+            says |= {"start": float(values[at]), "nominal": float(signal.nominal)}
+            if causality == "parameter":
+                found.append(dae.add(scalar, causality, "tunable", says))
+            else:
+                found.append(dae.add(scalar, causality, says))
+            if causality == "local":
+                dae.set_initial(scalar, "exact")
+            at += 1
+    return found
+
+
+def _column(parts: Sequence[ca.MX]) -> ca.MX:
+    return ca.vertcat(ca.MX(0, 1), *parts)
+
+
+def _bounds(signal: Any) -> Iterator[tuple[str, float]]:
+    for word, bound in (("min", signal.lower), ("max", signal.upper)):
+        if np.isfinite(bound):
+            yield word, 0.0 if bound == TINY else float(bound)
+
+
+def _scalars(name: str, size: int) -> list[str]:
+    """Names of the scalars of a signal as FMI writes them: ``position[0]``, ``'odd name'``."""
+    if not re.fullmatch(r"[A-Za-z_]\w*", name, flags=re.ASCII):
+        odd = (not c.isascii() or not c.isprintable() or c in "'\"\\" for c in name)
+        kept = (f"_{ord(c):x}_" if o else c for c, o in zip(name, odd, strict=True))
+        name = f"'{''.join(kept)}'"
+    return [name] if size == 1 else [f"{name}[{k}]" for k in range(size)]
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """Name that no signal of the model has."""
+    return f"{name}_" if name in taken else name
+
+
+def _unit(quantity: str, units: str) -> dict[str, str]:
+    """Unit of a quantity, or of what a user calls by the name of a unit."""
+    known = quantity if quantity in UNITS or units == "SI" else "1"
+    unit = unit_of(known, units) if known in UNITS else known
+    return {} if unit in ("1", "") else {"unit": unit}
+
+
+def _scheduled(schedule: Schedule, t: ca.MX) -> ca.MX:
+    """What a schedule sets at the time t, as `Schedule.locate` finds it."""
+    breaks = ca.MX(ca.DM(schedule.breaks))
+    period = float(schedule.breaks[-1])
+    since = t - schedule.start + 4 * np.finfo(float).eps * ca.fmax(ca.fabs(t), period)
+    turn = ca.floor(since / period) * period if schedule.periodic else ca.MX(0)
+    piece = ca.low(breaks, since - turn)
+    return ca.vertcat(
+        schedule.start + turn + breaks[piece], ca.MX(ca.DM(schedule.values.T))[:, piece]
+    )
+
+
+# -- the library ---------------------------------------------------------------------------------
+
+
+def _compiled(name: str) -> tuple[str, str]:
+    """Compile the sources in the current folder; gives the library and its path in the archive."""
+    command = compiler()
+    if command is None:
+        raise ArgumentError("an FMU needs a C compiler; install one, or wormopt[compiler]")
+    system, machine = platform.system().lower(), platform.machine().lower()
+    library = f"{name}{_SUFFIXES.get(system, '.so')}"
+    Path(_HEADER).write_bytes(Path(__file__).with_name(_HEADER).read_bytes())
+    flags = ["-std=c11", "-O2", "-shared", "-fvisibility=hidden", "-I."]
+    flags += [] if sys.platform == "win32" else ["-fPIC"]
+    call = [*command, *flags, f"{name}.c", f"{name}_wrap.c", "-o", library, "-lm"]
+    # the command is the user's own compiler
+    done = subprocess.run(call, capture_output=True, text=True, check=False)  # noqa: S603
+    if done.returncode:
+        raise ArgumentError(f"{' '.join(command)} cannot compile the FMU:\n{done.stderr.strip()}")
+    return library, f"binaries/{_MACHINES.get(machine, machine)}-{system}/{library}"

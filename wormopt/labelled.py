@@ -1,0 +1,133 @@
+"""Variables as tables of xarray and pandas: every dimension has a coordinate that selects.
+
+Dimensions count from 0 where nothing names their entries. Where something jumps, an instant stands
+twice, before and after; an index must not, so the earlier one is moved back by the last digit: at
+the instant itself a table shows what follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from wormopt.errors import UnknownNameError
+from wormopt.quantities import Variable
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+
+class Samples(NamedTuple):
+    """A named array like a Variable, of any name, without a unit where that is empty."""
+
+    name: str
+    dims: tuple[str, ...]
+    values: np.ndarray
+    unit: str = ""
+    long_name: str = ""
+
+
+Array = Variable | Samples
+
+Names = Mapping[str, Sequence[str]]
+"""Dimension: names of its entries."""
+# Dimensions that rows of a table go along, where there is one.
+_ROWS = ("time", "instant")
+_NONE: Mapping[str, Any] = MappingProxyType({})
+
+
+def labels(dims: Iterable[str], held: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Names along dimensions, where lists of texts are called like them: trackers, rivals."""
+    found: dict[str, list[str]] = {}
+    for dim in dims:
+        names = held.get(f"{dim.removeprefix('other_')}s")
+        names = names.get("name") if isinstance(names, Mapping) else names
+        if isinstance(names, list) and all(isinstance(name, str) for name in names):
+            found[dim] = names
+    return found
+
+
+def apart(instants: np.ndarray) -> np.ndarray:
+    """Move all but the last of equal ascending instants back, by the last digit of the largest."""
+    steps = np.diff(instants)
+    if not np.any(steps == 0) or np.any(steps < 0):
+        return instants
+    moved, digit = np.array(instants, dtype=float), np.spacing(np.abs(instants).max())
+    for k in range(len(moved) - 2, -1, -1):
+        if moved[k] >= moved[k + 1]:
+            moved[k] = moved[k + 1] - digit
+    return moved
+
+
+def dataset(
+    variables: Iterable[Array], names: Names = _NONE, attributes: Mapping[str, Any] = _NONE
+) -> xarray.Dataset:
+    """Make an xarray.Dataset with units, long names and a coordinate for each dimension."""
+    import xarray  # only who asks for it needs it
+
+    variables = tuple(variables)
+    own = coordinates(variables, names)
+    units = {v.name: _told(v) for v in variables}
+    return xarray.Dataset(
+        {v.name: (v.dims, v.values, _told(v)) for v in variables if v.name not in own},
+        coords={dim: (dim, values, units.get(dim, {})) for dim, values in own.items()},
+        attrs=dict(attributes),
+    )
+
+
+def dataframe(
+    variables: Iterable[Array], names: Names = _NONE, over: str | None = None
+) -> pandas.DataFrame:
+    """Make a pandas.DataFrame along one dimension: of time, or that most variables have.
+
+    Columns are named after the entries of the other dimensions, ``length_0``; their units stand
+    in ``attrs["units"]``. UnknownNameError if nothing goes along the dimension asked for.
+    """
+    import pandas  # only who asks for it needs it
+
+    variables = tuple(variables)
+    own = coordinates(variables, names)
+    row = over or _most(variables)
+    if row not in own:
+        raise UnknownNameError("the table", "dimension", [row], own)
+    columns: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+    for v in variables:
+        if row not in v.dims or v.name in own:
+            continue
+        values = np.moveaxis(v.values, v.dims.index(row), 0)
+        entries = product(*(own[dim] for dim in v.dims if dim != row))
+        for entry, column in zip(entries, values.reshape(len(values), -1).T, strict=True):
+            name = "_".join((v.name, *map(str, entry)))
+            columns[name], units[name] = column, v.unit
+    units |= {v.name: v.unit for v in variables if v.name == row}
+    frame = pandas.DataFrame(columns, index=pandas.Index(own[row], name=row))
+    told = {name: unit for name, unit in units.items() if unit}
+    frame.attrs |= {"units": told} if told else {}
+    return frame
+
+
+def coordinates(variables: Sequence[Array], names: Names) -> dict[str, np.ndarray]:
+    """Coordinate of each dimension: a variable of its name, names, or numbers from 0."""
+    lengths = {dim: n for v in variables for dim, n in zip(v.dims, v.values.shape, strict=True)}
+    own = {v.name: apart(v.values) for v in variables if v.dims == (v.name,)}
+    named = {
+        dim: np.array(names[dim]) for dim in lengths if len(names.get(dim, ())) == lengths[dim]
+    }
+    return {dim: np.arange(n) for dim, n in lengths.items()} | named | own
+
+
+def _most(variables: Sequence[Array]) -> str:
+    dims = [dim for v in variables for dim in v.dims]
+    timed = [dim for dim in _ROWS if dim in dims]
+    return timed[0] if timed else max(dict.fromkeys(dims), key=dims.count, default="time")
+
+
+def _told(variable: Array) -> dict[str, str]:
+    told = {"units": variable.unit, "long_name": variable.long_name}
+    return told if variable.unit else {}

@@ -1,0 +1,72 @@
+"""Numbers in SI that crawling robots from a millimetre to ten metres do not have: warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from msgspec import NODEFAULT, Struct, structs
+
+from wormopt.quantities import unit_of
+from wormopt.scene.types import said_of
+
+# Quantity: smallest and largest size that is no surprise, in its SI unit.
+USUAL = {
+    "length": (1e-7, 20.0),
+    "area": (1e-12, 10.0),
+    "time": (1e-5, 1e10),
+    "speed": (1e-9, 20.0),
+    "acceleration": (1e-6, 2e4),
+    "angular_frequency": (1e-4, 1e6),
+    "rate": (1e-4, 1e6),
+    "rate_change": (1e-4, 1e8),
+    "mass": (1e-9, 1e4),
+    "density": (0.1, 3e4),
+    "viscosity": (1e-6, 1e4),
+    "surface_tension": (1e-5, 10.0),
+    "force": (1e-10, 1e5),
+    "drag": (1e-10, 1e6),
+    "stiffness": (1e-9, 1e9),
+    "stress": (1e-3, 1e12),
+    "magnetic_field": (1.0, 1e7),
+    "current": (1e-6, 1e6),
+    "ampere_turns": (1e-6, 1e6),
+    "diffusivity": (1e-14, 1e-2),
+}
+_SMALLER = {"m": "mm", "s": "ms", "kg": "g", "N": "mN", "m s-1": "mm/s", "m s-2": "mm/s^2"}
+
+
+def surprises(table: Struct, units: str, path: str = "") -> Iterator[str]:
+    """Yield a warning for each number given in a table of a scene that is hardly meant so."""
+    if units != "SI":
+        return
+    for field in structs.fields(table):
+        value, key = getattr(table, field.name), f"{path}.{field.name}" if path else field.name
+        if field.default is not NODEFAULT and value == field.default:
+            continue
+        said = said_of(field.type)
+        usual = said.get("usual") or USUAL.get(said.get("quantity", ""))
+        for place, item in _items(value, key):
+            if isinstance(item, Struct):
+                yield from surprises(item, units, place)
+            elif usual and isinstance(item, float | int) and not isinstance(item, bool):
+                yield from _surprise(place, abs(item), said["quantity"], usual)
+
+
+def _items(value: Any, key: str) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, tuple):
+        for index, item in enumerate(value):
+            yield from _items(item, f"{key}[{index}]")
+    else:
+        yield key, value
+
+
+def _surprise(key: str, size: float, quantity: str, usual: tuple[float, float]) -> Iterator[str]:
+    least, most = usual
+    if size == 0 or least <= size <= most:
+        return
+    unit = unit_of(quantity, "SI")
+    smaller = _SMALLER.get(unit, "") if size > most >= size / 1000 else ""
+    hint = f'; did you mean "{size:g} {smaller}"?' if smaller else ""
+    what = f"a {quantity.replace('_', ' ')} from {least:g} to {most:g} {unit} is usual"
+    yield f"{key} = {size:g} {unit} is a surprise for a crawling robot: {what}{hint}"

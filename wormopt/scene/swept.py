@@ -1,0 +1,102 @@
+"""The table ``[sweep]`` that any scene may have: which of its keys are varied, and how."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
+
+from wormopt.errors import Fault
+from wormopt.scene.types import Seed, Table, says
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+RANGE = re.compile(
+    rf"\s*(?P<low>{_NUMBER}):(?P<high>{_NUMBER})(?::(?P<count>\d+))?(?::(?P<spacing>log))?"
+    r"\s*(?P<unit>[^\d:].*)?"
+)
+"""first:last:count, first:last:count:log, or first:last where values are drawn; then a unit."""
+Method = Literal["grid", "zip", "latin-hypercube", "sobol"]
+_MOST = 1_000_000
+Points = Annotated[int, Meta(ge=1, le=_MOST, description=f"a whole number from 1 to {_MOST}")]
+
+
+class Swept(Table, frozen=True, kw_only=True):
+    """Keys that are varied when the scene is swept; `wormopt run` leaves them as they are."""
+
+    over: Annotated[
+        dict[str, Any],
+        says(
+            "",
+            'dotted key = values: a list, `"1:10:10"` (ten from 1 to 10), `"1:100:5:log"`, or '
+            '`"1:10"` where values are drawn; a unit may follow',
+        ),
+    ]
+    method: Annotated[
+        Method,
+        says(
+            "",
+            "`grid`: every combination; `zip`: first with first, second with second, ...; "
+            "`latin-hypercube`, `sobol`: drawn within the ranges",
+        ),
+    ] = "grid"
+    points: Annotated[Points | None, says("", "how many are drawn")] = None
+    seed: Annotated[Seed, says("", "of what is drawn")] = 0
+
+    @property
+    def drawn(self) -> bool:
+        """Whether values are drawn from ranges."""
+        return self.method in ("latin-hypercube", "sobol")
+
+    def faults(self) -> Iterator[Fault]:
+        """Yield what is wrong between the keys."""
+        if not self.over:
+            yield "over", 'nothing is varied; write over."worm.load" = "1:10:10", say'
+        for key, values in self.over.items():
+            what = self._fault_of(values)
+            if what:
+                yield f"over.{key}", what
+        counts = {key: _count(values) for key, values in self.over.items()}
+        if self.method == "zip" and len(set(counts.values())) > 1:
+            told = ", ".join(f"{count} of {key}" for key, count in counts.items())
+            yield "over", f"zip takes as many values of every key, not {told}"
+        if self.method == "grid" and max(counts.values(), default=0) <= _MOST < math.prod(
+            counts.values()
+        ):
+            yield "over", f"{math.prod(counts.values())} points are too many; {_MOST} at most"
+        if self.drawn and self.points is None:
+            yield "points", f"missing; write how many points {self.method} draws"
+        if not self.drawn and self.points is not None:
+            yield "points", f'is for method = "latin-hypercube" or "sobol", not "{self.method}"'
+
+    def _fault_of(self, values: Any) -> str:
+        if not isinstance(values, str | list):
+            return f'{values!r} is no list or range; write [1, 2, 5] or "1:10:10", say'
+        if isinstance(values, list):
+            if self.drawn:
+                return f'{self.method} draws from a range; write "first:last"'
+            return "" if values else "is an empty list; write the values"
+        found = RANGE.fullmatch(values)
+        if not found:
+            return f'{values!r} is no range; write "first:last:count", or a list of values'
+        low, high, count = float(found["low"]), float(found["high"]), found["count"]
+        if self.drawn:
+            if count and not found["spacing"]:
+                return f'{self.method} draws points of its own; write "{low:g}:{high:g}"'
+            return "" if low < high else "the range is empty; write the smaller number first"
+        if not count:
+            return f'how many values? write "{low:g}:{high:g}:10", say'
+        if not 1 <= int(count) <= _MOST:
+            return f"{count} values are too few or too many; write 1 to {_MOST}"
+        if found["spacing"] and min(low, high) <= 0:
+            return "a logarithmic range begins and ends above 0"
+        return ""
+
+
+def _count(values: Any) -> int:
+    if isinstance(values, list):
+        return len(values)
+    found = RANGE.fullmatch(values) if isinstance(values, str) else None
+    return int(found["count"] or 1) if found else 1

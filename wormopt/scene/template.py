@@ -1,0 +1,177 @@
+"""A scene to begin with, for each kind: every key with what it means, as TOML with comments.
+
+Keys that need a value have that of a packaged scene; all others stand behind a # with the value
+they have when left out.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import textwrap
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import NoneType
+from typing import Any, get_args
+
+import msgspec
+
+from wormopt.kinds import KINDS
+from wormopt.quantities import unit_of
+from wormopt.scene.read import bare, describe, tables_in
+from wormopt.scene.reference import single
+from wormopt.scene.scene import packaged_scenes, times_of_scenes
+from wormopt.scene.types import meaning
+
+_WIDTH = 100
+_ELLIPSIS = "..."
+
+
+def template(kind: str, schema_file: Path | str) -> str:
+    """Text of a scene of a kind; `schema_file` is where editors find its JSON Schema."""
+    raw = _example(kind)
+    page = f"`wormopt schema {kind} --markdown`"
+    head = [
+        f"#:schema {schema_file}",
+        *_comment(f'A scene of kind "{kind}": {KINDS[kind].summary}.'),
+        *_comment(f"What may stand here, and what results hold: {page}."),
+        *_comment(
+            "Keys behind a # have the value shown there (... is none); drop the # to change it."
+        ),
+        "",
+    ]
+    body = _table(KINDS[kind].load_table(), raw, "", raw.get("units", "dimensionless"))
+    return "\n".join([*head, *body]).rstrip() + "\n"
+
+
+def _example(kind: str) -> dict[str, Any]:
+    """Tables of the packaged scene of a kind that is done soonest, and is shortest, untitled."""
+    times, found = times_of_scenes(), []
+    for name, path in packaged_scenes().items():
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        if raw["kind"] == kind and "model" not in raw:  # a model has a file of its own
+            found.append((times.get(name, 0), len(json.dumps(raw)), name, raw))
+    raw = min(found)[-1]
+    raw.pop("title", None)
+    return raw
+
+
+def _table(
+    table: type[msgspec.Struct], raw: Mapping[str, Any] | None, path: str, units: str
+) -> Iterator[str]:
+    """Keys of a table, then the tables in it; raw is None where all of it is left out."""
+    mark, below = ("#" if raw is None else ""), []
+    config = table.__struct_config__
+    if config.tag_field:
+        yield f"{mark}{config.tag_field} = {_toml(config.tag)}"
+    for field in msgspec.structs.fields(table):
+        key, tables = field.encode_name, tables_in(single(field.type))
+        given = (raw or {}).get(key)
+        if tables and (given is None or _holds_tables(given)):
+            below.append((key, field, tables, given))
+            continue
+        value, off = given, mark
+        if given is None:
+            value, off = _default(field), "#"
+        yield from _line(f"{off}{key} = {_toml(value)}", _said(field.type, units))
+    for key, field, tables, given in below:
+        inside = f"{path}.{key}" if path else key
+        yield from _tables(inside, field, tables, given, units)
+
+
+def _tables(
+    path: str, field: Any, tables: list[type[msgspec.Struct]], given: Any, units: str
+) -> Iterator[str]:
+    """The table or tables of a key: as they are given, or behind a #."""
+    listed = isinstance(given, list)
+    said = _said(field.type, units)
+    others = _choices(tables)
+    if given is None:
+        yield ""
+        yield from _comment(f"{said}{f'; {others}' if others else ''}")
+        yield f"#[{path}]"
+        if not others:
+            yield from _table(tables[0], None, path, units)
+        return
+    for index, raw in enumerate(given if listed else [given]):
+        yield ""
+        if not index:
+            yield from _comment(f"{said}{f'; {others}' if others else ''}")
+        yield f"[[{path}]]" if listed else f"[{path}]"
+        yield from _table(_meant(raw, tables), raw, path, units)
+
+
+def _meant(raw: Mapping[str, Any], tables: list[type[msgspec.Struct]]) -> type[msgspec.Struct]:
+    """Table that a raw one is meant to be, by its tag."""
+    tag = raw.get(tables[0].__struct_config__.tag_field or "")
+    return next((table for table in tables if table.__struct_config__.tag == tag), tables[0])
+
+
+def _choices(tables: list[type[msgspec.Struct]]) -> str:
+    """Say which tables of several there are, by their tag."""
+    if len(tables) == 1:
+        return ""
+    tags = " or ".join(_toml(table.__struct_config__.tag) for table in tables)
+    return f"{tables[0].__struct_config__.tag_field} = {tags}"
+
+
+def _holds_tables(value: Any) -> bool:
+    return isinstance(value, dict) or (
+        isinstance(value, list) and bool(value) and all(isinstance(item, dict) for item in value)
+    )
+
+
+def _default(field: Any) -> Any:
+    """Value of a key that is left out; where there is none, what may stand there."""
+    value = field.default
+    if value is msgspec.NODEFAULT and field.default_factory is not msgspec.NODEFAULT:
+        value = field.default_factory()
+    if value is None or value is msgspec.NODEFAULT:
+        return _ELLIPSIS
+    return msgspec.to_builtins(value)
+
+
+def _said(kind: Any, units: str) -> str:
+    """Meaning of a key in plain text, its unit before it."""
+    quantity, what = meaning(kind)
+    what = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", what)
+    what = re.sub(r"<sub>(.*?)</sub>", r"_\1", what)
+    what = re.sub(r"<sup>(.*?)</sup>", r"^\1", what).replace("*", "").replace("`", "")
+    unit = unit_of(quantity, units) if quantity else "1"
+    words = describe(bare(kind)) if _is_choice(kind) else ""
+    return "; ".join(part for part in (f"[{unit}] {what}" if unit != "1" else what, words) if part)
+
+
+def _is_choice(kind: Any) -> bool:
+    """Whether a key takes one of a few words, which are then named."""
+    kind = bare(kind)
+    parts = [part for part in get_args(kind) if part is not NoneType]
+    return len(parts) > 1 and all(isinstance(part, str) for part in parts)
+
+
+def _line(key: str, said: str) -> Iterator[str]:
+    """A key and what it means: beside it where there is room, else above."""
+    beside = f"{key}  # {said}"
+    if not said or len(beside) <= _WIDTH:
+        yield beside if said else key
+        return
+    yield from _comment(said)
+    yield key
+
+
+def _comment(text: str) -> list[str]:
+    return textwrap.wrap(text, _WIDTH, initial_indent="# ", subsequent_indent="# ")
+
+
+def _toml(value: Any) -> str:
+    """Write a value as TOML."""
+    if value is _ELLIPSIS:
+        return value
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key} = {_toml(item)}' for key, item in value.items())}}}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, float):
+        return repr(value)
+    return json.dumps(value, ensure_ascii=False)  # text, whole numbers, true and false

@@ -1,0 +1,90 @@
+"""Which scenes a sweep asks for: values of its keys, combined or drawn."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from wormopt.scene.swept import RANGE, Swept
+
+Point = Mapping[str, Any]
+"""Key -> value as a scene says it."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Points of a sweep in the order of their dimensions, the last one fastest."""
+
+    points: tuple[Point, ...]
+    keys: tuple[str, ...]
+    shape: tuple[int, ...]  # one number per key of a grid, else the number of points
+
+    @property
+    def is_grid(self) -> bool:
+        """Whether every key has a dimension of its own."""
+        return len(self.shape) == len(self.keys) and math.prod(self.shape) == len(self.points)
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Names of the dimensions."""
+        return tuple(map(dim_of, self.keys)) if self.is_grid else ("point",)
+
+
+def dim_of(key: str) -> str:
+    """Name of the variable that holds the values of a key."""
+    return re.sub(r"\W+", "_", key).strip("_")
+
+
+def plan(table: Swept) -> Plan:
+    """Find the points that a valid table asks for."""
+    keys = tuple(table.over)
+    if table.drawn:
+        rows = _drawn(table)
+        return Plan(tuple(dict(zip(keys, row, strict=True)) for row in rows), keys, (len(rows),))
+    axes = [_values(values) for values in table.over.values()]
+    if table.method == "zip":
+        rows = list(zip(*axes, strict=False))
+        return Plan(tuple(dict(zip(keys, row, strict=True)) for row in rows), keys, (len(rows),))
+    rows = itertools.product(*axes)
+    shape = tuple(map(len, axes))
+    return Plan(tuple(dict(zip(keys, row, strict=True)) for row in rows), keys, shape)
+
+
+def _values(values: str | Sequence[Any]) -> list[Any]:
+    if not isinstance(values, str):
+        return list(values)
+    found = RANGE.fullmatch(values)
+    assert found, values
+    low, high, count = float(found["low"]), float(found["high"]), int(found["count"])
+    spaced = np.geomspace if found["spacing"] else np.linspace
+    return [_with_unit(float(value), found["unit"]) for value in spaced(low, high, count)]
+
+
+def _with_unit(value: float, unit: str | None) -> Any:
+    """Fifteen digits: 0.3, and not 0.30000000000000004, is what was meant."""
+    value = float(f"{value:.15g}")
+    return f"{value!r} {unit.strip()}" if unit else value
+
+
+def _drawn(table: Swept) -> list[list[Any]]:
+    from scipy.stats import qmc
+
+    ranges = [RANGE.fullmatch(str(values)) for values in table.over.values()]
+    engine = qmc.LatinHypercube if table.method == "latin-hypercube" else qmc.Sobol
+    count = table.points or 1
+    sample = engine(len(ranges), rng=table.seed).random(count)
+    columns = []
+    for share, found in zip(sample.T, ranges, strict=True):
+        assert found
+        low, high = float(found["low"]), float(found["high"])
+        ends = np.log([low, high]) if found["spacing"] else np.array([low, high])
+        values = ends[0] + (ends[1] - ends[0]) * share
+        values = np.exp(values) if found["spacing"] else values
+        columns.append([_with_unit(float(value), found["unit"]) for value in values])
+    return [list(row) for row in zip(*columns, strict=True)]

@@ -1,0 +1,196 @@
+"""All points of a sweep as one Result, over the keys that were varied."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, get_args
+
+import msgspec
+import numpy as np
+
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Result
+from wormopt.scene import Scene
+from wormopt.scene.reference import quantity_of
+from wormopt.sweeps.axes import Plan, dim_of
+from wormopt.sweeps.store import Record, Status
+
+STATUS = get_args(Status)
+"""Names of the numbers in the variable ``status``."""
+# So many reasons, warnings and failed checks stand in the trust report, the most frequent first.
+_MOST = 10
+
+
+def gathered(
+    base: Scene[Any],
+    asked: Plan,
+    tables: Sequence[Any],
+    records: Sequence[Record],
+    files: Sequence[str | None],
+    computed: int,
+) -> Result:
+    """Make the Result of a sweep: numbers over the dimensions of the plan, the rest in lists."""
+    axes = {dim_of(key): _axis(key, asked, tables) for key in asked.keys}
+    units = base.table.units
+    found = [
+        *_coordinates(asked, axes, base),
+        Variable("status", "1", asked.dims, _shaped([STATUS.index(r.status) for r in records],
+                 asked), "0 ok, 1 failed, 2 refused, 3 not computed"),
+        Variable("seconds", "s", asked.dims, _shaped([r.seconds for r in records], asked),
+                 "time that it took"),
+    ]  # fmt: skip
+    arrays, lists = _scalars(records, asked, base.table.scalars)
+    counts = Counter(record.status for record in records)
+    return Result(
+        base.name,
+        "sweep",
+        base.title,
+        scalars={
+            "points": Scalar(len(records)),
+            **{name.replace(" ", "_"): Scalar(counts[name]) for name in STATUS},
+            "computed_now": Scalar(computed),
+            "time_of_all": Scalar(sum(record.seconds for record in records), "s"),
+        },
+        variables=(*found, *arrays),
+        trust=_trust(records),
+        scene_text=json.dumps(
+            {**json.loads(base.text), "sweep": msgspec.to_builtins(base.sweep)}, ensure_ascii=False
+        ),
+        attributes={
+            "kind": base.table.kind,
+            "units": units,
+            "axes": [
+                {"key": key, "dim": dim, "values": axes[dim]}
+                for key, dim in zip(asked.keys, map(dim_of, asked.keys), strict=True)
+            ],
+            "numbers": [v.name for v in arrays if v.dims == asked.dims],
+            "points": list(files),
+            "reasons": [record.reason for record in records],
+            "lists": lists,
+        },
+    )
+
+
+def _axis(key: str, asked: Plan, tables: Sequence[Any]) -> list[Any]:
+    """Values of a key as scenes hold them, numbers without units; along its own dimension."""
+    values = [
+        point[key] if table is None else _value_at(table, key)
+        for point, table in zip(asked.points, tables, strict=True)
+    ]
+    if not asked.is_grid:
+        return values
+    axis = asked.keys.index(key)
+    index = np.moveaxis(np.arange(len(values)).reshape(asked.shape), axis, 0)
+    refused = [table is None for table in tables]
+    # a value may be told by any scene that was not refused
+    best = [min(row.ravel().tolist(), key=refused.__getitem__) for row in index]
+    return [values[k] for k in best]
+
+
+def _value_at(table: Any, key: str) -> Any:
+    """Value of a dotted key in a table, as plain data."""
+    found = msgspec.to_builtins(table)
+    for name in filter(None, re.split(r"[.\[\]]+", key)):
+        found = found[int(name)] if isinstance(found, list | tuple) else found[name]
+    return found
+
+
+def _coordinates(
+    asked: Plan, axes: Mapping[str, list[Any]], base: Scene[Any]
+) -> Iterator[Variable]:
+    for key, (dim, values) in zip(asked.keys, axes.items(), strict=True):
+        numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+        unit = unit_of(quantity_of(type(base.table), key) or "1", base.table.units)
+        told = key if numbers else f"{key}: " + ", ".join(f"{k} {v}" for k, v in enumerate(values))
+        shown = np.array(values, float) if numbers else np.arange(len(values))
+        dims = (dim,) if asked.is_grid else asked.dims
+        yield Variable(dim, unit if numbers else "1", dims, shown, told)
+
+
+def _scalars(
+    records: Sequence[Record], asked: Plan, declared: Mapping[str, tuple[str, str]]
+) -> tuple[list[Variable], dict[str, list[Any]]]:
+    """Numbers, and lists of numbers that are all equally long, as arrays; others as they are."""
+    names = dict.fromkeys([n for n in declared if any(n in r.scalars for r in records)])
+    names |= dict.fromkeys(name for record in records for name in record.scalars)
+    arrays, lists = [], {}
+    for name in names:
+        values = [r.scalars[name].value if name in r.scalars else None for r in records]
+        unit = next(r.scalars[name].unit for r in records if name in r.scalars)
+        array = _array(values)
+        if array is None:
+            lists[name] = values
+            continue
+        own = re.sub(r"\W", "_", name)
+        dims = (*asked.dims, *(f"{own}_{'entry' if k == 0 else 'part'}"
+                               for k in range(array.ndim - 1)))  # fmt: skip
+        shape = (*asked.shape, *array.shape[1:])
+        what = declared[name][1] if name in declared else name
+        arrays.append(Variable(own, unit, dims, array.reshape(shape), what))
+    return arrays, lists
+
+
+def _array(values: Sequence[Any]) -> np.ndarray | None:
+    """Numbers as an array, NaN where there is none; None for texts and ragged lists."""
+    given = [value for value in values if value is not None]
+    try:
+        shapes = {np.shape(np.array(value, float)) for value in given}
+    except (TypeError, ValueError):
+        return None
+    if len(shapes) != 1 or any(isinstance(value, str) for value in given):
+        return None
+    (shape,) = shapes
+    if len(shape) > 2 or 0 in shape:
+        return None
+    return np.array([np.full(shape, np.nan) if v is None else np.array(v, float) for v in values])
+
+
+def _shaped(values: Sequence[float], asked: Plan) -> np.ndarray:
+    return np.array(values).reshape(asked.shape)
+
+
+def _trust(records: Sequence[Record]) -> dict[str, Any]:
+    """What is told of how many points."""
+    checks = [r.trust.get("checks", {}) for r in records]
+    poor = Counter(name for found in checks for name, c in found.items() if not c["passed"])
+    warned = Counter(text for r in records for text in r.trust.get("warnings", ()))
+    reasons = Counter(record.reason for record in records if record.reason)
+    return {
+        "reasons": dict(reasons.most_common(_MOST)),
+        "checks_failed": dict(poor.most_common(_MOST)),
+        "warnings": [
+            text if count == 1 else f"{text} ({count} points)"
+            for text, count in warned.most_common(_MOST)
+        ],
+    }
+
+
+def as_csv(result: Result) -> str:
+    """Table of a sweep: a row for every point, with units in the heading."""
+    status = result["status"]
+    columns: dict[str, Sequence[Any]] = {}
+    for axis in result.attributes["axes"]:
+        of_key = result[axis["dim"]]
+        place = status.dims.index(of_key.dims[0])
+        values = np.array(axis["values"], dtype=object)
+        along = values.reshape([-1 if k == place else 1 for k in range(len(status.dims))])
+        name = _heading(axis["key"], of_key.unit)
+        columns[name] = np.broadcast_to(along, status.values.shape).ravel().tolist()
+    columns["status"] = [STATUS[k] for k in status.values.ravel()]
+    columns["reason"] = result.attributes["reasons"]
+    for name in ("seconds", *result.attributes["numbers"]):
+        columns[_heading(name, result[name].unit)] = result[name].values.ravel().tolist()
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    return text.getvalue()
+
+
+def _heading(name: str, unit: str) -> str:
+    return name if unit == "1" else f"{name} [{unit}]"

@@ -1,0 +1,197 @@
+"""The verb `sweep`: a scene computed at many values of some of its keys."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import time
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from wormopt.errors import Fault, Interrupted, SceneError
+from wormopt.numerics.workers import Engine, Workers, using
+from wormopt.progress import Report, silent
+from wormopt.result import Result
+from wormopt.scene import Scene, load_scene
+from wormopt.scene.overrides import Overrides
+from wormopt.scene.read import read_value
+from wormopt.scene.swept import Swept
+from wormopt.sweeps.axes import Plan, plan
+from wormopt.sweeps.gathered import gathered
+from wormopt.sweeps.store import Job, Keep, Record, compute, key_of, read
+
+# Seconds between looks at points that another process has in hand.
+_PATIENCE = 1.0
+
+
+def sweep(
+    source: Scene[Any] | str | Path | Mapping[str, Any],
+    over: Mapping[str, Any] | None = None,
+    *,
+    method: str = "grid",
+    points: int | None = None,
+    seed: int = 0,
+    overrides: Overrides = (),
+    store: str | Path | None = None,
+    keep: Keep = "results",
+    engine: Engine | None = None,
+    report: Report = silent,
+) -> Result:
+    """Compute a scene at many values of some of its keys.
+
+    Parameters
+    ----------
+    source : str, path, mapping or Scene
+        The scene, as for `load_scene`.
+    over : mapping of str to list or str, optional
+        Dotted key -> values, or a range: "1:10:10" is ten values from 1 to 10, "1:100:5:log"
+        five whose logarithms are equidistant, "1:10" one from which values are drawn. The scene's
+        own table ``[sweep]`` if left out.
+    method : {"grid", "zip", "latin-hypercube", "sobol"}
+        Every combination, first with first, or drawn.
+    points, seed : int, optional
+        How many are drawn, and the seed of their generator.
+    overrides : str, mapping, or iterable of them
+        Changes of the scene that all points share, as for `load_scene`.
+    store : path, optional
+        Folder where the result of every point is kept under a name made of what it hangs on: what
+        is there is not computed again, by whatever sweep or machine. Without one nothing is kept.
+    keep : {"results", "scalars"}
+        What is kept of a point: all, or no arrays.
+    engine : Engine, optional
+        Where points are computed; processes of this machine if left out.
+    report : callable
+        Is told how far the sweep is, see `wormopt.progress`.
+
+    Returns
+    -------
+    Result
+        Of kind "sweep": every number of the points over the swept keys, with `status`: 0 ok,
+        1 failed (no solution, say; `attributes["reasons"]` tells), 2 refused as a scene, 3 not
+        computed.
+
+    Raises
+    ------
+    SceneError
+        If the scene, the sweep or every point is wrong.
+    Interrupted
+        If the user stopped it; with the points so far.
+
+    Examples
+    --------
+    >>> found = sweep("fast_gait", {"worm.load": [1, 2, 3]}, engine=Engine("serial"))
+    >>> found["worm_load"].values.tolist(), found["speed"].values.round(9).tolist()
+    ([1.0, 2.0, 3.0], [1.2, 1.2, 1.2])
+    """
+    base = load_scene(source, overrides)
+    if over is not None:
+        raw = {"over": dict(over), "method": method, "seed": seed}
+        raw |= {} if points is None else {"points": points}
+        base = replace(base, sweep=_read(base.name, raw))
+    if base.sweep is None:
+        what = 'missing; write [sweep] over."worm.load" = "1:10:10", say, or --over'
+        raise SceneError(base.name, [("sweep", what)])
+    folder = TemporaryDirectory() if store is None else nullcontext(os.fspath(store))
+    with folder as kept_in, using(engine or Engine()):
+        found = _Sweep(base, plan(base.sweep), Path(kept_in), keep)
+        try:
+            found.compute(report)
+        except KeyboardInterrupt:
+            raise Interrupted(found.result(store, interrupted=True)) from None
+        return found.result(store)
+
+
+def _read(name: str, raw: dict[str, Any]) -> Swept:
+    faults: list[Fault] = []
+    swept = read_value(raw, Swept, "sweep", "", faults)
+    faults += [(f"sweep.{key}", what) for key, what in (swept.faults() if swept else ())]
+    if faults:
+        raise SceneError(name, faults)
+    return swept
+
+
+class _Sweep:
+    """Points of a sweep, and what is known of them so far."""
+
+    def __init__(self, base: Scene[Any], asked: Plan, store: Path, keep: Keep) -> None:
+        self._base, self._plan, self._store = base, asked, store
+        self._keep: Keep = keep
+        self._records: dict[str, Record] = {}  # by key
+        self._computed = 0  # here and now
+        self._scenes: list[Scene[Any] | Record] = [self._scene(point) for point in asked.points]
+        refused = [record for record in self._scenes if isinstance(record, Record)]
+        if len(refused) == len(self._scenes):
+            load_scene(base, asked.points[0])  # raises what is wrong
+        self._keys = [
+            "" if isinstance(scene, Record) else key_of(scene, keep) for scene in self._scenes
+        ]
+
+    def _scene(self, point: Mapping[str, Any]) -> Scene[Any] | Record:
+        try:
+            return load_scene(replace(self._base, sweep=None), point)
+        except SceneError as error:
+            faults = (f"{key}: {what}" if key else what for key, what in error.faults)
+            return Record("refused", "; ".join(faults))
+
+    def compute(self, report: Report) -> None:
+        """Compute what is not known, in rounds: another process may have a point in hand."""
+        todo = self._todo()
+        name, total = secrets.token_hex(8), len(self._plan.points)
+        with Workers() as workers:
+            while todo:
+                jobs = [Job(scene, self._file(key), self._keep, name) for key, scene in todo]
+                report(self._told(total), self._share(total))
+                for k, record in workers.as_completed(compute, jobs):
+                    if record is not None:
+                        self._records[todo[k][0]] = record
+                        self._computed += 1
+                    report(self._told(total), self._share(total))
+                todo = [(key, scene) for key, scene in todo if key not in self._records]
+                if todo:
+                    time.sleep(_PATIENCE)
+
+    def _todo(self) -> list[tuple[str, Scene[Any]]]:
+        """Points that nothing is known of, each once."""
+        there = {file.name for file in self._store.glob("*.nc")} if self._store.is_dir() else set()
+        todo = {}
+        for key, scene in zip(self._keys, self._scenes, strict=True):
+            if isinstance(scene, Record) or key in self._records or key in todo:
+                continue
+            known = read(self._file(key)) if self._file(key).name in there else None
+            if known is None:
+                todo[key] = scene
+            else:
+                self._records[key] = known
+        return list(todo.items())
+
+    def _file(self, key: str) -> Path:
+        return self._store / f"{key}.nc"
+
+    def _share(self, total: int) -> float:
+        return len(self._records) / total
+
+    def _told(self, total: int) -> str:
+        poor = sum(record.status != "ok" for record in self._records.values())
+        return f"{len(self._records)} of {total} points" + (f", {poor} failed" if poor else "")
+
+    def result(self, store: str | Path | None, interrupted: bool = False) -> Result:
+        """Gather all points, those that are not known too."""
+        if interrupted:
+            self._todo()  # workers may have kept what they did not tell any more
+        records = [
+            scene if isinstance(scene, Record) else self._records.get(key, Record("not computed"))
+            for key, scene in zip(self._keys, self._scenes, strict=True)
+        ]
+        files = [f"{key}.nc" if key and store is not None else None for key in self._keys]
+        tables = [None if isinstance(scene, Record) else scene.table for scene in self._scenes]
+        found = gathered(self._base, self._plan, tables, records, files, self._computed)
+        counts = Counter(record.status for record in records)
+        if interrupted:
+            done = len(records) - counts["not computed"]
+            return found.failed(f"interrupted after {done} of {len(records)} points; run it again")
+        return found if counts["ok"] else found.failed("no point has an accepted result")

@@ -1,0 +1,91 @@
+"""Pictures of a front: its points, and the gait at its knee."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from wormopt.plotting.parts import GREY, LINKS, RED, label, scalar, sheet
+from wormopt.result import Result
+from wormopt.systems.spiked.plots import gaits
+from wormopt.systems.spiked.plots.gaits import OBJECTIVES
+
+
+def front(result: Result) -> Figure:
+    """Speed and cost of all points; those that count are joined where the order of rest stays.
+
+    Needs ``front_speed``, ``front_value`` and ``front_accepted``; ``front_order`` tells jumps.
+    """
+    speed, value = result["front_speed"], result["front_value"]
+    accepted = result["front_accepted"].values.astype(bool)
+    drawn = sheet(7.5, 5.5)
+    axes = drawn.subplots()
+    x, y = speed.values, value.values
+    _draw_line(axes, result)
+    if not accepted.all():
+        axes.plot(x[~accepted], y[~accepted], "o", color=RED, markerfacecolor="none",
+                  markeredgewidth=1.6, markersize=8, label="not accepted")  # fmt: skip
+    _draw_knee(axes, result)
+    ceiling = scalar(result, "ceiling")
+    if ceiling is not None:
+        axes.axvline(ceiling, color=GREY, linestyle="--", linewidth=1, label="ceiling on speed")
+    objective = str(scalar(result, "front_objective") or "")
+    name = OBJECTIVES.get(objective, objective.replace("_", " ") or "objective")
+    axes.set_xlabel(label("mean speed $v$", speed.unit))
+    axes.set_ylabel(label(name, value.unit))
+    axes.margins(0.06)
+    drawn.legend(loc="outside lower center", ncols=4)
+    return drawn
+
+
+def _draw_line(axes: Axes, result: Result) -> None:
+    """Points that count, joined to the next where both have one order of rest."""
+    x, y = result["front_speed"].values, result["front_value"].values
+    accepted = result["front_accepted"].values.astype(bool)
+    order = result["front_order"].values if "front_order" in result else np.zeros(len(x))
+    line = np.argsort(x)
+    line = line[accepted[line]]
+    jumps = np.flatnonzero(np.diff(order[line])) + 1
+    for k, run in enumerate(np.split(line, jumps)):
+        axes.plot(x[run], y[run], "o-", color=LINKS[0], linewidth=1.6, markersize=7,
+                  label=None if k else "best found")  # fmt: skip
+    for k, at in enumerate(jumps):
+        axes.axvline(x[line[at - 1 : at + 1]].mean(), color=GREY, linestyle=":", linewidth=1,
+                     label=None if k else "order of rest changes")  # fmt: skip
+
+
+def _draw_knee(axes: Axes, result: Result) -> None:
+    knee = scalar(result, "front_knee")
+    if knee is None:
+        return
+    at = result["front_speed"].values[knee], result["front_value"].values[knee]
+    axes.plot(*at, "*", color=LINKS[1], markersize=15, markeredgecolor="white", zorder=4,
+              label="knee")  # fmt: skip
+    axes.annotate(f"knee, point {knee}", at, (8, -14), textcoords="offset points", size=9)
+
+
+def gait(result: Result) -> Figure:
+    """Lengths and rates of the gait at the knee, see `gaits.gait`."""
+    return _of_knee(gaits.gait(result), result)
+
+
+def motion(result: Result) -> Figure:
+    """Paths of the masses by the gait at the knee, see `gaits.motion`."""
+    return _of_knee(gaits.motion(result), result)
+
+
+def spikes(result: Result) -> Figure:
+    """Loads under the gait at the knee, see `gaits.spikes`."""
+    return _of_knee(gaits.spikes(result), result)
+
+
+def _of_knee(drawn: Figure, result: Result) -> Figure:
+    """The same figure, which says that its gait is the one at the knee."""
+    top, knee = drawn.axes[0], scalar(result, "front_knee")
+    which = (
+        "" if knee is None else f", point {knee} of 0 to {len(result['front_speed'].values) - 1}"
+    )
+    whose = f"the gait at the knee of the front{which}"
+    top.set_title(f"{whose}\n{top.get_title(loc='left')}".rstrip(), loc="left")
+    return drawn
