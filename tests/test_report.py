@@ -551,7 +551,7 @@ def test_a_sweep_as_it_was_computed_opens(tmp_path: Path):
     assert main([*asked, "--quiet"]) == 0
     page = page_of(out, tmp_path)
     whole = Whole(page)
-    assert "6 points over worm.load and gait.elongation: 6 ok" in whole.text
+    assert "6 points over worm.load and gait.elongation" in whole.text
     assert {f"r1-p{k}-motion" for k in range(6)} <= {*whole.ids}
     assert "wormopt sweep fast_gait.toml" in whole.text
     (link,) = re.findall(r"base64,([^\"]+)", page)
@@ -607,7 +607,9 @@ def test_points_are_read_from_the_folder_of_the_sweep_only(sweep: Path, tmp_path
     from wormopt.reports.source import Source
 
     result = Result.load(sweep)
-    names = [f"../{sweep.name}/points/{name}" if name else None for name in result.attributes["points"]]
+    names = [
+        f"../{sweep.name}/points/{name}" if name else None for name in result.attributes["points"]
+    ]
     inside = [file for file in grid_of(Source(result, folder=sweep)).files if file]
     assert len(inside) == 7
     away = dataclasses.replace(result, attributes={**result.attributes, "points": names})
