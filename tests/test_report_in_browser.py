@@ -15,6 +15,7 @@ import pytest
 from by_sweep import make_sweep
 
 import wormopt as wo
+from wormopt.quantities import Variable
 from wormopt.result import Result
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -214,6 +215,26 @@ def test_a_simulation_moves_too(opened: Open, pages: dict[str, Path]):
         set_slider(page, frame, "#r3-motion")
         expected = [np.interp(time[-1] * frame / last, time, row) for row in x]
         assert places(page, "#r3-motion") == pytest.approx(expected, abs=0.02)
+
+
+def test_the_ground_moves_under_a_worm_that_goes_far(opened: Open, tmp_path: Path):
+    time = np.linspace(0.0, 10.0, 501)
+    x = np.stack([10 * time + 1, 10 * time + 0.2 * np.sin(time)])
+    variables = (
+        Variable("time", "1", ("time",), time),
+        Variable("position", "1", ("mass", "time"), x),
+    )
+    wo.report(Result("far", "simulate", variables=variables), tmp_path / "far.html")
+    page = opened(tmp_path / "far.html")
+    last = int(page.locator("#r1-motion .slider").get_attribute("max"))
+    for frame in (0, 77, last):
+        set_slider(page, frame)
+        expected = [np.interp(10 * frame / last, time, row) for row in x]
+        assert places(page, "#r1-motion") == pytest.approx(expected, abs=0.02)
+        stage = page.locator("#r1-motion svg.worm").bounding_box()
+        for circle in page.locator("#r1-motion .mass circle").all():
+            box = circle.bounding_box()
+            assert stage["x"] < box["x"] < stage["x"] + stage["width"] - box["width"]
 
 
 def test_a_page_without_scripts_can_be_read(opened: Open, pages: dict[str, Path]):

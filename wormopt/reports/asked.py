@@ -97,7 +97,8 @@ def keys_set(kind: str, raw: dict[str, Any]) -> list[Key]:
     known = read_table(raw, KINDS[kind].load_table(), "", units, []) if kind in KINDS else None
     if known is None:
         return list(_flat(raw | {"sweep": swept} if swept else raw, ""))
-    return [*_flat(swept, "sweep"), *_set(known, "", units)]
+    own = [key for key in _set(known, "", units) if key.path not in swept.get("over", {})]
+    return [*_flat(swept, "sweep"), *own]
 
 
 def _set(table: Any, path: str, units: str) -> Iterator[Key]:

@@ -41,7 +41,7 @@ def trust_html(result: Result) -> str:
         f"<li>{escaped(sentence(str(line)))}</li>" for line in result.trust.get("warnings") or []
     )
     parts = [f"<ul>{lines}</ul>" if lines else ""]
-    parts.append(f'<p>To be warned of:</p><ul class="warnings">{warnings}</ul>' if warnings else "")
+    parts.append(f'<p>Warnings:</p><ul class="warnings">{warnings}</ul>' if warnings else "")
     parts.append(_checks_html(result.checks))
     parts.append(_rest(result.trust))
     return "".join(parts)

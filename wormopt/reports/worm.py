@@ -85,7 +85,8 @@ def _worm_caption(moving: Moving, most: float) -> str:
         drawn = "" if abs(moving.angle) <= STEEPEST else ", drawn less steep than it is"
         parts.append(f"The ground rises by {degrees}°{drawn}.")
     if moving.pull:
-        parts.append(f"A load of {value_text(moving.pull)} pulls every mass back.")
+        pull = escaped(value_text(moving.pull, moving.load_unit))
+        parts.append(f"A load of {pull} pulls every mass back.")
     return " ".join(filter(None, parts))
 
 
