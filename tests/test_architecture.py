@@ -22,7 +22,7 @@ GROUPS = {
     "plotting": {"plotting"},
     "systems": {"systems"},
     "bench": {"bench"},
-    "face": {"runner", "sweeps", "exports", "report", "cli", "__main__", "__init__"},
+    "face": {"runner", "sweeps", "exports", "reports", "cli", "__main__", "__init__"},
 }
 BELOW: dict[str, set[str]] = {
     "ground": set(),

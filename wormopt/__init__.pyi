@@ -62,6 +62,7 @@ from wormopt.ocp.switching import optimise_switching_times as optimise_switching
 from wormopt.plotting import draw as draw
 from wormopt.quantities import Scalar as Scalar
 from wormopt.quantities import Variable as Variable
+from wormopt.reports.report import report as report
 from wormopt.result import Check as Check
 from wormopt.result import Result as Result
 from wormopt.runner import run as run

@@ -1,0 +1,41 @@
+"""``wormopt report``: results in, one page to read and to send out."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from wormopt.cli.codes import BAD_INPUT, DONE, say
+from wormopt.errors import ArgumentError
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's."""
+    command = commands.add_parser(
+        "report",
+        help="show results on one page, to be read in a browser or sent by mail",
+        description="Write results as one HTML page: numbers, pictures, the worm moving, checks "
+        "and warnings, the scene to run again. It loads nothing from elsewhere.",
+        allow_abbrev=False,
+    )
+    command.set_defaults(command=_report)
+    command.add_argument(
+        "results", metavar="RESULT", nargs="+", help="folder of a result, or its result.nc"
+    )
+    command.add_argument(
+        "-o", "--output", metavar="FILE", default="report.html", help="the page (%(default)s)"
+    )
+    command.add_argument("--title", metavar="TEXT", default="", help="title of the page")
+    command.add_argument("--force", action="store_true", help="write over a file in the way")
+
+
+def _report(options: argparse.Namespace) -> int:
+    from wormopt.reports.report import report
+
+    try:
+        report(options.results, options.output, title=options.title, force=options.force)
+    except ArgumentError as error:
+        say(str(error))
+        return BAD_INPUT
+    print(f"Saved in {options.output}")
+    return DONE

@@ -1,0 +1,1 @@
+"""Results as a page to read and to send: one HTML file that needs nothing from elsewhere."""

@@ -1,0 +1,141 @@
+"""The page: head, contents, a section for each result, all in one text."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import platform
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib.resources import files
+from string import Template
+
+from wormopt.kinds import KINDS
+from wormopt.reports import numbers, sweep, trust
+from wormopt.reports.asked import again_html, asked_html
+from wormopt.reports.motion import moving, rod
+from wormopt.reports.pictures import pictures
+from wormopt.reports.source import Source
+from wormopt.reports.words import escaped, sentence, value_text
+from wormopt.reports.worm import motion_html
+from wormopt.result import Result
+from wormopt.version import VERSION
+
+LARGEST = 5_000_000
+"""Bytes that a page may have: more is refused by many who carry mail."""
+_ROOM, _WORDS = 4_500_000.0, 120_000.0  # letters of all sections, and of the words of one
+
+
+def compose(sources: Sequence[Source], title: str) -> str:
+    """Make the page."""
+    results = [source.result for source in sources]
+    alone = len(sources) == 1
+    title = title or (
+        results[0].title or results[0].scene if alone else f"{len(results)} results side by side"
+    )
+    sections, room = "", _ROOM
+    for done, source in enumerate(sources):
+        left = len(sources) - done  # each shall have its words, and no less than its share
+        part = _section(
+            source, done + 1, 2 if alone else 3, max(room - _WORDS * (left - 1), room / left)
+        )
+        sections, room = sections + part, max(room - len(part), 0.0)
+    before = "" if alone else _contents(sources)
+    script, style = _own("page.js"), _own("page.css")
+    return Template(_own("page.html")).substitute(
+        policy=_policy(script),
+        title=escaped(title),
+        style=style,
+        script=script,
+        before=before,
+        sections=sections,
+        made=f"Made by wormopt {VERSION} on {datetime.now(UTC):%Y-%m-%d}, Python "
+        f"{platform.python_version()}, {escaped(platform.system())} "
+        f"({escaped(platform.machine())}). The page loads nothing from elsewhere.",
+    )
+
+
+def _own(name: str) -> str:
+    return (files("wormopt.reports") / name).read_text("utf-8")
+
+
+def _policy(script: str) -> str:
+    """What a browser may load for the page: nothing but what stands in it."""
+    found = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return (
+        f"default-src 'none'; script-src 'sha256-{found}'; style-src 'unsafe-inline'; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _contents(sources: Sequence[Source]) -> str:
+    items = "".join(
+        f'<li><a href="#r{k}">{escaped(s.result.title or s.result.scene)}</a>'
+        f"{' – failed' if s.result.status == 'failed' else ''}</li>"
+        for k, s in enumerate(sources, 1)
+    )
+    return (
+        f'<nav aria-labelledby="contents"><h2 id="contents">Contents</h2><ol>{items}</ol></nav>'
+        '<section aria-labelledby="beside"><h2 id="beside">Side by side</h2>'
+        f"{numbers.comparison_html([s.result for s in sources])}</section>"
+    )
+
+
+def _section(source: Source, number: int, level: int, room: float) -> str:
+    """One result; headings of its parts are of the level given, its own one above.
+
+    `room`: letters that it may have.
+    """
+    room -= min(_WORDS, room / 2)
+    result, ident = source.result, f"r{number}"
+    name = escaped(result.title or result.scene)
+    own = f'<h2 id="{ident}-title">{name}</h2>' if level > 2 else ""
+    labelled = f"{ident}-title" if level > 2 else "title"
+    parts = [
+        f'<section class="result" id="{ident}" aria-labelledby="{labelled}">{own}',
+        f'<p class="asked">{escaped(_summary(result))}</p>',
+        trust.status_html(result),
+    ]
+
+    def part(heading: str, html: str) -> None:
+        if html:
+            parts.append(f'<h{level}>{heading}</h{level}><div class="part">{html}</div>')
+
+    swept = result.kind == "sweep"
+    if swept:
+        part("The sweep", sweep.sweep_html(source, ident, room) + numbers.table_html(result))
+    else:
+        part("The answer", numbers.headline_html(result) + numbers.table_html(result))
+    motion = moving(result) or rod(result)
+    part("The motion", motion_html(motion, f"{ident}-motion") if motion else "")
+    part("What was asked", asked_html(result))
+    part("Pictures", "".join(p.html() for p in pictures(result, ident, room)) if not swept else "")
+    part("How far to trust it", trust.trust_html(result))
+    part("Where it comes from", _provenance(source))
+    return "".join([*parts, "</section>"])
+
+
+def _summary(result: Result) -> str:
+    """What such a scene computes; of a sweep, what every point of it does."""
+    kind = (
+        str(result.attributes.get("kind", result.kind)) if result.kind == "sweep" else result.kind
+    )
+    told = sentence(KINDS[kind].summary) if kind in KINDS else ""
+    swept = "A sweep. " if result.kind == "sweep" else ""
+    return f"{swept}{told} Kind of scene: {kind}.".strip()
+
+
+def _provenance(source: Source) -> str:
+    result = source.result
+    known = {
+        "scene": result.scene,
+        "computed by": f"wormopt {source.version}".strip(),
+        "file of": source.computed,
+    }
+    rows = [(name, value) for name, value in known.items() if value]
+    rows += [
+        (f"time to {name}" if name != "study" else "time in all", value_text(spent, "s", 3))
+        for name, spent in result.timings_s.items()
+    ]
+    told = "".join(f"<dt>{escaped(n)}</dt><dd>{escaped(value)}</dd>" for n, value in rows)
+    return f'<dl class="facts">{told}</dl>{again_html(result)}'

@@ -1,0 +1,34 @@
+"""Parts that pages are made of. All that is given is HTML; what is text is escaped before."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+
+def details(summary: str, inner: str, *, opened: bool = False) -> str:
+    """What is shown when it is asked for."""
+    state = ' open=""' if opened else ""
+    return f"<details{state}><summary>{summary}</summary>{inner}</details>"
+
+
+def scrolled(label: str, inner: str, kind: str = "wide") -> str:
+    """What may be wider than the page."""
+    return f'<div class="{kind}" tabindex="0" role="region" aria-label="{label}">{inner}</div>'
+
+
+def table(kind: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table whose first column names the rows; columns without anything are left out."""
+    lines = list(rows)
+    kept = [0, *(k for k in range(1, len(heads)) if any(line[k] for line in lines))]
+    heads, lines = [heads[k] for k in kept], [[line[k] for k in kept] for line in lines]
+    head = "".join(f'<th scope="col">{h}</th>' if h else "<td></td>" for h in heads)
+    body = "".join(
+        f'<tr><th scope="row">{first}</th>{"".join(f"<td>{cell}</td>" for cell in others)}</tr>'
+        for first, *others in lines
+    )
+    return f'<table class="{kind}"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+
+
+def code(text: str) -> str:
+    """Lines to be typed or saved."""
+    return scrolled("Text of code", f"<pre><code>{text}</code></pre>")

@@ -1,0 +1,101 @@
+"""Pictures of a result as SVG that can stand in a page beside others."""
+
+from __future__ import annotations
+
+import inspect
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from wormopt.kinds import KINDS
+from wormopt.reports.words import escaped
+from wormopt.result import Result
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture, or why there is none."""
+
+    caption: str
+    svg: str
+    missing: str = ""
+
+    def html(self) -> str:
+        """Give it as a figure."""
+        if not self.svg:
+            return f'<p class="note">{escaped(self.missing)}</p>' if self.missing else ""
+        return (
+            f'<figure class="picture"><div class="card">{self.svg}</div>'
+            f"<figcaption>{escaped(self.caption)}</figcaption></figure>"
+        )
+
+
+def pictures(result: Result, prefix: str, room: float, most: int = 12) -> Iterator[Picture]:
+    """Draw what there is to draw of a result, as long as there is room for so many letters.
+
+    `prefix` begins every id, so that none is twice on a page.
+    """
+    names = KINDS[result.kind].pictures if result.kind in KINDS else {}
+    for name in [name for name in names if name != "animation"][:most]:
+        made = _picture(result, name, f"{prefix}-{name}-")
+        if len(made.svg) > room:
+            made = Picture("", "", f"The picture “{name}” is left out for want of room.")
+        room -= len(made.svg)
+        yield made
+
+
+def _picture(result: Result, name: str, prefix: str) -> Picture:
+    from matplotlib import rc_context
+    from matplotlib.typing import RcKeyType
+
+    from wormopt.plotting import figure
+    from wormopt.plotting.parts import STYLE
+
+    caption = _caption(KINDS[result.kind].pictures[name])
+    try:
+        drawn = figure(result, name)
+        drawn.suptitle("")  # the page says it
+        into = io.StringIO()
+        style: dict[RcKeyType, Any] = {**STYLE, "svg.fonttype": "path", "svg.hashsalt": prefix,
+                                       "path.simplify_threshold": 0.4}  # fmt: skip
+        with rc_context(style), warnings.catch_warnings():
+            # a title may hold letters that the font lacks; the picture is good all the same
+            warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+            drawn.savefig(into, format="svg")
+    except KeyError:  # a picture of what was not asked for
+        return Picture(caption, "")
+    except Exception as error:  # a picture must not cost the page
+        what = f"{type(error).__name__}: {error}"
+        return Picture(caption, "", f"The picture “{name}” could not be drawn ({what}).")
+    return Picture(caption, _embedded(into.getvalue(), prefix, caption))
+
+
+def _caption(source: str) -> str:
+    module, _, function = source.partition(":")
+    said = inspect.getdoc(getattr(import_module(module), function)) or ""
+    return " ".join(said.split("\n\n")[0].split())
+
+
+def _embedded(svg: str, prefix: str, caption: str) -> str:
+    """Make a file's SVG a part of a page: ids its own, nothing that is not drawn, short numbers."""
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.S)
+    used = set(re.findall(r'(?:url\(#|href="#)([^")]+)', svg))
+    svg = re.sub(r' id="([^"]*)"', lambda m: f' id="{prefix}{m[1]}"' if m[1] in used else "", svg)
+    svg = re.sub(r'(url\(#|href="#)', rf"\g<1>{prefix}", svg)
+    svg = re.sub(r' (?:d|x|y|points)="[^"]*"', _shortened, svg)
+    head = re.search(r'viewBox="[^"]*"', svg)
+    whole = (
+        f'<svg xmlns:xlink="http://www.w3.org/1999/xlink" {head[0] if head else ""} role="img" '
+        f'aria-label="{escaped(caption)}">'
+    )
+    return re.sub(r"\s*\n\s*", "\n", whole + svg[svg.index(">") + 1 :].strip())
+
+
+def _shortened(attribute: re.Match[str]) -> str:
+    text = re.sub(r"-?\d+\.\d{3,}", lambda m: f"{float(m[0]):.2f}", attribute[0])
+    return text.replace("\n", "")
