@@ -281,6 +281,16 @@ def test_a_gait_that_stands_still():
     assert (motion.advance, motion.lambda_min, motion.resting_min) == (0.0, 2.0, 3)
 
 
+@pytest.mark.parametrize("load", [11.4102564102564, 12.1538461538462, 14.0, 17.0])
+def test_the_largest_load_may_stand_next_to_the_landing(load: float):
+    """lambda = W0' + k W0 + Gamma is largest where tan(3 pi t) = 1 / (3 pi), for k = 1."""
+    motion = integrate(fast_gait(), [1.0] * 3, 1.0, load)
+    landing = min(end for _, end in motion.glides)
+    assert 0 < landing < math.atan(1 / (3 * math.pi)) / (3 * math.pi)
+    largest = load + AMPLITUDE * math.hypot(3 * math.pi, 1.0)
+    assert motion.lambda_max == pytest.approx(largest, rel=1e-12)
+
+
 def test_refusals():
     with pytest.raises(ValueError, match="2 masses on 2 links"):
         integrate(fast_gait(), [1.0, 1.0], 0.0, 1.0)

@@ -87,12 +87,10 @@ def test_nothing_is_written_over(
     assert main(["new", "gait"]) == 2
     assert "gait.toml: is there already" in capsys.readouterr().err
     assert Path("gait.toml").read_text(encoding="utf-8") == kept
-    assert main(["new", "gait", "--force"]) == 0
-    assert Path("gait.toml").read_text(encoding="utf-8") != kept
     Path("folder.toml").mkdir()
     Path("link.toml").symlink_to("gait.toml")
     for name in ("folder.toml", "link.toml", "gait.txt", "gait.toml/a.toml", "a\0.toml"):
-        assert main(["new", "stepper", "-o", name, "--force"]) == 2
+        assert main(["new", "stepper", "-o", name]) == 2
     assert wo.load_scene("gait.toml").table.kind == "gait"
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "folder.toml", "gait.toml", "link.toml",

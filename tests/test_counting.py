@@ -22,7 +22,7 @@ def test_the_first_column_of_a_gait_table_is_link_0(tmp_path: Path):
     gait = wo.Gait(np.array([0.0, 1.0]), np.array([[[1.0], [3.0]]]))
     gait.to_csv(tmp_path / "gait.csv")
     head, first, *_ = (tmp_path / "gait.csv").read_text().splitlines()
-    assert head == "t,l_0,l_1"
+    assert head == "time,length_0,length_1"
     assert [float(v) for v in first.split(",")] == [0.0, 1.0, 3.0]
 
 

@@ -577,7 +577,7 @@ def test_several_formats_at_once(
         (["result", "--csv", "-o", "mine.txt", "--force"], "ends in .csv"),
         (["result", "--csv", "--mat", "-o", "a.csv"], "folder"),
         (["result", "--csv", "-o", "there.csv"], "--force"),
-        (["result", "--csv", "-o", "linked.csv", "--force"], "no plain file"),
+        (["result", "--csv", "-o", "linked.csv", "--force"], "never replaced"),
         (["result", "--mat", "-o", "mine"], "cannot be written"),
         (["result", "--mat", "-o", "mine", "--force"], "cannot be written"),
         (["result", "--mat", "-o", "/dev/null/x"], "cannot be written"),
@@ -607,13 +607,21 @@ def test_what_is_refused_leaves_all_as_it_was(
 def test_force_replaces_files_and_never_folders(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
+    into = ["export", str(saved), "--csv", "--mat", "--c", "--ros", "-o", str(tmp_path / "all")]
+    assert main(into) == 0
+    assert main(into) == 0  # they are the same
+    table = tmp_path / "all" / "fast_gait.csv"
+    table.write_text(table.read_text("utf-8") + "1,2\n")
+    assert main([*into, "--step", "0.1"]) == 2
+    assert main([*into, "--force"]) == 0
     (tmp_path / "there.csv").write_text("old")
-    assert main(["export", str(saved), "--csv", "-o", str(tmp_path / "there.csv"), "--force"]) == 0
-    assert "time [1]" in (tmp_path / "there.csv").read_text("utf-8")
+    assert main(["export", str(saved), "--csv", "-o", str(tmp_path / "there.csv"), "--force"]) == 2
+    assert "was not made by wormopt" in capsys.readouterr().err
+    assert (tmp_path / "there.csv").read_text("utf-8") == "old"
     folder = tmp_path / "out"
     (folder / "fast_gait.c").mkdir(parents=True)
     assert main(["export", str(saved), "--c", "-o", str(folder), "--force"]) == 2
-    assert "no plain file" in capsys.readouterr().err
+    assert "is a folder" in capsys.readouterr().err
     assert [path.name for path in folder.iterdir()] == ["fast_gait.c"]
 
 
@@ -631,7 +639,7 @@ def test_a_disk_that_fails_leaves_nothing_behind(
     write = Path.write_bytes
 
     def full(path: Path, content: bytes) -> int:
-        if "replay" in path.name:
+        if b"int main" in content:
             raise OSError(28, "No space left on device")
         return write(path, content)
 

@@ -753,6 +753,7 @@ def test_pictures_that_nobody_named_may_be_missing(saved: Path, capsys: Any):
     told = capsys.readouterr()
     assert "certificate cannot be drawn" in told.err
     assert (saved / "animation.gif").exists()
+    (saved / "animation.gif").unlink()  # no longer listed
     without(result, "").save(saved)
     assert main(["plot", str(saved), "--force"]) == 2
     assert "holds nothing that can be drawn" in capsys.readouterr().err

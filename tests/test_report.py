@@ -637,8 +637,12 @@ def test_nothing_is_written_over(gait: Result, tmp_path: Path, capsys: pytest.Ca
     assert main(["report", str(tmp_path / "result.nc"), "-o", str(out)]) == 2
     assert out.read_text() == "mine"
     assert "is there already" in capsys.readouterr().err
-    assert main(["report", str(tmp_path), "-o", str(out), "--force"]) == 0
-    assert "Fast gait" in out.read_text("utf-8")
+    assert main(["report", str(tmp_path), "-o", str(out), "--force"]) == 2
+    assert out.read_text() == "mine"
+    out = tmp_path / "own.html"
+    assert main(["report", str(tmp_path), "-o", str(out)]) == 0
+    assert main(["report", str(tmp_path), "-o", str(out), "--title", "Another", "--force"]) == 0
+    assert "Another" in out.read_text("utf-8")
 
 
 @pytest.mark.parametrize(

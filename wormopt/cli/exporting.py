@@ -50,7 +50,9 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--cycles", metavar="N", type=int, default=1, help="periods in --ros (%(default)s)"
     )
-    command.add_argument("--force", action="store_true", help="replace files of the same names")
+    command.add_argument(
+        "--force", action="store_true", help="replace earlier exports of the same names"
+    )
     command.add_argument("--quiet", action="store_true", help="do not name the files written")
 
 

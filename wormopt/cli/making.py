@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 from wormopt.cli.codes import BAD_INPUT, DONE, kind_name, say
 from wormopt.errors import OutputError
+from wormopt.files import write_files
 from wormopt.kinds import KINDS
 
 
@@ -23,7 +25,6 @@ def add(commands: Any) -> None:
     command.set_defaults(command=_new)
     command.add_argument("kind", metavar="KIND", type=kind_name, help="see `wormopt list`")
     command.add_argument("-o", "--output", metavar="FILE", help="what to write (KIND.toml)")
-    command.add_argument("--force", action="store_true", help="write over an earlier file")
 
     command = commands.add_parser(
         "schema",
@@ -40,7 +41,7 @@ def add(commands: Any) -> None:
         "--markdown", action="store_true", help="as a page to read, with scalars and variables"
     )
     command.add_argument("-o", "--output", metavar="PATH", help="the file or folder to write")
-    command.add_argument("--force", action="store_true", help="write over earlier files")
+    command.add_argument("--force", action="store_true", help="replace earlier ones")
 
 
 def _new(options: argparse.Namespace) -> int:
@@ -50,8 +51,10 @@ def _new(options: argparse.Namespace) -> int:
     path = Path(options.output or f"{options.kind}.toml")
     if path.suffix != ".toml":
         raise OutputError(f"{path}: a scene is a TOML file; let its name end in .toml")
+    if os.path.lexists(path):
+        raise OutputError(f"{path}: is there already; choose another with -o")
     schema = packaged_folder() / "schemas" / f"{options.kind}.json"
-    _write(path, template(options.kind, schema.resolve().as_uri()), options.force)
+    write_files({path: template(options.kind, schema.resolve().as_uri()).encode()})
     print(f"{path}: written; run it with: wormopt run {path}")
     return DONE
 
@@ -62,10 +65,12 @@ def _schema(options: argparse.Namespace) -> int:
         return BAD_INPUT
     suffix = ".md" if options.markdown else ".json"
     if options.all:
-        for kind in KINDS:
-            _write(Path(options.output) / f"{kind}{suffix}", _text(kind, suffix), options.force)
+        folder = Path(options.output)
+        texts = {folder / f"{kind}{suffix}": _text(kind, suffix).encode() for kind in KINDS}
+        write_files(texts, force=options.force)
     elif options.output:
-        _write(Path(options.output), _text(options.kind, suffix), options.force)
+        text = _text(options.kind, suffix).encode()
+        write_files({Path(options.output): text}, force=options.force)
     else:
         print(_text(options.kind, suffix), end="")
     return DONE
@@ -77,32 +82,3 @@ def _text(kind: str, suffix: str) -> str:
     if suffix == ".md":
         return page(kind)
     return json.dumps(schema(kind), indent=1, ensure_ascii=False) + "\n"
-
-
-def _write(path: Path, text: str, force: bool) -> None:
-    """Write a file; one that is there is replaced by force alone, or left if it is the same."""
-    data = text.encode()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_symlink() or (path.exists() and not path.is_file()):
-            raise OutputError(f"{path}: is no regular file; choose another with -o")
-        if path.exists() and path.read_bytes() == data:
-            return
-        if path.exists() and not force:
-            raise OutputError(f"{path}: is there already; choose another with -o, or --force")
-        _put(path, data, "wb" if force else "xb")
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise OutputError(f"{path}: cannot be written: {why}; choose another with -o") from error
-
-
-def _put(path: Path, data: bytes, mode: str) -> None:
-    """Write all of a file, by way of another beside it: half of one is never seen."""
-    beside = path.with_name(f".{path.name}.part")
-    try:
-        beside.write_bytes(data)
-        if mode == "xb":
-            path.open(mode).close()  # fails where somebody else was faster
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)

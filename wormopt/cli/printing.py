@@ -12,6 +12,8 @@ from wormopt.shown import line, text
 if TYPE_CHECKING:
     from wormopt.result import Check, Result
 
+_SHORT_TABLE = 25  # lines
+
 
 def print_result(result: Result) -> None:
     """Print a result in short: scalars by group, limits, and how far to trust it."""
@@ -23,8 +25,9 @@ def print_result(result: Result) -> None:
             if heading:
                 print(f"{heading}:")
             print_table([tuple(line(cell, len(cell)) for cell in row) for row in rows])
-    if "table" in result.attributes:
-        print(result.attributes["table"])
+    table = result.attributes.get("table", "")
+    if 0 < table.count("\n") < _SHORT_TABLE:
+        print(table)
     print("Trust:")
     width = max(_columns() - 2, 40)
     for told in trust(result):

@@ -26,7 +26,7 @@ def add(commands: Any) -> None:
         "-o", "--output", metavar="FILE", default="report.html", help="the page (%(default)s)"
     )
     command.add_argument("--title", metavar="TEXT", default="", help="title of the page")
-    command.add_argument("--force", action="store_true", help="write over a file in the way")
+    command.add_argument("--force", action="store_true", help="replace an earlier report")
 
 
 def _report(options: argparse.Namespace) -> int:

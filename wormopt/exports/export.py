@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from wormopt.errors import ArgumentError
-from wormopt.exports.files import publish, target
+from wormopt.exports.files import target
+from wormopt.files import write_files
 
 if TYPE_CHECKING:
     from wormopt.model.gait import Gait
@@ -47,7 +48,7 @@ def export(
     cycles : int, optional
         Periods of the gait in a ROS trajectory.
     force : bool, optional
-        Whether files of the same names are replaced.
+        Whether earlier exports of the same names are replaced; never what others made.
 
     Returns
     -------
@@ -82,7 +83,9 @@ def export(
     files: dict[str, bytes] = {}
     for each in wanted:
         files |= _made(what, each, stem, step, cycles)
-    return publish(files, folder, force)
+    placed = {folder / name: content for name, content in files.items()}
+    write_files(placed, force=force)
+    return tuple(placed)
 
 
 def _made(

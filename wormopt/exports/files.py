@@ -1,13 +1,9 @@
-"""Exported files in their place: nothing of others replaced, nothing half-written."""
+"""Where exported files go, and what they are called."""
 
 from __future__ import annotations
 
-import os
 import re
-import secrets
-import stat
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from pathlib import Path
 
 from wormopt.errors import OutputError
@@ -34,39 +30,6 @@ def identifier(name: str) -> str:
     """Name as C and FMI allow it: ASCII letters, digits and _, a letter first."""
     found = re.sub(r"[\W_]+", "_", name, flags=re.ASCII).strip("_")
     return found if re.match("[A-Za-z]", found) else f"gait_{found}".rstrip("_")
-
-
-def publish(files: Mapping[str, bytes], folder: Path, force: bool) -> tuple[Path, ...]:
-    """Write files, all or none; gives their paths. Raises OutputError as `refuse_obstacles`."""
-    token = secrets.token_hex(4)
-    paths = {folder / name: folder / f".{name}-{token}" for name in files}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        refuse_obstacles(paths, force)
-        try:
-            for content, unfinished in zip(files.values(), paths.values(), strict=True):
-                unfinished.write_bytes(content)
-            for path, unfinished in paths.items():
-                unfinished.replace(path)
-        finally:
-            for unfinished in paths.values():
-                with suppress(OSError):
-                    unfinished.unlink(missing_ok=True)
-    except (OSError, ValueError) as error:  # ValueError: a null character
-        why = getattr(error, "strerror", None) or error
-        raise OutputError(f"{folder}: cannot be written: {why}; choose another with -o") from error
-    return tuple(paths)
-
-
-def refuse_obstacles(paths: Sequence[Path] | Mapping[Path, Path], force: bool) -> None:
-    """Raise OutputError where something is in the way; with `force`, where it is no plain file."""
-    for path in paths:
-        if not os.path.lexists(path):
-            continue
-        if not stat.S_ISREG(path.lstat().st_mode):
-            raise OutputError(f"{path}: is in the way and no plain file; choose another with -o")
-        if not force:
-            raise OutputError(f"{path}: is there already; choose another with -o, or --force")
 
 
 def _plain(name: str) -> str:

@@ -27,6 +27,7 @@ from wormopt.errors import ArgumentError
 from wormopt.exports.about import one_line, remarks
 from wormopt.exports.description import mend_description, only_sources
 from wormopt.exports.files import identifier
+from wormopt.files import MARK
 from wormopt.kinds import KINDS
 from wormopt.model.explicit import Explicit
 from wormopt.model.model import TINY, Model
@@ -92,6 +93,7 @@ def _archive(plant: Plant, stem: str) -> bytes:
         with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
             for local, path in sorted([*files.items(), (library, binary)]):
                 archive.write(local, path.removeprefix("./"))
+            archive.comment = MARK
     return stream.getvalue()
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from wormopt.files import MARK
 from wormopt.result import Result
 from wormopt.version import VERSION
 
@@ -40,6 +41,7 @@ def make(result: Result, stem: str) -> dict[str, bytes]:
         "trust": json.dumps(result.trust, ensure_ascii=False),
         "wormopt": VERSION,
         **{name: getattr(result, name) for name in texts},
+        "mark": np.frombuffer(MARK, np.uint8),
     }
     stream = io.BytesIO()
     savemat(stream, whole, long_field_names=True, oned_as="column")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Sequence
 from pathlib import Path
 
-from wormopt.errors import ArgumentError, OutputError
+from wormopt.errors import ArgumentError
+from wormopt.files import write_files
 from wormopt.result import Result
 
 
@@ -32,7 +32,7 @@ def report(
     title : str
         Title of the page; by default that of the one result.
     force : bool
-        Whether to write over a file that is there.
+        Whether an earlier report of that name is replaced; never what others made.
 
     Raises
     ------
@@ -58,34 +58,10 @@ def report(
     if not given:
         raise ArgumentError("there is no result to report; give at least one")
     path = Path(path)
-    _refuse_obstacle(path, force)
     page = compose([source_of(one) for one in given], title).encode("utf-8", errors="replace")
     if len(page) > LARGEST:
         raise ArgumentError(
             f"the page would have {len(page) / 1e6:.1f} MB, at most {LARGEST / 1e6:g} can be sent "
             "by mail; report fewer results on a page"
         )
-    _write(path, page, force)
-
-
-def _refuse_obstacle(path: Path, force: bool) -> None:
-    if path.is_dir():
-        raise OutputError(f"{path}: is a folder; name a file with -o, {path / 'report.html'} say")
-    if path.exists() and not force:
-        raise OutputError(f"{path}: is there already; choose another file with -o, or --force")
-
-
-def _write(path: Path, page: bytes, force: bool) -> None:
-    """Let the file appear when it is complete."""
-    unfinished = path.with_name(f".wormopt-{secrets.token_hex(4)}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            unfinished.write_bytes(page)
-            _refuse_obstacle(path, force)
-            unfinished.replace(path)
-        finally:
-            unfinished.unlink(missing_ok=True)
-    except OSError as error:
-        why = error.strerror or error
-        raise OutputError(f"{path}: cannot be written: {why}; choose another with -o") from error
+    write_files({path: page}, force=force)

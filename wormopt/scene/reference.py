@@ -13,6 +13,7 @@ from typing import Any, Union, get_args, get_origin
 
 import msgspec
 
+from wormopt.files import MARK
 from wormopt.kinds import KINDS
 from wormopt.quantities import unit_of
 from wormopt.scene.read import bare, describe, tables_in
@@ -29,7 +30,11 @@ def schema(kind: str) -> dict[str, Any]:
     (found, sweep), parts = msgspec.json.schema_components(
         [table, Swept], ref_template="#/$defs/{name}"
     )
-    found = {"$schema": "https://json-schema.org/draft/2020-12/schema", **found, "$defs": parts}
+    about = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$comment": f"{MARK.decode()} schema {kind}",
+    }
+    found = {**about, **found, "$defs": parts}
     parts[table.__name__]["properties"]["sweep"] = sweep
     for part in (*tables_below(table), Swept):
         parts[part.__name__]["description"] = inspect.getdoc(part) or ""
@@ -68,7 +73,8 @@ def page(kind: str) -> str:
         f"{KINDS[kind].summary[0].upper()}{KINDS[kind].summary[1:]}.",
         *_prose(table),
         "`schema`, `kind`, `title`, `units` and what holds for all scenes: "
-        f"[scenes](../scenes.md). `wormopt schema {kind} --markdown` prints this page.",
+        f"[scenes](../scenes.md). This page is {MARK.decode()}: "
+        f"`wormopt schema {kind} --markdown`.",
         "## Keys",
         "\n".join(_keys(table)),
         *_sections(table, ""),

@@ -26,6 +26,15 @@ from wormopt.scene.types import meaning
 
 _WIDTH = 100
 _ELLIPSIS = "..."
+_SWEEP = """
+
+# Keys that `wormopt sweep` varies, and how; see docs/sweeps.md.
+#[sweep]
+#over."worm.load" = "1:10:10"  # ten values from 1 to 10; or a list: [1, 2, 5]
+#method = "grid"  # grid, zip, latin-hypercube or sobol
+#points = 64  # how many are drawn by the last two
+#seed = 0
+"""
 
 
 def template(kind: str, schema_file: Path | str) -> str:
@@ -42,7 +51,7 @@ def template(kind: str, schema_file: Path | str) -> str:
         "",
     ]
     body = _table(KINDS[kind].load_table(), raw, "", raw.get("units", "dimensionless"))
-    return "\n".join([*head, *body]).rstrip() + "\n"
+    return "\n".join([*head, *body]).rstrip() + _SWEEP
 
 
 def _example(kind: str) -> dict[str, Any]:

@@ -84,9 +84,9 @@ def sweep(
 
     Examples
     --------
-    >>> found = sweep("fast_gait", {"worm.load": [1, 2, 3]}, engine=Engine("serial"))
-    >>> found["worm_load"].values.tolist(), found["speed"].values.round(9).tolist()
-    ([1.0, 2.0, 3.0], [1.2, 1.2, 1.2])
+    >>> found = sweep("fast_gait", {"gait.period": [1, 2, 3]}, engine=Engine("serial"))
+    >>> found["gait_period"].values.tolist(), found["speed"].values.round(9).tolist()
+    ([1.0, 2.0, 3.0], [1.2, 0.6, 0.4])
     """
     base = load_scene(source, overrides)
     if over is not None:

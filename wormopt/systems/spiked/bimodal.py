@@ -225,13 +225,13 @@ def _extremes(function: Vectorised, ends: tuple[float, float], flat: float) -> l
     for sign in (1.0, -1.0):
         at = int(np.argmin(sign * values))
         best = float(values[at])
-        if 0 < at < len(s) - 1 and np.ptp(values) > flat:
+        if np.ptp(values) > flat:  # the extreme may also lie between an end and its neighbour
             from scipy.optimize import fminbound
 
             lowest = fminbound(
                 lambda t, sign=sign: sign * function(np.array([t]))[0],
-                s[at - 1],
-                s[at + 1],
+                s[max(at - 1, 0)],
+                s[min(at + 1, len(s) - 1)],
                 xtol=1e-9 * (ends[1] - ends[0]),
             )
             best = sign * min(sign * float(function(np.array([lowest]))[0]), sign * best)
