@@ -20,7 +20,7 @@ FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>',
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the packaged scenes, and a page for every notebook."""
-    for scene in sorted((ROOT / "problems").glob("*.*")):
+    for scene in sorted((ROOT / "problems").glob("*.[tp]*")):  # my_worm.py too
         name = f"problems/{scene.name}"
         files.append(File.generated(config, name, abs_src_path=os.fspath(scene)))
     for notebook in [file for file in files if file.src_uri.endswith(".ipynb")]:
@@ -53,12 +53,12 @@ def page_of(notebook: dict, name: str) -> tuple[str, dict[str, bytes]]:
                 text.append(f'<div class="output">{"".join(data["text/html"])}</div>')
             else:
                 shown = "".join(output.get("text", data.get("text/plain", ""))).rstrip()
-                text.append(f'``` {{ .text .output }}\n{shown}\n```')
+                text.append(f"``` {{ .text .output }}\n{shown}\n```")
     text.insert(1, f'<a href="{name}.ipynb" download>This page as a notebook</a>')
     return "\n\n".join(text) + "\n", pictures
 
 
-def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Lead links out of docs/, and to notebooks, to where the site has them."""
     here = posixpath.dirname(page.file.src_uri)
 
@@ -77,7 +77,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     return LINK.sub(lead, markdown)
 
 
-def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+def on_page_content(content: str, **_: object) -> str:
     """Write formulas as MathML, which browsers show by themselves."""
 
     def formula(found: re.Match[str]) -> str:

@@ -50,7 +50,11 @@ def test_links_lead_somewhere(page: Path):
 
 def test_the_site_leads_to_every_page():
     named = set(re.findall(r"[\w/-]+\.md", (ROOT / ".mkdocs.yml").read_text(encoding="utf-8")))
-    pages = {page.relative_to(DOCS).with_suffix(".md").as_posix() for page in PAGES if DOCS in page.parents}
+    pages = {
+        page.relative_to(DOCS).with_suffix(".md").as_posix()
+        for page in PAGES
+        if DOCS in page.parents
+    }
     assert named == pages
 
 
