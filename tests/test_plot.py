@@ -732,7 +732,7 @@ def test_plot_refuses_what_cannot_be(saved: Path, capsys: Any, arguments: list[s
 
 def test_plot_tells_what_is_no_result(tmp_path: Path, capsys: Any):
     assert main(["plot", str(tmp_path)]) == 2
-    assert "result.nc: cannot be read: No such file" in capsys.readouterr().err
+    assert "holds no result.nc" in capsys.readouterr().err
     (tmp_path / "result.nc").write_text("nothing")
     assert main(["plot", str(tmp_path)]) == 2
     assert "is no result of wormopt" in capsys.readouterr().err

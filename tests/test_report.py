@@ -648,8 +648,8 @@ def test_nothing_is_written_over(gait: Result, tmp_path: Path, capsys: pytest.Ca
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ("none.nc", "cannot be read: No such file"),
-        ("empty", "holds no result"),
+        ("none.nc", "there is no such folder or file"),
+        ("empty", "holds no result.nc"),
         ("broken.nc", "is no result of wormopt"),
         ("notes.txt", "is no result of wormopt"),
     ],

@@ -1,4 +1,4 @@
-"""The verb `run`: a scene in, its Result out."""
+"""The verb `run`: a scene in, its Result out; and results that were saved."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from wormopt.errors import Interrupted, SolveError, interruptible
+from wormopt.errors import ArgumentError, Interrupted, SolveError, interruptible
+from wormopt.files import RESULT_FILE
 from wormopt.kinds import KINDS
 from wormopt.progress import Report, silent
 from wormopt.scene import Scene, load_scene
@@ -83,3 +84,34 @@ def _failed(scene: Scene[Any], partial: Result | None, reason: str) -> Result:
     from wormopt.result import conclude
 
     return (partial or conclude(scene, {})).failed(reason)
+
+
+def result_at(given: str | Path) -> Result:
+    """Read a saved result; ArgumentError, with what to write instead, where there is none."""
+    path = Path(given)
+    why = _missing(path)
+    if not why:
+        from wormopt.result import Result
+
+        try:
+            return Result.load(path)
+        except OSError as error:
+            why = f"cannot be read: {error.strerror or error}"
+        except ValueError:
+            why = "is no result of wormopt, or a damaged one; name another, or run its scene again"
+    raise ArgumentError(f"{given}: {why}")
+
+
+def _missing(path: Path) -> str:
+    """Why there can be no result; empty where there may be one."""
+    try:
+        if path.is_dir() and not (path / RESULT_FILE).exists():
+            return f"holds no {RESULT_FILE}; name a folder that `wormopt run` wrote"
+        if path.exists():
+            return ""
+    except (OSError, ValueError) as error:
+        return f"cannot be read: {error}"
+    usual = Path("results") / path
+    if (usual / RESULT_FILE).exists():
+        return f"there is no such folder or file; did you mean {usual}?"
+    return f"there is no such folder or file; name a folder of results, or its {RESULT_FILE}"

@@ -25,7 +25,7 @@ from wormopt.cli import (
     sweeping,
 )
 from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, say
-from wormopt.errors import OutputError, SceneError
+from wormopt.errors import ArgumentError, OutputError, SceneError
 from wormopt.version import VERSION
 
 
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     try:
         return options.command(options)
-    except (SceneError, OutputError) as error:
+    except (SceneError, OutputError, ArgumentError) as error:
         say(str(error))
         return BAD_INPUT
     except KeyboardInterrupt:

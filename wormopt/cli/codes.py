@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from contextlib import AbstractContextManager, nullcontext
 
 from wormopt.kinds import KINDS, near
 
@@ -21,3 +22,20 @@ def kind_name(name: str) -> str:
     hint = f"did you mean {close}? " if close else ""
     what = f"no kind of scene is called {name!r}; {hint}`wormopt list` names them"
     raise argparse.ArgumentTypeError(what)
+
+
+def add_engine(command: argparse.ArgumentParser) -> None:
+    """Add the options that say where work goes."""
+    engines = ("processes", "serial", "dask")
+    command.add_argument("--engine", choices=engines, default="processes", help="(%(default)s)")
+    command.add_argument("--workers", metavar="N", type=int, help="one per processor if left out")
+    command.add_argument("--scheduler", metavar="ADDRESS", default="", help="of a Dask cluster")
+
+
+def engine_of(options: argparse.Namespace) -> AbstractContextManager[None]:
+    """Have the engine that was asked for, while the context lasts."""
+    if options.engine == "processes" and options.workers is None:
+        return nullcontext()  # as it is: nothing to be loaded
+    from wormopt.numerics.workers import Engine, using
+
+    return using(Engine(options.engine, options.workers, options.scheduler))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import os
 from typing import TYPE_CHECKING, Any
 
 from wormopt.cli.codes import BAD_INPUT, DONE, say
-from wormopt.errors import ArgumentError
+from wormopt.runner import result_at
 
 if TYPE_CHECKING:
-    from wormopt.result import Result
+    pass
 
 _FORMATS = {
     "csv": "tables, signals over time first",
@@ -60,37 +59,20 @@ def _export(options: argparse.Namespace) -> int:
     if not options.formats:
         say(f"nothing to export to; write one or more of --{', --'.join(_FORMATS)}")
         return BAD_INPUT
-    try:
-        result = _loaded(options.result)
-        from wormopt.exports.export import export
+    result = result_at(options.result)
+    from wormopt.exports.export import export
 
-        files = export(
-            result,
-            options.formats,
-            options.output,
-            step=options.step,
-            cycles=options.cycles,
-            force=options.force,
-        )
-    except ArgumentError as error:
-        say(str(error))
-        return BAD_INPUT
+    files = export(
+        result,
+        options.formats,
+        options.output,
+        step=options.step,
+        cycles=options.cycles,
+        force=options.force,
+    )
     if result.status != "ok":
         say(f"{result.scene}: the result failed, as the files say: {result.reason}")
     if not options.quiet:
         for file in files:
             print(file)
     return DONE
-
-
-def _loaded(path: str) -> Result:
-    if not os.path.lexists(path):  # before anything heavy is loaded
-        raise ArgumentError(f"{path}: there is no such result; name its folder or its result.nc")
-    from wormopt.result import Result
-
-    try:
-        return Result.load(path)
-    except OSError as error:
-        raise ArgumentError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except ValueError as error:
-        raise ArgumentError(str(error)) from None

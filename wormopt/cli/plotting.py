@@ -10,9 +10,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wormopt.cli.codes import BAD_INPUT, DONE, say
+from wormopt.cli.codes import DONE, say
 from wormopt.errors import ArgumentError, OutputError, UnknownNameError
 from wormopt.files import MOVING, RESULT_FILE, STILL, is_marked, picture_file
+from wormopt.runner import result_at
 from wormopt.scene.output import earlier_result, enlist
 
 if TYPE_CHECKING:
@@ -54,17 +55,8 @@ def _millimetres(text: str) -> float:
 
 
 def _plot(options: argparse.Namespace) -> int:
-    try:
-        return _draw_all(options)
-    except ArgumentError as error:
-        say(str(error))
-        return BAD_INPUT
-
-
-def _draw_all(options: argparse.Namespace) -> int:
-    source = Path(options.result)
+    result, source = result_at(options.result), Path(options.result)
     source = source / RESULT_FILE if source.is_dir() else source
-    result = _load(source)
     from wormopt.plotting import no_picture, pictures_of
 
     there = pictures_of(result)
@@ -102,17 +94,6 @@ def _draw(result: Result, name: str, file: Path, options: argparse.Namespace) ->
     except OSError as error:
         raise OutputError(f"{file}: cannot be written: {error.strerror or error}") from error
     return True
-
-
-def _load(source: Path) -> Result:
-    from wormopt.result import Result
-
-    try:
-        return Result.load(source)
-    except OSError as error:
-        raise ArgumentError(f"{source}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:
-        raise ArgumentError(str(error)) from error
 
 
 def _wanted(result: Result, there: Mapping[str, str]) -> Sequence[str]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from wormopt.cli.codes import BAD_INPUT, DONE, say
-from wormopt.errors import ArgumentError
+from wormopt.cli.codes import DONE
 
 
 def add(commands: Any) -> None:
@@ -32,10 +31,6 @@ def add(commands: Any) -> None:
 def _report(options: argparse.Namespace) -> int:
     from wormopt.reports.report import report
 
-    try:
-        report(options.results, options.output, title=options.title, force=options.force)
-    except ArgumentError as error:
-        say(str(error))
-        return BAD_INPUT
+    report(options.results, options.output, title=options.title, force=options.force)
     print(f"Saved in {options.output}")
     return DONE

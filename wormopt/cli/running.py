@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED, say
+from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED, add_engine, engine_of, say
 from wormopt.cli.printing import print_all, print_result
 from wormopt.errors import Interrupted
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, picture_file
@@ -38,11 +38,8 @@ def add(commands: Any) -> None:
     command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
     command.add_argument("--no-plots", action="store_true", help="draw no pictures")
     command.add_argument("--quiet", action="store_true", help="show no progress")
-    command.add_argument(
-        "--force",
-        action="store_true",
-        help="replace a result of another scene; never what is no result of wormopt",
-    )
+    add_engine(command)
+    command.add_argument("--force", action="store_true", help=FORCE)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -54,7 +51,7 @@ def _run(options: argparse.Namespace) -> int:
     files = [RESULT_FILE, SUMMARY_FILE, *tables, *kind.exports, *pictures.values()]
     output = Output(folder, scene.name, scene.table.kind, force=options.force)
     output = check_output(output, files)
-    with shown_on_stderr(options.quiet) as report:
+    with shown_on_stderr(options.quiet) as report, engine_of(options):
         try:
             result = attempt(scene, report)
             code = DONE if result.status == "ok" else NOT_SOLVED

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from wormopt.cli.codes import BAD_INPUT, DONE, say
 from wormopt.cli.printing import print_all, print_result
 from wormopt.errors import ArgumentError
 from wormopt.files import RESULT_FILE
-
-if TYPE_CHECKING:
-    from wormopt.result import Result
+from wormopt.runner import result_at
 
 
 def add(commands: Any) -> None:
@@ -39,9 +36,9 @@ def _show(options: argparse.Namespace) -> int:
     code, shown = DONE, 0
     for name in options.results:
         try:
-            result = _load(Path(name))
+            result = result_at(name)
         except ArgumentError as error:
-            say(f"{name}: {error}")
+            say(str(error))
             code = BAD_INPUT
             continue
         if options.json:
@@ -52,30 +49,3 @@ def _show(options: argparse.Namespace) -> int:
         (print_all if options.all else print_result)(result)
         shown += 1
     return code
-
-
-def _load(path: Path) -> Result:
-    """Read a result; ArgumentError with what to write instead where there is none."""
-    from wormopt.result import Result
-
-    try:
-        why = _missing(path)
-        if not why:
-            return Result.load(path)
-    except OSError as error:
-        why = f"cannot be read: {error.strerror or error}"
-    except ValueError:
-        why = "is no result of wormopt, or a damaged one; name another, or run its scene again"
-    raise ArgumentError(why)
-
-
-def _missing(path: Path) -> str:
-    """Why there can be no result; empty where there may be one."""
-    if path.is_dir() and not (path / RESULT_FILE).exists():
-        return f"holds no {RESULT_FILE}; name a folder that `wormopt run` wrote"
-    if path.exists():
-        return ""
-    usual = Path("results") / path
-    if (usual / RESULT_FILE).exists():
-        return f"there is no such folder or file; did you mean {usual}?"
-    return f"there is no such folder or file; name a folder of results, or its {RESULT_FILE}"

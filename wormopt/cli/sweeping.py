@@ -7,16 +7,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, NOT_SOLVED, say
+from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED, add_engine, say
 from wormopt.cli.running import FORCE, draw_all
-from wormopt.errors import ArgumentError, Interrupted, SceneError
+from wormopt.errors import Interrupted, SceneError
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, picture_file
 from wormopt.kinds import SWEEP
 from wormopt.progress import shown_on_stderr
 from wormopt.scene import load_scene
 from wormopt.scene.output import Output, check_output, default_folder, output_folder
 
-ENGINES = ("processes", "serial", "dask")
 _STORE = "points"
 _DESCRIPTION = """\
 Compute a scene at many values of some of its keys: what is varied says its table
@@ -67,9 +66,7 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--keep", choices=("results", "scalars"), default="results", help="of a point (%(default)s)"
     )
-    command.add_argument("--engine", choices=ENGINES, default="processes", help="(%(default)s)")
-    command.add_argument("--workers", metavar="N", type=int, help="one per processor if left out")
-    command.add_argument("--scheduler", metavar="ADDRESS", default="", help="of a Dask cluster")
+    add_engine(command)
     command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
     command.add_argument("--no-plots", action="store_true", help="draw no pictures")
     command.add_argument("--quiet", action="store_true", help="show no progress")
@@ -102,9 +99,6 @@ def _sweep(options: argparse.Namespace) -> int:
             code = DONE if result.status == "ok" else NOT_SOLVED
     except Interrupted as stop:
         result, code = stop.partial, INTERRUPTED
-    except ArgumentError as error:
-        say(str(error))
-        return BAD_INPUT
     with output_folder(output) as staging:
         pictures = {} if options.no_plots else {"sweep": picture}
         result.save(staging, tuple(pictures.values()))

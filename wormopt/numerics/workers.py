@@ -12,7 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Future, as_completed
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor, as_completed
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -200,6 +200,15 @@ class Workers:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def thread_pool(count: int | None = None) -> ThreadPoolExecutor:
+    """Threads, for work that lets go of Python's lock and cannot be sent to other processes.
+
+    `count`: as many as the engine has if left out, one where work goes nowhere else.
+    """
+    alone = getattr(_here, "is_worker", False) or _engine.name == "serial"
+    return ThreadPoolExecutor(1 if alone else count or _engine.workers or os.cpu_count())
 
 
 def _executor(count: int) -> Any:

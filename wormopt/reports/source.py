@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from wormopt.errors import ArgumentError
 from wormopt.files import RESULT_FILE, SUMMARY_FILE
 from wormopt.result import Result
+from wormopt.runner import result_at
 from wormopt.version import VERSION
 
 
@@ -28,16 +28,8 @@ def source_of(given: Result | str | Path) -> Source:
     if isinstance(given, Result):
         return Source(given)
     path = Path(given)
-    file = path / RESULT_FILE if path.is_dir() else path
-    try:
-        result = Result.load(file)
-        computed = datetime.fromtimestamp(file.stat().st_mtime, UTC)
-    except OSError as error:
-        why = "holds no result" if path.is_dir() else f"cannot be read: {error.strerror or error}"
-        what = "name the folder of a result, as `wormopt run` writes it, or its result.nc"
-        raise ArgumentError(f"{given}: {why}; {what}") from error
-    except ValueError as error:
-        raise ArgumentError(f"{error}; name the folder of a result, or its result.nc") from error
+    result, file = result_at(path), path / RESULT_FILE if path.is_dir() else path
+    computed = datetime.fromtimestamp(file.stat().st_mtime, UTC)
     return Source(result, _version(file), f"{computed:%Y-%m-%d %H:%M} UTC", file.parent)
 
 

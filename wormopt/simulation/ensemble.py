@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from threading import Event
@@ -14,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.model.model import Model
+from wormopt.numerics.workers import thread_pool
 from wormopt.progress import Report, silent
 from wormopt.shown import lines
 from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
@@ -105,7 +104,7 @@ def simulate_ensemble(
         What moves.
     span : float or (float, float)
         Last time, or first and last.
-    members : sequence of Member
+    members : sequence of Scenario
         What differs.
     contact : Exact or Smooth, optional
         How contacts are treated.
@@ -148,7 +147,7 @@ def simulate_ensemble(
         raise ArgumentError("an ensemble needs at least one member")
     for member in members:
         if not isinstance(member, Scenario):
-            raise ArgumentError(f"write each member as Member(p=..., x0=...), not {member!r}")
+            raise ArgumentError(f"write each member as Scenario(p=..., x0=...), not {member!r}")
     stopped = Event()
     one = partial(
         _one,
@@ -160,7 +159,7 @@ def simulate_ensemble(
         route=route,
         report=partial(_stop_if, stopped),
     )
-    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+    with thread_pool(threads) as pool:
         found = [pool.submit(one, members[0])]
         try:
             found[0].result()  # compiles, once
