@@ -1,14 +1,31 @@
-"""Pages: links lead somewhere, modules that are named exist, the README's programs run."""
+"""Pages: links lead somewhere, modules that are named exist, the README's programs run.
 
+The site has all pages; the gallery has all scenes.
+"""
+
+import json
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
 
 import wormopt as wo
+from wormopt.scene.scene import times_of_scenes
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md"])
+DOCS = ROOT / "docs"
+PAGES = sorted([*DOCS.rglob("*.md"), *DOCS.rglob("*.ipynb"), ROOT / "README.md"])
+SCENES = sorted((ROOT / "problems").glob("*.toml"))
+
+
+def text_of(page: Path) -> str:
+    """Markdown of a page or a notebook."""
+    text = page.read_text(encoding="utf-8")
+    if page.suffix != ".ipynb":
+        return text
+    cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "markdown"]
+    return "\n\n".join("".join(cell["source"]) for cell in cells)
 
 
 def anchors(page: Path) -> set[str]:
@@ -22,13 +39,38 @@ def anchors(page: Path) -> set[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path):
-    text = page.read_text(encoding="utf-8")
+    text = text_of(page)
     for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)\s]*))?\)", text):
         if target.startswith("http"):
             continue
         file = (page.parent / target).resolve() if target else page
         assert file.exists(), target
         assert not anchor or file.suffix != ".md" or anchor in anchors(file), f"{target}#{anchor}"
+
+
+def test_the_site_leads_to_every_page():
+    named = set(re.findall(r"[\w/-]+\.md", (ROOT / ".mkdocs.yml").read_text(encoding="utf-8")))
+    pages = {
+        page.relative_to(DOCS).with_suffix(".md").as_posix()
+        for page in PAGES
+        if DOCS in page.parents
+    }
+    assert named == pages
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.stem)
+def test_a_packaged_scene_stands_in_the_gallery(scene: Path):
+    """Made anew by: .ci/gallery SCENE."""
+    cards = (DOCS / "gallery.md").read_text(encoding="utf-8").split("\n-   ")[1:]
+    (card,) = [card for card in cards if f"(../problems/{scene.name})" in card]
+    title = tomllib.loads(scene.read_text(encoding="utf-8"))["title"]
+    assert card.startswith(f"![{title}](images/gallery/{scene.stem}.png)")
+    picture = (DOCS / "images" / "gallery" / f"{scene.stem}.png").read_bytes()
+    assert picture.startswith(b"\x89PNG")
+    assert len(picture) <= 25_000
+    seconds = times_of_scenes()[scene.stem]
+    shown = f"{seconds}\u00a0s" if seconds < 60 else f"{round(seconds / 60)}\u00a0min"
+    assert re.search(rf" · {shown} · \d+\u00a0MB$", card, re.MULTILINE)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from wormopt.errors import UnknownNameError
-from wormopt.kinds import KINDS
 from wormopt.lazy import above
 from wormopt.quantities import Scalar, Variable, plain, unit_of
 from wormopt.shown import html, lines
@@ -279,7 +278,7 @@ class Result:
 
     def _picture(self) -> str:
         """First picture that the scene wants, or that its kind has; empty where there is none."""
-        there = KINDS[self.kind].pictures if self.kind in KINDS else {}
+        there = above("wormopt.plotting:pictures_of")(self)
         wanted = json.loads(self.scene_text).get("want", []) if self.scene_text else []
         return next((name for name in (*wanted, *there) if name in there), "")
 
