@@ -11,7 +11,7 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor, as_completed
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
@@ -120,10 +120,10 @@ class Workers:
                     yield work(todo.popleft())
                 if not todo:
                     return
-                self._asked = asked = deque(self._submit(work, todo))
-                while asked:
-                    answer = self._answer(asked[0])
-                    asked.popleft()
+                self._submit(work, todo)
+                while self._asked:
+                    answer = self._answer(self._asked[0])
+                    self._asked.popleft()
                     todo.popleft()
                     yield answer
             except BrokenExecutor:
@@ -143,8 +143,8 @@ class Workers:
                     for k in list(todo):
                         yield k, work(todo.pop(k))
                     return
-                numbers = dict(zip(self._submit(work, todo.values()), list(todo), strict=True))
-                self._asked = deque(numbers)
+                self._submit(work, todo.values())
+                numbers = dict(zip(self._asked, list(todo), strict=True))
                 for future in as_completed(numbers):
                     answer = self._answer(future)
                     del todo[numbers[future]]
@@ -152,12 +152,17 @@ class Workers:
             except BrokenExecutor:
                 self._revive()
 
-    def _submit(self, work: Callable[[Job], Answer], jobs: Any) -> list[Future]:
-        if _cluster is not None:
-            return [_cluster.submit(partial(_as_worker, work), job) for job in jobs]
-        self._executor = _executor(self.count)
+    def _submit(self, work: Callable[[Job], Answer], jobs: Iterable[Job]) -> None:
+        """Ask for answers; they are in `_asked` before anything can interrupt."""
+        if _cluster is None:
+            self._executor = _executor(self.count)
         with _interrupts_held():
-            return [self._executor.submit(work, job) for job in jobs]
+            self._asked = deque(self._ask(work, job) for job in jobs)
+
+    def _ask(self, work: Callable[[Job], Answer], job: Job) -> Future:
+        if _cluster is not None:
+            return _cluster.submit(partial(_as_worker, work), job)
+        return self._executor.submit(work, job)
 
     def _answer(self, future: Future) -> Any:
         try:
@@ -181,7 +186,8 @@ class Workers:
         if _cluster is not None:
             return True
         if not self._begun:
-            self._begun = self._submit(_load, [work] * self.count)
+            self._submit(_load, [work] * self.count)
+            self._begun, self._asked = list(self._asked), deque()  # they end by themselves
         return all(future.done() for future in self._begun)
 
     def close(self) -> None:
