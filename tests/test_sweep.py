@@ -413,4 +413,4 @@ def test_a_cluster_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str],
 
 def test_a_sweep_draws_itself_unasked():
     drawn = small({"worm.load": [2, 3]}).plot()
-    assert drawn.axes[0].get_xlabel().startswith("worm.load")
+    assert drawn.axes[-1].get_xlabel().startswith("worm.load")
