@@ -37,6 +37,8 @@ def modules_after(code: str, folder: Path) -> set[str]:
         "from wormopt.cli import main; main(['export', '--help'])",
         "from wormopt.cli import main; assert main(['export', 'nothing']) == 2",
         "from wormopt.cli import main; main(['plot', '--help'])",
+        "from wormopt.cli import main; main(['sweep', '--help'])",
+        "from wormopt.cli import main; main(['report', '--help'])",
         "from wormopt.cli import main; assert main(['list']) == 0",
         "from wormopt.cli import main; assert main(['check', 'design_fast_gait']) == 0",
         "from wormopt.cli import main; assert main(['check', 'no_such_scene']) == 2",
@@ -169,6 +171,13 @@ def test_a_run_without_plots_loads_no_matplotlib(tmp_path: Path):
     loaded = loaded_by_a_run(["run", "fast_gait", "--json", "--no-plots"], tmp_path)
     assert "matplotlib" not in loaded
     assert "rich" not in loaded
+
+
+def test_a_plain_run_loads_no_cluster_no_report_no_sweep(tmp_path: Path):
+    loaded = loaded_by_a_run(["run", "design_fast_gait", "--json"], tmp_path)
+    assert not among({"dask", "distributed", "filelock", "pandas", "xarray"}, loaded)
+    for room in ("wormopt.sweeps", "wormopt.reports", "wormopt.exports"):
+        assert not within(room, loaded), room
 
 
 def test_a_run_with_plots_leaves_pyplot_alone(tmp_path: Path):

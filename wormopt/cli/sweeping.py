@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,7 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--keep", choices=("results", "scalars"), default="results", help="of a point (%(default)s)"
     )
+    command.add_argument("--show", metavar="NAME,...", help="numbers that the picture shows")
     add_engine(command)
     command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
     command.add_argument("--no-plots", action="store_true", help="draw no pictures")
@@ -99,6 +101,13 @@ def _sweep(options: argparse.Namespace) -> int:
             code = DONE if result.status == "ok" else NOT_SOLVED
     except Interrupted as stop:
         result, code = stop.partial, INTERRUPTED
+    if options.show:
+        names = [name.strip() for name in options.show.split(",")]
+        unknown = [name for name in names if name not in result.attributes["numbers"]]
+        if unknown:
+            say(f"--show: {', '.join(unknown)} left out; there are {_listed(result)}")
+        names = [name for name in names if name not in unknown]
+        result = replace(result, attributes={**result.attributes, "shown": names})
     with output_folder(output) as staging:
         pictures = {} if options.no_plots else {"sweep": picture}
         result.save(staging, tuple(pictures.values()))
@@ -144,6 +153,10 @@ def _method(options: argparse.Namespace) -> dict[str, Any]:
         if points is not None:
             return {"method": name.replace("_", "-"), "points": points, "seed": options.seed}
     return {}
+
+
+def _listed(result: Any) -> str:
+    return ", ".join(result.attributes["numbers"])
 
 
 def _print(result: Any, folder: Path) -> None:

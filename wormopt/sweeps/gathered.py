@@ -44,7 +44,10 @@ def gathered(
         Variable("seconds", "s", asked.dims, _shaped([r.seconds for r in records], asked),
                  "time that it took"),
     ]  # fmt: skip
-    arrays, lists = _scalars(records, asked, base.table.scalars)
+    table = base.table
+    # what was asked for comes first
+    first = {name: table.scalars[name] for name in table.headline if name in table.scalars}
+    arrays, lists = _scalars(records, asked, first | dict(table.scalars))
     counts = Counter(record.status for record in records)
     return Result(
         base.name,
@@ -116,7 +119,7 @@ def _scalars(
     records: Sequence[Record], asked: Plan, declared: Mapping[str, tuple[str, str]]
 ) -> tuple[list[Variable], dict[str, list[Any]]]:
     """Numbers, and lists of numbers that are all equally long, as arrays; others as they are."""
-    names = dict.fromkeys([n for n in declared if any(n in r.scalars for r in records)])
+    names = dict.fromkeys(n for n in declared if any(n in r.scalars for r in records))
     names |= dict.fromkeys(name for record in records for name in record.scalars)
     arrays, lists = [], {}
     for name in names:
