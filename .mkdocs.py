@@ -10,9 +10,11 @@ from pathlib import Path
 
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.plugins import get_plugin_logger
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+LOG = get_plugin_logger("formulas")
 ROOT = Path(__file__).parent
 LINK = re.compile(r"\]\(([^)#\s:]+)((?:#[^)\s]*)?)\)")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
@@ -81,7 +83,11 @@ def on_page_content(content: str, **_: object) -> str:
     """Write formulas as MathML, which browsers show by themselves."""
 
     def formula(found: re.Match[str]) -> str:
-        display = "block" if found[1] == "div" else "inline"
-        return convert(html.unescape(found[2]).strip(), display=display)
+        source = html.unescape(found[2]).strip().replace(r"\arg", r"\operatorname{arg}")
+        made = convert(source, display="block" if found[1] == "div" else "inline")
+        made = re.sub(r">\\([{}])<", r">\1<", made)  # braces of \Big
+        if unknown := re.findall(r">(\\\w*)", made):
+            LOG.warning("no MathML for %s in %s", unknown, source)
+        return made
 
     return FORMULA.sub(formula, content)

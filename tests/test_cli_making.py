@@ -162,7 +162,7 @@ def test_the_list_is_filtered(capsys: pytest.CaptureFixture[str]):
 
 
 def test_every_packaged_scene_has_a_time(capsys: pytest.CaptureFixture[str]):
-    assert {*times_of_scenes()} == {*packaged_scenes()}, "measure it: .ci/times"
+    assert {*times_of_scenes()} == {*packaged_scenes()}, "measure it: .ci/gallery"
     assert main(["list", "fast_gait"]) == 0
     assert re.search(r"  fast_gait +gait +1 s  ", capsys.readouterr().out)
 

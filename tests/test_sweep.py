@@ -409,3 +409,8 @@ def test_a_cluster_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str],
     engine = ["--engine", "dask", "--scheduler", "tcp://127.0.0.1:9", "-o", str(tmp_path / "out")]
     assert main(["sweep", "fast_gait", "--over", "worm.load=[1]", *engine]) == 2
     assert "no Dask scheduler answers" in capsys.readouterr().err
+
+
+def test_a_sweep_draws_itself_unasked():
+    drawn = small({"worm.load": [2, 3]}).plot()
+    assert drawn.axes[-1].get_xlabel().startswith("worm.load")

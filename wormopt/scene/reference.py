@@ -80,12 +80,12 @@ def page(kind: str) -> str:
         *_sections(table, ""),
     ]
     if table.scalars:
-        rows = [f"| `{name}` | {_words(q)} | {what} |" for name, (q, what) in table.scalars.items()]
+        rows = [_row(f"`{name}`", _words(q), what) for name, (q, what) in table.scalars.items()]
         head = ["| scalar | quantity | meaning |", "|---|---|---|"]
         parts += ["## Scalars", "\n".join([*head, *rows])]
     if table.variables:
         rows = [
-            f"| `{name}` | {_words(q)} | {', '.join(dims)} | {what} |"
+            _row(f"`{name}`", _words(q), ", ".join(dims), what)
             for name, (q, dims, what) in table.variables.items()
         ]
         head = ["| variable | quantity | over | meaning |", "|---|---|---|---|"]
@@ -115,8 +115,13 @@ def _keys(table: type[msgspec.Struct]) -> Iterator[str]:
         if field.encode_name in _COMMON and issubclass(table, SceneTable):
             continue
         quantity, what = meaning(field.type)
-        cells = (f"`{field.encode_name}`", _of(field), _words(quantity), _default(field), what)
-        yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+        yield _row(f"`{field.encode_name}`", _of(field), _words(quantity), _default(field), what)
+
+
+def _row(*cells: str) -> str:
+    """Of a table; bars in cells do not end them."""
+    escaped = (re.sub(r"(?<!\\)[|]", r"\\|", cell) for cell in cells)
+    return f"| {' | '.join(escaped)} |"
 
 
 def _of(field: msgspec.structs.FieldInfo) -> str:
