@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import hypothesis.strategies as st
@@ -192,7 +193,7 @@ def test_the_dataset_opens_in_xarray(tmp_path: Path):
 def computed(store: Path) -> Counter:
     """How often each point was computed, by the journal."""
     journal = store / "journal.txt"
-    lines = journal.read_text().splitlines() if journal.exists() else []
+    lines = journal.read_text().splitlines()[1:] if journal.exists() else []
     return Counter(line.split()[3] for line in lines)
 
 
@@ -257,17 +258,110 @@ def test_who_finds_a_point_in_hand_leaves_it(tmp_path: Path):
 
 def test_a_point_at_which_processes_die_is_given_up(tmp_path: Path):
     scene = load_scene("fast_gait")
-    job = Job(scene, tmp_path / "point.nc", "results", "one")
+    job = Job(scene, tmp_path / f"{key_of(scene, 'results')}.nc", "results", "one")
     tries = job.file.with_suffix(".tries")
     tries.write_text("another\n" * 9 + "one\n" * 3)
     record = compute(job)
     assert record is not None
     assert (record.status, "died" in record.reason) == ("failed", True)
-    fresh = Job(scene, tmp_path / "other.nc", "results", "one")
-    fresh.file.with_suffix(".tries").write_text("another\n" * 9)  # killed with their sweeps
-    record = compute(fresh)
+    tries.write_text("another\n" * 9)  # killed with their sweeps
+    record = compute(job)
     assert record is not None
     assert record.status == "ok"
+
+
+CRASHING = """
+import os, time
+from wormopt.model.model import Model, Signal
+import casadi as ca
+
+def build(bad=0.0, tag=0.0):
+    if bad:
+        os._exit(1)
+    time.sleep(tag)
+    x = ca.SX.sym("x")
+    return Model("slow", x=[Signal("x", x, value=1.0 + tag)], ode=-x)
+"""
+
+
+def own_model(folder: Path, code: str) -> Path:
+    (folder / "own.py").write_text(code)
+    scene = folder / "own.toml"
+    text = 'schema = 1\nkind = "simulate"\nmodel = "own.py:build"\n[time]\nend = 1.0\n'
+    scene.write_text(f"{text}[parameters]\ntag = 0.0\n")
+    return scene
+
+
+def test_a_point_that_ends_its_process_costs_no_other(tmp_path: Path):
+    scene = own_model(tmp_path, CRASHING)
+    over = {"parameters.bad": [1.0, 0.0, 1.0], "parameters.tag": [0.0, 1.5, 0.1]}
+    found = wo.sweep(scene, over, method="zip", store=tmp_path / "s", engine=Engine(workers=2))
+    assert found["status"].values.tolist() == [1, 0, 1]
+    assert all("died" in found.attributes["reasons"][k] for k in (0, 2))
+    assert len(points_in(tmp_path / "s")) == 1  # that they died is not kept
+
+
+def test_a_model_of_ones_own_that_changes_is_computed_again(tmp_path: Path):
+    scene, over = own_model(tmp_path, CRASHING), {"parameters.tag": [0.0, 0.1]}
+    for now in (2, 0):
+        found = wo.sweep(scene, over, store=tmp_path / "s", engine=SERIAL)
+        assert found.scalars["computed_now"].value == now
+    (tmp_path / "own.py").write_text(CRASHING.replace("-x)", "-2 * x)"))
+    found = wo.sweep(scene, over, store=tmp_path / "s", engine=SERIAL)
+    assert found.scalars["computed_now"].value == 2
+
+
+def test_a_file_that_changes_meanwhile_spoils_no_store(tmp_path: Path):
+    scene = own_model(tmp_path, CRASHING)
+    job = Job(load_scene(scene), tmp_path / "of-other-content.nc", "results", "one")
+    record = compute(job)
+    assert record is not None
+    assert (record.status, "changed meanwhile" in record.reason) == ("failed", True)
+    assert not list(tmp_path.glob("*.nc"))
+
+
+def test_a_value_that_is_refused_keeps_the_coordinate():
+    found = small({"gait.period": ["1000 ms", "-2 s", "3 s"]}, overrides='units="SI"')
+    assert (found["gait_period"].values.tolist(), found["gait_period"].unit) == ([1, -2, 3], "s")
+    assert found["status"].values.tolist() == [0, 2, 0]
+
+
+def test_names_of_keys_and_of_numbers_may_be_the_same():
+    found = wo.sweep("membrane", {"lifetime": [1e3, 2e3]}, engine=SERIAL)
+    assert found["lifetime"].values.tolist() == [1e3, 2e3]
+    assert "lifetime_found" in found
+
+
+def test_a_scene_that_says_its_sweep_may_be_swept_otherwise():
+    swept = Swept(over={"worm.load": [1, 2], "title": ["a", "b"]})
+    base = replace(load_scene("fast_gait"), sweep=swept)
+    assert wo.sweep(base, engine=SERIAL)["status"].values.shape == (2, 2)
+    assert wo.sweep(base, method="zip", engine=SERIAL)["status"].values.shape == (2,)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--over", "worm.load=[1]", "--over", "worm.load=[2]"],
+        ["--over", "units=['SI']"],
+        ["--over", "gait.period=1e400:2:3"],
+        ["--over", "worm.load=[1]", "--store", "."],
+        ["--over", "worm.load=[1]", "--store", "file"],
+        ["--over", "worm.load=[1]", "--store", "foreign"],
+        ["--over", "worm.load=[1]", "--engine", "dask", "--scheduler", "nonsense://x"],
+    ],
+)
+def test_what_the_command_refuses_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, arguments
+):
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("mine")
+    Path("foreign").mkdir()
+    Path("foreign/journal.txt").write_text("mine")
+    assert main(["sweep", "fast_gait", *arguments, "-o", ".", "--force", "--no-plots"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert Path("foreign/journal.txt").read_text() == "mine"
+    assert {path.name for path in tmp_path.iterdir()} <= {"file", "foreign", "points"}
 
 
 # -- the command ---------------------------------------------------------------------------------

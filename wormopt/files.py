@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import secrets
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from wormopt.errors import OutputError
 
@@ -29,6 +31,12 @@ def hash_of(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
+def digest_of(summary: Mapping[str, Any]) -> str:
+    """SHA-256 of what a summary says, by which it is known to be as it was written."""
+    rest = {name: value for name, value in summary.items() if name != "sha256"}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
+
+
 def is_marked(file: Path) -> bool:
     """Whether a file says in itself that wormopt made it: no other is ever replaced."""
     return file.is_file() and not file.is_symlink() and MARK in file.read_bytes()
@@ -41,9 +49,10 @@ def write_files(files: Mapping[Path, bytes], *, force: bool = False) -> None:
     in the way, or if they cannot be written.
     """
     token = secrets.token_hex(4)
-    unfinished = {path: path.with_name(f".wormopt-{token}-{k}") for k, path in enumerate(files)}
     path = next(iter(files), Path())
     try:
+        parts = enumerate(files)
+        unfinished = {path: path.with_name(f".wormopt-{token}-{k}") for k, path in parts}
         for path in files:
             path.parent.mkdir(parents=True, exist_ok=True)
             _refuse_obstacle(path, files[path], force)

@@ -24,11 +24,18 @@ def kind_name(name: str) -> str:
     raise argparse.ArgumentTypeError(what)
 
 
+def _some(text: str) -> int:
+    """Take a whole number above 0 from the command line."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number above 0")
+    return int(text)
+
+
 def add_engine(command: argparse.ArgumentParser) -> None:
     """Add the options that say where work goes."""
     engines = ("processes", "serial", "dask")
     command.add_argument("--engine", choices=engines, default="processes", help="(%(default)s)")
-    command.add_argument("--workers", metavar="N", type=int, help="one per processor if left out")
+    command.add_argument("--workers", metavar="N", type=_some, help="one per processor if left out")
     command.add_argument("--scheduler", metavar="ADDRESS", default="", help="of a Dask cluster")
 
 

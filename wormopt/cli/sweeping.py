@@ -10,7 +10,7 @@ from typing import Any
 
 from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED, add_engine, say
 from wormopt.cli.running import FORCE, draw_all
-from wormopt.errors import Interrupted, SceneError
+from wormopt.errors import Interrupted, OutputError, SceneError
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, picture_file
 from wormopt.kinds import SWEEP
 from wormopt.progress import shown_on_stderr
@@ -54,7 +54,7 @@ def add(commands: Any) -> None:
         "--latin-hypercube", metavar="N", type=int, help="draw N points within the ranges"
     )
     method.add_argument("--sobol", metavar="N", type=int, help="draw N points, evenly")
-    command.add_argument("--seed", type=int, default=0, help="of what is drawn (%(default)s)")
+    command.add_argument("--seed", metavar="N", type=int, help="of what is drawn (0)")
     command.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene"
     )
@@ -81,7 +81,9 @@ def _sweep(options: argparse.Namespace) -> int:
     picture = picture_file("sweep")
     files = [RESULT_FILE, SUMMARY_FILE, *SWEEP.exports, *([] if options.no_plots else [picture])]
     folder = Path(options.output or default_folder(f"{scene.name}-sweep", options.set))
-    output = Output(folder, scene.name, "sweep", kept=(_STORE,), force=options.force)
+    store = Path(options.store) if options.store else folder / _STORE
+    kept = _first_below(folder, store)
+    output = Output(folder, scene.name, "sweep", kept=(_STORE, kept), force=options.force)
     output = check_output(output, files)
     from wormopt.numerics.workers import Engine
     from wormopt.sweeps.sweep import sweep
@@ -93,7 +95,7 @@ def _sweep(options: argparse.Namespace) -> int:
                 scene,
                 over,
                 **_method(options),
-                store=options.store or output.folder / _STORE,
+                store=store,
                 keep=options.keep,
                 engine=Engine(options.engine, options.workers, options.scheduler),
                 report=report,
@@ -121,6 +123,14 @@ def _sweep(options: argparse.Namespace) -> int:
     return code
 
 
+def _first_below(folder: Path, store: Path) -> str:
+    """Name in a folder under which the store stands, "" where it is elsewhere."""
+    folder, store = folder.resolve(), store.resolve()
+    if store == folder:
+        raise OutputError(f"{store}: holds the dataset; choose another --store")
+    return store.relative_to(folder).parts[0] if store.is_relative_to(folder) else ""
+
+
 def _over(name: str, texts: list[str]) -> dict[str, Any] | None:
     """What is varied, None where the scene says it."""
     found = {}
@@ -129,6 +139,8 @@ def _over(name: str, texts: list[str]) -> dict[str, Any] | None:
         if not equals or not key.strip():
             what = f"{text!r} does not read key=values, worm.load=1:10:10 say"
             raise SceneError(name, [("--over", what)])
+        if key.strip() in found:
+            raise SceneError(name, [("--over", f"{key.strip()} stands there twice")])
         found[key.strip()] = _values(name, key.strip(), values.strip())
     return found or None
 
@@ -146,13 +158,12 @@ def _values(name: str, key: str, text: str) -> Any:
 
 
 def _method(options: argparse.Namespace) -> dict[str, Any]:
-    if options.zip:
-        return {"method": "zip"}
+    found: dict[str, Any] = {"method": "zip"} if options.zip else {}
     for name in ("latin_hypercube", "sobol"):
         points = getattr(options, name)
         if points is not None:
-            return {"method": name.replace("_", "-"), "points": points, "seed": options.seed}
-    return {}
+            found = {"method": name.replace("_", "-"), "points": points}
+    return found | ({} if options.seed is None else {"seed": options.seed})
 
 
 def _listed(result: Any) -> str:

@@ -135,7 +135,7 @@ class Gait:
 
         Gives lengths, rates, accelerations, ... (n, m), by the order of the time derivative.
         """
-        t = np.mod(np.asarray(t, dtype=float), self.period)
+        t = np.mod(np.atleast_1d(np.asarray(t, dtype=float)), self.period)
         which = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, self.pieces - 1)
         values = np.empty((self.links, len(t)))
         for piece in np.unique(which):

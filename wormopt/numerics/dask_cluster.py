@@ -48,7 +48,7 @@ def connected(workers: int | None, scheduler: str) -> Iterator[Cluster]:
     try:
         try:
             client: Any = Client(own or scheduler, timeout=_PATIENCE, set_as_default=False)
-        except (OSError, ValueError) as error:
+        except Exception as error:  # whatever its network raises
             what = f"no Dask scheduler answers at {scheduler!r} ({error})"
             raise ArgumentError(f"{what}; write its address, tcp://host:8786 say") from error
         try:

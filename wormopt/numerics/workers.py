@@ -10,6 +10,7 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor, as_completed
@@ -17,7 +18,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import current_process
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 from wormopt.errors import ArgumentError, SolveError
 
@@ -57,6 +58,12 @@ class Engine:
     name: EngineName = "processes"
     workers: int | None = None
     scheduler: str = ""
+
+    def __post_init__(self) -> None:
+        if self.name not in get_args(EngineName):
+            raise ArgumentError(f"engine is one of {get_args(EngineName)}, not {self.name!r}")
+        if self.workers is not None and self.workers < 1:
+            raise ArgumentError(f"workers must be 1 or more, not {self.workers}")
 
 
 _engine = Engine()
@@ -221,6 +228,8 @@ def _executor(count: int) -> Any:
     """Our own processes, not those that users of loky share."""
     from loky import ProcessPoolExecutor
 
+    # it tells of workers that it replaces, idle or grown; nothing is lost by it
+    warnings.filterwarnings("ignore", "A worker (stopped|was restarted)", UserWarning)
     key = os.getpid(), count
     if key not in _executors:
         _executors[key] = ProcessPoolExecutor(

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from wormopt.errors import OutputError
-from wormopt.files import SUMMARY_FILE, hash_of
+from wormopt.files import SUMMARY_FILE, digest_of, hash_of
 
 _LONGEST_NAME = 100
 
@@ -122,7 +122,9 @@ def earlier_result(folder: Path) -> Earlier:
         summary = json.loads((folder / SUMMARY_FILE).read_text(encoding="utf-8"))
         scene, kind, hashes = (summary[key] for key in ("scene", "kind", "sha256"))
         same = {name for name, digest in hashes.items() if _is_as_written(folder, name, digest)}
-        return Earlier(str(scene), str(kind), frozenset(same | {SUMMARY_FILE}))
+        same -= {SUMMARY_FILE}
+        same |= {SUMMARY_FILE} if hashes.get(SUMMARY_FILE) == digest_of(summary) else set()
+        return Earlier(str(scene), str(kind), frozenset(same))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return Earlier()
 
@@ -132,7 +134,8 @@ def enlist(folder: Path, names: Sequence[str]) -> None:
     path = folder / SUMMARY_FILE
     summary = json.loads(path.read_text(encoding="utf-8"))
     summary["files"] += [name for name in names if name not in summary["files"]]
-    summary["sha256"] |= {name: hash_of(folder / name) for name in names}
+    hashes = summary["sha256"] | {name: hash_of(folder / name) for name in names}
+    summary["sha256"] = hashes | {SUMMARY_FILE: digest_of(summary)}
     unfinished = path.with_name(f".unfinished-{path.name}")
     _write(unfinished, summary)
     unfinished.replace(path)
@@ -188,5 +191,6 @@ def _write_hashes(staging: Path) -> None:
     path = staging / SUMMARY_FILE
     summary = json.loads(path.read_text(encoding="utf-8"))
     others = sorted(set(staging.iterdir()) - {path})
-    summary["sha256"] = {other.name: hash_of(other) for other in others}
+    hashes = {other.name: hash_of(other) for other in others}
+    summary["sha256"] = hashes | {SUMMARY_FILE: digest_of(summary)}
     _write(path, summary)

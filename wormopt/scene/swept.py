@@ -55,6 +55,8 @@ class Swept(Table, frozen=True, kw_only=True):
         if not self.over:
             yield "over", 'nothing is varied; write over."worm.load" = "1:10:10", say'
         for key, values in self.over.items():
+            if key.partition(".")[0] in ("kind", "schema", "units", "sweep"):
+                yield f"over.{key}", "cannot be varied; write scenes of their own"
             what = self._fault_of(values)
             if what:
                 yield f"over.{key}", what
@@ -82,6 +84,8 @@ class Swept(Table, frozen=True, kw_only=True):
         if not found:
             return f'{values!r} is no range; write "first:last:count", or a list of values'
         low, high, count = float(found["low"]), float(found["high"]), found["count"]
+        if not (math.isfinite(low) and math.isfinite(high)):
+            return "the range has no finite ends"
         if self.drawn:
             if count and not found["spacing"]:
                 return f'{self.method} draws points of its own; write "{low:g}:{high:g}"'

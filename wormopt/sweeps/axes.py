@@ -38,7 +38,8 @@ class Plan:
 
 def dim_of(key: str) -> str:
     """Name of the variable that holds the values of a key."""
-    return re.sub(r"\W+", "_", key).strip("_")
+    name = re.sub(r"[^A-Za-z0-9]+", "_", key).strip("_")
+    return name if name[:1].isalpha() else f"key_{name}"
 
 
 def plan(table: Swept) -> Plan:

@@ -17,6 +17,7 @@ from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Result
 from wormopt.scene import Scene
 from wormopt.scene.reference import quantity_of
+from wormopt.scene.units import has_unit, to_number
 from wormopt.sweeps.axes import Plan, dim_of
 from wormopt.sweeps.store import Record, Status
 
@@ -35,7 +36,7 @@ def gathered(
     computed: int,
 ) -> Result:
     """Make the Result of a sweep: numbers over the dimensions of the plan, the rest in lists."""
-    axes = {dim_of(key): _axis(key, asked, tables) for key in asked.keys}
+    axes = {dim_of(key): _axis(key, asked, tables, base) for key in asked.keys}
     units = base.table.units
     found = [
         *_coordinates(asked, axes, base),
@@ -79,10 +80,10 @@ def gathered(
     )
 
 
-def _axis(key: str, asked: Plan, tables: Sequence[Any]) -> list[Any]:
+def _axis(key: str, asked: Plan, tables: Sequence[Any], base: Scene[Any]) -> list[Any]:
     """Values of a key as scenes hold them, numbers without units; along its own dimension."""
     values = [
-        point[key] if table is None else _value_at(table, key)
+        _plain(point[key], key, base) if table is None else _value_at(table, key)
         for point, table in zip(asked.points, tables, strict=True)
     ]
     if not asked.is_grid:
@@ -93,6 +94,16 @@ def _axis(key: str, asked: Plan, tables: Sequence[Any]) -> list[Any]:
     # a value may be told by any scene that was not refused
     best = [min(row.ravel().tolist(), key=refused.__getitem__) for row in index]
     return [values[k] for k in best]
+
+
+def _plain(value: Any, key: str, base: Scene[Any]) -> Any:
+    """Value of a point that was refused, without its unit where that can be read."""
+    if not isinstance(value, str) or not has_unit(value):
+        return value
+    try:
+        return to_number(value, quantity_of(type(base.table), key), base.table.units)
+    except ValueError:
+        return value
 
 
 def _value_at(table: Any, key: str) -> Any:
@@ -129,7 +140,8 @@ def _scalars(
         if array is None:
             lists[name] = values
             continue
-        own = re.sub(r"\W", "_", name)
+        own = re.sub(r"[^A-Za-z0-9_]", "_", name)
+        own = f"{own}_found" if own in {*map(dim_of, asked.keys), "status", "seconds"} else own
         dims = (*asked.dims, *(f"{own}_{'entry' if k == 0 else 'part'}"
                                for k in range(array.ndim - 1)))  # fmt: skip
         shape = (*asked.shape, *array.shape[1:])

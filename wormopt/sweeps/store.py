@@ -8,18 +8,22 @@ folder, never compute a point twice.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import socket
 import time
 from collections.abc import Iterator, Mapping
+from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, field, replace
+from multiprocessing import current_process
 from pathlib import Path
 from typing import Any, Literal
 
 from filelock import FileLock, Timeout
 from msgspec import Struct
 
-from wormopt.errors import SceneError
+from wormopt.errors import OutputError, SceneError
+from wormopt.files import MARK, is_marked
 from wormopt.fingerprint import code_key
 from wormopt.kinds import KINDS
 from wormopt.quantities import Scalar
@@ -58,11 +62,31 @@ class Job:
 
 def key_of(scene: Scene[Any], keep: Keep) -> str:
     """Hash of all that the result of a scene hangs on: its keys, the code, files that it names."""
-    key = hashlib.sha256(f"{keep} {scene.name} {scene.text}".encode())
+    asked = {name: value for name, value in json.loads(scene.text).items() if name != "title"}
+    key = hashlib.sha256(f"{keep} {json.dumps(asked)}".encode())
     key.update(code_key(KINDS[scene.table.kind].study).encode())
     for file in _files(scene.table, scene.folder):
         key.update(file.read_bytes())
     return key.hexdigest()[:32]
+
+
+def open_store(folder: Path) -> None:
+    """Have a store there; OutputError if it cannot be, or if what stands there is none."""
+    journal = folder / _JOURNAL
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.path.lexists(journal):
+            with journal.open("x", encoding="utf-8") as file:
+                file.write(f"{MARK.decode()}: time, machine, process, point, seconds\n")
+        elif not is_marked(journal):
+            what = "is not of a store of points; choose another folder with --store"
+            raise OutputError(f"{journal}: {what}")
+    except FileExistsError:  # another sweep was faster, or it is a file
+        if not folder.is_dir():
+            raise OutputError(f"{folder}: is a file, no folder for points") from None
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise OutputError(f"{folder}: points cannot be kept there: {why}") from error
 
 
 def read(file: Path) -> Record | None:
@@ -78,7 +102,6 @@ def compute(job: Job) -> Record | None:
     found = read(job.file)
     if found is not None:
         return found
-    job.file.parent.mkdir(parents=True, exist_ok=True)
     lock, tries = job.file.with_suffix(".lock"), job.file.with_suffix(".tries")
     try:
         with FileLock(lock, timeout=0):
@@ -91,12 +114,13 @@ def compute(job: Job) -> Record | None:
 
 
 def _compute(job: Job, tries: Path) -> Record:
-    if _tried(job, tries) > _TRIES:
-        died = f"the process that computes it died, {_TRIES} times"
-        return _kept(job, Result(job.scene.name, job.scene.table.kind).failed(died))
-    start = time.perf_counter()
+    start, times = time.perf_counter(), _tried(job, tries)
+    if times > _TRIES:
+        return Record("failed", f"the process that computes it died, {_TRIES} times")
     try:
-        result = attempt(job.scene)
+        result = attempt(job.scene) if times == 1 else _alone(job.scene)
+    except BrokenExecutor:
+        return Record("failed", "the process that computes it died")
     except SceneError as error:  # what only the study sees
         return Record("refused", "; ".join(f"{key}: {what}" for key, what in error.faults))
     except Exception as error:  # a defect in one point must not cost the others
@@ -105,7 +129,19 @@ def _compute(job: Job, tries: Path) -> Record:
     return _kept(job, replace(result, timings_s={**result.timings_s, "study": seconds}))
 
 
+def _alone(scene: Scene[Any]) -> Result:
+    """Run a scene in a process of its own: whether it is this point that processes die at."""
+    if current_process().daemon:  # may have no processes
+        return attempt(scene)
+    from loky import ProcessPoolExecutor
+
+    with ProcessPoolExecutor(1) as process:
+        return process.submit(attempt, scene).result()
+
+
 def _kept(job: Job, result: Result) -> Record:
+    if key_of(job.scene, job.keep) != job.file.stem:
+        return Record("failed", "a file that the scene names was changed meanwhile; run it again")
     if job.keep == "scalars":
         result = replace(result, variables=())
     unfinished = job.file.with_suffix(".part")
@@ -121,7 +157,7 @@ def _kept(job: Job, result: Result) -> Record:
 
 def _tried(job: Job, tries: Path) -> int:
     """How often this sweep has begun the point, this time included."""
-    with tries.open("a+", encoding="utf-8") as file:
+    with tries.open("a+", encoding="utf-8", errors="replace") as file:
         file.write(f"{job.sweep}\n")
         file.seek(0)
         return file.read().split().count(job.sweep)
@@ -144,6 +180,7 @@ def _files(value: Any, folder: Path) -> Iterator[Path]:
     elif isinstance(value, str) and value:
         try:
             named = folder / value
-            yield from (path for path in (named, named / "result.nc") if path.is_file())
+            own = folder / value.rpartition(":")[0]  # of "model.py:function"
+            yield from (path for path in (named, named / "result.nc", own) if path.is_file())
         except (OSError, ValueError):  # no name that a file could have
             return

@@ -11,9 +11,12 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, get_args
 
-from wormopt.errors import Fault, Interrupted, SceneError
+import msgspec
+import numpy as np
+
+from wormopt.errors import ArgumentError, Fault, Interrupted, SceneError, SolveError
 from wormopt.numerics.workers import Engine, Workers, using
 from wormopt.progress import Report, silent
 from wormopt.result import Result
@@ -23,7 +26,7 @@ from wormopt.scene.read import read_value
 from wormopt.scene.swept import Swept
 from wormopt.sweeps.axes import Plan, plan
 from wormopt.sweeps.gathered import gathered
-from wormopt.sweeps.store import Job, Keep, Record, compute, key_of, read
+from wormopt.sweeps.store import Job, Keep, Record, compute, key_of, open_store, read
 
 # Seconds between looks at points that another process has in hand.
 _PATIENCE = 1.0
@@ -33,9 +36,9 @@ def sweep(
     source: Scene[Any] | str | Path | Mapping[str, Any],
     over: Mapping[str, Any] | None = None,
     *,
-    method: str = "grid",
+    method: str | None = None,
     points: int | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     overrides: Overrides = (),
     store: str | Path | None = None,
     keep: Keep = "results",
@@ -52,7 +55,7 @@ def sweep(
         Dotted key -> values, or a range: "1:10:10" is ten values from 1 to 10, "1:100:5:log"
         five whose logarithms are equidistant, "1:10" one from which values are drawn. The scene's
         own table ``[sweep]`` if left out.
-    method : {"grid", "zip", "latin-hypercube", "sobol"}
+    method : {"grid", "zip", "latin-hypercube", "sobol"}, optional
         Every combination, first with first, or drawn.
     points, seed : int, optional
         How many are drawn, and the seed of their generator.
@@ -88,31 +91,47 @@ def sweep(
     >>> found["gait_period"].values.tolist(), found["speed"].values.round(9).tolist()
     ([1.0, 2.0, 3.0], [1.2, 0.6, 0.4])
     """
+    if keep not in get_args(Keep):
+        raise ArgumentError(f"keep is results or scalars, not {keep!r}")
     base = load_scene(source, overrides)
-    if over is not None:
-        raw = {"over": dict(over), "method": method, "seed": seed}
-        raw |= {} if points is None else {"points": points}
-        base = replace(base, sweep=_read(base.name, raw))
+    given = {"over": over, "method": method, "points": points, "seed": seed}
+    given = {name: value for name, value in given.items() if value is not None}
+    if over is not None or (given and base.sweep is not None):
+        own = {} if over is not None else msgspec.to_builtins(base.sweep)
+        base = replace(base, sweep=_read(base.name, own | given))
     if base.sweep is None:
         what = 'missing; write [sweep] over."worm.load" = "1:10:10", say, or --over'
         raise SceneError(base.name, [("sweep", what)])
     folder = TemporaryDirectory() if store is None else nullcontext(os.fspath(store))
     with folder as kept_in, using(engine or Engine()):
+        open_store(Path(kept_in))
         found = _Sweep(base, plan(base.sweep), Path(kept_in), keep)
         try:
             found.compute(report)
         except KeyboardInterrupt:
             raise Interrupted(found.result(store, interrupted=True)) from None
+        except SolveError as error:  # the cluster is gone
+            return found.result(store, interrupted=True).failed(str(error))
         return found.result(store)
 
 
 def _read(name: str, raw: dict[str, Any]) -> Swept:
+    if not isinstance(raw["over"], Mapping):
+        raise ArgumentError('over is a mapping, {"worm.load": [1, 2]} say')
+    raw["over"] = {str(key): _listed(values) for key, values in raw["over"].items()}
     faults: list[Fault] = []
     swept = read_value(raw, Swept, "sweep", "", faults)
     faults += [(f"sweep.{key}", what) for key, what in (swept.faults() if swept else ())]
     if faults:
         raise SceneError(name, faults)
     return swept
+
+
+def _listed(values: Any) -> Any:
+    """Take arrays, ranges and tuples for lists."""
+    if isinstance(values, np.ndarray):
+        return values.tolist()
+    return list(values) if isinstance(values, tuple | range) else values
 
 
 class _Sweep:
