@@ -16,6 +16,8 @@ Overrides = str | Mapping[str, Any] | Iterable[str | Mapping[str, Any]]
 
 def override(raw: dict[str, Any], overrides: Overrides) -> Iterator[Fault]:
     """Change raw tables in place, and yield what cannot be changed."""
+    if not isinstance(overrides, Iterable):
+        raise ArgumentError(f'overrides are texts "key=value" or dicts, not {overrides!r}')
     several: Iterable[Any] = [overrides] if isinstance(overrides, str | Mapping) else overrides
     for one in several:
         if isinstance(one, Mapping):

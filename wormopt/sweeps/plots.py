@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from wormopt.plotting.parts import GREY, LINKS, RED, label, sheet
+from wormopt.plotting.parts import GREY, LINKS, RED, label, narrow, sheet
 from wormopt.result import Result
 
 # So many numbers are shown where none were asked for.
@@ -43,9 +43,9 @@ def _varies(values: np.ndarray) -> bool:
 
 
 def _maps(result: Result, names: list[str], dims: list[str]) -> Figure:
-    columns = min(len(names), 2)
+    columns = 1 if narrow() else min(len(names), 2)
     rows = -(-len(names) // columns)
-    figure = sheet(4.6 * columns, 3.4 * rows)
+    figure = sheet(4.6 * columns, 3.4 * rows, narrow=2.4 * rows)
     y, x = (result[dim] for dim in dims)
     lost = result["status"].values != 0
     for k, name in enumerate(names):

@@ -6,7 +6,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from wormopt.plotting.parts import GREY, LINKS, RED, label, legend_below, scalar, sheet, tell
+from wormopt.plotting.parts import (
+    GREY,
+    LINKS,
+    RED,
+    label,
+    legend_below,
+    narrow,
+    scalar,
+    sheet,
+    tell,
+    wrapped,
+)
 from wormopt.result import Result
 from wormopt.systems.spiked.plots import gaits
 from wormopt.systems.spiked.plots.gaits import OBJECTIVES
@@ -33,7 +44,7 @@ def front(result: Result) -> Figure:
     objective = str(scalar(result, "front_objective") or "")
     name = OBJECTIVES.get(objective, objective.replace("_", " ") or "objective")
     axes.set_xlabel(label("mean speed $v$", speed.unit))
-    axes.set_ylabel(label(name, value.unit))
+    axes.set_ylabel(label(wrapped(name, 24 if narrow() else 60), value.unit))
     axes.margins(0.06)
     legend_below(drawn)
     return drawn

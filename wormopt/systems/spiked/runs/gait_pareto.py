@@ -136,7 +136,8 @@ def _front(
     ok = np.array([p.result.status == "ok" for p in points])
     speed, value = np.array([p.speed for p in points]), np.array([p.value for p in points])
     beaten = np.array(
-        [np.any(value[i + 1 :][ok[i + 1 :]] < value[i] * (1 - 1e-9)) for i in range(len(points))]
+        # a faster gait of the same cost is better too
+        [np.any(value[i + 1 :][ok[i + 1 :]] <= value[i] * (1 + 1e-9)) for i in range(len(points))]
     )
     accepted, order = ok & ~beaten, _orders(scene.table, points)
     at = _knee(speed, value, accepted)
