@@ -45,6 +45,7 @@ USES: dict[str, set[str]] = {
     "film": {"chain", "spiked"},
     "coils": {"film"},
     "channel": {"coils"},
+    "peristaltic": {"coils"},
 }
 
 

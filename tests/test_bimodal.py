@@ -12,6 +12,7 @@ from scipy.optimize import root_scalar
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.systems.spiked.bimodal import BimodalMotion, integrate
+from wormopt.systems.spiked.crawl import crawl
 
 # Gait (15) with l0 = 2, e = 0.15, T = 1: W0 = AMPLITUDE |sin(3 pi t)|
 AMPLITUDE = 0.6 * math.pi
@@ -245,6 +246,15 @@ def resting_by_sampling(gait: Gait, motion: BimodalMotion) -> float:
 
 
 parts = st.floats(-0.3, 0.3).map(lambda value: round(value, 3))
+
+
+@pytest.mark.parametrize("phasors", [[0.008 + 0.297j, 0.125j], [-0.125j, -0.008 - 0.297j]])
+def test_a_mass_may_lead_until_it_ties_with_another_at_a_sample(phasors: list[complex]):
+    """Mass 1 leads from 0.7457 to 3/4, where mass 2 takes over, which is a sample; and mirrored."""
+    gait, mass = harmonics(phasors), [1.0] * 3
+    motion = integrate(gait, mass, 0.0, 1.0)
+    assert motion.lambda_mean == pytest.approx(1.0, abs=1e-10)
+    assert motion.speed == pytest.approx(crawl(gait, mass, 0.0, 1.0).speed, abs=1e-10)
 
 
 @settings(max_examples=30, deadline=None)

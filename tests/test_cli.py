@@ -3,20 +3,26 @@
 import dataclasses
 import hashlib
 import json
+import os
 import random
 import shutil
+import signal
 import sys
+import time
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from threading import Timer
 from types import ModuleType
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from wormopt import progress
 from wormopt.cli import main
-from wormopt.errors import Interrupted, SceneError, SolveError
+from wormopt.errors import Interrupted, SceneError, SolveError, interruptible
 from wormopt.kinds import KINDS
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable
@@ -28,6 +34,11 @@ Install = Callable[[Study], None]
 
 PICTURES = {"gait.png", "motion.png", "spikes.png"}
 NUMBERS = {"result.nc", "summary.json"}
+SWALLOWS = """
+import contextlib, signal
+with contextlib.suppress(BaseException):
+    signal.raise_signal(signal.SIGINT)
+"""
 
 
 def found(scene: Scene[Any], **changes: Any) -> Result:
@@ -425,6 +436,32 @@ def test_ctrl_c_without_anything_to_keep(
     assert main(["run", "fast_gait"]) == 130
     assert "nothing saved" in capsys.readouterr().err
     assert not names(tmp_path / "results")
+
+
+def test_an_import_swallows_no_interrupt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "swallows.py").write_text(SWALLOWS)
+    monkeypatch.syspath_prepend(tmp_path)
+
+    @interruptible()
+    def load() -> None:
+        import_module("swallows")
+        time.sleep(5)
+
+    with pytest.raises(KeyboardInterrupt):
+        load()
+
+
+def test_casadi_swallows_no_interrupt():
+    @interruptible()
+    def compute(x: ca.SX, press: Timer) -> None:
+        press.start()
+        for _ in range(100_000):
+            ca.plus(x, x)  # asks x for its shape, and drops what that raises
+
+    for trial in range(12):
+        press = Timer(0.002 + 1e-4 * trial, os.kill, (os.getpid(), signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt):
+            compute(ca.SX.sym("x"), press)
 
 
 def test_bad_input_that_only_the_study_sees(

@@ -115,7 +115,7 @@ def test_the_schema_beside_the_scenes_is_up_to_date(kind: str, tmp_path: Path):
     file = packaged_folder() / "schemas" / f"{kind}.json"
     assert main(["schema", kind, "-o", str(tmp_path / "new.json")]) == 0
     assert file.read_text(encoding="utf-8") == (tmp_path / "new.json").read_text("utf-8"), (
-        "make it anew: wormopt schema --all -o problems/schemas --force"
+        "make it anew: rm problems/schemas/*; wormopt schema --all -o problems/schemas"
     )
 
 

@@ -15,6 +15,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import Interrupted, SolveError
 from wormopt.numerics.bilinear import BilinearProgram
+from wormopt.systems.shared.sequences import sequences
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.ceiling import ceiling
 from wormopt.systems.spiked.construct import block_wave
@@ -24,7 +25,6 @@ from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.files import gait_of_result
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.search.trial import Trier
-from wormopt.systems.spiked.sequences import sequences
 from wormopt.systems.spiked.task import GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.verify import violations
 
@@ -206,7 +206,7 @@ def test_no_designed_gait_passes_the_ceiling(given_):
     found = design(worm, limits, search=own)
     motion = crawl(found.gait, worm.masses, 0.0, given_["load"])
     assert motion.speed <= found.ceiling + 1e-9
-    assert max(violations(motion, limits, found.cycles).values()) <= 1e-9
+    assert max(violations(motion, limits).values()) <= 1e-9
     again = integrate(found.gait, worm.masses, 0.0, given_["load"])
     assert again.speed == pytest.approx(motion.speed, abs=1e-9)
 
@@ -260,8 +260,8 @@ def test_a_sequence_is_never_faster_than_its_own_ceiling(fast_gait):
     ("overrides", "named"),
     [
         (['objective={minimise="peak_spike_load",speed=1.5}'], ["objective.speed", "ceiling"]),
-        (["gait.spike_load=7.0"], ["gait.spike_load by 0.5"]),
-        (["gait.sigma_margin=6.0"], ["gait.sigma_margin by 1;"]),
+        (["gait.spike_load=7.0"], ["gait.spike_load larger by 0.5;"]),
+        (["gait.sigma_margin=6.0"], ["gait.sigma_margin smaller by 1;"]),
         (["gait.actuator_force=2.0"], ["gait.actuator_force"]),
     ],
 )
@@ -441,7 +441,7 @@ def test_impulses_reach_what_accelerations_cannot():
     motion = crawl(found.gait, G1_WORM.masses, 0.0, 5.0)
     assert G1 < motion.speed <= 1.0 + 1e-9
     assert not motion.glides
-    assert max(violations(motion, limits, found.cycles).values()) <= 1e-9
+    assert max(violations(motion, limits).values()) <= 1e-9
     assert integrate(found.gait, G1_WORM.masses, 0.0, 5.0).speed == pytest.approx(motion.speed)
 
 

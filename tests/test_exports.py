@@ -254,7 +254,7 @@ def test_c_gives_the_lengths_of_the_formulas(fast: Result, which: str, tmp_path:
     ]
     wo.export(gait, "c", tmp_path / "walk.c")
     library = ctypes.CDLL(str(compiled(tmp_path, ["walk.c"], "-shared", "-fPIC")))
-    assert ctypes.c_double.in_dll(library, "walk_period").value == gait.period
+    assert ctypes.c_double.in_dll(library, "walk_cycle").value == gait.period
     at = np.random.default_rng(1).uniform(-3 * gait.period, 4 * gait.period, 500)
     found = np.empty((3, gait.links))
     pointers = [row.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for row in found]
@@ -582,7 +582,10 @@ def test_several_formats_at_once(
         (["result", "--mat", "-o", "mine", "--force"], "cannot be written"),
         (["result", "--mat", "-o", "/dev/null/x"], "cannot be written"),
         (["result", "--mat", "-o", "a\0b"], "cannot be written"),
+        (["result", "--mat", "-o", "a" * 300 + ".mat"], "File name too long"),
         (["result", "--csv", "--step", "0"], "positive"),
+        (["result", "--csv", "--step", "10 mm"], "'10 mm'"),
+        (["result", "--csv", "--step", "often"], "write 0.01, say"),
         (["result", "--ros", "--cycles", "0"], "cycles"),
     ],
 )
@@ -610,14 +613,22 @@ def test_force_replaces_files_and_never_folders(
     into = ["export", str(saved), "--csv", "--mat", "--c", "--ros", "-o", str(tmp_path / "all")]
     assert main(into) == 0
     assert main(into) == 0  # they are the same
-    table = tmp_path / "all" / "fast_gait.csv"
-    table.write_text(table.read_text("utf-8") + "1,2\n")
     assert main([*into, "--step", "0.1"]) == 2
+    assert main([*into, "--step", "0.1", "--force"]) == 0
+    for name in ("fast_gait.csv", "fast_gait.mat", "fast_gait.c", "fast_gait.yaml"):
+        edited = tmp_path / "all" / name
+        written = edited.read_bytes()
+        edited.write_bytes(written.replace(b"1", b"2", 1) + b"# mine")
+        kept = edited.read_bytes()
+        assert main([*into, "--force"]) == 2
+        assert edited.read_bytes() == kept
+        edited.write_bytes(written)
     assert main([*into, "--force"]) == 0
-    (tmp_path / "there.csv").write_text("old")
+    capsys.readouterr()
+    (tmp_path / "there.csv").write_text("old, not made by wormopt")
     assert main(["export", str(saved), "--csv", "-o", str(tmp_path / "there.csv"), "--force"]) == 2
     assert "was not made by wormopt" in capsys.readouterr().err
-    assert (tmp_path / "there.csv").read_text("utf-8") == "old"
+    assert (tmp_path / "there.csv").read_text("utf-8") == "old, not made by wormopt"
     folder = tmp_path / "out"
     (folder / "fast_gait.c").mkdir(parents=True)
     assert main(["export", str(saved), "--c", "-o", str(folder), "--force"]) == 2

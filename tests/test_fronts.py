@@ -113,7 +113,7 @@ def test_the_picture_joins_no_line_across_a_jump_and_marks_the_knee():
     assert sorted(map(tuple, np.array(joined).tolist())) == [(0.2, 0.4), (0.6, 0.8)]
     (legend,) = drawn.legends
     told = [text.get_text() for text in legend.get_texts()]
-    assert {"knee", "order of rest changes"} <= set(told)
+    assert {"knee, point 1", "order of rest changes"} <= set(told)
     (star,) = (line for line in drawn.axes[0].lines if line.get_marker() == "*")
     assert np.asarray(star.get_xydata()).tolist() == [[0.4, 2.0]]
 

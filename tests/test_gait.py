@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from wormopt.model.gait import Gait
 from wormopt.quantities import Variable
 from wormopt.result import Result
 from wormopt.systems.shared.declared import GAIT
+from wormopt.systems.shared.sequences import block_wave_sequence
 from wormopt.systems.spiked.construct import (
     Profile,
     accordion,
@@ -19,7 +21,6 @@ from wormopt.systems.spiked.construct import (
     fast_gait,
 )
 from wormopt.systems.spiked.files import gait_of_result, load_gait
-from wormopt.systems.spiked.sequences import block_wave_sequence
 
 # How many derivatives of the lengths are continuous.
 SMOOTHNESS: dict[Profile, int] = {"cosine": 1, "quintic": 2, "trapezoid": 1}
@@ -163,7 +164,8 @@ def test_at_a_break_the_later_piece_counts():
         ([0.5, 1.0], {}, "ascend from 0"),
         ([0.0, 0.0], {}, "ascend from 0"),
         ([0.0, -1.0], {}, "ascend from 0"),
-        ([0.0, float("nan")], {}, "ascend from 0"),
+        ([0.0, float("nan")], {}, "finite numbers"),
+        ([0.0, [1.0]], {}, "finite numbers"),
         ([0.0, 1.0], {"omega": np.ones(1)}, "go together"),
         (
             [0.0, 1.0],
@@ -172,9 +174,9 @@ def test_at_a_break_the_later_piece_counts():
         ),
     ],
 )
-def test_gaits_that_make_no_sense_are_refused(breaks: list[float], extra: dict, message: str):
+def test_gaits_that_make_no_sense_are_refused(breaks: Any, extra: dict, message: str):
     with pytest.raises(ValueError, match=message):
-        Gait(np.array(breaks), np.ones((1, 2, 1)), **extra)
+        Gait(breaks, np.ones((1, 2, 1)), **extra)
 
 
 # --- Files -------------------------------------------------------------------------------

@@ -417,7 +417,9 @@ def test_a_velocity_that_the_change_of_friction_made_is_unknown():
     assert any("is not told from rest" in text for text in result.trust["warnings"])
 
 
-@pytest.mark.parametrize("lost", ["not_finite", "no_periodic_motion"])
+@pytest.mark.parametrize(
+    "lost", [pytest.param("not_finite", marks=pytest.mark.slow), "no_periodic_motion"]
+)
 def test_an_orbit_nobody_chose_takes_no_other_with_it(monkeypatch: pytest.MonkeyPatch, lost: str):
     def orbit(self: Runner, guess: float, **options: Any):
         if abs(guess) < 0.1:

@@ -118,7 +118,7 @@ SHOWN = {
     "empty result": "Result of nothing (gait): ok; 0 variables",
     "result": "speed 1.2, period 1",
     "scene": "Scene design_fast_gait (gait-design): Fast gait of a three-mass worm",
-    "design": "Design: 2 masses, speed 0.425, 1 cycle in period 1 (searched)",
+    "design": "Design: 2 masses, speed 0.425, period 1 (searched)",
     "certified": "Certified design: 2 masses, speed 0.425",
     "certificate": "Certificate: bound 0.425",
     "crawl": "Crawl of 2 masses (speed 0.425, at rest [[0], [1]]): time 0 to 1",
@@ -206,13 +206,19 @@ def test_a_motion_draws_its_signals(things: dict[str, Any], name: str):
     found = things[name]
     motion = found.motion if name == "optimum" else found
     panels = found.plot().axes
-    assert len(panels) == min(len(motion.names), 8)
-    for axes, signal in zip(panels, motion.names, strict=False):
+    rests = "resting" in motion.names  # in a band below
+    assert len(panels) == min(len(motion.names), 8) + rests
+    for axes, signal in zip(panels[:8], motion.names, strict=False):
         rows = np.atleast_2d(motion[signal])
         assert len(axes.lines) == len(rows)
         for drawn, row in zip(axes.lines, rows, strict=True):
             assert np.array_equal(np.asarray(drawn.get_ydata()), row)
             assert np.array_equal(np.asarray(drawn.get_xdata()), motion.time)
+    if rests:
+        shown = [path.get_extents() for c in panels[-1].collections for path in c.get_paths()]
+        for mass, row in enumerate(motion["resting"]):
+            own = sum(box.width for box in shown if box.y0 < mass < box.y1)
+            assert own == pytest.approx(np.trapezoid(row, motion.time), abs=0.01)
 
 
 def test_signals_are_drawn_by_name(things: dict[str, Any]):

@@ -1,5 +1,6 @@
 """Changes of scenes from Python and from the command line, and hints for what may be meant."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,7 @@ def test_a_dict_is_a_scene():
     assert scene.table == wo.load_scene("fast_gait", changes).table
     assert whole["worm"] == {"links": 2, "mass": (1, 1, 1), "load": 20.0}  # as it was given
     assert wo.run(whole).scalars["speed"].value == pytest.approx(1.2)
+    assert (scene.name, wo.load_scene(whole, name="quick").name) == ("scene", "quick")
     with pytest.raises(SceneError, match="scene: kind: missing"):
         wo.load_scene({})
 
@@ -95,6 +97,7 @@ def test_any_dict_changes_a_scene_or_is_refused(changes: dict[str, Any]):
     [
         (["run", "robot"], "did you mean robot.toml?"),
         (["run", "mine/robot"], "did you mean mine/robot.toml?"),
+        (["sweep", "steep.toml", "--over", "worm.load=3"], "steep.toml: sweep.over.worm.load: '3'"),
         (["check", "robto.toml"], "did you mean robot.toml?"),
         (["run", "fast_gaits"], "did you mean fast_gait?"),
         (["run", "fast_gait", "--set", 'kind="gate"'], 'did you mean "gait"?'),
@@ -116,5 +119,6 @@ def test_what_may_be_meant_is_said(
     for file in (Path("robot.toml"), Path("mine/robot.toml")):
         file.parent.mkdir(exist_ok=True)
         file.touch()
+    shutil.copy(packaged_scenes()["fast_gait"], "steep.toml")
     assert main(arguments) == 2
     assert hint in capsys.readouterr().err

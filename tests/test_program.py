@@ -15,13 +15,13 @@ from wormopt.bench import design_cases, design_rivals
 from wormopt.bench.design_cases import Motion
 from wormopt.errors import SolveError
 from wormopt.numerics.bilinear import Climb, Point
+from wormopt.systems.shared.sequences import lasting
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.programs.program import GaitProgram
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.sequences import lasting
 from wormopt.systems.spiked.task import GaitProblem, Search, Worm
 
 G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1

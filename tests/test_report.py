@@ -23,10 +23,10 @@ from wormopt.quantities import Scalar, Variable
 from wormopt.reports.colours import ink_on, shade
 from wormopt.reports.motion import moving
 from wormopt.reports.page import LARGEST
-from wormopt.reports.toml import as_toml
 from wormopt.reports.words import marked, number, public, unit_text
 from wormopt.result import Result
 from wormopt.scene import packaged_scenes
+from wormopt.scene.toml import toml_text
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> \"'&<b>"
 VOID = {"meta", "input", "br", "img", "hr", "link"}
@@ -121,7 +121,7 @@ def test_the_page_tells_what_was_asked_and_found(gait: Result, tmp_path: Path):
 def test_units_stand_by_the_numbers(tmp_path: Path):
     fast = wo.run(wo.load_scene("fast_gait", ['units="SI"']))
     told = Whole(page_of(fast, tmp_path)).text
-    assert "speed 1.2 m s⁻¹" in told
+    assert "speed 1.2 m\xa0s⁻¹" in told
     assert "period 1 s" in told
 
 
@@ -161,7 +161,7 @@ def test_several_results_are_set_side_by_side(gait: Result, uphill: Result, tmp_
     speeds = [r.scalars["speed"].value for r in (gait, uphill)]
     assert speeds[0] > speeds[1]
     assert f"speed {number(speeds[0])} best {number(speeds[1])}" in whole.text
-    assert {"r1", "r2"} <= {*whole.ids}
+    assert {"r0", "r1"} <= {*whole.ids}
 
 
 def test_a_failed_result_is_never_the_best(gait: Result, uphill: Result, tmp_path: Path):
@@ -178,6 +178,46 @@ def test_keys_in_which_scenes_differ_are_set_side_by_side(tmp_path: Path):
     told = Whole(page_of(two, tmp_path)).text.split("Side by side")[1].split("The answer")[0]
     assert "worm.load 20 30" in told
     assert "worm.mass" not in told
+    page = page_of(two, tmp_path)
+    for k, load in enumerate((20, 30)):  # and head the results, whose titles are the same
+        apart = f"<code>worm.load</code> = {load}"
+        assert f'<a href="#r{k}">{two[k].title}</a> {apart}</li>' in page
+        assert f'<h2 id="r{k}-title">{k}. {two[k].title}</h2><p>{apart}</p>' in page
+
+
+def test_a_front_shows_its_points_and_whose_numbers_there_are_besides(tmp_path: Path):
+    front = Result(
+        "front", "gait-pareto",
+        scalars={"front_knee": Scalar(1), "mode_sequence": Scalar([[0], [2]])},
+        variables=(Variable("front_speed", "1", ("point",), np.array([0.25, 0.5, 0.75])),),
+        attributes={"table": "| point | speed | limits, \\|*l*\\| |  |\n| --- | --- | --- | --- |\n"
+                             "| 0 | 0.25 | rate |  |\n| 1 | 0.5 |  | knee |\n| 2 | 1 | <b> |  |\n"},
+    )  # fmt: skip
+    told = Whole(page_of(front, tmp_path)).text
+    assert "the knee of the front, point 1 of 0 to 2, is the one that was chosen" in told
+    assert "mode sequence [0] [2]" in told
+    assert "point speed limits, | l | 0 0.25 rate – 1 0.5 – knee 2 1 <b> –" in told
+
+
+def test_an_angle_is_shown_as_it_was_typed(tmp_path: Path):
+    variables = (
+        Variable("slope", "rad", ("slope",), np.radians([10.0, 20.0])),
+        Variable("speed", "m s-1", ("slope",), np.array([0.5, 0.25])),
+        Variable("status", "1", ("slope",), np.zeros(2, int)),
+    )
+    axes = [{"key": "worm.slope", "dim": "slope", "values": np.radians([10.0, 20.0]).tolist()}]
+    for typed, told in (("10:20:2 deg", "20 deg"), ("0.17:0.35:2", "0.349066 rad")):
+        swept = Result(
+            "swept", "sweep", variables=variables,
+            scene_text=json.dumps({"kind": "gait", "sweep": {"over": {"worm.slope": typed}}}),
+            attributes={"axes": axes, "numbers": ["speed"]},
+        )  # fmt: skip
+        assert f'aria-label="worm.slope = {told}: 0.25"' in page_of(swept, tmp_path)
+        (drawn,) = swept.plot().axes
+        assert drawn.get_xlabel() == f"worm.slope ({told.split()[1]})"
+        assert np.asarray(drawn.lines[0].get_xdata())[-1] == pytest.approx(
+            float(told.split()[0]), rel=1e-5
+        )
 
 
 def test_results_of_different_kinds_share_what_they_share(gait: Result, tmp_path: Path):
@@ -327,7 +367,7 @@ def test_a_number_as_written_is_the_number(value: float):
 
 
 def test_units_and_meanings_are_written_as_in_a_book():
-    assert unit_text("kg m s-2") == "kg m s⁻²"
+    assert unit_text("kg m s-2") == "kg\xa0m\xa0s⁻²"
     assert unit_text("1") == ""
     said = marked("largest \\|*μ*<sub>j</sub>\\|, see [theory](../x.md) of `a` <b>")
     assert said == "largest |<em>μ</em><sub>j</sub>|, see theory of <code>a</code> &lt;b&gt;"
@@ -344,14 +384,14 @@ TABLES = st.recursive(
 
 @given(st.dictionaries(st.text(st.characters(exclude_categories=["Cs"])), TABLES, max_size=4))
 def test_a_table_written_as_toml_reads_the_same(table: dict[str, Any]):
-    assert tomllib.loads(as_toml(table)) == table
+    assert tomllib.loads(toml_text(table)) == table
 
 
 @pytest.mark.parametrize("name", packaged_scenes())
 def test_a_packaged_scene_written_as_toml_is_the_scene(name: str, tmp_path: Path):
     scene = wo.load_scene(name)
     path = tmp_path / f"{name}.toml"
-    path.write_text(as_toml(json.loads(scene.text)), "utf-8")
+    path.write_text(toml_text(json.loads(scene.text)), "utf-8")
     for beside in scene.folder.glob("*.py"):
         (tmp_path / beside.name).write_bytes(beside.read_bytes())
     assert wo.load_scene(path).text == scene.text
@@ -403,7 +443,7 @@ def shorter_scene(raw: dict[str, Any], path: str) -> dict[str, Any]:
 
 def write(raw: dict[str, Any], folder: Path) -> Path:
     path = folder / "scene.toml"
-    path.write_text(as_toml(raw), "utf-8")
+    path.write_text(toml_text(raw), "utf-8")
     return path
 
 
@@ -425,7 +465,7 @@ def test_what_is_written_on_a_map_can_be_read():
 # The motion --------------------------------------------------------------------------------------
 
 
-def test_a_gait_is_shown_for_two_periods(gait: Result):
+def test_a_gait_is_shown_for_two_cycles(gait: Result):
     shown = moving(gait)
     assert shown is not None
     period, advance = (gait.scalars[name].value for name in ("period", "advance"))
@@ -552,7 +592,7 @@ def test_a_sweep_as_it_was_computed_opens(tmp_path: Path):
     page = page_of(out, tmp_path)
     whole = Whole(page)
     assert "6 points over worm.load and gait.elongation" in whole.text
-    assert {f"r1-p{k}-motion" for k in range(6)} <= {*whole.ids}
+    assert {f"r0-p{k}-motion" for k in range(6)} <= {*whole.ids}
     assert "wormopt sweep fast_gait.toml" in whole.text
     (link,) = re.findall(r"base64,([^\"]+)", page)
     written = tomllib.loads(base64.b64decode(link).decode())

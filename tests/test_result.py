@@ -140,13 +140,14 @@ def test_names_and_dimensions_must_agree():
         Result("a", "gait", variables=(time,), scalars={"time": Scalar(1.0)})
 
 
-def test_a_variable_is_found_by_name():
+def test_scalars_and_variables_are_found_by_name():
     result = example()
     assert "time" in result
-    assert "speed" not in result
+    assert "speed" in result
+    assert result["speed"] is result.scalars["speed"]
     assert result["time"].unit == "s"
-    with pytest.raises(KeyError, match=r"no variable 'speed'; it has .*'time'"):
-        result["speed"]
+    with pytest.raises(KeyError, match=r"no scalar or variable 'pace'; it has 'speed', .*'time'"):
+        result["pace"]
 
 
 @pytest.mark.parametrize("content", [b"", b"no netcdf", b"CDF\x02" + bytes(40)])

@@ -115,6 +115,9 @@ def test_forms_of_units(text: str, quantity: str, value: float):
         ("1e999 m", "length", "too large"),
         ("1" * 6000 + " m", "length", "too large"),
         ("5 %", "length", "not a length"),
+        ("1e-999 m", "length", "too small"),
+        ("5 1 m", "length", "two numbers"),
+        ("0,25 N", "force", 'write "0.25 N"'),
     ],
 )
 def test_what_is_refused(text: str, quantity: str, said: str):
@@ -163,6 +166,8 @@ def test_a_scene_with_units_is_the_same_scene(tmp_path: Path):
         ("prototype_steps", 'worm.links="2 m"', "worm.links", "bare number"),
         ("prototype_steps", 'worm.mass="0.3"', "worm.mass", "a finite number"),
         ("fast_gait", 'worm.load="5 N"', "worm.load", 'units = "SI"'),
+        ("fast_gait", 'worm.load="0,5"', "worm.load", 'write "0.5"'),
+        ("fast_gait", "worm.load=[1,2", "worm.load", "close its brackets"),
         ("design_fast_gait", 'gait.length=["7 m", 13]', "gait.length[0]", 'units = "SI"'),
     ],
 )

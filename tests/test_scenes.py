@@ -212,7 +212,7 @@ HOSTILE = [
     (MATERIAL, "material.mu_r=2.0", "material", "not both"),
     (MATERIAL, "material", "material", "missing"),
     # the changes themselves
-    (DESIGN, "worm.links=three", "worm.links", "in quotes"),
+    (DESIGN, "worm.links=three", "worm.links", "whole number"),
     (DESIGN, "worm.links=", "worm.links", "in quotes"),
     (DESIGN, "worm.links=3\nb=4", "worm.links", "in quotes"),
     (DESIGN, "worm..links=3", "worm..links", "key=value"),

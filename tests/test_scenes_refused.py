@@ -259,7 +259,7 @@ def test_a_wrong_model_is_refused_with_file_and_line(
     assert main(["run", str(path), "-o", str(tmp_path / "out")]) == 2
     out, err = capsys.readouterr()
     assert out == ""
-    assert err.startswith(f"scene: {key}: ")
+    assert err.startswith(f"{path}: {key}: ")
     assert message in err
     assert len(err.splitlines()) == 1
     assert not (tmp_path / "out").exists()

@@ -290,6 +290,11 @@ def test_units_of_si_scenes(tmp_path: Path):
             "segment-shapes",
             "rod-motion",
             "rod-frequency",
+            "peristaltic-segment",
+            "peristaltic-worm",
+            "peristaltic-drag",
+            "peristaltic-switching",
+            "peristaltic-design",
         )
     ],
 )

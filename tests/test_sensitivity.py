@@ -221,7 +221,7 @@ def test_a_picture_of_what_smooth_costs_do_not_have_is_left_out(tmp_path, capsys
     own = ["--set", cost, "--set", "search.sequence=[[0],[2]]", "--set", 'want=["limits"]']
     assert main(["run", "design_fast_gait", "-o", str(tmp_path / "o"), *own]) == 0
     assert (
-        "limits.png left out: the result has no variable 'limit_elasticity', see"
+        "limits.png left out: the result has no scalar or variable 'limit_elasticity', see"
         in capsys.readouterr().err
     )
 

@@ -123,7 +123,7 @@ def actuated(objective: Cost | None = None, **changed: Any) -> Design:
     return design(Worm(2, load=5.0), limits)
 
 
-@pytest.mark.parametrize("most", [(16.0, 16.0), (9.0, 20.0)])
+@pytest.mark.parametrize("most", [(16.0, 16.0), pytest.param((9.0, 20.0), marks=pytest.mark.slow)])
 def test_design_under_limited_actuators_keeps_to_the_rule(most: tuple[float, float]):
     """The crawl splits in closed form, the program by rows; the mirror image is as fast."""
     found = actuated(actuator_force=most)
@@ -146,6 +146,7 @@ def test_limits_on_spikes_and_actuators_together():
     assert 0.19 < speeds[1] < 1 / 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cost", "signal"), [("peak_spike_load", "reaction"), ("peak_actuator_force", "actuator_force")]
 )

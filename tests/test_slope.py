@@ -62,6 +62,15 @@ def test_gravity_is_the_users_and_adds_to_the_load():
     assert scene.table.worm.worm.load_range == pytest.approx((1 + pull, 3 + pull))
 
 
+def test_what_a_slope_is_worth_to_a_designed_gait():
+    """By the formula for two masses in the docstring of `sensitivities`."""
+    slope, load = math.radians(10), 5 + G * math.sin(math.radians(10))
+    result = wo.run("design_fast_gait", SI | {"worm.links": 1, "worm.slope": slope, "want": []})
+    found = result.scalars["sensitivity.slope"]
+    assert found.value == pytest.approx(G * math.cos(slope) / (4 * load**2), rel=1e-4)
+    assert found.unit == "m s-1 rad-1"
+
+
 def test_level_ground_says_nothing():
     assert "slope" not in wo.run("fast_gait", {"want": []}).trust
 
@@ -73,6 +82,7 @@ def test_level_ground_says_nothing():
         ("spiked_chain", {"worm.slope": "5 deg"}, "worm.gravity", "missing"),
         ("fast_gait", SI | {"worm.slope": "-1 deg"}, "worm.slope", "0 to pi/2"),
         ("fast_gait", SI | {"worm.slope": "100 deg"}, "worm.slope", "0 to pi/2"),
+        ("fast_gait", SI | {"worm.slope": 6}, "worm.slope", ', "6 deg" say'),
         ("fast_gait", SI | {"worm.slope": "10 mm"}, "worm.slope", '"45 deg" or 0.785398'),
         ("fast_gait", SI | {"worm.slope": 0.1, "worm.mass": [1, 2, 1]}, "worm.slope", "unequal"),
         ("compare_tracking", SI | {"worm.slope": 0.1}, "worm.slope", "masses are drawn"),

@@ -47,7 +47,9 @@ def test_costs_of_a_program_are_those_of_the_crawling_worm(order, cost, drag):
         assert trial.cost == pytest.approx(true, rel=1e-7)
 
 
-@pytest.mark.parametrize("cost", ["energy_per_distance", "acceleration_effort"])
+@pytest.mark.parametrize(
+    "cost", ["energy_per_distance", pytest.param("acceleration_effort", marks=pytest.mark.slow)]
+)
 def test_costs_do_not_depend_on_units(cost):
     """Milligrams, millimetres and tens of seconds: the same gait, by another route to the cost."""
     own, found = Search(sequence=((0,), (2,), (1,)), workers=1), []

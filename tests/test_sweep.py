@@ -6,6 +6,7 @@ import math
 import os
 import pickle
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -21,12 +22,15 @@ from hypothesis import given
 
 import wormopt as wo
 from wormopt.cli import main
+from wormopt.cli.printing import print_result
+from wormopt.kinds import KINDS
 from wormopt.numerics.workers import Engine
 from wormopt.scene import load_scene
 from wormopt.scene.reference import quantity_of
 from wormopt.scene.swept import Swept
 from wormopt.sweeps.axes import plan
-from wormopt.sweeps.store import Job, compute, key_of
+from wormopt.sweeps.gathered import as_csv
+from wormopt.sweeps.store import Job, code_of, compute, key_of
 
 SERIAL = Engine("serial")
 
@@ -134,15 +138,19 @@ def test_a_sweep_says_what_single_runs_say():
 
 def test_points_without_solution_are_data():
     found = wo.sweep(
-        "design_fast_gait", {"gait.spike_load": [1.0, 40.0]}, overrides="search.effort='quick'",
+        "design_fast_gait",
+        {"gait.spike_load": [1.0, 2.0, 40.0]},
+        overrides="search.effort='quick'",
         engine=SERIAL,
-    )  # fmt: skip
+    )
     assert found.status == "ok"
-    assert found["status"].values.tolist() == [1, 0]
-    assert np.isnan(found["speed"].values[0])
-    assert "gait.spike_load" in found.attributes["reasons"][0]
-    assert found.attributes["reasons"][1] == ""
-    assert found.trust["reasons"] == {found.attributes["reasons"][0]: 1}
+    assert found["status"].values.tolist() == [1, 1, 0]
+    assert np.isnan(found["speed"].values[:2]).all()
+    reasons = found.attributes["reasons"]
+    assert all("gait.spike_load" in reason for reason in reasons[:2])
+    assert reasons[0] != reasons[1]
+    assert reasons[2] == ""
+    assert list(found.trust["reasons"].values()) == [2]  # they differ by numbers alone
 
 
 def test_scenes_that_are_refused_are_data_unless_all_are():
@@ -187,6 +195,30 @@ def test_the_dataset_opens_in_xarray(tmp_path: Path):
     assert float(rows[4]["speed"]) == pytest.approx(1.2 / 1.5)
 
 
+def test_a_table_of_a_sweep_has_a_row_for_each_point(tmp_path: Path):
+    found = small({"worm.load": [40, 50], "gait.period": [1.0, 1.5, 2.0]})
+    frame = found.to_dataframe()
+    assert list(frame.columns[:4]) == ["worm.load", "gait.period", "status", "reason"]
+    assert frame["gait.period"].tolist() == [1.0, 1.5, 2.0] * 2
+    assert frame["speed"].tolist() == pytest.approx([1.2, 0.8, 0.6] * 2)
+    assert found.to_dataframe("worm_load").shape[0] == 2
+    (file,) = wo.export(found, "csv", tmp_path)
+    text = file.read_text("utf-8")
+    assert text.endswith(as_csv(found))
+    assert text.startswith("# fast_gait")
+
+
+def test_what_a_sweep_says_in_short(capsys: pytest.CaptureFixture[str]):
+    print_result(small({"worm.load": [40, -1, 50], "gait.period": [1.5, 1.0]}))
+    told = capsys.readouterr().out
+    assert re.search(r"best speed +1.2 +worm.load 40, gait.period 1\n", told)
+    assert "2 × worm.load: -1" in told
+    drawn = small({"worm.load": "40:50", "gait.period": "1:2"}, method="sobol", points=4)
+    best = drawn.to_dataframe().sort_values("gait.period").iloc[0]
+    print_result(drawn)
+    assert f"gait.period {best['gait.period']:.6g}" in capsys.readouterr().out
+
+
 # -- what is kept --------------------------------------------------------------------------------
 
 
@@ -195,6 +227,10 @@ def computed(store: Path) -> Counter:
     journal = store / "journal.txt"
     lines = journal.read_text().splitlines()[1:] if journal.exists() else []
     return Counter(line.split()[3] for line in lines)
+
+
+def job_of(scene: wo.Scene, store: Path) -> Job:
+    return Job(scene, store / f"{key_of(scene)}.nc", "results", "one", code_of(scene))
 
 
 def test_what_is_known_is_not_computed_again(tmp_path: Path):
@@ -214,7 +250,11 @@ def test_scalars_alone_may_be_kept(tmp_path: Path):
     point = wo.Result.load(tmp_path / found.attributes["points"][0])
     assert point.variables == ()
     assert point.scalars["speed"].value == found["speed"].values[0]
-    assert small({"worm.load": [1]}, store=tmp_path).scalars["computed_now"].value == 1
+    whole = small({"worm.load": [1]}, store=tmp_path)
+    assert whole.scalars["computed_now"].value == 1
+    again = small({"worm.load": [1]}, store=tmp_path, keep="scalars")
+    assert again.scalars["computed_now"].value == 0
+    assert "length" in wo.Result.load(tmp_path / again.attributes["points"][0])
 
 
 def test_a_damaged_point_is_computed_again(tmp_path: Path):
@@ -230,18 +270,17 @@ def test_a_point_hangs_on_the_files_that_it_names(tmp_path: Path):
     scene = tmp_path / "mine.toml"
     text = 'schema = 1\nkind = "gait"\n[worm]\nlinks = 2\nmass = 1.0\nload = 5.0\n[gait]\n'
     scene.write_text(f'{text}shape = "file"\nfile = "gait.csv"\nperiod = 1.0\n')
-    before = key_of(load_scene(scene), "results")
-    assert key_of(load_scene(scene), "results") == before
-    assert key_of(load_scene(scene), "scalars") != before
+    before = key_of(load_scene(scene))
+    assert key_of(load_scene(scene)) == before
     wo.fast_gait(2.0).to_csv(tmp_path / "gait.csv", samples=101)
-    assert key_of(load_scene(scene), "results") != before
+    assert key_of(load_scene(scene)) != before
 
 
 def test_who_finds_a_point_in_hand_leaves_it(tmp_path: Path):
     from filelock import FileLock
 
     scene = load_scene("fast_gait")
-    job = Job(scene, tmp_path / f"{key_of(scene, 'results')}.nc", "results", "one")
+    job = job_of(scene, tmp_path)
     with FileLock(job.file.with_suffix(".lock")):
         script = "import pickle, sys; from wormopt.sweeps.store import compute;" + (
             "print(compute(pickle.load(sys.stdin.buffer)))"
@@ -258,7 +297,7 @@ def test_who_finds_a_point_in_hand_leaves_it(tmp_path: Path):
 
 def test_a_point_at_which_processes_die_is_given_up(tmp_path: Path):
     scene = load_scene("fast_gait")
-    job = Job(scene, tmp_path / f"{key_of(scene, 'results')}.nc", "results", "one")
+    job = job_of(scene, tmp_path)
     tries = job.file.with_suffix(".tries")
     tries.write_text("another\n" * 9 + "one\n" * 3)
     record = compute(job)
@@ -268,6 +307,46 @@ def test_a_point_at_which_processes_die_is_given_up(tmp_path: Path):
     record = compute(job)
     assert record is not None
     assert record.status == "ok"
+
+
+def test_points_hang_on_pictures_by_which_more_is_computed():
+    """Nothing that computes looks at what pictures are wanted but the studies that say so."""
+    root = Path(wo.__file__).parent
+    files = {path for path in (root / "systems").rglob("*.py") if "scenes" not in str(path)}
+    kinds = [kind for kind in KINDS.values() if kind.wanted]
+    said = {root.parent / f"{kind.study.replace('.', '/')}.py" for kind in kinds}
+    assert {path for path in files if re.search(r"\.want\b", path.read_text("utf-8"))} == said
+    assert all(set(kind.wanted) <= set(kind.pictures) for kind in kinds)
+
+
+def test_other_pictures_make_no_other_point():
+    scene = load_scene("fig13_magnetic_pair", "want=[]")
+    assert key_of(load_scene("fig13_magnetic_pair")) == key_of(scene)
+    assert key_of(load_scene("fast_gait")) != key_of(load_scene("fast_gait", "want=[]"))
+
+
+def test_a_worker_with_other_code_says_so(tmp_path: Path):
+    record = compute(replace(job_of(load_scene("fast_gait"), tmp_path), code="another"))
+    assert record is not None
+    assert (record.status, "another version of wormopt" in record.reason) == ("failed", True)
+    assert not list(tmp_path.glob("*.nc"))
+
+
+REFUSING = """
+from wormopt.errors import ArgumentError
+
+def build(tag=0.0):
+    raise ArgumentError(f"no {tag}")
+"""
+
+
+def test_what_the_study_refuses_is_kept_with_its_reason(tmp_path: Path):
+    scene = own_model(tmp_path, REFUSING)
+    for now in (2, 0):
+        found = wo.sweep(scene, {"parameters.tag": [1.0, 2.0]}, store=tmp_path / "s", engine=SERIAL)
+        assert found.scalars["computed_now"].value == now
+        assert found["status"].values.tolist() == [2, 2]
+        assert "no 2.0" in found.attributes["reasons"][1]
 
 
 CRASHING = """
@@ -313,7 +392,7 @@ def test_a_model_of_ones_own_that_changes_is_computed_again(tmp_path: Path):
 
 def test_a_file_that_changes_meanwhile_spoils_no_store(tmp_path: Path):
     scene = own_model(tmp_path, CRASHING)
-    job = Job(load_scene(scene), tmp_path / "of-other-content.nc", "results", "one")
+    job = replace(job_of(load_scene(scene), tmp_path), file=tmp_path / "of-other-content.nc")
     record = compute(job)
     assert record is not None
     assert (record.status, "changed meanwhile" in record.reason) == ("failed", True)
@@ -383,6 +462,15 @@ def test_one_command_gives_dataset_table_and_picture(
     again = ["sweep", "fast_gait", *over, "--over", "worm.mass=[1.0, 2.0]", "--engine", "serial"]
     assert main([*again, "--no-plots"]) == 0
     assert wo.Result.load(folder).scalars["computed_now"].value == 6
+    assert "replaced the earlier result, of other inputs (sweep.over" in capsys.readouterr().err
+    # with --set the points are those of the scene
+    changed = ["sweep", "fast_gait", "--set", "worm.load=1.0", "--over", "gait.period=[1, 2]"]
+    assert main([*changed, "--engine", "serial", "--no-plots", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["scalars"]["computed_now"]["value"] == 0
+    assert (tmp_path / "results" / "fast_gait-sweep,worm.load=1.0" / "result.nc").is_file()
+    assert main(["show", "results"]) == 0
+    listed = capsys.readouterr().out.splitlines()
+    assert [line.partition(":")[2].split(";")[0] for line in listed] == [" sweep, ok"] * 2
     assert main(["sweep", "fast_gait", "--over", "worm.load=1"]) == 2
     assert main(["sweep", "fast_gait", "--over", "worm.load"]) == 2
     assert main(["sweep", "fast_gait", "--over", "worm.load=[1"]) == 2

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from wormopt.numerics.workers import Workers
+from wormopt.numerics.workers import Workers, alone
 
 
 def square(x: int) -> int:
@@ -137,3 +137,8 @@ def test_an_interrupt_at_any_time_leaves_no_traceback_of_processes(tmp_path: Pat
         _, told = run.communicate(timeout=60)
     assert "Traceback" not in told
     assert run.returncode == 130
+
+
+def test_a_process_of_its_own_has_no_workers():
+    assert alone(nested, 3) == (1, [0, 1, 4])
+    assert alone(own_process, 0) != os.getpid()

@@ -2,7 +2,7 @@
 
 Public names stand in ``__init__.pyi`` and are loaded on first use, so that importing the package
 costs nothing. What belongs to one system has a name of its own: ``wo.film``, ``wo.pair``,
-``wo.channel``, ``wo.magnetics``, ``wo.stepper``.
+``wo.channel``, ``wo.peristaltic``, ``wo.magnetics``, ``wo.stepper``.
 
 >>> import wormopt as wo
 >>> scene = wo.load_scene("fast_gait")

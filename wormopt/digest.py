@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from wormopt.kinds import KINDS
 from wormopt.shown import Part, brief
 
+# Which way is better, where that can be said of a number by itself.
+BETTER = {
+    "speed": 1, "mean_speed": 1, "distance": 1, "velocity_best": 1, "mean_flow": 1,
+    "spike_load_max": -1, "actuator_force_max": -1, "energy_per_distance": -1,
+    "cost_of_transport": -1, "input_rms": -1, "input_peak": -1, "time_outside_tube": -1,
+    "capture_time": -1, "gap_certified": -1,
+}  # fmt: skip
 # As many scalars as come first where a kind does not say which.
 _FIRST = 5
 # Scalars of these names speak of the computation; they are part of the whole, not of the short.
@@ -20,20 +30,24 @@ _REACHED, _NO_EFFECT = 1e-6, 1e-6
 
 def groups(result: Any) -> list[Part]:
     """Group scalars: what was asked for, limits, the rest; rows of name, value, remark."""
-    first, limits = _headline(result), [*_limits(result)]
+    first, limits = leading(result), [*_limits(result)]
     taken = {*first, *(row[0] for row in limits), *_aside(result)}
     taken |= {"objective"} if _repeated(result, first) else set()
     return [
-        Part("", [*_entries(result), *(_row(result, name) for name in first)]),
+        Part("", [*_entries(result), *(_row(result, name) for name in first), *_best(result)]),
         Part(_heading_of_limits(result), limits),
         Part("Besides", [_row(result, name) for name in result.scalars if name not in taken]),
     ]
 
 
 def trust(result: Any) -> Iterator[str]:
-    """Tell in three lines how far to trust it: status and worst check, second route, warnings."""
+    """Tell in lines how far to trust it: status and worst check, second route, warnings.
+
+    Of a sweep also how many points have no answer, by reason.
+    """
     reason = f": {result.reason}" if result.reason else ""
     yield f"{result.status}{reason}{_worst(result.checks)}"
+    yield from (f"{count} × {why}" for why, count in result.trust.get("reasons", {}).items())
     second = _second_route(result)
     if second:
         yield f"second route: {second}"
@@ -46,11 +60,12 @@ def trust(result: Any) -> Iterator[str]:
 
 def headline(result: Any) -> str:
     """Write the scalars that were asked for on one line."""
-    rows = [_row(result, name) for name in _headline(result)]
+    rows = [_row(result, name) for name in leading(result)]
     return ", ".join(f"{name} {value}" for name, value, _ in rows)
 
 
-def _headline(result: Any) -> list[str]:
+def leading(result: Any) -> list[str]:
+    """Names of the scalars that were asked for; of a kind that does not say so, the first ones."""
     declared = KINDS[result.kind].load_table().headline if result.kind in KINDS else ()
     chosen = [name for name in declared if name in result.scalars]
     chosen = chosen or [name for name in result.scalars if name not in _aside(result)][:_FIRST]
@@ -92,7 +107,7 @@ def _row(result: Any, name: str) -> tuple[str, str, str]:
 
 
 def _with_unit(value: Any, unit: str) -> str:
-    return brief(value) if unit == "1" or value is None else f"{brief(value)} {unit}"
+    return brief(value) if unit == "1" or value in (None, []) else f"{brief(value)} {unit}"
 
 
 def _entries(result: Any) -> Iterator[tuple[str, str, str]]:
@@ -104,6 +119,29 @@ def _entries(result: Any) -> Iterator[tuple[str, str, str]]:
         names = result.labels.get(dim, [])
         if len(names) > 1 and dim != "limit":
             yield f"{dim}s", brief(names, 100), ""
+
+
+def _best(result: Any) -> Iterator[tuple[str, str, str]]:
+    """Best point of a sweep: least cost where its scenes have one, else by the first in BETTER."""
+    if result.kind != "sweep":
+        return
+    asked = json.loads(result.scene_text or "{}").get("objective")
+    cost = asked.get("minimise") if isinstance(asked, Mapping) else None
+    numbers = result.attributes.get("numbers", [])
+    name = next((name for name in (cost, *BETTER) if name in numbers), None)
+    if name is None:
+        return
+    found, status = result[name], result["status"].values
+    worth = np.where(status == 0, BETTER.get(name, -1) * found.values, -np.inf)
+    at = np.unravel_index(np.nan_to_num(worth, nan=-np.inf).argmax(), worth.shape)
+    if np.isfinite(worth[at]):
+        axes = result.attributes["axes"]
+        places = at if len(at) == len(axes) else at * len(axes)  # drawn points: one for all axes
+        told = (
+            f"{axis['key']} {_with_unit(axis['values'][k], result[axis['dim']].unit)}"
+            for axis, k in zip(axes, places, strict=True)
+        )
+        yield f"best {name}", _with_unit(float(found.values[at]), found.unit), ", ".join(told)
 
 
 # -- limits --------------------------------------------------------------------------------------

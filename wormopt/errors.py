@@ -6,7 +6,10 @@ escapes is a defect of the package.
 
 from __future__ import annotations
 
+import os
 import signal
+import time
+from _thread import start_new_thread
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from threading import current_thread, main_thread
@@ -150,7 +153,7 @@ class Interrupted(KeyboardInterrupt):
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let the user's interrupt through calls of CasADi, which turn it into some other error."""
+    """Let the user's interrupt through what would swallow it or make some other error of it."""
     before = signal.getsignal(signal.SIGINT)
     if current_thread() is not main_thread() or not callable(before):
         yield
@@ -158,8 +161,11 @@ def interruptible() -> Iterator[None]:
     heard: list[int] = []
 
     def hear(number: int, frame: FrameType | None) -> None:
-        heard.append(number)
-        before(number, frame)
+        if _is_swallowed(frame):
+            start_new_thread(_send_again, (number,))
+        else:
+            heard.append(number)
+            before(number, frame)
 
     signal.signal(signal.SIGINT, hear)
     try:
@@ -170,3 +176,22 @@ def interruptible() -> Iterator[None]:
         raise
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def _is_swallowed(frame: FrameType | None) -> bool:
+    """Whether an error raised now may be lost.
+
+    Imports of compiled modules lose it, and so does CasADi where it asks in Python what it was
+    given, but not where it computes, which may take long.
+    """
+    names = [f.f_code.co_filename for f in (frame, frame and frame.f_back) if f]
+    if frame and all(name.endswith("casadi.py") for name in names):
+        return frame.f_code.co_name != "call"
+    while frame and frame.f_code.co_filename != "<frozen importlib._bootstrap>":
+        frame = frame.f_back
+    return frame is not None
+
+
+def _send_again(number: int) -> None:
+    time.sleep(0.005)
+    os.kill(os.getpid(), number)  # not raise_signal, which wakes no other thread

@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import secrets
-from collections.abc import Mapping
+import zlib
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +17,11 @@ from wormopt.errors import OutputError
 RESULT_FILE = "result.nc"
 SUMMARY_FILE = "summary.json"
 TABLE_FILE = "table.md"
-MARK = b"made by wormopt"
-"""What files say that wormopt writes by a name of the user's."""
+POINTS = "points"
+"""Folder in that of a sweep where its points are kept."""
+MARK = f"made by wormopt, sha256 {'0' * 16}"
+"""What files say that wormopt writes by a name of the user's; `sealed` puts their hash there."""
+_SEAL = re.compile(rb"made by wormopt, sha256 ([0-9a-f]{16})")
 STILL, MOVING = ("png", "pdf", "svg"), ("gif", "mp4")
 """Formats of pictures, as suffixes; the second of animations only."""
 
@@ -37,17 +42,49 @@ def digest_of(summary: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
-def is_marked(file: Path) -> bool:
-    """Whether a file says in itself that wormopt made it: no other is ever replaced."""
-    return file.is_file() and not file.is_symlink() and MARK in file.read_bytes()
+def write_summary(folder: Path, summary: Mapping[str, Any], names: Iterable[str]) -> None:
+    """Write a summary that tells the hashes of files beside it, its own, and those it told."""
+    hashes = summary.get("sha256", {}) | {name: hash_of(folder / name) for name in names}
+    hashes[SUMMARY_FILE] = digest_of(summary)
+    whole = {**summary, "sha256": hashes}
+    text = json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False)
+    unfinished = folder / f".unfinished-{SUMMARY_FILE}"
+    unfinished.write_text(text + "\n", encoding="utf-8")
+    unfinished.replace(folder / SUMMARY_FILE)
 
 
-def write_files(files: Mapping[Path, bytes], *, force: bool = False) -> None:
+def sealed(content: bytes) -> bytes:
+    """Put the hash of a file into its mark; of what was sealed and not changed it gives the same.
+
+    A file without a mark stays as it is.
+    """
+    digest = hashlib.sha256(_marked(content, b"0" * 16)).hexdigest()
+    return _marked(content, digest[:16].encode())
+
+
+def _marked(content: bytes, digits: bytes) -> bytes:
+    found = _SEAL.search(content)
+    if not found:
+        return content
+    start, end = found.span(1)
+    content = content[:start] + digits + content[end:]
+    text = content.rfind(b"tEXt", 0, start)
+    if content.startswith(b"\x89PNG") and text >= 0:  # its checksum follows
+        end = found.end()
+        crc = zlib.crc32(content[text:end]).to_bytes(4, "big")
+        content = content[:end] + crc + content[end + 4 :]
+    return content
+
+
+def write_files(
+    files: Mapping[Path, bytes], *, force: bool | None = False, own: Collection[Path] = ()
+) -> None:
     """Write files, all or none, each whole; one that is there and the same is left.
 
-    With `force` such are replaced that wormopt made. Raises OutputError where anything else is
-    in the way, or if they cannot be written.
+    See `refuse_obstacle` for what is replaced. Raises OutputError where anything else is in the
+    way, or if they cannot be written.
     """
+    files = {path: sealed(content) for path, content in files.items()}
     token = secrets.token_hex(4)
     path = next(iter(files), Path())
     try:
@@ -55,12 +92,12 @@ def write_files(files: Mapping[Path, bytes], *, force: bool = False) -> None:
         unfinished = {path: path.with_name(f".wormopt-{token}-{k}") for k, path in parts}
         for path in files:
             path.parent.mkdir(parents=True, exist_ok=True)
-            _refuse_obstacle(path, files[path], force)
+            refuse_obstacle(path, files[path], force=force, own=own)
         try:
             for path, part in unfinished.items():
                 part.write_bytes(files[path])
             for path, part in unfinished.items():
-                _refuse_obstacle(path, files[path], force)  # what came meanwhile
+                refuse_obstacle(path, files[path], force=force, own=own)  # what came meanwhile
                 part.replace(path)
         finally:
             for part in unfinished.values():
@@ -70,23 +107,24 @@ def write_files(files: Mapping[Path, bytes], *, force: bool = False) -> None:
         raise OutputError(f"{path}: cannot be written: {why}; choose another with -o") from error
 
 
-def _refuse_obstacle(path: Path, content: bytes, force: bool) -> None:
+def refuse_obstacle(
+    path: Path, content: bytes = b"", *, force: bool | None, own: Collection[Path] = ()
+) -> None:
+    """Raise OutputError where something else than this content is in the way.
+
+    What is in `own` may be replaced, and with `force` what wormopt made and nobody changed; None
+    where the user has no such choice.
+    """
     if not os.path.lexists(path):
         return
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; name a file with -o")
-    if not path.is_symlink() and path.is_file() and path.read_bytes() == content:
+    there = path.read_bytes() if path.is_file() and not path.is_symlink() else b""
+    if path in own or (there and there == content):
         return
     if not force:
-        hint = "choose another with -o, or replace a file of wormopt with --force"
-        raise OutputError(f"{path}: is there already; {hint}")
-    if not (is_marked(path) or _same_table(path, content)):
-        what = "was not made by wormopt, it is never replaced"
+        other = "remove it" if force is None else "replace a file of wormopt with --force"
+        raise OutputError(f"{path}: is there already; choose another with -o, or {other}")
+    if not _SEAL.search(there) or sealed(there) != there:
+        what = "was not made by wormopt, or changed since; it is never replaced"
         raise OutputError(f"{path}: {what}; choose another with -o")
-
-
-def _same_table(path: Path, content: bytes) -> bool:
-    """Whether a table in CSV, which has no place for a mark, has the columns of another."""
-    if path.suffix != ".csv" or path.is_symlink() or not path.is_file():
-        return False
-    return path.read_bytes().split(b"\n", 1)[0] == content.split(b"\n", 1)[0]

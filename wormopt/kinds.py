@@ -23,6 +23,7 @@ class Kind:
     # word of ``want`` -> "module:function" that composes the picture of a result; of a function
     # first_frame the module moves it by ``pose``, over so many FRAMES
     pictures: Mapping[str, str]
+    wanted: tuple[str, ...] = ()  # words of ``want`` by which the study computes more
     table_file: bool = False  # whether results have a table file of their own
     # file name -> "module:function" giving its text of the result, or None
     exports: Mapping[str, str] = field(default_factory=dict)
@@ -53,6 +54,7 @@ KINDS: dict[str, Kind] = {
             "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
             "animation": "wormopt.systems.spiked.plots.animation:first_frame",
         },
+        wanted=("gait", "motion", "spikes", "animation"),
     ),
     "gait-design": Kind(
         summary="the best gait within limits on links, spikes and actuators",
@@ -66,6 +68,7 @@ KINDS: dict[str, Kind] = {
             "certificate": "wormopt.systems.spiked.plots.certificate:certificate",
             "animation": "wormopt.systems.spiked.plots.animation:first_frame",
         },
+        wanted=("limits",),
     ),
     "gait-pareto": Kind(
         summary="front of the best gaits between speed and a second objective",
@@ -137,6 +140,7 @@ KINDS: dict[str, Kind] = {
             "signals": "wormopt.systems.chain.plots.optimum:signals",
             "convergence": "wormopt.systems.chain.plots.optimum:convergence",
         },
+        wanted=("convergence",),
     ),
     "slide": Kind(
         summary="a block on dry ground that goes somewhere in the shortest time, or least effort",
@@ -202,6 +206,15 @@ KINDS: dict[str, Kind] = {
             "resonance": "wormopt.systems.coils.plots.magnetics:resonance",
         },
     ),
+    "peristaltic-design": Kind(
+        summary="the fastest gait of a peristaltic worm that anchors in a tube, with its bound",
+        table="wormopt.systems.peristaltic.scenes.design:PeristalticDesignScene",
+        study="wormopt.systems.peristaltic.runs.design",
+        pictures={
+            "peristalsis": "wormopt.systems.peristaltic.plots.anchored:peristalsis",
+            "animation": "wormopt.systems.peristaltic.plots.anchored:first_frame",
+        },
+    ),
     "film-flow": Kind(
         summary="a film of magnetic fluid under a wave: its mean flow, and the field it takes",
         table="wormopt.systems.film.scenes.film:FilmFlowScene",
@@ -224,6 +237,26 @@ KINDS: dict[str, Kind] = {
         study="wormopt.systems.film.runs.film_wave",
         pictures={
             "film_wave": "wormopt.systems.film.plots.film:film_wave",
+        },
+    ),
+    "peristaltic-drag": Kind(
+        summary="the best gait of a peristaltic worm on drag that hangs on length",
+        table="wormopt.systems.peristaltic.scenes.drag:PeristalticDragScene",
+        study="wormopt.systems.peristaltic.runs.drag",
+        pictures={
+            "drag_gait": "wormopt.systems.peristaltic.plots.drag:drag_gait",
+            "body": "wormopt.systems.peristaltic.plots.body:body",
+            "animation": "wormopt.systems.peristaltic.plots.body:first_frame",
+        },
+    ),
+    "peristaltic-switching": Kind(
+        summary="when to switch the coils of a peristaltic worm that are on or off",
+        table="wormopt.systems.peristaltic.scenes.switching:PeristalticSwitchingScene",
+        study="wormopt.systems.peristaltic.runs.switching",
+        pictures={
+            "switching": "wormopt.systems.peristaltic.plots.switching:switching",
+            "body": "wormopt.systems.peristaltic.plots.body:body",
+            "animation": "wormopt.systems.peristaltic.plots.body:first_frame",
         },
     ),
     "coil-row": Kind(
@@ -267,6 +300,15 @@ KINDS: dict[str, Kind] = {
             "membrane": "wormopt.systems.coils.plots.hydrostatics:membrane",
         },
     ),
+    "peristaltic-segment": Kind(
+        summary="a membrane segment in its coil and tube: strokes, hold on the wall, limits",
+        table="wormopt.systems.peristaltic.scenes.segment:SegmentScene",
+        study="wormopt.systems.peristaltic.runs.segment",
+        pictures={
+            "segment": "wormopt.systems.peristaltic.plots.segment:segment",
+            "stroke": "wormopt.systems.peristaltic.plots.segment:stroke",
+        },
+    ),
     "rod-frequency": Kind(
         summary="how fast a magnetisable rod crawls over the frequency of its coils, and why",
         table="wormopt.systems.channel.scenes.rod_frequency:RodFrequencyScene",
@@ -282,6 +324,16 @@ KINDS: dict[str, Kind] = {
         pictures={
             "rod_motion": "wormopt.systems.channel.plots.rod:rod_motion",
             "animation": "wormopt.systems.channel.plots.rod:first_frame",
+        },
+    ),
+    "peristaltic-worm": Kind(
+        summary="a worm of membrane segments with coils, on the ground or in a tube: how it crawls",
+        table="wormopt.systems.peristaltic.scenes.worm:PeristalticWormScene",
+        study="wormopt.systems.peristaltic.runs.worm",
+        pictures={
+            "worm": "wormopt.systems.peristaltic.plots.worm:worm",
+            "course": "wormopt.systems.peristaltic.plots.worm:course",
+            "animation": "wormopt.systems.peristaltic.plots.worm:first_frame",
         },
     ),
     "channel-worm": Kind(

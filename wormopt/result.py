@@ -7,14 +7,14 @@ loads back to an equal Result; ``summary.json`` holds what a person or a script 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 from wormopt.errors import UnknownNameError
 from wormopt.lazy import above
-from wormopt.quantities import Scalar, Variable, plain, unit_of
+from wormopt.quantities import Scalar, Variable, plain
 from wormopt.shown import html, lines
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class Result:
     scalars : mapping of str to Scalar
         The numbers asked for.
     variables : tuple of Variable
-        The signals, kept sorted by name; `result["name"]` finds one.
+        The signals, kept sorted by name; `result["name"]` finds one, or a scalar.
     trust : mapping of str to JSON data
         Trust report: solver status, residuals, rechecks, warnings.
     timings_s : mapping of str to float
@@ -103,7 +103,7 @@ class Result:
     --------
     >>> time = Variable("time", "1", ("time",), [0.0, 1.0])
     >>> result = Result("walk", "gait", scalars={"speed": Scalar(0.5)}, variables=(time,))
-    >>> result.scalars["speed"].value, result["time"].values.tolist()
+    >>> result["speed"].value, result["time"].values.tolist()
     (0.5, [0.0, 1.0])
     """
 
@@ -142,12 +142,12 @@ class Result:
                     raise ValueError(f"{variable.name}: {dim} is {length} and {lengths[dim]} long")
         return lengths
 
-    def __getitem__(self, name: str) -> Variable:
-        """Variable of that name; UnknownNameError, a KeyError, where the result has none."""
-        for variable in self.variables:
-            if variable.name == name:
-                return variable
-        raise UnknownNameError("the result", "variable", [name], [v.name for v in self.variables])
+    def __getitem__(self, name: str) -> Any:
+        """Scalar or Variable of that name; UnknownNameError, a KeyError, where there is none."""
+        named = {**self.scalars, **{variable.name: variable for variable in self.variables}}
+        if name not in named:
+            raise UnknownNameError("the result", "scalar or variable", [name], named)
+        return named[name]
 
     def __repr__(self) -> str:
         from wormopt.digest import headline
@@ -162,8 +162,8 @@ class Result:
         return html(self.title or self.scene, groups(self), trust(self))
 
     def __contains__(self, name: str) -> bool:
-        """Whether there is a variable of that name."""
-        return any(variable.name == name for variable in self.variables)
+        """Whether there is a scalar or variable of that name."""
+        return name in self.scalars or any(variable.name == name for variable in self.variables)
 
     @property
     def checks(self) -> tuple[Check, ...]:
@@ -233,7 +233,8 @@ class Result:
         -------
         pandas.DataFrame
             A row for each entry, columns ``length_0``, ``length_1`` and so on; the index is the
-            coordinate of `to_xarray`, units by column stand in ``attrs["units"]``.
+            coordinate of `to_xarray`, units by column stand in ``attrs["units"]``. Of a sweep
+            a row for each point: the swept keys, status, reason, and the numbers found.
 
         Raises
         ------
@@ -250,6 +251,8 @@ class Result:
         >>> list(frame.columns), float(frame["length_1"][1.0])
         (['length_0', 'length_1'], 4.0)
         """
+        if self.kind == "sweep" and over is None:
+            return above("wormopt.sweeps.gathered:dataframe")(self)
         from wormopt.labelled import dataframe
 
         return dataframe(self.variables, self.labels, over)
@@ -367,87 +370,3 @@ class Result:
         from wormopt.saving import load
 
         return cls(**load(Path(path)))
-
-
-class Asked(Protocol):
-    """What a Result takes of its Scene: names, and the table that declares its numbers."""
-
-    @property
-    def name(self) -> str:
-        """Name of the scene."""
-        ...
-
-    @property
-    def title(self) -> str:
-        """Title, the name where none is given."""
-        ...
-
-    @property
-    def text(self) -> str:
-        """All keys as JSON text."""
-        ...
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What is hardly meant so."""
-        ...
-
-    @property
-    def table(self) -> Any:
-        """Typed table, with `scalars` and `variables` of its kind."""
-        ...
-
-
-def conclude(
-    scene: Asked,
-    scalars: Mapping[str, Any],
-    variables: Mapping[str, Any] | Sequence[Variable] = (),
-    *,
-    checks: Iterable[Check] = (),
-    facts: Mapping[str, Any] | None = None,
-    warnings: Iterable[str] = (),
-    timings: Mapping[str, float] | None = None,
-    attributes: Mapping[str, Any] | None = None,
-) -> Result:
-    """Make the Result of a scene, which is failed where a check is.
-
-    Units, dimensions and long names of numbers and arrays given by name are those that the table
-    of the scene's kind declares; Scalars and Variables may be given too. `facts` are the part of
-    the trust report that is neither accepted nor refused.
-    """
-    table, checks = scene.table, tuple(checks)
-    trust: dict[str, Any] = {**table.facts, **(facts or {})}
-    if checks:
-        trust["checks"] = {check.name: check.found() for check in checks}
-        assert len(trust["checks"]) == len(checks), [check.name for check in checks]
-    reasons = dict.fromkeys(c.advice for c in checks if not c.passed)
-    return Result(
-        scene.name,
-        table.kind,
-        scene.title,
-        status="failed" if reasons else "ok",
-        reason="; ".join(reasons),
-        scalars={
-            name: value
-            if isinstance(value, Scalar)
-            else Scalar(value, unit_of(table.scalars[name][0], table.units))
-            for name, value in scalars.items()
-        },
-        variables=tuple(_arrays(table, variables)),
-        trust=trust | {"warnings": list(dict.fromkeys([*scene.warnings, *warnings]))},
-        timings_s=timings or {},
-        scene_text=scene.text,
-        attributes=attributes or {},
-    )
-
-
-def _arrays(table: Any, found: Mapping[str, Any] | Sequence[Variable]) -> Iterator[Variable]:
-    if not isinstance(found, Mapping):
-        yield from found
-        return
-    for name, values in found.items():
-        if isinstance(values, Variable):
-            yield values
-        else:
-            quantity, dims, what = table.variables[name]
-            yield Variable(name, unit_of(quantity, table.units), dims, values, what)

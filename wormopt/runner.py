@@ -81,7 +81,7 @@ def attempt(scene: Scene[Any], report: Report = silent) -> Result:
 
 
 def _failed(scene: Scene[Any], partial: Result | None, reason: str) -> Result:
-    from wormopt.result import conclude
+    from wormopt.scene.conclude import conclude
 
     return (partial or conclude(scene, {})).failed(reason)
 
@@ -110,7 +110,7 @@ def _missing(path: Path) -> str:
         if path.exists():
             return ""
     except (OSError, ValueError) as error:
-        return f"cannot be read: {error}"
+        return f"cannot be read: {getattr(error, 'strerror', error)}"
     usual = Path("results") / path
     if (usual / RESULT_FILE).exists():
         return f"there is no such folder or file; did you mean {usual}?"

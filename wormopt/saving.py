@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, digest_of, hash_of
+from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, write_summary
 from wormopt.kinds import kind_of
 from wormopt.quantities import NAME, Scalar, Variable
 from wormopt.version import VERSION
@@ -28,10 +28,7 @@ def save(result: Any, folder: Path, pictures: tuple[str, ...]) -> None:
         "wormopt": VERSION,
         "files": [RESULT_FILE, SUMMARY_FILE, *reversed(texts), *pictures],
     }
-    hashes = {name: hash_of(folder / name) for name in (RESULT_FILE, *texts)}
-    summary["sha256"] = hashes | {SUMMARY_FILE: digest_of(summary)}
-    text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
-    (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
+    write_summary(folder, summary, (RESULT_FILE, *texts))
 
 
 def load(path: Path) -> dict[str, Any]:

@@ -37,15 +37,20 @@ def brief(value: Any, width: int = _VALUE) -> str:
     rows = [row for row in value if isinstance(row, list)]
     if len(rows) == len(value) and len({len(row) for row in rows}) == 1:
         known = [item for row in rows for item in row if isinstance(item, int | float)]
-        span = f", {text(min(known), SHORT)} to {text(max(known), SHORT)}" if known else ""
-        return f"{len(rows)} × {len(rows[0])} entries{span}"
+        ends = dict.fromkeys(text(end, SHORT) for end in (min(known), max(known))) if known else ()
+        return f"{len(rows)} × {len(rows[0])} entries, {' to '.join(ends)}".rstrip(", ")
     kept = whole[: width - 15].rpartition(", ")[0]
     return f"{kept or '['}, …], {len(value)} in all"
 
 
+def one_line(words: str) -> str:
+    """Write on one line of printable letters."""
+    return " ".join("".join(c if c.isprintable() else " " for c in words).split())
+
+
 def line(words: str, width: int = _LINE) -> str:
-    """Write on one line of printable letters, cut where it is too long."""
-    words = " ".join("".join(c if c.isprintable() else " " for c in words).split())
+    """Write on one line, cut where it is too long."""
+    words = one_line(words)
     return words if len(words) <= width else f"{words[: width - 1]}…"
 
 

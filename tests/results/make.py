@@ -40,6 +40,8 @@ SCENES = {
     "coil_row_inverse": [],
     "fig25_coil_pressure": [],
     "pair_waveform_design": [],
+    "peristaltic_drag": ['units="SI"', "worm.segments=2"],
+    "peristaltic_switching": ['units="SI"', "worm.segments=2"],
     "fig21_rod_motion": [],
     "fig22_frequency_response": [
         "rates=[5,50,500]", "search.rounds=1", "search.refine=2", "sensitivity.rates=[20,100]",

@@ -11,22 +11,14 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
 
-from wormopt.cli import (
-    completing,
-    exporting,
-    making,
-    measuring,
-    plotting,
-    reporting,
-    running,
-    scenes,
-    showing,
-    sweeping,
-)
 from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, say
-from wormopt.errors import ArgumentError, OutputError, SceneError
+from wormopt.errors import ArgumentError, OutputError, SceneError, interruptible
 from wormopt.version import VERSION
+
+_GROUPS = "running sweeping showing plotting reporting exporting scenes making measuring completing"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -37,10 +29,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A terminal that knows no λ shall show its code instead of ending the program.
         sys.stdout.reconfigure(errors="backslashreplace")
-    options = parser().parse_args(arguments)
+    options = None
     try:
-        return options.command(options)
-    except (SceneError, OutputError, ArgumentError) as error:
+        with interruptible():
+            options = parser().parse_args(arguments)
+            return options.command(options)
+    except SceneError as error:
+        typed = getattr(options, "scene", "")  # by its file, not by its name
+        say(str(SceneError(typed, error.faults) if Path(typed).stem == error.file else error))
+        return BAD_INPUT
+    except (OutputError, ArgumentError) as error:
         say(str(error))
         return BAD_INPUT
     except KeyboardInterrupt:
@@ -49,6 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # whoever read our output has had enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
+    except OSError as error:  # a name too long, a full disk
+        say(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        return BAD_INPUT
 
 
 def parser() -> argparse.ArgumentParser:
@@ -62,17 +63,6 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument("--version", action="version", version=f"wormopt {VERSION}")
     found.set_defaults(parser=found)  # `wormopt completion` tells a shell of all of it
     commands = found.add_subparsers(metavar="COMMAND", required=True)
-    for group in (
-        running,
-        sweeping,
-        showing,
-        plotting,
-        reporting,
-        exporting,
-        scenes,
-        making,
-        measuring,
-        completing,
-    ):
-        group.add(commands)
+    for group in _GROUPS.split():
+        import_module(f"wormopt.cli.{group}").add(commands)
     return found

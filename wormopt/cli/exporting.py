@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from wormopt.cli.codes import BAD_INPUT, DONE, say
 from wormopt.runner import result_at
-
-if TYPE_CHECKING:
-    pass
 
 _FORMATS = {
     "csv": "tables, signals over time first",
@@ -43,8 +40,7 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--step",
         metavar="TIME",
-        type=float,
-        help="time between rows of --csv (the result's own) and points of --ros (0.01)",
+        help="0.01 or '10 ms': between rows of --csv (the result's own), points of --ros (0.01)",
     )
     command.add_argument(
         "--cycles", metavar="N", type=int, default=1, help="periods in --ros (%(default)s)"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +40,6 @@ def add(commands: Any) -> None:
         "--markdown", action="store_true", help="as a page to read, with scalars and variables"
     )
     command.add_argument("-o", "--output", metavar="PATH", help="the file or folder to write")
-    command.add_argument("--force", action="store_true", help="replace earlier ones")
 
 
 def _new(options: argparse.Namespace) -> int:
@@ -51,10 +49,8 @@ def _new(options: argparse.Namespace) -> int:
     path = Path(options.output or f"{options.kind}.toml")
     if path.suffix != ".toml":
         raise OutputError(f"{path}: a scene is a TOML file; let its name end in .toml")
-    if os.path.lexists(path):
-        raise OutputError(f"{path}: is there already; choose another with -o")
     schema = packaged_folder() / "schemas" / f"{options.kind}.json"
-    write_files({path: template(options.kind, schema.resolve().as_uri()).encode()})
+    write_files({path: template(options.kind, schema.resolve().as_uri()).encode()}, force=None)
     print(f"{path}: written; run it with: wormopt run {path}")
     return DONE
 
@@ -67,10 +63,10 @@ def _schema(options: argparse.Namespace) -> int:
     if options.all:
         folder = Path(options.output)
         texts = {folder / f"{kind}{suffix}": _text(kind, suffix).encode() for kind in KINDS}
-        write_files(texts, force=options.force)
+        write_files(texts, force=None)
     elif options.output:
         text = _text(options.kind, suffix).encode()
-        write_files({Path(options.output): text}, force=options.force)
+        write_files({Path(options.output): text}, force=None)
     else:
         print(_text(options.kind, suffix), end="")
     return DONE

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from wormopt.cli.codes import DONE, say
-from wormopt.errors import ArgumentError, OutputError, UnknownNameError
-from wormopt.files import MOVING, RESULT_FILE, STILL, is_marked, picture_file
+from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.files import MOVING, RESULT_FILE, STILL, picture_file, refuse_obstacle, write_files
 from wormopt.runner import result_at
 from wormopt.scene.output import earlier_result, enlist
 
@@ -63,11 +63,13 @@ def _plot(options: argparse.Namespace) -> int:
     if unknown := [name for name in options.pictures if name not in there]:
         raise ArgumentError("\n".join(no_picture(result, name) for name in unknown))
     files = _files(options, source, options.pictures or _wanted(result, there))
-    _refuse(files.values(), source, options.force)
+    own = _listed(files.values(), source)
+    for file in files.values():
+        refuse_obstacle(file, force=options.force, own=own)
     drawn: list[Path] = []
     try:
         for name, file in files.items():
-            if _draw(result, name, file, options):
+            if _draw(result, name, file, source, options):
                 drawn.append(file)
                 print(file)
     finally:
@@ -77,22 +79,23 @@ def _plot(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _draw(result: Result, name: str, file: Path, options: argparse.Namespace) -> bool:
+def _draw(result: Result, name: str, file: Path, source: Path, options: argparse.Namespace) -> bool:
     """Draw a picture; one that the result lacks something for is left out if nobody named it."""
     from wormopt.plotting import draw
 
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        draw(result, name, file, width=options.width, height=options.height,
-             title=not options.no_title)  # fmt: skip
+        with TemporaryDirectory() as folder:
+            drawn = Path(folder) / file.name
+            draw(result, name, drawn, width=options.width, height=options.height,
+                 title=not options.no_title)  # fmt: skip
+            own = _listed([file], source)  # what has changed meanwhile is not
+            write_files({file: drawn.read_bytes()}, force=options.force, own=own)
     except UnknownNameError as error:
         lacks = f"{name} cannot be drawn: {str(error).partition(';')[0]}"
         if options.pictures:
             raise ArgumentError(f"{lacks}, which its run did not compute") from error
         say(f"{lacks}; left out")
         return False
-    except OSError as error:
-        raise OutputError(f"{file}: cannot be written: {error.strerror or error}") from error
     return True
 
 
@@ -118,16 +121,12 @@ def _files(options: argparse.Namespace, source: Path, names: Sequence[str]) -> d
     return {names[0]: path}
 
 
-def _refuse(files: Iterable[Path], source: Path, force: bool) -> None:
-    """Refuse to replace what is no picture of ours: not listed beside the result, nor marked."""
+def _listed(files: Iterable[Path], source: Path) -> set[Path]:
+    """Those that are listed beside the result as its own, and as they were drawn."""
     beside = earlier_result(source.parent)
     own = beside.own if source.name in beside.own else frozenset()
-    for file in files:
-        listed = file.name in own and file.parent.resolve() == source.parent.resolve()
-        if os.path.lexists(file) and not listed and not (force and is_marked(file)):
-            hint = "" if force else ", or replace a picture of wormopt with --force"
-            what = "is there, and not of this result; choose another with -o"
-            raise OutputError(f"{file}: {what}{hint}")
+    folder = source.parent.resolve()
+    return {file for file in files if file.name in own and file.parent.resolve() == folder}
 
 
 def _enlist(files: Iterable[Path], source: Path) -> None:

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from wormopt.shown import line, text
+from wormopt.shown import line, one_line, text
 
 if TYPE_CHECKING:
     from wormopt.result import Check, Result
@@ -24,15 +24,14 @@ def print_result(result: Result) -> None:
         if rows:
             if heading:
                 print(f"{heading}:")
-            print_table([tuple(line(cell, len(cell)) for cell in row) for row in rows])
+            print_table([tuple(map(one_line, row)) for row in rows])
     table = result.attributes.get("table", "")
     if 0 < table.count("\n") < _SHORT_TABLE:
         print(table)
     print("Trust:")
     width = max(_columns() - 2, 40)
     for told in trust(result):
-        words = line(told, len(told))
-        print(textwrap.indent(textwrap.fill(words, width, subsequent_indent="  "), "  "))
+        print(textwrap.indent(textwrap.fill(one_line(told), width, subsequent_indent="  "), "  "))
 
 
 def print_all(result: Result) -> None:

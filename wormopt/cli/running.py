@@ -15,31 +15,48 @@ from wormopt.kinds import KINDS
 from wormopt.progress import shown_on_stderr
 from wormopt.runner import attempt
 from wormopt.scene import Scene, load_scene
-from wormopt.scene.output import Output, check_output, default_folder, output_folder
+from wormopt.scene.output import (
+    Output,
+    changed,
+    check_output,
+    default_folder,
+    earlier_result,
+    output_folder,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from wormopt.result import Result
 
-FORCE = "replace a result of another scene; never what is no result of wormopt"
+# So many keys are named by which an earlier result differs.
+_MOST_KEYS = 5
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's."""
     command = commands.add_parser("run", help="compute a scene", allow_abbrev=False)
     command.set_defaults(command=_run)
-    command.add_argument("scene", metavar="SCENE", help="a TOML file, or the name of a scene")
     command.add_argument("-o", "--output", metavar="DIR", help="where results go (results/<scene>)")
+    add_options(command)
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """Add a scene, its changes, and how what is found is computed, shown and written."""
+    command.add_argument("scene", metavar="SCENE", help="a TOML file, or the name of a scene")
     command.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene"
     )
+    add_engine(command)
     command.add_argument(
         "--all", action="store_true", help="print all scalars, facts and checks, not the short form"
     )
     command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
     command.add_argument("--no-plots", action="store_true", help="draw no pictures")
     command.add_argument("--quiet", action="store_true", help="show no progress")
-    add_engine(command)
-    command.add_argument("--force", action="store_true", help=FORCE)
+    command.add_argument(
+        "--force",
+        action="store_true",
+        help="replace a result of another scene; never what is no result of wormopt",
+    )
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -59,16 +76,7 @@ def _run(options: argparse.Namespace) -> int:
             result, code = stop.partial, INTERRUPTED
     if scene.sweep is not None:
         say(f"{scene.name}: computed as it stands; `wormopt sweep` varies its keys")
-    with output_folder(output) as staging:
-        result.save(staging, tuple(pictures.values()))
-        draw_all(result, pictures, staging)
-    if options.json:
-        print(json.dumps(result.summary(), allow_nan=False))
-    else:
-        (print_all if options.all else print_result)(result)
-        print(f"Saved in {output.folder}")
-    if result.status == "failed":
-        say(f"{scene.name}: failed: {result.reason}")
+    finish(result, pictures, output, options)
     return code
 
 
@@ -78,7 +86,28 @@ def _pictures(scene: Scene[Any]) -> dict[str, str]:
     return {name: picture_file(name) for name in scene.table.want if name in drawable}
 
 
-def draw_all(result: Result, pictures: dict[str, str], folder: Path) -> None:
+def finish(
+    result: Result, pictures: dict[str, str], output: Output, options: argparse.Namespace
+) -> None:
+    """Save a result with its pictures and print it; an earlier one of other inputs is told."""
+    earlier = earlier_result(output.folder)
+    with output_folder(output) as staging:
+        result.save(staging, tuple(pictures.values()))
+        _draw_all(result, pictures, staging)
+    if options.json:
+        print(json.dumps(result.summary(), allow_nan=False))
+    else:
+        (print_all if options.all else print_result)(result)
+        print(f"Saved in {output.folder}")
+    keys = [*changed(earlier.table, json.loads(result.scene_text))] if earlier.table else []
+    if keys and (earlier.scene, earlier.kind) == (result.scene, result.kind):
+        names = ", ".join(keys[:_MOST_KEYS]) + ", …" * (len(keys) > _MOST_KEYS)
+        say(f"{output.folder}: replaced the earlier result, of other inputs ({names})")
+    if result.status == "failed":
+        say(f"{result.scene}: failed: {result.reason}")
+
+
+def _draw_all(result: Result, pictures: dict[str, str], folder: Path) -> None:
     """Draw pictures into files of a folder; one that fails is told and left out."""
     if not pictures or not result.variables:
         return

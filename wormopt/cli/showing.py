@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 from typing import Any
 
 from wormopt.cli.codes import BAD_INPUT, DONE, say
@@ -11,6 +12,7 @@ from wormopt.cli.printing import print_all, print_result
 from wormopt.errors import ArgumentError
 from wormopt.files import RESULT_FILE
 from wormopt.runner import result_at
+from wormopt.shown import line
 
 
 def add(commands: Any) -> None:
@@ -24,7 +26,10 @@ def add(commands: Any) -> None:
     )
     command.set_defaults(command=_show)
     command.add_argument(
-        "results", metavar="RESULT", nargs="+", help=f"a folder of results, or the {RESULT_FILE}"
+        "results",
+        metavar="RESULT",
+        nargs="+",
+        help=f"folder of a result, its {RESULT_FILE}, or a folder of such folders, to list them",
     )
     command.add_argument("--all", action="store_true", help="all scalars, facts and checks")
     command.add_argument(
@@ -33,8 +38,10 @@ def add(commands: Any) -> None:
 
 
 def _show(options: argparse.Namespace) -> int:
+    from wormopt.digest import headline
+
     code, shown = DONE, 0
-    for name in options.results:
+    for name in [each for given in options.results for each in _in_folder(given)]:
         try:
             result = result_at(name)
         except ArgumentError as error:
@@ -44,8 +51,19 @@ def _show(options: argparse.Namespace) -> int:
         if options.json:
             print(json.dumps(result.summary(), allow_nan=False))
             continue
+        if name not in options.results:
+            print(line(f"{name}: {result.kind}, {result.status}; {headline(result)}"))
+            continue
         if shown:
             print()
         (print_all if options.all else print_result)(result)
         shown += 1
     return code
+
+
+def _in_folder(given: str) -> list[str]:
+    """Results in a folder that is none itself; else what was given."""
+    path = Path(given)
+    if not path.is_dir() or (path / RESULT_FILE).exists():
+        return [given]
+    return [str(file.parent) for file in sorted(path.glob(f"*/{RESULT_FILE}"))] or [given]

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED, add_engine, say
-from wormopt.cli.running import FORCE, draw_all
+from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED, say
+from wormopt.cli.running import add_options, finish
 from wormopt.errors import Interrupted, OutputError, SceneError
-from wormopt.files import RESULT_FILE, SUMMARY_FILE, picture_file
+from wormopt.files import POINTS, RESULT_FILE, SUMMARY_FILE, picture_file
 from wormopt.kinds import SWEEP
 from wormopt.progress import shown_on_stderr
 from wormopt.scene import load_scene
-from wormopt.scene.output import Output, check_output, default_folder, output_folder
+from wormopt.scene.output import Output, check_output, default_folder
 
-_STORE = "points"
 _DESCRIPTION = """\
 Compute a scene at many values of some of its keys: what is varied says its table
 [sweep], or --over. Every point is kept as soon as it is done, so that a sweep that
@@ -40,7 +38,6 @@ def add(commands: Any) -> None:
         allow_abbrev=False,
     )
     command.set_defaults(command=_sweep)
-    command.add_argument("scene", metavar="SCENE", help="a TOML file, or the name of a scene")
     command.add_argument(
         "--over",
         metavar="KEY=VALUES",
@@ -56,23 +53,18 @@ def add(commands: Any) -> None:
     method.add_argument("--sobol", metavar="N", type=int, help="draw N points, evenly")
     command.add_argument("--seed", metavar="N", type=int, help="of what is drawn (0)")
     command.add_argument(
-        "--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene"
-    )
-    command.add_argument(
         "-o", "--output", metavar="DIR", help="where the dataset goes (results/<scene>-sweep)"
     )
     command.add_argument(
-        "--store", metavar="DIR", help=f"where points are kept, shared or not (DIR/{_STORE})"
+        "--store",
+        metavar="DIR",
+        help=f"where points are kept, shared or not ({POINTS} in the folder of the scene's sweep)",
     )
     command.add_argument(
         "--keep", choices=("results", "scalars"), default="results", help="of a point (%(default)s)"
     )
     command.add_argument("--show", metavar="NAME,...", help="numbers that the picture shows")
-    add_engine(command)
-    command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
-    command.add_argument("--no-plots", action="store_true", help="draw no pictures")
-    command.add_argument("--quiet", action="store_true", help="show no progress")
-    command.add_argument("--force", action="store_true", help=FORCE)
+    add_options(command)
 
 
 def _sweep(options: argparse.Namespace) -> int:
@@ -81,9 +73,10 @@ def _sweep(options: argparse.Namespace) -> int:
     picture = picture_file("sweep")
     files = [RESULT_FILE, SUMMARY_FILE, *SWEEP.exports, *([] if options.no_plots else [picture])]
     folder = Path(options.output or default_folder(f"{scene.name}-sweep", options.set))
-    store = Path(options.store) if options.store else folder / _STORE
+    usual = Path(options.output or default_folder(f"{scene.name}-sweep"))  # with --set too
+    store = Path(options.store or usual / POINTS)
     kept = _first_below(folder, store)
-    output = Output(folder, scene.name, "sweep", kept=(_STORE, kept), force=options.force)
+    output = Output(folder, scene.name, "sweep", kept=(POINTS, kept), force=options.force)
     output = check_output(output, files)
     from wormopt.numerics.workers import Engine
     from wormopt.sweeps.sweep import sweep
@@ -105,21 +98,13 @@ def _sweep(options: argparse.Namespace) -> int:
         result, code = stop.partial, INTERRUPTED
     if options.show:
         names = [name.strip() for name in options.show.split(",")]
-        unknown = [name for name in names if name not in result.attributes["numbers"]]
+        there = result.attributes["numbers"]
+        unknown = [name for name in names if name not in there]
         if unknown:
-            say(f"--show: {', '.join(unknown)} left out; there are {_listed(result)}")
+            say(f"--show: {', '.join(unknown)} left out; there are {', '.join(there)}")
         names = [name for name in names if name not in unknown]
         result = replace(result, attributes={**result.attributes, "shown": names})
-    with output_folder(output) as staging:
-        pictures = {} if options.no_plots else {"sweep": picture}
-        result.save(staging, tuple(pictures.values()))
-        draw_all(result, pictures, staging)
-    if options.json:
-        print(json.dumps(result.summary(), allow_nan=False))
-    else:
-        _print(result, output.folder)
-    if result.status == "failed":
-        say(f"{scene.name}: failed: {result.reason}")
+    finish(result, {} if options.no_plots else {"sweep": picture}, output, options)
     return code
 
 
@@ -164,16 +149,3 @@ def _method(options: argparse.Namespace) -> dict[str, Any]:
         if points is not None:
             found = {"method": name.replace("_", "-"), "points": points}
     return found | ({} if options.seed is None else {"seed": options.seed})
-
-
-def _listed(result: Any) -> str:
-    return ", ".join(result.attributes["numbers"])
-
-
-def _print(result: Any, folder: Path) -> None:
-    counts = {name: result.scalars[name].value for name in ("points", "ok", "failed", "refused")}
-    print(f"{result.title}: a sweep of {counts.pop('points')} points")
-    print("  " + ", ".join(f"{count} {name}" for name, count in counts.items() if count))
-    for reason, count in result.trust["reasons"].items():
-        print(f"  {count} x {reason}")
-    print(f"Saved in {folder}")

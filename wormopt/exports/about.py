@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from wormopt.errors import ArgumentError
+from wormopt.files import MARK
 from wormopt.model.gait import Gait
 from wormopt.result import Result
+from wormopt.shown import one_line
 from wormopt.systems.spiked.files import gait_of_result
 from wormopt.version import VERSION
+
+_MADE_BY = f"{MARK}, version {VERSION}"
 
 
 def remarks(result: Result) -> list[str]:
@@ -16,16 +20,11 @@ def remarks(result: Result) -> list[str]:
     titled = f": {result.title}" if result.title and result.title != result.scene else ""
     lines = [
         f"{result.scene}{titled} (kind {result.kind or 'unknown'})",
-        f"made by wormopt {VERSION}",
+        _MADE_BY,
     ]
     if result.status != "ok":
         lines.append(f"NOT TO BE TRUSTED, the result failed: {result.reason}")
     return [one_line(line) for line in lines]
-
-
-def one_line(text: str) -> str:
-    """Text on one line, without what no file of text may hold."""
-    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +32,7 @@ class Course:
     """Lengths of links over time, to be exported, and what is said of them."""
 
     gait: Gait
-    remarks: tuple[str, ...] = (f"made by wormopt {VERSION}",)
+    remarks: tuple[str, ...] = (_MADE_BY,)
     time_unit: str = "s"
     length_unit: str = "m"
 

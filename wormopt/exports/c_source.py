@@ -53,7 +53,8 @@ extern "C" {{
 
 enum {{ {name}_links = {course.gait.links} }};
 
-extern const double {name}_period;
+/* All repeats after it; the period of a designed gait may hold several cycles. */
+extern const double {name}_cycle;
 
 /* Lengths of links 0, 1, ... at the time t, which may be any, before 0 too; their rates and
  * accelerations. Each array has room for {name}_links numbers, or is a null pointer. Where two
@@ -82,7 +83,7 @@ def _source(course: Course, name: str, header: str) -> str:
 
 enum {{ PIECES = {pieces}, LINKS = {links}, POWERS = {powers} }};
 
-const double {name}_period = {gait.period.hex()}; /* {gait.period!r} */
+const double {name}_cycle = {gait.period.hex()}; /* {gait.period!r} */
 
 /* When pieces begin. */
 """,
@@ -115,10 +116,10 @@ def _function(name: str, harmonic: bool) -> str:
 void {name}_length(double t, double length[], double rate[], double acceleration[])
 {{
     int piece = PIECES - 1, j, k;
-    double s = fmod(t, {name}_period);
+    double s = fmod(t, {name}_cycle);
     if (s < 0.0)
-        s += {name}_period;
-    if (s >= {name}_period) /* a sum may be rounded up to it */
+        s += {name}_cycle;
+    if (s >= {name}_cycle) /* a sum may be rounded up to it */
         s = 0.0;
     while (piece > 0 && s < begin[piece])
         --piece;

@@ -25,10 +25,16 @@ _SAME = 1e-9
 def make(result: Result, stem: str, step: float | None = None) -> dict[str, bytes]:
     """Tables of a result: ``STEM.csv`` over time, ``STEM_point.csv`` and the like over the rest.
 
-    A result without time that has one table alone has it in ``STEM.csv``. Raises ArgumentError
-    if there is nothing to write, or a step is given and no time.
+    A result without time that has one table alone has it in ``STEM.csv``; a sweep has a row for
+    each point. Raises ArgumentError if there is nothing to write, or a step is given and no time.
     """
-    axis = next((a for a in _AXES if a in result and result[a].dims == (a,)), None)
+    head = remarks(result)
+    if result.kind == "sweep" and step is None:
+        from wormopt.sweeps.gathered import as_csv
+
+        return {f"{stem}.csv": (_said(head) + as_csv(result)).encode()}
+    own = [v.name for v in result.variables if v.dims == (v.name,)]
+    axis = next((a for a in _AXES if a in own), None)
     tables: dict[str, list[Variable]] = {}
     for variable in result.variables:
         if not variable.name.startswith("gait_"):
@@ -38,7 +44,6 @@ def make(result: Result, stem: str, step: float | None = None) -> dict[str, byte
         raise ArgumentError(f"{result.scene}: the result holds no signals; export it to mat")
     if step is not None and axis is None:
         raise ArgumentError(f"{result.scene}: the result has no time; leave the step out")
-    head = remarks(result)
     found = {}
     for over, variables in tables.items():
         name = stem if over == axis or len(tables) == 1 else f"{stem}_{over}"
@@ -53,9 +58,13 @@ def make(result: Result, stem: str, step: float | None = None) -> dict[str, byte
 Column = tuple[str, str, np.ndarray]  # name, unit, one value for each row
 
 
+def _said(lines: Sequence[str]) -> str:
+    return "".join(f"# {line}\n" for line in lines)
+
+
 def _text(said: Sequence[str], columns: Sequence[Column]) -> bytes:
     stream = io.StringIO()
-    stream.writelines(f"# {line}\n" for line in said)
+    stream.write(_said(said))
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([f"{name} [{unit}]" for name, unit, _ in columns])
     writer.writerows(zip(*([repr(v) for v in c.tolist()] for _, _, c in columns), strict=True))
@@ -83,7 +92,8 @@ def _over_time(
             columns.append((name, variable.unit, values[place]))
     if step is None:
         return [], columns
-    said = f"every {step!r} in time, between samples linearly, whole numbers as they were before"
+    every = f"{step!r} {result[axis].unit}".removesuffix(" 1")
+    said = f"every {every}, between samples linearly, whole numbers as they were before"
     if exact:
         said += f"; by the gait's own formulas: {', '.join(exact)}"
     return [said], columns

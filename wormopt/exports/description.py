@@ -2,23 +2,11 @@
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from pathlib import Path
 from xml.etree import ElementTree
 
+from wormopt.scene.units import parsed
 from wormopt.version import VERSION
-
-# Exponents of the base units, and the factor, of those that our units are made of.
-_BASES: dict[str, dict[str, float]] = {
-    "N": {"kg": 1, "m": 1, "s": -2},
-    "J": {"kg": 1, "m": 2, "s": -2},
-    "W": {"kg": 1, "m": 2, "s": -3},
-    "Pa": {"kg": 1, "m": -1, "s": -2},
-    "T": {"kg": 1, "s": -2, "A": -1},
-    "Oe": {"A": 1, "m": -1, "factor": 79.57747154594767},
-    **{base: {base: 1} for base in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")},
-}
 
 
 def mend_description(path: Path, name: str, text: str, timed: bool) -> None:
@@ -64,20 +52,13 @@ def only_sources(path: Path) -> None:
 
 def _unit(name: str) -> ElementTree.Element:
     found = ElementTree.Element("Unit", name=name)
-    powers, factor = Counter[str](), 1.0
-    for word in name.split():
-        match = re.fullmatch(r"([A-Za-z]+)(-?\d*)", word)
-        if match is None or match[1] not in _BASES:
-            return found  # a user's own: a name is all that is known
-        power = int(match[2] or 1)
-        for base, exponent in _BASES[match[1]].items():
-            if base == "factor":
-                factor *= exponent**power
-            else:
-                powers[base] += int(exponent) * power
-    attributes = {base: str(power) for base, power in powers.items() if power}
-    if factor != 1.0:
-        attributes["factor"] = repr(factor)
+    try:
+        factor, powers = parsed(name)
+    except ValueError:
+        return found  # a user's own: a name is all that is known
+    attributes = {base: str(power) for base, power in powers.items()}
+    if factor != 1:
+        attributes["factor"] = repr(float(factor))
     found.append(ElementTree.Element("BaseUnit", attributes))
     return found
 

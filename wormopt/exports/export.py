@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from wormopt.errors import ArgumentError
 from wormopt.exports.files import target
 from wormopt.files import write_files
+from wormopt.scene.units import has_unit, to_number
 
 if TYPE_CHECKING:
     from wormopt.model.gait import Gait
@@ -24,7 +26,7 @@ def export(
     formats: Format | Sequence[Format],
     path: str | Path | None = None,
     *,
-    step: float | None = None,
+    step: float | str | None = None,
     cycles: int = 1,
     force: bool = False,
 ) -> tuple[Path, ...]:
@@ -42,11 +44,11 @@ def export(
     path : str or path, optional
         A folder, or, for one format, a file with its suffix (.csv, .mat, .c, .yaml, .fmu). By
         default files are named by the scene, in the current folder.
-    step : float, optional
+    step : float or str, optional
         Time between rows of a CSV table, by default those of the result, and between points of
-        a ROS trajectory, by default 0.01.
+        a ROS trajectory, by default 0.01; or "10 ms" where a result has units.
     cycles : int, optional
-        Periods of the gait in a ROS trajectory.
+        Cycles of the gait in a ROS trajectory.
     force : bool, optional
         Whether earlier exports of the same names are replaced; never what others made.
 
@@ -80,12 +82,23 @@ def export(
         raise ArgumentError(f"formats are {', '.join(SUFFIXES)}, not {unknown or 'none'}")
     name = getattr(what, "scene", None) or getattr(what, "name", None) or "gait"
     folder, stem = target(path, name, [SUFFIXES[each] for each in wanted])
+    at = _number(step, what) if isinstance(step, str) else step
     files: dict[str, bytes] = {}
     for each in wanted:
-        files |= _made(what, each, stem, step, cycles)
+        files |= _made(what, each, stem, at, cycles)
     placed = {folder / name: content for name, content in files.items()}
     write_files(placed, force=force)
     return tuple(placed)
+
+
+def _number(step: str, what: object) -> float:
+    """A time as it was typed, in the units of a result."""
+    units = json.loads(getattr(what, "scene_text", "") or "{}").get("units", "dimensionless")
+    try:
+        return to_number(step, "time", units) if has_unit(step) else float(step)
+    except ValueError as error:
+        why = error if has_unit(step) else "is no time; write 0.01, say"
+        raise ArgumentError(f"step: {step!r} {why}") from None
 
 
 def _made(

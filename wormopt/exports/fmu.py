@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.exports.about import one_line, remarks
+from wormopt.exports.about import remarks
 from wormopt.exports.description import mend_description, only_sources
 from wormopt.exports.files import identifier
 from wormopt.files import MARK
@@ -36,6 +36,7 @@ from wormopt.model.values import signal_values
 from wormopt.quantities import UNITS, unit_of
 from wormopt.result import Result
 from wormopt.scene.scene import scene_of_text
+from wormopt.shown import one_line
 from wormopt.simulation.native.build import compiler
 from wormopt.simulation.options import Smooth
 from wormopt.systems.chain import treatment_of
@@ -93,7 +94,7 @@ def _archive(plant: Plant, stem: str) -> bytes:
         with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
             for local, path in sorted([*files.items(), (library, binary)]):
                 archive.write(local, path.removeprefix("./"))
-            archive.comment = MARK
+            archive.comment = MARK.encode()
     return stream.getvalue()
 
 

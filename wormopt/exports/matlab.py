@@ -41,7 +41,7 @@ def make(result: Result, stem: str) -> dict[str, bytes]:
         "trust": json.dumps(result.trust, ensure_ascii=False),
         "wormopt": VERSION,
         **{name: getattr(result, name) for name in texts},
-        "mark": np.frombuffer(MARK, np.uint8),
+        "mark": np.frombuffer(MARK.encode(), np.uint8),
     }
     stream = io.BytesIO()
     savemat(stream, whole, long_field_names=True, oned_as="column")

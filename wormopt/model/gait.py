@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -33,25 +33,24 @@ class Gait:
 
     Parameters
     ----------
-    breaks : ndarray, shape (pieces + 1,)
+    breaks : array_like, shape (pieces + 1,)
         Times at which pieces begin, from 0 to the period, ascending.
-    polynomial : ndarray, shape (pieces, n, degree + 1)
+    polynomial : array_like, shape (pieces, n, degree + 1)
         Coefficients by ascending power of s.
-    omega : ndarray, shape (pieces,), optional
+    omega : array_like, shape (pieces,), optional
         Angular frequency of the harmonic.
-    cosine, sine : ndarray, shape (pieces, n), optional
+    cosine, sine : array_like, shape (pieces, n), optional
         Its amplitudes.
 
     Raises
     ------
     ArgumentError
-        If shapes disagree or the breaks do not ascend from 0.
+        If shapes disagree, the breaks do not ascend from 0, or something is no finite number.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> gait = Gait(np.array([0.0, 1.0, 2.0]), np.array([[[1.0, 0.5]], [[1.5, -0.5]]]))
-    >>> gait(np.array([0.5, 1.5, 2.5]))
+    >>> gait = Gait([0, 1, 2], [[[1, 0.5]], [[1.5, -0.5]]])
+    >>> gait([0.5, 1.5, 2.5])
     array([[1.25, 1.25, 1.25]])
     """
 
@@ -62,11 +61,13 @@ class Gait:
     sine: np.ndarray | None = None
 
     def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _numbers(name, getattr(self, name)))
         if self.polynomial.ndim != 3:
             raise ArgumentError("polynomial must have the shape (pieces, n, degree + 1)")
         breaks, (pieces, links, _) = self.breaks, self.polynomial.shape
-        ascending = np.all(np.isfinite(breaks)) and np.all(np.diff(breaks) > 0)
-        if breaks.shape != (pieces + 1,) or breaks[0] != 0 or not ascending:
+        if breaks.shape != (pieces + 1,) or breaks[0] != 0 or np.any(np.diff(breaks) <= 0):
             raise ArgumentError("breaks must ascend from 0, one more than there are pieces")
         harmonic = (self.omega, self.cosine, self.sine)
         if any(h is None for h in harmonic) and any(h is not None for h in harmonic):
@@ -74,6 +75,9 @@ class Gait:
         shapes = [h.shape for h in harmonic if h is not None]
         if shapes and shapes != [(pieces,), (pieces, links), (pieces, links)]:
             raise ArgumentError("omega must have the shape (pieces,), cosine and sine (pieces, n)")
+
+    def __repr__(self) -> str:
+        return f"Gait: period {self.period:.6g}, links {self.links}, pieces {self.pieces}"
 
     @property
     def period(self) -> float:
@@ -313,3 +317,13 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _numbers(name: str, value: Any) -> np.ndarray:
+    try:
+        found = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        found = np.array(np.nan)
+    if not np.all(np.isfinite(found)):
+        raise ArgumentError(f"{name} must hold finite numbers, as many in each row")
+    return found

@@ -215,6 +215,16 @@ class Workers:
         self.close()
 
 
+def alone(work: Callable[[Job], Answer], job: Job) -> Answer:
+    """Do a job in a process of its own, which has no workers; BrokenExecutor where it dies."""
+    if current_process().daemon:  # may have no processes
+        return work(job)
+    from loky import ProcessPoolExecutor
+
+    with ProcessPoolExecutor(1, initializer=_begin, initargs=(os.getpid(),)) as process:
+        return process.submit(work, job).result()
+
+
 def thread_pool(count: int | None = None) -> ThreadPoolExecutor:
     """Threads, for work that lets go of Python's lock and cannot be sent to other processes.
 

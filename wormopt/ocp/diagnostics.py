@@ -18,6 +18,9 @@ from wormopt.ocp.transcription import Transcription
 # Scaled variables this large mean that the objective falls for ever.
 _BEYOND = 1e6
 
+FEASIBLE = 1e-6
+"""Largest violation, in nominal sizes, of what counts as a solution."""
+
 # Slack, in nominal sizes, below which a limit is not in conflict, and how exactly it is found.
 _GIVES_WAY, _MET = 1e-5, 1e-5
 
@@ -41,8 +44,8 @@ def failure(
             partial,
             "bad_guess",
         )
-    gives = _conflict(program, level, start, partial.p)
-    if gives:
+    met = solution.violation <= FEASIBLE
+    if gives := {} if met else _conflict(program, level, start, partial.p):
         listed = " and ".join(f"{name} by {size:.4g}" for name, size in gives.items())
         return SolveError(
             f"no motion meets all limits; the least that has to give way is {listed}",
@@ -110,7 +113,7 @@ def _levels_from(
 
 def _worst(program: Transcription, solution: Solution, bounds: Bounds) -> str:
     """What is violated most, in words."""
-    if solution.violation <= 1e-6:
+    if solution.violation <= FEASIBLE:
         return "all limits hold, but the objective is not at its least"
     g = program.nlp.constraints(solution.w, bounds)
     excess = np.maximum(bounds.lbg - g, g - bounds.ubg)

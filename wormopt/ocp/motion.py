@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -16,6 +17,9 @@ from wormopt.numerics.collocation import bernstein_matrix
 from wormopt.ocp.mesh import Arcs, Mesh, interpolation
 from wormopt.ocp.nlp import Bounds
 from wormopt.ocp.transcription import Transcription
+
+if TYPE_CHECKING:
+    from wormopt.simulation.trajectory import Trajectory
 
 Curve = Callable[[np.ndarray], np.ndarray]
 """Times, shape (m,), in; values, shape (rows, m), out."""
@@ -44,6 +48,47 @@ class Guess:
     inputs: Curve | None = None
     forces: Curve | None = None
     phases: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> Guess:
+        """Start at a simulated motion.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            Simulated with ``dense = True``, of a model with the problem's states. Its output
+            ``input``, where it has one as `drive` and trackers give, makes the inputs.
+
+        Returns
+        -------
+        Guess
+
+        Raises
+        ------
+        ArgumentError
+            If it was simulated without ``dense = True``.
+
+        Examples
+        --------
+        >>> from wormopt.simulation.simulate import simulate
+        >>> from wormopt.systems.chain.build import chain
+        >>> worm = chain(1, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0, drag=0.1)
+        >>> guess = Guess.of(simulate(worm, 2.0, dense=True, x0={"position": [1.5, 0.0]}))
+        >>> guess.duration, guess.states(np.array([0.0])).T.tolist()
+        (2.0, [[1.5, 0.0, 0.0, 0.0]])
+        """
+        begin, end = float(trajectory.at(trajectory.time).time[0]), trajectory.end_time
+        forces = trajectory.system.model.forces
+
+        def at(t: np.ndarray) -> Trajectory:
+            return trajectory.at(np.clip(begin + t, begin, end))
+
+        return cls(
+            end - begin,
+            lambda t: at(t).states,
+            (lambda t: at(t)["input"]) if "input" in trajectory.names else None,
+            (lambda t: at(t).observe(forces)) if forces.numel() else None,
+        )
 
     def durations_on(self, mesh: Mesh) -> np.ndarray:
         """Durations of a mesh's arcs.

@@ -15,7 +15,7 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.modes import ModeSequence
 from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.ocp.defects import defects, finer
-from wormopt.ocp.diagnostics import failure
+from wormopt.ocp.diagnostics import FEASIBLE, failure
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess, Motion, sample
 from wormopt.ocp.nlp import Bounds, Ipopt, Solution, Solver
@@ -29,9 +29,6 @@ if TYPE_CHECKING:
 
 Contacts = Regularised | Complementarity | FixedModes
 
-FEASIBLE = 1e-6
-"""Largest violation, in nominal sizes, of what counts as a solution."""
-
 # Programs of at most so many variables are finished by linear programs: a vertex, as most shortest
 # times are, is then found to the last digits. Larger ones cost more than they gain.
 _FINISHED = 200
@@ -41,6 +38,8 @@ _NEAR = 1e-3
 
 # A solve that starts at the solution of a neighbouring level begins with a small barrier.
 _WARM_BARRIER = 1e-3
+# Times that a solve begins anew where it stopped, and the largest violation there.
+_RESTARTS, _NEARLY = 3, 1e-3
 
 
 @dataclass(frozen=True)
@@ -287,7 +286,10 @@ def _ended_well(solution: Solution) -> bool:
 def _solve(
     program: Transcription, w: np.ndarray, bounds: Bounds, solver: Solver, *, warm: bool
 ) -> Solution:
-    """Solve one level; a warm start that leads nowhere is tried again with a large barrier."""
+    """Solve one level: where that leads nowhere with a large barrier, then guarded durations.
+
+    From a nearly feasible point it begins anew, with a smaller barrier and no memory of its way.
+    """
     lost = None
     if warm and isinstance(solver, Ipopt):
         near = replace(solver, mu_init=min(solver.mu_init, _WARM_BARRIER))
@@ -295,8 +297,14 @@ def _solve(
         if lost.violation <= FEASIBLE and _ended_well(lost):
             return lost
     solution = _after(lost, program.nlp.solve(w, bounds, solver))
-    if not warm and not (solution.violation <= FEASIBLE and _ended_well(solution)):
+    if not warm and not solution.violation <= FEASIBLE:
         solution = _after(solution, program.nlp.solve(w, program.guarded(bounds), solver))
+    for _ in range(_RESTARTS):
+        stalled = solution.violation <= _NEARLY and not _ended_well(solution)
+        if not stalled or not isinstance(solver, Ipopt):
+            break
+        solver = replace(solver, mu_init=0.1 * solver.mu_init)
+        solution = _after(solution, program.nlp.solve(solution.w, bounds, solver))
     if program.arc.modal and len(w) <= _FINISHED and solution.violation <= FEASIBLE:
         return program.nlp.finish(solution, bounds)
     return solution

@@ -51,7 +51,7 @@ def optimise_switching_times(
     p : mapping of str to array_like, optional
         Parameters of the model by name; those of the relaxed motion where nothing is said.
     solver : Solver, optional
-        IPOPT with a tolerance of 1e-10 where nothing is said.
+        IPOPT with a tolerance of 1e-10 and a small barrier where nothing is said.
     report : callable, optional
         Told how far it is.
 
@@ -66,12 +66,12 @@ def optimise_switching_times(
         If no reading leads to a motion near the relaxed one.
     """
     collocation = collocation or Collocation(5)
-    solver = solver or Ipopt(tolerance=1e-10, mu_init=1e-2)
+    solver = solver or Ipopt(tolerance=1e-10, mu_init=1e-4, iterations=150)
     p = relaxed.motion.parameters if p is None else p
     found: list[Optimum] = []
     error: SolveError | None = None
-    for structure in islice(_readings(relaxed), _READINGS):
-        report(f"phases: {len(structure.durations)}", None)
+    for k, structure in enumerate(islice(_readings(relaxed), _READINGS)):
+        report(f"solving with {len(structure.durations)} phases", k / (_READINGS + 1))
         try:
             found.append(_solve(relaxed, structure, collocation, p, solver))
         except SolveError as failed:
@@ -88,7 +88,10 @@ def optimise_switching_times(
             "no_phases",
         )
     near = replace(solver, mu_init=1e-5, warm=True) if isinstance(solver, Ipopt) else solver
-    refined = refine(found[0], tolerance, p=p, solver=near)
+    try:
+        refined = refine(found[0], tolerance, p=p, solver=near, report=report)
+    except SolveError:  # its defects tell how exact it is
+        return found[0]
     return refined if _loss(refined, relaxed) <= _FAMILIAR else found[0]
 
 

@@ -21,7 +21,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Text
 
 from wormopt.errors import ArgumentError
-from wormopt.files import MARK, MOVING, STILL
+from wormopt.files import MARK, MOVING, STILL, sealed
 from wormopt.kinds import kind_of
 from wormopt.plotting.parts import FACTS, GREY, PAGE, RED, STYLE
 from wormopt.result import Result
@@ -30,11 +30,10 @@ _DPI, _FILM_DPI = 200, 100
 _FRAMES_PER_SECOND = 12
 _INCH = 25.4
 _EDGE = 0.05  # left free around a heading, in inches
-_MADE_BY = MARK.decode()
 _METADATA: dict[str, dict[str, Any]] = {
-    "png": {"Comment": _MADE_BY},
-    "svg": {"Date": None, "Description": _MADE_BY},
-    "pdf": {"CreationDate": None, "Subject": _MADE_BY},
+    "png": {"Comment": MARK},
+    "svg": {"Date": None, "Description": MARK},
+    "pdf": {"CreationDate": None, "Subject": MARK},
 }
 
 
@@ -124,6 +123,7 @@ def draw(
             _film(result, _composer(result, picture).__module__, drawn, unfinished)
         else:
             save(drawn, unfinished, form)
+        unfinished.write_bytes(sealed(unfinished.read_bytes()))
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
@@ -169,9 +169,9 @@ def no_picture(result: Result, picture: str) -> str:
 
     pictures = pictures_of(result)
     close = get_close_matches(picture, pictures, 1)
-    hint = f"; did you mean {close[0]}?" if close else ""
+    hint = f"; did you mean {close[0]}? There are:" if close else "; there are:"
     there = ", ".join(pictures) or "none"
-    return f"no picture {picture!r} of kind {result.kind}{hint}; there are: {there}"
+    return f"no picture {picture!r} of kind {result.kind}{hint} {there}"
 
 
 def _form(path: Path, *, moves: bool) -> str:

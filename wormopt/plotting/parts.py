@@ -25,6 +25,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from matplotlib.typing import RcKeyType
 
@@ -238,6 +239,27 @@ def stretches(time: np.ndarray, holds: np.ndarray) -> list[tuple[float, float]]:
     return [(float(time[a]), float(time[b])) for a, b in edges.reshape(-1, 2) if time[b] > time[a]]
 
 
+def draw_rests(axes: Axes, time: np.ndarray, resting: np.ndarray) -> None:
+    """One row per mass, filled while it rests, and the glides shaded through all rows.
+
+    `time` (m,) as for `stretches`; `resting` (masses, m), whether each mass rests.
+    """
+    entries: list[Artist] = [Patch(color=GREY, label="rests")]
+    for start, end in stretches(time, ~np.any(resting, axis=0)):
+        axes.axvspan(start, end, color=GLIDE, linewidth=0)
+        entries[1:] = [Patch(color=GLIDE, label="worm glides")]
+    for i, (rests, colour) in enumerate(zip(resting, shades(MASSES, len(resting)), strict=True)):
+        bars = [(start, end - start) for start, end in stretches(time, rests)]
+        axes.broken_barh(bars, (i - 0.38, 0.76), color=colour, linewidth=0)
+    each = range(0, len(resting), 1 if len(resting) <= 12 else 5)
+    axes.set_yticks(each, [str(i) for i in each])
+    axes.set_ylim(len(resting) - 0.5, -0.5)
+    axes.grid(visible=False, axis="y")
+    axes.margins(x=0)
+    axes.set_ylabel("mass\nat rest")
+    legend(axes, entries)
+
+
 def shades(palette: Sequence[str], count: int) -> Sequence[str]:
     """Colours of a palette, or a ramp where there are not enough."""
     if count <= len(palette):
@@ -252,21 +274,20 @@ def labels(what: str, count: int, *, worm: bool = True) -> list[str]:
     return [f"{what} {i}{ends.get(i, '')}" for i in range(count)]
 
 
-def link_styles(count: int) -> list[tuple[str, Any]]:
-    """Colour and dashes of each link; a ramp of colours where there are many."""
-    many = count > len(LINKS)
+def styles(palette: Sequence[str], count: int) -> list[tuple[str, Any]]:
+    """Colour and dashes of each curve; a ramp of colours where there are many."""
+    many = count > len(palette)
     return [
         (colour, "-" if many else DASHES[(j + j // 4) % 4])
-        for j, colour in enumerate(shades(LINKS, count))
+        for j, colour in enumerate(shades(palette, count))
     ]
 
 
 def handles(what: str, count: int, *, worm: bool = True) -> list[Line2D]:
     """Lines for a legend of links or masses, of a worm or not; of many ends and middle only."""
     if what == "link":
-        styles = link_styles(count)
-        names = labels(what, count)
-        lines = [line(name, *style) for name, style in zip(names, styles, strict=True)]
+        named = zip(labels(what, count), styles(LINKS, count), strict=True)
+        lines = [line(name, *style) for name, style in named]
     else:
         lines = list(map(line, labels(what, count, worm=worm), shades(MASSES, count)))
     return lines if count <= len(MASSES) else [lines[0], lines[count // 2], lines[-1]]

@@ -7,30 +7,38 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from wormopt.model.motion import SampledMotion
-from wormopt.plotting.parts import LINKS, MASSES, STYLE, legend, shades, sheet
+from wormopt.plotting.parts import LINKS, MASSES, STYLE, draw_rests, legend, line, sheet, styles
+
+_RESTS = "resting"  # a band below all other signals
 
 
 def signals(motion: SampledMotion, names: Sequence[str]) -> Figure:
-    """Draw one panel for each signal; UnknownNameError for a name the motion has not."""
+    """Draw one panel for each signal, and below which mass rests, where that is known.
+
+    UnknownNameError for a name the motion has not.
+    """
+    rests = _RESTS in motion.names and motion.dimension(_RESTS) == "mass"
+    names = [name for name in names if not (rests and name == _RESTS)]
+    heights = [1.7] * len(names) + [1.0] * rests
     with rc_context(STYLE):
-        drawn = sheet(9, 0.8 + 1.7 * len(names))
-        panels = drawn.subplots(len(names), sharex=True, squeeze=False)[:, 0]
-        for axes, name in zip(panels, names, strict=True):
+        drawn = sheet(9, 0.8 + sum(heights))
+        panels = drawn.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)
+        for axes, name in zip(panels[:, 0], names, strict=False):
             values = np.atleast_2d(motion[name])
             count = len(values)
             palette = MASSES if count == 1 or motion.dimension(name) == "mass" else LINKS
-            colours = shades(palette, count)
-            for row, colour in zip(values, colours, strict=True):
-                axes.plot(motion.time, row, color=colour, linewidth=1.5)
+            looks = styles(palette, count)
+            for row, (colour, dashes) in zip(values, looks, strict=True):
+                axes.plot(motion.time, row, color=colour, linestyle=dashes, linewidth=1.5)
             shown = range(count) if count <= len(palette) else (0, count // 2, count - 1)
-            lines = [Line2D([], [], color=colours[j], label=str(j), linewidth=1.8) for j in shown]
             if count > 1:
-                legend(axes, lines)
+                legend(axes, [line(str(j), *looks[j], 1.8) for j in shown])
             axes.set_ylabel(name.replace("_", "\n", 1).replace("_", " "), parse_math=False)
             axes.margins(x=0)
-        panels[-1].set_xlabel("time $t$")
+        if rests:
+            draw_rests(panels[-1, 0], motion.time, motion[_RESTS].astype(bool))
+        panels[-1, 0].set_xlabel("time $t$")
         drawn.align_ylabels()
     return drawn

@@ -9,12 +9,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from msgspec.structs import fields
+
 from wormopt.kinds import KINDS
 from wormopt.quantities import ABSOLUTE, UNITS, unit_of
 from wormopt.reports.parts import code, details, scrolled, table
-from wormopt.reports.toml import as_toml
 from wormopt.reports.words import escaped, marked, public, unit_text, value_text
 from wormopt.result import Result
+from wormopt.scene.read import read_table
+from wormopt.scene.toml import toml_text
+from wormopt.scene.types import default_of, meaning
 
 _ELSEWHERE = ("schema", "kind", "title", "units", "want")  # said in other places, or not worth it
 
@@ -66,7 +70,7 @@ def again_html(result: Result) -> str:
     raw = scene_of(result)
     if not raw:
         return ""
-    text, name = as_toml(raw), re.sub(r"[^\w-]+", "_", result.scene, flags=re.ASCII) or "scene"
+    text, name = toml_text(raw), re.sub(r"[^\w-]+", "_", result.scene, flags=re.ASCII) or "scene"
     link = base64.b64encode(text.encode()).decode()
     verb = "sweep" if result.kind == "sweep" else "run"
     beside = sorted(set(re.findall(r"[\w.-]+\.(?:py|nc|csv|toml)\b", json.dumps(raw))))
@@ -88,8 +92,6 @@ def _kept(text: str) -> str:
 
 def keys_set(kind: str, raw: dict[str, Any]) -> list[Key]:
     """Keys of a scene that differ from their defaults; all of them where the kind is unknown."""
-    from wormopt.scene.read import read_table
-
     swept = raw.get("sweep", {})  # its keys are of no kind
     raw = {key: value for key, value in raw.items() if key != "sweep"}
     kind = kind if kind in KINDS else raw.get("kind", "")
@@ -102,18 +104,14 @@ def keys_set(kind: str, raw: dict[str, Any]) -> list[Key]:
 
 
 def _set(table: Any, path: str, units: str) -> Iterator[Key]:
-    from msgspec.structs import fields
-
-    from wormopt.scene.reference import meaning
-
     tag = table.__struct_config__
     if tag.tag_field and tag.tag_field not in _ELSEWHERE[:1] and path:
-        yield Key(f"{path}{tag.tag_field}", tag.tag, "1", "")
+        yield Key(f"{path}{tag.tag_field}", tag.tag, "1", (table.__doc__ or "").partition("\n")[0])
     for field in fields(type(table)):
         value, name = getattr(table, field.name), field.encode_name
         if (not path and name in _ELSEWHERE) or value is None:
             continue
-        if not field.required and value == _default(field):
+        if not field.required and value == default_of(field):
             continue
         parts = value if isinstance(value, tuple) else (value,)
         if parts and all(hasattr(part, "__struct_fields__") for part in parts):
@@ -124,13 +122,6 @@ def _set(table: Any, path: str, units: str) -> Iterator[Key]:
         quantity, what = meaning(field.type) or ("", "")
         unit = unit_of(quantity, units) if quantity in {*UNITS, *ABSOLUTE} else "1"
         yield Key(f"{path}{name}", value, unit, what)
-
-
-def _default(field: Any) -> Any:
-    from msgspec import NODEFAULT
-
-    made = field.default_factory
-    return field.default if made is NODEFAULT else made()
 
 
 def _flat(raw: Any, path: str) -> Iterator[Key]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
 # From light to dark in steps the eye takes for equal, also to the colour-blind.
 _RAMP = ("#f4f1e6", "#d3e4d0", "#a3d0c4", "#6ab6bb", "#3d96ae", "#2d749c", "#2b5285", "#243264")
 
 
-def shade(share: float) -> str:
-    """Colour at a share from 0 to 1 of the way."""
+def shade(value: float, low: float = 0.0, high: float = 1.0) -> str:
+    """Colour of a number between two others; in the middle where it is none, or they are one."""
+    share = (value - low) / (high - low) if high > low and isfinite(value) else 0.5
     at = min(max(share, 0.0), 1.0) * (len(_RAMP) - 1)
     k = min(int(at), len(_RAMP) - 2)
     mixed = (

@@ -9,15 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from wormopt.digest import BETTER
+from wormopt.files import POINTS
 from wormopt.quantities import Variable
-from wormopt.reports.numbers import BETTER
 from wormopt.reports.source import Source
 from wormopt.reports.words import name_text, number, unit_text, value_text
 from wormopt.result import Result
-
-STORE = "points"
-"""Folder beside a sweep in which its points are kept."""
-STATES = ("ok", "failed", "refused", "not computed")
+from wormopt.sweeps.gathered import STATUS, as_typed
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +89,7 @@ class Grid:
         """Say where a point is, and its number or why there is none."""
         told = number(self.value(variable, point), 4)
         if not self.good(variable, point):
-            told = STATES[self.states[point]] if self.states[point] else "unknown"
+            told = STATUS[self.states[point]] if self.states[point] else "unknown"
         return f"{self.place(point)}: {told}{', best' if best else ''}"
 
     def results(self, most: int) -> Iterator[tuple[int, Result]]:
@@ -109,7 +107,7 @@ class Grid:
 
 def grid_of(source: Source) -> Grid:
     """Read a result of kind sweep."""
-    result = source.result
+    result = as_typed(source.result)
     said = result.attributes["axes"]
     axes = tuple(_axis(result, axis["key"], axis["dim"], axis.get("values")) for axis in said)
     names = {axis["dim"] for axis in said}
@@ -119,12 +117,13 @@ def grid_of(source: Source) -> Grid:
     states = result["status"].values.ravel()
     count = len(states)
     reasons = result.attributes.get("reasons") or []
-    files = [_file(source.folder, name) for name in result.attributes.get("points") or []]
+    points = result.attributes.get("points") or []
+    files = [_file(source.folder, result.scene, name) for name in points]
     return Grid(
         axes,
         dims == tuple(axis["dim"] for axis in said),
         tuple(numbers),
-        tuple(int(s) if 0 <= s < len(STATES) else 1 for s in states),
+        tuple(int(s) if 0 <= s < len(STATUS) else 1 for s in states),
         tuple(str(reasons[k] or "") if k < len(reasons) else "" for k in range(count)),
         tuple(files[k] if k < len(files) else None for k in range(count)),
     )
@@ -142,13 +141,15 @@ def _axis(result: Result, key: str, dim: str, named: list[Any] | None) -> Axis:
     return Axis(key, own.unit, tuple(texts), own.values.astype(float))
 
 
-def _file(folder: Path | None, name: object) -> Path | None:
-    """File of a point, which lies with the sweep and nowhere else."""
+def _file(folder: Path | None, scene: str, name: object) -> Path | None:
+    """File of a point, which lies with the sweep or with that of its scene, and nowhere else."""
     if folder is None or not isinstance(name, str) or not name:
         return None
     folder = folder.resolve()
-    for file in ((folder / name).resolve(), (folder / STORE / name).resolve()):
-        if file.is_relative_to(folder) and file.is_file():
+    usual = folder.parent / f"{Path(scene).name}-sweep"
+    for place in (folder, folder / POINTS, usual / POINTS):
+        file = (place / name).resolve()
+        if file.is_relative_to(place) and file.is_file():
             return file
     return None
 

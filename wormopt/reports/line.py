@@ -20,12 +20,11 @@ def line_html(grid: Grid, variable: Variable, targets: list[str]) -> str:
     low, high = low - margin, high + margin
     base, per = HEIGHT - BOTTOM, (HEIGHT - BOTTOM - TOP) / (high - low)
     xs = along(axis.values, LEFT + 14, WIDTH - 20)
-    ys = [base - (grid.value(variable, k) - low) * per for k in range(len(xs))]
+    found = [grid.value(variable, k) if grid.good(variable, k) else low for k in range(len(xs))]
+    ys = [base - (value - low) * per for value in found]
     dots = "".join(
-        _dot(
-            grid, variable, k, (xs[k], ys[k] if np.isfinite(ys[k]) else base), targets[k], k == best
-        )
-        for k in range(len(xs))
+        dot(grid, variable, k, at, targets[k], k == best)
+        for k, at in enumerate(zip(xs, ys, strict=True))
     )
     rules = "".join(level(at, base - (at - low) * per) for at in levels(low, high))
     return (
@@ -64,14 +63,22 @@ def _course(grid: Grid, variable: Variable, xs: list[float], ys: list[float]) ->
     return path
 
 
-def _dot(
-    grid: Grid, variable: Variable, point: int, at: tuple[float, float], target: str, best: bool
+def dot(
+    grid: Grid,
+    variable: Variable,
+    point: int,
+    at: tuple[float, float],
+    target: str,
+    best: bool,
+    colour: str = "",
 ) -> str:
-    x, y = at if grid.good(variable, point) else (at[0], HEIGHT - BOTTOM)
+    """Draw a point that opens, as a cross where it has no number."""
+    x, y = at
     said = escaped(grid.says(variable, point, best))
-    shape = f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{7 if best else 5}"/>'
-    if not grid.good(variable, point):
-        shape = f'<path d="M{x - 5:.1f} {y - 5:.1f}l10 10m0 -10l-10 10"/>'
+    shape = f'<path d="M{x - 5:.1f} {y - 5:.1f}l10 10m0 -10l-10 10"/>'
+    if grid.good(variable, point):
+        style = f' style="fill:{colour}"' if colour else ""
+        shape = f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{8 if best else 5.5}"{style}/>'
     return (
         f'<a class="cell dot{" best" if best else ""}" data-point="{point}" href="{target}" '
         f'aria-label="{said}"><title>{said}</title><circle class="reach" cx="{x:.1f}" '

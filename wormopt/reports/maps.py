@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from wormopt.quantities import Variable
 from wormopt.reports.colours import gradient, ink_on, shade
-from wormopt.reports.grid import STATES, Grid
+from wormopt.reports.grid import Grid
 from wormopt.reports.parts import scrolled
 from wormopt.reports.words import escaped, number
+from wormopt.sweeps.gathered import STATUS
 
 _SIGNS = {1: "×", 2: "○", 3: "·"}
 _DENSE = 12  # columns from which on cells have no room for their numbers
@@ -52,7 +53,7 @@ def _cell(
     said = escaped(grid.says(variable, point, point == best))
     told, kind, style = number(grid.value(variable, point), 3), "cell", ""
     if grid.good(variable, point):
-        colour = shade((grid.value(variable, point) - low) / (high - low) if high > low else 0.5)
+        colour = shade(grid.value(variable, point), low, high)
         style = f' style="background:{colour};color:{ink_on(colour)}"'
         kind += " best" if point == best else ""
     else:
@@ -69,7 +70,7 @@ def legend_html(grid: Grid, low: float, high: float, best: int | None) -> str:
     there = set(grid.states)
     keys = [
         f'<span class="key"><span class="cell state{k}" aria-hidden="true">{_SIGNS[k]}'
-        f"</span> {STATES[k]}</span>"
+        f"</span> {STATUS[k]}</span>"
         for k in (1, 2, 3)
         if k in there
     ]

@@ -11,7 +11,7 @@ from wormopt.quantities import GRAVITY
 from wormopt.reports.asked import scene_of
 from wormopt.result import Result
 
-_PERIODS = 2  # shown of a gait
+_CYCLES = 2  # shown of a gait
 _MOST_FRAMES, _FEWEST_FRAMES, _MOST_NUMBERS = 241, 61, 40_000
 _MOST_LANES = 6
 STEEPEST = float(np.radians(30))
@@ -82,9 +82,9 @@ def moving(result: Result) -> Moving | None:
     if result.kind == "capsule" and "inner_position" in result:
         courses = np.concatenate([courses, courses + result["inner_position"].values], axis=1)
         rests, load = _alone(rests, False), _alone(load, 0.0)
-    periods = _PERIODS if "resting" in result else 1
+    cycles = _CYCLES if "resting" in result else 1
     frames = _frames(courses.shape[0] * courses.shape[1])
-    at = np.linspace(time[0], time[0] + periods * (time[kept - 1] - time[0]), frames)
+    at = np.linspace(time[0], time[0] + cycles * (time[kept - 1] - time[0]), frames)
     lanes = tuple(
         _lane(label, time[:kept], at, course[:, :kept], *(_of(rests, k), _of(load, k)))
         for k, (label, course) in enumerate(zip(_labels(result, position.dims), courses))  # noqa: B905
@@ -169,7 +169,7 @@ def _labels(result: Result, dims: tuple[str, ...]) -> list[str]:
     names = [""]
     for dim in before:
         count = dict(zip(dims, result["position"].values.shape, strict=True))[dim]
-        own = result.attributes.get(f"{dim}s") or [f"{dim} {k + 1}" for k in range(count)]
+        own = result.attributes.get(f"{dim}s") or [f"{dim} {k}" for k in range(count)]
         names = [f"{name}, {one}".lstrip(", ") for name in names for one in own]
     return [str(name) for name in names]
 

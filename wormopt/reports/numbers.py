@@ -5,23 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from wormopt.digest import BETTER, leading
 from wormopt.kinds import KINDS
 from wormopt.quantities import Scalar
 from wormopt.reports.asked import all_keys
+from wormopt.reports.markdown import markdown_html
 from wormopt.reports.parts import details, scrolled, table
-from wormopt.reports.words import escaped, marked, name_text, unit_text, value_text
+from wormopt.reports.words import escaped, marked, name_text, number, unit_text, value_text
 from wormopt.result import Result
 
-# Which way is better, where that can be said of a number by itself.
-BETTER = {
-    "speed": 1, "mean_speed": 1, "distance": 1, "velocity_best": 1, "mean_flow": 1,
-    "spike_load_max": -1, "actuator_force_max": -1, "energy_per_distance": -1,
-    "cost_of_transport": -1, "input_rms": -1, "input_peak": -1, "time_outside_tube": -1,
-    "capture_time": -1, "gap_certified": -1,
-}  # fmt: skip
-_MOST_HEADLINES, _LONGEST_LIST, _MOST_DIFFERENCES = 6, 4, 12
+_MOST_DIFFERENCES, _FEW = 12, 4
+_LONG, _LONGEST = 24, 100  # letters of a value on a line of its own, and of one that is left out
 _ASIDE = ("recheck", "n_", "sensitivity", "lambda_", "resting", "assumed", "defect", "order_",
-          "complementarity", "worst", "discretisation", "solve_", "cycles", "objective", "same_",
+          "complementarity", "worst", "discretisation", "solve_", "objective", "same_", "front_",
           "certified_", "boxes_", "leaf_", "smallest_")  # fmt: skip
 
 
@@ -30,39 +26,59 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def headlines(result: Result) -> dict[str, Scalar]:
-    """The few scalars that a reader looks for first."""
-    fit = {name: s for name, s in result.scalars.items() if _short(s.value)}
-    order = [n for n in fit if n in BETTER]
-    order += [n for n in fit if n not in BETTER and not n.startswith(_ASIDE)]
-    chosen = set(order[:_MOST_HEADLINES])
-    return {name: s for name, s in fit.items() if name in chosen}
+def answers(result: Result) -> dict[str, Scalar]:
+    """The few scalars that a reader looks for first, as far as they are known and short."""
+    asked = {name: result.scalars[name] for name in leading(result)}
+    return {name: s for name, s in asked.items() if _short(s.value)}
 
 
 def _short(value: Any) -> bool:
+    return value is not None and len(value_text(value)) <= _LONGEST
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether a value is a number, or a few of them."""
     if isinstance(value, list):
-        return 0 < len(value) <= _LONGEST_LIST and all(map(is_number, value))
+        return 0 < len(value) <= _FEW and all(map(is_number, value))
     return is_number(value)
 
 
 def headline_html(result: Result) -> str:
     """The answer in a few large numbers."""
     meanings = _meanings(result.kind)
-    parts = "".join(
-        f"<div><dt>{escaped(name_text(name))}</dt>"
-        f'<dd><span class="value">{escaped(value_text(s.value, "1", 5))}</span> '
-        f'<span class="unit">{escaped(unit_text(s.unit))}</span></dd>'
-        f'<dd class="meaning">{marked(meanings.get(name, ""))}</dd></div>'
-        for name, s in headlines(result).items()
-    )
+    parts = "".join(_answer(n, s, meanings.get(n, "")) for n, s in answers(result).items())
     if not parts:
         return "<p>No number was found.</p>"
-    return f'<dl class="headline">{parts}</dl>{_columns(result)}'
+    table = markdown_html(str(result.attributes.get("table", "")))
+    return f'{_whose(result)}<dl class="headline">{parts}</dl>{_columns(result)}{table}'
+
+
+def _answer(name: str, found: Scalar, meaning: str) -> str:
+    told = value_text(found.value, "1", 5)
+    kind = "long" if len(told) > _LONG else "short"
+    return (
+        f'<div class="{kind}"><dt>{escaped(name_text(name))}</dt>'
+        f'<dd><span class="value">{escaped(told)}</span> '
+        f'<span class="unit">{escaped(unit_text(found.unit))}</span></dd>'
+        f'<dd class="meaning">{marked(meaning)}</dd></div>'
+    )
+
+
+def _whose(result: Result) -> str:
+    """Say of a front whose numbers there are besides its own."""
+    if "front_knee" not in result.scalars or "front_speed" not in result:
+        return ""
+    knee, last = result.scalars["front_knee"].value, len(result["front_speed"].values) - 1
+    return (
+        f'<p class="note">The gait at the knee of the front, point {knee} of 0 to {last}, is the '
+        "one that was chosen: all numbers that are not the front's, the motion and the checks are "
+        "of it.</p>"
+    )
 
 
 def _columns(result: Result) -> str:
     """Say what the entries of a list stand for, where the result names them."""
-    lengths = {len(s.value) for s in headlines(result).values() if isinstance(s.value, list)}
+    lengths = {len(s.value) for s in answers(result).values() if isinstance(s.value, list)}
     names = result.attributes.get("trackers")
     if not isinstance(names, list) or lengths != {len(names)} or len(names) < 2:
         return ""
@@ -94,10 +110,18 @@ def comparison_html(results: Sequence[Result]) -> str:
 
     The best is marked where it is known which that is.
     """
-    names = dict.fromkeys(n for r in results for n in r.scalars)
-    rows = [_row(n, results) for n in names if not n.startswith(_ASIDE) and _comparable(n, results)]
+    first = [name for result in results for name in leading(result)]
+    others = [
+        name
+        for result in results
+        for name, s in result.scalars.items()
+        if not name.startswith(_ASIDE) and _is_plain(s.value)
+    ]
+    rows = [_row(n, results) for n in dict.fromkeys(first + others) if _comparable(n, results)]
     heads = [
-        f'<a href="#r{k}">{k}. {escaped(r.title or r.scene)}</a>' for k, r in enumerate(results, 1)
+        f'<a href="#r{k}">{k}. {escaped(r.title or r.scene)}</a>'
+        f"{' (at its knee)' if 'front_knee' in r.scalars else ''}"
+        for k, r in enumerate(results)
     ]
     states = ["failed" if r.status == "failed" else "accepted" for r in results]
     whole = table("compare", ["", *heads], [*_differences(results), ["status", *states], *rows])
@@ -106,16 +130,34 @@ def comparison_html(results: Sequence[Result]) -> str:
 
 def _differences(results: Sequence[Result]) -> list[list[str]]:
     """Keys in which the scenes of results of one kind differ, if they are not too many to see."""
-    asked = [all_keys(result) for result in results]
-    paths = dict.fromkeys(path for keys in asked for path in keys)
-    different = [path for path in paths if len({repr(keys.get(path)) for keys in asked}) > 1]
+    different = _different(results)
     if len({result.kind for result in results}) > 1 or len(different) > _MOST_DIFFERENCES:
         return []
-    return [
-        [f"<code>{escaped(path)}</code>",
-         *(escaped(value_text(keys[path])) if path in keys else "–" for keys in asked)]
-        for path in different
-    ]  # fmt: skip
+    return [[f"<code>{escaped(path)}</code>", *told] for path, told in different.items()]
+
+
+def _different(results: Sequence[Result]) -> dict[str, list[str]]:
+    """What each of several scenes says of the keys in which they differ."""
+    asked = [all_keys(result) for result in results]
+    paths = dict.fromkeys(path for keys in asked for path in keys)
+    return {
+        path: [escaped(value_text(keys[path])) if path in keys else "–" for keys in asked]
+        for path in paths
+        if len({repr(keys.get(path)) for keys in asked}) > 1
+    }
+
+
+def told_apart(result: Result, results: Sequence[Result]) -> str:
+    """Kind or keys by which a result differs from others of its title; empty if there are none."""
+    alike = [r for r in results if (r.title or r.scene) == (result.title or result.scene)]
+    if len({r.kind for r in alike}) == len(alike) > 1:
+        return f"kind {escaped(result.kind)}"
+    at = alike.index(result)
+    told = [
+        f"<code>{escaped(path)}</code> = {each[at]}" for path, each in _different(alike).items()
+    ]
+    more = f" and {len(told) - _FEW} keys more" if len(told) > _FEW else ""
+    return ", ".join(told[:_FEW]) + more
 
 
 def _comparable(name: str, results: Sequence[Result]) -> bool:
@@ -127,7 +169,7 @@ def _row(name: str, results: Sequence[Result]) -> list[str]:
     scalars = [r.scalars.get(name) for r in results]
     units = {s.unit for s in scalars if s}
     one_unit = len(units) == 1
-    best = _best(name, results) if one_unit else None
+    best = _best(name, results) if one_unit else ""
     unit = unit_text(min(units)) if one_unit else ""
     cells = []
     for result, s in zip(results, scalars, strict=True):
@@ -135,17 +177,17 @@ def _row(name: str, results: Sequence[Result]) -> list[str]:
             cells.append("–")
             continue
         told = escaped(value_text(s.value, "1" if one_unit else s.unit))
-        if result.status == "ok" and best is not None and s.value == best:
+        if result.status == "ok" and told == best:
             told = f'<strong>{told}</strong> <span class="best">best</span>'
         cells.append(told)
     shown = f' <span class="unit">{escaped(unit)}</span>' if unit else ""
     return [f"{escaped(name_text(name))}{shown}", *cells]
 
 
-def _best(name: str, results: Sequence[Result]) -> float | None:
-    """Best value among accepted results, None where all are the same."""
+def _best(name: str, results: Sequence[Result]) -> str:
+    """Best value among accepted results as it is told, empty where all are told the same."""
     found = [r.scalars[name].value for r in results if r.status == "ok" and name in r.scalars]
     found = [value for value in found if is_number(value)]
-    if name not in BETTER or len(found) < 2 or len(set(found)) == 1:
-        return None
-    return max(found) if BETTER[name] > 0 else min(found)
+    if name not in BETTER or len({number(value) for value in found}) < 2:
+        return ""
+    return number(max(found) if BETTER[name] > 0 else min(found))

@@ -36,9 +36,7 @@ def compose(sources: Sequence[Source], title: str) -> str:
     sections, room = "", _ROOM
     for done, source in enumerate(sources):
         left = len(sources) - done  # each shall have its words, and no less than its share
-        part = _section(
-            source, done + 1, 2 if alone else 3, max(room - _WORDS * (left - 1), room / left)
-        )
+        part = _section(source, done, results, max(room - _WORDS * (left - 1), room / left))
         sections, room = sections + part, max(room - len(part), 0.0)
     before = "" if alone else _contents(sources)
     script, style = _own("page.js"), _own("page.css")
@@ -69,28 +67,32 @@ def _policy(script: str) -> str:
 
 
 def _contents(sources: Sequence[Source]) -> str:
+    results = [source.result for source in sources]
     items = "".join(
-        f'<li><a href="#r{k}">{escaped(s.result.title or s.result.scene)}</a>'
-        f"{' – failed' if s.result.status == 'failed' else ''}</li>"
-        for k, s in enumerate(sources, 1)
+        f'<li><a href="#r{k}">{escaped(r.title or r.scene)}</a> {numbers.told_apart(r, results)}'
+        f"{' – failed' if r.status == 'failed' else ''}</li>"
+        for k, r in enumerate(results)
     )
     return (
-        f'<nav aria-labelledby="contents"><h2 id="contents">Contents</h2><ol>{items}</ol></nav>'
+        '<nav aria-labelledby="contents"><h2 id="contents">Contents</h2>'
+        f'<ol start="0">{items}</ol></nav>'
         '<section aria-labelledby="beside"><h2 id="beside">Side by side</h2>'
-        f"{numbers.comparison_html([s.result for s in sources])}</section>"
+        f"{numbers.comparison_html(results)}</section>"
     )
 
 
-def _section(source: Source, number: int, level: int, room: float) -> str:
-    """One result; headings of its parts are of the level given, its own one above.
+def _section(source: Source, number: int, results: Sequence[Result], room: float) -> str:
+    """One of several results, with a heading of its own, or the only one.
 
     `room`: letters that it may have.
     """
     room -= min(_WORDS, room / 2)
     result, ident = source.result, f"r{number}"
-    name = escaped(result.title or result.scene)
-    own = f'<h2 id="{ident}-title">{name}</h2>' if level > 2 else ""
-    labelled = f"{ident}-title" if level > 2 else "title"
+    own, labelled, level = "", "title", 2
+    if len(results) > 1:
+        labelled, level = f"{ident}-title", 3
+        name, apart = escaped(result.title or result.scene), numbers.told_apart(result, results)
+        own = f'<h2 id="{labelled}">{number}. {name}</h2>' + (apart and f"<p>{apart}</p>")
     parts = [
         f'<section class="result" id="{ident}" aria-labelledby="{labelled}">{own}',
         f'<p class="asked">{escaped(_summary(result))}</p>',

@@ -17,10 +17,13 @@ def scrolled(label: str, inner: str, kind: str = "wide") -> str:
 
 
 def table(kind: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table whose first column names the rows; columns without anything are left out."""
+    """A table whose first column names the rows; columns without anything are left out.
+
+    A dash stands where there is nothing.
+    """
     lines = list(rows)
     kept = [0, *(k for k in range(1, len(heads)) if any(line[k] for line in lines))]
-    heads, lines = [heads[k] for k in kept], [[line[k] for k in kept] for line in lines]
+    heads, lines = [heads[k] for k in kept], [[line[k] or "–" for k in kept] for line in lines]
     head = "".join(f'<th scope="col">{h}</th>' if h else "<td></td>" for h in heads)
     body = "".join(
         f'<tr><th scope="row">{first}</th>{"".join(f"<td>{cell}</td>" for cell in others)}</tr>'

@@ -7,7 +7,7 @@ import numpy as np
 from wormopt.quantities import Variable
 from wormopt.reports.colours import shade
 from wormopt.reports.grid import Grid, words_of
-from wormopt.reports.line import BOTTOM, HEIGHT, LEFT, TOP, WIDTH, along, level, levels
+from wormopt.reports.line import BOTTOM, HEIGHT, LEFT, TOP, WIDTH, along, dot, level, levels
 from wormopt.reports.maps import legend_html
 from wormopt.reports.words import escaped, number
 
@@ -20,9 +20,10 @@ def scatter_html(grid: Grid, variable: Variable, targets: list[str]) -> str:
     xs = along(across.values, LEFT + 14, WIDTH - 20)
     ys = along(up.values, base - 10, TOP + 10)
     dots = "".join(
-        _dot(grid, variable, k, (xs[k], ys[k]), targets[k], (low, high, best))
+        dot(grid, variable, k, (xs[k], ys[k]), targets[k], k == best,
+            shade(grid.value(variable, k), low, high))
         for k in range(len(xs))
-    )
+    )  # fmt: skip
     return (
         f'<svg class="plot" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="group" aria-label="'
         f'{escaped(words_of(variable))} over {escaped(across.name)} and {escaped(up.name)}">'
@@ -47,26 +48,4 @@ def _marks(values: np.ndarray, places: list[float], upward: bool) -> str:
         f'<text x="{x:.1f}" y="{HEIGHT - BOTTOM + 20:g}" text-anchor="middle">{number(value, 4)}'
         "</text>"
         for value, x in zip(told, at, strict=True)
-    )
-
-
-def _dot(
-    grid: Grid,
-    variable: Variable,
-    point: int,
-    at: tuple[float, float],
-    target: str,
-    span: tuple[float, float, int | None],
-) -> str:
-    (x, y), (low, high, best) = at, span
-    said = escaped(grid.says(variable, point, point == best))
-    shape = f'<path d="M{x - 5:.1f} {y - 5:.1f}l10 10m0 -10l-10 10"/>'
-    if grid.good(variable, point):
-        share = (grid.value(variable, point) - low) / (high - low) if high > low else 0.5
-        wide = 9 if point == best else 6
-        shape = f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{wide}" style="fill:{shade(share)}"/>'
-    kind = "cell dot best" if point == best else "cell dot"
-    return (
-        f'<a class="{kind}" data-point="{point}" href="{target}" aria-label="{said}"><title>{said}'
-        f'</title><circle class="reach" cx="{x:.1f}" cy="{y:.1f}" r="14"/>{shape}</a>'
     )

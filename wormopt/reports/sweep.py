@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from wormopt.quantities import Variable
-from wormopt.reports.grid import STATES, Grid, grid_of, words_of
+from wormopt.reports.grid import Grid, grid_of, words_of
 from wormopt.reports.line import line_html
 from wormopt.reports.maps import map_html
 from wormopt.reports.motion import moving, rod
@@ -13,6 +13,7 @@ from wormopt.reports.scatter import scatter_html
 from wormopt.reports.source import Source
 from wormopt.reports.words import escaped, name_text, sentence, unit_text, value_text
 from wormopt.reports.worm import motion_html
+from wormopt.sweeps.gathered import STATUS
 
 _MOST_OPENED, _MOST_DRAWN = 64, 24  # points with the worm moving, and with a picture too
 _MOST_MAPS, _MOST_CELLS = 10, 5000  # numbers to choose from, cells in all of their maps
@@ -54,8 +55,8 @@ def sweep_html(source: Source, ident: str, room: float) -> str:
 
 
 def _states_text(grid: Grid) -> str:
-    counts = [sum(state == k for state in grid.states) for k in range(len(STATES))]
-    told = ", ".join(f"{n} {STATES[k]}" for k, n in enumerate(counts) if n)
+    counts = [sum(state == k for state in grid.states) for k in range(len(STATUS))]
+    told = ", ".join(f"{n} {STATUS[k]}" for k, n in enumerate(counts) if n)
     keys = [f"<code>{escaped(axis.key)}</code>" for axis in grid.axes]
     over = " and ".join([", ".join(keys[:-1]), keys[-1]] if keys[1:] else keys)
     return f"{len(grid.states)} points over {over}: {told}. Choose a point to see it."
@@ -127,7 +128,7 @@ def _table_row(
     first = (
         f'<a class="cell row" data-point="{point}" href="{targets[point]}">{escaped(places[0])}</a>'
     )
-    state, why = STATES[grid.states[point]], grid.reasons[point]
+    state, why = STATUS[grid.states[point]], grid.reasons[point]
     told = escaped(f"{state}: {why}" if why else state)
     cells = [first, *map(escaped, places[1:]), told]
     cells += [value_text(grid.value(v, point), "1", 6) for v in numbers]

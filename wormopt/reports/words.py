@@ -45,7 +45,8 @@ def number(value: float | None, digits: int = 6) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """Write a UDUNITS unit with its powers raised, and '1' as nothing."""
+    """Write a UDUNITS unit with its powers raised, never broken, and '1' as nothing."""
+    unit = unit.replace(" ", "\N{NO-BREAK SPACE}")
     raised = re.sub(r"(?<=[A-Za-z])-?\d+", lambda power: power[0].translate(_RAISED), unit)
     return "" if unit == "1" else raised
 
@@ -75,10 +76,11 @@ def name_text(name: str) -> str:
 
 
 def sentence(text: str) -> str:
-    """Begin with a capital letter and end with a full stop."""
+    """Begin with a capital letter, but for the key of a scene, and end with a full stop."""
     text = text.strip()
     end = "" if text.endswith((".", "!", "?")) else "."
-    return f"{text[:1].upper()}{text[1:]}{end}" if text else ""
+    first = text[:1] if re.match(r"\w+[._]\w", text) else text[:1].upper()
+    return f"{first}{text[1:]}{end}" if text else ""
 
 
 def marked(text: str) -> str:

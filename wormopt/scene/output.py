@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from wormopt.errors import OutputError
-from wormopt.files import SUMMARY_FILE, digest_of, hash_of
+from wormopt.files import SUMMARY_FILE, digest_of, hash_of, write_summary
 
 _LONGEST_NAME = 100
 
@@ -91,6 +91,7 @@ class Earlier:
     scene: str = ""
     kind: str = ""
     own: frozenset[str] = field(default_factory=frozenset)
+    table: Mapping[str, Any] = field(default_factory=dict)
 
 
 def _refuse_obstacles(output: Output, files: Sequence[str]) -> None:
@@ -124,26 +125,26 @@ def earlier_result(folder: Path) -> Earlier:
         same = {name for name, digest in hashes.items() if _is_as_written(folder, name, digest)}
         same -= {SUMMARY_FILE}
         same |= {SUMMARY_FILE} if hashes.get(SUMMARY_FILE) == digest_of(summary) else set()
-        return Earlier(str(scene), str(kind), frozenset(same))
+        return Earlier(str(scene), str(kind), frozenset(same), dict(summary.get("table", {})))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return Earlier()
 
 
+def changed(old: Mapping[str, Any], new: Mapping[str, Any], path: str = "") -> Iterator[str]:
+    """Dotted keys at which two tables differ."""
+    for key in {**old, **new}:
+        was, is_now = old.get(key), new.get(key)
+        if isinstance(was, Mapping) and isinstance(is_now, Mapping):
+            yield from changed(was, is_now, f"{path}{key}.")
+        elif was != is_now:
+            yield f"{path}{key}"
+
+
 def enlist(folder: Path, names: Sequence[str]) -> None:
     """Have new files beside a result count as its own, so that they are replaced with it."""
-    path = folder / SUMMARY_FILE
-    summary = json.loads(path.read_text(encoding="utf-8"))
+    summary = json.loads((folder / SUMMARY_FILE).read_text(encoding="utf-8"))
     summary["files"] += [name for name in names if name not in summary["files"]]
-    hashes = summary["sha256"] | {name: hash_of(folder / name) for name in names}
-    summary["sha256"] = hashes | {SUMMARY_FILE: digest_of(summary)}
-    unfinished = path.with_name(f".unfinished-{path.name}")
-    _write(unfinished, summary)
-    unfinished.replace(path)
-
-
-def _write(path: Path, summary: Mapping[str, Any]) -> None:
-    text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    write_summary(folder, summary, names)
 
 
 def _is_as_written(folder: Path, name: str, digest: object) -> bool:
@@ -167,7 +168,7 @@ def _staging(folder: Path) -> Iterator[Path]:
 
 def _publish(staging: Path, output: Output) -> None:
     folder, new = output.folder, sorted(path.name for path in staging.iterdir())
-    _write_hashes(staging)
+    enlist(staging, [name for name in new if name != SUMMARY_FILE])  # pictures too
     try:
         # what came while we worked
         _refuse_obstacles(replace(output, kept=(*output.kept, staging.name)), new)
@@ -184,13 +185,3 @@ def _publish(staging: Path, output: Output) -> None:
     for name in stale:
         with suppress(FileNotFoundError):
             (folder / name).unlink()
-
-
-def _write_hashes(staging: Path) -> None:
-    """Add the hashes of all other files to the summary."""
-    path = staging / SUMMARY_FILE
-    summary = json.loads(path.read_text(encoding="utf-8"))
-    others = sorted(set(staging.iterdir()) - {path})
-    hashes = {other.name: hash_of(other) for other in others}
-    summary["sha256"] = hashes | {SUMMARY_FILE: digest_of(summary)}
-    _write(path, summary)

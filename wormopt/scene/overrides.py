@@ -62,8 +62,10 @@ def _override_by_text(raw: dict[str, Any], text: str) -> Iterator[Fault]:
     except (ValueError, RecursionError):
         parsed = {}
     if parsed.keys() != {"value"}:
-        yield path, f"{value!r} is no TOML value; put text in quotes: --set '{path}=\"...\"'"
-        return
+        parsed = {"value": value.strip()}  # a text without quotes
+        if not re.match(r"[^\[{\"']", parsed["value"]) or not value.isprintable():
+            yield path, f"{value!r} is no TOML value; close its brackets, or put text in quotes"
+            return
     yield from _set_at(raw, path, parsed["value"])
 
 

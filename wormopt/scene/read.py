@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
+from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
@@ -15,6 +17,7 @@ from wormopt.scene.types import meaning
 from wormopt.scene.units import has_unit, to_number
 
 T = TypeVar("T", bound=msgspec.Struct)
+_fields = cache(msgspec.structs.fields)
 
 _WORDS: dict[Any, str] = {
     bool: "true or false",
@@ -32,7 +35,7 @@ def read_table(
     `path` is the key path of the table, "" for the whole scene; `units` those of the scene, "SI"
     or not.
     """
-    known = {item.name: item for item in msgspec.structs.fields(table)}
+    known = {item.name: item for item in _fields(table)}
     tag_key = table.__struct_config__.tag_field
     before = len(faults)
     faults += (
@@ -54,7 +57,12 @@ def _read_key(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) -
     before, (quantity, _) = len(faults), meaning(kind)
     if quantity:
         raw = _without_units(raw, quantity, path, units, faults)
-    return read_value(raw, kind, path, units, faults) if len(faults) == before else None
+    value = read_value(raw, kind, path, units, faults) if len(faults) == before else None
+    if quantity == "rad" and len(faults) > before and type(raw) in (int, float):
+        wrong: list[Fault] = []
+        read_value(math.radians(raw), kind, path, units, wrong)
+        faults[-1] = (path, faults[-1][1] + ("" if wrong else f', "{raw} deg" say'))
+    return value
 
 
 def _without_units(raw: Any, quantity: str, path: str, units: str, faults: list[Fault]) -> Any:

@@ -13,12 +13,11 @@ from typing import Any, Union, get_args, get_origin
 
 import msgspec
 
-from wormopt.files import MARK
 from wormopt.kinds import KINDS
 from wormopt.quantities import unit_of
 from wormopt.scene.read import bare, describe, tables_in
 from wormopt.scene.swept import Swept
-from wormopt.scene.types import SceneTable, meaning
+from wormopt.scene.types import SceneTable, default_of, meaning
 from wormopt.scene.units import WITH_UNIT
 
 _COMMON = ("schema", "kind", "title", "units")
@@ -32,7 +31,7 @@ def schema(kind: str) -> dict[str, Any]:
     )
     about = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$comment": f"{MARK.decode()} schema {kind}",
+        "$comment": f"made by wormopt schema {kind}",
     }
     found = {**about, **found, "$defs": parts}
     parts[table.__name__]["properties"]["sweep"] = sweep
@@ -73,7 +72,7 @@ def page(kind: str) -> str:
         f"{KINDS[kind].summary[0].upper()}{KINDS[kind].summary[1:]}.",
         *_prose(table),
         "`schema`, `kind`, `title`, `units` and what holds for all scenes: "
-        f"[scenes](../scenes.md). This page is {MARK.decode()}: "
+        f"[scenes](../scenes.md). This page is made by wormopt: "
         f"`wormopt schema {kind} --markdown`.",
         "## Keys",
         "\n".join(_keys(table)),
@@ -136,9 +135,7 @@ def _of(field: msgspec.structs.FieldInfo) -> str:
 def _default(field: msgspec.structs.FieldInfo) -> str:
     if field.required:
         return "required"
-    value = field.default
-    if value is msgspec.NODEFAULT:
-        value = field.default_factory()  # pyright: ignore[reportCallIssue]
+    value = default_of(field)
     if value is None or isinstance(value, msgspec.Struct):
         return ""
     if isinstance(value, bool):

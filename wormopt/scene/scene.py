@@ -32,7 +32,7 @@ class Scene(Generic[TableT]):
     Parameters
     ----------
     name : str
-        Stem of the file name.
+        Stem of the file name, or as it was called.
     folder : Path
         Folder of the file; file names in the scene are relative to it.
     table : SceneTable
@@ -78,7 +78,11 @@ class Scene(Generic[TableT]):
 
 
 def load_scene(
-    source: Scene[Any] | str | Path | Mapping[str, Any], overrides: Overrides = (), **tables: Any
+    source: Scene[Any] | str | Path | Mapping[str, Any],
+    overrides: Overrides = (),
+    *,
+    name: str = "",
+    **tables: Any,
 ) -> Scene[Any]:
     """Read and check a scene.
 
@@ -88,9 +92,11 @@ def load_scene(
         A TOML file, the bare name of a scene that comes with the package, the tables of a scene
         without a file, or a Scene that shall be changed.
     overrides : str, mapping, or iterable of them
-        Changes. A text reads "dotted.key=value", with the value written as in TOML, and replaces
-        what is there. Keys of a mapping may be dotted too; tables in it are merged with those of
-        the scene.
+        Changes. A text reads "dotted.key=value", with the value written as in TOML or a text
+        without quotes, and replaces what is there. Keys of a mapping may be dotted too; tables in
+        it are merged with those of the scene.
+    name : str, optional
+        What results call it; by default as before, by its file, or "scene" where there is none.
     **tables
         Further changes, by the names of keys: ``worm={"load": 3}``.
 
@@ -116,7 +122,7 @@ def load_scene(
     >>> load_scene(scene, title="Loaded").table.worm.load
     25.0
     """
-    file, name, folder, raw = _raw(source)
+    file, known_as, folder, raw = _raw(source)
     wrong = [*override(raw, overrides), *override(raw, tables)]
     if wrong:
         raise SceneError(file, wrong)
@@ -125,7 +131,7 @@ def load_scene(
     wrong += [(f"sweep.{key}", what) for key, what in (sweep.faults() if sweep else ())]
     if wrong:
         raise SceneError(file, wrong)
-    return Scene(name, folder, table, sweep)
+    return Scene(name or known_as, folder, table, sweep)
 
 
 def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:

@@ -22,10 +22,10 @@ from wormopt.quantities import unit_of
 from wormopt.scene.read import bare, describe, tables_in
 from wormopt.scene.reference import single
 from wormopt.scene.scene import packaged_scenes, times_of_scenes
-from wormopt.scene.types import meaning
+from wormopt.scene.toml import holds_tables, toml_value
+from wormopt.scene.types import default_of, meaning
 
 _WIDTH = 100
-_ELLIPSIS = "..."
 _SWEEP = """
 
 # Keys that `wormopt sweep` varies, and how; see docs/sweeps.md.
@@ -72,17 +72,17 @@ def _table(
     mark, below = ("#" if raw is None else ""), []
     config = table.__struct_config__
     if config.tag_field:
-        yield f"{mark}{config.tag_field} = {_toml(config.tag)}"
+        yield f"{mark}{config.tag_field} = {toml_value(config.tag)}"
     for field in msgspec.structs.fields(table):
         key, tables = field.encode_name, tables_in(single(field.type))
         given = (raw or {}).get(key)
-        if tables and (given is None or _holds_tables(given)):
+        if tables and (given is None or holds_tables(given)):
             below.append((key, field, tables, given))
             continue
-        value, off = given, mark
-        if given is None:
-            value, off = _default(field), "#"
-        yield from _line(f"{off}{key} = {_toml(value)}", _said(field.type, units))
+        told = (
+            f"#{key} = {_default(field)}" if given is None else f"{mark}{key} = {toml_value(given)}"
+        )
+        yield from _line(told, _said(field.type, units))
     for key, field, tables, given in below:
         inside = f"{path}.{key}" if path else key
         yield from _tables(inside, field, tables, given, units)
@@ -120,24 +120,14 @@ def _choices(tables: list[type[msgspec.Struct]]) -> str:
     """Say which tables of several there are, by their tag."""
     if len(tables) == 1:
         return ""
-    tags = " or ".join(_toml(table.__struct_config__.tag) for table in tables)
+    tags = " or ".join(toml_value(table.__struct_config__.tag) for table in tables)
     return f"{tables[0].__struct_config__.tag_field} = {tags}"
 
 
-def _holds_tables(value: Any) -> bool:
-    return isinstance(value, dict) or (
-        isinstance(value, list) and bool(value) and all(isinstance(item, dict) for item in value)
-    )
-
-
-def _default(field: Any) -> Any:
+def _default(field: Any) -> str:
     """Value of a key that is left out; where there is none, what may stand there."""
-    value = field.default
-    if value is msgspec.NODEFAULT and field.default_factory is not msgspec.NODEFAULT:
-        value = field.default_factory()
-    if value is None or value is msgspec.NODEFAULT:
-        return _ELLIPSIS
-    return msgspec.to_builtins(value)
+    value = default_of(field)
+    return "..." if value in (None, msgspec.NODEFAULT) else toml_value(msgspec.to_builtins(value))
 
 
 def _said(kind: Any, units: str) -> str:
@@ -170,16 +160,3 @@ def _line(key: str, said: str) -> Iterator[str]:
 
 def _comment(text: str) -> list[str]:
     return textwrap.wrap(text, _WIDTH, initial_indent="# ", subsequent_indent="# ")
-
-
-def _toml(value: Any) -> str:
-    """Write a value as TOML."""
-    if value is _ELLIPSIS:
-        return value
-    if isinstance(value, dict):
-        return f"{{{', '.join(f'{key} = {_toml(item)}' for key, item in value.items())}}}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    if isinstance(value, float):
-        return repr(value)
-    return json.dumps(value, ensure_ascii=False)  # text, whole numbers, true and false

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin
 
-from msgspec import Meta, Struct
+from msgspec import NODEFAULT, Meta, Struct
 
 from wormopt.errors import Fault
 from wormopt.model.given import per as per
@@ -44,6 +44,12 @@ def meaning(kind: Any) -> tuple[str, str]:
     """Quantity and meaning of a key, by its type; "" where there is none."""
     said = said_of(kind)
     return said.get("quantity", ""), said.get("meaning", "")
+
+
+def default_of(field: Any) -> Any:
+    """Value of a key that is left out, NODEFAULT where it must not be."""
+    made = field.default_factory
+    return field.default if made is NODEFAULT else made()
 
 
 Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST), _words("a finite number")]

@@ -74,6 +74,8 @@ def to_number(text: str, quantity: str, units: str) -> float:
     """
     found = _TEXT.fullmatch(text)
     assert found, text
+    if re.match(r",\d", found[2]):
+        raise ValueError(f'has a decimal comma; write "{text.strip().replace(",", ".")}"')
     target = unit_of(quantity, units)
     if target == "1" and units != "SI" and unit_of(quantity, "SI") != "1":
         raise ValueError('has a unit in a scene without; write the bare number, or units = "SI"')
@@ -88,9 +90,13 @@ def to_number(text: str, quantity: str, units: str) -> float:
     if dimension != wanted:
         raise ValueError(f"is not {_article(quantity)}; {hint}")
     try:
-        return float(Fraction(found[1]) * factor / least)
+        exact = Fraction(found[1]) * factor / least
+        number = float(exact)
     except (ValueError, OverflowError):
         raise ValueError(f"is too large or too long a number; {hint}") from None
+    if exact and not number:
+        raise ValueError(f"is too small a number; {hint}")
+    return number
 
 
 def example(unit: str) -> str:
@@ -116,6 +122,8 @@ def parsed(unit: str) -> tuple[Fraction, Dimension]:
             raise ValueError("has a product behind its /, which may be read in two ways")
         if index and not factors:
             raise ValueError("has nothing behind its /")
+        if "1" in factors[1:] or (len(factors) > 1 and factors[0] == "1"):
+            raise ValueError("is two numbers")
         for text in factors:
             found = _FACTOR.fullmatch(text)
             if not found:

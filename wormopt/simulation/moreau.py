@@ -6,8 +6,9 @@ them, and friction holds or slides by the law's own numbers. Impacts need not be
 many there are. Without contact and damping the steps are those of the leapfrog: symplectic, of
 second order, their energy oscillates and does not drift.
 
-Contacts must not act on one another within a step, as is so where masses are lumped and every mass
-touches at most one wall at a time. Then impulses are a closed expression of the state.
+Walls must not act on one another within a step, as is so where masses are lumped and every mass
+touches at most one wall at a time. Then impulses are a closed expression of the state. Friction
+whose limits do not depend on a wall's impulse needs no gap, and may couple contacts.
 
 Sources: J. J. Moreau, in Nonsmooth Mechanics and Applications (1988) 1; M. Jean, Comput. Methods
 Appl. Mech. Eng. 177 (1999) 235; E. Hairer, C. Lubich, G. Wanner, Acta Numerica 12 (2003) 399.
@@ -58,8 +59,8 @@ class MoreauJean:
     Parameters
     ----------
     model : Model
-        Its states are places and then their rates, and so many of each. All contacts have gaps
-        and normal forces.
+        Its states are places and then their rates, and so many of each. Contacts have a gap and a
+        normal force, or neither.
     integrals : sequence of str, optional
         Outputs to integrate over time.
     inputs : casadi.Function, optional
@@ -115,7 +116,7 @@ class MoreauJean:
         Raises
         ------
         ArgumentError
-            If contacts act on one another, or there is no step to take: nothing resists, and none
+            If walls act on one another, or there is no step to take: nothing resists, and none
             is given.
         SolveError
             If the motion is no longer a number; ``partial`` holds it up to there.

@@ -7,8 +7,9 @@ import io
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, get_args
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, get_args
 
 import msgspec
 import numpy as np
@@ -21,8 +22,12 @@ from wormopt.scene.units import has_unit, to_number
 from wormopt.sweeps.axes import Plan, dim_of
 from wormopt.sweeps.store import Record, Status
 
+if TYPE_CHECKING:
+    import pandas
+
 STATUS = get_args(Status)
 """Names of the numbers in the variable ``status``."""
+_NUMBER = re.compile(r"(?<![\w.])-?\d+(\.\d+)?(e[-+]?\d+)?")
 # So many reasons, warnings and failed checks stand in the trust report, the most frequent first.
 _MOST = 10
 
@@ -169,14 +174,21 @@ def _shaped(values: Sequence[float], asked: Plan) -> np.ndarray:
     return np.array(values).reshape(asked.shape)
 
 
+def _alike(reasons: Iterable[str]) -> Counter[str]:
+    """How often each reason stands; those that differ by numbers alone are one, without them."""
+    found: dict[str, list[str]] = {}
+    for reason in reasons:
+        found.setdefault(_NUMBER.sub("…", reason), []).append(reason)
+    return Counter({(g[0] if len(set(g)) == 1 else text): len(g) for text, g in found.items()})
+
+
 def _trust(records: Sequence[Record]) -> dict[str, Any]:
     """What is told of how many points."""
     checks = [r.trust.get("checks", {}) for r in records]
     poor = Counter(name for found in checks for name, c in found.items() if not c["passed"])
     warned = Counter(text for r in records for text in r.trust.get("warnings", ()))
-    reasons = Counter(record.reason for record in records if record.reason)
     return {
-        "reasons": dict(reasons.most_common(_MOST)),
+        "reasons": dict(_alike(r.reason for r in records if r.reason).most_common(_MOST)),
         "checks_failed": dict(poor.most_common(_MOST)),
         "warnings": [
             text if count == 1 else f"{text} ({count} points)"
@@ -185,27 +197,65 @@ def _trust(records: Sequence[Record]) -> dict[str, Any]:
     }
 
 
+def as_typed(result: Result) -> Result:
+    """Give a sweep with its angles in degrees where they were typed so."""
+    typed = json.loads(result.scene_text or "{}").get("sweep", {}).get("over", {})
+    axes, variables = [], {variable.name: variable for variable in result.variables}
+    for axis in result.attributes["axes"]:
+        own, text = result[axis["dim"]], str(typed.get(axis["key"]))
+        if own.unit == "rad" and ("deg" in text or "°" in text):
+            own = replace(own, unit="deg", values=np.degrees(own.values))
+            variables[own.name], axis = own, axis | {"values": own.values.tolist()}
+        axes.append(axis)
+    return replace(
+        result,
+        variables=tuple(variables.values()),
+        attributes={**result.attributes, "axes": axes},
+    )
+
+
+def everywhere(result: Result, dim: str, values: np.ndarray) -> np.ndarray:
+    """Values along the dimension of a key at every point of a sweep, in one row."""
+    status = result["status"]
+    place = status.dims.index(result[dim].dims[0])
+    along = values.reshape([-1 if k == place else 1 for k in range(len(status.dims))])
+    return np.broadcast_to(along, status.values.shape).ravel()
+
+
 def as_csv(result: Result) -> str:
     """Table of a sweep: a row for every point, with units in the heading."""
-    status = result["status"]
-    columns: dict[str, Sequence[Any]] = {}
-    for axis in result.attributes["axes"]:
-        of_key = result[axis["dim"]]
-        place = status.dims.index(of_key.dims[0])
-        values = np.array(axis["values"], dtype=object)
-        along = values.reshape([-1 if k == place else 1 for k in range(len(status.dims))])
-        name = _heading(axis["key"], of_key.unit)
-        columns[name] = np.broadcast_to(along, status.values.shape).ravel().tolist()
-    columns["status"] = [STATUS[k] for k in status.values.ravel()]
-    columns["reason"] = result.attributes["reasons"]
-    for name in ("seconds", *result.attributes["numbers"]):
-        columns[_heading(name, result[name].unit)] = result[name].values.ravel().tolist()
+    columns = _columns(result)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
+    writer.writerow(f"{name} [{unit}]" if unit else name for name, (unit, _) in columns.items())
+    writer.writerows(zip(*(values for _, values in columns.values()), strict=True))
     return text.getvalue()
 
 
-def _heading(name: str, unit: str) -> str:
-    return name if unit == "1" else f"{name} [{unit}]"
+def dataframe(result: Result) -> pandas.DataFrame:
+    """The same as a pandas.DataFrame, with units in ``attrs["units"]``."""
+    import pandas  # only who asks for it needs it
+
+    columns = _columns(result)
+    frame = pandas.DataFrame({name: values for name, (_, values) in columns.items()})
+    frame.attrs["units"] = {name: unit for name, (unit, _) in columns.items() if unit}
+    return frame
+
+
+def _columns(result: Result) -> dict[str, tuple[str, list[Any]]]:
+    """Unit, or none, and one value for each point: of swept keys, and of what was found."""
+
+    def column(unit: str, values: Any) -> tuple[str, list[Any]]:
+        return "" if unit == "1" else unit, np.asarray(values, object).ravel().tolist()
+
+    status = result["status"]
+    columns: dict[str, tuple[str, list[Any]]] = {}
+    for axis in result.attributes["axes"]:
+        values = np.array([*axis["values"], None], dtype=object)[:-1]  # lists are values too
+        at = everywhere(result, axis["dim"], values)
+        columns[axis["key"]] = column(result[axis["dim"]].unit, at)
+    columns["status"] = column("1", [STATUS[k] for k in status.values.ravel()])
+    columns["reason"] = column("1", result.attributes["reasons"])
+    for name in ("seconds", *result.attributes["numbers"]):
+        columns[name] = column(result[name].unit, result[name].values)
+    return columns

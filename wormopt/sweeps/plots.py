@@ -12,6 +12,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from wormopt.plotting.parts import GREY, LINKS, RED, label, narrow, sheet
 from wormopt.result import Result
+from wormopt.sweeps.gathered import as_typed, everywhere
 
 # So many numbers are shown where none were asked for.
 _MOST = 4
@@ -20,6 +21,7 @@ _LOST: dict[str, Any] = {"hatch": "////", "facecolor": "#F2F2F2", "edgecolor": G
 
 def sweep(result: Result) -> Figure:
     """Maps over two keys, lines over one, and points over each where there are more."""
+    result = as_typed(result)
     names = shown(result)
     axes = result.attributes["axes"]
     grid = len(axes) == len(result["status"].dims)
@@ -29,12 +31,15 @@ def sweep(result: Result) -> Figure:
 
 
 def shown(result: Result) -> list[str]:
-    """Numbers that were asked for, or the first ones of the kind that vary."""
+    """Numbers that were asked for, or the first ones of the kind that vary, none of them twice."""
     asked = result.attributes.get("shown")
     if asked:
         return list(asked)
-    first = result.attributes["numbers"]
-    return [name for name in first if _varies(result[name].values)][:_MOST] or first[:1]
+    first, unlike = result.attributes["numbers"], dict[bytes, str]()
+    for name in first:
+        if _varies(result[name].values):
+            unlike.setdefault(result[name].values.tobytes(), name)
+    return [*unlike.values()][:_MOST] or first[:1]
 
 
 def _varies(values: np.ndarray) -> bool:
@@ -74,7 +79,7 @@ def _columns(result: Result, names: list[str], dims: list[str], lines: bool) -> 
     panels: Any = figure.subplots(len(names), len(dims), squeeze=False, sharex="col", sharey="row")
     lost = result["status"].values.ravel() != 0
     for j, dim in enumerate(dims):
-        at = _everywhere(result, dim)
+        at = everywhere(result, dim, result[dim].values)
         for i, name in enumerate(names):
             axes, values = panels[i, j], np.where(lost, np.nan, result[name].values.ravel())
             axes.plot(at, values, "o-" if lines else "o", color=LINKS[0], markersize=4)
@@ -85,14 +90,6 @@ def _columns(result: Result, names: list[str], dims: list[str], lines: bool) -> 
         _scale(panels[-1, j], "x", result, dim)
     _tell_lost(figure, lost, cross=True)
     return figure
-
-
-def _everywhere(result: Result, dim: str) -> np.ndarray:
-    """Value of a key at every point."""
-    of_key, status = result[dim], result["status"]
-    place = status.dims.index(of_key.dims[0])
-    along = of_key.values.reshape([-1 if k == place else 1 for k in range(len(status.dims))])
-    return np.broadcast_to(along, status.values.shape).ravel()
 
 
 def _named(result: Result, name: str) -> str:

@@ -15,26 +15,28 @@ import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, field, replace
-from multiprocessing import current_process
 from pathlib import Path
 from typing import Any, Literal
 
+import msgspec
 from filelock import FileLock, Timeout
-from msgspec import Struct
 
 from wormopt.errors import OutputError, SceneError
-from wormopt.files import MARK, is_marked
+from wormopt.files import hash_of
 from wormopt.fingerprint import code_key
 from wormopt.kinds import KINDS
+from wormopt.numerics.workers import alone
 from wormopt.quantities import Scalar
 from wormopt.result import Result
 from wormopt.runner import attempt
 from wormopt.saving import write_netcdf
 from wormopt.scene import Scene
+from wormopt.scene.conclude import conclude
 
 Keep = Literal["results", "scalars"]
 Status = Literal["ok", "failed", "refused", "not computed"]
 _JOURNAL = "journal.txt"
+_HEAD = "made by wormopt: time, machine, process, point, seconds\n"
 # A point at which so many processes of one sweep died is not tried again.
 _TRIES = 3
 
@@ -58,16 +60,35 @@ class Job:
     file: Path
     keep: Keep
     sweep: str  # which one asks
+    code: str  # hash of the code that is to compute it
 
 
-def key_of(scene: Scene[Any], keep: Keep) -> str:
-    """Hash of all that the result of a scene hangs on: its keys, the code, files that it names."""
-    asked = {name: value for name, value in json.loads(scene.text).items() if name != "title"}
-    key = hashlib.sha256(f"{keep} {json.dumps(asked)}".encode())
-    key.update(code_key(KINDS[scene.table.kind].study).encode())
-    for file in _files(scene.table, scene.folder):
-        key.update(file.read_bytes())
+def key_of(scene: Scene[Any], seen: dict[str, bytes] | None = None) -> str:
+    """Hash of all that the result of a scene hangs on: its keys, the code, files that it names.
+
+    `seen` holds hashes of these files, by what the scene says, where they are not read again.
+    """
+    seen = {} if seen is None else seen
+    asked = msgspec.to_builtins(scene.table)
+    del asked["title"]
+    asked["want"] = [word for word in KINDS[scene.table.kind].wanted if word in asked["want"]]
+    key = hashlib.sha256(json.dumps(asked, sort_keys=True).encode())
+    key.update(code_of(scene).encode())
+    for text in _texts(asked):
+        if text not in seen:
+            seen[text] = b"".join(hash_of(file).encode() for file in _named(text, scene.folder))
+        key.update(seen[text])
     return key.hexdigest()[:32]
+
+
+def code_of(scene: Scene[Any]) -> str:
+    """Hash of the code that computes a scene."""
+    return code_key(KINDS[scene.table.kind].study)
+
+
+def told(error: SceneError) -> str:
+    """Say on one line what is wrong with a scene."""
+    return "; ".join(f"{key}: {what}" if key else what for key, what in error.faults)
 
 
 def open_store(folder: Path) -> None:
@@ -77,8 +98,8 @@ def open_store(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         if not os.path.lexists(journal):
             with journal.open("x", encoding="utf-8") as file:
-                file.write(f"{MARK.decode()}: time, machine, process, point, seconds\n")
-        elif not is_marked(journal):
+                file.write(_HEAD)
+        elif not (journal.is_file() and journal.read_bytes().startswith(_HEAD.encode())):
             what = "is not of a store of points; choose another folder with --store"
             raise OutputError(f"{journal}: {what}")
     except FileExistsError:  # another sweep was faster, or it is a file
@@ -89,23 +110,25 @@ def open_store(folder: Path) -> None:
         raise OutputError(f"{folder}: points cannot be kept there: {why}") from error
 
 
-def read(file: Path) -> Record | None:
-    """Read back what is known of a point; None where there is no result, or a damaged one."""
+def read(file: Path, keep: Keep) -> Record | None:
+    """Read back what is known of a point; None where there is no such result, or a damaged one."""
     try:
-        return _record(Result.load(file))
+        result = Result.load(file)
     except (OSError, ValueError):
         return None
+    lacks_arrays = result.attributes.get("kept") == "scalars"
+    return None if lacks_arrays and keep == "results" else _record(result)
 
 
 def compute(job: Job) -> Record | None:
     """Compute a point, unless it is known; None where another process is at it."""
-    found = read(job.file)
+    found = read(job.file, job.keep)
     if found is not None:
         return found
     lock, tries = job.file.with_suffix(".lock"), job.file.with_suffix(".tries")
     try:
         with FileLock(lock, timeout=0):
-            found = read(job.file) or _compute(job, tries)
+            found = read(job.file, job.keep) or _compute(job, tries)
             tries.unlink(missing_ok=True)
             lock.unlink(missing_ok=True)  # whoever holds the old one finds the result
             return found
@@ -114,36 +137,30 @@ def compute(job: Job) -> Record | None:
 
 
 def _compute(job: Job, tries: Path) -> Record:
+    if code_of(job.scene) != job.code:
+        what = "this worker runs another version of wormopt; install the same everywhere"
+        return Record("failed", what)
     start, times = time.perf_counter(), _tried(job, tries)
     if times > _TRIES:
         return Record("failed", f"the process that computes it died, {_TRIES} times")
     try:
-        result = attempt(job.scene) if times == 1 else _alone(job.scene)
+        result = attempt(job.scene) if times == 1 else alone(attempt, job.scene)
     except BrokenExecutor:
         return Record("failed", "the process that computes it died")
     except SceneError as error:  # what only the study sees
-        return Record("refused", "; ".join(f"{key}: {what}" for key, what in error.faults))
+        result = conclude(job.scene, {}, attributes={"refused": True}).failed(told(error))
     except Exception as error:  # a defect in one point must not cost the others
         return Record("failed", f"{type(error).__name__}: {error}; please report this")
     seconds = time.perf_counter() - start
     return _kept(job, replace(result, timings_s={**result.timings_s, "study": seconds}))
 
 
-def _alone(scene: Scene[Any]) -> Result:
-    """Run a scene in a process of its own: whether it is this point that processes die at."""
-    if current_process().daemon:  # may have no processes
-        return attempt(scene)
-    from loky import ProcessPoolExecutor
-
-    with ProcessPoolExecutor(1) as process:
-        return process.submit(attempt, scene).result()
-
-
 def _kept(job: Job, result: Result) -> Record:
-    if key_of(job.scene, job.keep) != job.file.stem:
+    if key_of(job.scene) != job.file.stem:
         return Record("failed", "a file that the scene names was changed meanwhile; run it again")
     if job.keep == "scalars":
-        result = replace(result, variables=())
+        attributes = {**result.attributes, "kept": "scalars"}
+        result = replace(result, variables=(), attributes=attributes)
     unfinished = job.file.with_suffix(".part")
     write_netcdf(result, unfinished)
     unfinished.replace(job.file)
@@ -166,21 +183,24 @@ def _tried(job: Job, tries: Path) -> int:
 def _record(result: Result) -> Record:
     seconds = result.timings_s.get("study", 0.0)
     trust = {name: result.trust[name] for name in ("checks", "warnings") if name in result.trust}
-    return Record(result.status, result.reason, result.scalars, trust, seconds)
+    status = "refused" if result.attributes.get("refused") else result.status
+    return Record(status, result.reason, result.scalars, trust, seconds)
 
 
-def _files(value: Any, folder: Path) -> Iterator[Path]:
-    """Files that a table names, relative to its scene's folder."""
-    if isinstance(value, Struct):
-        for name in value.__struct_fields__:
-            yield from _files(getattr(value, name), folder)
-    elif isinstance(value, tuple):
-        for item in value:
-            yield from _files(item, folder)
-    elif isinstance(value, str) and value:
-        try:
-            named = folder / value
-            own = folder / value.rpartition(":")[0]  # of "model.py:function"
-            yield from (path for path in (named, named / "result.nc", own) if path.is_file())
-        except (OSError, ValueError):  # no name that a file could have
-            return
+def _texts(value: Any) -> Iterator[str]:
+    """Texts in plain data."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list | tuple):
+        for item in value.values() if isinstance(value, dict) else value:
+            yield from _texts(item)
+
+
+def _named(text: str, folder: Path) -> list[Path]:
+    """Files that a text names, relative to a folder."""
+    try:
+        named = folder / text
+        own = folder / text.rpartition(":")[0]  # of "model.py:function"
+        return [path for path in (named, named / "result.nc", own) if path.is_file()]
+    except (OSError, ValueError):  # no name that a file could have
+        return []

@@ -6,12 +6,12 @@ import os
 import secrets
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 import msgspec
 import numpy as np
@@ -26,10 +26,23 @@ from wormopt.scene.read import read_value
 from wormopt.scene.swept import Swept
 from wormopt.sweeps.axes import Plan, plan
 from wormopt.sweeps.gathered import gathered
-from wormopt.sweeps.store import Job, Keep, Record, compute, key_of, open_store, read
+from wormopt.sweeps.store import (
+    Job,
+    Keep,
+    Record,
+    code_of,
+    compute,
+    key_of,
+    open_store,
+    read,
+    told,
+)  # fmt: skip
 
 # Seconds between looks at points that another process has in hand.
 _PATIENCE = 1.0
+# Progress through what is done fast is told of every so many points.
+_SELDOM = 1000
+T = TypeVar("T")
 
 
 def sweep(
@@ -105,9 +118,9 @@ def sweep(
     folder = TemporaryDirectory() if store is None else nullcontext(os.fspath(store))
     with folder as kept_in, using(engine or Engine()):
         open_store(Path(kept_in))
-        found = _Sweep(base, plan(base.sweep), Path(kept_in), keep)
+        found = _Sweep(base, plan(base.sweep), Path(kept_in), keep, report)
         try:
-            found.compute(report)
+            found.compute()
         except KeyboardInterrupt:
             raise Interrupted(found.result(store, interrupted=True)) from None
         except SolveError as error:  # the cluster is gone
@@ -137,39 +150,50 @@ def _listed(values: Any) -> Any:
 class _Sweep:
     """Points of a sweep, and what is known of them so far."""
 
-    def __init__(self, base: Scene[Any], asked: Plan, store: Path, keep: Keep) -> None:
-        self._base, self._plan, self._store = base, asked, store
+    def __init__(
+        self, base: Scene[Any], asked: Plan, store: Path, keep: Keep, report: Report
+    ) -> None:
+        self._base, self._plan, self._store, self._report = base, asked, store, report
         self._keep: Keep = keep
         self._records: dict[str, Record] = {}  # by key
-        self._computed = 0  # here and now
-        self._scenes: list[Scene[Any] | Record] = [self._scene(point) for point in asked.points]
-        refused = [record for record in self._scenes if isinstance(record, Record)]
-        if len(refused) == len(self._scenes):
+        self._computed = self._poor = 0  # here and now; without an accepted result
+        self._scenes: list[Scene[Any] | Record] = []
+        self._keys: list[str] = []
+        files: dict[str, bytes] = {}
+        for point in self._followed(asked.points, "prepared"):
+            scene = self._scene(point)
+            self._scenes.append(scene)
+            self._keys.append("" if isinstance(scene, Record) else key_of(scene, files))
+        if not any(self._keys):
             load_scene(base, asked.points[0])  # raises what is wrong
-        self._keys = [
-            "" if isinstance(scene, Record) else key_of(scene, keep) for scene in self._scenes
-        ]
+
+    def _followed(self, items: Iterable[T], what: str) -> Iterator[T]:
+        """Say of every so many points what has been done to them."""
+        total = len(self._plan.points)
+        for k, item in enumerate(items):
+            if k % _SELDOM == 0:
+                self._report(f"{k} of {total} points {what}", k / total)
+            yield item
 
     def _scene(self, point: Mapping[str, Any]) -> Scene[Any] | Record:
         try:
             return load_scene(replace(self._base, sweep=None), point)
         except SceneError as error:
-            faults = (f"{key}: {what}" if key else what for key, what in error.faults)
-            return Record("refused", "; ".join(faults))
+            return Record("refused", told(error))
 
-    def compute(self, report: Report) -> None:
+    def compute(self) -> None:
         """Compute what is not known, in rounds: another process may have a point in hand."""
         todo = self._todo()
-        name, total = secrets.token_hex(8), len(self._plan.points)
+        name, code = secrets.token_hex(8), code_of(self._base)
         with Workers() as workers:
             while todo:
-                jobs = [Job(scene, self._file(key), self._keep, name) for key, scene in todo]
-                report(self._told(total), self._share(total))
+                jobs = [Job(scene, self._file(k), self._keep, name, code) for k, scene in todo]
+                self._tell()
                 for k, record in workers.as_completed(compute, jobs):
                     if record is not None:
-                        self._records[todo[k][0]] = record
+                        self._note(todo[k][0], record)
                         self._computed += 1
-                    report(self._told(total), self._share(total))
+                    self._tell()
                 todo = [(key, scene) for key, scene in todo if key not in self._records]
                 if todo:
                     time.sleep(_PATIENCE)
@@ -178,25 +202,28 @@ class _Sweep:
         """Points that nothing is known of, each once."""
         there = {file.name for file in self._store.glob("*.nc")} if self._store.is_dir() else set()
         todo = {}
-        for key, scene in zip(self._keys, self._scenes, strict=True):
+        for key, scene in self._followed(zip(self._keys, self._scenes, strict=True), "looked up"):
             if isinstance(scene, Record) or key in self._records or key in todo:
                 continue
-            known = read(self._file(key)) if self._file(key).name in there else None
+            file = self._file(key)
+            known = read(file, self._keep) if file.name in there else None
             if known is None:
                 todo[key] = scene
             else:
-                self._records[key] = known
+                self._note(key, known)
         return list(todo.items())
+
+    def _note(self, key: str, record: Record) -> None:
+        self._records[key] = record
+        self._poor += record.status != "ok"
 
     def _file(self, key: str) -> Path:
         return self._store / f"{key}.nc"
 
-    def _share(self, total: int) -> float:
-        return len(self._records) / total
-
-    def _told(self, total: int) -> str:
-        poor = sum(record.status != "ok" for record in self._records.values())
-        return f"{len(self._records)} of {total} points" + (f", {poor} failed" if poor else "")
+    def _tell(self) -> None:
+        done, total = len(self._records), len(self._plan.points)
+        poor = f", {self._poor} failed" if self._poor else ""
+        self._report(f"{done} of {total} points{poor}", done / total)
 
     def result(self, store: str | Path | None, interrupted: bool = False) -> Result:
         """Gather all points, those that are not known too."""

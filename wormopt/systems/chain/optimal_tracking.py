@@ -92,18 +92,7 @@ def first_guess(plant: Model, reference: Reference, end: float, error_weight: fl
     `error_weight` is that of |e|^2 against the square of what is added to the feed-forward.
     """
     loop = lqr(plant, reference, error_weight=error_weight)
-    motion = simulate(loop, end, dense=True)
-
-    def states(t: np.ndarray) -> np.ndarray:
-        return motion.at(np.clip(t, 0.0, end)).states
-
-    def inputs(t: np.ndarray) -> np.ndarray:
-        return motion.at(np.clip(t, 0.0, end))["input"]
-
-    def forces(t: np.ndarray) -> np.ndarray:
-        return motion.at(np.clip(t, 0.0, end)).observe(loop.forces)
-
-    return Guess(end, states, inputs, forces if plant.contacts else None)
+    return Guess.of(simulate(loop, end, dense=True))
 
 
 def optimal_input(

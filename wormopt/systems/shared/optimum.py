@@ -21,7 +21,8 @@ from wormopt.ocp.structure import structure_of
 from wormopt.ocp.switching import resting_speeds
 from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, unit_of
-from wormopt.result import Check, Result, conclude
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Exact, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate

@@ -386,7 +386,8 @@ def _resting(worm: DrivenWorm, piece: int, samples: np.ndarray) -> list[Spell]:
 
 
 def _spells(worm: DrivenWorm, piece: int, samples: np.ndarray) -> list[Spell]:
-    rests = worm.velocities(piece, samples) <= _TIE * worm.rate_scale
+    tie = _TIE * worm.rate_scale
+    rests = worm.velocities(piece, samples) <= tie
     spells: list[Spell] = []
     start, together = float(samples[0]), rests[:, 0]
     for k in range(1, len(samples)):
@@ -396,7 +397,9 @@ def _spells(worm: DrivenWorm, piece: int, samples: np.ndarray) -> list[Spell]:
         pair = int(np.argmax(together)), int(np.argmax(rests[:, k]))
         switch = _overtaking(worm, piece, pair, samples[k - 1], samples[k])
         spells.append((start, switch, tuple(map(int, np.flatnonzero(together)))))
-        start, together = switch, rests[:, k]
+        # of masses that lead together at the sample, not all need do so from the switch on
+        now = rests[:, k] & (worm.velocities(piece, np.array([switch]))[:, 0] <= tie)
+        start, together = switch, now if now.any() else rests[:, k]
     spells.append((start, float(samples[-1]), tuple(map(int, np.flatnonzero(together)))))
     return spells
 

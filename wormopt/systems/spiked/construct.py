@@ -8,7 +8,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
-from wormopt.systems.spiked.sequences import block_wave_sequence
+from wormopt.systems.shared.sequences import block_wave_sequence
 
 Profile = Literal["cosine", "quintic", "trapezoid"]
 

@@ -70,7 +70,7 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
     """Kinematic gait design as an optimal-control problem, periodic up to the advance, (1)-(7).
 
     Costs are scaled to about 1; peaks become bounding constants, positive powers slacks
-    (epigraph form). Bounds bear the scene's keys, by which `elastic` explains a conflict.
+    (epigraph form).
     """
     n, period_range = worm.links, limits.period_range
     ranges = np.array(limits.length_ranges(n))

@@ -19,6 +19,9 @@ from wormopt.model.given import (
     wrong_order,
 )
 
+# Periods that differ by a smaller share are one.
+_ROUNDING = 1e-9
+
 Sharing = Literal["equal", "least_actuation"]
 
 
@@ -89,6 +92,21 @@ class Limits(Frozen):
         """Shortest and longest period; equal where the period is fixed."""
         shortest, longest = per(self.period, 2)
         return shortest, longest
+
+    def cycles_of(self, period: float) -> int:
+        """Fewest repetitions of a motion that last as long as the limits ask, be it too long.
+
+        Parameters
+        ----------
+        period : float
+            The motion's shortest period.
+
+        Examples
+        --------
+        >>> Limits(period=(1.0, 5.0), length=(0.7, 1.3), rate=1.0).cycles_of(0.4)
+        3
+        """
+        return max(1, math.ceil(self.period_range[0] / period * (1.0 - _ROUNDING)))
 
     def length_ranges(self, links: int) -> tuple[tuple[float, float], ...]:
         """Shortest and longest length of each of so many links.

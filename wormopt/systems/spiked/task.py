@@ -45,8 +45,8 @@ class Worm(Frozen):
     drag : float, optional
         Viscous drag coefficient of each mass.
     load : float or (float, float), optional
-        Force against the direction of motion on each mass (slope, towed load); a pair is a
-        range: what is designed must hold for every load in it.
+        Force against the direction of motion on each mass: a towed load, on a slope m g sin(slope)
+        too. A pair is a range: what is designed must hold for every load in it.
 
     Examples
     --------

@@ -9,7 +9,7 @@ from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.stretches import at_breaks
 
 
-def violations(motion: Crawl, limits: Limits, cycles: int = 1) -> dict[str, float]:
+def violations(motion: Crawl, limits: Limits) -> dict[str, float]:
     """Excess over every limit, relative to the limit's own size; not positive where it holds.
 
     Extremes are those of the motion's own functions over all time, see `Crawl.extremes`.
@@ -20,8 +20,6 @@ def violations(motion: Crawl, limits: Limits, cycles: int = 1) -> dict[str, floa
         Motion under the gait.
     limits : Limits
         What it must keep to.
-    cycles : int, optional
-        How often the gait runs through in a period.
 
     Returns
     -------
@@ -63,7 +61,7 @@ def violations(motion: Crawl, limits: Limits, cycles: int = 1) -> dict[str, floa
     found["sigma"] = -low / motion.force_scale
     found["limits.resting"] = float(limits.resting - motion.resting_min)
     shortest, longest = limits.period_range
-    period = motion.gait.period * cycles
+    period = motion.gait.period * limits.cycles_of(motion.gait.period)
     found["limits.period"] = max(shortest - period, period - longest) / longest
     found["closed"] = _gap(motion, limits)
     return found

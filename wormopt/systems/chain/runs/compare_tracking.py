@@ -14,7 +14,8 @@ from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.numerics.workers import Workers
 from wormopt.progress import Report, silent
-from wormopt.result import Result, conclude
+from wormopt.result import Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Exact, Tolerance

@@ -17,7 +17,8 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output
 from wormopt.progress import Report
 from wormopt.quantities import UNITS, Scalar, Variable, unit_of
-from wormopt.result import Result, conclude
+from wormopt.result import Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.numerics import Start
 from wormopt.scene.scene import Scene
 from wormopt.scene.types import per

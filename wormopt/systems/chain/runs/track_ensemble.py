@@ -13,7 +13,8 @@ from wormopt.errors import Interrupted, SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
-from wormopt.result import Check, Result, conclude
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.ensemble import Ensemble, Scenario, simulate_ensemble
 from wormopt.systems.chain.measured import (

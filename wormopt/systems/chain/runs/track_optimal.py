@@ -17,7 +17,8 @@ from wormopt.model.model import Model
 from wormopt.ocp.optimise import Optimum
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, unit_of
-from wormopt.result import Check, Result, conclude
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Exact
 from wormopt.simulation.trajectory import Trajectory

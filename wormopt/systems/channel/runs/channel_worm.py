@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from wormopt.progress import Report
-from wormopt.result import Check, Result, conclude
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.channel.closed_forms import DIRECTION, SHAPES, ChannelWorm
 from wormopt.systems.channel.samples import Mark

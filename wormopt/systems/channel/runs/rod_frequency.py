@@ -15,7 +15,8 @@ from wormopt.analysis.vibration import VibrationModes, vibration_modes
 from wormopt.errors import Interrupted, SolveError
 from wormopt.numerics.compass import Look, compass
 from wormopt.progress import Report
-from wormopt.result import Check, Result, conclude
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.channel.closed_forms import SHAPES, ChannelWorm
 from wormopt.systems.channel.rod_model import channel_rod

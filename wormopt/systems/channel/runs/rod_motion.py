@@ -10,7 +10,8 @@ import numpy as np
 
 from wormopt.errors import Interrupted
 from wormopt.progress import Report
-from wormopt.result import Check, Result, conclude
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.channel.runs.rod_case import ASSUMED, RodCase
 from wormopt.systems.channel.runs.rod_course import (

@@ -13,7 +13,8 @@ import numpy as np
 
 from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.progress import Report
-from wormopt.result import Result, conclude
+from wormopt.result import Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.channel import rod_rest
 from wormopt.systems.channel.closed_forms import (

@@ -13,7 +13,8 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.progress import Report
-from wormopt.result import Check, Result, conclude
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.coils.membrane import Choice, Membrane
 from wormopt.systems.coils.scenes.hydrostatics import MembraneScene

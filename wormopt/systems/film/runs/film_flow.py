@@ -11,7 +11,8 @@ import numpy as np
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.pressure import OERSTED, gaussian_pressure, magnetic_pressure
 from wormopt.progress import Report
-from wormopt.result import Check, Result, conclude
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
 from wormopt.systems.film.lubrication import field_slope, flow, surface_velocity, velocities

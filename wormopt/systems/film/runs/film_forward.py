@@ -13,7 +13,8 @@ import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.progress import Report
-from wormopt.result import Check, Result, conclude
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Tolerance
 from wormopt.systems.film.courses import TAIL, Course, Resolved, Setting, flow, follow, resolved

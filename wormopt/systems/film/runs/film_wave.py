@@ -13,7 +13,8 @@ from wormopt.errors import SceneError, SolveError
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
 from wormopt.progress import Report
-from wormopt.result import Check, Result, conclude
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.design.check import CosineBeside, Sampled, check_wave, cosine_beside

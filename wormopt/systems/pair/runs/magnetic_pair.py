@@ -13,7 +13,8 @@ import numpy as np
 from wormopt.analysis.steady import SteadyState
 from wormopt.errors import SolveError
 from wormopt.progress import Report
-from wormopt.result import Check, Result, conclude
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory

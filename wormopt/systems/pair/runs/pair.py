@@ -11,7 +11,7 @@ import numpy as np
 from wormopt.analysis.steady import SteadyState
 from wormopt.errors import SolveError
 from wormopt.magnetics.material import SMALL_STRAIN
-from wormopt.result import conclude
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.chain import law_of
 from wormopt.systems.pair.scenes.magnetic_pair import MagneticPairTable

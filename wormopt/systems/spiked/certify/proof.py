@@ -22,12 +22,12 @@ from wormopt.errors import ArgumentError
 from wormopt.model.given import check_kind, per
 from wormopt.progress import Report, silent
 from wormopt.shown import lines
+from wormopt.systems.shared.sequences import Sequence_, ascending
 from wormopt.systems.spiked.certify.relaxation import Relaxed
 from wormopt.systems.spiked.certify.tree import Node, Solver, Tree, periods, plant
 from wormopt.systems.spiked.design.design import Design, finished
 from wormopt.systems.spiked.search.orders import all_sequences
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.sequences import Sequence_, ascending
 from wormopt.systems.spiked.task import Certify, GaitProblem, Objective
 
 Improve = Callable[[Sequence_, tuple[float, ...]], float]

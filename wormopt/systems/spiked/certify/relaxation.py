@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.numerics.linear_program import LinearProgram, Maximum, Rows, Term
+from wormopt.systems.shared.sequences import Sequence_
 from wormopt.systems.spiked.certify.cuts import (
     Cut,
     Cuts,
@@ -34,7 +35,6 @@ from wormopt.systems.spiked.certify.cuts import (
     of_shares,
 )
 from wormopt.systems.spiked.programs.scaled_limits import Form, scaled
-from wormopt.systems.spiked.sequences import Sequence_
 from wormopt.systems.spiked.task import GaitProblem
 
 # Averages above what cuts allow are worth a row if they are so by this share of what the bound is

@@ -24,8 +24,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wormopt.numerics.workers import Workers
+from wormopt.systems.shared.sequences import Sequence_, canonical
 from wormopt.systems.spiked.certify.relaxation import Box, Relaxation, Relaxed
-from wormopt.systems.spiked.sequences import Sequence_, canonical
 from wormopt.systems.spiked.task import GaitProblem
 
 CELLS = 2  # per phase, to begin with

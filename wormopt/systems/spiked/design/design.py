@@ -16,10 +16,10 @@ import numpy as np
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
 from wormopt.shown import Part, brief, html, lines
+from wormopt.systems.shared.sequences import Sequence_, lasting, lasting_arcs, repetition
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.search.search import Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.sequences import Sequence_, lasting, repetition
 from wormopt.systems.spiked.task import Cost, GaitProblem, Search
 from wormopt.systems.spiked.verify import violations
 
@@ -49,8 +49,6 @@ class Design:
         What was asked for.
     gait : Gait
         One cycle of the gait.
-    cycles : int
-        How many such cycles fill the period.
     sequence : tuple of tuple of int
         Resting masses of a cycle, phase after phase.
     durations : tuple of float
@@ -84,7 +82,6 @@ class Design:
 
     task: GaitProblem
     gait: Gait = field(repr=False)
-    cycles: int
     sequence: Sequence_
     durations: tuple[float, ...]
     ceiling: float
@@ -103,8 +100,8 @@ class Design:
     def _told(self) -> str:
         worm, cost = self.task.worm, self.task.objective.minimise
         least = f", {cost} {self.value:.6g}" if cost else ""
-        cycles = f"{self.cycles} cycle{'s' * (self.cycles > 1)} in period {self.period:.6g}"
-        return f"{worm.links + 1} masses, speed {self.speed:.6g}{least}, {cycles} ({self.ended})"
+        period = f"period {self.period:.6g}"
+        return f"{worm.links + 1} masses, speed {self.speed:.6g}{least}, {period} ({self.ended})"
 
     def _repr_html_(self) -> str:
         phases = [
@@ -141,8 +138,13 @@ class Design:
 
     @property
     def period(self) -> float:
-        """Period of all cycles together; ``gait`` is one of them."""
-        return self.cycles * self.gait.period
+        """Period of ``gait``, the shortest after which the motion repeats."""
+        return self.gait.period
+
+    @property
+    def cycles(self) -> int:
+        """Fewest such periods that together are one that the limits allow."""
+        return self.task.limits.cycles_of(self.period)
 
     @property
     def value(self) -> float:
@@ -162,7 +164,7 @@ class Design:
 
         The worst of a load range's ends and middle.
         """
-        return _violations(self.task, self.gait, self.cycles)
+        return _violations(self.task, self.gait)
 
 
 def _motion_under(load: float, task: GaitProblem, gait: Gait) -> Crawl:
@@ -170,11 +172,11 @@ def _motion_under(load: float, task: GaitProblem, gait: Gait) -> Crawl:
     return crawl(gait, worm.masses, worm.drag, load, limits.sharing, limits.spike_load)
 
 
-def _violations(task: GaitProblem, gait: Gait, cycles: int) -> dict[str, float]:
+def _violations(task: GaitProblem, gait: Gait) -> dict[str, float]:
     """Excess over each limit, the worst under both ends and the middle of the load's range."""
     low, high = task.worm.load_range
     found = [
-        violations(_motion_under(load, task, gait), task.limits, cycles)
+        violations(_motion_under(load, task, gait), task.limits)
         for load in sorted({low, (low + high) / 2, high})
     ]
     return {key: max(excess[key] for excess in found) for key in found[0]}
@@ -199,11 +201,11 @@ def of_trial(
     task: GaitProblem, trial: Trial, error: float, ceiling: float, survey: Survey, ended: str
 ) -> Design:
     """Make a design of a trial as it is; the other parameters are those of `Design`."""
-    sequence, durations = lasting(trial.sequence, trial.durations.tolist())
+    widths = trial.program.widths(trial.point)
+    sequence, durations, arcs = lasting_arcs(trial.sequence, trial.program.arcs, widths)
     return Design(
         task=task,
         gait=trial.program.gait(trial.point),
-        cycles=trial.cycles,
         sequence=sequence,
         durations=durations,
         ceiling=ceiling,
@@ -212,7 +214,7 @@ def of_trial(
         solver={
             "status": "solved" if ended == "searched" else "cut short",
             "violation": trial.program.bilinear.violation(trial.point.x),
-            "arcs_per_phase": trial.program.arcs.tolist(),
+            "arcs_per_phase": arcs,
             "degree": trial.program.degree + 1,
         },
         timings_s={},
@@ -269,17 +271,24 @@ def finished(design: Design, trial: Trial) -> Design:
 
 
 def _in_fewer_phases(trier: Trier, trial: Trial) -> Trial:
-    """The same with the phases that it needs, where those are fewer.
+    """The same with the phases and arcs that it needs, where those are fewer.
 
-    Phases of next to no length are left out, and of a cycle that repeats itself one repetition
-    is taken. Either may cost next to nothing.
+    Phases and arcs of next to no length are left out, arcs alike joined, and of a cycle that
+    repeats itself one repetition is taken. Each may cost as much as is not resolved.
     """
-    for simpler in (_without_short_phases(trier, trial), _one_repetition(trier, trial)):
-        if simpler is None or simpler.value < trial.value - _TIE * abs(trial.value):
+    tie = _RESOLVED_DRAGGED if trier.task.worm.drag else _TIE
+    for simplified in (_without_short_phases, _one_repetition, _in_fewer_arcs):
+        simpler = simplified(trier, trial)
+        if simpler is None or simpler.value < trial.value - tie * abs(trial.value):
             continue
         if _keeps(trier.task, simpler):
             trial = simpler
     return trial
+
+
+def _in_fewer_arcs(_: Trier, trial: Trial) -> Trial | None:
+    program, point = trial.program.finer(trial.point, parts=1)
+    return None if point is None else _exact(replace(trial, program=program, point=point))
 
 
 def _without_short_phases(trier: Trier, trial: Trial) -> Trial | None:
@@ -305,7 +314,7 @@ def _keeps(task: GaitProblem, trial: Trial) -> bool:
     The program knows of those that are to rest; more may, and take their share. And it keeps
     forces times durations, which on short arcs are small.
     """
-    excess = _violations(task, trial.program.gait(trial.point), trial.cycles)
+    excess = _violations(task, trial.program.gait(trial.point))
     return max(excess.values()) < _ACCEPTED
 
 

@@ -12,19 +12,18 @@ import numpy as np
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.given import check_kind
 from wormopt.progress import Report, silent
+from wormopt.systems.shared.sequences import Sequence_, ascending
+from wormopt.systems.spiked.design.conflict import STANDS, conflict, deciding
 from wormopt.systems.spiked.design.design import Design, sharpest
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.search.orders import ceiling_of, first_orders
 from wormopt.systems.spiked.search.search import Survey, search
 from wormopt.systems.spiked.search.trial import Trial
-from wormopt.systems.spiked.sequences import Sequence_, ascending
 from wormopt.systems.spiked.task import Cost, GaitProblem, Objective, Search, Worm
 
 _SEARCH = Search()
 # Limits of a design are exceeded by no more than this share of their size.
 _ACCEPTED = 1e-9
-# Slower gaits, as a share of the rates, stand still.
-_STANDS = 1e-9
 
 
 def design(
@@ -75,7 +74,7 @@ def design(
     0.825666653
     >>> design(worm, limits, "peak_spike_load", speed=2.0)
     Traceback (most recent call last):
-    wormopt.errors.SolveError: objective.speed = 2 is above the ceiling 1 that ...
+    wormopt.errors.SolveError: objective.speed = 2 is above the ceiling 1 of all gaits, set ...
     """
     task = GaitProblem(worm, limits, Objective.of(objective, speed))
     check_kind("search", search, Search)
@@ -107,16 +106,16 @@ def designed(
     required = task.objective.speed
     if required is not None and required > bound:
         raise SolveError(
-            f"objective.speed = {required:g} is above the ceiling {bound:.9g} that limits.rate, "
-            "limits.acceleration and limits.resting put on any gait",
-            f"require less than {bound:.6g}, or raise limits.rate",
+            f"objective.speed = {required:g} is above the ceiling {bound:.9g} of all gaits, set by "
+            + " and ".join(keys := deciding(task, bound)),
+            f"require less than {bound:.6g}, or relax {' or '.join(keys)}",
         )
     begin = perf_counter()
     survey = search(task, settings, report, hints, better)
     stands = (
         task.objective.minimise is None
         and survey.trials
-        and (survey.trials[0].value < _STANDS * task.speed_nominal)
+        and (survey.trials[0].value < STANDS * task.speed_nominal)
     )
     if stands or not survey.trials:
         raise _nothing(task, settings, survey, report)
@@ -136,8 +135,6 @@ def _nothing(task: GaitProblem, settings: Search, survey: Survey, report: Report
         return KeyboardInterrupt()
     if survey.ended == "time limit":
         return SolveError("no gait was found before search.time_limit", "give it more seconds")
-    from wormopt.systems.spiked.design.smooth import conflict
-
     orders = [ascending(settings.sequence)] if settings.sequence else first_orders(task)
     seconds = (settings.time_limit or np.inf) - sum(survey.seconds.values())
     return conflict(task, orders, report, seconds)

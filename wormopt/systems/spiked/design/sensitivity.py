@@ -119,6 +119,9 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
             f"there are no sensitivities of {design.task.objective.minimise}; seek speed, "
             "peak_spike_load or peak_actuator_force"
         )
+    program, point = trial.program.finer(trial.point)
+    if point is not None:  # limits of single links may bend a motion where no arc ends yet
+        trial = replace(trial, program=program, point=point)
     return tuple(_sensitivity(design.task, trial, limit) for limit in limits_of(design.task))
 
 

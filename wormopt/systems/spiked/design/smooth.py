@@ -1,17 +1,14 @@
-"""What few designs need, by IPOPT: gaits of least energy or effort, and limits in conflict.
+"""What few designs need, by IPOPT: gaits of least energy or effort.
 
 Costs that are neither linear nor a peak have the collocated problem of optimal control solved with
 the cost itself: from the motion of a trial, or where velocities may jump from the fastest motion
-with its durations. Where no gait exists the same problem with slack tells which limits stand
-against each other.
+with its durations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from time import monotonic
 
 import numpy as np
 
@@ -19,21 +16,22 @@ from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.modes import ModeSequence
 from wormopt.numerics.collocation import Collocation, bernstein_matrix
-from wormopt.ocp.elastic import elastic
 from wormopt.ocp.mesh import Arcs, Mesh, on_finer_mesh
 from wormopt.ocp.nlp import Bounds, Ipopt, Solution
 from wormopt.ocp.transcription import Transcription
-from wormopt.progress import Report, silent
+from wormopt.progress import Report
+from wormopt.systems.shared.sequences import SHORTEST, Sequence_, lasting_arcs
 from wormopt.systems.spiked.design.design import Design, objective_of, of_trial
 from wormopt.systems.spiked.dynamics import gait_problem
 from wormopt.systems.spiked.programs.gait_rows import has_cost_columns, is_energy
 from wormopt.systems.spiked.search.search import Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.sequences import Sequence_, lasting
 from wormopt.systems.spiked.task import GaitProblem, Objective, Search
 
 # Refinement stops when halving every arc changes the cost by less than this, relatively.
 _RESOLVED = 1e-6
+# Arcs of a smaller share of the cycle are left out.
+_SHORT = 1e-6
 # A solution is as feasible as its start if its scaled constraints are violated by no more, and is
 # accepted up to the second.
 _FEASIBLE, _ACCEPTED = 1e-10, 1e-8
@@ -46,8 +44,6 @@ _POLISHED = 2
 # Resolving the energy ends where halving gains less than this share of the whole; limits count as
 # kept that are exceeded by less.
 _GAINED, _KEPT = 3e-7, 1e-9
-# Orders that are tried: what stands against each other is mostly the same in all.
-_MOST = 8
 
 
 def smoothest(
@@ -123,21 +119,39 @@ def _solved(
 def _of_solved(
     task: GaitProblem, best: Solved, survey: Survey, bound: float, error: float, ended: str
 ) -> Design:
+    best = _without_short_arcs(best)
     mesh = best.program.mesh
-    durations = np.bincount(mesh.phase, weights=best.arcs.duration)
-    sequence, lasting_durations = lasting(best.trial.sequence, durations.tolist())
+    sequence, durations, arcs = lasting_arcs(best.trial.sequence, mesh.counts, best.arcs.duration)
     return replace(
         of_trial(task, best.trial, error, bound, survey, ended),
         gait=gait_of_arcs(best.arcs, mesh, task.worm.links),
         sequence=sequence,
-        durations=lasting_durations,
+        durations=durations,
         solver={
             "status": best.solution.status,
             "violation": best.solution.violation,
-            "arcs_per_phase": mesh.counts,
+            "arcs_per_phase": arcs,
             "degree": mesh.collocation.degree,
         },
     )
+
+
+def _without_short_arcs(solved: Solved) -> Solved:
+    """The same solved without arcs of next to no length; as it is where that costs."""
+    mesh, arcs = solved.program.mesh, solved.arcs
+    long = arcs.duration > _SHORT * arcs.duration.sum()
+    long |= np.bincount(mesh.phase[long], minlength=mesh.phases)[mesh.phase] == 0
+    if long.all():
+        return solved
+    kept = {f.name: getattr(arcs, f.name)[..., long] for f in fields(arcs) if f.name != "design"}
+    counts = tuple(np.bincount(mesh.phase[long]).tolist())
+    program = Transcription(solved.program.problem, replace(mesh, arcs=counts))
+    bounds = _bounds(program, solved.trial.sequence)
+    found = _polished(program, program.pack(replace(arcs, **kept), bounds), bounds)
+    dearer = found.objective > solved.objective * (1.0 + _RESOLVED)
+    if dearer or found.violation > _FEASIBLE:
+        return solved
+    return replace(solved, program=program, bounds=bounds, solution=found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,11 +212,15 @@ def solve_cost(task: GaitProblem, trial: Trial) -> Solved | None:
     start = program.nlp.start(begin, bounds)
     if has_cost_columns(task):  # what the linear programs leave on very short arcs
         start = program.nlp.restore(start, bounds)
-    found = program.nlp.restore(program.nlp.solve(start.w, bounds, _POLISH), bounds)
+    found = _polished(program, start.w, bounds)
     better = found.violation <= _FEASIBLE and found.objective < start.objective
     if start.violation <= _FEASIBLE and not better:
         found = start
     return Solved(trial, program, bounds, found) if found.violation <= _ACCEPTED else None
+
+
+def _polished(program: Transcription, w: np.ndarray, bounds: Bounds) -> Solution:
+    return program.nlp.restore(program.nlp.solve(w, bounds, _POLISH), bounds)
 
 
 def _fast(task: GaitProblem, trial: Trial, mesh: Mesh) -> Arcs | None:
@@ -287,7 +305,7 @@ def refine_cost(solved: Solved) -> tuple[Solved, float]:
         mesh = solved.program.mesh
         mesh = replace(mesh, collocation=Collocation(degree), input_degree=degree - 2)
         program, bounds, start = _carry(solved, mesh)
-        found = program.nlp.restore(program.nlp.solve(start.w, bounds, _POLISH), bounds)
+        found = _polished(program, start.w, bounds)
         if found.objective < solved.objective and found.violation <= _FEASIBLE:
             solved = replace(solved, program=program, bounds=bounds, solution=found)
             error = _left_by_halving(solved)
@@ -315,7 +333,7 @@ def _carry(solved: Solved, mesh: Mesh) -> tuple[Transcription, Bounds, Solution]
 
 def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
     """Integrate link accelerations twice, arc by arc; arcs without duration are left out."""
-    kept = np.flatnonzero(arcs.duration > 1e-15 * arcs.duration.sum())
+    kept = np.flatnonzero(arcs.duration > SHORTEST * arcs.duration.sum())
     nodes, m = mesh.input_nodes, mesh.input_degree
     to_powers = np.linalg.inv(nodes[:, None] ** np.arange(m + 1)) @ np.linalg.inv(
         bernstein_matrix(nodes)
@@ -329,58 +347,3 @@ def gait_of_arcs(arcs: Arcs, mesh: Mesh, links: int) -> Gait:
         power = arcs.inputs[:, :, arc] @ to_powers.T / h**k
         pieces[row, :, 2:] = power / ((k + 1) * (k + 2))
     return Gait(np.concatenate([[0.0], np.cumsum(arcs.duration[kept])]), pieces)
-
-
-def conflict(
-    task: GaitProblem,
-    sequences: Sequence[Sequence_],
-    report: Report = silent,
-    seconds: float = np.inf,
-) -> SolveError:
-    """Explain which limits conflict, by the least slack that lets a gait exist; to be raised.
-
-    Typical `sequences` are tried; none is begun once `seconds` are over.
-    """
-    rigid = gait_problem(task.worm, task.limits, task.objective)
-    problem = elastic(rigid)
-    least, slack = np.inf, np.zeros(len(problem.design))
-    until, tried = monotonic() + seconds, _typical(sequences)
-    for k, sequence in enumerate(tried):
-        if k and monotonic() > until:
-            break
-        report(f"looking for the limits in conflict, {k} of {len(tried)} orders done", 0.8)
-        program = Transcription(problem, mesh_of(sequence, 4))
-        bounds = _bounds(program, sequence)
-        total = program.mesh.total
-        durations = np.full(total, np.mean(task.limits.period_range) / total)
-        w = program.rest(durations, resting_state(task))
-        w[-len(slack) :] = 10.0
-        answer = program.nlp.solve(w, bounds, Ipopt(tolerance=1e-7))
-        if answer.violation < 1e-5 and answer.objective < least:
-            least, slack = answer.objective, program.unpack(answer.w).design
-    nominal = {b.name: b.nominal for b in (*rigid.path_constraints, *rigid.boundary_constraints)}
-    given = [
-        f"{name} by {size * nominal[name]:.4g}"
-        for signal, size in zip(problem.design, slack, strict=True)
-        if (name := signal.name.removeprefix("slack ")) in nominal and size > 1e-5
-    ]
-    if not given:
-        return SolveError(
-            "no order of resting masses was solved, though the limits do not seem to conflict",
-            'try search.effort = "thorough" or another search.seed',
-        )
-    return SolveError(
-        "no gait meets these limits together; the least that has to give way is "
-        + " and ".join(given),
-        "relax that, or what stands against it",
-    )
-
-
-def _typical(sequences: Sequence[Sequence_]) -> list[Sequence_]:
-    """Short orders of few and of many resting masses: loads want many, rates and ways few."""
-    by_size: dict[int, list[Sequence_]] = {}
-    for sequence in sorted(sequences, key=len):
-        by_size.setdefault(min(map(len, sequence)), []).append(sequence)
-    sizes = sorted(by_size)
-    outer = sizes if len(sizes) <= _MOST // 2 else [*sizes[:2], *sizes[-2:]]
-    return [sequence for size in outer for sequence in by_size[size][: _MOST // len(outer)]]

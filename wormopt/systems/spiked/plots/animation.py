@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 
 from wormopt.plotting.parts import GREY, LINKS, MASSES, label, shades, sheet
 from wormopt.result import Result
-from wormopt.systems.spiked.plots.gaits import CENTRED, PERIODS
+from wormopt.systems.spiked.plots.gaits import CENTRED, CYCLES
 
-_FRAMES_PER_PERIOD = 36
-FRAMES = PERIODS * _FRAMES_PER_PERIOD
+_FRAMES_PER_CYCLE = 36
+FRAMES = CYCLES * _FRAMES_PER_CYCLE
 
 
 def first_frame(result: Result) -> Figure:
@@ -26,9 +26,9 @@ def first_frame(result: Result) -> Figure:
 
 
 def _stage(axes: Axes, result: Result) -> None:
-    """Ground with ticks, wide enough for all periods shown."""
+    """Ground with ticks, wide enough for all cycles shown."""
     position = result["position"].values
-    reach = position[0].max() + (PERIODS - 1) * (position[0, -1] - position[0, 0])
+    reach = position[0].max() + (CYCLES - 1) * (position[0, -1] - position[0, 0])
     margin = 0.04 * (reach - position.min())
     axes.set_xlim(position.min() - margin, reach + margin)
     axes.set_ylim(-0.75, 1.0)
@@ -48,8 +48,8 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
     for old in [*axes.lines[1:], *axes.texts]:  # the first line is the ground
         old.remove()
     time, position = result["time"].values, result["position"].values
-    turn, part = divmod(frame, _FRAMES_PER_PERIOD)
-    t = time[-1] * part / _FRAMES_PER_PERIOD
+    turn, part = divmod(frame, _FRAMES_PER_CYCLE)
+    t = time[-1] * part / _FRAMES_PER_CYCLE
     x = np.array([np.interp(t, time, row) for row in position])
     x += turn * (position[0, -1] - position[0, 0])
     rests = result["resting"].values[:, np.searchsorted(time, t, side="right") - 1].astype(bool)
@@ -64,5 +64,5 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
                   markerfacecolor=colour if rests[i] else "white", zorder=4)  # fmt: skip
         axes.text(x[i], 0, str(i), color="white" if rests[i] else colour, zorder=5,
                   size=7, **CENTRED)  # fmt: skip
-    axes.text(0.01, 0.9, f"t = {turn + part / _FRAMES_PER_PERIOD:.2f} T", color=GREY,
+    axes.text(0.01, 0.9, f"cycle {turn + part / _FRAMES_PER_CYCLE:.2f}", color=GREY,
               transform=axes.transAxes)  # fmt: skip

@@ -51,7 +51,7 @@ def _draw_bound(axes: Axes, result: Result) -> None:
     time, bound, value = (result[f"proof_{name}"] for name in ("time", "bound", "value"))
     phases = scalar(result, "certified_phases")
     axes.step(time.values, bound.values, where="post", color=LINKS[0],
-              label=f"no gait of at most {phases} phases is better")  # fmt: skip
+              label=f"proven bound, at most {phases} phases a cycle")  # fmt: skip
     axes.plot(time.values, value.values, color="black", linestyle=(0, (4, 2)),
               label="the gait")  # fmt: skip
     axes.fill_between(time.values, value.values, bound.values, step="post", color=LINKS[0],
@@ -86,13 +86,13 @@ def _draw_leaves(axes: Axes, drawn: Figure, result: Result) -> None:
     axes.set_ylim(0.0, longest)
     axes.grid(visible=False)
     masses = [", ".join(map(str, resting)) for resting in needed(result, "leaf_sequence")]
-    axes.set_xlabel(label(f"how long {_rest(masses[0])}, $h_1$", low.unit))
-    axes.set_ylabel(label(f"how long {_rest(masses[1])}, $h_2$", low.unit))
+    axes.set_xlabel(label(f"how long {_rest(masses[0])}, $h_0$", low.unit))
+    axes.set_ylabel(label(f"how long {_rest(masses[1])}, $h_1$", low.unit))
     axes.set_title(f"boxes of the sequence {' – '.join(masses)}")
 
 
 def _part(low: np.ndarray, high: np.ndarray, least: float, most: float) -> list[np.ndarray]:
-    """Corners of what a box leaves to h_1 and h_2 where least <= h_1 + h_2 <= most."""
+    """Corners of what a box leaves to h_0 and h_1 where least <= h_0 + h_1 <= most."""
     (x, y), (X, Y) = low[:2], high[:2]
     corners = [np.array(corner) for corner in ((x, y), (X, y), (X, Y), (x, Y))]
     for sign, side in ((1.0, most), (-1.0, -least)):

@@ -72,22 +72,21 @@ def _draw_knee(axes: Axes, result: Result) -> None:
         return
     at = result["front_speed"].values[knee], result["front_value"].values[knee]
     axes.plot(*at, "*", color=LINKS[1], markersize=15, markeredgecolor="white", zorder=4,
-              label="knee")  # fmt: skip
-    axes.annotate(f"knee, point {knee}", at, (8, -14), textcoords="offset points", size=9)
+              label=f"knee, point {knee}")  # fmt: skip
 
 
 def gait(result: Result) -> Figure:
-    """Lengths and rates of the gait at the knee, see `gaits.gait`."""
+    """Link lengths, rates and accelerations over a cycle of the gait at the knee; its rests."""
     return _of_knee(gaits.gait(result), result)
 
 
 def motion(result: Result) -> Figure:
-    """Paths of the masses by the gait at the knee, see `gaits.motion`."""
+    """Path of every mass over two cycles of the gait at the knee, time upward."""
     return _of_knee(gaits.motion(result), result)
 
 
 def spikes(result: Result) -> Figure:
-    """Loads under the gait at the knee, see `gaits.spikes`."""
+    """Spike loads and actuator forces over a cycle of the gait at the knee."""
     return _of_knee(gaits.spikes(result), result)
 
 

@@ -22,16 +22,15 @@ from wormopt.plotting.parts import (
     RED,
     ceilings,
     draw_limits,
+    draw_rests,
     fact,
     handles,
     label,
     legend,
     legend_below,
     line,
-    link_styles,
     narrow,
     needed,
-    number,
     raised,
     ranges,
     rate_ranges,
@@ -39,12 +38,13 @@ from wormopt.plotting.parts import (
     shades,
     sheet,
     stretches,
+    styles,
     symmetric,
     tell,
 )
 from wormopt.result import Result
 
-PERIODS = 2  # shown of a motion
+CYCLES = 2  # shown of a motion
 CENTRED: dict[str, Any] = {"ha": "center", "va": "center_baseline", "weight": "bold"}
 OBJECTIVES = {
     "peak_spike_load": r"largest load on a spike, max $\lambda_i$",
@@ -55,7 +55,7 @@ OBJECTIVES = {
 
 
 def gait(result: Result) -> Figure:
-    """Link lengths, rates and accelerations over a period with their limits; which mass rests.
+    """Link lengths, rates and accelerations over a cycle with their limits; which mass rests.
 
     Needs ``time``, ``resting``, ``length``, ``rate``, ``acceleration``. Glides are shaded.
     """
@@ -78,43 +78,46 @@ def gait(result: Result) -> Figure:
         told = draw_limits(axes, limits, shades(LINKS, links))
         if axes is panels[0]:
             legend(axes, [*handles("link", links), *told])
-    _draw_band(panels[-1], result)
+    draw_rests(panels[-1], result["time"].values, result["resting"].values.astype(bool))
     panels[-1].set_xlabel(label("time $t$", result["time"].unit))
-    tell(drawn, *_cycle(result), fact(result, "ceiling", "no gait is faster than"))
+    tell(drawn, *_cycle(result), _fastest(result))
     drawn.align_ylabels()
     return drawn
 
 
 def _cycle(result: Result) -> list[str]:
-    """Speed, advance and period; of several cycles a period what one of them, as drawn, takes."""
-    speed, cycles = fact(result, "speed", "mean speed"), scalar(result, "cycles")
-    if cycles in (None, 1):
-        return [speed, fact(result, "advance"), fact(result, "period")]
-    known = (result.scalars[name] for name in ("advance", "period"))
-    parts = [f"{number(k.value / cycles)} {raised(k.unit)}".rstrip() for k in known]
-    return [speed, f"{cycles} cycles a period", f"each advances {parts[0]} in {parts[1]}"]
+    """Speed, advance and period."""
+    return [fact(result, "speed", "mean speed"), fact(result, "advance"), fact(result, "period")]
+
+
+def _fastest(result: Result) -> str:
+    """What no gait exceeds: the speed that is proven where one is, else what rates allow."""
+    value, speed = scalar(result, "objective"), scalar(result, "speed")
+    if value == speed and scalar(result, "gap_certified") is not None:
+        return fact(result, "bound", "proven bound")
+    return fact(result, "ceiling", "no gait is faster than")
 
 
 def motion(result: Result) -> Figure:
-    """Path of every mass over two periods, time upward as in figure 3 of the chapter.
+    """Path of every mass over two cycles, time upward as in figure 3 of the chapter.
 
     Needs ``time``, ``resting``, ``position``. Heavy lines: a mass rests; shaded: glides.
     """
     time, position = result["time"].values, result["position"].values
-    period, advance = time[-1], position[0, -1] - position[0, 0]
+    cycle, advance = time[-1], position[0, -1] - position[0, 0]
     drawn = sheet(7.1, 5.6, 3.9)
     axes = drawn.subplots()
     resting = result["resting"].values.astype(bool)
     glides = stretches(time, ~np.any(resting, axis=0))
-    for turn in range(PERIODS):
-        t, x = time + turn * period, position + turn * advance
+    for turn in range(CYCLES):
+        t, x = time + turn * cycle, position + turn * advance
         for start, end in glides:
-            axes.axhspan(start + turn * period, end + turn * period, color=GLIDE, linewidth=0)
+            axes.axhspan(start + turn * cycle, end + turn * cycle, color=GLIDE, linewidth=0)
         for i, colour in enumerate(shades(MASSES, len(x))):
             axes.plot(x[i], t, color=colour, linewidth=1)
             axes.add_collection(_heavy(x[i], t, resting[i], colour))
     for i, colour in enumerate(shades(MASSES, len(position))):
-        for x, t in ((position[i, 0], 0.0), (position[i, -1] + advance, PERIODS * period)):
+        for x, t in ((position[i, 0], 0.0), (position[i, -1] + advance, CYCLES * cycle)):
             disc = {"boxstyle": "circle,pad=0.25", "fc": colour, "ec": "white"}
             axes.text(x, t, str(i), bbox=disc, color="white", zorder=5, size=7, **CENTRED)
     axes.margins(0.04, 0.06)
@@ -135,7 +138,7 @@ def _heavy(x: np.ndarray, t: np.ndarray, rests: np.ndarray, colour: str) -> Line
 
 
 def spikes(result: Result) -> Figure:
-    """Spike loads, lambda and sigma of (7), and actuator forces over a period with limits.
+    """Spike loads, lambda and sigma of (7), and actuator forces over a cycle with limits.
 
     Needs ``time``, ``resting``, ``reaction``, ``reaction_mean``, ``sigma`` and
     ``actuator_force``. Impulses, where velocities jump, are marked above.
@@ -202,12 +205,13 @@ def limits(result: Result) -> Figure:
         axes.barh(place, length, 0.66, color=LINKS[0] if helps else LINKS[3],
                   hatch=None if helps else "////", edgecolor="white", linewidth=0)  # fmt: skip
         mark = " *" if known["one_sided"][k] else ""
-        axes.annotate(f"{length:+.3g}{mark}".replace("-", "−"), (length, place), **_beside(length))
+        axes.text(1.02, place, f"{length:+.3g}{mark}".replace("-", "−"), color=GREY, size=7.5,
+                  va="center", transform=axes.get_yaxis_transform())  # fmt: skip
     axes.axvline(0.0, color=GREY, linewidth=0.8)
     axes.set_yticks(range(len(shown)), [_limit_text(known, k) for k in shown])
     axes.set_ylim(max(3, len(shown)) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
-    axes.margins(x=0.3 if narrow() else 0.12)
+    axes.margins(x=0.05)
     axes.set_ylabel("limit")
     cost = OBJECTIVES.get(known["objective"], "").partition(",")[0]
     of = f"of the {cost}" if cost else "of speed"
@@ -224,13 +228,6 @@ def limits(result: Result) -> Figure:
 
 # Elasticities below this are rounding; more bars than these cannot be read.
 _NO_INFLUENCE, _MOST_BARS = 1e-6, 24
-
-
-def _beside(length: float) -> dict[str, Any]:
-    """Place a number at the end of its bar, outside."""
-    side = 1.0 if length > 0 else -1.0
-    return {"xytext": (3 * side, 0), "textcoords": "offset points", "size": 7.5, "va": "center",
-            "ha": "left" if side > 0 else "right", "color": GREY}  # fmt: skip
 
 
 def _limit_text(known: dict[str, Any], k: int) -> str:
@@ -256,25 +253,7 @@ def _limit_notes(known: dict[str, Any], elasticity: np.ndarray, hidden: int) -> 
 
 def _draw_links(axes: Axes, result: Result, name: str, text: str) -> None:
     time, rows = result["time"].values, result[name].values
-    for row, (colour, dashes) in zip(rows, link_styles(len(rows)), strict=True):
+    for row, (colour, dashes) in zip(rows, styles(LINKS, len(rows)), strict=True):
         axes.plot(time, row, color=colour, linestyle=dashes)
     axes.set_xlim(time[0], time[-1])
     axes.set_ylabel(label(text, result[name].unit))
-
-
-def _draw_band(axes: Axes, result: Result) -> None:
-    """One row per mass, filled while it rests, and the glides shaded through all rows."""
-    time, resting = result["time"].values, result["resting"].values.astype(bool)
-    entries: list[Artist] = [Patch(color=GREY, label="rests")]
-    for start, end in stretches(time, ~np.any(resting, axis=0)):
-        axes.axvspan(start, end, color=GLIDE, linewidth=0)
-        entries[1:] = [Patch(color=GLIDE, label="worm glides")]
-    for i, (rests, colour) in enumerate(zip(resting, shades(MASSES, len(resting)), strict=True)):
-        bars = [(start, end - start) for start, end in stretches(time, rests)]
-        axes.broken_barh(bars, (i - 0.38, 0.76), color=colour, linewidth=0)
-    each = range(0, len(resting), 1 if len(resting) <= 12 else 5)
-    axes.set_yticks(each, [str(i) for i in each])
-    axes.set_ylim(len(resting) - 0.5, -0.5)
-    axes.grid(visible=False, axis="y")
-    axes.set_ylabel("mass\nat rest")
-    legend(axes, entries)

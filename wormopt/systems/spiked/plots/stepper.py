@@ -17,9 +17,9 @@ from wormopt.plotting.parts import (
     label,
     legend,
     line,
-    link_styles,
     scalar,
     sheet,
+    styles,
     tell,
 )
 from wormopt.result import Result
@@ -34,15 +34,15 @@ def steps(result: Result) -> Figure:
     lengths, rates, places, turn = drawn.subplots(4, height_ratios=(2.4, 2, 3, 2.2))
     rates.sharex(lengths)
     places.sharex(lengths)
-    time, styles = result["time"].values, link_styles(len(result["length"].values))
-    for j, (colour, dashes) in enumerate(styles):
+    time, looks = result["time"].values, styles(LINKS, len(result["length"].values))
+    for j, (colour, dashes) in enumerate(looks):
         lengths.plot(time, 1e3 * result["commanded"].values[j], color=colour, linewidth=3,
                      alpha=0.35)  # fmt: skip
         lengths.plot(time, 1e3 * result["length"].values[j], color=colour, linewidth=0.9)
         rates.plot(time, result["turn_rate"].values[j], color=colour, linestyle=dashes)
     wide = line("commanded", GREY, width=3)
     wide.set_alpha(0.4)
-    legend(lengths, [*handles("link", len(styles)), wide, line("gait", width=0.9)])
+    legend(lengths, [*handles("link", len(looks)), wide, line("gait", width=0.9)])
     lengths.set_ylabel("length $l_j$ (mm)")
     _limits(rates, result)
     _motion(places, result)

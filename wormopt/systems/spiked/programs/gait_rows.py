@@ -18,9 +18,9 @@ import numpy as np
 from wormopt.numerics.bilinear import BilinearProgram
 from wormopt.numerics.bilinear_rows import BilinearRows, Product, Term
 from wormopt.numerics.linearised import Excess
+from wormopt.systems.shared.sequences import Resting, Sequence_
 from wormopt.systems.spiked.programs.scaled_limits import Form, ScaledLimits, scaled
 from wormopt.systems.spiked.programs.split import Pattern, lines_of, split_matters
-from wormopt.systems.spiked.sequences import Resting, Sequence_
 from wormopt.systems.spiked.task import GaitProblem
 
 # A cost of an arc is less than this, in units of force times way or of rate squared over time.

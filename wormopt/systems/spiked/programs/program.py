@@ -19,18 +19,19 @@ import numpy as np
 
 from wormopt.model.gait import Gait
 from wormopt.numerics.bilinear import Point
+from wormopt.systems.shared.sequences import (
+    SHORTEST,
+    Sequence_,
+    is_gait,
+    lasting_phases,
+    wave_direction,
+)
 from wormopt.systems.spiked.programs.gait_rows import GaitRows
 from wormopt.systems.spiked.programs.split import (
     Pattern,
     least_patterns,
     simple_patterns,
     split_matters,
-)
-from wormopt.systems.spiked.sequences import (
-    Sequence_,
-    is_gait,
-    lasting_phases,
-    wave_direction,
 )
 from wormopt.systems.spiked.task import GaitProblem
 
@@ -260,7 +261,7 @@ class GaitProgram(GaitRows):
         """The cycle as link lengths over time; arcs without duration are left out."""
         limits, degree = self.limits, self.degree
         h, v, _ = self.motion(point)
-        kept = np.flatnonzero(h > 1e-14 * h.sum())
+        kept = np.flatnonzero(h > SHORTEST * h.sum())
         rates = -np.diff(v[kept], axis=2) * limits.speed  # (arc, coefficient, link)
         power = np.arange(degree + 1)
         to_powers = np.array(

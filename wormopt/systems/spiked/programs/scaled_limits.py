@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wormopt.systems.spiked.sequences import Resting
+from wormopt.systems.shared.sequences import Resting
 from wormopt.systems.spiked.task import GaitProblem
 
 # Limits are widened by this share of the numbers that they are the difference of.

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wormopt.systems.spiked.sequences import Resting
+from wormopt.systems.shared.sequences import Resting
 from wormopt.systems.spiked.sharing import share_load
 from wormopt.systems.spiked.task import GaitProblem
 

@@ -6,7 +6,8 @@ import time
 from collections.abc import Iterator
 
 from wormopt.progress import Report
-from wormopt.result import Result, conclude
+from wormopt.result import Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.shared.transport import assumed
 from wormopt.systems.spiked.crawl import Crawl, crawl

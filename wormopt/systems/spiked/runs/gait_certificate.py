@@ -15,12 +15,12 @@ from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Check
 from wormopt.systems.shared.checkpoints import checkpoints, forget, keep
+from wormopt.systems.shared.sequences import Sequence_, mirrored
 from wormopt.systems.spiked.certify.proof import Certificate, Progress, certified
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.runs.motion import Findings
 from wormopt.systems.spiked.scenes.gait_design import GaitDesignScene
 from wormopt.systems.spiked.search.orders import is_mirror_symmetric
-from wormopt.systems.spiked.sequences import Sequence_, mirrored
 from wormopt.systems.spiked.task import Certify, GaitProblem
 
 # Rounding of the certificate and of the gait's own value, relative.

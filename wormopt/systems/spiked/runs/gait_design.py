@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from collections.abc import Iterator
@@ -14,9 +15,11 @@ import numpy as np
 from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, unit_of, unit_ratio
-from wormopt.result import Check, Result, conclude
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.scene.types import per
+from wormopt.systems.shared.incline import weights
 from wormopt.systems.shared.transport import assumed
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.design.design import Design, objective_of
@@ -154,9 +157,6 @@ def _scalars(table: DesignTable, found: Design, motion: Crawl) -> dict[str, Any]
     error = found.error * abs(objective_of(motion, objective.minimise))
     known = {
         "cycles": found.cycles,
-        "period": found.cycles * found.gait.period,
-        "advance": found.cycles * motion.advance,
-        "smallest_period": found.gait.period,
         "ceiling": found.ceiling,
         "gap": (found.ceiling - motion.speed) / found.ceiling,
         "discretisation_error": Scalar(error, unit_of(objective.quantity, table.units)),
@@ -269,7 +269,7 @@ def _of_limits(table: GaitDesignScene, found: Design) -> Findings:
     seconds = time.perf_counter() - clock
     one_sided = [in_scene(s.name) for s in known if s.one_sided]
     return Findings(
-        _derivatives(known, found, table.units),
+        _derivatives(known, found, table),
         {"limit_elasticity": np.array([s.elasticity for s in known])},
         facts={
             "sensitivity": {
@@ -302,15 +302,23 @@ def _reason_against(found: Design, wanted: bool) -> str:
     return ""
 
 
-def _derivatives(known: tuple[Sensitivity, ...], found: Design, units: str) -> dict[str, Scalar]:
+def _derivatives(
+    known: tuple[Sensitivity, ...], found: Design, table: GaitDesignScene
+) -> dict[str, Scalar]:
     """One for each key; a list where the key has one number per link or mass."""
+    objective, worm = found.task.objective.quantity, table.worm
     values: dict[str, Any] = {}
     unit: dict[str, str] = {}
     for s in known:
         name = "sensitivity." + re.sub(r"\[\d+\]", "", s.name.partition(".")[2])
-        unit[name] = unit_ratio(found.task.objective.quantity, s.quantity, units)
+        unit[name] = unit_ratio(objective, s.quantity, table.units)
         if "[" in s.name:
             values.setdefault(name, []).append(s.derivative)
         else:
             values[name] = s.derivative
+    if worm.slope:  # by the load it makes, whose derivative m g cos(slope) is
+        by_load = sum(s.derivative for s in known if s.name.startswith("worm.load"))
+        weight = weights(math.pi / 2 - worm.slope, worm.gravity, worm.masses)[0]
+        values["sensitivity.slope"] = by_load * weight
+        unit["sensitivity.slope"] = unit_ratio(objective, "angle", table.units)
     return {name: Scalar(value, unit[name]) for name, value in values.items()}

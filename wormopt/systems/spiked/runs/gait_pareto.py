@@ -13,16 +13,17 @@ import numpy as np
 from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable
-from wormopt.result import Check, Result, conclude
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.shared.checkpoints import checkpoints
+from wormopt.systems.shared.sequences import Sequence_, canonical
 from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.runs.gait_design import COST_SCALARS, of_design, refused
 from wormopt.systems.spiked.runs.motion import Findings
 from wormopt.systems.spiked.scenes.gait_design import GaitParetoScene
 from wormopt.systems.spiked.search.orders import is_mirror_symmetric
-from wormopt.systems.spiked.sequences import Sequence_, canonical
 from wormopt.systems.spiked.task import Objective
 
 # A limit with less room than this share of its size binds.

@@ -29,10 +29,9 @@ Points = Annotated[int, Meta(ge=3, le=50, description="a whole number from 3 to 
 
 # Quantities that depend on the objective stand here as those of a speed.
 _DESIGN_SCALARS = MOTION_SCALARS | {
-    "period": ("time", "of all cycles together: one that `gait.period` allows"),
-    "advance": ("length", "of all cycles together"),
-    "cycles": ("count", "equal cycles in the period"),
-    "smallest_period": ("time", "`period`/`cycles`: the motion repeats after it already"),
+    "period": ("time", "the shortest after which the motion repeats: of one cycle"),
+    "advance": ("length", "of one cycle"),
+    "cycles": ("count", "the fewest that together last a period that `gait.period` allows"),
     "mode_sequence": (
         "count",
         "resting masses of a cycle of the motion, phase after phase; the order that was prescribed "
@@ -134,7 +133,7 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     """The best gait within limits.
 
     Scalars and variables are explained with kind [`gait`](gait.md); signals, and the gait that is
-    saved with them, are one cycle, `period`/`cycles` long. Quantities of `objective`, `bound`,
+    saved with them, are one cycle, `period` long. Quantities of `objective`, `bound`,
     `discretisation_error` and of the variables `proof_bound`, `proof_value` are those of the
     objective. Timings: `search`, `polish_and_refine`, `prove`, and `sensitivity`, `certify` where
     there are. Attribute `limits`: the lists `name`, `value`, `unit` and `one_sided` in the order of
@@ -147,7 +146,9 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     `.rate.contraction`, `.rate.extension`), `.acceleration`, `.spike_load`, `.actuator_force`,
     `.sigma_margin`, `.speed` (the required one), `.mass`, `.drag`, `.load`, as far as the scene
     gives them. A range has `.shortest` and `.longest`, of the load `.smallest` and `.largest`; a
-    key with one number per link or mass has a list. A limit that does not bind has 0.
+    key with one number per link or mass has a list. A limit that does not bind has 0. On a
+    slope, `.load` is by the whole load, weight included, and `.slope` by the load that it makes;
+    `.mass` leaves the load as it is.
 
     - It is the derivative of the best objective of this order of rest and number of cycles. Should
       another order become better, more can be gained than it says, never less.
@@ -176,8 +177,8 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     | --- | --- |
     | `solver.status` | `sharpened`: arcs halved until that gains nothing, then taken to rounding; `cut short` after a time limit or Ctrl-C; IPOPT's word where it solved for a smooth cost |
     | `solver.violation` | largest excess over any row of the last program, in its own units |
-    | `solver.arcs_per_phase`, `solver.degree` | arcs of each phase; degree of the lengths on an arc |
-    | `solver.sequence`, `solver.durations`, `solver.cycles` | the order that was prescribed, without phases that shrank to nothing; how long each phase lasts; cycles in the period |
+    | `solver.arcs_per_phase`, `solver.degree` | arcs of the gait in each phase of `solver.sequence`; degree of the lengths on an arc |
+    | `solver.sequence`, `solver.durations`, `solver.cycles` | the order that was prescribed, without phases that shrank to nothing; how long each phase lasts; cycles in a period |
     | `search.ended` | `searched`, `time limit` or `interrupted` |
     | `search.tried`, `search.variations_tried` | orders of rest that were tried; variations that were made, those passed over for their ceilings included |
     | `search.linear_programs` | linear programs solved in the search |

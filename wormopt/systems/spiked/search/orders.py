@@ -9,9 +9,7 @@ from math import comb
 
 import numpy as np
 
-from wormopt.systems.spiked.ceiling import best_modes, ceiling
-from wormopt.systems.spiked.programs.scaled_limits import scaled
-from wormopt.systems.spiked.sequences import (
+from wormopt.systems.shared.sequences import (
     Resting,
     Sequence_,
     block_wave_sequence,
@@ -20,6 +18,8 @@ from wormopt.systems.spiked.sequences import (
     sequences,
     wave_orders,
 )
+from wormopt.systems.spiked.ceiling import best_modes, ceiling
+from wormopt.systems.spiked.programs.scaled_limits import scaled
 from wormopt.systems.spiked.task import GaitProblem
 
 # Sets are all listed up to so many, words of them up to so many.

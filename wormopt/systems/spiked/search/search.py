@@ -16,11 +16,7 @@ from time import monotonic
 import numpy as np
 
 from wormopt.progress import Report
-from wormopt.systems.spiked.programs.gait_rows import is_energy
-from wormopt.systems.spiked.search.orders import first_orders, plain_orders, search_letters
-from wormopt.systems.spiked.search.race import Better, Race, Start, rank
-from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.sequences import (
+from wormopt.systems.shared.sequences import (
     Sequence_,
     ascending,
     is_gait,
@@ -28,6 +24,10 @@ from wormopt.systems.spiked.sequences import (
     mirrored,
     neighbours,
 )
+from wormopt.systems.spiked.programs.gait_rows import is_energy
+from wormopt.systems.spiked.search.orders import first_orders, plain_orders, search_letters
+from wormopt.systems.spiked.search.race import Better, Race, Start, rank
+from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.task import GaitProblem, Search
 
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from wormopt.numerics.bilinear import BilinearProgram, Climb, Point
+from wormopt.systems.shared.sequences import Sequence_, wave_direction
 from wormopt.systems.spiked.programs.gait_rows import has_cost_columns
 from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 from wormopt.systems.spiked.programs.split import split_matters
-from wormopt.systems.spiked.sequences import Sequence_, wave_direction
 from wormopt.systems.spiked.task import GaitProblem, Objective
 
 

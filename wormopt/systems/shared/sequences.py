@@ -9,8 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import product
 
+import numpy as np
+
 # Phases of a smaller share of the cycle last no time.
 _NOTHING = 1e-9
+SHORTEST = 1e-14
+"""Arcs of a smaller share of the cycle are none."""
 
 Resting = tuple[int, ...]
 Sequence_ = tuple[Resting, ...]
@@ -149,6 +153,24 @@ def lasting(sequence: Sequence_, durations: Sequence[float]) -> tuple[Sequence_,
     phases = lasting_phases(sequence, durations)
     sets = tuple(sequence[phase[0]] for phase in phases)
     return sets, tuple(sum(durations[k] for k in phase) for phase in phases)
+
+
+def lasting_arcs(
+    sequence: Sequence_, arcs: Sequence[int] | np.ndarray, widths: np.ndarray
+) -> tuple[Sequence_, tuple[float, ...], list[int]]:
+    """Phases that last, their durations, and how many arcs of each do.
+
+    `arcs` of each phase of the sequence; `widths` are their durations.
+    """
+    begins = np.cumsum([0, *arcs[:-1]])
+    durations = np.add.reduceat(widths, begins)
+    counts = np.add.reduceat((widths > SHORTEST * widths.sum()).astype(int), begins)
+    phases = lasting_phases(sequence, durations.tolist())
+    return (
+        tuple(sequence[phase[0]] for phase in phases),
+        tuple(float(durations[phase].sum()) for phase in phases),
+        [int(counts[phase].sum()) for phase in phases],
+    )
 
 
 def repetition(sequence: Sequence_) -> int:

@@ -1,4 +1,4 @@
-"""A scene's table as TOML, to be read and saved."""
+"""Tables and values of a scene as TOML, to be read and saved."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 
-def as_toml(table: Mapping[str, Any]) -> str:
+def toml_text(table: Mapping[str, Any]) -> str:
     """Write a table: its own keys first, then its tables and lists of tables.
 
     Keys without a value are left out; a list holds none.
@@ -23,32 +23,31 @@ def _told(value: Any) -> Any:
 
 
 def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
-    below = {key: value for key, value in table.items() if _is_table(value) or _are_tables(value)}
-    yield from (f"{_key(k)} = {_value(v)}" for k, v in table.items() if k not in below)
+    below = {key: value for key, value in table.items() if holds_tables(value)}
+    yield from (f"{_key(k)} = {toml_value(v)}" for k, v in table.items() if k not in below)
     for key, value in below.items():
         where = f"{path}.{_key(key)}" if path else _key(key)
-        for part in [value] if _is_table(value) else value:
+        for part in value if isinstance(value, list) else [value]:
             yield ""
-            yield f"[{where}]" if _is_table(value) else f"[[{where}]]"
+            yield f"[[{where}]]" if isinstance(value, list) else f"[{where}]"
             yield from _lines(part, where)
 
 
-def _is_table(value: Any) -> bool:
-    return isinstance(value, Mapping)
-
-
-def _are_tables(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(map(_is_table, value))
+def holds_tables(value: Any) -> bool:
+    """Whether a value is a table, or a list of nothing else."""
+    listed = value if isinstance(value, list) else [value]
+    return bool(listed) and all(isinstance(item, Mapping) for item in listed)
 
 
 def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _value(key)
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else toml_value(key)
 
 
-def _value(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_value, value))}]"
+def toml_value(value: Any) -> str:
+    """Write a value that stands behind its key."""
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(toml_value, value))}]"
     if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{_key(k)} = {_value(v)}' for k, v in value.items())}}}"
+        return f"{{{', '.join(f'{_key(k)} = {toml_value(v)}' for k, v in value.items())}}}"
     # JSON writes numbers, truth values and texts as TOML reads them, but for one letter
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

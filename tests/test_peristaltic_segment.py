@@ -1,0 +1,533 @@
+"""A segment of a peristaltic worm: closed forms, energies, shooting, its scenes."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import sympy
+from hypothesis import given, settings
+from scipy.integrate import solve_ivp
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.magnetics.coils import CoilRow
+from wormopt.magnetics.pressure import magnetic_pressure
+from wormopt.magnetics.winding import Coil
+from wormopt.numerics.chebyshev import resolve
+from wormopt.numerics.roots import root
+from wormopt.plotting import figure
+from wormopt.result import Result
+from wormopt.scene import load_scene
+from wormopt.systems.peristaltic.runs.segment import _wall_work, run
+from wormopt.systems.peristaltic.segment.barrel import (
+    barrel_meridian,
+    barrel_stretch,
+    barrel_swelling,
+)
+from wormopt.systems.peristaltic.segment.fibres import NEUTRAL, Fibres, fill_at, range_of_fill
+from wormopt.systems.peristaltic.segment.inflation import (
+    determinant,
+    free_stretch,
+    inflated,
+    limit_of_inflation,
+    loading_at,
+)
+from wormopt.systems.peristaltic.segment.membrane import balloon
+from wormopt.systems.peristaltic.segment.rubber import curvatures, density, slopes
+from wormopt.systems.peristaltic.segment.segment import Segment, Tube
+from wormopt.systems.peristaltic.segment.wound import WoundSegment
+
+SCENE, RUBBER = "peristaltic_segment", "peristaltic_rubber"
+SOFT = Segment(20e-3, 5e-3, 0.3e-3, 20e3)
+PRESSURE = 564.0
+TUBE = Tube(5.05e-3, 0.3)
+LAM, HOOP, SHARE = ca.SX.sym("lam"), ca.SX.sym("hoop"), ca.SX.sym("a")
+STRETCHES = st.floats(0.5, 2.0)
+SHARES = st.floats(0.0, 1.0)
+
+
+def value(result: Result, name: str) -> Any:
+    return result.scalars[name].value
+
+
+def at(expression: Any, **numbers: float) -> float:
+    """Value of an expression in stretch, hoop and neo-Hookean share."""
+    symbols = {"lam": LAM, "hoop": HOOP, "a": SHARE}
+    return float(
+        ca.Function("at", list(symbols.values()), [expression])(
+            *(numbers.get(name, 1.0) for name in symbols)
+        )
+    )
+
+
+# ---- what the expressions say
+
+
+@given(STRETCHES, STRETCHES, SHARES)
+@settings(max_examples=20, deadline=None)
+def test_tensions_are_slopes_of_the_energy(lam: float, hoop: float, a: float):
+    w = density(LAM, HOOP, SHARE)
+    hessian, gradient = ca.hessian(w, ca.vertcat(LAM, HOOP))
+    off = ca.vertcat(*slopes(LAM, HOOP, SHARE)) - gradient
+    xx, xy, yy = curvatures(LAM, HOOP, SHARE)
+    off = ca.vertcat(off, xx - hessian[0, 0], xy - hessian[0, 1], yy - hessian[1, 1])
+    assert abs(at(ca.norm_inf(off), lam=lam, hoop=hoop, a=a)) < 1e-11
+
+
+def test_a_uniform_pressure_does_nothing_to_a_sealed_cylinder():
+    # at constant volume lam = 1 / hoop², and the tension round it is 0 in exact arithmetic
+    hoop, a = sympy.symbols("hoop a", positive=True)
+    _, around = slopes(hoop**-2, hoop, a)
+    assert sympy.expand(around) == 0
+    # nor does its field: the energy of a fluid that is wholly in an even field is a constant
+    even = Segment(20e-3, 5e-3, 0.3e-3, 20e3, coil_share=1.0)
+    slope = ca.gradient(even.magnetic_energy(LAM, PRESSURE), LAM)
+    assert [at(slope, lam=lam) for lam in (0.5, 0.8, 0.99)] == [0.0, 0.0, 0.0]
+    assert even.stretch_at(PRESSURE) == even.stretch_at(0.0) == 1.0
+
+
+@given(STRETCHES, SHARES, st.floats(0.0, 0.49))
+@settings(max_examples=20, deadline=None)
+def test_pulls_are_slopes_of_energies(lam: float, a: float, c: float):
+    segment = Segment(20e-3, 5e-3, 0.3e-3, 20e3, c, a)
+    for energy, pull in (
+        (segment.energy(LAM), segment.elastic_pull(lam)),
+        (segment.magnetic_energy(LAM, PRESSURE), segment.coil_pull(lam, PRESSURE)),
+    ):
+        slope = at(ca.gradient(energy, LAM), lam=lam) / segment.length
+        assert slope == pytest.approx(pull, rel=1e-10, abs=1e-14)
+
+
+@given(st.floats(5.005e-3, 6.5e-3), SHARES)
+@settings(max_examples=10, deadline=None)
+def test_the_wall_takes_what_the_energy_gives(radius: float, a: float):
+    segment = Segment(20e-3, 5e-3, 0.3e-3, 20e3, 0.5, a)
+    wide = ca.SX.sym("R_t")
+    stretch = (segment.radius / wide) ** 2
+    energy = segment.energy(stretch) + segment.magnetic_energy(stretch, PRESSURE)
+    work = float(ca.Function("work", [wide], [-ca.gradient(energy, wide)])(radius))
+    assert Tube(radius, 0.3).normal_force(segment, PRESSURE) == pytest.approx(
+        work, rel=1e-9, abs=1e-11
+    )
+
+
+# ---- strokes
+
+
+def test_stroke_in_closed_form_and_by_energy():
+    stretch = SOFT.stretch_at(PRESSURE)
+    assert stretch == pytest.approx(0.95919057931, abs=5e-12)
+    assert stretch == pytest.approx((1 - SOFT.loading(PRESSURE) / 4) ** (1 / 3), rel=1e-14)
+
+    def energy(lam: np.ndarray) -> np.ndarray:
+        return (SOFT.energy(lam) + SOFT.magnetic_energy(lam, PRESSURE))[None]
+
+    (least,) = resolve(energy, 0.8, 1.2).derivative().roots(0)
+    assert stretch == pytest.approx(least, abs=1e-12)
+
+
+def test_deepest_stroke_is_that_of_the_best_coil():
+    deepest = SOFT.deepest_stretch(PRESSURE)
+    assert deepest**3 + SOFT.loading(PRESSURE) * deepest / 2 == pytest.approx(1.0, rel=1e-13)
+    reached = {
+        c: Segment(20e-3, 5e-3, 0.3e-3, 20e3, c).stretch_at(PRESSURE)
+        for c in (0.9, deepest - 1e-6, deepest + 1e-6, 0.95)
+    }
+    assert min(reached.values()) == pytest.approx(deepest, abs=2e-6)
+    # a longer coil stops the segment where it lies in it wholly
+    assert reached[0.95] == 0.95
+    # and so does one that is strong enough to pull it in
+    assert SOFT.stretch_at(10 * PRESSURE) == 0.5
+
+
+def test_loaded_stroke_of_the_inchworm():
+    drag = 4e-3
+    q = drag / SOFT.stiffness
+    longest, shortest = SOFT.stretch_at(0.0, -drag), SOFT.stretch_at(PRESSURE, drag)
+    assert longest == pytest.approx(0.99297624619, abs=5e-12)
+    assert shortest == pytest.approx(0.96631655271, abs=5e-12)
+    assert longest**3 + q * longest**2 == pytest.approx(1.0, rel=1e-13)
+    rest = 1 - SOFT.loading(PRESSURE) / 4
+    assert shortest**3 - q * shortest**2 == pytest.approx(rest, rel=1e-13)
+    assert 20 * (longest - shortest) == pytest.approx(0.53319386963, abs=1e-10)
+
+
+def test_hold_on_a_tube():
+    assert TUBE.stretch_at_contact(SOFT) == pytest.approx(0.98029604941, abs=5e-12)
+    assert TUBE.surplus(SOFT, PRESSURE) == pytest.approx(11.67975233e-3, abs=5e-12)
+    assert TUBE.normal_force(SOFT, PRESSURE) == pytest.approx(90.69002034e-3, abs=5e-12)
+
+
+# ---- a given pressure
+
+
+def test_inflation_in_closed_form():
+    found = inflated(0.3)
+    assert found.hoop == pytest.approx(1.09097612018, abs=5e-12)
+    assert found.stretch == pytest.approx(1.00535492381, abs=5e-12)
+    limit = limit_of_inflation()
+    assert limit is not None
+    assert limit == pytest.approx((0.74986767306, 1.57687464587, 1.17818768931), abs=6e-12)
+    # as simple as that without the second invariant
+    hoop = 1.3
+    square = (hoop**4 + math.sqrt(hoop**8 + 8 * hoop**2)) / (4 * hoop**2)
+    assert free_stretch(hoop) == pytest.approx(math.sqrt(square), rel=1e-14)
+
+
+@pytest.mark.parametrize("a", [1.0, 0.9, 0.75, 0.0])
+def test_the_limit_is_the_largest_pressure(a: float):
+    limit = limit_of_inflation(a)
+    assert limit is not None
+    slope = ca.Function("slope", [HOOP], [ca.gradient(loading_at(HOOP, a), HOOP)])
+    assert root(lambda hoop: float(slope(hoop)), 1.2, 2.4) == pytest.approx(limit.hoop, abs=1e-11)
+    with pytest.raises(ArgumentError, match=f"inflation, {limit.loading:.6g}"):
+        inflated(limit.loading * 1.0001, a)
+
+
+@given(STRETCHES, STRETCHES, SHARES)
+@settings(max_examples=20, deadline=None)
+def test_both_invariants_have_the_same_limit(lam: float, hoop: float, a: float):
+    # (1 / lam, lam hoop) exchanges them and keeps the volume
+    assert density(1 / lam, lam * hoop, 1 - a) == pytest.approx(density(lam, hoop, a), abs=1e-11)
+    one, other = limit_of_inflation(0.9), limit_of_inflation(0.1)
+    assert one is not None
+    assert other == pytest.approx((one.loading, one.hoop * one.stretch, 1 / one.stretch), rel=1e-11)
+
+
+def test_no_limit_where_rubber_stiffens():
+    assert limit_of_inflation(0.5) is None
+    assert np.all(np.diff(loading_at(np.linspace(1, 5, 200), 0.5)) > 0)
+
+
+@given(st.floats(0.01, 0.7), st.sampled_from([1.0, 0.9, 0.5, 0.0]))
+@settings(max_examples=20, deadline=None)
+def test_inflated_is_where_energy_less_work_is_stationary(loading: float, a: float):
+    _, hoop, stretch = inflated(loading, a)
+    rest = density(LAM, HOOP, SHARE) - loading * HOOP**2 * LAM / 2
+    hessian, gradient = ca.hessian(rest, ca.vertcat(LAM, HOOP))
+    assert at(ca.norm_inf(gradient), lam=stretch, hoop=hoop, a=a) < 1e-11
+    wanted = at(ca.det(hessian), lam=stretch, hoop=hoop, a=a)
+    assert determinant(hoop, a) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_small_pressures_hardly_change_the_length():
+    def off(kappa: float) -> tuple[float, float]:
+        _, hoop, stretch = inflated(kappa)
+        return (hoop - 1) / (kappa / 4) - 1, (stretch - 1) / (kappa**2 / 24) - 1
+
+    (hoop1, stretch1), (hoop2, stretch2) = off(0.02), off(0.01)
+    assert 1.9 < hoop1 / hoop2 < 2.1
+    assert 1.9 < stretch1 / stretch2 < 2.1
+    assert abs(hoop2) < 0.02
+    assert abs(stretch2) < 0.05
+
+
+# ---- fibres
+
+
+def test_fibres_under_pressure():
+    fibres = Fibres(SOFT, math.radians(35))
+    angle = fibres.angle_at(PRESSURE)
+    stretch, _ = fibres.stretches(angle)
+    assert float(stretch) == pytest.approx(0.93741841168, abs=5e-12)
+
+    def energy(angles: np.ndarray) -> np.ndarray:
+        lam = np.cos(angles) / math.cos(fibres.angle)
+        hoop = np.sin(angles) / math.sin(fibres.angle)
+        stored = SOFT.length * SOFT.stiffness * density(lam, hoop)
+        return (stored - PRESSURE * SOFT.volume * lam * hoop**2)[None]
+
+    (least,) = resolve(energy, 0.5, 0.9).derivative().roots(0)
+    assert angle == pytest.approx(least, abs=1e-12)
+
+
+def test_small_strokes_of_fibres():
+    fibres = Fibres(SOFT, math.radians(35))
+    b = 1 / math.tan(fibres.angle) ** 2
+    linear = -(2 * b - 1) / (8 * (1 - b + b * b))
+
+    def off(kappa: float) -> float:
+        angle = fibres.angle_at(kappa * SOFT.shear_modulus * SOFT.wall / SOFT.radius)
+        return (float(fibres.stretches(angle)[0]) - 1) / (kappa * linear) - 1
+
+    assert 1.9 < off(2e-3) / off(1e-3) < 2.1
+    assert abs(off(1e-3)) < 1e-3
+
+
+def test_a_pressure_pulls_less_the_slope_of_volume():
+    fibres, angle = Fibres(SOFT, math.radians(35)), ca.SX.sym("angle")
+    length = SOFT.length * fibres.stretches(angle)[0]
+    slope = ca.gradient(fibres.volume(angle), angle) / ca.gradient(length, angle)
+    elastic = ca.gradient(fibres.energy(angle), angle) / ca.gradient(length, angle)
+    ours = ca.vertcat(fibres.pull(angle, PRESSURE), fibres.elastic_pull(angle))
+    off = ca.Function("off", [angle], [ours - ca.vertcat(-PRESSURE * slope, elastic)])
+    for degrees in (20, 40, 60, 80):
+        assert float(ca.norm_inf(off(math.radians(degrees)))) < 1e-12
+
+
+def test_sealed_fibres_are_locked_between_two_angles():
+    assert math.degrees(NEUTRAL) == pytest.approx(54.73561032, abs=5e-9)
+    low, high = range_of_fill(0.9)
+    assert math.degrees(low) == pytest.approx(43.89478387, abs=5e-9)
+    assert math.degrees(high) == pytest.approx(65.09840060, abs=5e-9)
+    assert float(fill_at(low)) == pytest.approx(0.9, rel=1e-13)
+    assert range_of_fill(1.0) == (NEUTRAL, NEUTRAL)
+    assert float(fill_at(NEUTRAL)) == pytest.approx(1.0, rel=1e-15)
+    assert float(Fibres(SOFT, 0.6).pull(NEUTRAL, PRESSURE)) == pytest.approx(0.0, abs=1e-15)
+
+
+# ---- barrel and true membrane
+
+
+def test_barrels_keep_their_volume():
+    for stretch in (0.5, 0.9, 1.2):
+        share = np.polynomial.legendre.leggauss(8)
+        volume = stretch * np.sum(share[1] * barrel_meridian(stretch, share[0]) ** 2) / 2
+        assert volume == pytest.approx(1.0, rel=1e-13)
+        assert barrel_stretch(barrel_swelling(stretch)) == pytest.approx(stretch, rel=1e-13)
+    # s / 2 of a cylinder is 3 s / 4 of a barrel
+    slope = ca.gradient(barrel_swelling(1 / (1 + LAM)), LAM)
+    assert at(slope, lam=0.0) == pytest.approx(0.75, rel=1e-15)
+    with pytest.raises(ArgumentError, match="between 0 and 6"):
+        barrel_meridian(6.5, 0.0)
+
+
+def test_the_true_membrane():
+    found = balloon(2.0, loading=0.3)
+    assert found.radius[0] == pytest.approx(1.08679102979, abs=6e-12)
+    assert found.stretch == pytest.approx(1.00627191695, abs=5e-12)
+    assert found.volume == pytest.approx(1.14722570292, abs=6e-12)
+    sealed = balloon(2.0, volume=found.volume)
+    assert sealed.loading == pytest.approx(0.3, abs=1e-11)
+
+
+def test_the_true_membrane_by_shooting():
+    # from the middle, where the tension is kappa rho² / 2; states radius, place and what the
+    # meridian's tension is across the axis; the stretch is that of the tension
+    kappa, slenderness = 0.3, 2.0
+
+    def stretch_of(tension: float, radius: float) -> float:
+        return root(lambda lam: slopes(lam, radius)[0] - tension, 0.2, 5.0)
+
+    def rates(_: float, y: np.ndarray) -> list[float]:
+        radius, _, across = y
+        along = kappa * radius**2 / 2
+        tension = math.hypot(along, across)
+        stretch = stretch_of(tension, radius)
+        forward = stretch * along / tension
+        around = slopes(stretch, radius)[1]
+        return [stretch * across / tension, forward, around - kappa * radius * forward]
+
+    def ends(middle: float) -> np.ndarray:
+        span = (0.0, slenderness / 2)
+        begin = [middle, 0.0, 0.0]
+        return solve_ivp(rates, span, begin, rtol=1e-9, atol=1e-11, method="DOP853").y[:, -1]
+
+    found = balloon(slenderness, loading=kappa)
+    miss = [ends(found.radius[0] + shift)[0] - 1 for shift in (-1e-4, 1e-4)]
+    middle = found.radius[0] - 1e-4 - 2e-4 * miss[0] / (miss[1] - miss[0])
+    assert miss[0] * miss[1] < 0
+    assert middle == pytest.approx(found.radius[0], abs=1e-6)
+    radius, place, _ = ends(found.radius[0])
+    assert radius == pytest.approx(1.0, abs=1e-7)
+    assert place / (slenderness / 2) == pytest.approx(found.stretch, abs=1e-8)
+
+
+def test_long_membranes_are_cylinders_in_the_middle():
+    for a in (1.0, 0.8):
+        long = balloon(8.0, loading=0.3, neo_hookean=a)
+        assert long.radius[0] == pytest.approx(inflated(0.3, a).hoop, abs=2e-4)
+
+
+def test_membranes_without_tension_are_refused():
+    with pytest.raises(ArgumentError, match=r"write more than 0\.4"):
+        balloon(2.0, loading=0.3, pull=-0.2)
+    with pytest.raises(ArgumentError, match="either the loading or the volume"):
+        balloon(2.0)
+    with pytest.raises(SolveError, match="no rest of the membrane"):
+        balloon(2.0, loading=3e-3)
+    with pytest.raises(SolveError, match="not under tension") as caught:
+        balloon(2.0, volume=0.9)
+    assert caught.value.code == "wrinkled"
+
+
+# ---- a real coil
+
+
+def test_a_real_coil_pulls_by_its_field():
+    winding = Coil(6e-3, 10e-3, 10e-3)
+    wound, turns, lam = WoundSegment(SOFT, winding, 0.35), 900.0, 0.97
+    row = CoilRow(winding, count=1, pitch=1.0, axis="along")
+    half = lam * SOFT.length / 2
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    places = np.append(half * nodes, half)
+    field = np.sqrt(row.square(places, 0.0, [turns]))
+    pressure = np.asarray(magnetic_pressure(1.35, field))
+    section = math.pi * SOFT.radius**2 / lam
+    wanted = section * (pressure[:-1] @ weights / 2 - pressure[-1])
+    assert wound.coil_pull(lam, turns) == pytest.approx(wanted, rel=1e-9)
+    # and by the energy -(V / l) times the integral of the pressure
+
+    def energy(lam: np.ndarray) -> np.ndarray:
+        along = np.multiply.outer(nodes, lam) * SOFT.length / 2
+        mean = weights @ np.asarray(wound.pressure(along, turns))
+        return -SOFT.volume / 2 * mean[None]
+
+    slope = resolve(energy, 0.9, 1.04).derivative()(np.array([lam]))[0, 0] / SOFT.length
+    assert slope == pytest.approx(wanted, rel=1e-9)
+    ideal = Segment(20e-3, 5e-3, 0.3e-3, 20e3, wound.share(lam))
+    middle = wound.pressure(0.0, turns)
+    assert ideal.coil_pull(lam, middle) == pytest.approx(wound.coil_pull(lam, turns), rel=1e-12)
+    stretch = wound.stretch_at(turns)
+    rest = SOFT.elastic_pull(stretch) + wound.coil_pull(stretch, turns)
+    assert abs(rest) < 1e-12
+
+
+# ---- bad input
+
+
+@pytest.mark.parametrize("name", ["radius_at", "energy", "elastic_pull"])
+def test_what_is_no_stretch_is_refused(name: str):
+    for bad in (0.0, -0.9, np.array([1.0, -1.0]), math.nan):
+        with pytest.raises(ArgumentError, match="a stretch is above 0"):
+            getattr(SOFT, name)(bad)
+
+
+def test_what_is_no_segment_is_refused():
+    with pytest.raises(ArgumentError, match="coil_share must be from 0 to 1"):
+        Segment(20e-3, 5e-3, 0.3e-3, 20e3, 1.5)
+    with pytest.raises(ArgumentError, match=r"radius must be below 0\.004"):
+        Tube(4e-3, 0.3).stretch_at_contact(SOFT)
+    with pytest.raises(ArgumentError, match="pressure must be 0 or above"):
+        SOFT.stretch_at(-1.0)
+    with pytest.raises(ArgumentError, match="between 0 and 90"):
+        Fibres(SOFT, 2.0)
+    with pytest.raises(ArgumentError, match="fill"):
+        range_of_fill(1.1)
+    with pytest.raises(ArgumentError, match="inner must be above"):
+        WoundSegment(SOFT, Coil(4e-3, 10e-3, 10e-3), 0.35)
+
+
+# ---- scenes
+
+
+@pytest.fixture(scope="module")
+def packaged() -> Result:
+    return wo.run(SCENE)
+
+
+def test_the_packaged_scene(packaged: Result):
+    assert packaged.status == "ok"
+    assert packaged.trust["warnings"] == []
+    assert value(packaged, "stretch") == pytest.approx(0.95919057931, abs=5e-12)
+    assert value(packaged, "stroke_loaded") * 20 == pytest.approx(0.53319386963, abs=1e-10)
+    assert value(packaged, "holding") == pytest.approx(0.3 * 90.69002034e-3, abs=5e-12)
+    assert value(packaged, "fibre_stretch") == pytest.approx(0.93741841168, abs=5e-12)
+    assert value(packaged, "pressure_max") == pytest.approx(0.74986767306 * 1200, rel=1e-10)
+    assert value(packaged, "moves") is True
+    assert value(packaged, "winding_pressure") == pytest.approx(PRESSURE, rel=1e-2)
+    assert 0.4 < value(packaged, "winding_share") < 0.5
+    assert {"sealed", "ideal coil", "cylinder", "no wrinkles"} <= set(packaged.trust["assumptions"])
+    # the return of the rubber pushes two, the wall holds two more
+    drag = value(packaged, "drag")
+    assert int(value(packaged, "return_force") / drag) == 2
+
+
+def test_ordinary_rubber_will_not_move():
+    result = wo.run(RUBBER)
+    assert result.status == "ok"
+    assert round(100 * value(result, "stroke"), 2) == 0.14
+    assert value(result, "moves") is False
+    assert value(result, "normal_force") == 0.0
+    (warning,) = result.trust["warnings"]
+    assert warning.startswith("it will not move: it swells by 3.53 µm of 50 µm")
+    facts = " ".join(text.get_text() for text in figure(result, "segment").texts)
+    assert "will not move" in facts
+    # what is advised would do
+    for key, advised in (
+        ("coil.pressure", value(result, "pressure_to_wall")),
+        ("segment.shear_modulus", value(result, "modulus_to_wall")),
+    ):
+        for more, sign in ((1.001, 1), (0.999, -1)):
+            changed = advised * more
+            scene = load_scene(RUBBER, [f"{key}={changed}", "points=11"])
+            touches = value(run(scene, lambda *_: None), "normal_force") > 0
+            assert touches == ((sign > 0) == (key == "coil.pressure"))
+
+
+def test_a_pressure_too_small_for_the_true_membrane():
+    result = wo.run(load_scene(RUBBER, ["inflation={pressure=100.0}"]))
+    assert any("bends at its rings only" in text for text in result.trust["warnings"])
+    assert "membrane_hoop" not in result.scalars
+    assert value(result, "inflated_hoop") == pytest.approx(1 + 100 / 33333.3 / 4, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("load=0.02", "the wall holds"),
+        ("segment.length=0.2", "the rubber pushes with"),
+        ("coil.share=1.0", "coil.share below 0.9803"),
+        ("coil.pressure=100", "it sags"),
+        ("tube.friction=0", "without friction nothing holds"),
+    ],
+)
+def test_why_it_does_not_move(change: str, says: str):
+    scene = load_scene(RUBBER, ["segment.shear_modulus=2e4", "segment.wall=3e-4", change])
+    result = wo.run(scene)
+    assert value(result, "moves") is False
+    assert any(says in text for text in result.trust["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "message"),
+    [
+        ("inflation.pressure=900", "inflation.pressure", "write at most 899.841"),
+        (
+            "segment={length=0.02, radius=5e-3, wall=3e-4, shear_modulus=5e3, neo_hookean=0.5}",
+            "inflation.pressure",
+            "8-fold; write at most 299.92",
+        ),
+        ("tube.radius=0.005", "tube.radius", "write more than 0.005"),
+        ("tube.friction=0", "tube.friction", "write at least 0.0671"),
+        ("stretches=[-0.8, 1.1]", "stretches[0]", "above 0"),
+        ("segment.wall=4e-3", "segment.wall", "less than 0.0025"),
+        ("winding.inner_radius=5e-3", "winding.inner_radius", "more than 0.00505"),
+        ("winding.outer_radius=5e-3", "winding.outer_radius", "more than 0.006"),
+        ("inflation={pressure=9.0, fill=0.5}", "inflation.fill", "fibre_angle"),
+        ("coil.share=0", "coil.share", "above 0"),
+    ],
+)
+def test_wrong_scenes_are_told(tmp_path: Path, change: str, key: str, message: str):
+    with pytest.raises(SceneError) as caught:
+        wo.run(load_scene(SCENE, [change]))
+    assert any(key == where and message in what for where, what in caught.value.faults), caught
+    assert main(["run", SCENE, "-o", str(tmp_path / "out"), "--quiet", "--set", change]) == 2
+
+
+@pytest.mark.parametrize("length", [2e-3, 0.2])
+def test_the_work_of_the_wall_is_known_of_short_and_long_segments(length: float):
+    segment, tube = Segment(length, 5e-3, 0.3e-3, 20e3), Tube(5.05e-3, 0.3)
+    assert _wall_work(segment, tube, 4.0).passed
+
+
+def test_a_wrong_stretch_fails(monkeypatch: pytest.MonkeyPatch):
+    right = Segment.stretch_at
+    monkeypatch.setattr(Segment, "stretch_at", lambda self, *given: right(self, *given) + 1e-4)
+    result = wo.run(RUBBER)
+    assert result.status == "failed"
+    assert "off that of the least energy" in result.reason
+
+
+def test_the_pictures(packaged: Result):
+    drawn = figure(packaged, "segment")
+    titles = [axes.get_title(loc="left") for axes in drawn.axes]
+    assert titles[0] == "without field"
+    assert titles[-1].startswith("not sealed")
+    labels = [text.get_text() for text in figure(packaged, "stroke").legends[0].get_texts()]
+    assert {"free", "against the load", "with the best coil", "pull of the winding"} <= set(labels)

@@ -1,0 +1,226 @@
+"""Coils that are on or off: arcs in closed form, orders, times, limits, two routes to each."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import wormopt as wo
+from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.result import Result
+from wormopt.scene import load_scene
+from wormopt.systems.peristaltic.switching import orders
+from wormopt.systems.peristaltic.switching.orders import all_rings, exchanged, search, states_of
+from wormopt.systems.peristaltic.switching.switching import (
+    Drag,
+    Switched,
+    SwitchedWorm,
+    SwitchingProgram,
+    SwitchLimits,
+)
+
+FREE = SwitchLimits((0.1, 50.0))
+TWO = SwitchedWorm(2, 0.6, 1.4, 1.0, 1.0, Drag(-1.0))
+THREE = replace(TWO, segments=3)
+
+
+@dataclass(frozen=True)
+class SecondOnly(Drag):
+    """Ground on which half of what the second segment gives counts, c = 1 / l."""
+
+    def velocity(self, lengths: ca.SX, rates: ca.SX, anchored: ca.SX) -> ca.SX:
+        """Half of c_1 l_1' over the sum of both c."""
+        c = 1 / lengths
+        return c[1] * rates[1] / (2 * (c[0] + c[1]))
+
+
+def way_by_ode(worm: SwitchedWorm, found: Switched, exponent: float) -> np.ndarray:
+    """Lengths and way after a period, by a Runge-Kutta code and drag written out."""
+    n = worm.segments
+
+    def rates(_: float, y: np.ndarray, state: np.ndarray) -> np.ndarray:
+        lengths = y[:n]
+        tau = np.where(state, worm.tau_on, worm.tau_off)
+        l_dot = (np.where(state, worm.on, worm.off) - lengths) / tau
+        behind = -np.cumsum(l_dot) + l_dot / 2  # of centres, less the head's velocity
+        c = lengths**exponent
+        head = -(c @ behind) / c.sum()
+        return np.append(l_dot, head - l_dot.sum() / 2)  # the middle between both ends
+
+    y = np.append(found.start, 0.0)
+    for state, d in zip(found.order, found.durations, strict=True):
+        y = solve_ivp(rates, (0, d), y, args=(state,), rtol=1e-11, atol=1e-13).y[:, -1]
+    return y
+
+
+def test_arcs_in_closed_form_are_those_of_the_ode():
+    worm = SwitchedWorm(3, 0.5, 1.3, 0.7, 1.6, Drag(1.4))
+    ring = (0, 4, 1, 5, 2, 3)
+    found = SwitchingProgram(worm, 6, "speed").at(
+        states_of(ring, len(ring) // 2), np.array([0.3, 0.9, 0.2, 1.1, 0.6, 2.0])
+    )
+    end = way_by_ode(worm, found, 1.4)
+    assert end[:3] == pytest.approx(found.start, abs=1e-9)
+    assert end[3] == pytest.approx(found.way, abs=1e-9)
+    assert found.worth == pytest.approx(found.way / found.period)
+
+
+def test_the_best_times_of_two_coils_from_a_cold_start():
+    found = search(TWO, "speed", FREE)
+    assert (found.tried, found.complete) == (math.factorial(3), True)
+    assert found.best.worth == pytest.approx(0.0157251385080923, abs=1e-14)
+    assert way_by_ode(TWO, found.best, -1.0)[2] == pytest.approx(found.best.way, abs=1e-9)
+    program = SwitchingProgram(TWO, 4, "speed")
+    noise = np.random.default_rng(3).normal(size=(50, 4))
+    for step in noise:
+        other = program.at(found.best.order, found.best.durations + 1e-2 * step)
+        assert other.worth < found.best.worth
+
+
+def test_another_ground_has_its_own_optimum():
+    # by arcs in closed form, collocation and an ODE code, of others
+    found = search(replace(TWO, ground=SecondOnly(-1.0)), "speed", FREE).best
+    assert found.worth == pytest.approx(0.00793473180539, abs=5e-15)
+    times = [1.77774438, 1.63243791, 1.21050997, 1.36024917]
+    assert found.durations == pytest.approx(times, abs=2e-5)
+
+
+def test_the_sign_of_the_exponent_turns_the_wave():
+    ahead = search(replace(TWO, ground=Drag(1.0)), "speed", FREE)
+    behind = search(TWO, "speed", FREE)
+    assert ahead.best.worth == pytest.approx(behind.best.worth, abs=1e-12)
+    assert ahead.ring != behind.ring
+
+
+def test_orders():
+    for n in (2, 3):
+        rings = list(all_rings(n))
+        assert len(set(rings)) == math.factorial(2 * n - 1)
+        for ring in rings[:20]:
+            states = states_of(ring, len(ring) // 2)
+            changes = np.abs(states - np.roll(states, 1, axis=0)).sum(axis=1)
+            assert (changes == 1).all()
+            for arc in range(2 * n):
+                if ring[arc] % n == ring[(arc + 1) % (2 * n)] % n:
+                    continue  # a coil is not put off before it is on
+                other, labels = exchanged(ring, np.arange(2 * n), arc)
+                assert other[0] == 0
+                same = (states_of(other, len(other) // 2) == states[labels]).all(axis=1)
+                assert labels[~same].tolist() == [arc]  # only the arc between both is another
+
+
+@pytest.mark.slow
+def test_a_search_finds_what_all_orders_give(monkeypatch: pytest.MonkeyPatch):
+    every = search(THREE, "speed", FREE)
+    assert (every.tried, every.complete) == (math.factorial(5), True)
+    monkeypatch.setattr(orders, "MOST_TRIED", 2)
+    some = search(THREE, "speed", FREE)
+    assert some.tried < 20
+    assert not some.complete
+    assert some.best.worth == pytest.approx(every.best.worth, abs=1e-12)
+    assert some.ring == every.ring
+
+
+def duty(found: Switched) -> np.ndarray:
+    """Part of the period that each coil is on."""
+    return found.durations @ found.order / found.period
+
+
+@pytest.mark.parametrize(
+    ("limits", "kept"),
+    [
+        (replace(FREE, duty=0.3), lambda f: duty(f).max() <= 0.3 + 1e-9),
+        (replace(FREE, together=1), lambda f: f.lasting[0].sum(axis=1).max() == 1),
+        (replace(FREE, dwell=4.0), lambda f: (f.durations @ f.order).min() >= 4.0 - 1e-8),
+        (SwitchLimits((2.0, 3.0)), lambda f: f.period <= 3.0 + 1e-9),
+    ],
+)
+def test_limits_are_kept_and_cost_speed(limits: SwitchLimits, kept: Callable[[Switched], bool]):
+    found = search(TWO, "speed", limits).best
+    assert kept(found)
+    assert not kept(search(TWO, "speed", FREE).best)
+    assert 0 < found.worth < search(TWO, "speed", FREE).best.worth
+
+
+def test_one_coil_at_a_time():
+    found = search(TWO, "speed", replace(FREE, together=1)).best
+    states, durations = found.lasting
+    assert not (states.sum(axis=1) > 1).any()
+    assert durations.sum() == pytest.approx(found.period, rel=1e-6)
+
+
+def test_thrift_against_speed():
+    limits = SwitchLimits((0.1, 20.0))
+    fast, cheap = search(TWO, "speed", limits).best, search(TWO, "thrift", limits).best
+    on = {id(f): float((f.durations @ f.order).sum()) for f in (fast, cheap)}
+    assert cheap.way / on[id(cheap)] > 1.1 * fast.way / on[id(fast)]
+    assert cheap.way / cheap.period < 0.9 * fast.worth
+    slowest = 0.98 * fast.worth
+    both = search(TWO, "thrift", replace(limits, speed=slowest)).best
+    assert both.way / both.period == pytest.approx(slowest, rel=1e-7)
+    with pytest.raises(SolveError, match=r"fastest one found has 0\.0157251"):
+        search(TWO, "thrift", replace(limits, speed=0.02))
+
+
+def test_worms_that_are_none_are_refused():
+    with pytest.raises(ArgumentError, match="two segments"):
+        replace(TWO, segments=1)
+    with pytest.raises(ArgumentError, match="positive"):
+        replace(TWO, on=-1.0)
+
+
+# -- the scene -------------------------------------------------------------------------------------
+
+
+def solved(*changes: str) -> Result:
+    return wo.run(load_scene("peristaltic_switching", ["want=[]", *changes]))
+
+
+def test_the_scene_finds_the_same_by_collocation_and_simulation():
+    found = solved("worm.segments=2")
+    assert found.status == "ok"
+    assert found.scalars["speed"].value == pytest.approx(0.0157251385080923, abs=1e-13)
+    assert [check.name for check in found.checks] == [
+        "simulation of the inputs found",
+        "arcs in closed form",
+    ]
+    assert all(check.value is not None and abs(check.value) < 1e-11 for check in found.checks)
+    on, start = found.scalars["on_time"].value, found.scalars["on_start"].value
+    assert start[0] == 0
+    assert on == pytest.approx([1.58018208 + 1.73672158, 1.73672158 + 1.42137941], abs=1e-5)
+    places = found["position"].values
+    assert places[:-1] - places[1:] == pytest.approx(found["length"].values)
+    assert places[0, -1] - places[0, 0] == pytest.approx(found.scalars["distance"].value)
+
+
+@pytest.mark.slow
+def test_the_packaged_scene_in_its_own_units_and_in_si():
+    plain = solved()
+    assert plain.scalars["speed"].value == pytest.approx(0.0322729487093, abs=1e-12)
+    small = solved(
+        'units="SI"', "worm.length_on=0.006", "worm.length_off=0.014", "worm.time_on=0.1",
+        "limits.period=[0.05, 2.0]",
+    )  # fmt: skip
+    assert small.scalars["speed"].value == pytest.approx(plain.scalars["speed"].value / 10)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("limits.dwell=12.0", r"limits\.dwell: .*at most 10"),
+        ("aim={}", "aim: exactly one"),
+        ("aim.speed=1.0", r"aim\.speed"),
+        ("limits.together=5", r"limits\.together: there are only 3"),
+        ("ground.exponent=0.0", r"ground\.exponent: .*write 1\.0, or -1\.0"),
+        ("worm.length_on=1.4", r"worm\.length_on: is length_off"),
+        ("limits.period=[3.0, 1.0]", r"limits\.period: .*smaller number first"),
+        ("limits={period=[1.0, 10.0], dwell=4.0, duty=0.3}", r"limits\.duty: .*at least 0\.4"),
+    ],
+)
+def test_what_is_refused(change: str, told: str):
+    with pytest.raises(SceneError, match=told):
+        load_scene("peristaltic_switching", [change])

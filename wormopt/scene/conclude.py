@@ -1,0 +1,65 @@
+"""The end of every study: the Result of a scene, named and given units as its kind declares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from wormopt.quantities import Scalar, Variable, unit_of
+from wormopt.result import Check, Result
+from wormopt.scene.scene import Scene
+
+
+def conclude(
+    scene: Scene[Any],
+    scalars: Mapping[str, Any],
+    variables: Mapping[str, Any] | Sequence[Variable] = (),
+    *,
+    checks: Iterable[Check] = (),
+    facts: Mapping[str, Any] | None = None,
+    warnings: Iterable[str] = (),
+    timings: Mapping[str, float] | None = None,
+    attributes: Mapping[str, Any] | None = None,
+) -> Result:
+    """Make the Result of a scene, which is failed where a check is.
+
+    Units, dimensions and long names of numbers and arrays given by name are those that the table
+    of the scene's kind declares; Scalars and Variables may be given too. `facts` are the part of
+    the trust report that is neither accepted nor refused.
+    """
+    table, checks = scene.table, tuple(checks)
+    trust: dict[str, Any] = {**table.facts, **(facts or {})}
+    if checks:
+        trust["checks"] = {check.name: check.found() for check in checks}
+        assert len(trust["checks"]) == len(checks), [check.name for check in checks]
+    reasons = dict.fromkeys(c.advice for c in checks if not c.passed)
+    return Result(
+        scene.name,
+        table.kind,
+        scene.title,
+        status="failed" if reasons else "ok",
+        reason="; ".join(reasons),
+        scalars={
+            name: value
+            if isinstance(value, Scalar)
+            else Scalar(value, unit_of(table.scalars[name][0], table.units))
+            for name, value in scalars.items()
+        },
+        variables=tuple(_arrays(table, variables)),
+        trust=trust | {"warnings": list(dict.fromkeys([*scene.warnings, *warnings]))},
+        timings_s=timings or {},
+        scene_text=scene.text,
+        attributes=attributes or {},
+    )
+
+
+def _arrays(table: Any, found: Mapping[str, Any] | Sequence[Variable]) -> Iterator[Variable]:
+    if not isinstance(found, Mapping):
+        yield from found
+        return
+    for name, values in found.items():
+        if isinstance(values, Variable):
+            yield values
+        else:
+            quantity, dims, what = table.variables[name]
+            yield Variable(name, unit_of(quantity, table.units), dims, values, what)

@@ -1,0 +1,173 @@
+"""A worm under a wave of currents, followed by events and by steps that know none; what it did."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from wormopt.control.drive import drive
+from wormopt.model.friction import Viscous
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model
+from wormopt.model.values import signal_values
+from wormopt.progress import Report, silent
+from wormopt.simulation.moreau import MoreauJean
+from wormopt.simulation.options import Tolerance
+from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.peristaltic.chain.chain import POWERS, with_works
+from wormopt.systems.peristaltic.chain.waves import held
+
+# A course that varies all the time is held for so many steps of the second route.
+_HELD = 10
+# Steps of the second route against the time constants of the fastest vibration and of the fastest
+# decay, where it need only be stable.
+_STEP, _STABLE = 0.05, 0.8
+# A way of so many lengths of a segment is none; differences are not taken over less.
+_AT_REST = 1e-9
+
+
+def crawl(
+    model: Model,
+    course: Gait,
+    cycles: int,
+    *,
+    nominal_work: float,
+    samples: int = 160,
+    relative: float = 1e-10,
+    report: Report = silent,
+) -> Trajectory:
+    """Follow a worm exactly through cycles of its inputs, and sum up all works.
+
+    `samples`: kept in each cycle; the last instant of one is the first of the next. Raises
+    SolveError or Interrupted as `simulate`.
+    """
+    driven = drive(with_works(model, nominal_work), course, periodic=True)
+    end = cycles * course.period
+    return simulate(
+        driven,
+        end,
+        times=np.linspace(0.0, end, cycles * samples + 1),
+        tolerance=Tolerance(relative, relative / 10),
+        report=report,
+    )
+
+
+@dataclass(frozen=True)
+class SecondRoute:
+    """Where steps of Moreau and Jean end, against the end found by events."""
+
+    step: float  # the longer one of two; the other is a quarter of it
+    coarse: float  # largest difference of a place by the longer one, over the longest way
+    fine: float  # likewise by the shorter one: a quarter of it, at first order
+
+
+def second_route(
+    model: Model,
+    course: Gait,
+    motion: Trajectory,
+    step: float | None = None,
+    report: Report = silent,
+) -> SecondRoute:
+    """Follow the same worm by steps of one length, then of a quarter of it.
+
+    Friction is solved for in each step; there are no events. Errors are of first order. `model`
+    has inputs. Raises SolveError as `MoreauJean.march`.
+    """
+    inputs, rings = sum(s.size for s in model.u), model.places()[0].size
+    u, q = ca.SX.sym("u", inputs), ca.SX.sym("q", rings)
+    marcher = MoreauJean(_drags_in_ode(model), inputs=ca.Function("inputs", [q, u], [u]))
+    if step is None:
+        vibration, decay = fastest(model, motion)
+        step = min(_STEP / vibration, _STABLE / decay if decay else math.inf)
+    start = signal_values(model.x, None, "state", fill=0.0)
+    ways = np.abs(np.diff(motion["position"], axis=1)).sum(axis=1)
+    way, errors = max(ways.max(), _AT_REST * float(motion["length"].mean())), []
+    for size in (step, step / 4):
+        parts = 1 if course.degree == 0 else math.ceil(course.period / (_HELD * size))
+        schedule = held(course, parts)
+        end = marcher.march(motion.end_time, start, schedule=schedule, step=size, report=report)
+        errors.append(np.abs(end.states[:rings, -1] - motion.end[:rings]).max() / way)
+    return SecondRoute(step, float(errors[0]), float(errors[1]))
+
+
+def _drags_in_ode(model: Model) -> Model:
+    """The same worm, its drag a force like any other: contacts slide by the rate without them."""
+    if not all(isinstance(contact.law, Viscous) for contact in model.contacts):
+        return model
+    return replace(model, ode=_sliding(model), contacts=(), outputs=())
+
+
+def _sliding(model: Model) -> ca.SX:
+    """The ode with all contacts sliding forward."""
+    slides = [contact.law.slip_force(contact.velocity, 1) for contact in model.contacts]
+    return ca.substitute(model.ode, model.forces, ca.vertcat(ca.SX(0, 1), *slides))
+
+
+def fastest(model: Model, motion: Trajectory) -> tuple[float, float]:
+    """Largest angular frequency of vibrations and rate of decay about any sampled state."""
+    rings = model.places()[0].size
+    x, u = ca.vertcat(*(s.symbol for s in model.x)), model.u[0].symbol
+    J = ca.jacobian(_sliding(model)[rings:], x)
+    # no eigenvalue is larger
+    bounds = [ca.mmax(ca.sum2(ca.fabs(ca.densify(part)))) for part in (J[:, :rings], J[:, rings:])]
+    largest = ca.Function("largest", [x, u], [ca.vertcat(*bounds)])
+    values = np.array(largest(motion.states[: 2 * rings], motion["input"])).max(axis=1)
+    return math.sqrt(float(values[0])), float(values[1])
+
+
+# -- what it did -----------------------------------------------------------------------------------
+
+
+def energy_error(motion: Trajectory) -> float:
+    """Largest difference of works and energy gained over time, over the largest work."""
+    works = [motion[f"{name}_work"][0] for name in POWERS]
+    gained = stored(motion)
+    gap = np.abs(sum(works) - (gained - gained[0])).max()
+    return float(gap / max(np.abs(works).max(), math.ulp(0.0)))
+
+
+def stored(motion: Trajectory) -> np.ndarray:
+    """Kinetic and elastic energy, and that of the tube's wall, over time."""
+    names = ("kinetic", "elastic", "wall")
+    return np.sum([motion[f"{name}_energy"][0] for name in names], axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Anchors:
+    """Segments that stay short through each step of a switched wave, by its pattern alone."""
+
+    course: Gait
+    samples: int  # of a cycle
+
+    def held(self, cycles: int) -> np.ndarray:
+        """Which segments, at each sample but the last; shape (segments, cycles samples)."""
+        lit = self.course.polynomial[:, :, 0] > 0
+        both = lit & np.roll(lit, 1, axis=0)
+        return np.tile(np.repeat(both, self.samples // len(both), axis=0), (cycles, 1)).T
+
+    def slip(self, motion: Trajectory, settle: int) -> float:
+        """Mean way of such segments in a cycle, whatever its direction."""
+        x, per_step = motion["position"], self.samples // self.course.pieces
+        middles = ((x[:-1] + x[1:]) / 2)[:, settle * self.samples :: per_step]
+        ways = np.abs(np.diff(middles, axis=1))
+        cycles = ways.shape[1] // self.course.pieces
+        which = self.held(cycles)[:, ::per_step]
+        return float((ways * which).sum() / max(which[:, 0].sum(), 1) / cycles)
+
+    def reserve(self, motion: Trajectory, settle: int) -> float:
+        """Least share of their friction that is not used up."""
+        force = motion.observe(motion.system.model.forces)[:, settle * self.samples : -1]
+        limits = [motion[f"limit_{way}"] for way in ("forward", "backward")]
+        ahead, behind = (limit[:, settle * self.samples : -1] for limit in limits)
+        which = self.held(force.shape[1] // self.samples)
+        if len(force) > len(which):  # at rings: those of a segment's both ends
+            none = np.zeros_like(which[:1])
+            which = np.vstack([which, none]) | np.vstack([none, which])
+        pushed = (force * which).sum(axis=0)
+        limit = np.where(pushed < 0, (ahead * which).sum(axis=0), (behind * which).sum(axis=0))
+        used = np.abs(pushed) / np.maximum(limit, math.ulp(0.0))
+        return float(np.clip(1 - used.max(initial=0.0), 0.0, 1.0))

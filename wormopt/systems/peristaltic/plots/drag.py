@@ -1,0 +1,52 @@
+"""The best gait of a worm on drag beside the best small one."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from wormopt.plotting.parts import (
+    DASHES,
+    GREY,
+    LINKS,
+    fact,
+    label,
+    labels,
+    legend,
+    line,
+    needed,
+    shades,
+    sheet,
+    tell,
+)
+from wormopt.result import Result
+
+
+def drag_gait(result: Result) -> Figure:
+    """Lengths of all segments over a period, dashed those of the best small gait; velocity."""
+    drawn = sheet(7.1, 4.2, 4.6)
+    top, below = drawn.subplots(2, sharex=True, height_ratios=(2, 1))
+    time, lengths = result["instant"].values, result["length"].values
+    colours = shades(LINKS, len(lengths))
+    for colour, found, small in zip(colours, lengths, result["length_small"].values, strict=True):
+        top.plot(time, small, color=colour, linewidth=0.9, linestyle=DASHES[1])
+        top.plot(time, found, color=colour)
+    names = labels("segment", len(lengths))
+    legend(
+        top,
+        [*map(line, names, colours), line("best small gait", GREY, DASHES[1], 0.9)],
+    )
+    top.set_ylabel(label("length $l_j$", result["length"].unit))
+    below.plot(time, result["velocity"].values, color="black")
+    below.axhline(needed(result, "speed"), color=GREY, linewidth=1, linestyle=":")
+    legend(below, [line("centre", "black"), line("mean", GREY, ":", 1)])
+    below.set_ylabel(label("velocity", result["velocity"].unit))
+    below.set_xlabel(label("time $t$", result["instant"].unit))
+    below.margins(x=0)
+    tell(
+        drawn,
+        fact(result, "distance", "way in a period"),
+        fact(result, "distance_small", "by small strains"),
+        fact(result, "segments_per_wave"),
+    )
+    drawn.align_ylabels()
+    return drawn

@@ -1,0 +1,179 @@
+"""Scenes of kind ``peristaltic-switching``: when to switch coils that are on or off."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Motion
+from wormopt.ocp.optimise import Optimum
+from wormopt.progress import Report
+from wormopt.result import Check, Result
+from wormopt.scene.scene import Scene
+from wormopt.systems.peristaltic.drag.worm import rings
+from wormopt.systems.peristaltic.scenes.switching import DragGround, PeristalticSwitchingScene
+from wormopt.systems.peristaltic.switching.orders import Search, search
+from wormopt.systems.peristaltic.switching.problem import polish
+from wormopt.systems.peristaltic.switching.switching import (
+    OFF,
+    Aim,
+    Drag,
+    SwitchedWorm,
+    SwitchingProgram,
+    SwitchLimits,
+    Tube,
+    walk,
+)
+from wormopt.systems.shared.optimum import (
+    conclude_optimum,
+    cross_check,
+    refused,
+    sample_motion,
+    warnings_of_optimum,
+)
+
+# By how much both ways to the way in a period may differ.
+_AGREED = 1e-8
+# A limit so nearly reached is.
+_REACHED = 1e-6
+
+
+@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+def run(scene: Scene[PeristalticSwitchingScene], report: Report) -> Result:
+    """Find the best order and times; "failed" where simulation or closed form say otherwise.
+
+    Raises SolveError if none are found.
+    """
+    table, begin = scene.table, time.perf_counter()
+    worm, limits, given = worm_of(table), _limits(table), table.mesh
+    aim: Aim = "speed" if table.aim.maximise else "thrift"
+    mesh = Mesh.even(1, given.arcs, Collocation(given.degree, given.scheme))
+    try:
+        found = search(
+            worm, aim, limits, starts=table.search.starts, seed=table.search.seed, report=report
+        )
+        searched = time.perf_counter()
+        best = polish(worm, aim, limits, found.best, mesh, given.tolerance, report)
+    except SolveError as error:
+        raise refused(scene, error) from None
+    order, durations = found.best.lasting[0], np.diff(best.motion.phase_breaks())
+    solved = time.perf_counter()
+    return conclude_optimum(
+        scene,
+        {"phases": best},
+        cross_check(best.motion, report=report),
+        _scalars(table, best.motion, order, durations, found),
+        _variables(best.motion),
+        checks=[*_checks(worm, aim, order, durations, best)],
+        facts={
+            "search": {"orders_tried": found.tried, "all_orders": found.complete},
+            "assumptions": ["each coil goes on once in a period, and off once"],
+        },
+        warnings=_warnings(table, best, found, given.tolerance),
+        timings={
+            "search": searched - begin,
+            "optimise": solved - searched,
+            "recheck": time.perf_counter() - solved,
+        },
+        shown=("coil", "length", "velocity"),
+    )
+
+
+def worm_of(table: PeristalticSwitchingScene) -> SwitchedWorm:
+    """The worm on its ground."""
+    worm, ground = table.worm, table.ground
+    return SwitchedWorm(
+        worm.segments,
+        worm.length_on,
+        worm.length_off,
+        worm.time_on,
+        worm.time_on if worm.time_off is None else worm.time_off,
+        Drag(ground.exponent) if isinstance(ground, DragGround) else Tube(ground.contact),
+    )
+
+
+def _limits(table: PeristalticSwitchingScene) -> SwitchLimits:
+    given = table.limits
+    low, high = given.period
+    return SwitchLimits((low, high), given.duty, given.dwell, given.together, table.aim.speed)
+
+
+def _checks(
+    worm: SwitchedWorm, aim: Aim, order: np.ndarray, durations: np.ndarray, best: Optimum
+) -> Iterator[Check]:
+    """What the times found are worth by closed arcs; in a tube, what coils alone do in them."""
+    found = SwitchingProgram(worm, len(durations), aim).at(order, durations)
+    worth = found.worth / worm.speed
+    advice = f"by arcs in closed form the objective is {-worth:.9g}"
+    yield Check("arcs in closed form", abs(worth / best.objective + 1), _AGREED, advice)
+    if worm.ground.contact is None:
+        return
+    walked = walk(worm, order != OFF, durations, found.start)
+    wrong = max(abs(walked.way - found.way), walked.slip) / found.way
+    advice = f"the way is {walked.way:.9g}, with a slip of {walked.slip:.3g}"
+    yield Check("walk by the coils alone", max(wrong, walked.loose / found.period), _AGREED, advice)
+
+
+def _scalars(
+    table: PeristalticSwitchingScene,
+    motion: Motion,
+    order: np.ndarray,
+    durations: np.ndarray,
+    found: Search,
+) -> dict[str, Any]:
+    ends = motion.state("position", np.array([0.0, motion.duration]))[0]
+    way, period = float(ends[1] - ends[0]), motion.duration
+    coils = (order != OFF).astype(int)
+    on = durations @ coils
+    begins = np.concatenate([[0.0], np.cumsum(durations)[:-1]])
+    goes_on = coils > np.roll(coils, 1, axis=0)
+    start = np.array([begins[np.argmax(column)] for column in goes_on.T])
+    lengths = motion.state("length", np.linspace(0.0, period, 2001))
+    return {
+        "speed": way / period,
+        "energy_per_distance": table.worm.power * float(on.sum()) / way,
+        "distance": way,
+        "on_time": on,
+        "on_start": np.mod(start - start[0], period),
+        "duty": float(on.max()) / period,
+        "together": int(coils.sum(axis=1).max()),
+        "coil_states": order,
+        "orders_tried": found.tried,
+        "length_min": float(lengths.min()),
+        "length_max": float(lengths.max()),
+    }
+
+
+def _variables(motion: Motion) -> dict[str, np.ndarray]:
+    model = motion.program.problem.model
+    expressions: dict[str, ca.SX] = {
+        "length": model["length"],
+        "coil": model["coil"],
+        "anchored": model["resting"],
+        "velocity": model["speed"],
+        "position": rings(model["position"], model["length"]),
+    }
+    return sample_motion(motion, expressions).arrays(PeristalticSwitchingScene.variables)
+
+
+def _warnings(
+    table: PeristalticSwitchingScene, best: Optimum, found: Search, tolerance: float
+) -> Iterator[str]:
+    yield from warnings_of_optimum(best, tolerance)
+    if not found.complete:
+        yield (
+            f"{found.tried} orders of switching were tried, not all; search.starts and search.seed "
+            "try others"
+        )
+    low, high = table.limits.period
+    if low < high and best.motion.duration > high * (1 - _REACHED):
+        yield "the best period is the longest one allowed; limits.period may be too narrow"
+    if low < high and best.motion.duration < low * (1 + _REACHED):
+        yield "the best period is the shortest one allowed; limits.period may be too narrow"

@@ -1,0 +1,1 @@
+"""One segment: a sealed membrane in its coil and tube; inflated, wound, its true shape."""

@@ -1,0 +1,103 @@
+"""A segment wound with fibres that do not stretch, in both directions at one angle to its axis.
+
+At the angle al the stretch is cos al / cos al0 and the hoop stretch sin al / sin al0, al0 being the
+angle of the unstressed segment: length, radius and volume go together. The volume, as cos al
+sin² al, is largest at tan² al = 2, where a pressure no longer pulls. A sealed round segment is
+therefore locked; it moves only if it is filled to less than the largest volume, and is then
+flattened. Angles in rad. Source: docs/theory-peristaltic.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from wormopt.errors import ArgumentError
+from wormopt.numerics.roots import root
+from wormopt.systems.peristaltic.segment.rubber import density, slopes
+from wormopt.systems.peristaltic.segment.segment import Segment
+
+NEUTRAL = math.atan(math.sqrt(2))
+"""Angle of the largest volume, 54.7356 degrees."""
+
+
+@dataclass(frozen=True)
+class Fibres:
+    """A segment of membrane between fibres at an angle to the axis, in rad, when unstressed.
+
+    Raises ArgumentError if the angle is not between 0 and a right angle.
+    """
+
+    segment: Segment
+    angle: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.angle < math.pi / 2:
+            raise ArgumentError(
+                f"the angle of the fibres is {math.degrees(self.angle):g} degrees; it must be "
+                "between 0 and 90"
+            )
+
+    def stretches(self, angle: Any) -> tuple[Any, Any]:
+        """Stretch along the axis and hoop stretch, at an angle (rad, number or expression)."""
+        return ca.cos(angle) / math.cos(self.angle), ca.sin(angle) / math.sin(self.angle)
+
+    def energy(self, angle: Any) -> Any:
+        """Elastic energy of the membrane, in J."""
+        segment = self.segment
+        w = density(*self.stretches(angle), segment.neo_hookean)
+        return segment.length * segment.stiffness * w
+
+    def volume(self, angle: Any) -> Any:
+        """Volume of the round segment, in m³."""
+        stretch, hoop = self.stretches(angle)
+        return self.segment.volume * stretch * hoop**2
+
+    def pull(self, angle: Any, pressure: Any) -> Any:
+        """Pull of a pressure (Pa) on the ends, in N: less the derivative of p V by the length.
+
+        p (b² / 4 pi n²)(3 cos² al - 1) with fibres of the length b and n turns.
+        """
+        section = math.pi * (self.segment.radius / math.sin(self.angle)) ** 2
+        return pressure * section * (3 * ca.cos(angle) ** 2 - 1)
+
+    def elastic_pull(self, angle: Any) -> Any:
+        """Pull of the membrane on the ends, in N: derivative of `energy` by the length."""
+        along, around = slopes(*self.stretches(angle), self.segment.neo_hookean)
+        narrowing = 1 / (ca.tan(angle) * math.tan(self.angle))  # of the hoop, by the stretch
+        return self.segment.stiffness * (along - around * narrowing)
+
+    def angle_at(self, pressure: float, load: float = 0.0) -> float:
+        """Angle at rest, in rad, under a pressure (Pa) and a load (N) that pulls the ends apart.
+
+        The segment shares its fluid; the membrane is bonded to the fibres.
+        """
+
+        def surplus(angle: float) -> float:
+            return float(self.elastic_pull(angle) + self.pull(angle, pressure) - load)
+
+        return root(surplus, 1e-6, math.pi / 2 - 1e-6)
+
+
+def fill_at(angle: Any) -> Any:
+    """Volume of a round segment over the largest, at an angle of its fibres in rad."""
+    return 1.5 * math.sqrt(3) * ca.cos(angle) * ca.sin(angle) ** 2
+
+
+def range_of_fill(fill: float) -> tuple[float, float]:
+    """Angles between which a sealed segment moves, at a volume over the largest; in rad.
+
+    At 1 both are `NEUTRAL`: it is locked. Raises ArgumentError unless 0 < fill <= 1.
+    """
+    if not 0 < fill <= 1:
+        raise ArgumentError(f"a fill of {fill:g} does not fit between the fibres; write 0 to 1")
+    if fill == 1:
+        return NEUTRAL, NEUTRAL
+
+    def surplus(angle: float) -> float:
+        return float(fill_at(angle)) - fill
+
+    return root(surplus, 0.0, NEUTRAL), root(surplus, NEUTRAL, math.pi / 2)

@@ -1,0 +1,1 @@
+"""Coils that are on or off: the best times and order of switching them."""

@@ -1,0 +1,347 @@
+"""A worm whose coils are on or off: its arcs in closed form, and the best times to switch.
+
+Under a coil each segment relaxes to a length of its own, l' = (target - l) / tau, so that on an arc
+between two switches all lengths are exponentials, and so is their return after a period. On drag
+the way is an integral, for which Gauss's rule on each arc is exact to round-off. How lengths and
+rates make the worm move is the ground's business (`Ground`): drag, or anchors in a tube.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal, Protocol
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.model.model import Model, Output, Signal
+from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
+from wormopt.systems.peristaltic.drag.worm import centres, drift
+
+Aim = Literal["speed", "thrift"]
+"""What is most: way per time, or way per time that coils are on, all coils taken together."""
+
+_POINTS = 16
+_SOLVER = Ipopt(tolerance=1e-12, iterations=150, mu_init=1e-2)
+_VIOLATED, _PENALTY = 1e-8, 100.0
+# Arcs shorter than this part of the period last no time.
+_NOTHING = 1e-7
+
+OFF, ON, ANCHORED = 0, 1, 2
+"""States of a segment: its coil off; on; on while it rests on the wall."""
+
+
+class Ground(Protocol):
+    """How a worm moves on the ground where its lengths change."""
+
+    @property
+    def contact(self) -> float | None:
+        """Length at which a segment whose coil is on rests on the wall, until it is off."""
+        ...
+
+    def holds(self, anchored: np.ndarray) -> np.ndarray:
+        """Whether the worm may move with these segments anchored, (arcs, N) to (arcs,)."""
+        ...
+
+    def velocity(self, lengths: ca.SX, rates: ca.SX, anchored: ca.SX) -> ca.SX:
+        """Velocity of the mean of all centres."""
+        ...
+
+
+@dataclass(frozen=True)
+class Drag:
+    """Ground on which each segment is dragged back by (l / L)^exponent times its velocity."""
+
+    exponent: float
+    contact: None = field(default=None, init=False)
+
+    def holds(self, anchored: np.ndarray) -> np.ndarray:
+        """Always."""
+        return np.ones(len(anchored), dtype=bool)
+
+    def velocity(self, lengths: ca.SX, rates: ca.SX, anchored: ca.SX) -> ca.SX:
+        """Velocity at which all drags sum to zero."""
+        return drift((lengths / lengths[0]) ** self.exponent, rates)
+
+
+@dataclass(frozen=True)
+class Tube:
+    """A tube on whose wall segments that are as short as `contact` are anchored."""
+
+    contact: float
+
+    def holds(self, anchored: np.ndarray) -> np.ndarray:
+        """Where there are some, and none between them that move: else some would slip."""
+        begins = np.diff(anchored, axis=1, prepend=0) > 0
+        return begins.sum(axis=1) == 1
+
+    def velocity(self, lengths: ca.SX, rates: ca.SX, anchored: ca.SX) -> ca.SX:
+        """Velocity at which the anchored segments rest."""
+        swing = ca.mtimes(ca.DM(centres(rates.numel())), rates)
+        return -ca.dot(anchored, swing) / ca.sum1(anchored)
+
+
+@dataclass(frozen=True)
+class SwitchedWorm:
+    """Segments in their coils, on some ground. Raises ArgumentError for what is not positive."""
+
+    segments: int
+    on: float  # length to which a segment relaxes while its coil is on
+    off: float  # and while it is off
+    tau_on: float  # time constants
+    tau_off: float
+    ground: Ground
+
+    def __post_init__(self) -> None:
+        if self.segments < 2 or not min(self.on, self.off, self.tau_on, self.tau_off) > 0:
+            raise ArgumentError("two segments or more, with positive lengths and time constants")
+        if self.ground.contact is not None and not self.on < self.ground.contact < self.off:
+            raise ArgumentError("segments must touch the wall at a length between on and off")
+
+    def rates(self, lengths: ca.SX, coils: ca.SX, anchored: ca.SX) -> ca.SX:
+        """Rates of the lengths; coils between off (0) and on (1) are between both."""
+        return (1 - anchored) * (
+            coils * (self.on - lengths) / self.tau_on
+            + (1 - coils) * (self.off - lengths) / self.tau_off
+        )
+
+    @property
+    def time(self) -> float:
+        """Usual time: the sum of both time constants."""
+        return self.tau_on + self.tau_off
+
+    @property
+    def speed(self) -> float:
+        """Usual speed: the stroke of a segment in that time."""
+        return abs(self.on - self.off) / self.time
+
+    @cached_property
+    def model(self) -> Model:
+        """States ``length`` and ``position``; inputs ``coil``, in a tube ``anchored``, 0 or 1."""
+        n, contact = self.segments, self.ground.contact
+        lengths, x, u = ca.SX.sym("length", n), ca.SX.sym("position"), ca.SX.sym("coil", n)
+        rest = ca.SX.zeros(n) if contact is None else ca.SX.sym("anchored", n)
+        rates = self.rates(lengths, u, rest)
+        speed = self.ground.velocity(lengths, rates, rest)
+        size = max(self.on, self.off)
+        inputs = [Signal("coil", u, "share", 1.0, 0.0, 1.0, value=0.0)]
+        if contact is not None:
+            inputs.append(Signal("anchored", rest, "share", 1.0, 0.0, 1.0, value=0.0))
+        return Model(
+            f"worm of {n} segments in coils",
+            x=[
+                Signal(
+                    "length",
+                    lengths,
+                    "length",
+                    size,
+                    -np.inf if contact is None else contact,
+                    value=self.off,
+                ),
+                Signal("position", x, "length", size, value=0.0),
+            ],
+            ode=ca.vertcat(rates, speed),
+            u=inputs,
+            outputs=[
+                Output("speed", speed, "speed"),
+                Output("rate", rates, "speed"),
+                Output("resting", rest, "share"),
+            ],
+        )
+
+
+@dataclass(frozen=True)
+class SwitchLimits:
+    """What times of switching must keep to."""
+
+    period: tuple[float, float]  # shortest and longest
+    duty: float = 1.0  # most of the period that a coil is on
+    dwell: float = 0.0  # shortest time on, and off
+    together: int | None = None  # most coils on at a time
+    speed: float | None = None  # least mean speed
+
+
+@dataclass(frozen=True, eq=False)
+class Switched:
+    """A periodic motion by arcs."""
+
+    order: np.ndarray  # (arcs, N) states of the segments: OFF, ON or ANCHORED
+    durations: np.ndarray  # (arcs,)
+    start: np.ndarray  # (N,) lengths as the first arc begins
+    way: float  # in a period
+    worth: float  # what was maximised
+
+    @property
+    def period(self) -> float:
+        """How long it takes."""
+        return float(self.durations.sum())
+
+    @property
+    def coils(self) -> np.ndarray:
+        """Which coils are on, (arcs, N)."""
+        return (self.order != OFF).astype(int)
+
+    @property
+    def lasting(self) -> tuple[np.ndarray, np.ndarray]:
+        """States and durations of the arcs that last, joined where nothing is switched."""
+        order: list[np.ndarray] = []
+        durations: list[float] = []
+        for state, d in zip(self.order, self.durations, strict=True):
+            if d <= _NOTHING * self.period:
+                continue
+            if order and np.array_equal(order[-1], state):
+                durations[-1] += d
+            else:
+                order.append(state)
+                durations.append(float(d))
+        return np.array(order), np.array(durations)
+
+
+class SwitchingProgram:
+    """Best durations of at most so many arcs, for any order of switching: built once.
+
+    Each coil goes on once in a period, and off once.
+    """
+
+    def __init__(self, worm: SwitchedWorm, arcs: int, aim: Aim) -> None:
+        self._arcs, self._worm = arcs, worm
+        n = worm.segments
+        d, coils = ca.SX.sym("duration", arcs), ca.SX.sym("coil", n, arcs)
+        rest = ca.SX.sym("anchored", n, arcs)
+        start, shortest, way = _course(worm, d, coils, rest)
+        period, on = ca.sum1(d), ca.mtimes(coils, d)
+        worth = way / (period if aim == "speed" else ca.sum1(on))
+        times = ca.vertcat(period, on, period - on) / worm.time
+        rows = ca.vertcat(times, on / period, way / period / worm.speed)
+        if worm.ground.contact is not None:
+            rows = ca.vertcat(rows, (shortest - worm.ground.contact) / (worm.off - worm.on))
+        given = [d, ca.veccat(coils, rest)]
+        self._course = ca.Function("course", given, [start, way, worth, rows])
+        w, p = ca.MX.sym("w", arcs), ca.MX.sym("p", 2 * n * arcs)
+        _, _, best, bounded = self._course(w * worm.time, p)
+        self._nlp = NonlinearProgram(w, p, -best / worm.speed, bounded)
+
+    def at(self, order: np.ndarray, durations: np.ndarray) -> Switched:
+        """Motion with an order (arcs, N) and durations (arcs,) of arcs."""
+        start, way, worth, _ = self._course(self._filled(durations), self._given(order))
+        return Switched(order, durations, np.asarray(start).ravel(), float(way), float(worth))
+
+    def allowed(self, order: np.ndarray, limits: SwitchLimits) -> np.ndarray:
+        """Which arcs of an order may last, (arcs,)."""
+        few = (order != OFF).sum(axis=1) <= (limits.together or self._worm.segments)
+        return few & self._worm.ground.holds((order == ANCHORED).astype(int))
+
+    def best(self, order: np.ndarray, first: np.ndarray, limits: SwitchLimits) -> Switched | None:
+        """Best durations of an order (arcs, N), begun at `first` (arcs,); None if none are found.
+
+        A duration may become 0: coils are switched at the same time then.
+        """
+        bounds = self._bounds(order, limits)
+        w0 = np.minimum(self._filled(first / self._worm.time), bounds.ubw)
+        if not (order[self.allowed(order, limits)] != OFF).any(axis=0).all():
+            return None  # some coil would never be on
+        solution = self._nlp.solve(w0, bounds, _SOLVER)
+        if not solution.success or solution.violation > _VIOLATED:
+            return None
+        return self.at(order, solution.w[: len(order)] * self._worm.time)
+
+    def promise(self, order: np.ndarray, durations: np.ndarray, limits: SwitchLimits) -> float:
+        """What durations are worth as they are, less what they violate, over the usual speed."""
+        bounds = self._bounds(order, limits)
+        first = self._nlp.start(self._filled(durations / self._worm.time), bounds)
+        return -first.objective - _PENALTY * first.violation
+
+    def _bounds(self, order: np.ndarray, limits: SwitchLimits) -> Bounds:
+        n, unit = self._worm.segments, self._worm.time
+        least, most = np.array(limits.period) / unit
+        slowest = -np.inf if limits.speed is None else limits.speed / self._worm.speed
+        lower = [[least], np.full(2 * n, limits.dwell / unit), np.zeros(n), [slowest]]
+        upper = [np.full(2 * n + 1, most), np.full(n, limits.duty), [np.inf]]
+        if self._worm.ground.contact is not None:
+            lower.append(np.zeros(n))
+            upper.append(np.where((order == ANCHORED).any(axis=0), 0.0, np.inf))
+        return Bounds(
+            np.zeros(self._arcs),
+            self._filled(np.where(self.allowed(order, limits), most, 0.0)),
+            np.concatenate(lower),
+            np.concatenate(upper),
+            self._given(order),
+        )
+
+    def _filled(self, values: np.ndarray) -> np.ndarray:
+        """With zeros for the arcs that an order does not have."""
+        return np.concatenate([values, np.zeros(self._arcs - len(values))])
+
+    def _given(self, order: np.ndarray) -> np.ndarray:
+        """Parameters of an order: coils on, segments anchored."""
+        states = order[np.minimum(np.arange(self._arcs), len(order) - 1)].ravel()
+        return np.concatenate([states != OFF, states == ANCHORED]).astype(float)
+
+
+def _course(worm: SwitchedWorm, d: ca.SX, coils: ca.SX, rest: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Lengths (N, 1) that return after all arcs, those as coils go off, and the way."""
+    n, arcs = coils.shape
+    nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
+    target = worm.off + (worm.on - worm.off) * coils
+    pace = (1 - rest) / (worm.tau_off + (worm.tau_on - worm.tau_off) * coils)
+    offset, whole = ca.SX.zeros(n), ca.SX.zeros(n)
+    for i in range(arcs):
+        left = -d[i] * pace[:, i]
+        gone = -ca.expm1(left)
+        offset = (1 - gone) * offset + gone * target[:, i]
+        whole += left
+    start = offset / -ca.expm1(whole)
+    lengths, shortest, way = start, ca.SX.zeros(n), ca.SX(0)
+    for i in range(arcs):
+        shortest += coils[:, i - 1] * (1 - coils[:, i]) * lengths
+        begin, apart = lengths, lengths - target[:, i]
+        lengths = target[:, i] + apart * ca.exp(-d[i] * pace[:, i])
+        if worm.ground.contact is not None:  # velocity hangs on rates alone: way on what they add
+            way += worm.ground.velocity(begin, lengths - begin, rest[:, i])
+            continue
+        for s, weight in zip((nodes + 1) / 2, weights / 2, strict=True):
+            now = apart * ca.exp(-s * d[i] * pace[:, i])
+            moving = worm.ground.velocity(target[:, i] + now, -now * pace[:, i], rest[:, i])
+            way += weight * d[i] * moving
+    return start, shortest, way
+
+
+@dataclass(frozen=True)
+class Walk:
+    """What a worm in a tube does by its coils alone."""
+
+    way: float  # in the time given
+    slip: float  # by how much anchored segments were pulled apart or together, in sum
+    loose: float  # how long nothing was anchored; it went on as if the last anchor held
+
+
+def walk(worm: SwitchedWorm, coils: np.ndarray, durations: np.ndarray, lengths: np.ndarray) -> Walk:
+    """Follow a worm from its lengths (N,) by coils (arcs, N): what touches is found on the way.
+
+    Raises ArgumentError where there is no wall.
+    """
+    contact = worm.ground.contact
+    if contact is None:
+        raise ArgumentError("only a worm in a tube walks from anchor to anchor")
+    way = slip = loose = 0.0
+    places, held = centres(worm.segments), np.zeros(worm.segments, dtype=bool)
+    for on, duration in zip(coils != OFF, durations, strict=True):
+        target, tau = np.where(on, worm.on, worm.off), np.where(on, worm.tau_on, worm.tau_off)
+        left = float(duration)
+        while left > 0:
+            rest = on & (lengths <= contact)
+            ratio = np.maximum((lengths - worm.on) / (contact - worm.on), 1.0)
+            until = np.where(on & ~rest, worm.tau_on * np.log(ratio), np.inf)
+            step = min(left, float(until.min()))
+            after = np.where(rest, lengths, target + (lengths - target) * np.exp(-step / tau))
+            after[until <= step] = contact
+            moved = places @ (after - lengths)
+            loose += 0.0 if rest.any() else step
+            held = rest if rest.any() else held
+            if held.any():
+                way -= float(moved[held].mean())
+                slip += float(np.ptp(moved[held]))
+            lengths, left = after, left - step
+    return Walk(way, slip, loose)
