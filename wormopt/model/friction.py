@@ -79,7 +79,7 @@ def _ascend(*values: Expression) -> bool:
     return all(low <= high for low, high in pairwise(numbers))
 
 
-def _positive(value: Expression) -> bool:
+def positive(value: Expression) -> bool:
     return True if isinstance(value, ca.SX) else value > 0
 
 
@@ -100,7 +100,7 @@ class _TwoWay:
         raise NotImplementedError
 
 
-def _check_numbers(law: Any) -> None:
+def check_numbers(law: Any) -> None:
     """Refuse fields that are neither numbers nor symbols, a list for instance."""
     for item in fields(law):
         value = getattr(law, item.name)
@@ -149,7 +149,7 @@ class Coulomb(_TwoWay):
     stick_backward: Expression | None = None
 
     def __post_init__(self) -> None:
-        _check_numbers(self)
+        check_numbers(self)
         _check_forces(self, self.forward, self.backward)
 
     @property
@@ -211,9 +211,9 @@ class Stribeck(_TwoWay):
     v_stribeck: Expression
 
     def __post_init__(self) -> None:
-        _check_numbers(self)
+        check_numbers(self)
         _check_forces(self, self.forward, self.backward)
-        if not _positive(self.v_stribeck):
+        if not positive(self.v_stribeck):
             raise ArgumentError("v_stribeck must be positive")
 
     @property
@@ -265,7 +265,7 @@ class Viscous(_TwoWay):
     drag: Expression
 
     def __post_init__(self) -> None:
-        _check_numbers(self)
+        check_numbers(self)
         if not _ascend(0.0, self.drag):
             raise ArgumentError("drag must not be negative")
 
@@ -335,8 +335,8 @@ class Spike:
     scale: Expression = 1.0
 
     def __post_init__(self) -> None:
-        _check_numbers(self)
-        if not _positive(self.scale):
+        check_numbers(self)
+        if not positive(self.scale):
             raise ArgumentError("scale must be positive")
 
     @property
@@ -389,3 +389,80 @@ class Spike:
             Load on the spike, never negative.
         """
         return self.scale * (ca.sqrt(v**2 + v_reg**2) - v) / (2 * v_reg)
+
+
+@dataclass(frozen=True)
+class Held:
+    """What neither slides nor lets go: a pin along one direction, a skid or wheel across it.
+
+    Parameters
+    ----------
+    scale : float or casadi.SX, optional
+        Force of the smooth stand-in at v = v_reg; a size, not a limit.
+
+    Raises
+    ------
+    ArgumentError
+        If ``scale`` is not positive.
+
+    Examples
+    --------
+    >>> Held().directions, Held().stick_interval
+    ((), (-inf, inf))
+    """
+
+    scale: Expression = 1.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        if not positive(self.scale):
+            raise ArgumentError("scale must be positive")
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """None."""
+        return ()
+
+    @property
+    def stick_interval(self) -> tuple[float, float]:
+        """Any force."""
+        return -math.inf, math.inf
+
+    def slip_force(self, v: Expression, direction: int) -> Expression:
+        """There is no sliding.
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        direction : {+1, -1}
+            Forward or backward.
+
+        Returns
+        -------
+        float
+            Never.
+
+        Raises
+        ------
+        ArgumentError
+            Always.
+        """
+        raise ArgumentError("what is held does not slide")
+
+    def smooth(self, v: Expression, v_reg: Expression) -> Expression:
+        """Drag scale v / v_reg, against either direction.
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        v_reg : float or casadi.SX
+            Velocity at which it is ``scale``, positive.
+
+        Returns
+        -------
+        casadi.SX or float
+            Force on the worm.
+        """
+        return -self.scale * v / v_reg
