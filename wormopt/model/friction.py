@@ -80,6 +80,7 @@ def _ascend(*values: Expression) -> bool:
 
 
 def positive(value: Expression) -> bool:
+    """Whether a number is positive; symbols pass."""
     return True if isinstance(value, ca.SX) else value > 0
 
 
