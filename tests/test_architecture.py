@@ -46,6 +46,7 @@ USES: dict[str, set[str]] = {
     "coils": {"film"},
     "channel": {"coils"},
     "peristaltic": {"coils"},
+    "planar": set(),
 }
 
 

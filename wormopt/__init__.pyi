@@ -86,6 +86,7 @@ from wormopt.systems import channel as channel
 from wormopt.systems import film as film
 from wormopt.systems import pair as pair
 from wormopt.systems import peristaltic as peristaltic
+from wormopt.systems import planar as planar
 from wormopt.systems.chain.build import chain as chain
 from wormopt.systems.chain.copies import copies as copies
 from wormopt.systems.spiked import stepper as stepper

@@ -1,0 +1,1 @@
+"""The body in the plane: where its points are for a shape, and how its shape goes round."""

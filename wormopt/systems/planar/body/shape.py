@@ -1,0 +1,191 @@
+"""Shapes: the points of a body as functions of its shape variables, as CasADi expressions.
+
+A body of n links has masses 0 to n, head first; r_{j-1} - r_j = l_j e(psi_j), and the joints turn
+by phi_j = psi_j - psi_{j+1}, positive where the link in front is turned to the left. The frame of
+the body sits at the head and looks along the first link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import casadi as ca
+
+from wormopt.errors import ArgumentError
+
+Heading = Literal["bisector", "front", "rear"]
+"""Along what an inner mass looks: between its links, or along the one in front or behind."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """Points of a body and where they look, by shape variables.
+
+    Parameters
+    ----------
+    s : casadi.SX
+        Column of the shape variables: lengths, angles, or none for a rigid body.
+    names : tuple of str
+        Their names.
+    points : casadi.SX, shape (2, m)
+        Places of the points in the frame of the body.
+    headings : casadi.SX, shape (m, 1)
+        Angles from the body's heading to the points'.
+    rates : casadi.SX
+        Column of symbols of the time derivatives of ``s``.
+    twist : casadi.SX
+        Three symbols: velocity of the frame, in the frame, and how fast it turns.
+
+    Examples
+    --------
+    >>> chain_shape(2).names
+    ('length 1', 'length 2', 'angle 1')
+    >>> chain_shape(2, lengths=(1.0, 1.0)).points[:, 1]
+    SX([-1, 0])
+    """
+
+    s: ca.SX
+    names: tuple[str, ...]
+    points: ca.SX
+    headings: ca.SX
+    rates: ca.SX
+    twist: ca.SX
+
+    @property
+    def n_points(self) -> int:
+        """How many points there are."""
+        return int(self.points.size2())
+
+    @cached_property
+    def velocities(self) -> ca.SX:
+        """Velocities of the points, each along its own heading and to its left, shape (2, m).
+
+        They are linear in `twist` and `rates`.
+        """
+        columns = [self._velocity(i) for i in range(self.n_points)]
+        return ca.horzcat(*columns)
+
+    def _velocity(self, i: int) -> ca.SX:
+        place, angle = self.points[:, i], self.headings[i]
+        turn = ca.vertcat(-place[1], place[0])
+        velocity = self.twist[:2] + self.twist[2] * turn + ca.jtimes(place, self.s, self.rates)
+        return turned(-angle, velocity)
+
+    @cached_property
+    def turning(self) -> ca.SX:
+        """How fast the headings turn, shape (m, 1)."""
+        return self.twist[2] + ca.jtimes(self.headings, self.s, self.rates)
+
+    @cached_property
+    def kinematics(self) -> ca.Function:
+        """Places, headings, and the velocities of the points as J twist + B rates.
+
+        Of s; gives ``points`` (2, m), ``headings`` (m), ``J`` (2m, 3) and ``B`` (2m, n_s).
+        """
+        v = ca.vec(self.velocities)
+        J, B = ca.jacobian(v, self.twist), ca.jacobian(v, self.rates)
+        found = [ca.densify(part) for part in (self.points, self.headings, J, B)]
+        return ca.Function("kinematics", [self.s], found, ["s"], ["points", "headings", "J", "B"])
+
+
+def turned(angle: ca.SX, vector: ca.SX) -> ca.SX:
+    """Turn a vector (2) to the left by an angle."""
+    c, s = ca.cos(angle), ca.sin(angle)
+    return ca.vertcat(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1])
+
+
+def rigid_shape(
+    points: Sequence[Sequence[float]], headings: Sequence[float] | None = None
+) -> Shape:
+    """Shape of a rigid body.
+
+    Parameters
+    ----------
+    points : sequence of (float, float)
+        Places of its points in its frame.
+    headings : sequence of float, optional
+        Angles from the body's heading to the points'; none differ if left out.
+
+    Returns
+    -------
+    Shape
+        Without shape variables.
+
+    Examples
+    --------
+    >>> rigid_shape([(1.0, 0.0), (-1.0, 0.0)]).n_points
+    2
+    """
+    looks = [0.0] * len(points) if headings is None else headings
+    if len(looks) != len(points) or not len(points):
+        raise ArgumentError(f"{len(points)} points need as many headings, not {len(looks)}")
+    places = ca.SX(ca.DM([list(point) for point in points])).T
+    return _shape(ca.SX(0, 1), (), places, ca.SX(ca.DM(list(looks))))
+
+
+def chain_shape(
+    n_links: int, *, lengths: Sequence[float] | None = None, heading: Heading = "bisector"
+) -> Shape:
+    """Shape of a chain whose joints bend and whose links change their lengths.
+
+    Parameters
+    ----------
+    n_links : int
+        Number n of links; there are n + 1 masses, head first, and n - 1 joints.
+    lengths : sequence of float, optional
+        Lengths of links that do not change; without them lengths are shape variables.
+    heading : {"bisector", "front", "rear"}, optional
+        Along what an inner mass looks.
+
+    Returns
+    -------
+    Shape
+        Shape variables are the lengths, if they vary, then the angles of the joints.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no link, a length is not positive, or there are not n of them.
+
+    Examples
+    --------
+    >>> chain_shape(3, lengths=(1.0, 1.0, 1.0)).names
+    ('angle 1', 'angle 2')
+    """
+    if n_links < 1:
+        raise ArgumentError(f"a chain needs at least one link, not {n_links}")
+    if lengths is not None and (len(lengths) != n_links or min(lengths) <= 0):
+        raise ArgumentError(f"lengths must be {n_links} positive numbers, not {list(lengths)}")
+    angles = ca.SX.sym("phi", n_links - 1)
+    varied = ca.SX.sym("l", n_links if lengths is None else 0)
+    names = tuple(f"length {j + 1}" for j in range(varied.numel()))
+    names += tuple(f"angle {j + 1}" for j in range(n_links - 1))
+    sizes = varied if lengths is None else ca.SX(ca.DM(list(lengths)))
+    links = link_angles(angles)
+    points = [ca.SX.zeros(2)]
+    for j in range(n_links):
+        along = ca.vertcat(ca.cos(links[j]), ca.sin(links[j]))
+        points.append(points[-1] - sizes[j] * along)
+    looks = mass_headings(links, angles, heading)
+    return _shape(ca.vertcat(varied, angles), names, ca.horzcat(*points), looks)
+
+
+def link_angles(angles: ca.SX) -> ca.SX:
+    """Angles of the links from the first one's, head first, by those of the joints."""
+    return ca.vertcat(0, -ca.cumsum(angles)) if angles.numel() else ca.SX.zeros(1)
+
+
+def mass_headings(links: ca.SX, angles: ca.SX, heading: Heading) -> ca.SX:
+    """Angles along which the masses look, by those of links and joints."""
+    behind = {"bisector": 0.5, "front": 1.0, "rear": 0.0}
+    if heading not in behind:
+        raise ArgumentError(f"heading must be one of {', '.join(behind)}, not {heading!r}")
+    return ca.vertcat(links[0], links[1:] + behind[heading] * angles, links[-1])
+
+
+def _shape(s: ca.SX, names: tuple[str, ...], points: ca.SX, headings: ca.SX) -> Shape:
+    rates, twist = ca.SX.sym("s_dot", s.numel()), ca.SX.sym("twist", 3)
+    return Shape(s, names, points, headings, rates, twist)

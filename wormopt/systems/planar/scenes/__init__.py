@@ -1,0 +1,1 @@
+"""Scene tables of planar worms."""
