@@ -238,6 +238,7 @@ def test_higher_harmonics_of_the_field_do_not_matter_to_first_order_but_to_secon
     assert np.abs(one - two).max() > 0.01 * EPS**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("laws", "cosines"),
     [
@@ -325,6 +326,7 @@ SHAPES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("law", [COULOMB, VISCOUS, WIDE], ids=["dry", "viscous", "stribeck"])
 def test_several_harmonics_by_brute_force(shape: tuple[list[float], list[float]], law: Law):

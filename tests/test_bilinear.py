@@ -192,6 +192,7 @@ class Drawn:
 seeds = st.integers(0, 2**32 - 1)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None, derandomize=True)
 @given(seeds, st.floats(0.0, 1.0))
 def test_one_held_column_against_brute_force(seed, first):

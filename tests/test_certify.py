@@ -295,6 +295,7 @@ def makings(**kinds) -> st.SearchStrategy[Making]:
     )
 
 
+@pytest.mark.slow
 @settings(
     max_examples=12, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
 )
@@ -386,6 +387,7 @@ def test_every_plane_is_as_tight_as_it_may_be(plane):
         assert any(broken_by(turned, box) for box in beside)
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None, derandomize=True)
 @given(
     makings(shape=st.just((2, 3))),
@@ -670,6 +672,7 @@ def test_every_sequence_is_in_one_family(task):
         assert all(len({word[1] for word in part}) == 1 for part in parts(family, 1))
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None, derandomize=True)
 @given(
     makings(shape=st.sampled_from([(2, 3), (3, 3)])), st.sampled_from(["equal", "least_actuation"])

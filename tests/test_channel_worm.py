@@ -411,6 +411,7 @@ def test_wrong_keys_are_told(scene: str, change: str, key: str):
     assert key in [where for where, _ in caught.value.faults]
 
 
+@pytest.mark.slow
 def test_the_kinds_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["list"]) == 0
     listed = capsys.readouterr().out

@@ -458,6 +458,7 @@ def test_a_required_speed_above_the_ceiling_is_refused_before_any_search():
         designed(task, Search(), lambda *_: pytest.fail("it searched"))
 
 
+@pytest.mark.slow
 def test_a_front_whose_first_gait_loses_a_phase_is_designed(tmp_path: Path, monkeypatch):
     from wormopt.systems.spiked.runs import gait_pareto
 

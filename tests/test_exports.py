@@ -419,6 +419,7 @@ def test_a_model_with_inputs_and_parameters(tmp_path: Path):
     assert np.abs(found[:3, -1] - found[:3, 0]).max() > 0.1  # it moves
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize(("scene", "end"), [("fig05_lambda_trackers", 3.0), ("random_links", 2.0)])
 def test_trackers_of_a_result(scene: str, end: float, tmp_path: Path):

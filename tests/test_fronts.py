@@ -33,6 +33,7 @@ def crawled(gait):
     return motion.speed, motion.extremes("reaction")[1].max()
 
 
+@pytest.mark.slow
 def test_the_gait_of_every_point_is_read_back_and_does_what_the_front_says(folder: Path):
     result = Result.load(folder)
     count = len(result["front_speed"].values)

@@ -212,6 +212,7 @@ COSINES = np.array([[1.0, 0.3, 0.2], [-0.2, -0.5, 0.1], [-0.8, 0.2, -0.3]])
 SINES = np.array([[0.1, 0.4, -0.2], [0.6, -0.1, 0.5], [-0.7, -0.3, -0.3]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("laws", "nodes", "bound"),
     [
@@ -260,6 +261,7 @@ def orders(values: Sequence[float], sizes: Sequence[float]) -> np.ndarray:
     return np.diff(np.log(values)) / np.diff(np.log(sizes))
 
 
+@pytest.mark.slow
 def test_errors_are_of_first_and_second_order_in_the_friction():
     sizes, turn = (0.08, 0.04, 0.02, 0.01), THIRDS
     cosines = np.stack([np.cos(turn), 0.6 * np.cos(turn + 0.2)], axis=1)
@@ -417,6 +419,7 @@ def test_a_velocity_that_the_change_of_friction_made_is_unknown():
     assert any("is not told from rest" in text for text in result.trust["warnings"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "lost", [pytest.param("not_finite", marks=pytest.mark.slow), "no_periodic_motion"]
 )

@@ -141,6 +141,7 @@ def test_a_kinematic_scene_loads_no_compiled_simulation(tmp_path: Path):
     assert not within("wormopt.control", loaded)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["fig05_lambda_trackers", "own_model"])
 def test_a_compiled_simulation_loads_no_integrator_of_scipy(tmp_path: Path, name: str):
     # the second route of exact contact is in Python, over scipy

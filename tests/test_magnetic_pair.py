@@ -166,6 +166,7 @@ def value(result: wo.Result, name: str):
     return result.scalars[name].value
 
 
+@pytest.mark.slow
 def test_figure_13():
     result = figure_13()
     assert result.status == "ok"
@@ -370,6 +371,7 @@ def test_folds_of_a_resonance(tmp_path: Path):
         assert len(steady_states(model, box, p={"frequency": frequency}, starts=300)) == count
 
 
+@pytest.mark.slow
 def test_branches_that_begin_where_stability_changes_are_followed(tmp_path: Path):
     """Alike both ways, friction that falls with velocity lets V = 0 branch off to both sides."""
     friction = (

@@ -192,6 +192,7 @@ def bound_of_weights(
     return max(value + between(i, n + 1) for i, value in best.items())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("links", "resting"), [(6, 2), (16, 1), (16, 9), (32, 8), (32, 30)])
 @pytest.mark.parametrize("equal", [True, False], ids=["equal", "unequal"])
 def test_a_mix_of_modes_reaches_the_ceiling_that_its_weights_prove(
@@ -341,6 +342,7 @@ FEWEST = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("links", FEWEST)
 def test_mixes_of_fewest_sets_are_found(links: int):
     for resting, fewest in enumerate(FEWEST[links], start=1):

@@ -232,6 +232,7 @@ def test_signals_are_drawn_by_name(things: dict[str, Any]):
 # -- a notebook ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_a_notebook_runs():
     cells = [

@@ -127,6 +127,7 @@ def in_the_tube() -> Result:
     return wo.run(load_scene("track_optimal", ["time.end=2.5", "tube.capture=1.0"]))
 
 
+@pytest.mark.slow
 def test_the_tube_holds_in_the_exact_simulation(in_the_tube: Result):
     assert in_the_tube.status == "ok", in_the_tube.reason
     # the optimiser keeps 2 % of the radius free; the grid uses up less than half of that

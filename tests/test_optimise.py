@@ -153,6 +153,7 @@ def test_phases_keep_the_full_order_through_a_reversal_and_a_stick(scheme, order
     assert errors[-1] < most
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["legendre", "radau"])
 def test_without_phases_switches_inside_arcs_leave_order_one(scheme):
     # where a switch falls in its arc is a matter of luck: means over six grids each

@@ -113,6 +113,7 @@ def test_a_saved_waveform_moves_the_pair_again(best: Result, tmp_path: Path):
     assert field(inner)[0] == pytest.approx(between, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_the_ground_takes_what_the_field_gives_and_has_no_mean_force(steep: Result):
     t, v = steep["instant"].values, steep["velocity"].values
     force = steep["contact_force"].values

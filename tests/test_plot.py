@@ -179,6 +179,7 @@ def wave(links: int) -> Result:
     return real("uphill_gait", f"worm.links={links}", "gait.resting=1")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("links", range(1, 9))
 def test_pictures_for_every_number_of_links(links: int):
     for picture in ("gait", "motion", "spikes", "animation"):
@@ -379,6 +380,7 @@ def test_motion_shows_two_periods_and_the_masses_at_rest():
     assert np.ravel(axes.get_lines()[3].get_xdata())[0] == pytest.approx(1.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("links", [1, 2, 8, 9, 30])
 def test_pictures_of_chains_for_every_number_of_links(links: int):
     for picture in ("trackers", "motion"):
@@ -537,7 +539,7 @@ def boxes(drawn: Figure) -> list[tuple[str, float, np.ndarray]]:
     ]
 
 
-@pytest.mark.parametrize("width", [85, 180])
+@pytest.mark.parametrize("width", [85, pytest.param(180, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("picture", PICTURES)
 def test_text_is_legible_and_covers_no_other(picture: str, width: int):
     drawn = figure(sample(picture), picture, width=width)
@@ -589,6 +591,7 @@ def test_without_title_a_picture_is_smaller_and_says_neither_title_nor_facts():
             figure(result, "gait", width=width, height=height)
 
 
+@pytest.mark.slow
 def test_facts_are_rounded_and_in_the_units_of_the_picture():
     told = texts(figure(sample("steps"), "steps"))
     assert "travel per step 5 µm" in told
@@ -603,6 +606,7 @@ def test_facts_are_rounded_and_in_the_units_of_the_picture():
 FORMATS = {"png": b"\x89PNG\r\n", "pdf": b"%PDF-", "svg": b"<?xml"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("picture", "form"),
     [*(("gait", form) for form in FORMATS), ("coil_pressure", "png"), ("basins", "svg")],
@@ -642,6 +646,7 @@ def test_an_animation_is_still_as_a_picture_and_only_it_moves(tmp_path: Path):
     assert [path.name for path in tmp_path.iterdir()] == ["still.svg"]
 
 
+@pytest.mark.slow
 def test_mp4_is_made_by_ffmpeg_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A stand-in that counts the frames it is given."""
     monkeypatch.setenv("PATH", str(tmp_path))
@@ -659,6 +664,7 @@ def test_mp4_is_made_by_ffmpeg_or_refused(tmp_path: Path, monkeypatch: pytest.Mo
     assert across % 2 == down % 2 == 0  # as the codec wants
 
 
+@pytest.mark.slow
 def test_a_film_is_as_wide_as_asked_for_and_moves(tmp_path: Path):
     draw(sample("animation"), "animation", tmp_path / "a.gif", width=85)
     with Image.open(tmp_path / "a.gif") as film:
@@ -675,6 +681,7 @@ def saved(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_plot_draws_what_the_scene_wants_beside_the_result(saved: Path, capsys: Any):
     assert main(["plot", str(saved)]) == 0
     drawn = [f"{name}.png" for name in ("gait", "motion", "spikes", "limits")]
@@ -770,6 +777,7 @@ def test_plot_refuses_a_size_that_is_none(saved: Path, size: str, capsys: Any):
     assert "write 85mm, say" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_pictures_that_nobody_named_may_be_missing(saved: Path, capsys: Any):
     result = dataclasses.replace(sample("limits"), scene_text="")
     result.save(saved)

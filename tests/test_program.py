@@ -195,6 +195,7 @@ def small_cases() -> list[design_cases.Case]:
     return [c for c in cases if c["worm"]["links"] == 2 and not c["worm"]["drag"]][:3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", [0, 1, 2])
 def test_an_independent_solver_agrees_on_random_problems(index: int):
     """IPOPT with arcs of its own, from random starts of the same order and number of cycles."""

@@ -243,6 +243,7 @@ def pages(gait: Result, uphill: Result, sweep: Path, folder: Path) -> dict[str, 
     }
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("painted")
 def test_pages_are_well_formed_and_every_link_leads_somewhere(
     gait: Result, uphill: Result, sweep: Path, tmp_path: Path

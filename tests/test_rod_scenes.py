@@ -99,6 +99,7 @@ def test_series_of_a_block_agrees_with_its_coils(on: int, every: int):
     assert found.error < 1e-3
 
 
+@pytest.mark.slow
 def test_the_series_gets_exact_as_terms_are_kept(field: BlockField):
     errors = [block_field(ROW, HALF, 3, 7, tolerance).error for tolerance in (1e-2, 1e-3, 1e-4)]
     assert errors[0] > errors[1] > errors[2] > field.error

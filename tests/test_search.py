@@ -58,6 +58,7 @@ def test_a_search_of_all_orders_finds_them_too():
     check(found)
 
 
+@pytest.mark.slow
 @settings(max_examples=4, deadline=None, derandomize=True)
 @given(st.floats(0.4, 1.2), st.floats(1.05, 2.5), st.floats(0.0, 1.0))
 def test_a_range_of_periods_is_no_worse_than_any_period_in_it(shortest, widening, share):
@@ -137,6 +138,7 @@ def test_an_order_and_its_rotations_are_one():
     assert speeds == pytest.approx([G1] * 3, abs=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=4, deadline=None, derandomize=True)
 @given(
     three,
@@ -404,6 +406,7 @@ FREE = Limits(period=1.0, length=(0.2, 2.0), rate=20.0, acceleration=1000.0)
 ONE = (Worm(links=1, load=500.0), Search(sequence=((0,), (1,)), workers=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [1.0, 4.0])
 def test_the_least_effort_of_one_link_by_hand(period: float):
     """A way d in half a period T, from rest to rest: 12 d^2 / (T/2)^3 twice, over T; d = v T."""

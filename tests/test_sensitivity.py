@@ -124,6 +124,7 @@ def test_where_more_limits_meet_than_need_to_no_single_one_helps():
         assert s.derivative == pytest.approx(0.0, abs=1e-6), name
 
 
+@pytest.mark.slow
 def test_g1_solved_again():
     found = design(G1, LIMITS)
     assert_confirmed(found)
@@ -165,6 +166,7 @@ def test_lists_add_up_to_the_one_number():
         assert total == pytest.approx(one[name].derivative, rel=1e-2), name
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=8, deadline=None)
 def test_other_units_describe_the_same_worm(seed):

@@ -123,6 +123,7 @@ def actuated(objective: Cost | None = None, **changed: Any) -> Design:
     return design(Worm(2, load=5.0), limits)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [(16.0, 16.0), pytest.param((9.0, 20.0), marks=pytest.mark.slow)])
 def test_design_under_limited_actuators_keeps_to_the_rule(most: tuple[float, float]):
     """The crawl splits in closed form, the program by rows; the mirror image is as fast."""
@@ -133,6 +134,7 @@ def test_design_under_limited_actuators_keeps_to_the_rule(most: tuple[float, flo
     assert np.max(reached / most) == pytest.approx(1.0, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_limits_on_spikes_and_actuators_together():
     """Weaker spikes move load, and with it actuator forces, and cost speed."""
     found = [actuated(actuator_force=(9.0, 20.0), spike_load=most) for most in (9.0, 10.0, 12.0)]

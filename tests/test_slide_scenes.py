@@ -167,6 +167,7 @@ def test_a_defect_that_was_not_reached_is_told(monkeypatch: pytest.MonkeyPatch):
 # -- failures ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "changes", "code", "message"),
     [

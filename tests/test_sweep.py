@@ -371,6 +371,7 @@ def own_model(folder: Path, code: str) -> Path:
     return scene
 
 
+@pytest.mark.slow
 def test_a_point_that_ends_its_process_costs_no_other(tmp_path: Path):
     scene = own_model(tmp_path, CRASHING)
     over = {"parameters.bad": [1.0, 0.0, 1.0], "parameters.tag": [0.0, 1.5, 0.1]}
@@ -505,6 +506,7 @@ def points_in(store: Path) -> set[str]:
 OVER = ["--over", "worm.load=1:30:40", "--over", "gait.period=[1.0, 1.5]"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [3, pytest.param(20, marks=pytest.mark.slow)])
 def test_a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice(tmp_path: Path, count: int):
     store, draw = tmp_path / "store", random.Random(count)
@@ -552,6 +554,7 @@ def test_an_interrupted_sweep_saves_what_it_has_and_leaves_nothing_running(tmp_p
     assert points_in(store) == before
 
 
+@pytest.mark.slow
 def test_two_sweeps_share_a_store(tmp_path: Path):
     store = tmp_path / "a" / "store"
     other = tmp_path / "b"
@@ -577,6 +580,7 @@ def test_two_sweeps_share_a_store(tmp_path: Path):
 # -- Dask ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_computes_the_same():
     pytest.importorskip("distributed")
     over = {"worm.load": [1.0, 2.0, 30.0]}
@@ -586,6 +590,7 @@ def test_a_dask_cluster_computes_the_same():
     assert there["status"].values.tolist() == here["status"].values.tolist()
 
 
+@pytest.mark.slow
 def test_a_cluster_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     pytest.importorskip("distributed")
     engine = ["--engine", "dask", "--scheduler", "tcp://127.0.0.1:9", "-o", str(tmp_path / "out")]

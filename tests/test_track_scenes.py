@@ -112,6 +112,7 @@ def by_hand(name: str) -> tuple[np.ndarray, int]:
     return chain.run(start + gain, 10, thirds(1, 10))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "column"),
     [

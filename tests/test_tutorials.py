@@ -21,6 +21,7 @@ def pictures(book: nbformat.NotebookNode) -> int:
     return sum("image/png" in output.get("data", {}) for output in shown)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 @pytest.mark.parametrize(
     "name",
