@@ -223,6 +223,7 @@ def test_a_benchmark_is_well_formed(
     assert "hand-written C" in run.table(case)
 
 
+@pytest.mark.slow
 def test_chain_lengths_are_told_with_their_slope(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):

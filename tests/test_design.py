@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -190,7 +191,10 @@ limits_ = st.builds(
 
 @pytest.mark.slow
 @settings(
-    max_examples=5, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+    max_examples=examples(5),
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],
 )
 @given(limits_)
 def test_no_designed_gait_passes_the_ceiling(given_):
@@ -458,6 +462,7 @@ def test_a_required_speed_above_the_ceiling_is_refused_before_any_search():
         designed(task, Search(), lambda *_: pytest.fail("it searched"))
 
 
+@pytest.mark.slow
 def test_a_front_whose_first_gait_loses_a_phase_is_designed(tmp_path: Path, monkeypatch):
     from wormopt.systems.spiked.runs import gait_pareto
 

@@ -77,6 +77,7 @@ def wave(both: tuple[Result, DesignedWave]) -> DesignedWave:
 # -- the best wave of the scene ------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_with_the_field_of_the_cosine_another_wave_carries_a_third_more(best: Result):
     assert best.status == "ok"
     assert value(best, "cosine_delta") == pytest.approx(0.5, abs=1e-9)

@@ -99,6 +99,7 @@ def worm():
     return chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=law)
 
 
+@pytest.mark.slow
 def test_a_saved_crawl_is_a_start_for_another(exact: Result, tmp_path: Path):
     exact.save(tmp_path)
     text = SCENE.read_text().replace("arcs = 60", "arcs = 30")

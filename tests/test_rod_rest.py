@@ -54,6 +54,7 @@ def test_the_default_mesh_is_fine_enough():
     assert value(result, "closest_distance_rod") == pytest.approx(0.98e-3, abs=0.002e-3)
 
 
+@pytest.mark.slow
 def test_which_assumed_shape_is_closest_to_the_rod():
     result = quick()
     assert result.status == "ok"
