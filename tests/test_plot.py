@@ -518,7 +518,7 @@ def test_a_picture_that_cannot_be_written_leaves_the_old_one(tmp_path: Path):
 
 def test_the_animation_moves(tmp_path: Path):
     path = tmp_path / "animation.gif"
-    draw(sample("animation"), "animation", path, width=85)
+    draw(sample("animation"), "animation", path)
     assert path.stat().st_size < 2_000_000
     with Image.open(path) as film:
         assert getattr(film, "n_frames", 1) > 40
