@@ -1,5 +1,6 @@
 """Results that several files of tests look at."""
 
+import gc
 import os
 import signal
 
@@ -8,13 +9,23 @@ import signal
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+# Collecting and rewriting so many tests leaves a large heap that lives to the end; going through it
+# at the usual rate costs a quarter of the time of collection.
+gc.set_threshold(100_000, 20, 20)
+
 # What runs in the background is started with Ctrl-C ignored, which some tests press.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import pytest  # noqa: E402
+from effort import FULL  # noqa: E402
 
 import wormopt as wo  # noqa: E402
 from wormopt.result import Result  # noqa: E402
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("markexpr") != "not slow":
+        os.environ[FULL] = "1"
 
 
 @pytest.fixture(scope="session")

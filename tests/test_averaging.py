@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
@@ -327,8 +328,13 @@ SHAPES = [
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("law", [COULOMB, VISCOUS, WIDE], ids=["dry", "viscous", "stribeck"])
+@pytest.mark.parametrize(
+    "law",
+    [COULOMB, pytest.param(VISCOUS, marks=pytest.mark.slow), WIDE],
+    ids=["dry", "viscous", "stribeck"],
+)
 def test_several_harmonics_by_brute_force(shape: tuple[list[float], list[float]], law: Law):
     model = shaped(law, *shape)
     nodes = 80 if law is WIDE else 20  # of 5 harmonics in one piece, where nothing reverses
@@ -349,7 +355,7 @@ def test_second_order_of_several_harmonics_by_brute_force(shape: Any):
         assert found == pytest.approx(expected, rel=0, abs=2e-5 * np.abs(expected).max())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     st.lists(st.floats(-1, 1), min_size=2, max_size=4),
     st.lists(st.floats(-1, 1), min_size=2, max_size=4),

@@ -6,6 +6,7 @@ from math import sqrt
 
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 from scipy.integrate import simpson
@@ -295,9 +296,11 @@ def makings(**kinds) -> st.SearchStrategy[Making]:
     )
 
 
-@pytest.mark.slow
 @settings(
-    max_examples=12, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+    max_examples=examples(12),
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],
 )
 @given(
     st.one_of(
@@ -388,7 +391,7 @@ def test_every_plane_is_as_tight_as_it_may_be(plane):
 
 
 @pytest.mark.slow
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=examples(6), deadline=None, derandomize=True)
 @given(
     makings(shape=st.just((2, 3))),
     st.sampled_from([(1e-3, 1e-3, 1e-3), (1e3, 60.0, 1e3), (1e-6, 1.0, 1e-9)]),
@@ -486,7 +489,7 @@ def test_one_link_by_hand():
     assert 0.425 * (1 - 1e-12) <= found.progress.bound <= 0.425 * (1 + 1e-4)
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
+@settings(max_examples=examples(15), deadline=None, derandomize=True)
 @given(one_links)
 def test_one_link_is_certified_at_its_closed_form(given_):
     load = given_["load"]
@@ -673,7 +676,7 @@ def test_every_sequence_is_in_one_family(task):
 
 
 @pytest.mark.slow
-@settings(max_examples=10, deadline=None, derandomize=True)
+@settings(max_examples=examples(10), deadline=None, derandomize=True)
 @given(
     makings(shape=st.sampled_from([(2, 3), (3, 3)])), st.sampled_from(["equal", "least_actuation"])
 )
@@ -738,7 +741,7 @@ def designed(given_: dict) -> tuple[GaitProblem, float]:
 
 
 @settings(
-    max_examples=2,
+    max_examples=examples(2),
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
@@ -751,7 +754,7 @@ def test_no_designed_gait_passes_its_bound(given_):
 
 @pytest.mark.slow
 @settings(
-    max_examples=15,
+    max_examples=examples(15),
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
@@ -955,7 +958,7 @@ class Dice:
         return Relaxed(bound, random.uniform(low - 0.1, high + 0.1), losses, slack)
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
+@settings(max_examples=examples(15), deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.sampled_from([1.0, 0.8, 0.3]))
 def test_branches_together_hold_every_gait(seed, steps, shortest):
     """Nothing falls between boxes, whatever the relaxations say, and bounds only fall."""

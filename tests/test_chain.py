@@ -6,6 +6,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -120,7 +121,7 @@ def test_energy_changes_by_the_power_of_inputs_less_what_is_lost(links: int, see
     assert slope == pytest.approx(made - lost, abs=1e-10)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(seed=seeds)
 def test_a_stiffness_that_varies_in_time_adds_its_own_power(seed: int):
     """With c(t) and nothing else, energy changes by c' (l - l0)^2 / 2, too."""

@@ -271,7 +271,9 @@ def test_what_appears_while_a_scene_runs_is_kept_and_so_is_the_result(
 FILES = ["result.nc", "summary.json", "gait.png", "motion.png", "spikes.png", "notes.txt", "a.csv"]
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize(
+    "seed", [*range(7), *(pytest.param(n, marks=pytest.mark.slow) for n in range(7, 20))]
+)
 def test_foreign_files_survive_fifty_random_runs_with_force(
     tmp_path: Path, study: Install, seed: int
 ):

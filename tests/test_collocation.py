@@ -5,6 +5,7 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -95,7 +96,7 @@ def test_order_on_the_exponential(scheme: Scheme, degree: int):
     assert errors[1] == pytest.approx(math.e * constant * (2 * coarse) ** -order, rel=0.4)
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(
     coefficients=st.integers(0, 9).flatmap(
         lambda d: arrays(float, d + 1, elements=st.integers(-100, 100).map(lambda i: i / 10))

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls, root_scalar
@@ -81,7 +82,7 @@ def test_gait_15_has_the_loads_of_theory():
     assert (motion.resting_min, motion.glides) == (1, [])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     mass=st.floats(0.1, 5),
     drag=st.floats(0, 4),
@@ -182,7 +183,7 @@ def safe_load_of_wave(links: int, acceleration: float) -> float:
 # --- Invariants of any smooth gait -------------------------------------------------------
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(
     gait=smooth_gaits(),
     drag=st.sampled_from([0.0, 0.3, 2.0]),
@@ -219,7 +220,7 @@ def test_laws_of_motion_hold_for_any_smooth_gait(
     assert x[:-1] - x[1:] == pytest.approx(gait(signals["time"] - 1e-300), abs=1e-12)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(
     gait=smooth_gaits(3),
     drag=st.floats(0, 3),
@@ -244,7 +245,7 @@ def test_time_stepping_over_events_finds_the_same_motion(
     assert np.array(long) == pytest.approx(np.array(expected), abs=1e-7)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(gait=smooth_gaits(3), factor=st.floats(0.1, 10), share=st.floats(0.05, 1))
 def test_a_slower_clock_with_weaker_forces_gives_the_same_motion(
     gait: Gait, factor: float, share: float
@@ -263,7 +264,7 @@ def test_a_slower_clock_with_weaker_forces_gives_the_same_motion(
     assert two.smallest_period == pytest.approx(factor * one.smallest_period, rel=1e-9)
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=examples(5), deadline=None)
 @given(gait=smooth_gaits(3), drag=st.floats(0.1, 3), load=st.floats(0.5, 20))
 def test_thresholds_part_gliding_from_crawling(gait: Gait, drag: float, load: float):
     mass = [1.0] * (gait.links + 1)
@@ -307,7 +308,7 @@ def test_least_actuation_splits_as_solved_by_hand(
     assert even.sum() == pytest.approx(total)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(links=st.integers(1, 8), total=st.floats(0.01, 20), seed=st.integers(0, 10**6))
 def test_least_actuation_is_the_constrained_least_squares_solution(
     links: int, total: float, seed: int

@@ -420,8 +420,12 @@ def test_a_model_with_inputs_and_parameters(tmp_path: Path):
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 @needs_compiler
-@pytest.mark.parametrize(("scene", "end"), [("fig05_lambda_trackers", 3.0), ("random_links", 2.0)])
+@pytest.mark.parametrize(
+    ("scene", "end"),
+    [pytest.param("fig05_lambda_trackers", 3.0, marks=pytest.mark.slow), ("random_links", 2.0)],
+)
 def test_trackers_of_a_result(scene: str, end: float, tmp_path: Path):
     asked = load_scene(scene)
     result = Result(asked.name, "track", asked.title, scene_text=asked.text)

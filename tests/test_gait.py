@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -43,7 +44,7 @@ def printed_gait(t: float, l0: float, e: float) -> tuple[float, float]:
     return first, l0 * (1 - 2 * e) if t < 2 / 3 else l0 * (1 - e * (1 + c))
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(t=st.floats(0, 1, exclude_max=True), e=st.floats(0, 0.5), l0=st.floats(0.1, 3))
 def test_gait_15_is_the_printed_formula(t: float, e: float, l0: float):
     found = fast_gait(1.0, l0, e)(np.array([t]))[:, 0]
@@ -213,7 +214,7 @@ def test_the_rows_of_a_table_come_back_exactly(tmp_path: Path):
     assert Gait.from_csv(tmp_path / "gait.csv")(t) == pytest.approx(gait(t), abs=1e-15)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     omega=st.floats(0.1, 10),
     sizes=st.lists(st.floats(0.01, 0.45), min_size=1, max_size=3),

@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
@@ -128,7 +129,7 @@ def phasors(draw: Any) -> np.ndarray:
     return np.round(found, 3)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(st.data())
 def test_random_phasors_average_to_the_closed_form(data: st.DataObject):
     raw = phasors(data.draw)
@@ -419,6 +420,7 @@ def test_a_velocity_that_the_change_of_friction_made_is_unknown():
     assert any("is not told from rest" in text for text in result.trust["warnings"])
 
 
+@pytest.mark.slow
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "lost", [pytest.param("not_finite", marks=pytest.mark.slow), "no_periodic_motion"]

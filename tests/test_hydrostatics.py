@@ -11,6 +11,7 @@ import hypothesis.strategies as st
 import mpmath as mp
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from scipy.integrate import solve_bvp
 
@@ -68,7 +69,7 @@ def parts(*changes: str) -> tuple[Fluid, Placed, Profile, float]:
 # -- laws ------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=examples(100))
 @given(y=st.floats(1e-6, 1e4))
 def test_langevins_function_and_its_integral(y: float):
     with mp.workdps(40):
@@ -140,7 +141,7 @@ def test_what_a_flat_layer_of_saturated_fluid_loses(
     assert 1 - weak / strong == pytest.approx(lost, abs=5e-4)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=examples(50))
 @given(
     chi=st.floats(0.01, 10), angle=st.floats(-math.pi, math.pi), H0=st.floats(1.0, 1e6),
     slope=st.floats(-3, 3),
@@ -451,7 +452,7 @@ def test_a_thin_layer_runs_dry():
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=8)
+@settings(deadline=None, max_examples=examples(8))
 @given(
     chi=st.floats(0.01, 3), thickness=st.floats(1e-3, 1e-2), tension=st.floats(0.01, 0.1),
     current=st.floats(1e-3, 600), saturated=st.booleans(),

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
@@ -31,7 +32,7 @@ from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait
 
 seeds = st.integers(0, 10**6)
-patient = settings(deadline=None, max_examples=40)
+patient = settings(deadline=None, max_examples=examples(40))
 DRY = Coulomb(1.0, 10.0)
 
 

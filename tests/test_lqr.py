@@ -6,6 +6,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import simpson
@@ -23,7 +24,7 @@ from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait, travelling_sine
 
 seeds = st.integers(0, 10**6)
-few = settings(deadline=None, max_examples=25)
+few = settings(deadline=None, max_examples=examples(25))
 
 
 def worm(links: int = 2, **numbers: Any) -> Model:

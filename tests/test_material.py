@@ -12,6 +12,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 import sympy
+from effort import examples
 from hypothesis import assume, example, given, settings
 from scipy.optimize import brentq
 
@@ -233,7 +234,7 @@ def test_the_cubic_is_what_elimination_leaves():
     assert {factor for factor, _ in left} - {found} <= {X, X + 5}
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(u0=st.fractions(min_value="1/10000", max_value=3, max_denominator=10**5),
        e=st.fractions(min_value="1/10000", max_value=10**4, max_denominator=10**5))  # fmt: skip
 def test_exactly_one_root_is_positive_and_a_material(u0: Any, e: Any):
@@ -315,7 +316,7 @@ def test_all_roots_are_found(u0: float, e: float):
     assert any(root.lame_eta is None for root in roots) == (not all(r.is_real for r in exact))
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(bar=bars, share=shares)
 def test_a_material_is_found_from_what_it_does(bar: MagnetoElastic, share: float):
     field = share * bar.largest_field
@@ -330,7 +331,7 @@ def test_a_material_is_found_from_what_it_does(bar: MagnetoElastic, share: float
 sizes = st.floats(-30, 30).map(lambda k: 10.0**k)
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(u0=sizes, modulus=sizes, field=sizes)
 @example(u0=10.0**4.5625, modulus=10.0**3.5078125, field=1e5)
 def test_whatever_was_measured_is_identified_or_refused(u0: float, modulus: float, field: float):

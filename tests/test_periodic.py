@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
@@ -36,7 +37,7 @@ THREE = linear(3)
     push=st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3),
     frequency=st.floats(0.5, 4.0),
 )
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=examples(12), deadline=None)
 def test_linear_systems_answer_as_theory_says(
     entries: list[float], push: list[float], frequency: float
 ):

@@ -5,6 +5,7 @@ from itertools import combinations, product
 
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -71,7 +72,7 @@ def test_the_ceiling_of_clamped_segments_is_that_of_spikes_by_another_rule_of_wh
         assert ceiling_of_spikes(fewer, fewer, anchors) == pytest.approx(own, rel=1e-8)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=examples(50))
 @given(wave=waves, stroke=sizes, step=sizes)
 def test_waves_of_any_length(wave: tuple[int, int], stroke: float, step: float):
     segments, short = wave
@@ -89,7 +90,7 @@ def test_waves_of_any_length(wave: tuple[int, int], stroke: float, step: float):
         assert gait.speed <= most * (1 + 1e-9)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=examples(10))
 @given(wave=waves)
 def test_rigid_anchors_are_spikes_and_the_wave_is_that_of_a_block_at_rest(wave: tuple[int, int]):
     """Rings as masses with spikes crawl by the same lengths; segments as masses advance as far."""

@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -86,7 +87,10 @@ def exact_square(x: np.ndarray, y: np.ndarray, on: int, every: int) -> np.ndarra
     return many.square(x + (first + (on - 1) / 2) * 10e-3, 0.0, currents, y)
 
 
-@pytest.mark.parametrize(("on", "every"), [(2, 7), (3, 7), (3, 8), (4, 9)])
+@pytest.mark.parametrize(
+    ("on", "every"),
+    [(2, 7), (3, 8), *(pytest.param(*n, marks=pytest.mark.slow) for n in ((3, 7), (4, 9)))],
+)
 def test_series_of_a_block_agrees_with_its_coils(on: int, every: int):
     random = np.random.default_rng(on + every)
     x, y = random.uniform(-0.1, 0.1, 40), random.uniform(-HALF, HALF, 40)
@@ -147,7 +151,7 @@ def test_blocks_move_one_coil_each_switch():
     shift=st.floats(-0.8, 0.8),
     every=st.integers(6, 12),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_every_coil_is_on_as_long_as_asked(duration: float, shift: float, every: int):
     blocks = switched_blocks(every, 1.0, duration, shift)
     lengths = np.diff(blocks.breaks)
@@ -175,7 +179,7 @@ def test_switching_that_cannot_be_is_refused(wrong: dict[str, float]):
 
 
 @given(speed=st.floats(-2.0, 2.0), phase=st.floats(0.0, 6.0), swing=st.floats(0.0, 0.5))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 def test_the_mean_of_what_repeats_itself_is_exact(speed: float, phase: float, swing: float):
     t = np.linspace(0.0, 20.0, 4001)
     place = speed * t + swing * np.sin(2 * np.pi * t + phase)

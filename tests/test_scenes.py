@@ -9,6 +9,7 @@ from typing import Any
 
 import hypothesis.strategies as st
 import pytest
+from effort import examples
 from hypothesis import given, settings
 
 from wormopt.cli import main
@@ -423,7 +424,7 @@ KEYS = st.sampled_from(
 )
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(
     text=st.sampled_from([DESIGN, GAIT, FAST, FILE, PARETO, MATERIAL, SWINGING]),
     changes=st.lists(st.tuples(KEYS, VALUES), max_size=3),

@@ -5,6 +5,7 @@ from pathlib import Path
 import hypothesis.strategies as st
 import pytest
 from by_text import MODEL, OWN, RANDOM, SIMULATE, TRACK, write
+from effort import examples
 from hypothesis import given, settings
 
 import wormopt as wo
@@ -347,7 +348,7 @@ KEYS = st.sampled_from(
 )
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(
     text=st.sampled_from([TRACK, RANDOM, SIMULATE, MODEL]),
     changes=st.lists(st.tuples(KEYS, VALUES), max_size=3),

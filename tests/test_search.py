@@ -12,6 +12,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from test_program import G1, G1_LIMITS, G1_ORDER, G1_WORM, check
@@ -59,7 +60,7 @@ def test_a_search_of_all_orders_finds_them_too():
 
 
 @pytest.mark.slow
-@settings(max_examples=4, deadline=None, derandomize=True)
+@settings(max_examples=examples(4), deadline=None, derandomize=True)
 @given(st.floats(0.4, 1.2), st.floats(1.05, 2.5), st.floats(0.0, 1.0))
 def test_a_range_of_periods_is_no_worse_than_any_period_in_it(shortest, widening, share):
     longest = shortest * widening
@@ -82,7 +83,7 @@ some = st.floats(0.5, 2.0)
 three, two = st.tuples(some, some, some), st.tuples(some, some)
 
 
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=examples(6), deadline=None, derandomize=True)
 @given(three, two, two, two, st.floats(3.0, 20.0), orders)
 def test_the_mirror_image_is_as_fast(mass, rooms, contraction, extension, load, order):
     """Head and tail exchanged, and with them contraction and extension.
@@ -138,8 +139,7 @@ def test_an_order_and_its_rotations_are_one():
     assert speeds == pytest.approx([G1] * 3, abs=1e-12)
 
 
-@pytest.mark.slow
-@settings(max_examples=4, deadline=None, derandomize=True)
+@settings(max_examples=examples(4), deadline=None, derandomize=True)
 @given(
     three,
     st.floats(2.0, 10.0),

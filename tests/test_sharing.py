@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
@@ -36,7 +37,7 @@ def splits(draw: st.DrawFn) -> Split:
     return unloaded, total, resting, most, loads.ravel()
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(split=splits())
 def test_no_shift_of_load_between_spikes_makes_actuation_less(split: Split):
     """Shifts from one spike to another span all feasible directions of a convex problem."""
@@ -54,7 +55,7 @@ def test_no_shift_of_load_between_spikes_makes_actuation_less(split: Split):
             assert slope >= -1e-11 * scale
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(split=splits())
 def test_capped_split_is_the_bounded_least_squares_solution(split: Split):
     """Against a solver for boxes, the sum held by a heavily weighted row."""
@@ -123,6 +124,7 @@ def actuated(objective: Cost | None = None, **changed: Any) -> Design:
     return design(Worm(2, load=5.0), limits)
 
 
+@pytest.mark.slow
 @pytest.mark.slow
 @pytest.mark.parametrize("most", [(16.0, 16.0), pytest.param((9.0, 20.0), marks=pytest.mark.slow)])
 def test_design_under_limited_actuators_keeps_to_the_rule(most: tuple[float, float]):

@@ -168,13 +168,18 @@ def test_a_defect_that_was_not_reached_is_told(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "changes", "code", "message"),
     [
         ("slide", ("time=1.0", 'minimise="effort"'), "infeasible", "time by 0.2"),
-        ("slide", ("time=1.0", SMOOTH), "infeasible", "time by 0.2"),
+        pytest.param(
+            "slide", ("time=1.0", SMOOTH), "infeasible", "time by 0.2", marks=pytest.mark.slow
+        ),
         ("slide", ("block.force=0.5",), "infeasible", "force by 0.49"),
-        ("slide_back", ("time=0.7",), "infeasible", "force by 0."),
+        pytest.param(
+            "slide_back", ("time=0.7",), "infeasible", "force by 0.", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_slides_that_cannot_be_end_with_what_has_to_give_way(

@@ -48,6 +48,7 @@ def test_costs_of_a_program_are_those_of_the_crawling_worm(order, cost, drag):
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "cost", ["energy_per_distance", pytest.param("acceleration_effort", marks=pytest.mark.slow)]
 )

@@ -506,14 +506,19 @@ def points_in(store: Path) -> set[str]:
 OVER = ["--over", "worm.load=1:30:40", "--over", "gait.period=[1.0, 1.5]"]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("count", [3, pytest.param(20, marks=pytest.mark.slow)])
-def test_a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice(tmp_path: Path, count: int):
+@pytest.mark.parametrize(
+    ("count", "loads"),
+    [(1, 16), *(pytest.param(n, 40, marks=pytest.mark.slow) for n in (3, 20))],
+)
+def test_a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice(
+    tmp_path: Path, count: int, loads: int
+):
     store, draw = tmp_path / "store", random.Random(count)
+    over = ["--over", f"worm.load=1:30:{loads}", *OVER[2:]]
     killed = 0
     for _ in range(count):
         before = points_in(store)
-        with started(store, ["--workers", "2"], OVER) as run:
+        with started(store, ["--workers", "2"], over) as run:
             begin, delay = time.monotonic(), draw.uniform(0.2, 1.0)
             while points_in(store) == before and run.poll() is None:
                 assert time.monotonic() - begin < 60
@@ -523,12 +528,12 @@ def test_a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice(tmp_path: P
                 killed += 1
                 os.kill(run.pid, signal.SIGKILL)
         assert before <= points_in(store)
-    with started(store, ["--workers", "2"], OVER) as run:
+    with started(store, ["--workers", "2"], over) as run:
         _, told = run.communicate(timeout=120)
     assert run.returncode == 0, told
     found = wo.Result.load(tmp_path / "out")
     assert found.scalars["not_computed"].value == 0
-    assert len(points_in(store)) == 80
+    assert len(points_in(store)) == 2 * loads
     assert max(computed(store).values()) == 1
     assert killed > 0
     assert not list(store.glob("*.lock")) + list(store.glob("*.part")) + list(store.glob("*.tries"))
@@ -590,9 +595,13 @@ def test_a_dask_cluster_computes_the_same():
     assert there["status"].values.tolist() == here["status"].values.tolist()
 
 
-@pytest.mark.slow
-def test_a_cluster_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+def test_a_cluster_that_is_not_there_is_told(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     pytest.importorskip("distributed")
+    from wormopt.numerics import dask_cluster
+
+    monkeypatch.setattr(dask_cluster, "_PATIENCE", 1)  # in vain, however long
     engine = ["--engine", "dask", "--scheduler", "tcp://127.0.0.1:9", "-o", str(tmp_path / "out")]
     assert main(["sweep", "fast_gait", "--over", "worm.load=[1]", *engine]) == 2
     assert "no Dask scheduler answers" in capsys.readouterr().err

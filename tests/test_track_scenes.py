@@ -113,13 +113,14 @@ def by_hand(name: str) -> tuple[np.ndarray, int]:
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "column"),
     [
         ("stiction", None),
         ("spiked_chain", None),
         ("keep_spikes", None),
-        ("track_meaningful_start", 1),
+        pytest.param("track_meaningful_start", 1, marks=pytest.mark.slow),
     ],
 )
 def test_packaged_scenes_end_where_a_chain_by_hand_does(name: str, column: int | None):

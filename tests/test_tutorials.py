@@ -22,6 +22,7 @@ def pictures(book: nbformat.NotebookNode) -> int:
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 @pytest.mark.parametrize(
     "name",

@@ -126,8 +126,9 @@ def test_executors_of_others_are_left_alone():
     assert list(own.map(square, [3])) == [9]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("delay", [1.2, 1.6, 2.0, 2.6])
+@pytest.mark.parametrize(
+    "delay", [1.2, 2.0, *(pytest.param(t, marks=pytest.mark.slow) for t in (1.6, 2.6))]
+)
 def test_an_interrupt_at_any_time_leaves_no_traceback_of_processes(tmp_path: Path, delay: float):
     """As Ctrl-C sends it, to all processes of the terminal; also while they are starting."""
     command = [sys.executable, "-m", "wormopt", "run", "design_five_links", "--no-plots", "--quiet"]
