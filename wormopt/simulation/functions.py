@@ -24,8 +24,8 @@ from wormopt.numerics.identically import identically_zero
 from wormopt.simulation.grip import LineGrip, PlaneGrip, grips_of, never_rests
 from wormopt.simulation.options import Smooth, Treatment
 
-# Compliance that decides how resting contacts share a load, against their own, and how often what it
-# gives way is taken back.
+# Compliance that decides how resting contacts share a load, against their own, and how often what
+# it gives way is taken back.
 _SHARING, _REFINEMENTS = 1e-6, 3
 
 
