@@ -142,6 +142,9 @@ def test_a_near_miss_is_no_stop(miss: float):
     assert motion.end[:4] == pytest.approx([0, 2 * miss, 1, miss], abs=1e-9)
 
 
+TRIPOD_END = (0.79073130637, 0.17443620545, 0.82493561311)
+
+
 def tripod(v0: tuple[float, ...]) -> Model:
     """Three masses 1 on a rigid circle of radius 1, pushed about by the ground alone."""
     q, w, f = ca.SX.sym("q", 3), ca.SX.sym("w", 3), ca.SX.sym("f", 6)
@@ -168,12 +171,11 @@ def test_a_tripod_stops_on_one_foot_and_pivots(route: Route):
 
 
 def test_a_tripod_by_time_stepping():
-    exact = np.array([0.79073130637, 0.17443620545, 0.82493561311])
     steps, errors = [2e-2, 1e-2, 5e-3], []
     scheme = MoreauJean(tripod((1.0, 0.0, 1.0)))
     for step in steps:
         found = scheme.march(2.0, np.array([0, 0, 0, 1.0, 0, 1.0]), step=step)
-        errors.append(np.abs(found.states[:3, -1] - exact).max())
+        errors.append(np.abs(found.states[:3, -1] - TRIPOD_END).max())
         assert found.work["friction"][-1] == pytest.approx(-3.0, abs=1e-12)
     assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(1.0, abs=0.15)
     assert errors[-1] < 5e-4
@@ -387,6 +389,15 @@ def test_drag_in_the_plane_is_two_laws_along_lines():
     states = [Signal("position", r, value=[0.0, 0.0]), Signal("velocity", v, value=[1.0, 1.0])]
     motion = simulate(Model("drop", states, ca.vertcat(v, f), contacts=grounds), 1.0)
     assert motion.end[2:] == pytest.approx(np.exp([-0.5, -5.0]), abs=1e-11)
+
+
+def test_a_law_that_is_not_associated_is_told():
+    one, other = (
+        simulate(blocks([law] * 2, [1, 1, 1, 1]), 0.1) for law in (Unit(1, 1, 2), Elliptic(1, 1, 2))
+    )
+    assert len(one.warnings) == 1
+    assert "Unit" in one.warnings[0]
+    assert other.warnings == ()
 
 
 # -- refusals --------------------------------------------------------------------------------

@@ -102,6 +102,18 @@ class System:
         return np.repeat(np.arange(len(sizes)), sizes)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the law of a contact leaves open, a line for each law."""
+        laws = [contact.law for contact in self.contacts]
+        open_ = [law for law in laws if isinstance(law, PlanarLaw) and not law.associated]
+        names = dict.fromkeys(type(law).__name__ for law in open_)
+        return tuple(
+            f"the law {name} is not that of most power: several motions may follow from one state, "
+            "and the one found need not be stable"
+            for name in names
+        )
+
+    @property
     def sliding(self) -> np.ndarray:
         """Modes s of a motion of which nothing has been decided."""
         return np.repeat([1.0, 0.0], [len(self.contacts), 2 * len(self.planar)])[: self.n_s]

@@ -147,6 +147,11 @@ class Trajectory(SampledMotion):
             return self.states[self._rows[name]]
         return self.observe(self.system.model[name])
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a law of friction leaves open, for the trust report."""
+        return self.system.warnings
+
     def at(self, t: np.ndarray) -> Trajectory:
         """Sample the motion anew, at any times within it.
 
