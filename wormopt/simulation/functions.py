@@ -316,6 +316,20 @@ class System:
         )
 
     @cached_property
+    def bends(self) -> ca.Function:
+        """Where forces bend: per contact in the plane velocity along the heading, and speed.
+
+        Both 0 where forward and backward resistance are the same.
+        """
+        found = []
+        for i in self.planar:
+            v, law = self.contacts[i].velocity, self.contacts[i].law
+            ahead, back = (ca.SX(getattr(law, n, 0.0)) for n in ("forward", "backward"))
+            bends = not ca.is_equal(ahead, back)
+            found += [v[0], ca.norm_2(v)] if bends else [ca.SX(0), ca.SX(0)]
+        return self._function("bends", ca.vertcat(*found))
+
+    @cached_property
     def project(self) -> ca.Function:
         """X after the impulses that stop the contacts with s = 0."""
         x, velocity = self.symbols[1], self._free[1]
@@ -373,7 +387,7 @@ class System:
         if self.contacts:
             names += ["probe", "project"] if self.exact else ["velocities"]
         if self.exact and len(self.planar):
-            names.append("aims")
+            names += ["aims", "bends"]
         if self.model.switches:
             names += ["guards", "resets"]
         return {name: getattr(self, name) for name in names}
