@@ -59,8 +59,8 @@ def blocks(
     return Model(
         "blocks",
         [
-            Signal("position", r, value=np.zeros(2 * n)),
-            Signal("velocity", v, value=start),
+            Signal("position", r, value=0.0),
+            Signal("velocity", v, value=start.tolist()),
             Signal("energy", q, value=0.0),
         ],
         ca.vertcat(v, pushes, work - heat),
@@ -317,7 +317,7 @@ def chain(seed: int, *, planar: bool, angle: float = 0.0) -> Model:
         )
         for i in range(n)
     ]
-    states = [Signal("position", r, value=start), Signal("velocity", v, value=0.0)]
+    states = [Signal("position", r, value=start.tolist()), Signal("velocity", v, value=0.0)]
     ode = ca.vertcat(v, *(push[i] / mass[i] for i in range(n)))
     return Model("chain", states, ode, t=t, contacts=grounds)
 
@@ -470,8 +470,8 @@ def worm(n: int, rng: np.random.Generator) -> Model:
     angles = np.linspace(0, min(2.0, 0.3 * n), n)
     places = np.column_stack([np.cumsum(np.cos(angles)), np.cumsum(np.sin(angles))])[::-1]
     states = [
-        Signal("position", r, value=places.ravel()),
-        Signal("velocity", v, value=rng.normal(size=2 * n)),
+        Signal("position", r, value=places.ravel().tolist()),
+        Signal("velocity", v, value=rng.normal(size=2 * n).tolist()),
     ]
     return Model("worm", states, ca.vertcat(v, *pushes), t=t, contacts=grounds)
 
