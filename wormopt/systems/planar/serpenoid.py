@@ -178,7 +178,9 @@ class SerpenoidWave:
 
     def tangents(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Angles (m, rods) of the rods from the way of an infinite body, and rates by the phase."""
-        phase = 2 * np.pi * (np.asarray(tau)[:, None] - (np.arange(self.rods) + 0.5) / self.per_wave)
+        phase = (
+            2 * np.pi * (np.asarray(tau)[:, None] - (np.arange(self.rods) + 0.5) / self.per_wave)
+        )
         return self.alpha * np.sin(phase), 2 * np.pi * self.alpha * np.cos(phase)
 
     def at(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -183,6 +183,29 @@ def _guess(aim: StrokeAim, stroke: Harmonics) -> Guess:
 
 
 @dataclass(frozen=True, eq=False)
+class MotionStroke:
+    """A stroke found on a mesh: polynomials on every arc, in unit time."""
+
+    motion: Motion
+
+    @property
+    def n_s(self) -> int:
+        """Number of shape variables."""
+        return len(self.motion.program.rows_of("shape"))
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """Where arcs join."""
+        found = self.motion.breaks / self.motion.duration
+        return np.concatenate([found[:-1], [1.0]])
+
+    def at(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Shapes (m, n_s) at phases, and rates: inputs are the derivatives, to round-off."""
+        t = np.atleast_1d(tau) * self.motion.duration
+        return self.motion.state("shape", t).T, self.motion.inputs(t).T
+
+
+@dataclass(frozen=True, eq=False)
 class BestStroke:
     """The best of the strokes found from several starts: a local optimum.
 
@@ -194,14 +217,17 @@ class BestStroke:
         Its efficiency, or its way.
     tried : tuple of float
         The same of every start, NaN where none was found.
-    stroke : Harmonics
-        It as a sum of harmonics.
+    stroke : MotionStroke
+        It, over phases.
+    harmonics : Harmonics
+        The same as a sum of harmonics.
     """
 
     optimum: Optimum
     value: float
     tried: tuple[float, ...]
-    stroke: Harmonics = field(repr=False)
+    stroke: MotionStroke = field(repr=False)
+    harmonics: Harmonics = field(repr=False)
 
     @property
     def motion(self) -> Motion:
@@ -274,8 +300,12 @@ def best_stroke(
     if not found:
         raise refusal
     best = max(found, key=lambda one: _value(aim, one))
-    best = refine(best, tolerance, rounds=_ROUNDS, solver=_SOLVER, report=report)
-    return BestStroke(best, _value(aim, best), tuple(tried), harmonics_of(best.motion))
+    if maximise == "efficiency":  # the way is best along limits, with corners that no mesh meets
+        best = refine(best, tolerance, rounds=_ROUNDS, solver=_SOLVER, report=report)
+    motion = best.motion
+    return BestStroke(
+        best, _value(aim, best), tuple(tried), MotionStroke(motion), harmonics_of(motion)
+    )
 
 
 def _value(aim: StrokeAim, optimum: Optimum) -> float:

@@ -154,7 +154,10 @@ def _integrated(swimmer: Swimmer, stroke: Stroke, panels: int) -> Swim:
     """Gauss's rule on so many panels of every smooth stretch."""
     rule = Collocation(_POINTS, "legendre")
     edges = np.concatenate(
-        [np.linspace(a, b, panels, endpoint=False) for a, b in zip(stroke.breaks, stroke.breaks[1:], strict=False)]
+        [
+            np.linspace(a, b, panels, endpoint=False)
+            for a, b in zip(stroke.breaks, stroke.breaks[1:], strict=False)
+        ]
         + [[1.0]]
     )
     widths = np.diff(edges)
