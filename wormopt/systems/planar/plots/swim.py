@@ -46,12 +46,14 @@ def swim(result: Result) -> Figure:
 
 def _facts(result: Result) -> list[str]:
     names = {"distance": "way", "turn": "turn", "efficiency": "efficiency"}
+    if abs(result.scalars["turn"].value) < 1e-9:  # rounding
+        del names["turn"]
     return [fact(result, name, words) for name, words in names.items()]
 
 
 def heights(result: Result) -> Figure:
     """Curvature of the connection by both shape variables, with the stroke drawn in it."""
-    drawn = sheet(7.1, 2.9, 7.0)
+    drawn = sheet(7.1, 2.6, 7.0)
     shape = result["shape"].values
     s1, s2 = result["height_s1"].values, result["height_s2"].values
     narrow = drawn.get_figwidth() < 5
@@ -69,7 +71,7 @@ def heights(result: Result) -> Figure:
         axes.set_title(f"{name}, by area")
         axes.set_xlabel("shape variable $s_1$")
         axes.grid(visible=False)
-        drawn.colorbar(filled, ax=axes, shrink=0.75, ticks=[-most, 0, most], format="%.2g")
+        drawn.colorbar(filled, ax=axes, shrink=0.6, ticks=[-most, 0, most], format="%.2g")
     panels[0].set_ylabel("shape variable $s_2$")
     frame = str(result.trust.get("frame", ""))
     tell(drawn, f"in the {frame} frame" if frame else "", fact(result, "distance", "way"))
@@ -107,22 +109,24 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
 
 def _placed(result: Result, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places (masses, frames), strokes repeated from the pose at which the last one ends."""
-    x, y, time = (result[name].values for name in ("x", "y", "instant"))
-    places = x + 1j * y
-    spin, first, last = _motion(places)
+    time = result["instant"].values
+    places = np.stack([result["x"].values, result["y"].values])
+    turn, first, last = _motion(places)
     found = []
     for frame in frames:
-        turns, part = divmod(int(frame), _FRAMES_PER_STROKE)
-        now = np.array([np.interp(part / _FRAMES_PER_STROKE, time, row) for row in places])
-        for _ in range(turns):
-            now = last + spin * (now - first)
+        strokes, part = divmod(int(frame), _FRAMES_PER_STROKE)
+        share = part / _FRAMES_PER_STROKE
+        now = np.array([[np.interp(share, time, row) for row in rows] for rows in places])
+        for _ in range(strokes):
+            now = last + turn @ (now - first)
         found.append(now)
-    at = np.stack(found, axis=1)
-    return at.real, at.imag
+    x, y = np.stack(found, axis=-1)
+    return x, y
 
 
-def _motion(places: np.ndarray) -> tuple[complex, complex, complex]:
-    """Rigid motion of a stroke: its turn, the head before and after."""
-    begin, end = places[:, 0], places[:, -1]
-    spin = (end[0] - end[1]) / (begin[0] - begin[1])
-    return spin / abs(spin), begin[0], end[0]
+def _motion(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rigid motion of a stroke: its turn (2, 2), the head before and after (2, 1)."""
+    begin, end = places[..., 0], places[..., -1]
+    a, b = begin[:, 0] - begin[:, 1], end[:, 0] - end[:, 1]
+    c, s = a @ b / (a @ a), (a[0] * b[1] - a[1] * b[0]) / (a @ a)
+    return np.array([[c, -s], [s, c]]), begin[:, :1], end[:, :1]

@@ -95,10 +95,14 @@ def another_speed(alpha: float, ratio: float, ground: str) -> float:
             lambda w: mean(lambda u: power(u, w)), bounds=(0.0, top), method="bounded",
             options={"xatol": 1e-10},
         )  # fmt: skip
-        w = float(found.x)
+        w = float(found.x)  # pyright: ignore[reportAttributeAccessIssue]
     else:
+
+        def total(w: float) -> float:
+            return mean(lambda u: force(u, w))
+
         high = 1.0
-        while mean(lambda u: force(u, high)) > 0:
+        while total(high) > 0:
             high *= 2
-        w = float(brentq(lambda w: mean(lambda u: force(u, w)), 0.0, high, xtol=1e-14))  # pyright: ignore
+        w = float(brentq(total, 0.0, high, xtol=1e-14))  # pyright: ignore
     return float(j0(alpha)) - w

@@ -62,7 +62,7 @@ def run(scene: Scene[PlanarSwimScene], report: Report) -> Result:
             "starts_found": list(best.tried) if best else None,
             "recheck_error": off,
         },
-        _variables(table, swimmer, stroke, done, best),
+        _variables(table, swimmer, stroke, done),
         checks=_checks(done, best, spectral, reason, off, swimmer),
         facts={"second_way": reason, "quadrature_change": done.error, "frame": table.frame},
         warnings=_warnings(best, done, reason, straight=straight),
@@ -115,9 +115,7 @@ def _checks(
         f"by balances of forces in the plane the stroke ends {off:.2g} elsewhere",
     )  # fmt: skip
     if best is not None:
-        advice = (
-            f"the stroke found turns the body by {done.turn:.2g}; write a smaller mesh.tolerance"
-        )
+        advice = f"the stroke turns the body by {done.turn:.2g}; write a smaller mesh.tolerance"
         yield Check("no turn", abs(done.turn), _STRAIGHT, advice)
         excess = max(0.0, done.drag * done.distance**2 / done.action - swimmer.ceiling)
         yield Check("efficiency below its ceiling", excess, 0.0, "efficiency beyond what can be")
@@ -143,12 +141,12 @@ def _warnings(best: BestStroke | None, done: Swim, reason: str, *, straight: boo
     if not straight:
         yield (
             "a way that limits of the shape hold has corners, which the mesh meets to "
-            f"{best.optimum.defects.max():.1g} of the states' sizes only: it may be longer by as much"
+            f"{best.optimum.defects.max():.1g} of the states' sizes: it may be longer by as much"
         )
 
 
 def _variables(
-    table: PlanarSwimScene, swimmer: Swimmer, stroke: Stroke, done: Swim, best: BestStroke | None
+    table: PlanarSwimScene, swimmer: Swimmer, stroke: Stroke, done: Swim
 ) -> dict[str, Any]:
     instants = np.linspace(0.0, 1.0, _INSTANTS)
     phase = np.interp(instants, done.time, done.phase)

@@ -25,10 +25,10 @@ def balanced(swimmer: Swimmer, s: np.ndarray, rates: np.ndarray) -> tuple[np.nda
     back = np.stack([np.stack([c, -sn], -1), np.stack([sn, c], -1)], -2)
     by_twist, by_rates = back @ own[0], np.einsum("mij,mj->mi", back, own[1])
     force, moment = np.zeros((2, 4)), np.zeros(4)
-    drags = []
     ahead = np.stack([c, sn], axis=-1)
-    for i in range(len(places)):
-        drags.append((places[i], ahead[i], by_twist[i], by_rates[i], *swimmer.masses))
+    drags = [
+        (places[i], ahead[i], by_twist[i], by_rates[i], *swimmer.masses) for i in range(len(places))
+    ]
     for j in range(1, len(places)):
         d = places[j - 1] - places[j]
         length = np.hypot(*d)

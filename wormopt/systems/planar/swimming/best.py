@@ -9,6 +9,7 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.model import Model, Output, Signal
@@ -147,10 +148,10 @@ def first_strokes(aim: StrokeAim, starts: int = 1) -> list[Harmonics]:
     for reach in (_AMPLITUDE, _LARGEST * 0.9):
         centres += [(middle + _OUT * room * corner, reach) for corner in corners]
         centres += [(middle, 0.9)] if reach == _AMPLITUDE else []
-    return [_ellipse(aim, centre, room, share) for centre, share in centres[:starts]]
+    return [_ellipse(aim, centre, share) for centre, share in centres[:starts]]
 
 
-def _ellipse(aim: StrokeAim, centre: np.ndarray, room: np.ndarray, share: float) -> Harmonics:
+def _ellipse(aim: StrokeAim, centre: np.ndarray, share: float) -> Harmonics:
     n = len(centre)
     _, G = aim.seen.local(centre)
     F = np.asarray(curvature(aim.seen)(centre))
@@ -199,9 +200,9 @@ class MotionStroke:
         found = self.motion.breaks / self.motion.duration
         return np.concatenate([found[:-1], [1.0]])
 
-    def at(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Shapes (m, n_s) at phases, and rates: inputs are the derivatives, to round-off."""
-        t = np.atleast_1d(tau) * self.motion.duration
+        t = np.atleast_1d(np.asarray(tau, dtype=float)) * self.motion.duration
         return self.motion.state("shape", t).T, self.motion.inputs(t).T
 
 
@@ -287,6 +288,7 @@ def best_stroke(
     """
     aim = StrokeAim(swimmer, np.asarray(lower), np.asarray(upper), maximise)
     problem, found, tried = stroke_problem(aim), [], []
+    refusal = SolveError("no start leads to a stroke", "other limits or more starts")
     for k, first in enumerate(first_strokes(aim, starts)):
         try:
             optimum = optimise(problem, mesh, FixedModes(), _guess(aim, first), solver=_SOLVER)

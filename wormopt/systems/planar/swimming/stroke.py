@@ -74,7 +74,7 @@ class Swim:
 
     @property
     def efficiency(self) -> float:
-        """Work by which the straight body is towed as far in the same time, over that of the stroke.
+        """Work that tows the straight body as far in the same time, over that of the stroke.
 
         drag distance^2 / action; NaN where the stroke turns the body or nothing moves.
         """

@@ -75,7 +75,7 @@ class Swimmer:
         """Power that the ground takes, by the shape, its rates and the twist."""
         velocities = [self._velocity(i) for i in range(self.shape.n_points)]
         along, across = self.masses
-        own = sum(
+        own = ca.SX(0) + sum(
             _square(-a, v, along, across) for a, v in zip(self._looks, velocities, strict=True)
         )
         return own + sum(self._rod(j, velocities) for j in range(1, self.shape.n_points))
