@@ -147,7 +147,7 @@ def _polished(speed: Callable[[float], float], x: float) -> tuple[float, float]:
 class SerpenoidWave:
     """Stroke of a chain of even rods: joint angles of a serpenoid wave that runs backward.
 
-    The angle of rod j is that of the wave in its middle, alpha sin(2 pi (tau - (j - 1/2) / N)), N rods
+    The angle of rod j is that of the wave in its middle, a sin(2 pi (tau - (j - 1/2) / N)), N rods
     on a wave; joints turn by the differences.
 
     Parameters
