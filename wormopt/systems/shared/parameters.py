@@ -18,7 +18,7 @@ from wormopt.model.values import numbers
 _LEAST: Mapping[str, float] = {
     "mass": TINY,
     **dict.fromkeys(("stiffness", "damping", "drag"), 0.0),
-    **dict.fromkeys(("bending_stiffness", "bending_damping", "rod_mass"), 0.0),
+    **dict.fromkeys(("bending_stiffness", "bending_damping", "rod_mass", "inertia"), 0.0),
 }
 
 

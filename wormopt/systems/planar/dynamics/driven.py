@@ -28,7 +28,7 @@ def driven_shape(
     course: Course | None = None,
     *,
     mass: ArrayLike,
-    inertia: ArrayLike = 0.0,
+    inertia: float = 0.0,
     law: Ground | None | Sequence[Ground | None] = None,
     pull: ArrayLike = (0.0, 0.0),
     center: ArrayLike = (0.0, 0.0),
@@ -55,8 +55,8 @@ def driven_shape(
         where accelerations may jump. Not for shapes without variables.
     mass : array_like, shape (points,)
         Masses of the points, positive. One number serves for all, here as below.
-    inertia : array_like, shape (points,), optional
-        Moments of inertia of bodies at the points about themselves; they turn with the frame.
+    inertia : float, optional
+        Moment of inertia, not negative, of the head about itself: it turns with the body's frame.
     law : Elliptic, Unit, Axes, or sequence of these or None, optional
         Ground under each point; none where there is none.
     pull : array_like, shape (2,) or (points, 2), optional
@@ -98,7 +98,7 @@ def driven_shape(
     given = [
         parameter("mass", mass, points, "mass"),
         Signal("pull", ca.SX.sym("pull", 2 * points), "force", value=pairs("pull", pull, points)),
-        parameter("inertia", inertia, points, "1"),
+        parameter("inertia", inertia, 1, "1"),
     ]
     reference = _reference(shape, course, t)
     body = _Body(shape, reference, *(signal.symbol for signal in given))
@@ -184,7 +184,7 @@ class _Body:
     @cached_property
     def inertia(self) -> ca.SX:
         """Moment of inertia about the centre of mass."""
-        return ca.dot(self.mass, ca.sum1(self.inner**2).T) + ca.sum1(self.own)
+        return ca.dot(self.mass, ca.sum1(self.inner**2).T) + self.own
 
     @cached_property
     def spin(self) -> ca.SX:
@@ -229,7 +229,7 @@ class _Pushed:
         body, stacked = self.body, ca.vec(self.body.velocities)
         places = ca.repmat(body.center, 1, body.shape.n_points) + body.arms
         kinetic = ca.dot(body.mass, ca.sum1(body.velocities**2).T)
-        kinetic = (kinetic + ca.sum1(body.own) * body.turning**2) / 2
+        kinetic = (kinetic + body.own * body.turning**2) / 2
         found = [
             Output("position", ca.vec(places), "length"),
             Output("velocity", stacked, "speed"),
@@ -250,13 +250,12 @@ class _Pushed:
         a = ca.reshape(a + body.by_shape(ca.vec(body.velocities)), 2, n + 1)
         needed = ca.repmat(body.mass.T, 2, 1) * a - self.outer
         links = places[:, :-1] - places[:, 1:]
-        force, moment = ca.SX.zeros(2), ca.SX.zeros(1)
+        force, moment = ca.SX.zeros(2), body.own * self.spun
         inputs, torques = [], []
         for j in range(n + 1):
             if 0 < j < n:
                 torques.append(moment)  # about mass j, of all in front of it
             force = force + needed[:, j]
-            moment = moment + body.own[j] * self.spun
             if j < n:
                 inputs.append(ca.dot(links[:, j], force) / ca.norm_2(links[:, j]))
                 moment = moment + _cross(links[:, j], force)
