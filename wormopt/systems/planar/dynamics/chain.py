@@ -40,7 +40,7 @@ def planar_chain(
     bending_damping: ArrayLike | ParameterPath = 0.0,
     rest_angle: ArrayLike | ParameterPath = 0.0,
     rod_mass: ArrayLike | None = None,
-    law: Ground | None | Sequence[Ground | None] = None,
+    law: Ground | Sequence[Ground | None] | None = None,
     pull: ArrayLike = (0.0, 0.0),
     heading: Heading = "bisector",
     obstacles: Sequence[Obstacle] = (),
@@ -145,9 +145,7 @@ def planar_chain(
 
     ground = touch(ground_laws(law, masses), geometry.along(v), force_size, speed)
     grounded = ca.vec(geometry.turned(ground.forces))
-    walls, pressed = press(
-        obstacles, geometry.plane(r), geometry.plane(v), force_size, speed
-    )
+    walls, pressed = press(obstacles, geometry.plane(r), geometry.plane(v), force_size, speed)
     outer = weighed[1].symbol + grounded + ca.vec(pressed)
     acceleration = inertia.solve(outer - geometry.pulled(mu))
     if position is None:

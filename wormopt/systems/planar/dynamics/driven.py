@@ -29,7 +29,7 @@ def driven_shape(
     *,
     mass: ArrayLike,
     inertia: float = 0.0,
-    law: Ground | None | Sequence[Ground | None] = None,
+    law: Ground | Sequence[Ground | None] | None = None,
     pull: ArrayLike = (0.0, 0.0),
     center: ArrayLike = (0.0, 0.0),
     angle: float = 0.0,
@@ -109,10 +109,12 @@ def driven_shape(
     states = [
         Signal("center", body.center, "length", length_nominal, value=pairs("center", center, 1)),
         Signal("angle", body.angle, "angle", value=float(angle)),
-        Signal("center_velocity", body.velocity, "speed", speed,
-               value=pairs("velocity", velocity, 1)),
-        Signal("turning", body.turning, "angular_frequency", 1 / time_nominal,
-               value=float(turning)),
+        Signal(
+            "center_velocity", body.velocity, "speed", speed, value=pairs("velocity", velocity, 1)
+        ),
+        Signal(
+            "turning", body.turning, "angular_frequency", 1 / time_nominal, value=float(turning)
+        ),
     ]
     return Model(
         name=f"driven body of {points} points",

@@ -62,9 +62,7 @@ def swing(plant: Model, period: float, courses: dict[str, Harmonics]) -> Model:
     return replace(fed, p=[*fed.p, *parameters], outputs=[*fed.outputs, *shown])
 
 
-def _course(
-    name: str, unit: str, course: Harmonics, phase: ca.SX
-) -> tuple[ca.SX, list[Signal]]:
+def _course(name: str, unit: str, course: Harmonics, phase: ca.SX) -> tuple[ca.SX, list[Signal]]:
     mean = Signal(f"{name}_mean", ca.SX.sym("mean", course.n_s), unit, value=tuple(course.mean))
     value, signals = mean.symbol, [mean]
     orders = range(1, len(course.cosine) + 1)

@@ -266,4 +266,3 @@ def _warnings(
     if any(isinstance(ground, UnitGround) and not isotropic(ground) for ground in table.grounds):
         yield _UNIQUE
     yield from warnings_of_motion(motion, second)
-

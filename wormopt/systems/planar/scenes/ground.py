@@ -24,14 +24,12 @@ class EllipticGround(Table, frozen=True, kw_only=True, tag_field="law", tag="ell
     sideways: _Sideways = None
 
 
-
 class UnitGround(Table, frozen=True, kw_only=True, tag_field="law", tag="unit"):
     """Dry ground that resists by the direction of motion alone; it has no minimum principle."""
 
     forward: _Forward
     backward: _Backward = None
     sideways: _Sideways = None
-
 
 
 class BoxGround(Table, frozen=True, kw_only=True, tag_field="law", tag="box"):
@@ -42,13 +40,11 @@ class BoxGround(Table, frozen=True, kw_only=True, tag_field="law", tag="box"):
     sideways: _Sideways = None
 
 
-
 class ViscousGround(Table, frozen=True, kw_only=True, tag_field="law", tag="viscous"):
     """Linear drag."""
 
     along: Annotated[NonNegative, says("drag", "*k*<sub>t</sub>, along the heading")]
     across: Annotated[NonNegative, says("drag", "*k*<sub>n</sub>, across it")]
-
 
 
 class SkidGround(Table, frozen=True, kw_only=True, tag_field="law", tag="skid"):
@@ -57,27 +53,22 @@ class SkidGround(Table, frozen=True, kw_only=True, tag_field="law", tag="skid"):
     along: _Slides = 0.0
 
 
-
 class SpikeGround(Table, frozen=True, kw_only=True, tag_field="law", tag="spike"):
     """A spike: no motion back."""
 
     across: Annotated[NonNegative, says("force", "dry friction across the heading")] = 0.0
 
 
-
 class SpikedSkidGround(Table, frozen=True, kw_only=True, tag_field="law", tag="spiked_skid"):
     """A skid with spikes: no motion aside or back."""
-
 
 
 class PinGround(Table, frozen=True, kw_only=True, tag_field="law", tag="pin"):
     """A pin: no motion."""
 
 
-
 class FreeGround(Table, frozen=True, kw_only=True, tag_field="law", tag="free"):
     """Nothing resists."""
-
 
 
 MassGround = (
