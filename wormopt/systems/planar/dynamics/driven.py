@@ -158,7 +158,7 @@ class _Body:
             return
         symbols = [signal.symbol for signal in given]
         inertia = ca.Function("inertia", symbols, [self.inertia])
-        if not float(inertia(*(ca.DM(signal.value) for signal in given))) > 0:
+        if not float(inertia(*(np.asarray(signal.value, float) for signal in given))) > 0:
             raise ArgumentError("a body whose points are all in one place needs an inertia")
 
     @cached_property
@@ -288,7 +288,8 @@ def _reference(shape: Shape, course: Course | None, t: ca.SX) -> Reference:
     if course is None:
         if size:
             raise ArgumentError(f"a shape of {size} variables needs a course of them")
-        return Reference(*(ca.SX(0, 1),) * 3)
+        nothing = ca.SX(0, 1)
+        return Reference(nothing, nothing, nothing)
     if isinstance(course, Gait):
         found = gait_reference(course, t, name="shape")
     else:

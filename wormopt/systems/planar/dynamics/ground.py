@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -75,7 +76,9 @@ class Touching:
 
 def ground_laws(law: Any, points: int) -> list[Ground | None]:
     """Law of every point, from one for all or a sequence; ArgumentError for anything else."""
-    laws = [*law] if isinstance(law, Sequence) and not isinstance(law, str) else [law] * points
+    laws: list[Any] = (
+        [*law] if isinstance(law, Sequence) and not isinstance(law, str) else [law] * points
+    )
     if len(laws) != points:
         raise ArgumentError(f"law must be one or {points}, not {len(laws)}")
     for each in laws:
@@ -143,7 +146,7 @@ class Wall:
 
     def normal(self, place: ca.SX) -> ca.SX:
         """Unit normal at a place (2)."""
-        return ca.vertcat(ca.cos(self.angle), ca.sin(self.angle))
+        return ca.SX(ca.DM([math.cos(self.angle), math.sin(self.angle)]))
 
     def gap(self, place: ca.SX) -> ca.SX:
         """Distance of a place from the wall."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import casadi as ca
 
@@ -24,7 +23,7 @@ class RodMasses:
         if self.rods is None:
             return forces / ca.vec(ca.repmat(self.points.T, 2, 1))
         F = ca.horzsplit(ca.reshape(forces, 2, self.points.numel()))
-        pivots, shares = self._factors
+        pivots, shares = self._factors(self.rods)
         for i, share in enumerate(shares, start=1):
             F[i] = F[i] - share * F[i - 1]
         last = len(F) - 1
@@ -33,17 +32,12 @@ class RodMasses:
             a.insert(0, F[i] / pivots[i] - shares[i] * a[0])
         return ca.vertcat(*a)
 
-    @cached_property
-    def _diagonal(self) -> list[ca.SX]:
-        thirds = self.rods / 3
-        return ca.vertsplit(self.points + ca.vertcat(thirds, 0) + ca.vertcat(0, thirds))
-
-    @cached_property
-    def _factors(self) -> tuple[list[ca.SX], list[ca.SX]]:
+    def _factors(self, rods: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
         """Pivots, and shares of the row above that are taken off."""
-        beside = ca.vertsplit(self.rods / 6)
-        pivots, shares = [self._diagonal[0]], []
-        for own, off in zip(self._diagonal[1:], beside, strict=True):
+        thirds = rods / 3
+        diagonal = ca.vertsplit(self.points + ca.vertcat(thirds, 0) + ca.vertcat(0, thirds))
+        pivots, shares = [diagonal[0]], []
+        for own, off in zip(diagonal[1:], ca.vertsplit(rods / 6), strict=True):
             shares.append(off / pivots[-1])
             pivots.append(own - off * shares[-1])
         return pivots, shares

@@ -27,8 +27,8 @@ def block(result: Result) -> Figure:
     time, x, y = (result[name].values for name in ("time", "x", "y"))
     way.plot(x, y, color=LINKS[0])
     marks = np.searchsorted(time, np.linspace(0, needed(result, "stop_time"), 9)[:-1])
-    way.quiver(x[marks], y[marks], result["x_velocity"].values[marks],
-               result["y_velocity"].values[marks], angles="xy", color=GREY, width=0.006)  # fmt: skip
+    arrows = [result[f"{name}_velocity"].values[marks] for name in "xy"]
+    way.quiver(x[marks], y[marks], *arrows, angles="xy", color=GREY, width=0.006)
     way.plot(x[-1], y[-1], "o", color=RED, label="at rest")
     way.set_aspect("equal", adjustable="datalim")
     way.margins(0.1)
@@ -74,4 +74,4 @@ def _draw_ellipse(axes: Axes, result: Result) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(label("friction along $x$", result["friction_x"].unit))
     axes.set_ylabel(label("friction along $y$", result["friction_y"].unit))
-    axes.legend(frameon=False, fontsize=7.5, loc="upper right")
+    axes.legend(frameon=False, fontsize=7.5, loc="upper left")

@@ -42,8 +42,10 @@ def ground_of(table: MassGround) -> Ground | None:
 
 def isotropic(table: MassGround) -> bool:
     """Whether dry ground resists all directions alike."""
-    law = ground_of(table)
-    return isinstance(law, Elliptic | Unit) and law.forward == law.backward == law.sideways
+    if not isinstance(table, EllipticGround | UnitGround):
+        return False
+    alike = (None, table.forward)
+    return table.backward in alike and table.sideways in alike
 
 
 def _dry(force: float) -> Coulomb | None:
