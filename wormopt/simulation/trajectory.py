@@ -252,7 +252,7 @@ class Trajectory(SampledMotion):
         def sizes(t: np.ndarray) -> np.ndarray:
             at = self.at(t)
             p = at.system.scheduled(at.p, at.schedules, t)
-            return np.abs(np.array(function(t[None, :], at.states, p, at._s_at(t)))).max(axis=0)
+            return np.abs(np.array(function(t[None, :], at.states, p, self._s_at(t)))).max(axis=0)
 
         ends = self.dense.time
         t = (ends[:-1, None] + np.diff(ends)[:, None] * _WITHIN).ravel()
