@@ -16,7 +16,8 @@ from scipy.integrate import solve_ivp
 from wormopt.errors import SolveError
 from wormopt.model.planar_friction import Elliptic, Unit
 
-_SMALL, _LONGEST = 1e-14, 1e6  # share of the speed that is left; T in units of m / force² or so
+_SMALL, _FAST = 1e-14, 1e6  # shares of the speed at which it rests, or runs away
+_LONGEST = 1e6  # T in units of mass over resistance, squared or not
 
 
 @dataclass(frozen=True)
@@ -74,13 +75,16 @@ def stop_of(
     def left(_: float, state: np.ndarray) -> float:
         return float(np.linalg.norm(state[:2])) - _SMALL * speed
 
-    left.terminal = True  # type: ignore[attr-defined]
+    def runs(_: float, state: np.ndarray) -> float:
+        return float(np.linalg.norm(state[:2])) - _FAST * speed
+
+    left.terminal = runs.terminal = True  # type: ignore[attr-defined]
     length = mass / largest**square
     found = solve_ivp(
         rate, (0.0, _LONGEST * length), np.concatenate([start, np.zeros(3)]), "DOP853",
-        rtol=1e-13, atol=1e-16 * speed, events=left, first_step=1e-3 * length,
+        rtol=1e-13, atol=1e-16 * speed, events=[left, runs], first_step=1e-3 * length,
     )  # fmt: skip
-    if found.status != 1:
+    if not len(found.t_events[0]):
         raise SolveError(
             "the block does not come to rest", "write a smaller pull, or more friction"
         )
