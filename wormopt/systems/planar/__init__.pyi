@@ -6,6 +6,11 @@ from wormopt.systems.planar.body.shape import chain_shape as chain_shape
 from wormopt.systems.planar.body.shape import rigid_shape as rigid_shape
 from wormopt.systems.planar.body.strokes import Harmonics as Harmonics
 from wormopt.systems.planar.body.strokes import Polygon as Polygon
+from wormopt.systems.planar.dynamics.chain import planar_chain as planar_chain
+from wormopt.systems.planar.dynamics.driven import driven_shape as driven_shape
+from wormopt.systems.planar.dynamics.ground import Axes as Axes
+from wormopt.systems.planar.dynamics.ground import Disc as Disc
+from wormopt.systems.planar.dynamics.ground import Wall as Wall
 from wormopt.systems.planar.serpenoid import best_serpenoid as best_serpenoid
 from wormopt.systems.planar.serpenoid import finite_serpenoid as finite_serpenoid
 from wormopt.systems.planar.serpenoid import serpenoid_speed as serpenoid_speed
