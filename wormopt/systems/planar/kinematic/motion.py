@@ -224,6 +224,8 @@ def _least(inverse, a: float, b: float) -> tuple[float, float]:  # noqa: ANN001
     k = int(np.argmin(value))
     best = float(tau[k]), float(value[k])
     inner = np.flatnonzero((value[1:-1] <= value[:-2]) & (value[1:-1] <= value[2:])) + 1
+    slope = np.maximum(value[inner - 1], value[inner + 1]) - value[inner]
+    inner = inner[value[inner] < 2 * slope]  # others cannot come near 0 in between
     for j in inner[np.argsort(value[inner])][:8]:
         found = minimize_scalar(
             lambda t: float(inverse(np.array([t]))[0]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +16,11 @@ class Obstacle(Protocol):
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Distance of segments from a (..., 2) to b (..., 2); 0 or below where they overlap."""
+        ...
+
+    @property
+    def disc(self) -> tuple[float, float, float]:
+        """x and y of the centre, and radius, of a disc around it."""
         ...
 
 
@@ -40,6 +46,11 @@ class Disc:
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Distance of segments from a to b; below 0 by how deep they lie within."""
         return to_point(np.asarray(self.centre, dtype=float), a, b) - self.radius
+
+    @property
+    def disc(self) -> tuple[float, float, float]:
+        """Itself."""
+        return (*self.centre, self.radius)
 
 
 @dataclass(frozen=True)
@@ -67,6 +78,12 @@ class Capsule:
         start, end = (np.asarray(p, dtype=float) for p in (self.start, self.end))
         return between(start, end, a, b) - self.radius
 
+    @property
+    def disc(self) -> tuple[float, float, float]:
+        """Centre and radius of a disc around it."""
+        (x0, y0), (x1, y1) = self.start, self.end
+        return (x0 + x1) / 2, (y0 + y1) / 2, float(np.hypot(x1 - x0, y1 - y0)) / 2 + self.radius
+
 
 @dataclass(frozen=True)
 class Block:
@@ -89,22 +106,30 @@ class Block:
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Distance of segments from a to b; 0 where they cross a side, -inf where they lie in."""
+        p, q = self._sides
+        least = between(p, q, a[..., None, :], b[..., None, :]).min(axis=-1)
+        return np.where(inside(p, a), -np.inf, least)
+
+    @cached_property
+    def _sides(self) -> tuple[np.ndarray, np.ndarray]:
         corners = np.array(self.corners)
-        sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
-        least = np.min([between(p, q, a, b) for p, q in sides], axis=0)
-        return np.where(inside(corners, a), -np.inf, least)
+        return corners, np.roll(corners, -1, axis=0)
+
+    @cached_property
+    def disc(self) -> tuple[float, float, float]:
+        """Centre and radius of a disc around it."""
+        corners = np.array(self.corners)
+        x, y = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        return x, y, float(np.hypot(*(corners - [x, y]).T).max())
 
 
 def inside(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Whether points (..., 2) lie in a polygon (m, 2), by how often a ray crosses its sides."""
-    x, y = point[..., 0], point[..., 1]
-    odd = np.zeros(x.shape, bool)
-    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        if y0 == y1:
-            continue
-        crosses = (y0 > y) != (y1 > y)
-        odd ^= crosses & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
-    return odd
+    x, y = point[..., :1], point[..., 1:]
+    (x0, y0), (x1, y1) = corners.T, np.roll(corners, -1, axis=0).T
+    crosses = (y0 > y) != (y1 > y)
+    rise = np.where(y1 == y0, 1.0, y1 - y0)
+    return np.sum(crosses & (x < x0 + (y - y0) * (x1 - x0) / rise), axis=-1) % 2 == 1
 
 
 def to_point(point: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -118,14 +119,17 @@ class PathTask:
         off[..., 2] = wrapped(off[..., 2])
         return off
 
-    def room(self, places: np.ndarray, radius: float) -> np.ndarray:
+    def room(
+        self, places: np.ndarray, radius: float, obstacles: Sequence[Obstacle] | None = None
+    ) -> np.ndarray:
         """Least room (...,) that bodies with masses at places (..., n, 2) have; below 0 they touch.
 
-        Room is distance to obstacles less radius and clearance, or to the edge of the corridor.
+        Room is distance to obstacles (all, or those given) less radius and clearance, or to the
+        edge of the corridor.
         """
         a, b = places[..., :-1, :], places[..., 1:, :]
         found = np.full(places.shape[:-2], np.inf)
-        for obstacle in self.obstacles:
+        for obstacle in self.obstacles if obstacles is None else obstacles:
             free = obstacle.distance(a, b).min(axis=-1) - radius - self.clearance
             found = np.minimum(found, free)
         if self.corridor is not None:
@@ -135,13 +139,19 @@ class PathTask:
     def step_room(self, pose: np.ndarray, step: GaitStep, radius: float) -> float:
         """Least room over all instants of a step from a pose, bounded from below."""
         middle, far = step.disc
-        centre = pose[:2] + rotate(pose[2], middle)
-        if self.corridor is None:
-            alone = np.broadcast_to(centre, (2, 2))[None]
-            coarse = float(self.room(alone, radius)[0]) - far
-            if coarse > 0:
-                return coarse
-        return float((self.room(step.placed(pose), radius) - step.margins).min())
+        x, y = pose[:2] + rotate(pose[2], middle)
+        least, near = np.inf, []
+        for obstacle in self.obstacles:
+            at_x, at_y, size = obstacle.disc
+            apart = math.hypot(x - at_x, y - at_y) - size - far - radius - self.clearance
+            if apart <= 0:
+                near.append(obstacle)
+            else:
+                least = min(least, apart)
+        if not near and self.corridor is None:
+            return least
+        rooms = self.room(step.placed(pose), radius, near) - step.margins
+        return min(least, float(rooms.min()))
 
 
 def cost_of(step: GaitStep, cost: Cost) -> float:
