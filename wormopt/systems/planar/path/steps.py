@@ -33,10 +33,12 @@ class GaitStep:
         Poses of the frame of the body at instants of the stroke, from (0, 0, 0).
     points : ndarray, shape (K + 1, n, 2)
         Places of the masses then, told in the frame at the start.
+    tau, clock : ndarray, shape (K + 1,)
+        Phases of the stroke and instants of these.
     slack : ndarray, shape (K,)
         No point of the body is farther than this, in between two instants, from where it is at the
         nearer of them: half the longest way of a mass.
-    work, time : float
+    work : float
         What the stroke takes.
     motion : object, optional
         The motion it was made from.
@@ -46,10 +48,16 @@ class GaitStep:
     amplitude: float
     poses: np.ndarray
     points: np.ndarray
+    tau: np.ndarray
+    clock: np.ndarray
     slack: np.ndarray
     work: float
-    time: float
     motion: Any = None
+
+    @property
+    def time(self) -> float:
+        """What the stroke takes."""
+        return float(self.clock[-1])
 
     @property
     def displacement(self) -> np.ndarray:
@@ -83,17 +91,19 @@ def swept(
     shape: Shape,
     *,
     work: float,
-    time: float,
+    pace: np.ndarray,
     looks: int = 8,
     motion: Any = None,
 ) -> GaitStep:
     """Make a step of a course of poses; `body` gives places (m, n, 2) in the frame at phases (m,).
 
-    Every panel of the quadrature is looked at so many times or more.
+    `pace` is the time by the phase at the nodes of the quadrature. Every panel of the quadrature is looked at so many times or more.
     """
     tau, poses, way = _sampled(course, stroke, shape, looks)
     points = poses[:, None, :2] + rotate(poses[:, None, 2], body(tau))
-    return GaitStep(name, amplitude, poses, points, way / 2, work, time, motion)
+    spent = (pace * course.weights).reshape(len(course.ends) - 1, -1).sum(axis=1)
+    clock = np.interp(tau, course.ends, np.concatenate([[0.0], np.cumsum(spent)]))
+    return GaitStep(name, amplitude, poses, points, tau, clock, way / 2, work, motion)
 
 
 def _sampled(
@@ -162,7 +172,7 @@ def kinematic_step(
     return swept(
         name, amplitude, course, body, stroke, motion.shape,
         work=float(found.power @ course.weights),
-        time=float(pace.max(axis=1) @ course.weights),
+        pace=pace.max(axis=1),
         motion=motion,
     )  # fmt: skip
 
