@@ -33,13 +33,14 @@ _SOLID, _SWEPT, _BODY = "#BDB6AC", "#DCE9F3", "#7FB2D6"
 
 def path(result: Result) -> Figure:
     """Bodies between steps, what they sweep over, way of the head, obstacles, the goal."""
-    drawn = sheet(7.1, 5.2, 3.4)
+    drawn = _sheet(result)
     axes = drawn.subplots()
     _stage(axes, result)
     x, y = _course(result)
-    _thick(axes, x[:, ::2], y[:, ::2], _radius(result), color=_SWEPT, zorder=1)
+    _thick(axes, x, y, _radius(result), color=_SWEPT, zorder=1)
     stops = _stops(result)
-    _thick(axes, x[:, stops], y[:, stops], _radius(result), color=_BODY, zorder=3)
+    _thick(axes, x[:, stops], y[:, stops], _radius(result), color=_BODY, zorder=3,
+           linewidths=0.6, edgecolor="white")  # fmt: skip
     axes.plot(x[0], y[0], color="black", linewidth=0.9, zorder=4)
     axes.plot(x[0, stops], y[0, stops], "o", color="black", markersize=2.5, zorder=4)
     pinned = result["pinned"].values > 0.5
@@ -65,7 +66,7 @@ def path(result: Result) -> Figure:
 
 def first_frame(result: Result) -> Figure:
     """The body among its obstacles as the animation begins, for `pose` to change."""
-    drawn = sheet(7.1, 5.2, 3.4)
+    drawn = _sheet(result)
     axes = drawn.subplots()
     _stage(axes, result)
     pose(drawn, result, 0)
@@ -113,11 +114,28 @@ def _stage(axes: Axes, result: Result) -> None:
     unit = result["x"].unit
     axes.set_xlabel(label("$x$", unit))
     axes.set_ylabel(label("$y$", unit))
-    x, y = _course(result)
-    margin = 2 * _radius(result) + 0.05 * float(max(np.ptp(x), np.ptp(y)))
-    axes.set_xlim(min(x.min(), gx) - margin, max(x.max(), gx) + margin)
-    axes.set_ylim(min(y.min(), gy) - margin, max(y.max(), gy) + margin)
+    (left, right), (low, high) = _window(result)
+    axes.set_xlim(left, right)
+    axes.set_ylim(low, high)
     axes.set_aspect("equal", adjustable="box")
+
+
+def _window(result: Result) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Least and largest x and y that are shown."""
+    x, y = _course(result)
+    goal = needed(result, "goal")
+    margin = 2 * _radius(result) + 0.05 * float(max(np.ptp(x), np.ptp(y)))
+    return tuple(
+        (float(min(row.min(), at)) - margin, float(max(row.max(), at)) + margin)
+        for row, at in ((x, goal[0]), (y, goal[1]))
+    )  # type: ignore[return-value]
+
+
+def _sheet(result: Result) -> Figure:
+    """A sheet as high as what is shown needs."""
+    (left, right), (low, high) = _window(result)
+    ratio = float(np.clip((high - low) / (right - left), 0.2, 1.2))
+    return sheet(7.1, 6.4 * ratio + 0.9, 2.6 * ratio + 1.3)
 
 
 def _draw_obstacle(axes: Axes, each: Any) -> None:
@@ -140,7 +158,7 @@ def _thick(axes: Axes, x: np.ndarray, y: np.ndarray, radius: float, **style: Any
         for k in range(x.shape[1])
         for j in range(x.shape[0] - 1)
     ]
-    axes.add_collection(PolyCollection(outlines, linewidths=0, **style))
+    axes.add_collection(PolyCollection(outlines, **({"linewidths": 0.0} | style)))
 
 
 def _capsule(x: np.ndarray, y: np.ndarray, radius: float) -> np.ndarray:
