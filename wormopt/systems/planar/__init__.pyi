@@ -6,3 +6,11 @@ from wormopt.systems.planar.body.shape import chain_shape as chain_shape
 from wormopt.systems.planar.body.shape import rigid_shape as rigid_shape
 from wormopt.systems.planar.body.strokes import Harmonics as Harmonics
 from wormopt.systems.planar.body.strokes import Polygon as Polygon
+from wormopt.systems.planar.kinematic.constraints import Constraints as Constraints
+from wormopt.systems.planar.kinematic.loads import loads as loads
+from wormopt.systems.planar.kinematic.motion import kinematic_motion as kinematic_motion
+from wormopt.systems.planar.path.gaits import held_family as held_family
+from wormopt.systems.planar.path.plan import plan_path as plan_path
+from wormopt.systems.planar.path.steps import GaitStep as GaitStep
+from wormopt.systems.planar.path.steps import Library as Library
+from wormopt.systems.planar.path.task import PathTask as PathTask

@@ -70,6 +70,10 @@ def polished(
     False is the nearest. Series lead there; the last digits are those of the steps themselves.
     """
     bounds = np.array([fit.ends for fit in route])
+    if np.sum(bounds[:, 1] > bounds[:, 0]) < 3:
+        return None if np.abs(task.off(_end(task, route, amplitudes)[0])).max() > accuracy else (
+            [fit.family.make(float(a)) for fit, a in zip(route, amplitudes, strict=True)]
+        )
     width = np.maximum(bounds[:, 1] - bounds[:, 0], 1e-12)
     scale = max(float(sum(fit.at(a)[0][3] for fit, a in zip(route, amplitudes, strict=True))), 1e-9)
 
@@ -89,7 +93,7 @@ def polished(
             "fun": lambda a: task.off(_end(task, route, a)[0]),
             "jac": lambda a: _end(task, route, a)[1],
         },
-        options={"maxiter": 200, "ftol": 1e-10},
+        options={"maxiter": 40, "ftol": 1e-10},
     )  # fmt: skip
     if np.abs(task.off(_end(task, route, found.x)[0])).max() > 1e-5:
         return None
