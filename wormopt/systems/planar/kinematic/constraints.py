@@ -146,7 +146,9 @@ def held(at: Kinematics, rates: np.ndarray, constraints: Constraints) -> Held:
     return Held(twist, condition, np.abs(left).max(axis=1), scale)
 
 
-def refuse_contradiction(shape: Shape, s: np.ndarray, found: Held, constraints: Constraints) -> None:
+def refuse_contradiction(
+    shape: Shape, s: np.ndarray, found: Held, constraints: Constraints
+) -> None:
     """Raise SolveError where constraints contradict one another, at shapes (m, n_s)."""
     with np.errstate(invalid="ignore"):
         off = found.contradiction > CONSISTENT * np.maximum(found.scale, found.scale.max())
@@ -202,5 +204,7 @@ def shape_words(shape: Shape, s: np.ndarray) -> str:
 
 def _words(constraints: Constraints) -> str:
     parts = (("pin", constraints.pins), ("skid", constraints.skids))
-    told = [f"{name}{'s' * (len(who) > 1)} {', '.join(map(str, who))}" for name, who in parts if who]
+    told = [
+        f"{name}{'s' * (len(who) > 1)} {', '.join(map(str, who))}" for name, who in parts if who
+    ]
     return " and ".join(told)

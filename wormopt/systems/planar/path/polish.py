@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import least_squares, minimize
 
 from wormopt.numerics.chebyshev import Series, resolve
 from wormopt.systems.planar.body.se2 import rotate
@@ -71,9 +71,14 @@ def polished(
     """
     bounds = np.array([fit.ends for fit in route])
     if np.sum(bounds[:, 1] > bounds[:, 0]) < 3:
-        return None if np.abs(task.off(_end(task, route, amplitudes)[0])).max() > accuracy else (
-            [fit.family.make(float(a)) for fit, a in zip(route, amplitudes, strict=True)]
+        return (
+            None
+            if np.abs(task.off(_end(task, route, amplitudes)[0])).max() > accuracy
+            else ([fit.family.make(float(a)) for fit, a in zip(route, amplitudes, strict=True)])
         )
+    begin = _reaching(task, route, amplitudes, bounds)
+    if begin is None:
+        return None
     width = np.maximum(bounds[:, 1] - bounds[:, 0], 1e-12)
     scale = max(float(sum(fit.at(a)[0][3] for fit, a in zip(route, amplitudes, strict=True))), 1e-9)
 
@@ -87,7 +92,7 @@ def polished(
         return float(value), np.array([d[3] for _, d in found]) / scale + 2e-6 * off / width
 
     found = minimize(
-        aim, amplitudes, jac=True, method="SLSQP", bounds=bounds,
+        aim, begin, jac=True, method="SLSQP", bounds=bounds,
         constraints={
             "type": "eq",
             "fun": lambda a: task.off(_end(task, route, a)[0]),
@@ -98,6 +103,29 @@ def polished(
     if np.abs(task.off(_end(task, route, found.x)[0])).max() > 1e-5:
         return None
     return _exactly(task, route, np.clip(found.x, *bounds.T), bounds, accuracy)
+
+
+def _reaching(
+    task: PathTask, route: Sequence[Fitted], amplitudes: np.ndarray, bounds: np.ndarray
+) -> np.ndarray | None:
+    """Some amplitudes with which the series end in the goal; None where there seem to be none."""
+    free = bounds[:, 1] > bounds[:, 0]
+    a = amplitudes.copy()
+
+    def filled(x: np.ndarray) -> np.ndarray:
+        a[free] = x
+        return a
+
+    low, high = bounds[free].T
+    found = least_squares(
+        lambda x: task.off(_end(task, route, filled(x))[0]),
+        np.clip(amplitudes[free], low + 1e-3 * (high - low), high - 1e-3 * (high - low)),
+        jac=lambda x: _end(task, route, filled(x))[1][:, free],  # pyright: ignore[reportArgumentType]
+        bounds=(low, high),
+        max_nfev=20,
+        gtol=1e-6,
+    )
+    return None if np.abs(found.fun).max() > 1e-2 else filled(found.x).copy()
 
 
 def _exactly(
@@ -117,9 +145,7 @@ def _exactly(
     return None
 
 
-def _end(
-    task: PathTask, route: Sequence[Fitted], a: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _end(task: PathTask, route: Sequence[Fitted], a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pose at the end (3,) by the series, and its derivatives by the amplitudes (3, m)."""
     found = [fit.at(x) for fit, x in zip(route, a, strict=True)]
     poses = [task.start]

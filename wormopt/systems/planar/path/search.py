@@ -165,8 +165,9 @@ def _bound(
         now = compose(poses[:, None], _lifted(rest)[None])[..., :2]
         left = np.maximum(np.linalg.norm(now - aims, axis=-1) - loose, 0.0)
         turn = np.maximum(np.abs(wrapped(poses[:, 2] - task.goal[2])) - capture.angle, 0.0)
-        by_way = np.where(left > 0, left * price, 0.0).max(axis=1)
-        return np.maximum(by_way, np.where(turn > 0, turn * turn_price, 0.0))
+        with np.errstate(invalid="ignore"):  # nothing to gain, at no end of cost
+            by_way = np.where(left > 0, left * price, 0.0).max(axis=1)
+            return np.maximum(by_way, np.where(turn > 0, turn * turn_price, 0.0))
 
     return bound
 

@@ -58,9 +58,7 @@ def simulate_path(
     return Course(np.concatenate(when), np.concatenate(course))
 
 
-def least_distance(
-    course: np.ndarray, obstacles: Sequence[Obstacle], *, points: int = 41
-) -> float:
+def least_distance(course: np.ndarray, obstacles: Sequence[Obstacle], *, points: int = 41) -> float:
     """Least distance of points along all links (m, n, 2) from obstacles, by points alone.
 
     Neither distances of segments nor bounds of the plan are used: a second route to them.

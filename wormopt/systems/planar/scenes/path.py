@@ -62,7 +62,10 @@ class GaitTable(Table, frozen=True, kw_only=True):
         """Check rows, phases, and masses."""
         masses, variables = body.links + 1, _n_s(body)
         if not self.changes or any(len(row) != variables for row in self.changes):
-            yield f"{key}.changes", f"write rows of {variables} numbers, one for each shape variable"
+            yield (
+                f"{key}.changes",
+                f"write rows of {variables} numbers, one for each shape variable",
+            )
         if any(b <= a for a, b in zip(self.amplitudes, self.amplitudes[1:], strict=False)):
             yield f"{key}.amplitudes", "they must ascend; write the smallest first"
         ends = [0.0, *(held.until for held in self.held)]
@@ -138,15 +141,13 @@ class CourseTable(Table, frozen=True, kw_only=True):
 class PathSearchTable(Table, frozen=True, kw_only=True):
     """How the search goes about."""
 
-    cost: Annotated[
-        Literal["steps", "work", "time"], says("", "what is least")
-    ] = "time"
+    cost: Annotated[Literal["steps", "work", "time"], says("", "what is least")] = "time"
     capture: Annotated[
         NearTable, says("", "how near the amplitudes of the library must come to the goal")
     ] = field(default_factory=lambda: NearTable(place=0.35, angle=0.35))
-    cell: Annotated[
-        NearTable, says("", "cells of poses of which the cheapest alone is kept")
-    ] = field(default_factory=lambda: NearTable(place=0.1, angle=0.1))
+    cell: Annotated[NearTable, says("", "cells of poses of which the cheapest alone is kept")] = (
+        field(default_factory=lambda: NearTable(place=0.1, angle=0.1))
+    )
     poses: Annotated[
         int,
         Meta(ge=1, le=10_000_000, description="a whole number from 1 to 10 million"),
@@ -171,7 +172,10 @@ class PlanarPathScene(SceneTable, frozen=True, kw_only=True):
         "work": ("energy", "what sliding takes in all"),
         "time": ("time", "as fast as the rates allow"),
         "cost_searched": ("1", "cost of the steps that the search found, before the polish"),
-        "room": ("length", "least distance from what must not be touched, less radius and clearance"),
+        "room": (
+            "length",
+            "least distance from what must not be touched, less radius and clearance",
+        ),
         "room_simulated": ("length", "the same by points along the links of the simulation"),
         "off_place": ("length", "distance of the end from the goal, by simulation"),
         "off_angle": ("angle", "angle of the end less that of the goal, by simulation"),
@@ -251,7 +255,10 @@ def _too_short(scene: PlanarPathScene, key: str, gait: GaitTable) -> Iterator[Fa
     for row in gait.changes:
         shape = [r + max(gait.amplitudes) * d for r, d in zip(scene.rest, row, strict=False)]
         if any(length <= 0 for length in shape[:lengths]):
-            yield f"{key}.changes", "at the largest amplitude a link vanishes; write smaller changes"
+            yield (
+                f"{key}.changes",
+                "at the largest amplitude a link vanishes; write smaller changes",
+            )
             return
         if any(abs(angle) >= 3.14159 for angle in shape[lengths:]):
             yield f"{key}.changes", "at the largest amplitude a joint folds over; bend it less"
