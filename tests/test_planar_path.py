@@ -1,4 +1,4 @@
-"""Paths of gait steps: swept room, search against brute force, polish, the scene and its refusals."""
+"""Paths of gait steps: swept room, search against brute force, polish, the scene, refusals."""
 
 from collections.abc import Sequence
 from itertools import product

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -65,7 +66,7 @@ def _with_error(found: Travel, error: float) -> Travel:
 
 def _travel(twists: Twists, breaks: np.ndarray, panels: int, error: float) -> Travel:
     rule = _rule()
-    parts = [np.linspace(a, b, panels + 1) for a, b in zip(breaks, breaks[1:], strict=False)]
+    parts = [np.linspace(a, b, panels + 1) for a, b in pairwise(breaks)]
     ends = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
     h = np.diff(ends)
     nodes = ends[:-1, None] + h[:, None] * rule.tau

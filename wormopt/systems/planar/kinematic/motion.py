@@ -217,7 +217,7 @@ def _worst(
     return worst, where
 
 
-def _least(inverse, a: float, b: float) -> tuple[float, float]:  # noqa: ANN001
+def _least(inverse, a: float, b: float) -> tuple[float, float]:
     """Where between a and b a function (m,) -> (m,) is least, and how small it is."""
     tau = np.linspace(a, b, _SINGULAR_LOOKS + 1)
     value = inverse(tau)

@@ -20,7 +20,7 @@ class Obstacle(Protocol):
 
     @property
     def disc(self) -> tuple[float, float, float]:
-        """x and y of the centre, and radius, of a disc around it."""
+        """X and y of the centre, and radius, of a disc around it."""
         ...
 
 
@@ -115,9 +115,13 @@ class Block:
         corners = np.array(self.corners)
         return corners, np.roll(corners, -1, axis=0)
 
-    @cached_property
+    @property
     def disc(self) -> tuple[float, float, float]:
         """Centre and radius of a disc around it."""
+        return self._disc
+
+    @cached_property
+    def _disc(self) -> tuple[float, float, float]:
         corners = np.array(self.corners)
         x, y = (corners.min(axis=0) + corners.max(axis=0)) / 2
         return x, y, float(np.hypot(*(corners - [x, y]).T).max())

@@ -101,14 +101,14 @@ def _stage(axes: Axes, result: Result) -> None:
     corridor = result.attributes.get("corridor")
     if corridor:
         corners, width = np.array(corridor[0]), corridor[1]
-        _thick(axes, *corners.T[..., None], width, color=GLIDE, zorder=0)
+        _thick(axes, corners[:, :1], corners[:, 1:], width, color=GLIDE, zorder=0)
         axes.plot(*corners.T, color=GREY, linestyle=":", linewidth=0.8, zorder=1)
     for place in result.attributes.get("via") or []:
         axes.plot(*place, "+", color=GREY, markersize=8, zorder=5)
     gx, gy, angle = needed(result, "goal")
     size = max(4 * _radius(result), 0.03 * float(np.ptp(result["x"].values)))
     axes.annotate("", (gx + size * np.cos(angle), gy + size * np.sin(angle)), (gx, gy),
-                  arrowprops={"arrowstyle": "-|>", "color": RED, "linewidth": 1.4}, zorder=6)  # fmt: skip
+                  arrowprops={"arrowstyle": "-|>", "color": RED}, zorder=6)  # fmt: skip
     axes.add_patch(Circle((gx, gy), max(needed(result, "tolerance"), size / 4), fill=False,
                           edgecolor=RED, linewidth=1.2, zorder=6))  # fmt: skip
     unit = result["x"].unit
@@ -147,8 +147,8 @@ def _draw_obstacle(axes: Axes, each: Any) -> None:
     else:
         ends = np.array([each["start"], each["end"]])
         if each.get("radius"):
-            _thick(axes, *ends.T[..., None], each["radius"], color=_SOLID, zorder=2)
-        axes.plot(*ends.T, color=GREY, linewidth=1.0, zorder=2)
+            _thick(axes, ends[:, :1], ends[:, 1:], each["radius"], color=_SOLID, zorder=2)
+        axes.plot(ends[:, 0], ends[:, 1], color=GREY, linewidth=1.0, zorder=2)
 
 
 def _thick(axes: Axes, x: np.ndarray, y: np.ndarray, radius: float, **style: Any) -> None:
