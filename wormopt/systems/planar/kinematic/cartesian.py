@@ -7,6 +7,7 @@ the velocities of all masses with which links and joints change as told and cons
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -37,7 +38,7 @@ def simulate_held(
     n = len(places) - 1
     ends = np.union1d(stroke.breaks, [phase.until for phase in phases])
     tau, course = [0.0], [np.asarray(places, dtype=float).ravel()]
-    for a, b in zip(ends, ends[1:], strict=False):
+    for a, b in pairwise(ends):
         held = next(phase.constraints for phase in phases if phase.until > (a + b) / 2)
 
         def velocity(t: float, r: np.ndarray, held: Constraints = held, b: float = b) -> np.ndarray:

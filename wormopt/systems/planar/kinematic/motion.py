@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -201,7 +203,7 @@ def _worst(
 ) -> tuple[float, float]:
     """Largest condition number over the stroke, and where; refuses singular shapes."""
     worst, where = 0.0, 0.0
-    for a, b in zip(breaks, breaks[1:], strict=False):
+    for a, b in pairwise(breaks):
         part = parts[_which(parts, np.array([(a + b) / 2]))[0]]
 
         def inverse(tau: np.ndarray, part: Phase = part) -> np.ndarray:
@@ -217,7 +219,7 @@ def _worst(
     return worst, where
 
 
-def _least(inverse, a: float, b: float) -> tuple[float, float]:
+def _least(inverse: Callable[[np.ndarray], np.ndarray], a: float, b: float) -> tuple[float, float]:
     """Where between a and b a function (m,) -> (m,) is least, and how small it is."""
     tau = np.linspace(a, b, _SINGULAR_LOOKS + 1)
     value = inverse(tau)
@@ -227,7 +229,7 @@ def _least(inverse, a: float, b: float) -> tuple[float, float]:
     slope = np.maximum(value[inner - 1], value[inner + 1]) - value[inner]
     inner = inner[value[inner] < 2 * slope]  # others cannot come near 0 in between
     for j in inner[np.argsort(value[inner])][:8]:
-        found = minimize_scalar(
+        found: Any = minimize_scalar(
             lambda t: float(inverse(np.array([t]))[0]),
             bounds=(tau[j - 1], tau[j + 1]),
             method="bounded",

@@ -1,4 +1,4 @@
-"""Paths through the plane: the cheapest steps of a library, then amplitudes that end in the goal."""
+"""Paths through the plane: the cheapest steps of a library, with amplitudes that end in a goal."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def plan_path(
             return _planned(task, library, steps, route, looked, tried, room)
         if tried >= _ROUTES:
             break
-    raise _none(task, looked, tried, options)
+    raise _none(looked, tried, options)
 
 
 def _planned(
@@ -159,7 +159,7 @@ def _comes_by(task: PathTask, poses: np.ndarray) -> bool:
     return k == len(task.via)
 
 
-def _none(task: PathTask, looked: Looked, tried: int, options: SearchOptions) -> SolveError:
+def _none(looked: Looked, tried: int, options: SearchOptions) -> SolveError:
     if tried:
         why = f"{tried} routes end near the goal, but with no amplitudes in it without a touch"
         mend = "allow more amplitudes, or a wider capture"

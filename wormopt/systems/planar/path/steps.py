@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -97,7 +98,8 @@ def swept(
 ) -> GaitStep:
     """Make a step of a course of poses; `body` gives places (m, n, 2) in the frame at phases (m,).
 
-    `pace` is the time by the phase at the nodes of the quadrature. Every panel of the quadrature is looked at so many times or more.
+    `pace` is the time by the phase at the nodes of the quadrature. Every panel is looked at so many
+    times or more.
     """
     tau, poses, way = _sampled(course, stroke, shape, looks)
     points = poses[:, None, :2] + rotate(poses[:, None, 2], body(tau))
@@ -198,7 +200,7 @@ class Family:
     def __post_init__(self) -> None:
         rising = tuple(float(a) for a in self.amplitudes)
         object.__setattr__(self, "amplitudes", rising)
-        if not rising or any(b <= a for a, b in zip(rising, rising[1:], strict=False)):
+        if not rising or any(b <= a for a, b in pairwise(rising)):
             raise ArgumentError(f"amplitudes of {self.name!r} must ascend, not {list(rising)}")
 
 

@@ -153,12 +153,13 @@ def _draw_obstacle(axes: Axes, each: Any) -> None:
 
 def _thick(axes: Axes, x: np.ndarray, y: np.ndarray, radius: float, **style: Any) -> None:
     """Bodies (n, m) of links as capsules of a radius in the units of the plane."""
+    usual: dict[str, Any] = {"linewidths": 0.0}
     outlines = [
         _capsule(x[j : j + 2, k], y[j : j + 2, k], radius)
         for k in range(x.shape[1])
         for j in range(x.shape[0] - 1)
     ]
-    axes.add_collection(PolyCollection(outlines, **({"linewidths": 0.0} | style)))
+    axes.add_collection(PolyCollection(outlines, **(usual | style)))
 
 
 def _capsule(x: np.ndarray, y: np.ndarray, radius: float) -> np.ndarray:
