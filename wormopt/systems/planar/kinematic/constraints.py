@@ -73,7 +73,13 @@ class Constraints:
         return pinned + [2 * mass + 1 for mass in self.skids]
 
     def check(self, shape: Shape) -> None:
-        """Raise ArgumentError where a mass is not there."""
+        """Raise ArgumentError where a mass is not there.
+
+        Parameters
+        ----------
+        shape : Shape
+            The body.
+        """
         for name in ("pins", "skids", "spikes"):
             for mass in getattr(self, name):
                 if mass >= shape.n_points:

@@ -42,8 +42,10 @@ def held_family(
         What holds.
     amplitudes : sequence of float
         Those that a search may use, ascending.
-    ground, rates
-        As for `kinematic_step`.
+    ground : law, sequence of laws or None, optional
+        What resists sliding, for the work.
+    rates : float or sequence of float, optional
+        Largest rates of the shape variables, for the time.
 
     Returns
     -------

@@ -79,7 +79,13 @@ class GaitStep:
         return np.maximum(np.append(self.slack, 0.0), np.append(0.0, self.slack))
 
     def placed(self, pose: np.ndarray) -> np.ndarray:
-        """Places (K + 1, n, 2) of the masses when the step begins at a pose (3,)."""
+        """Places (K + 1, n, 2) of the masses when the step begins at a pose.
+
+        Parameters
+        ----------
+        pose : ndarray, shape (3,)
+            x, y and angle.
+        """
         return pose[:2] + rotate(pose[2], self.points)
 
 

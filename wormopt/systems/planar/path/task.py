@@ -114,7 +114,13 @@ class PathTask:
             raise ArgumentError(f"clearance must be 0 or above, not {self.clearance}")
 
     def off(self, poses: np.ndarray) -> np.ndarray:
-        """Poses (..., 3) less the goal, angles between -pi and pi."""
+        """Poses less the goal, angles between -pi and pi.
+
+        Parameters
+        ----------
+        poses : ndarray, shape (..., 3)
+            x, y and angle.
+        """
         off = np.asarray(poses) - self.goal
         off[..., 2] = wrapped(off[..., 2])
         return off
@@ -124,8 +130,16 @@ class PathTask:
     ) -> np.ndarray:
         """Least room (...,) that bodies with masses at places (..., n, 2) have; below 0 they touch.
 
-        Room is distance to obstacles (all, or those given) less radius and clearance, or to the
-        edge of the corridor.
+        Room is distance to obstacles less radius and clearance, or to the edge of the corridor.
+
+        Parameters
+        ----------
+        places : ndarray, shape (..., n, 2)
+            Of the masses.
+        radius : float
+            Half the thickness of the links.
+        obstacles : sequence of Obstacle, optional
+            Those that are looked at; all if left out.
         """
         a, b = places[..., :-1, :], places[..., 1:, :]
         found = np.full(places.shape[:-2], np.inf)
@@ -137,7 +151,17 @@ class PathTask:
         return found
 
     def step_room(self, pose: np.ndarray, step: GaitStep, radius: float) -> float:
-        """Least room over all instants of a step from a pose, bounded from below."""
+        """Least room over all instants of a step from a pose, bounded from below.
+
+        Parameters
+        ----------
+        pose : ndarray, shape (3,)
+            Where it begins.
+        step : GaitStep
+            The step.
+        radius : float
+            Half the thickness of the links.
+        """
         middle, far = step.disc
         x, y = pose[:2] + rotate(pose[2], middle)
         least, near = np.inf, []
