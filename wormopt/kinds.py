@@ -295,6 +295,15 @@ KINDS: dict[str, Kind] = {
             "block": "wormopt.systems.planar.plots.block:block",
         },
     ),
+    "planar-path": Kind(
+        summary="a path through the plane to a pose, past obstacles, of steps of a few gaits",
+        table="wormopt.systems.planar.scenes.path:PlanarPathScene",
+        study="wormopt.systems.planar.runs.path",
+        pictures={
+            "path": "wormopt.systems.planar.plots.path:path",
+            "animation": "wormopt.systems.planar.plots.path:first_frame",
+        },
+    ),
     "coil-row": Kind(
         summary="the travelling magnetic field of a row of coils that are switched in turn",
         table="wormopt.systems.coils.scenes.coil_rows:CoilRowScene",

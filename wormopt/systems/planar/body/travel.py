@@ -1,0 +1,92 @@
+"""Travel in the plane: the pose of a body from its velocity in its own frame, by quadrature."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+
+from wormopt.numerics.collocation import Collocation
+from wormopt.systems.planar.body.se2 import compose, rotate
+
+Twists = Callable[[np.ndarray], np.ndarray]
+"""Velocities (m, 3) of the frame, in the frame, by the phase, at phases (m,)."""
+
+_DEGREE, _MOST_PANELS = 16, 2048
+
+
+@dataclass(frozen=True, eq=False)
+class Travel:
+    """Course of the pose over a stroke, from the pose (0, 0, 0).
+
+    `nodes` and `weights` integrate over the phase; at a node the velocity is `twists`.
+    """
+
+    ends: np.ndarray  # (K + 1,) phases between which the quadrature works
+    poses: np.ndarray  # (K + 1, 3) there
+    nodes: np.ndarray  # (K d,)
+    weights: np.ndarray  # (K d,)
+    twists: np.ndarray  # (K d, 3)
+    node_poses: np.ndarray  # (K d, 3)
+    error: float  # by how much the displacement changed when all panels were halved
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """Pose at the end, (3,)."""
+        return self.poses[-1]
+
+
+def travel(
+    twists: Twists, breaks: np.ndarray, *, panels: int = 4, accuracy: float = 1e-13
+) -> Travel:
+    """Integrate velocities in the frame of the body over phases.
+
+    Velocities must be smooth between `breaks`; so many `panels` stand between two to begin with.
+    They are halved until the displacement changes by less than `accuracy` of its size, or of 1.
+    """
+    coarse = _travel(twists, breaks, panels, np.inf)
+    while True:
+        panels *= 2
+        fine = _travel(twists, breaks, panels, 0.0)
+        error = float(np.abs(fine.displacement - coarse.displacement).max())
+        scale = max(1.0, float(np.abs(fine.poses).max()))
+        if error <= accuracy * scale or panels >= _MOST_PANELS:
+            return _with_error(fine, error)
+        coarse = fine
+
+
+def _with_error(found: Travel, error: float) -> Travel:
+    return Travel(
+        found.ends, found.poses, found.nodes, found.weights, found.twists, found.node_poses, error
+    )
+
+
+def _travel(twists: Twists, breaks: np.ndarray, panels: int, error: float) -> Travel:
+    rule = _rule()
+    parts = [np.linspace(a, b, panels + 1) for a, b in pairwise(breaks)]
+    ends = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+    h = np.diff(ends)
+    nodes = ends[:-1, None] + h[:, None] * rule.tau
+    xi = twists(nodes.ravel()).reshape(*nodes.shape, 3)
+    turn = h * (xi[..., 2] @ rule.B)
+    angle = h[:, None] * (xi[..., 2] @ rule.A.T)
+    velocity = rotate(angle, xi[..., :2])
+    way = h[:, None] * np.einsum("kdc,d->kc", velocity, rule.B)
+    within = h[:, None, None] * np.einsum("ed,kdc->kec", rule.A, velocity)
+    poses = np.zeros((len(ends), 3))
+    for k in range(len(h)):
+        poses[k + 1] = compose(poses[k], [*way[k], turn[k]])
+    inner = np.concatenate([within, angle[..., None]], axis=-1)
+    node_poses = compose(poses[:-1, None, :], inner)
+    weights = (h[:, None] * rule.B).ravel()
+    return Travel(
+        ends, poses, nodes.ravel(), weights, xi.reshape(-1, 3), node_poses.reshape(-1, 3), error
+    )
+
+
+@cache
+def _rule() -> Collocation:
+    return Collocation(_DEGREE)

@@ -1,0 +1,1 @@
+"""Motions that pins and skids determine, and what these must bear."""

@@ -1,0 +1,1 @@
+"""Paths in the plane, put together from the steps of a few gaits."""

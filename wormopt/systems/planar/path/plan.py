@@ -1,0 +1,177 @@
+"""Paths through the plane: the cheapest steps of a library, with amplitudes that end in a goal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.progress import Report
+from wormopt.systems.planar.path.polish import Fitted, polished
+from wormopt.systems.planar.path.search import Looked, Route, SearchOptions, routes
+from wormopt.systems.planar.path.steps import GaitStep, Library, chained
+from wormopt.systems.planar.path.task import Cost, PathTask, Tolerance, cost_of, rest_fault
+
+_ROUTES = 200  # routes that are polished before the plan gives up
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedPath:
+    """Steps one after another that lead to a goal and touch nothing.
+
+    Parameters
+    ----------
+    task : PathTask
+        What was asked.
+    library : Library
+        Of what steps.
+    steps : tuple of GaitStep
+        The steps, with the amplitudes of the end.
+    poses : ndarray, shape (m + 1, 3)
+        Poses before the first step and after each.
+    route : Route
+        What the search found, before the polish.
+    looked : Looked
+        How far the search has gone.
+    tried : int
+        How many routes were polished.
+    room : float
+        Least distance, beyond radius and clearance, from anything over all instants.
+    """
+
+    task: PathTask
+    library: Library
+    steps: tuple[GaitStep, ...]
+    poses: np.ndarray
+    route: Route
+    looked: Looked
+    tried: int
+    room: float
+
+    def cost(self, kind: Cost) -> float:
+        """Steps, work or time in all."""
+        return float(sum(cost_of(step, kind) for step in self.steps))
+
+    @property
+    def off(self) -> np.ndarray:
+        """End less the goal: x, y and angle, (3,)."""
+        return self.task.off(self.poses[-1])
+
+
+def plan_path(
+    task: PathTask,
+    library: Library,
+    capture: Tolerance,
+    options: SearchOptions | None = None,
+    *,
+    accuracy: float = 1e-10,
+    report: Report | None = None,
+) -> PlannedPath:
+    """Find steps of a library that lead from a pose to another and touch nothing on the way.
+
+    Parameters
+    ----------
+    task : PathTask
+        Start, goal, obstacles, places on the way.
+    library : Library
+        Gaits, each with a few amplitudes.
+    capture : Tolerance
+        How near to the goal the search must come with the amplitudes of the library; from there
+        amplitudes are changed until the goal is met.
+    options : SearchOptions, optional
+        What is least, and how much the search keeps.
+    accuracy : float, optional
+        To what the pose is met, in x, y and angle.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    PlannedPath
+
+    Raises
+    ------
+    SolveError
+        If the body touches something at start or goal, or no path is found.
+
+    Notes
+    -----
+    A* over exact poses; its bound of the cost to go is that no mass gets farther for its cost than
+    with the step that takes it farthest. Without cells the route is the best of the library within
+    `capture`; with them it may lose. The amplitudes that follow are a local optimum.
+    """
+    if fault := rest_fault(task, library):
+        raise SolveError(fault, "move the pose or the obstacle", code="touching")
+    options, looked = options or SearchOptions(), Looked()
+    fits = [Fitted(family, options.cost) for family in library.families]
+    tried = 0
+    for route in routes(task, library, capture, options, looked, report):
+        if not route.steps and task.tolerance.met(task.off(task.start)):
+            return _planned(task, library, [], route, looked, tried, np.inf)
+        tried += 1
+        if found := _fitting(task, library, fits, route, accuracy):
+            steps, room = found
+            return _planned(task, library, steps, route, looked, tried, room)
+        if tried >= _ROUTES:
+            break
+    raise _none(looked, tried, options)
+
+
+def _planned(
+    task: PathTask, library: Library, steps: list[GaitStep], route: Route, looked: Looked,
+    tried: int, room: float,
+) -> PlannedPath:  # fmt: skip
+    poses = chained(task.start, steps)
+    return PlannedPath(task, library, tuple(steps), poses, route, looked, tried, room)
+
+
+def _fitting(
+    task: PathTask, library: Library, fits: list[Fitted], route: Route, accuracy: float
+) -> tuple[list[GaitStep], float] | None:
+    """Amplitudes of a route that end in the goal and touch nothing, those of least cost first."""
+    if not route.steps:
+        return None
+    own = [fits[library.owners[k]] for k in route.steps]
+    first = np.array([library.steps[k].amplitude for k in route.steps])
+    for by_cost in (True, False):
+        steps = polished(task, own, first, by_cost=by_cost, accuracy=accuracy)
+        if steps is None:
+            return None
+        poses = chained(task.start, steps)
+        room = _room(task, library, steps, poses)
+        if room >= 0 and _comes_by(task, poses):
+            return steps, room
+    return None
+
+
+def _room(task: PathTask, library: Library, steps: list[GaitStep], poses: np.ndarray) -> float:
+    rooms = [task.step_room(p, step, library.radius) for p, step in zip(poses, steps, strict=False)]
+    return min(rooms, default=np.inf)
+
+
+def _comes_by(task: PathTask, poses: np.ndarray) -> bool:
+    """Whether poses come by all places on the way in order."""
+    k = 0
+    for pose in poses:
+        while k < len(task.via) and np.hypot(*(pose[:2] - task.via[k])) <= task.via_radius:
+            k += 1
+    return k == len(task.via)
+
+
+def _none(looked: Looked, tried: int, options: SearchOptions) -> SolveError:
+    if tried:
+        why = f"{tried} routes end near the goal, but with no amplitudes in it without a touch"
+        mend = "allow more amplitudes, or a wider capture"
+    elif looked.exhausted:
+        why = f"no sequence of steps leads to the goal: all {looked.poses} poses were looked at"
+        mend = "add steps to the library, or make room"
+    else:
+        why = (
+            f"{looked.poses} poses were looked at, none near the goal; the nearest is "
+            f"{looked.nearest:.3g} away"
+        )
+        mend = "allow more poses, larger cells, a wider capture, or larger steps"
+    if looked.exhausted and options.cell[0] > 0:
+        mend += "; or smaller cells"
+    return SolveError(why, mend, code="no_path")

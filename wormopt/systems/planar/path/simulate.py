@@ -1,0 +1,95 @@
+"""A planned path once more, by integrating all masses in Cartesian coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.systems.planar.body.se2 import rotate
+from wormopt.systems.planar.body.shape import Heading
+from wormopt.systems.planar.kinematic.cartesian import simulate_held
+from wormopt.systems.planar.kinematic.motion import KinematicMotion
+from wormopt.systems.planar.path.obstacles import Block, Capsule, Disc, Obstacle, inside
+from wormopt.systems.planar.path.plan import PlannedPath
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Places of all masses over a whole path."""
+
+    step: np.ndarray  # (m,) number of the step and phase within, together
+    places: np.ndarray  # (m, n, 2)
+
+    @property
+    def pose(self) -> np.ndarray:
+        """x, y of the head and angle of the first link at the end, (3,)."""
+        head, next_to = self.places[-1, 0], self.places[-1, 1]
+        dx, dy = head - next_to
+        return np.array([*head, np.arctan2(dy, dx)])
+
+
+def simulate_path(
+    path: PlannedPath,
+    *,
+    lengths: Sequence[float] | None = None,
+    heading: Heading = "bisector",
+    looks: int = 64,
+) -> Course:
+    """Integrate what pins and skids determine over all steps, one after another, from the start.
+
+    Each step begins where the one before has ended, errors and all.
+    """
+    start = path.task.start
+    places = start[:2] + rotate(start[2], path.library.rest)
+    when, course = [np.zeros(1)], [places[None]]
+    for k, step in enumerate(path.steps):
+        motion = step.motion
+        if not isinstance(motion, KinematicMotion):
+            raise ArgumentError(f"{step.name!r} was not made from pins and skids")
+        tau, found = simulate_held(
+            course[-1][-1], motion.stroke, motion.phases, lengths=lengths, heading=heading,
+            looks=looks,
+        )  # fmt: skip
+        when.append(k + tau[1:])
+        course.append(found[1:])
+    return Course(np.concatenate(when), np.concatenate(course))
+
+
+def least_distance(course: np.ndarray, obstacles: Sequence[Obstacle], *, points: int = 41) -> float:
+    """Least distance of points along all links (m, n, 2) from obstacles, by points alone.
+
+    Neither distances of segments nor bounds of the plan are used: a second route to them.
+    """
+    share = np.linspace(0.0, 1.0, points)[:, None]
+    a, b = course[:, :-1, None], course[:, 1:, None]
+    along = (a + share * (b - a)).reshape(-1, 2)
+    return min((float(_from(obstacle, along).min()) for obstacle in obstacles), default=np.inf)
+
+
+def _from(obstacle: Obstacle, points: np.ndarray) -> np.ndarray:
+    """Distance of points (m, 2) from an obstacle, below 0 within."""
+    if isinstance(obstacle, Disc):
+        off = points - np.array(obstacle.centre)
+        return np.hypot(off[:, 0], off[:, 1]) - obstacle.radius
+    if isinstance(obstacle, Capsule):
+        return _from_segment(points, np.array(obstacle.start), np.array(obstacle.end)) - (
+            obstacle.radius
+        )
+    assert isinstance(obstacle, Block)
+    corners = np.array(obstacle.corners)
+    sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    least = np.min([_from_segment(points, p, q) for p, q in sides], axis=0)
+    return np.where(inside(corners, points), -least, least)
+
+
+def _from_segment(points: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Distance of points from a segment, along and across it."""
+    size = float(np.hypot(*(q - p)))
+    if size == 0:
+        return np.hypot(*(points - p).T)
+    e = (q - p) / size
+    x, y = (points - p) @ e, (points - p) @ np.array([-e[1], e[0]])
+    return np.hypot(np.maximum(np.maximum(-x, x - size), 0.0), y)
