@@ -11,14 +11,10 @@ from numpy.typing import ArrayLike
 from wormopt.model.planar_friction import PlanarLaw
 from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.body.shape import Shape
+from wormopt.systems.planar.crawling.balance import LeastPower
 from wormopt.systems.planar.crawling.ground import Ground, ground_of
-from wormopt.systems.planar.crawling.least_power import (
-    Least,
-    LeastPower,
-    held,
-    least_power,
-    settle,
-)
+from wormopt.systems.planar.crawling.held import held
+from wormopt.systems.planar.crawling.least_power import Least, least_power, near
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +57,7 @@ class Crawler:
         _, _, J, B = (np.array(part) for part in mapped.call([s.T]))
         J = J.reshape(2 * m, G, 3).transpose(1, 0, 2).reshape(G, m, 2, 3)
         B = B.reshape(2 * m, G, -1).transpose(1, 0, 2)
-        b = np.einsum("gkn,gn->gk", B, ds).reshape(G, m, 2)
+        b = (B @ ds[..., None]).reshape(G, m, 2)
         speed = np.abs(b).max(axis=(1, 2))
         speed[speed == 0] = 1.0
         length = np.sqrt((J[..., 2] ** 2).sum(axis=2).mean(axis=1))
@@ -82,7 +78,7 @@ class Crawler:
     ) -> Motion:
         """The same, by a guess (G, m) of the resting masses and one (G, 3) of the twist."""
         bodies = self.bodies(s, ds)
-        return self._told(bodies, settle(bodies.body, bodies.scaled(twist), rest))
+        return self._told(bodies, near(bodies.body, bodies.scaled(twist), rest))
 
     def hold(self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray) -> Motion:
         """Motions in which the masses `rest` (m,) are held, whether or not the ground can."""
@@ -91,7 +87,7 @@ class Crawler:
         all_rest = np.tile(rest, (len(s), 1))
         least = Least(found.x, all_rest, found.push, found.hold, found.stiffness)
         told = self._told(bodies, least)
-        return replace(told, hold=np.where(found.fits, told.hold, np.nan))
+        return replace(told, hold=np.where(found.fits & found.balances, told.hold, np.nan))
 
     def parting(self, s: np.ndarray, ds: np.ndarray, i: int, j: int) -> float:
         """Rate of half the square of the distance between two masses, which no twist changes."""
