@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +12,8 @@ from wormopt.systems.planar.body.strokes import Stroke
 from wormopt.systems.planar.crawling.velocity import Crawler, Motion
 
 # So near a break, told by a root, both sides are looked at; and how often brackets are divided.
-_BESIDE, _DIVISIONS = 1e-6, 30
+_BESIDE, _DIVISIONS = 1e-6, 40
+_POINT = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +24,7 @@ class Phase:
     end: float
     rest: np.ndarray  # (m,), whether a mass rests
     back: np.ndarray  # (m,), whether a mass slides back where it is resisted otherwise than ahead
+    twist: np.ndarray  # (3,), somewhere in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,43 +84,40 @@ def phases_of(seen: list[Sample], start: float, end: float) -> list[Phase]:
     for left, right in pairwise(seen):
         if not left.as_in(right):
             at = (left.tau + right.tau) / 2
-            found.append(Phase(begin, at, left.rest, left.back))
+            found.append(Phase(begin, at, left.rest, left.back, left.twist))
             begin = at
-    return [*found, Phase(begin, end, seen[-1].rest, seen[-1].back)]
+    return [*found, Phase(begin, end, seen[-1].rest, seen[-1].back, seen[-1].twist)]
 
 
 def closed(course: Course, seen: list[Sample]) -> list[Sample]:
     """Add samples until two enclose every break as closely as numbers can."""
-    found = seen[:1]
-    for right in seen[1:]:
-        found += _between(course, found[-1], right, _DIVISIONS) + [right]
-    return found
+    for _ in range(_DIVISIONS):
+        gaps = [
+            (a, b)
+            for a, b in pairwise(seen)
+            if not a.as_in(b) and b.tau - a.tau > _POINT
+        ]
+        if not gaps:
+            break
+        breaks = [_break(course, a, b) for a, b in gaps]
+        tau = [_asked(at, a, b) for at, (a, b) in zip(breaks, gaps, strict=True)]
+        by = [side for pair in gaps for side in pair]
+        looked = course.sample(np.ravel(tau), by)
+        for k, ((a, b), at) in enumerate(zip(gaps, breaks, strict=True)):
+            before, after = looked[2 * k : 2 * k + 2]
+            if at is not None and before.as_in(a) and after.as_in(b):
+                before, after = replace(a, tau=at), replace(b, tau=float(np.nextafter(at, 1.0)))
+            seen += [before, after]
+        seen = sorted(seen, key=lambda one: one.tau)
+    return seen
 
 
-def _between(course: Course, left: Sample, right: Sample, deep: int) -> list[Sample]:
-    """Samples that close in on the breaks between two."""
-    if left.as_in(right) or right.tau - left.tau < 1e-14 or not deep:
-        return []
-    at = _break(course, left, right)
+def _asked(at: float | None, a: Sample, b: Sample) -> tuple[float, float]:
+    """Phases close to both sides of a break; without one, that part the gap in three."""
     if at is None:
-        at = (left.tau + right.tau) / 2
-        middle = course.sample(np.array([at]))
-    else:
-        aside = min(_BESIDE, (at - left.tau) / 2, (right.tau - at) / 2)
-        beside = np.array([at - aside, at + aside])
-        before, after = course.sample(beside, [left, right])
-        if before.as_in(left) and after.as_in(right):
-            pair = np.nextafter(at, [0.0, 1.0])
-            return [
-                Sample(float(t), one.rest, one.back, one.twist)
-                for t, one in zip(pair, (left, right), strict=True)
-            ]
-        middle = [before, after]
-    chain = [left, *middle, right]
-    found: list[Sample] = []
-    for a, b in pairwise(chain):
-        found += _between(course, a, b, deep - 1) + [b]
-    return found[:-1]
+        return a.tau + (b.tau - a.tau) / 3, b.tau - (b.tau - a.tau) / 3
+    aside = min(_BESIDE, (at - a.tau) / 2, (b.tau - at) / 2)
+    return at - aside, at + aside
 
 
 def _break(course: Course, left: Sample, right: Sample) -> float | None:

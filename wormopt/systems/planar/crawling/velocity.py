@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wormopt.errors import ArgumentError
 from wormopt.model.planar_friction import PlanarLaw
 from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.body.shape import Shape
@@ -49,6 +50,16 @@ class Crawler:
     shape: Shape
     ground: Ground
     load: np.ndarray  # (3,), force and moment on the frame, in the frame
+
+    @classmethod
+    def of(
+        cls, shape: Shape, laws: PlanarLaw | Sequence[PlanarLaw], load: ArrayLike
+    ) -> Crawler:
+        """A body by its laws."""
+        given = np.asarray(load, dtype=float)
+        if given.shape != (3,) or not np.isfinite(given).all():
+            raise ArgumentError(f"load must be two forces and a moment, not {load}")
+        return cls(shape, ground_of(laws, shape.n_points), given)
 
     def bodies(self, s: np.ndarray, ds: np.ndarray) -> Bodies:
         """Bodies at shapes (G, n_s) and rates."""
@@ -125,6 +136,6 @@ def crawl_velocity(
     load: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Motion:
     """Velocity of a body that crawls so slowly that inertia does not matter."""
-    crawler = Crawler(shape, ground_of(laws, shape.n_points), np.asarray(load, dtype=float))
+    crawler = Crawler.of(shape, laws, load)
     shapes, rates = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (s, ds))
     return crawler.move(shapes, rates)
