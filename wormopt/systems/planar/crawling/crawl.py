@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.errors import ArgumentError
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import PlanarLaw
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.body.strokes import Stroke
 from wormopt.systems.planar.crawling.panels import Panels, resolve
-from wormopt.systems.planar.crawling.phases import Course, Phase, Sample, closed, phases_of
+from wormopt.systems.planar.crawling.phases import Course, Phase, Piece, closed
 from wormopt.systems.planar.crawling.velocity import Crawler
 
 # Share of a step between samples at which they begin: none falls on an instant of symmetry.
@@ -92,14 +92,19 @@ def crawl(
         raise ArgumentError(f"a stroke of {stroke.n_s} variables for {len(shape.names)} of a shape")
     course = Course(crawler, stroke)
     ends = stroke.breaks
-    tau = np.concatenate([_instants(a, b, samples, len(ends)) for a, b in pairwise(ends)])
-    seen = course.sample(tau)
+    pieces = [
+        Piece(a, b, course.sample(_instants(a, b, samples, len(ends))))
+        for a, b in pairwise(ends.tolist())
+    ]
     for _ in range(_ROUNDS):
-        found = _phases(course, seen, ends)
+        pieces = [replace(piece, seen=closed(course, piece.seen)) for piece in pieces]
+        found = [phase for piece in pieces for phase in piece.phases]
         panels, missed = resolve(course, found)
         if not missed:
             break
-        seen = sorted([*seen, *missed], key=lambda one: one.tau)
+        pieces = [piece.joined(missed) for piece in pieces]
+    else:
+        raise SolveError("masses stop and start again too often for the breaks to be told apart")
     poses, work = panels.poses(np.append([p.start for p in found], 1.0)), panels.work
     return Crawl(poses[-1], work, tuple(found), course, panels, poses)
 
@@ -109,11 +114,3 @@ def _instants(start: float, end: float, samples: int, breaks: int) -> np.ndarray
     count = max(_FEWEST, samples // (breaks - 1))
     return start + (end - start) * (np.arange(count) + _OFF) / count
 
-
-def _phases(course: Course, seen: list[Sample], ends: np.ndarray) -> list[Phase]:
-    """Phases of the stroke, piece by piece."""
-    found: list[Phase] = []
-    for start, end in pairwise(ends.tolist()):
-        inside = [one for one in seen if start <= one.tau <= end]
-        found += phases_of(closed(course, inside), start, end)
-    return found

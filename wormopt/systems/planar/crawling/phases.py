@@ -77,16 +77,30 @@ class Course:
         return self.crawler.parting(s[0], ds[0], i, j)
 
 
-def phases_of(seen: list[Sample], start: float, end: float) -> list[Phase]:
-    """Phases from samples on both sides of every break."""
-    found: list[Phase] = []
-    begin = start
-    for left, right in pairwise(seen):
-        if not left.as_in(right):
-            at = (left.tau + right.tau) / 2
-            found.append(Phase(begin, at, left.rest, left.back, left.twist))
-            begin = at
-    return [*found, Phase(begin, end, seen[-1].rest, seen[-1].back, seen[-1].twist)]
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A smooth piece of a stroke, and what was seen of it."""
+
+    start: float
+    end: float
+    seen: list[Sample]  # in order
+
+    def joined(self, samples: list[Sample]) -> Piece:
+        """With those samples added that lie in it."""
+        own = [one for one in samples if self.start < one.tau < self.end]
+        return replace(self, seen=sorted([*self.seen, *own], key=lambda one: one.tau))
+
+    @property
+    def phases(self) -> list[Phase]:
+        """Phases, if samples close in on every break."""
+        found: list[Phase] = []
+        begin = self.start
+        for left, right in pairwise(self.seen):
+            if not left.as_in(right):
+                found.append(Phase(begin, left.tau, left.rest, left.back, left.twist))
+                begin = left.tau
+        last = self.seen[-1]
+        return [*found, Phase(begin, self.end, last.rest, last.back, last.twist)]
 
 
 def closed(course: Course, seen: list[Sample]) -> list[Sample]:
@@ -128,7 +142,10 @@ def _break(course: Course, left: Sample, right: Sample) -> float | None:
     ends = function(left.tau), function(right.tau)
     if not np.isfinite(ends).all() or np.sign(ends[0]) * np.sign(ends[1]) >= 0:
         return None
-    return root(function, left.tau, right.tau)
+    try:
+        return root(function, left.tau, right.tau)
+    except ValueError:  # somewhere between the sets of masses do not fit
+        return None
 
 
 def _teller(course: Course, left: Sample, right: Sample):
