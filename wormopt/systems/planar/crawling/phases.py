@@ -13,7 +13,7 @@ from wormopt.systems.planar.crawling.velocity import Crawler, Motion
 
 # So near a break, told by a root, both sides are looked at; and how often brackets are divided.
 _BESIDE, _DIVISIONS = 1e-6, 40
-_POINT = 1e-14
+_POINT, _ASIDE = 1e-14, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Course:
 
     def samples_of(self, tau: np.ndarray, motion: Motion) -> list[Sample]:
         """Samples of motions at phases."""
-        back = (motion.velocities[..., 0] < 0) & self.crawler.ground.one_sided & ~motion.rest
+        back = (ahead(motion) < 0) & self.crawler.ground.one_sided & ~motion.rest
         rows = zip(tau, motion.rest, back, motion.twist, strict=True)
         return [Sample(float(t), *row) for t, *row in rows]
 
@@ -158,4 +158,10 @@ def _teller(course: Course, left: Sample, right: Sample):
         most = right if stops.any() else left
         return lambda tau: float(course.hold(tau, most.rest, most).hold[0]) - 1
     i = int(np.flatnonzero(left.back != right.back)[0])
-    return lambda tau: float(course.hold(tau, left.rest, left).velocities[0, i, 0])
+    return lambda tau: float(ahead(course.hold(tau, left.rest, left))[0, i])
+
+
+def ahead(motion: Motion) -> np.ndarray:
+    """Velocities (G, m) along the headings, 0 counted as ahead: a neighbour at rest keeps it 0."""
+    largest = np.abs(motion.velocities).max(axis=(1, 2))
+    return motion.velocities[..., 0] + _ASIDE * largest[:, None]
