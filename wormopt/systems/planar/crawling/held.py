@@ -67,7 +67,7 @@ def _free(
         if not balances.all():  # a mass that hardly moves needs a careful approach
             bad = free.of(~balances)
             z[~balances], balances[~balances] = bad.sharp(bad.smoothed(_NARROW))
-        left, curvature = free.slopes(z)
+        _, left, curvature = free.slopes(z)
         balances &= np.abs(left).max(axis=1) < _BALANCED
         stiffness = np.linalg.eigvalsh(np.nan_to_num(curvature))[:, 0]
         x = x + (N @ z[..., None])[..., 0]
