@@ -9,3 +9,4 @@ from wormopt.systems.planar.body.strokes import Polygon as Polygon
 from wormopt.systems.planar.crawling.crawl import Crawl as Crawl
 from wormopt.systems.planar.crawling.crawl import crawl as crawl
 from wormopt.systems.planar.crawling.velocity import crawl_velocity as crawl_velocity
+from wormopt.systems.planar.turning import TurnInPlace as TurnInPlace

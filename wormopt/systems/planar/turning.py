@@ -92,7 +92,9 @@ def swing_hold(phi: np.ndarray | float, ratio: float, grip: float) -> np.ndarray
         middle = (low + high) / 2
         more = excess(middle) > 0
         low, high = np.where(more, middle, low), np.where(more, high, middle)
-    return np.where(excess(np.maximum(ratio, across / grip)) <= 0, np.maximum(ratio, across / grip), high)
+    return np.where(
+        excess(np.maximum(ratio, across / grip)) <= 0, np.maximum(ratio, across / grip), high
+    )
 
 
 def heading_rate_bound(rate: float) -> float:

@@ -80,9 +80,7 @@ class LeastPower:
         """Least power without smoothing from `x` on, and whether it was found: masses all move."""
         return self._descended(x, 0.0, 1e-13)
 
-    def _descended(
-        self, x: np.ndarray, width: float, last: float
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _descended(self, x: np.ndarray, width: float, last: float) -> tuple[np.ndarray, np.ndarray]:
         """Newton's steps down a convex sum, each shortened until it descends; which ended.
 
         The one of `numerics.newton` lessens the slope, which is bounded far out: it would leave.
@@ -115,7 +113,11 @@ class LeastPower:
         for _ in range(_SHORTENED if width else _SHARPENED):
             part = self.of(worse)
             tried = part.smooth_value(x[worse] + factor[worse, None] * step[worse], width)
-            allowed = value[worse] + 1e-4 * factor[worse] * falls[worse] + _ROUNDING * np.abs(value[worse])
+            allowed = (
+                value[worse]
+                + 1e-4 * factor[worse] * falls[worse]
+                + _ROUNDING * np.abs(value[worse])
+            )
             worse = worse[~(tried <= allowed)]
             if not worse.size:
                 return factor

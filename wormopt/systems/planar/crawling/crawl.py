@@ -121,4 +121,3 @@ def _instants(start: float, end: float, samples: int, breaks: int) -> np.ndarray
     """Phases at which changes are looked for at first."""
     count = max(_FEWEST, samples // (breaks - 1))
     return start + (end - start) * (np.arange(count) + _OFF) / count
-

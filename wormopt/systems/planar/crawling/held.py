@@ -54,9 +54,7 @@ def _joined(found: list[Held], order: np.ndarray) -> Held:
     )
 
 
-def _free(
-    body: LeastPower, x: np.ndarray, rest: np.ndarray, N: np.ndarray, Q: np.ndarray
-) -> Held:
+def _free(body: LeastPower, x: np.ndarray, rest: np.ndarray, N: np.ndarray, Q: np.ndarray) -> Held:
     """Let the other masses move along N (G, n, k), free of those held, whose rows Q span."""
     G, go = len(x), ~rest
     fits = (np.abs(body.velocities(x)[:, rest]) < _FITS).all(axis=(1, 2))
