@@ -57,7 +57,7 @@ def _joined(found: list[Held], order: np.ndarray) -> Held:
 def _free(body: LeastPower, x: np.ndarray, rest: np.ndarray, N: np.ndarray, Q: np.ndarray) -> Held:
     """Let the other masses move along N (G, n, k), free of those held, whose rows Q span."""
     G, go = len(x), ~rest
-    fits = (np.abs(body.velocities(x)[:, rest]) < _FITS).all(axis=(1, 2))
+    fits = np.abs(body.velocities(x)[:, rest]).max(axis=(1, 2), initial=0.0) < _FITS
     balances, stiffness = np.ones(G, bool), np.full(G, np.inf)
     if N.shape[2] and go.any():
         free = body.restricted(x, go, N)
