@@ -6,6 +6,9 @@ from wormopt.systems.planar.body.shape import chain_shape as chain_shape
 from wormopt.systems.planar.body.shape import rigid_shape as rigid_shape
 from wormopt.systems.planar.body.strokes import Harmonics as Harmonics
 from wormopt.systems.planar.body.strokes import Polygon as Polygon
+from wormopt.systems.planar.crawling.crawl import Crawl as Crawl
+from wormopt.systems.planar.crawling.crawl import crawl as crawl
+from wormopt.systems.planar.crawling.velocity import crawl_velocity as crawl_velocity
 from wormopt.systems.planar.dynamics.chain import planar_chain as planar_chain
 from wormopt.systems.planar.dynamics.driven import driven_shape as driven_shape
 from wormopt.systems.planar.dynamics.ground import Axes as Axes
@@ -26,3 +29,4 @@ from wormopt.systems.planar.swimming.best import best_stroke as best_stroke
 from wormopt.systems.planar.swimming.heights import heights as heights
 from wormopt.systems.planar.swimming.stroke import swim as swim
 from wormopt.systems.planar.swimming.swimmer import Swimmer as Swimmer
+from wormopt.systems.planar.turning import TurnInPlace as TurnInPlace

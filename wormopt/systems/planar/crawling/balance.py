@@ -1,0 +1,144 @@
+"""Bodies on dry ground for which least power is sought, and the slopes of their power."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wormopt.systems.planar.crawling.ground import Ground
+
+_WIDTHS = 10.0 ** -np.arange(0, 9)
+_TINY, _FARTHEST = 1e-300, 1e3
+_STEPS, _SHORTENED, _SHARPENED, _ROUNDING = 60, 40, 8, 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class LeastPower:
+    """Least of sum psi_i(b_i + J_i x) - load.x over x (n,), for G bodies at a time.
+
+    Numbers are of the usual size 1.
+    """
+
+    J: np.ndarray  # (G, m, 2, n)
+    b: np.ndarray  # (G, m, 2)
+    load: np.ndarray  # (G, n)
+    ground: Ground
+
+    def of(self, points: np.ndarray) -> LeastPower:
+        """Some of the bodies."""
+        return LeastPower(self.J[points], self.b[points], self.load[points], self.ground)
+
+    def velocities(self, x: np.ndarray) -> np.ndarray:
+        """Velocities (G, m, 2) of the masses."""
+        return self.b + np.einsum("gmcn,gn->gmc", self.J, x)
+
+    def powers(self, x: np.ndarray) -> np.ndarray:
+        """Powers (G, m) that the ground takes."""
+        return self.ground.power(self.velocities(x))
+
+    def slopes(
+        self, x: np.ndarray, width: float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Value (G,), slope (G, n) and curvature (G, n, n) of the sum, smoothed."""
+        G, m, _, n = self.J.shape
+        v = self.velocities(x)
+        squares = self.ground.squares(v)
+        push = squares * v
+        size = np.maximum(np.sqrt((push * v).sum(axis=-1) + width**2), _TINY)[..., None]
+        push = push / size
+        value = size.sum(axis=(1, 2)) - (self.load * x).sum(axis=1)
+        J = self.J.reshape(G, 2 * m, n)
+        slope = (push.reshape(G, 1, -1) @ J)[:, 0] - self.load
+        pull = (push[..., None] * self.J).sum(axis=2)
+        first = ((squares / size).reshape(G, -1, 1) * J).transpose(0, 2, 1) @ J
+        return value, slope, first - pull.transpose(0, 2, 1) @ (pull / size)
+
+    def smooth_value(self, x: np.ndarray, width: float) -> np.ndarray:
+        """Value alone."""
+        v = self.velocities(x)
+        size = np.sqrt((self.ground.squares(v) * v**2).sum(axis=-1) + width**2)
+        return size.sum(axis=1) - (self.load * x).sum(axis=1)
+
+    def restricted(self, x: np.ndarray, masses: np.ndarray, N: np.ndarray) -> LeastPower:
+        """Of some masses, with what is left free: the columns of N (G, n, k) from `x` on."""
+        return LeastPower(
+            np.einsum("gmcn,gnk->gmck", self.J[:, masses], N),
+            self.velocities(x)[:, masses],
+            np.einsum("gnk,gn->gk", N, self.load),
+            self.ground.of(masses),
+        )
+
+    def smoothed(self, widths: np.ndarray = _WIDTHS) -> np.ndarray:
+        """Least of sum sqrt(psi_i^2 + width^2) - load.x, by ever smaller widths."""
+        x = self._squares()
+        for width in widths:
+            x = self._descended(x, float(width), 1e-9)[0]
+        return x
+
+    def sharp(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Least power without smoothing from `x` on, and whether it was found: masses all move."""
+        return self._descended(x, 0.0, 1e-13)
+
+    def _descended(self, x: np.ndarray, width: float, last: float) -> tuple[np.ndarray, np.ndarray]:
+        """Newton's steps down a convex sum, each shortened until it descends; which ended.
+
+        The one of `numerics.newton` lessens the slope, which is bounded far out: it would leave.
+        """
+        x, found = x.copy(), np.zeros(len(x), bool)
+        open_ = np.arange(len(x))
+        for _ in range(_STEPS):
+            body = self.of(open_)
+            value, slope, curvature = body.slopes(x[open_], width)
+            step = _step(slope, curvature)
+            # Between kinks a sum along one line is straight: its step would leave for infinity.
+            most = _FARTHEST * (1 + np.abs(x[open_]).max(axis=1))
+            step *= np.minimum(1, most / np.maximum(np.abs(step).max(axis=1), _TINY))[:, None]
+            small = np.abs(step).max(axis=1) < last * (1 + np.abs(x[open_]).max(axis=1))
+            x[open_[small]] += step[small]
+            found[open_[small]] = True
+            body, open_, step = body.of(~small), open_[~small], step[~small]
+            if not open_.size:
+                break
+            factor = body.shortened(x[open_], step, value[~small], slope[~small], width)
+            x[open_] += factor[:, None] * step
+            open_ = open_[factor > 0]
+            if not open_.size:
+                break
+        return x, found
+
+    def shortened(
+        self, x: np.ndarray, step: np.ndarray, value: np.ndarray, slope: np.ndarray, width: float
+    ) -> np.ndarray:
+        """By how much each step is shortened; 0 where none descends."""
+        falls = (slope * step).sum(axis=1)
+        factor, worse = np.ones(len(x)), np.arange(len(x))
+        for _ in range(_SHORTENED if width else _SHARPENED):
+            part = self.of(worse)
+            tried = part.smooth_value(x[worse] + factor[worse, None] * step[worse], width)
+            allowed = (
+                value[worse]
+                + 1e-4 * factor[worse] * falls[worse]
+                + _ROUNDING * np.abs(value[worse])
+            )
+            worse = worse[~(tried <= allowed)]
+            if not worse.size:
+                return factor
+            factor[worse] /= 2
+        factor[worse] = 0.0
+        return factor
+
+    def _squares(self) -> np.ndarray:
+        """Least sum of squared powers, where ahead is as back."""
+        weights = self.ground.squares(np.ones((*self.b.shape[:2], 2)))
+        H = np.einsum("gmcn,gmc,gmck->gnk", self.J, weights, self.J)
+        g = np.einsum("gmcn,gmc,gmc->gn", self.J, weights, self.b)
+        return -np.linalg.solve(H, g[..., None])[..., 0]
+
+
+def _step(slope: np.ndarray, curvature: np.ndarray) -> np.ndarray:
+    """Newton's step, with the least bit of curvature added where there might be none."""
+    n = slope.shape[1]
+    usual = np.trace(curvature, axis1=1, axis2=2)[:, None, None]
+    ridge = (1e-15 * usual + _TINY) * np.eye(n)
+    return -np.linalg.solve(curvature + ridge, slope[..., None])[..., 0]

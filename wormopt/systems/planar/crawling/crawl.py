@@ -1,0 +1,123 @@
+"""Where a stroke takes a body that crawls slowly on dry ground."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.model.planar_friction import PlanarLaw
+from wormopt.systems.planar.body.shape import Shape
+from wormopt.systems.planar.body.strokes import Stroke
+from wormopt.systems.planar.crawling.panels import Panel, Panels, joined, resolve
+from wormopt.systems.planar.crawling.phases import Course, Phase, Piece, closed
+from wormopt.systems.planar.crawling.velocity import Crawler
+
+# Share of a step between samples at which they begin: none falls on an instant of symmetry.
+_OFF = (np.sqrt(5) - 1) / 2
+_FEWEST, _ROUNDS = 16, 20
+
+
+@dataclass(frozen=True, eq=False)
+class Crawl:
+    """A stroke as a body goes through it slowly."""
+
+    displacement: np.ndarray  # (3,), x, y and angle after one stroke, in the frame before
+    work: float  # that the ground takes in a stroke
+    phases: tuple[Phase, ...]
+    course: Course
+    panels: Panels
+    poses: np.ndarray  # (len(phases) + 1, 3), at the breaks
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """Phases of the stroke between which the same masses rest, 0 and 1 among them."""
+        return np.array([0.0, *(phase.end for phase in self.phases)])
+
+
+def crawl(
+    shape: Shape,
+    laws: PlanarLaw | Sequence[PlanarLaw],
+    stroke: Stroke,
+    *,
+    load: ArrayLike = (0.0, 0.0, 0.0),
+    samples: int = 128,
+) -> Crawl:
+    """Find where a stroke takes a body so slow that its inertia does not matter.
+
+    At every instant the body moves with the velocity of least power: sum over the masses of
+    psi_i(v_i), less the power of the load. Which masses rest, and when, follows; between these
+    breaks the motion is analytic in the phase, and Gauss' rule integrates it.
+
+    Parameters
+    ----------
+    shape : Shape
+        Points of the body by its shape variables.
+    laws : Elliptic, or sequence of Elliptic
+        Friction law of all masses, or of each.
+    stroke : Stroke
+        Course of the shape variables over a phase from 0 to 1. The time it takes is without effect.
+    load : array_like, shape (3,), optional
+        Force on the frame of the body, along its heading and to the left, and moment.
+    samples : int, optional
+        At how many phases changes are looked for at first.
+
+    Returns
+    -------
+    Crawl
+        Displacement, work, and the phases through which the same masses rest.
+
+    Raises
+    ------
+    ArgumentError
+        If numbers do not match, or a law is not one of least power.
+    SolveError
+        If the ground cannot hold the load, or leaves the motion open.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> from wormopt.model.planar_friction import Elliptic
+    >>> worm = wo.planar.chain_shape(2, lengths=(1.0, 1.0))
+    >>> to_and_fro = wo.planar.Polygon([[0.2], [1.2]])
+    >>> abs(wo.planar.crawl(worm, Elliptic(1.0, 1.0, 3.0), to_and_fro).displacement).max() < 1e-9
+    True
+    """
+    crawler = Crawler.of(shape, laws, load)
+    if stroke.n_s != len(shape.names):
+        raise ArgumentError(f"a stroke of {stroke.n_s} variables for {len(shape.names)} of a shape")
+    course = Course(crawler, stroke)
+    ends = stroke.breaks
+    pieces = [
+        Piece(a, b, course.sample(_instants(a, b, samples, len(ends))))
+        for a, b in pairwise(ends.tolist())
+    ]
+    found, panels = _resolved(course, pieces)
+    poses = panels.poses(np.append([p.start for p in found], 1.0))
+    return Crawl(poses[-1], panels.work, tuple(found), course, panels, poses)
+
+
+def _resolved(course: Course, pieces: list[Piece]) -> tuple[list[Phase], Panels]:
+    """Phases of pieces and panels on them, looked through until none shows another phase."""
+    known: dict[tuple[float, float], list[Panel]] = {}
+    for _ in range(_ROUNDS):
+        pieces = [replace(piece, seen=closed(course, piece.seen)) for piece in pieces]
+        found = [phase for piece in pieces for phase in piece.phases]
+        new = [phase for phase in found if (phase.start, phase.end) not in known]
+        panels, missed = resolve(course, new)
+        known |= {(p.start, p.end): own for p, own in zip(new, panels, strict=True) if own}
+        if not missed:
+            every = [panel for phase in found for panel in known[phase.start, phase.end]]
+            return found, joined(every, 1.0)
+        pieces = [piece.joined(missed) for piece in pieces]
+    raise SolveError("masses stop and start again too often for the breaks to be told apart")
+
+
+def _instants(start: float, end: float, samples: int, breaks: int) -> np.ndarray:
+    """Phases at which changes are looked for at first."""
+    count = max(_FEWEST, samples // (breaks - 1))
+    return start + (end - start) * (np.arange(count) + _OFF) / count
