@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from wormopt.analysis.bode import bode, frequencies
-from wormopt.analysis.identically import identically_zero
 from wormopt.analysis.lie import relative_degree
 from wormopt.analysis.linearise import LinearModel, linearise
 from wormopt.analysis.pencil import balanced, invariant_zeros
@@ -25,6 +24,7 @@ from wormopt.control.reference import gait_reference
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.model import Model, Output, Signal
 from wormopt.model.path import ParameterPath, piecewise_constant
+from wormopt.numerics.identically import identically_zero
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain

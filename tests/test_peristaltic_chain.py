@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import wormopt as wo
-from wormopt.analysis.identically import identically_zero
 from wormopt.control.drive import drive
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.material import MU0
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Signal, pack
 from wormopt.model.schedule import Schedule
+from wormopt.numerics.identically import identically_zero
 from wormopt.scene import load_scene
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.simulation.options import Smooth, Tolerance

@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.analysis.identically import identically_zero
 from wormopt.model.explicit import Explicit
 from wormopt.model.model import Model
 from wormopt.model.values import signal_values
+from wormopt.numerics.identically import identically_zero
 
 Values = Mapping[str, ArrayLike]
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.friction import Law
+from wormopt.model.planar_friction import PlanarLaw
 from wormopt.model.schedule import Schedule
 from wormopt.shown import lines, listed
 
@@ -111,15 +112,18 @@ class Output:
 class Contact:
     """One point where the worm touches the ground.
 
+    It moves along a line, or in the plane where its law is one of `wormopt.model.planar_friction`:
+    velocity and force have two components then, along the heading and to the left of it.
+
     Parameters
     ----------
     name : str
         Which point, for instance ``"mass 0"``.
     velocity : casadi.SX
-        Tangential velocity, a scalar expression of the states.
+        Tangential velocity, an expression of the states: a scalar, in the plane a column of 2.
     force : casadi.SX
-        Scalar symbol of the tangential force; the model's ``ode`` is affine in it.
-    law : Law
+        Symbol of the tangential force, of the same size; the model's ``ode`` is affine in it.
+    law : Law or PlanarLaw
         Friction law.
     nominal_force, nominal_speed : float, optional
         Usual sizes, by which solvers scale force and velocity.
@@ -130,7 +134,7 @@ class Contact:
     name: str
     velocity: ca.SX
     force: ca.SX
-    law: Law
+    law: Law | PlanarLaw
     nominal_force: float = 1.0
     nominal_speed: float = 1.0
     gap: ca.SX | None = None
@@ -228,8 +232,7 @@ class Model:
         if self.alg.numel() != sum(s.size for s in self.z):
             raise ArgumentError(f"model {self.name}: {self.alg.numel()} algebraic equations for z")
         for contact in self.contacts:
-            if contact.velocity.numel() != 1 or contact.force.numel() != 1:
-                raise ArgumentError(f"contact {contact.name}: velocity and force must be scalars")
+            _check_contact(contact)
         for switch in self.switches:
             if switch.guard.numel() != 1 or switch.reset.numel() != self.n_x:
                 message = f"a scalar guard and a reset of {self.n_x} states"
@@ -249,12 +252,12 @@ class Model:
 
     @property
     def forces(self) -> ca.SX:
-        """Column of the contacts' force symbols."""
+        """Column of the contacts' force symbols, two for a contact in the plane."""
         return ca.vertcat(ca.SX(0, 1), *(c.force for c in self.contacts))
 
     @property
     def contact_velocities(self) -> ca.SX:
-        """Column of the contacts' velocities."""
+        """Column of the contacts' velocities, two for a contact in the plane."""
         return ca.vertcat(ca.SX(0, 1), *(c.velocity for c in self.contacts))
 
     @property
@@ -370,6 +373,17 @@ class Model:
         from wormopt.model.explicit import Explicit
 
         return Explicit(self, output).to_control(v_reg, p or {})
+
+
+def _check_contact(contact: Contact) -> None:
+    """Refuse a velocity, a force or a wall that does not fit the law."""
+    planar = isinstance(contact.law, PlanarLaw)
+    shape = (2, 1) if planar else (1, 1)
+    if contact.velocity.shape != shape or contact.force.shape != shape:
+        be = "columns of 2, its law is one in the plane" if planar else "scalars"
+        raise ArgumentError(f"contact {contact.name}: velocity and force must be {be}")
+    if planar and (contact.gap is not None or contact.normal_force is not None):
+        raise ArgumentError(f"contact {contact.name}: walls take laws along a line")
 
 
 def pack(signals: Sequence[Signal]) -> ca.SX:

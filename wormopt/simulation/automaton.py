@@ -91,7 +91,7 @@ class _Motion:
 
     def __init__(self, task: InitialValueProblem, stiff: bool) -> None:
         system, p = task.system, task.p.copy()
-        modes = np.ones(len(system.contacts) if system.exact else 0)
+        modes = system.sliding
         self._task, self._modes, self._record = task, modes, _Record(task)
         self._t, self._x, self._n_steps = task.span[0], task.x0.copy(), 0
         self._crowd, self._crowd_start = 0, -np.inf  # events since
@@ -99,7 +99,7 @@ class _Motion:
         self._clock = _Clock(task, p)
         self._stepper = _stepper(task, p, modes, stiff)
         self._watch, self._layer = Watch(task, p, modes), Layer(task, p, modes)
-        self._contacts = Contacts(task, p, modes) if len(modes) else None
+        self._contacts = Contacts(task, p, modes) if system.exact else None
         self._resets = None
         if system.model.switches:
             self._resets = Call(system.resets, ("p", p), ("s", modes))
@@ -241,7 +241,7 @@ class _Motion:
             n_rejected=self._stepper.n_rejected,
             n_evaluations=self._stepper.n_evaluations,
             events=np.array(record.events).reshape(-1, 4),
-            modes=np.array(record.modes).reshape(-1, 1 + len(task.system.contacts)),
+            modes=np.array(record.modes).reshape(-1, 1 + task.system.n_s),
             dense_time=np.array([task.span[0], *record.ends[:steps]] if task.dense else []),
             dense=np.array(record.rows[:steps]).reshape(-1, 8, n_x),
         )

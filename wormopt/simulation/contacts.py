@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wormopt.simulation.aiming import Aim
 from wormopt.simulation.initial_value import KINDS, InitialValueProblem
 from wormopt.simulation.steps import Call, GivenUp
 
@@ -47,18 +48,27 @@ class _Probe:
 class Contacts:
     """Modes of the contacts that may rest.
 
-    `modes` (+1, -1, 0) are rewritten here and by nobody else.
+    `modes` (+1, -1, 0, then directions of onset) are rewritten here and by nobody else.
     """
 
     def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
         system, shared = task.system, (("p", p), ("s", modes))
-        self._modes, self._coupled = modes, system.coupled
-        self._v_rest, self._f_rest = task.v_rest, task.f_rest
-        self._drift = task.v_drift
-        self._states = system.velocity_state
-        self._directions = [contact.law.directions for contact in system.contacts]
-        self._released = np.full(len(modes), -np.inf)  # when each was last let go
+        self._n = len(system.contacts)
+        self._s, self._modes, self._coupled = modes, modes[: self._n], system.coupled
+        self._v_rest, self._v_stop, self._f_rest = task.v_rest, task.v_stop, task.f_rest
+        self._least_onset, self._drift = task.reach[1], task.v_drift
+        self._states, self._rows, self._sliding = (
+            system.row_state,
+            system.row_contact,
+            system.sliding,
+        )
+        planar = set(system.planar.tolist())
+        laws = enumerate(contact.law for contact in system.contacts)
+        self._directions = [(1,) if i in planar else law.directions for i, law in laws]
+        self._held = np.array([not directions for directions in self._directions], dtype=bool)
+        self._released = np.full(self._n, -np.inf)  # when each was last let go
         self._probe, self._project = Call(system.probe, *shared), Call(system.project, *shared)
+        self._aim = Aim(system, modes, shared)
 
     def _look(self, t: float, x: np.ndarray) -> _Probe:
         found = self._probe(t, x)[0].copy()
@@ -73,11 +83,17 @@ class Contacts:
         state after impulses, changes, contacts now at velocity 0. GivenUp if none fits.
         """
         before, probe = self._modes.copy(), self._look(t, x)
+        if forced is not None and self._has_begun(forced, probe):
+            forced = None
+        rest = np.where(before == 0, self._drift, np.maximum(1e3 * self._v_rest, self._v_stop))
+        struck = self._held & (np.abs(probe.velocity) > rest)
+        if struck.any():
+            x = self._hold(t, x)
+            probe = self._look(t, x)
         velocity = probe.velocity
         leaves = forced is not None and before[forced] == 0
         jump = self._by_velocity(t, velocity, forced)
         stopped = self._modes == 0
-        rest = np.where(before == 0, self._drift, 1e3 * self._v_rest)
         hit = stopped & (np.abs(velocity) > rest)
         if forced is not None:
             hit[forced] = False
@@ -86,21 +102,41 @@ class Contacts:
         if jump:
             x = self._stopped(t, x)
         if leaves:
-            self._modes[forced], self._released[forced] = probe.toward[forced], t
-        for _ in range(9 + 8 * len(self._modes)):
+            self._release(t, x, [forced], probe)
+            self._released[forced] = t
+        for _ in range(9 + 8 * self._n):
             probe = self._look(t, x)
             if not probe.determined > 1e-10:  # contacts that share a freedom leave forces open
                 raise GivenUp("no_contact_mode")
-            if not (self._let_go(probe) or (self._coupled and self._catch_again(t, probe))):
+            if not (self._let_go(t, x, probe) or (self._coupled and self._catch_again(t, probe))):
                 break
         else:
             raise GivenUp("no_contact_mode")
+        if self._coupled:
+            self._aim.sweep(t, x)
+        hit |= struck
         changes = [
             self._change(i, before[i], bool(hit[i]))
-            for i in range(len(self._modes))
+            for i in range(self._n)
             if before[i] != self._modes[i] or i == forced or hit[i]
         ]
         return x, changes, np.flatnonzero(stopped).tolist()
+
+    def _has_begun(self, i: int, probe: _Probe) -> bool:
+        """End a contact's onset where it is fast enough for a direction of its own."""
+        ends = self._aim.is_set(i) and probe.velocity[i] > self._least_onset[i] / 2
+        if ends:
+            self._aim.clear(i)
+        return ends
+
+    def _hold(self, t: float, x: np.ndarray) -> np.ndarray:
+        """Stop what is held by impulses on nothing else."""
+        before = self._s.copy()
+        self._s[:] = self._sliding
+        self._modes[self._held] = 0.0
+        x = self._stopped(t, x)
+        self._s[:] = before
+        return x
 
     def _change(self, i: int, before: float, hit: bool) -> Change:
         now = int(self._modes[i])
@@ -111,7 +147,11 @@ class Contacts:
         """Set modes by velocity alone; tells whether a velocity must jump."""
         jump = False
         for i, v in enumerate(velocity):
-            slow = self._drift[i] if self._modes[i] == 0 else self._v_rest[i]
+            begins = self._aim.is_set(i)
+            if begins and i != forced:
+                continue
+            self._aim.clear(i)
+            slow = self._drift[i] if self._modes[i] == 0 else self._v_stop[i]
             if i != forced and abs(v) > slow:
                 slides = np.sign(v) in self._directions[i]
                 self._modes[i] = np.sign(v) if slides else 0.0
@@ -123,30 +163,36 @@ class Contacts:
 
     def _stopped(self, t: float, x: np.ndarray) -> np.ndarray:
         x = self._project(t, x)[0].copy()
-        x[self._states[(self._modes == 0) & (self._states >= 0)]] = 0.0
+        x[self._states[(self._modes[self._rows] == 0) & (self._states >= 0)]] = 0.0
         return x
 
-    def _let_go(self, probe: _Probe) -> bool:
+    def _release(self, t: float, x: np.ndarray, gone: list[int], probe: _Probe) -> None:
+        self._aim.look(t, x)
+        for i in gone:
+            self._modes[i] = probe.toward[i]
+        self._aim.set(t, x, gone)
+
+    def _let_go(self, t: float, x: np.ndarray, probe: _Probe) -> bool:
         """Let go of what cannot be held, the worst one first where contacts act on each other."""
         outside = np.where(self._modes == 0, -probe.margin / self._f_rest, 0.0)
-        gone = np.flatnonzero(outside > 1)
-        if not len(gone):
+        gone = np.flatnonzero(outside > 1).tolist()
+        if not gone:
             return False
         if self._coupled:
-            gone = [np.argmax(outside)]
-        for i in gone:
-            if probe.toward[i] not in self._directions[i]:
-                raise GivenUp("no_contact_mode")
-            self._modes[i] = probe.toward[i]
+            gone = [int(np.argmax(outside))]
+        if any(probe.toward[i] not in self._directions[i] for i in gone):
+            raise GivenUp("no_contact_mode")
+        self._release(t, x, gone, probe)
         return True
 
     def _catch_again(self, t: float, probe: _Probe) -> bool:
         """Catch one that was let go but would move against its mode."""
         for i, mode in enumerate(self._modes):
-            moves = abs(probe.velocity[i]) > self._v_rest[i]
+            moves = abs(probe.velocity[i]) > self._v_stop[i]
             if moves or mode == 0 or self._released[i] == t:
                 continue
             if mode * probe.acceleration[i] < -1e-9 * (1 + abs(probe.acceleration[i])):
                 self._modes[i] = 0.0
+                self._aim.clear(i)
                 return True
         return False

@@ -2,7 +2,8 @@
 
 An event function is positive while things stay as they are: for a sliding contact its velocity in
 the direction of sliding, for a resting one the distance of its force from the nearer bound, for a
-switch minus its guard. An event is where it falls below its level. The level is 0 once it has been
+switch minus its guard. In the plane a contact slides while its speed is above that of a stop; its
+onset lasts while it goes ahead, and until it is fast enough to turn and does. An event is where it falls below its level. The level is 0 once it has been
 well above 0; until then it is a little lower, so that a contact that has just been let go, with no
 velocity and perhaps no acceleration, is not caught again by a rounding error. A switch that has
 just fired and whose guard goes on rising has no level at all.
@@ -52,13 +53,14 @@ class Watch:
     def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
         system, shared = task.system, (("p", p), ("s", modes))
         self._task, self._modes = task, modes
-        self.n_contacts = len(modes)
-        self.n = len(modes) + len(system.model.switches)
+        self.n_contacts = len(system.contacts) if system.exact else 0
+        self.n = self.n_contacts + len(system.model.switches)
         self._levels = np.zeros(self.n)
         # a switch that has fired has a level again once its guard has fallen by more than this
         self._passed = np.zeros(len(system.model.switches))
         if self.n:
-            value, within, scan, rates = (Call(f, *shared) for f in _event_functions(system))
+            reach = ("reach", task.reach[:, : self.n_contacts].ravel())
+            value, within, scan, rates = (Call(f, *shared, reach) for f in _event_functions(system))
             self._values, self._inside, self._scan, self._rates = value, within, scan, rates
 
     # -- values ----------------------------------------------------------------------------
@@ -73,7 +75,8 @@ class Watch:
     def _small(self) -> np.ndarray:
         """Sizes below which the event functions are nothing but rounding."""
         v_rest, f_rest = self._task.v_rest, self._task.f_rest
-        rest = np.where(self._modes != 0, v_rest, f_rest) if self.n_contacts else np.zeros(0)
+        slides = self._modes[: self.n_contacts] != 0
+        rest = np.where(slides, v_rest, f_rest) if self.n_contacts else np.zeros(0)
         return np.concatenate([rest, self._passed])
 
     # -- levels ----------------------------------------------------------------------------
@@ -222,23 +225,35 @@ def _event_functions(system: System) -> tuple[ca.Function, ...]:
     """Event functions at a state, at a fraction of a step, at all its samples; rates of guards."""
     t, x, p, s = system.rhs.mx_in()
     parts, rates = [], ca.MX(0, 1)
-    if system.exact:
-        velocity, _, force, least, largest = ca.vertsplit(system.probe(t, x, p, s)[:-1], s.numel())
-        margin = ca.fmin(force - least, largest - force)
-        parts.append(ca.if_else(s == 0, margin, s * velocity))
+    n = len(system.contacts) if system.exact else 0
+    reach = ca.MX.sym("reach", 5 * n)
+    if n:
+        velocity, _, force, low, high = ca.vertsplit(system.probe(t, x, p, s)[:-1], n)
+        margin = ca.fmin(force - low, high - force)
+        moving = s[:n] * velocity
+        for place, i in enumerate(system.planar.tolist()):
+            d = s[n + 2 * place : n + 2 * place + 2]
+            stop, least, largest, across, turn = (reach[k * n + i] for k in range(5))
+            v, turns = velocity[i], -force[i]
+            goes_on = ca.fmin(ca.fmin(largest - v, across - v * turns), least - turn * turns)
+            begins = ca.fmin(v, ca.fmax(least - v, goes_on))
+            moving[i] = ca.if_else(ca.sumsqr(d) > 0, begins, v - stop)
+        parts.append(ca.if_else(s[:n] == 0, margin, moving))
     if system.model.switches:
         guards, rates = ca.vertsplit(system.guards(t, x, p, s), len(system.model.switches))
         parts.append(-guards)
-    names = ["t", "x", "p", "s"]
-    values = ca.Function("values", [t, x, p, s], [ca.vertcat(*parts)], names, ["values"])
+    names = ["t", "x", "p", "s", "reach"]
+    arguments = [t, x, p, s, reach]
+    values = ca.Function("values", arguments, [ca.vertcat(*parts)], names, ["values"])
     theta, h, rows = ca.MX.sym("theta"), ca.MX.sym("h"), ca.MX.sym("rows", x.numel(), 8)
     product = [ca.MX(1)]
     for k in range(7):
         product.append(product[-1] * (1 - theta if k % 2 else theta))
-    inner = values(t + theta * h, rows @ ca.vertcat(*product), p, s)
-    symbols, long = [theta, t, h, rows, p, s], ["theta", "t", "h", "rows", "p", "s"]
+    inner = values(t + theta * h, rows @ ca.vertcat(*product), p, s, reach)
+    symbols = [theta, t, h, rows, p, s, reach]
+    long = ["theta", "t", "h", "rows", "p", "s", "reach"]
     within = ca.Function("within", symbols, [inner], long, ["values"])
-    samples = within.map("within", "serial", len(_SAMPLES), [1, 2, 3, 4, 5], [])
+    samples = within.map("within", "serial", len(_SAMPLES), [1, 2, 3, 4, 5, 6], [])
     every = samples(ca.DM(_SAMPLES).T, *symbols[1:])
     scan = ca.Function("scan", symbols[1:], [every], long[1:], ["values"])
-    return values, within, scan, ca.Function("rates", [t, x, p, s], [rates], names, ["rates"])
+    return values, within, scan, ca.Function("rates", arguments, [rates], names, ["rates"])

@@ -2,7 +2,8 @@
 
 p holds the model's parameters, its inputs, the width ``v_reg`` of the smooth law, and of every
 schedule the beginning and the values of the current piece. s holds the contacts' modes: +1 and -1
-for sliding forward and backward, 0 at rest.
+for sliding forward and backward, 0 at rest; then of every contact in the plane its direction of
+onset, see `wormopt.simulation.grip`. Velocities and forces of a contact in the plane are two rows.
 """
 
 from __future__ import annotations
@@ -16,18 +17,12 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Contact, Model, Signal, pack
+from wormopt.model.planar_friction import PlanarLaw
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
+from wormopt.numerics.identically import identically_zero
+from wormopt.simulation.grip import LineGrip, PlaneGrip, grips_of, never_rests
 from wormopt.simulation.options import Smooth, Treatment
-
-
-def _never_rests(contact: Contact) -> bool:
-    """Whether a contact is no more than a force that depends smoothly on velocity."""
-    low, high = contact.law.stick_interval
-    if isinstance(low, ca.SX) or isinstance(high, ca.SX) or low != 0 or high != 0:
-        return False
-    forces = [ca.SX(contact.law.slip_force(contact.velocity, d)) for d in contact.law.directions]
-    return all(ca.is_equal(force, forces[0], 20) for force in forces)
 
 
 def _product(column: ca.SX) -> ca.SX:
@@ -35,10 +30,6 @@ def _product(column: ca.SX) -> ca.SX:
     for i in range(column.numel()):
         product *= column[i]
     return product
-
-
-def _weighted(weight: ca.SX, a: ca.SX | float, b: ca.SX | float) -> ca.SX:
-    return weight * a + (1 - weight) * b
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +42,7 @@ class System:
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
         """Contacts that may rest."""
-        return tuple(c for c in self.model.contacts if not _never_rests(c))
+        return tuple(c for c in self.model.contacts if not never_rests(c))
 
     @cached_property
     def exact(self) -> bool:
@@ -74,7 +65,7 @@ class System:
         the control of the steps that forces change.
         """
         driven = self.exact and ca.depends_on(self._free[2], self.model.t)
-        return ca.SX.sym("push", len(self.contacts) if driven else 0)  # type: ignore[no-any-return]
+        return ca.SX.sym("push", len(self.row_contact) if driven else 0)  # type: ignore[no-any-return]
 
     @property
     def n_pushes(self) -> int:
@@ -87,7 +78,34 @@ class System:
 
     @cached_property
     def _modes(self) -> ca.SX:
-        return ca.SX.sym("s", len(self.contacts) if self.exact else 0)  # type: ignore[no-any-return]
+        n = len(self.contacts) + 2 * len(self.planar) if self.exact else 0
+        return ca.SX.sym("s", n)  # type: ignore[no-any-return]
+
+    @cached_property
+    def _grips(self) -> list[LineGrip | PlaneGrip]:
+        return grips_of(self.contacts, self._modes)
+
+    @cached_property
+    def planar(self) -> np.ndarray:
+        """Indices of the contacts that move in the plane."""
+        laws = (contact.law for contact in self.contacts)
+        return np.flatnonzero([isinstance(law, PlanarLaw) for law in laws])
+
+    @cached_property
+    def row_contact(self) -> np.ndarray:
+        """Contact of every row."""
+        sizes = [contact.force.numel() for contact in self.contacts]
+        return np.repeat(np.arange(len(sizes)), sizes)
+
+    @property
+    def sliding(self) -> np.ndarray:
+        """Modes s of a motion of which nothing has been decided."""
+        return np.repeat([1.0, 0.0], [len(self.contacts), 2 * len(self.planar)])[: self.n_s]
+
+    @property
+    def n_s(self) -> int:
+        """Entries of s."""
+        return self._modes.numel()
 
     @cached_property
     def n_fixed(self) -> int:
@@ -100,7 +118,7 @@ class System:
     def _free(self) -> list[ca.SX]:
         """Ode, contact velocities and their accelerations with the plain forces put in."""
         model = self.model
-        plain = [c for c in model.contacts if _never_rests(c)]
+        plain = [c for c in model.contacts if never_rests(c)]
         old = ca.vertcat(ca.SX(0, 1), *(c.force for c in plain))
         new = ca.vertcat(ca.SX(0, 1), *(c.law.slip_force(c.velocity, 1) for c in plain))
         velocity = ca.vertcat(ca.SX(0, 1), *(c.velocity for c in self.contacts))
@@ -122,7 +140,20 @@ class System:
     @cached_property
     def delassus(self) -> ca.SX:
         """Matrix d(contact accelerations) / d(contact forces) of the contacts that may rest."""
-        return ca.jacobian(self._free[2], self._force_symbols)
+        matrix = ca.jacobian(self._free[2], self._force_symbols)
+        if matrix.sparsity().is_diag():
+            return matrix
+        rows, columns = matrix.sparsity().get_triplet()
+        sides = [k for k, pair in enumerate(zip(rows, columns, strict=True)) if len({*pair}) > 1]
+        entries = matrix.nz[sides]
+        try:  # sin cos - cos sin: what turns with the body pushes nobody else
+            gone = identically_zero(entries, ca.vertcat(*ca.symvar(entries))).ravel()
+        except ZeroDivisionError:
+            return matrix
+        for k, zero in zip(sides, gone, strict=True):
+            if zero:
+                matrix[rows[k], columns[k]] = 0
+        return ca.sparsify(matrix)
 
     @cached_property
     def coupled(self) -> bool:
@@ -135,34 +166,43 @@ class System:
         if not self.exact:
             smooth = [c.law.smooth(c.velocity, self._v_reg) for c in self.contacts]
             return ca.vertcat(ca.SX(0, 1), *smooth)
-        slip = ca.vertcat(*(self._slip(c, self._modes[i]) for i, c in enumerate(self.contacts)))
-        slides = self._modes**2
-        free = self._pulled
         if not self.coupled:
-            return _weighted(slides, slip, -free / ca.diag(self.delassus))
-        matrix = ca.diag(slides) + ca.diag(1 - slides) @ self.delassus
-        return ca.solve(matrix, _weighted(slides, slip, -free))
+            free, response = self._pulled, ca.diag(self.delassus)
+            return ca.vertcat(
+                *(g.alone(self._of(g, free), self._of(g, response)) for g in self._grips)
+            )
+        return ca.solve(*self._equations)
+
+    @staticmethod
+    def _of(grip: LineGrip | PlaneGrip, rows: ca.SX) -> ca.SX:
+        return rows[grip.row : grip.row + grip.size, :]
+
+    @cached_property
+    def _equations(self) -> tuple[ca.SX, ca.SX]:
+        """Matrix and right-hand side of the forces of contacts that act on one another."""
+        free, full = self._pulled, ca.densify(self.delassus)
+        pairs = [g.equations(self._of(g, free), self._of(g, full)) for g in self._grips]
+        return ca.vertcat(*(a for a, _ in pairs)), ca.vertcat(*(b for _, b in pairs))
+
+    @property
+    def _rests(self) -> ca.SX:
+        """Row by row 1 or 0."""
+        return ca.vertcat(*(ca.repmat(g.rests, g.size, 1) for g in self._grips))
 
     @cached_property
     def _pulled(self) -> ca.SX:
         """Accelerations of the contacts without contact forces."""
-        return self._at_forces(self._free[2], ca.SX.zeros(len(self.contacts)))
+        return self._at_forces(self._free[2], ca.SX.zeros(len(self.row_contact)))
 
     @property
     def _determined(self) -> ca.SX:
         """Determinant of what the forces of resting contacts follow from, against its rows."""
         if not self.coupled:
             return ca.SX(1)
-        slides = self._modes**2
-        matrix = ca.diag(slides) + ca.diag(1 - slides) @ self.delassus
+        matrix, _ = self._equations
         # by its factors: a determinant by minors of a chain's matrix grows as Fibonacci's numbers
         size = ca.fabs(_product(ca.diag(ca.qr(matrix)[1])))
         return size / ca.sqrt(_product(ca.sum2(matrix**2)))
-
-    @staticmethod
-    def _slip(contact: Contact, mode: ca.SX) -> ca.SX:
-        both = [contact.law.slip_force(contact.velocity, d) for d in contact.law.directions]
-        return ca.SX(both[0]) if len(both) == 1 else _weighted((1 + mode) / 2, both[0], both[1])
 
     def _at_forces(self, expression: ca.SX, forces: ca.SX) -> ca.SX:
         return ca.substitute(expression, self._force_symbols, forces)
@@ -173,32 +213,37 @@ class System:
         if not self.exact:
             return ode
         if self.n_pushes:
-            ode = ca.vertcat(ode, (1 - self._modes**2) * self._pulled)
+            ode = ca.vertcat(ode, self._rests * self._pulled)
         if self.coupled:
             return ode
         # a velocity that is a state stays what it is while its contact rests, to the last bit
-        for i, state in enumerate(self.velocity_state):
+        slip = ca.vertcat(*(grip.slip for grip in self._grips))
+        for i, state in zip(self.row_contact, self.row_state, strict=True):
             if state >= 0:
-                slip = self._at_forces(self._free[0][state], self._all_slip)
-                ode[state] = self._modes[i] ** 2 * slip
+                planar = self._grips[i].size == 2
+                moving = ode[state] if planar else self._at_forces(self._free[0][state], slip)
+                ode[state] = self._modes[i] ** 2 * moving
         return ode
 
     @cached_property
-    def _all_slip(self) -> ca.SX:
-        return ca.vertcat(*(self._slip(c, self._modes[i]) for i, c in enumerate(self.contacts)))
+    def row_state(self) -> np.ndarray:
+        """Per row the state that is this velocity, -1 where it is none."""
+        x, velocity = (
+            pack(self.model.x),
+            ca.vertcat(ca.SX(0, 1), *(c.velocity for c in self.contacts)),
+        )
+        rows = {x[i].element_hash(): i for i in range(x.numel())}
+        entries = [velocity[i] for i in range(velocity.numel())]
+        found = [rows.get(v.element_hash(), -1) if v.is_symbolic() else -1 for v in entries]
+        return np.array(found, dtype=np.int64)
 
     @cached_property
     def velocity_state(self) -> np.ndarray:
-        """Per contact the state that is its velocity, -1 where it is none."""
-        x = pack(self.model.x)
-        rows = {x[i].element_hash(): i for i in range(x.numel())}
-        return np.array(
-            [
-                rows.get(c.velocity.element_hash(), -1) if c.velocity.is_symbolic() else -1
-                for c in self.contacts
-            ],
-            dtype=np.int64,
-        )
+        """Per contact the state that is its velocity, -1 where it is none or two."""
+        first = np.searchsorted(self.row_contact, np.arange(len(self.contacts)))
+        found = self.row_state[first]
+        found[self.planar] = -1
+        return found
 
     # -- functions -------------------------------------------------------------------------
 
@@ -213,8 +258,9 @@ class System:
 
     @cached_property
     def velocities(self) -> ca.Function:
-        """Velocities of the contacts that may rest."""
-        return self._function("velocities", self._free[1])
+        """Velocities of the contacts that may rest, in the plane their speeds."""
+        speeds = [ca.norm_2(v) if v.numel() > 1 else v for v in (c.velocity for c in self.contacts)]
+        return self._function("velocities", ca.vertcat(*speeds))
 
     @cached_property
     def probe(self) -> ca.Function:
@@ -223,21 +269,27 @@ class System:
         Of the contacts that may rest velocities, accelerations, forces, least and largest force
         that hold them; then how well resting ones determine their forces, 1 well, 0 not at all.
         """
-        bounds = [c.law.stick_interval for c in self.contacts]
-        low = ca.vertcat(ca.SX(0, 1), *(b[0] for b in bounds))
-        high = ca.vertcat(ca.SX(0, 1), *(b[1] for b in bounds))
         acceleration = self._at_forces(self._free[2], self.forces)
-        everything = ca.vertcat(self._free[1], acceleration, self.forces, low, high)
-        return self._function("probe", ca.vertcat(everything, self._determined))
+        told = [g.tells(self._of(g, acceleration), self._of(g, self.forces)) for g in self._grips]
+        everything = [ca.vertcat(*column) for column in zip(*told, strict=True)]
+        return self._function("probe", ca.vertcat(*everything, self._determined))
+
+    @cached_property
+    def aims(self) -> ca.Function:
+        """Of every contact in the plane, see `PlaneGrip.aims`."""
+        grips = [grip for grip in self._grips if isinstance(grip, PlaneGrip)]
+        return self._function(
+            "aims", ca.vertcat(*(g.aims(self._of(g, self.forces)) for g in grips))
+        )
 
     @cached_property
     def project(self) -> ca.Function:
         """X after the impulses that stop the contacts with s = 0."""
         x, velocity = self.symbols[1], self._free[1]
         push = ca.jacobian(self._free[0], self._force_symbols)
-        rests = 1 - self._modes**2
+        rests = self._rests
         if self.coupled:
-            matrix = ca.diag(self._modes**2) + ca.diag(rests) @ self.delassus
+            matrix = ca.diag(1 - rests) + ca.diag(rests) @ self.delassus
             impulse = ca.solve(matrix, -rests * velocity)
         else:
             impulse = -rests * velocity / ca.diag(self.delassus)
@@ -259,7 +311,7 @@ class System:
 
     def _put(self, expression: ca.SX) -> ca.SX:
         """Express what the model says by t, x, p and s alone."""
-        plain = [c for c in self.model.contacts if _never_rests(c)]
+        plain = [c for c in self.model.contacts if never_rests(c)]
         old = ca.vertcat(ca.SX(0, 1), *(c.force for c in plain))
         new = ca.vertcat(ca.SX(0, 1), *(c.law.slip_force(c.velocity, 1) for c in plain))
         old = ca.vertcat(old, self._force_symbols)
@@ -287,6 +339,8 @@ class System:
         names = ["rhs"]
         if self.contacts:
             names += ["probe", "project"] if self.exact else ["velocities"]
+        if self.exact and len(self.planar):
+            names.append("aims")
         if self.model.switches:
             names += ["guards", "resets"]
         return {name: getattr(self, name) for name in names}

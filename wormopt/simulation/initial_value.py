@@ -16,6 +16,9 @@ from wormopt.simulation.options import Smooth, Tolerance
 KINDS = ("reversal", "stick", "release", "impact", "switch")
 """Kinds of events by their numbers."""
 
+# Radians: an onset errs by its square.
+_LARGEST_TURN = 3e-4
+
 
 @dataclass(frozen=True, eq=False)
 class InitialValueProblem:
@@ -33,19 +36,45 @@ class InitialValueProblem:
     @cached_property
     def absolute(self) -> np.ndarray:
         """Absolute tolerance of every state."""
-        pushed = [c.nominal_speed for c in self.system.contacts[: self.system.n_pushes]]
+        pushed = self._nominal_speeds[self.system.row_contact][: self.system.n_pushes]
         return self.tolerance.absolute * np.append(_nominals(self.system.model.x), pushed)
+
+    @property
+    def _nominal_speeds(self) -> np.ndarray:
+        return np.array([c.nominal_speed for c in self.system.contacts], dtype=float)
 
     @cached_property
     def v_rest(self) -> np.ndarray:
         """Per contact the speed that is nothing but rounding."""
-        return 1e-14 * np.array([c.nominal_speed for c in self.system.contacts])
+        return 1e-14 * self._nominal_speeds
+
+    @cached_property
+    def v_stop(self) -> np.ndarray:
+        """Per contact the speed at which it stops: in the plane speeds have no sign to change."""
+        errors = 10 * (self.tolerance.relative + self.tolerance.absolute)
+        return self._in_plane(errors * self._nominal_speeds, self.v_rest)
+
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """Speeds of contacts in the plane, see `wormopt.simulation.crossings`; (5, contacts).
+
+        That of a stop; the least and the largest at the end of an onset, and the largest velocity
+        that it may lack across; the least again, over the largest turn of its force. 0 for others.
+        """
+        least, across = 100 * self.v_stop, 3 * self.tolerance.relative * self._nominal_speeds
+        rows = [self.v_stop, least, 0.1 * self._nominal_speeds, across, least / _LARGEST_TURN]
+        return self._in_plane(np.array(rows), 0.0)
+
+    def _in_plane(self, there: np.ndarray, else_: np.ndarray | float) -> np.ndarray:
+        planar = np.zeros(len(self.system.contacts), dtype=bool)
+        planar[self.system.planar] = True
+        return np.where(planar, there, else_)
 
     @cached_property
     def v_drift(self) -> np.ndarray:
         """Per contact the speed that a resting velocity may gather by the errors of the steps."""
-        nominal = np.array([c.nominal_speed for c in self.system.contacts])
-        return 1e3 * (self.v_rest + (self.tolerance.relative + self.tolerance.absolute) * nominal)
+        errors = (self.tolerance.relative + self.tolerance.absolute) * self._nominal_speeds
+        return 1e3 * (self.v_rest + errors)
 
     @cached_property
     def f_rest(self) -> np.ndarray:
@@ -54,7 +83,7 @@ class InitialValueProblem:
         if not self.system.exact:
             return np.zeros(n)
         p = self.system.scheduled(self.p, self.schedules, np.array([self.span[0]]))[:, 0]
-        probe = np.array(self.system.probe(self.span[0], self.x0, p, np.ones(n))).ravel()
+        probe = np.array(self.system.probe(self.span[0], self.x0, p, self.system.sliding)).ravel()
         held = np.abs(probe[3 * n : 5 * n].reshape(2, n))
         held = np.where(np.isfinite(held), held, 0.0).max(axis=0, initial=0.0)
         nominal = np.array([c.nominal_force for c in self.system.contacts])

@@ -1,0 +1,217 @@
+"""What a contact's force is in exact treatment, by its mode; one row for each component.
+
+A contact in the plane has two entries in s besides its mode, the direction of onset d. It is 0
+but for a contact that has been let go: at velocity 0 the direction of slip is singular, so it
+moves along d first. Then its acceleration across d is 0 and its force lies on the tangent, at that
+of sliding along d, of the forces of sliding. This errs by the square of the turn; it lasts until
+the contact is fast enough to turn, and does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import casadi as ca
+
+from wormopt.model.friction import Law
+from wormopt.model.model import Contact
+from wormopt.model.planar_friction import PlanarLaw
+
+
+def never_rests(contact: Contact) -> bool:
+    """Whether a contact is no more than a force that depends smoothly on velocity."""
+    law = contact.law
+    if isinstance(law, PlanarLaw):
+        return False
+    low, high = law.stick_interval
+    if isinstance(low, ca.SX) or isinstance(high, ca.SX) or low != 0 or high != 0:
+        return False
+    forces = [ca.SX(law.slip_force(contact.velocity, d)) for d in law.directions]
+    return all(ca.is_equal(force, forces[0], 20) for force in forces)
+
+
+def weighted(weight: ca.SX, a: ca.SX | float, b: ca.SX | float) -> ca.SX:
+    """First or second, where the weight is 1 or 0."""
+    return weight * a + (1 - weight) * b
+
+
+class Grip(Protocol):
+    """One contact and its mode."""
+
+    row: int  # its first
+    size: int  # number of rows
+    rests: ca.SX
+
+    @property
+    def slip(self) -> ca.SX:
+        """Force while it slides."""
+        ...
+
+    def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
+        """Force on a contact that acts on no other.
+
+        Of its acceleration without force, and acceleration by force of each component.
+        """
+        ...
+
+    def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Rows of the equations for all forces, and their right-hand side.
+
+        `response`: its rows of the Delassus matrix.
+        """
+        ...
+
+    def tells(self, acceleration: ca.SX, force: ca.SX) -> tuple[ca.SX | float, ...]:
+        """Velocity, acceleration, force, least and largest force by which modes are decided."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class LineGrip:
+    """Of a contact that moves along a line."""
+
+    contact: Contact
+    law: Law
+    mode: ca.SX
+    row: int
+
+    size = 1
+
+    @cached_property
+    def rests(self) -> ca.SX:
+        """1 or 0."""
+        return 1 - self.mode**2
+
+    @cached_property
+    def slip(self) -> ca.SX:
+        """Force while it slides."""
+        both = [self.law.slip_force(self.contact.velocity, d) for d in self.law.directions]
+        if len(both) < 2:
+            return ca.SX(both[0] if both else 0)
+        return weighted((1 + self.mode) / 2, both[0], both[1])
+
+    def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
+        """Force on a contact that acts on no other."""
+        return weighted(self.mode**2, self.slip, -free / response)
+
+    def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Row of the equations for all forces, and its right-hand side."""
+        slides = self.mode**2
+        matrix = (1 - slides) * response
+        matrix[0, self.row] += slides
+        return matrix, weighted(slides, self.slip, -free)
+
+    def tells(self, acceleration: ca.SX, force: ca.SX) -> tuple[ca.SX | float, ...]:
+        """Velocity, acceleration, force, least and largest force by which modes are decided."""
+        return (self.contact.velocity, acceleration, force, *self.law.stick_interval)
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneGrip:
+    """Of a contact that moves in the plane: its mode is +1 or 0."""
+
+    contact: Contact
+    law: PlanarLaw
+    mode: ca.SX
+    direction: ca.SX
+    row: int
+
+    size = 2
+
+    @cached_property
+    def rests(self) -> ca.SX:
+        """1 or 0."""
+        return 1 - self.mode**2
+
+    @cached_property
+    def _begins(self) -> ca.SX:
+        """1 or 0, and 1 only while it slides."""
+        return ca.logic_or(self.direction[0] != 0, self.direction[1] != 0)
+
+    @cached_property
+    def _ahead(self) -> ca.SX:
+        """Where it moves; along the heading while it rests, when that does not matter."""
+        nowhere = ca.SX([1.0, 0.0])
+        moving = ca.if_else(self.mode != 0, self.contact.velocity, nowhere)
+        return ca.if_else(self._begins, self.direction, moving)
+
+    @cached_property
+    def _along(self) -> ca.SX:
+        return ca.if_else(self._begins, self.direction, ca.SX([1.0, 0.0]))
+
+    @property
+    def _across(self) -> ca.SX:
+        return ca.vertcat(-self._along[1], self._along[0])
+
+    @cached_property
+    def slip(self) -> ca.SX:
+        """Force while it slides, or of sliding along the direction of onset."""
+        return self.law.slip_force(self._ahead)
+
+    @cached_property
+    def _tangent(self) -> ca.SX:
+        """How the force of sliding along d changes as d turns."""
+        w = ca.SX.sym("w", 2)
+        slope = ca.jtimes(self.law.slip_force(w), w, ca.vertcat(-w[1], w[0]))
+        return ca.substitute(slope, w, self._along)
+
+    def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
+        """Force on a contact that acts on no other."""
+        across, tangent = self._across, self._tangent
+        stop = -ca.dot(across, free + response * self.slip)
+        begun = self.slip + tangent * stop / ca.dot(across, response * tangent)
+        moving = weighted(self._begins, begun, self.slip)
+        return weighted(self.mode**2, moving, -free / response)
+
+    def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Rows of the equations for all forces, and their right-hand side."""
+        begins, slides = self._begins, self.mode**2 - self._begins
+        across = self._across
+        normal = ca.vertcat(self._tangent[1], -self._tangent[0])
+        onset = ca.vertcat(ca.SX(1, response.size2()), across.T @ response)
+        onset[0, self.row : self.row + 2] = normal.T
+        matrix = self.rests * response + begins * onset
+        for i in range(2):
+            matrix[i, self.row + i] += slides
+        begun = ca.vertcat(ca.dot(normal, self.slip), -ca.dot(across, free))
+        return matrix, slides * self.slip + begins * begun - self.rests * free
+
+    def tells(self, acceleration: ca.SX, force: ca.SX) -> tuple[ca.SX | float, ...]:
+        """Velocity, acceleration, force, least and largest force by which modes are decided.
+
+        Its speed, and its force in units of what holds; in onset its velocity along d, and the
+        force across d that it would take to turn, in units of that of sliding.
+        """
+        v, ahead = self.contact.velocity, self._ahead
+        speed = ca.if_else(self._begins, ca.dot(self.direction, v), ca.norm_2(v))
+        faster = ca.dot(ahead, acceleration) / ca.norm_2(ahead)
+        turns = ca.fabs(self._off(force)) / ca.norm_2(self.slip)
+        size = ca.if_else(self._begins, turns, self.law.gauge(force))
+        return speed, faster, -size, -1.0, ca.inf
+
+    def _off(self, force: ca.SX) -> ca.SX:
+        return ca.dot(self._across, force - self.slip)
+
+    def aims(self, force: ca.SX) -> ca.SX:
+        """Where slip begins under a force at rest; how far onset's force is from that of sliding.
+
+        The latter is 0 in the direction in which the contact accelerates.
+        """
+        return ca.vertcat(self.law.slip_direction(force), self._off(force))
+
+
+def grips_of(contacts: tuple[Contact, ...], s: ca.SX) -> list[LineGrip | PlaneGrip]:
+    """Grips of contacts: their modes come first in s, then the directions of onset."""
+    found: list[LineGrip | PlaneGrip] = []
+    row, place = 0, len(contacts)
+    for i, contact in enumerate(contacts):
+        if isinstance(contact.law, PlanarLaw):
+            direction = s[place : place + 2]
+            found.append(PlaneGrip(contact, contact.law, s[i], direction, row))
+            place += 2
+        else:
+            found.append(LineGrip(contact, contact.law, s[i], row))
+        row += found[-1].size
+    return found
