@@ -167,7 +167,7 @@ def wrong_count(
     key: str,
     value: object,
     count: int,
-    things: Literal["links", "masses"],
+    things: Literal["links", "masses", "joints"],
     entry: Literal["number", "table"] = "number",
 ) -> Iterator[Fault]:
     """Yield a fault if a list does not hold one entry per link or per mass.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from numbers import Integral
 from typing import Any
@@ -14,12 +13,15 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Law
 from wormopt.model.lift import lift
-from wormopt.model.model import TINY, Contact, Model, Output, Signal
+from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.model.path import ParameterPath
 from wormopt.model.schedule import Schedule
-from wormopt.model.values import numbers
-
-_LEAST = {"mass": TINY, "stiffness": 0.0, "damping": 0.0, "drag": 0.0}
+from wormopt.systems.shared.parameters import (
+    first_numbers,
+    numbers_of,
+    parameter,
+    varied_parameter,
+)
 
 
 def chain(
@@ -106,15 +108,15 @@ def chain(
     x, v, u = ca.SX.sym("x", masses), ca.SX.sym("v", masses), ca.SX.sym("u", links)
 
     parameters = [
-        _parameter("mass", mass, masses, "mass"),
-        _parameter("drag", drag, masses, "drag"),
-        _parameter("load", load, masses, "force"),
+        parameter("mass", mass, masses, "mass"),
+        parameter("drag", drag, masses, "drag"),
+        parameter("load", load, masses, "force"),
     ]
     m, k, gamma = (p.symbol for p in parameters)
 
-    c, elastic = _link_parameter("stiffness", stiffness, links, "stiffness", t)
-    d, damped = _link_parameter("damping", damping, links, "drag", t)
-    rest, resting = _link_parameter("rest_length", rest_length, links, "length", t)
+    c, elastic = varied_parameter("stiffness", stiffness, links, "stiffness", t)
+    d, damped = varied_parameter("damping", damping, links, "drag", t)
+    rest, resting = varied_parameter("rest_length", rest_length, links, "length", t)
     springs = (elastic, damped, resting)
     parameters += [s for s in springs if isinstance(s, Signal)]
 
@@ -130,7 +132,7 @@ def chain(
 
     if position is None:
         position = _stretched(rest_length, links)
-    force_nominal = float(np.mean(_numbers("mass", mass, masses))) * speed / time_nominal
+    force_nominal = float(np.mean(numbers_of("mass", mass, masses))) * speed / time_nominal
     total = ca.sum1(m)
     return Model(
         name=f"chain of {links} links",
@@ -140,9 +142,9 @@ def chain(
                 x,
                 "length",
                 length_nominal,
-                value=_numbers("position", position, masses),
+                value=numbers_of("position", position, masses),
             ),
-            Signal("velocity", v, "speed", speed, value=_numbers("velocity", velocity, masses)),
+            Signal("velocity", v, "speed", speed, value=numbers_of("velocity", velocity, masses)),
         ],
         ode=ca.vertcat(v, acceleration),
         u=[Signal("input", u, "force", force_nominal, value=(0.0,) * links)],
@@ -166,34 +168,6 @@ def chain(
     )
 
 
-def _numbers(name: str, given: ArrayLike, size: int) -> tuple[float, ...]:
-    values = numbers(name, given)
-    if values.shape not in ((), (size,)):
-        raise ArgumentError(f"{name} must be one number or {size}, not of the shape {values.shape}")
-    if not np.all(np.isfinite(values)):
-        raise ArgumentError(f"{name} must be finite")
-    return tuple(np.broadcast_to(values, (size,)).tolist())
-
-
-def _parameter(name: str, given: ArrayLike, size: int, unit: str) -> Signal:
-    values, lower = _numbers(name, given, size), _LEAST.get(name, -math.inf)
-    signal = Signal(name, ca.SX.sym(name, size), unit, lower=lower, value=values)
-    signal.check(np.array(values))
-    return signal
-
-
-def _link_parameter(
-    name: str, given: ArrayLike | ParameterPath, links: int, unit: str, t: ca.SX
-) -> tuple[ca.SX, Signal | Schedule]:
-    """Expression of a parameter of the links, and the parameter or schedule behind it."""
-    if not isinstance(given, ParameterPath):
-        signal = _parameter(name, given, links, unit)
-        return signal.symbol, signal
-    if given.size != links:
-        raise ArgumentError(f"the path of {name} has {given.size} parameters for {links} links")
-    return given.schedule(name, t)
-
-
 def _laws(law: Law | Sequence[Law] | None, masses: int) -> Sequence[Law]:
     if law is None:
         return ()
@@ -210,7 +184,5 @@ def _laws(law: Law | Sequence[Law] | None, masses: int) -> Sequence[Law]:
 
 def _stretched(rest_length: ArrayLike | ParameterPath, links: int) -> np.ndarray:
     """Positions with all links at rest length and the tail at 0."""
-    path = isinstance(rest_length, ParameterPath)
-    lengths = rest_length(np.zeros(1))[:, 0] if path else rest_length
-    lengths = np.array(_numbers("rest_length", lengths, links))
+    lengths = first_numbers("rest_length", rest_length, links)
     return np.append(np.cumsum(lengths[::-1])[::-1], 0.0)

@@ -1,0 +1,1 @@
+"""Dynamics in the plane: chains of masses, and bodies whose shape is prescribed."""

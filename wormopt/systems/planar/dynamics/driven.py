@@ -1,0 +1,310 @@
+"""A body in the plane whose shape is prescribed over time: three degrees of freedom are left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.control.reference import Reference, gait_reference
+from wormopt.errors import ArgumentError
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model, Output, Signal
+from wormopt.systems.planar.body.shape import Shape
+from wormopt.systems.planar.dynamics.chain import pairs
+from wormopt.systems.planar.dynamics.ground import Ground, ground_laws, touch
+from wormopt.systems.shared.parameters import numbers_of, parameter
+
+Course = Gait | Callable[[ca.SX], ca.SX]
+"""Shape variables over time: a gait, which repeats, or a function of the symbol of time."""
+
+
+def driven_shape(
+    shape: Shape,
+    course: Course | None = None,
+    *,
+    mass: ArrayLike,
+    inertia: float = 0.0,
+    law: Ground | None | Sequence[Ground | None] = None,
+    pull: ArrayLike = (0.0, 0.0),
+    center: ArrayLike = (0.0, 0.0),
+    angle: float = 0.0,
+    velocity: ArrayLike = (0.0, 0.0),
+    turning: float = 0.0,
+    length_nominal: float = 1.0,
+    time_nominal: float = 1.0,
+) -> Model:
+    """Build a body of given shape whose points touch the ground: its momentum and its spin.
+
+    With c the centre of mass, V its velocity, omega how fast the frame of the body turns,
+    m V' = sum (F_i + g_i) and (I omega + h)' = sum (r_i - c) x (F_i + g_i), where h is the spin
+    of the change of shape in the body's frame. Actuators do what the shape needs: their loads
+    follow from the head down, and are 0 behind the tail.
+
+    Parameters
+    ----------
+    shape : Shape
+        Points of the body; those of a chain are its masses, head first.
+    course : Gait or callable, optional
+        The shape variables over time: a Gait that repeats, with one row for each, or a function
+        from the symbol of time to a column of them. It must be smooth but for breaks of a Gait,
+        where accelerations may jump. Not for shapes without variables.
+    mass : array_like, shape (points,)
+        Masses of the points, positive. One number serves for all, here as below.
+    inertia : float, optional
+        Moment of inertia, not negative, of the head about itself: it turns with the body's frame.
+    law : Elliptic, Unit, Axes, or sequence of these or None, optional
+        Ground under each point; none where there is none.
+    pull : array_like, shape (2,) or (points, 2), optional
+        Constant force on each point.
+    center, velocity : array_like, shape (2,), optional
+        Where the centre of mass starts and how fast.
+    angle, turning : float, optional
+        Angle from x at which the frame of the body starts, and how fast it turns.
+    length_nominal, time_nominal : float, optional
+        Usual size of the body and of a period; solvers scale by them.
+
+    Returns
+    -------
+    Model
+        States ``center``, ``angle``, ``center_velocity``, ``turning``. Outputs ``position`` and
+        ``velocity`` of the points (x and y of one after the other), ``heading``, ``shape``,
+        ``shape_rate``, ``ground_force`` in the plane, ``kinetic_energy`` and powers
+        ``ground_power``, ``pull_power`` and ``actuator_power``. Of a chain also ``input`` (forces
+        that push the masses of a link apart) and ``torque`` (torques that turn the front of a
+        joint to the left), and ``left_over``: force (2) and moment behind the tail, which are 0.
+
+    Raises
+    ------
+    ArgumentError
+        If sizes or numbers do not fit, a shape with variables has no course, or a body of one
+        place has no moment of inertia.
+
+    Examples
+    --------
+    >>> from wormopt.systems.planar.body.shape import rigid_shape
+    >>> rod = driven_shape(rigid_shape([(1.0, 0.0), (-1.0, 0.0)]), mass=1.0, turning=1.0)
+    >>> [signal.name for signal in rod.x]
+    ['center', 'angle', 'center_velocity', 'turning']
+    """
+    points, t = shape.n_points, ca.SX.sym("t")
+    speed = length_nominal / time_nominal
+    values = np.array(numbers_of("mass", mass, points))
+    force_size = float(values.mean()) * speed / time_nominal
+    given = [
+        parameter("mass", mass, points, "mass"),
+        Signal("pull", ca.SX.sym("pull", 2 * points), "force", value=pairs("pull", pull, points)),
+        parameter("inertia", inertia, 1, "1"),
+    ]
+    reference = _reference(shape, course, t)
+    body = _Body(shape, reference, *(signal.symbol for signal in given))
+    body.check(given)
+
+    ground = touch(ground_laws(law, points), body.seen, force_size, speed)
+    motion = body.pushed(ground.forces)
+    states = [
+        Signal("center", body.center, "length", length_nominal, value=pairs("center", center, 1)),
+        Signal("angle", body.angle, "angle", value=float(angle)),
+        Signal("center_velocity", body.velocity, "speed", speed,
+               value=pairs("velocity", velocity, 1)),
+        Signal("turning", body.turning, "angular_frequency", 1 / time_nominal,
+               value=float(turning)),
+    ]
+    return Model(
+        name=f"driven body of {points} points",
+        x=states,
+        ode=body.put(motion.ode),
+        p=[*given, *ground.parameters],
+        t=t,
+        outputs=[replace(o, expression=body.put(o.expression)) for o in motion.outputs()],
+        contacts=[replace(x, velocity=body.put(x.velocity)) for x in ground.contacts],
+        schedules=reference.schedules,
+    )  # fmt: skip
+
+
+class _Body:
+    """Kinematics of the points, by the shape's own symbols, which `put` replaces in the end."""
+
+    def __init__(self, shape: Shape, course: Reference, m: ca.SX, pull: ca.SX, own: ca.SX) -> None:
+        self.shape, self.mass, self.pull, self.own = shape, m, pull, own
+        self._course = course
+        self.center, self.velocity = ca.SX.sym("c", 2), ca.SX.sym("V", 2)
+        self.angle, self.turning = ca.SX.sym("angle"), ca.SX.sym("omega")
+        self._acceleration = ca.SX.sym("s_ddot", shape.s.numel())
+        self.x = ca.vertcat(self.center, self.angle, self.velocity, self.turning)
+        self.inner = shape.points - ca.repmat(shape.points @ m / ca.sum1(m), 1, shape.n_points)
+
+    def by_shape(self, expression: ca.SX) -> ca.SX:
+        """Time derivative as far as it comes from the change of shape."""
+        shape = self.shape
+        by_place = ca.jtimes(expression, shape.s, shape.rates)
+        return by_place + ca.jtimes(expression, shape.rates, self._acceleration)
+
+    def put(self, expression: ca.SX) -> ca.SX:
+        """The expression with the shape as a function of time."""
+        old = ca.vertcat(self.shape.s, self.shape.rates, self._acceleration)
+        new = ca.vertcat(self._course.value, self._course.rate, self._course.acceleration)
+        return ca.substitute(expression, old, ca.densify(new)) if old.numel() else expression
+
+    def check(self, given: Sequence[Signal]) -> None:
+        """Refuse a rigid body of one place that has no moment of inertia."""
+        if self.shape.s.numel():
+            return
+        symbols = [signal.symbol for signal in given]
+        inertia = ca.Function("inertia", symbols, [self.inertia])
+        if not float(inertia(*(ca.DM(signal.value) for signal in given))) > 0:
+            raise ArgumentError("a body whose points are all in one place needs an inertia")
+
+    @cached_property
+    def looks(self) -> ca.SX:
+        """Angles along which the points look."""
+        return self.angle + self.shape.headings
+
+    @cached_property
+    def arms(self) -> ca.SX:
+        """From the centre of mass to the points, (2, points)."""
+        return _rotated(self.angle, self.inner)
+
+    @cached_property
+    def velocities(self) -> ca.SX:
+        """Of the points, (2, points)."""
+        turned = self.turning * ca.vertcat(-self.arms[1, :], self.arms[0, :])
+        moved = ca.reshape(self.by_shape(ca.vec(self.arms)), 2, self.shape.n_points)
+        return ca.repmat(self.velocity, 1, self.shape.n_points) + turned + moved
+
+    @cached_property
+    def seen(self) -> ca.SX:
+        """Velocities along the headings and to their left, (2, points)."""
+        return _rotated(-self.looks.T, self.velocities)
+
+    @cached_property
+    def inertia(self) -> ca.SX:
+        """Moment of inertia about the centre of mass."""
+        return ca.dot(self.mass, ca.sum1(self.inner**2).T) + self.own
+
+    @cached_property
+    def spin(self) -> ca.SX:
+        """Spin of the change of shape in the body's frame."""
+        moved = ca.reshape(self.by_shape(ca.vec(self.inner)), 2, self.shape.n_points)
+        return ca.dot(self.mass, _cross(self.inner, moved).T)
+
+    def pushed(self, ground: ca.SX) -> _Pushed:
+        """How it moves where the ground exerts forces (2, points) along and across headings."""
+        return _Pushed(self, _rotated(self.looks.T, ground))
+
+
+@dataclass(frozen=True, eq=False)
+class _Pushed:
+    """Motion of a body under forces of the ground, (2, points) in the plane."""
+
+    body: _Body
+    ground: ca.SX
+
+    @cached_property
+    def outer(self) -> ca.SX:
+        """All outer forces (2, points)."""
+        return self.ground + ca.reshape(self.body.pull, 2, self.body.shape.n_points)
+
+    @cached_property
+    def spun(self) -> ca.SX:
+        """How fast turning changes."""
+        body = self.body
+        moment = ca.sum2(_cross(body.arms, self.outer))
+        changed = body.by_shape(body.inertia) * body.turning + body.by_shape(body.spin)
+        return (moment - changed) / body.inertia
+
+    @cached_property
+    def ode(self) -> ca.SX:
+        """Rates of the states."""
+        body = self.body
+        pushed = ca.sum2(self.outer) / ca.sum1(body.mass)
+        return ca.vertcat(body.velocity, body.turning, pushed, self.spun)
+
+    def outputs(self) -> list[Output]:
+        """What a user wants to see."""
+        body, stacked = self.body, ca.vec(self.body.velocities)
+        places = ca.repmat(body.center, 1, body.shape.n_points) + body.arms
+        kinetic = ca.dot(body.mass, ca.sum1(body.velocities**2).T)
+        kinetic = (kinetic + body.own * body.turning**2) / 2
+        found = [
+            Output("position", ca.vec(places), "length"),
+            Output("velocity", stacked, "speed"),
+            Output("heading", body.looks, "angle"),
+            Output("shape", body.shape.s),
+            Output("shape_rate", body.shape.rates),
+            Output("ground_force", ca.vec(self.ground), "force"),
+            Output("kinetic_energy", kinetic, "energy"),
+            Output("ground_power", ca.dot(ca.vec(self.ground), stacked), "power"),
+            Output("pull_power", ca.dot(body.pull, stacked), "power"),
+        ]
+        return found + (self._loads(places) if _is_chain(body.shape) else [])
+
+    def _loads(self, places: ca.SX) -> list[Output]:
+        """What actuators of a chain do: what the part in front of a cut needs, from the head."""
+        body, n = self.body, self.body.shape.n_points - 1
+        a = ca.jtimes(ca.vec(body.velocities), body.x, self.ode)
+        a = ca.reshape(a + body.by_shape(ca.vec(body.velocities)), 2, n + 1)
+        needed = ca.repmat(body.mass.T, 2, 1) * a - self.outer
+        links = places[:, :-1] - places[:, 1:]
+        force, moment = ca.SX.zeros(2), body.own * self.spun
+        inputs, torques = [], []
+        for j in range(n + 1):
+            if 0 < j < n:
+                torques.append(moment)  # about mass j, of all in front of it
+            force = force + needed[:, j]
+            if j < n:
+                inputs.append(ca.dot(links[:, j], force) / ca.norm_2(links[:, j]))
+                moment = moment + _cross(links[:, j], force)
+        u, w = ca.vertcat(*inputs), ca.vertcat(ca.SX(0, 1), *torques)
+        lengths = ca.sqrt(ca.sum1(links**2)).T
+        power = ca.dot(u, body.by_shape(lengths))
+        if torques:
+            power += ca.dot(w, body.shape.rates[-len(torques) :])
+        return [
+            Output("input", u, "force"),
+            Output("torque", w, "energy"),
+            Output("left_over", ca.vertcat(force, moment)),
+            Output("actuator_power", power, "power"),
+        ]
+
+
+def _is_chain(shape: Shape) -> bool:
+    """Whether the points are the masses of a chain, as `chain_shape` makes them."""
+    n = shape.n_points - 1
+    names = tuple(f"length {j + 1}" for j in range(n))
+    names += tuple(f"angle {j + 1}" for j in range(n - 1))
+    return bool(shape.names) and shape.names in (names, names[n:])
+
+
+def _reference(shape: Shape, course: Course | None, t: ca.SX) -> Reference:
+    """Shape variables over time, with two derivatives."""
+    size = shape.s.numel()
+    if course is None:
+        if size:
+            raise ArgumentError(f"a shape of {size} variables needs a course of them")
+        return Reference(*(ca.SX(0, 1),) * 3)
+    if isinstance(course, Gait):
+        found = gait_reference(course, t, name="shape")
+    else:
+        value = ca.SX(course(t))
+        rate = ca.jacobian(value, t)
+        found = Reference(value, rate, ca.jacobian(rate, t))
+    if found.value.shape != (size, 1):
+        raise ArgumentError(f"the course has {found.value.numel()} rows, the shape {size}")
+    return found
+
+
+def _rotated(angles: ca.SX, vectors: ca.SX) -> ca.SX:
+    """Columns (2, m) turned to the left, by one angle or by one each (1, m)."""
+    c, s = ca.cos(angles), ca.sin(angles)
+    x, y = vectors[0, :], vectors[1, :]
+    return ca.vertcat(c * x - s * y, s * x + c * y)
+
+
+def _cross(a: ca.SX, b: ca.SX) -> ca.SX:
+    """Cross products of columns, (1, m)."""
+    return a[0, :] * b[1, :] - a[1, :] * b[0, :]

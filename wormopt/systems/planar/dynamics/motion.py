@@ -1,0 +1,130 @@
+"""What moves a body in the plane over time, and where the energy goes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from wormopt.control.loop import feed
+from wormopt.errors import ArgumentError
+from wormopt.model.model import Model, Output, Signal, Switch, pack
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.planar.body.strokes import Harmonics
+
+_POWER = "_power"
+
+
+def swing(plant: Model, period: float, courses: dict[str, Harmonics]) -> Model:
+    """Feed inputs of a plant with harmonics of time; the phase is 0 at time 0.
+
+    Parameters
+    ----------
+    plant : Model
+        With inputs of these names.
+    period : float
+        Period, positive.
+    courses : dict
+        Course of each input, by its name; an input that is not named stays.
+
+    Returns
+    -------
+    Model
+        Outputs are called as the inputs were; mean and coefficients are parameters
+        ``<input>_mean``, ``<input>_cosine``, ``<input>_sine``, and the period is ``period``.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such input, or not of this size.
+
+    Examples
+    --------
+    >>> from wormopt.systems.planar.dynamics.chain import planar_chain
+    >>> worm = planar_chain(1, mass=1.0, stiffness=1.0, damping=0.0, rest_length=1.0)
+    >>> push = Harmonics([0.0], cosine=[[0.0]], sine=[[1.0]])
+    >>> [signal.name for signal in swing(worm, 2.0, {"input": push}).u]
+    []
+    """
+    known = {signal.name: signal for signal in plant.u}
+    T = Signal("period", ca.SX.sym("period"), "time", value=float(period))
+    expressions, parameters, shown = [], [T], []
+    for name, course in courses.items():
+        if name not in known or known[name].size != course.n_s:
+            sizes = ", ".join(f"{s.name} of {s.size}" for s in plant.u)
+            raise ArgumentError(f"{name} of {course.n_s} is none of the inputs: {sizes}")
+        value, own = _course(name, known[name].unit, course, 2 * ca.pi * plant.t / T.symbol)
+        expressions.append(value)
+        parameters += own
+        shown.append(Output(name, value, known[name].unit))
+    fed = feed(plant, [known[name] for name in courses], ca.vertcat(ca.SX(0, 1), *expressions))
+    return replace(fed, p=[*fed.p, *parameters], outputs=[*fed.outputs, *shown])
+
+
+def _course(
+    name: str, unit: str, course: Harmonics, phase: ca.SX
+) -> tuple[ca.SX, list[Signal]]:
+    mean = Signal(f"{name}_mean", ca.SX.sym("mean", course.n_s), unit, value=tuple(course.mean))
+    value, signals = mean.symbol, [mean]
+    orders = range(1, len(course.cosine) + 1)
+    for part, wave in (("cosine", ca.cos), ("sine", ca.sin)):
+        table = getattr(course, part)
+        symbol = ca.SX.sym(part, table.size)
+        signals.append(Signal(f"{name}_{part}", symbol, unit, value=tuple(table.ravel())))
+        rows = ca.vertsplit(symbol, course.n_s) if table.size else []
+        for h, row in zip(orders, rows, strict=True):
+            value = value + row * wave(h * phase)
+    return value, [signal for signal in signals if signal.size]
+
+
+def measure_works(model: Model, nominal: float) -> Model:
+    """Add states that integrate the outputs ``<name>_power``, called ``<name>_work``.
+
+    Their usual size is `nominal`.
+    """
+    powers = [o for o in model.outputs if o.name.endswith(_POWER)]
+    states = [
+        Signal(o.name.removesuffix(_POWER) + "_work", ca.SX.sym("work"), "energy", nominal,
+               value=0.0)
+        for o in powers
+    ]  # fmt: skip
+    own = pack(states)
+    return replace(
+        model,
+        x=[*model.x, *states],
+        ode=ca.vertcat(model.ode, *(o.expression for o in powers)),
+        switches=[
+            Switch(s.name, s.guard, ca.vertcat(s.reset, own), s.terminal) for s in model.switches
+        ],
+    )
+
+
+def energy_error(motion: Trajectory, stored: str) -> float:
+    """Largest difference over time of all works and the energy `stored`, over the largest of them.
+
+    The motion is of a model of `measure_works`.
+    """
+    names = [s.name for s in motion.system.model.x if s.name.endswith("_work")]
+    works, energy = np.array([motion[name][0] for name in names]), motion[stored][0]
+    gap = np.abs(works.sum(axis=0) - (energy - energy[0])).max()
+    size = max(np.abs(works).max(), np.abs(energy).max())
+    return float(gap / size) if size else 0.0
+
+
+def resting_masses(motion: Trajectory) -> np.ndarray:
+    """Which points rest at the samples, by all contacts they have; shape (points, m).
+
+    A point rests where its contacts hold it along its heading and across. What only one direction
+    resists never counts as resting; nor does anything where contact is smooth.
+    """
+    model = motion.system.model
+    points = model["heading"].numel()
+    modes, names = motion.modes_at(motion.time), [c.name for c in motion.system.contacts]
+    held = {name: row == 0 for name, row in zip(names, modes, strict=False)}
+    never = np.zeros(len(motion.time), bool)
+    rows = []
+    for i in range(points):
+        both = [held.get(f"mass {i} {word}", never) for word in ("along", "across")]
+        rows.append(held.get(f"mass {i}", both[0] & both[1]))
+    return np.array(rows)

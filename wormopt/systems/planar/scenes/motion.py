@@ -1,0 +1,264 @@
+"""Scenes of kind "planar-motion": a worm of masses and springs in the plane, simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from msgspec import Meta, field
+
+from wormopt.errors import Fault
+from wormopt.quantities import GRAVITY
+from wormopt.scene.numerics import (
+    Contacts,
+    ExactContact,
+    Horizon,
+    Tolerances,
+    ToleranceTable,
+)
+from wormopt.scene.types import (
+    Finite,
+    NonNegativePerLink,
+    PerLink,
+    PerMass,
+    Positive,
+    SceneTable,
+    Table,
+    extreme_numbers,
+    says,
+    wrong_count,
+)
+from wormopt.systems.planar.body.shape import Heading
+from wormopt.systems.planar.body.strokes import Harmonics
+from wormopt.systems.planar.scenes.ground import MassGround
+from wormopt.systems.shared.declared import EVENTS, STEPS, TIME, over
+
+_Links = Annotated[int, Meta(ge=1, le=50, description="a whole number from 1 to 50")]
+_Vector = Annotated[
+    tuple[Finite, ...],
+    Meta(min_length=2, max_length=2, description="two finite numbers, [x, y]"),
+]
+_Row = tuple[Finite, ...]
+_Angle = Annotated[float, Meta(gt=-3.14159, lt=3.14159, description="an angle within ±3.14159")]
+_Slope = Annotated[float, Meta(ge=0, le=1.5707, description="an angle from 0 to 1.5707")]
+_JOINTS = ("bending_stiffness", "bending_damping", "rest_angle")
+
+
+class PlanarChainTable(Table, frozen=True, kw_only=True):
+    """A chain of *n* + 1 point masses joined by *n* links that change length; its joints bend."""
+
+    links: Annotated[_Links, says("count", "*n*; mass 0 is the head")]
+    mass: Annotated[PerMass, says("mass", "point masses *m*<sub>i</sub>")]
+    stiffness: Annotated[NonNegativePerLink, says("stiffness", "*c*<sub>j</sub> of the links")]
+    damping: Annotated[NonNegativePerLink, says("drag", "*d*<sub>j</sub> of the links")]
+    rest_length: Annotated[PerLink, says("length", "of the links, without force")]
+    bending_stiffness: Annotated[
+        NonNegativePerLink, says("", "*κ*<sub>j</sub> of the joints, torque per angle")
+    ] = 0.0
+    bending_damping: Annotated[
+        NonNegativePerLink, says("", "*δ*<sub>j</sub> of the joints, torque per turning")
+    ] = 0.0
+    rest_angle: Annotated[
+        _Angle | tuple[_Angle, ...],
+        says("rad", "of the joints, without torque; positive: the front is turned to the left"),
+    ] = 0.0
+    rod_mass: Annotated[
+        NonNegativePerLink | None,
+        says("mass", "of uniform rods along the links; none if left out"),
+    ] = None
+    heading: Annotated[
+        Heading,
+        says("", "along what an inner mass looks: `bisector`, or the link in `front` or `rear`"),
+    ] = "bisector"
+    slope: Annotated[
+        _Slope, says("rad", "of the ground, which rises along *x*; forces of the ground stay")
+    ] = 0.0
+    gravity: Annotated[
+        Positive | None,
+        says("acceleration", "*g* of `slope`; left out, 9.80665 m/s² in SI scenes"),
+    ] = None
+
+    @property
+    def standard(self) -> float:
+        """Acceleration of the fall."""
+        return GRAVITY if self.gravity is None else self.gravity
+
+    def faults(self, units: str) -> Iterator[Fault]:
+        """Yield lists of wrong lengths, and a slope without gravity."""
+        yield from wrong_count("worm.mass", self.mass, self.links + 1, "masses")
+        for name in ("stiffness", "damping", "rest_length", "rod_mass"):
+            yield from wrong_count(f"worm.{name}", getattr(self, name), self.links, "links")
+        for name in _JOINTS:
+            yield from wrong_count(f"worm.{name}", getattr(self, name), self.links - 1, "joints")
+        if self.slope and self.gravity is None and units != "SI":
+            yield "worm.gravity", 'missing; worm.slope needs it where units are not "SI"'
+
+
+class PlanarStart(Table, frozen=True, kw_only=True):
+    """Shape, place and motion at time 0."""
+
+    lengths: Annotated[
+        PerLink | None, says("length", "of the links; their rest lengths if left out")
+    ] = None
+    angles: Annotated[
+        _Angle | tuple[_Angle, ...] | None,
+        says("rad", "of the joints; their rest angles if left out"),
+    ] = None
+    tail: Annotated[_Vector, says("length", "place of the last mass")] = (0.0, 0.0)
+    direction: Annotated[Finite, says("rad", "of the last link, from *x* to the left")] = 0.0
+    velocity: Annotated[_Vector, says("speed", "of all masses")] = (0.0, 0.0)
+    turning: Annotated[
+        Finite, says("angular_frequency", "of the whole body about its centre of mass")
+    ] = 0.0
+
+    def faults(self, links: int) -> Iterator[Fault]:
+        """Yield lists of wrong lengths."""
+        yield from wrong_count("start.lengths", self.lengths, links, "links")
+        yield from wrong_count("start.angles", self.angles, links - 1, "joints")
+
+
+class Swinging(Table, frozen=True, kw_only=True):
+    """Values that swing: row *h* holds the coefficients of the *h*-th harmonic.
+
+    mean + Σ cosine<sub>h</sub> cos(2π *h t*/`period`) + sine<sub>h</sub> sin(2π *h t*/`period`).
+    """
+
+    mean: Annotated[_Row | None, says("", "mean of each; 0 if left out")] = None
+    cosine: Annotated[tuple[_Row, ...], says("", "coefficients of the cosines")] = ()
+    sine: Annotated[tuple[_Row, ...], says("", "coefficients of the sines")] = ()
+
+    def faults(self, key: str, count: int, things: str) -> Iterator[Fault]:
+        """Yield rows of wrong lengths."""
+        rows = {f"{key}.mean": self.mean} if self.mean is not None else {}
+        for name in ("cosine", "sine"):
+            rows |= {f"{key}.{name}[{h}]": row for h, row in enumerate(getattr(self, name))}
+        for place, row in rows.items():
+            if len(row) != count:
+                yield place, f"{len(row)} for {count} {things}; write a list of {count}"
+
+    def harmonics(self, count: int) -> Harmonics:
+        """What they say of `count` values."""
+        most = max(len(self.cosine), len(self.sine))
+        tables = []
+        for rows in (self.cosine, self.sine):
+            tables.append(np.zeros((most, count)))
+            tables[-1][: len(rows)] = np.reshape(rows, (len(rows), count))
+        return Harmonics(self.mean or (0.0,) * count, *tables)  # type: ignore[arg-type]
+
+
+class PlanarActuation(Table, frozen=True, kw_only=True):
+    """Forces in the links and torques in the joints that swing."""
+
+    period: Annotated[Positive, says("time", "of both")]
+    force: Annotated[
+        Swinging | None, says("force", "push the masses of a link apart; none if left out")
+    ] = None
+    torque: Annotated[
+        Swinging | None,
+        says("energy", "turn the front of a joint to the left; none if left out"),
+    ] = None
+
+    def faults(self, links: int) -> Iterator[Fault]:
+        """Yield rows of wrong lengths."""
+        if self.force:
+            yield from self.force.faults("actuation.force", links, "links")
+        if self.torque and links == 1:
+            yield "actuation.torque", "one link has no joint; leave it out"
+        elif self.torque:
+            yield from self.torque.faults("actuation.torque", links - 1, "joints")
+
+
+class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
+    """A worm of masses on springs in the plane, with actuators in links and joints, simulated.
+
+    The ground resists forward, backward and sideways motion of each mass differently; where
+    contact is exact, every stop and start is located. Theory:
+    [theory-planar.md](../theory-planar.md). Status `failed`: a second route ends elsewhere,
+    energies do not balance, or a joint folds.
+    """
+
+    headline: ClassVar = ("distance", "turn", "actuator_work", "n_events")
+    scalars: ClassVar = {
+        "x_way": ("length", "way of the centre of mass along *x*"),
+        "y_way": ("length", "way of the centre of mass along *y*"),
+        "distance": ("length", "between start and end of the centre of mass"),
+        "turn": ("angle", "by which the first link has turned to the left"),
+        "angle_max": ("angle", "largest of the joints; at π one has folded"),
+        "length_min": ("length", "of the shortest link"),
+        "actuator_work": ("energy", "done by the actuators"),
+        "ground_work": ("energy", "likewise by the ground"),
+        "damping_work": ("energy", "likewise by the dashpots"),
+        "pull_work": ("energy", "likewise by the weight along the slope"),
+        "energy_error": ("share", "works less the energy gained, over the largest of them"),
+        "rest_share": ("share", "of the samples at which a mass rests, mean over the masses"),
+        **STEPS,
+    }
+    variables: ClassVar = (
+        TIME
+        | over(
+            {
+                "x": ("length", ("mass",), "place of the mass"),
+                "y": ("length", ("mass",), "place of the mass"),
+                "heading": ("angle", ("mass",), "direction along which the mass looks"),
+                "speed": ("speed", ("mass",), "speed of the mass"),
+                "resting": ("count", ("mass",), "1 where the ground holds the mass"),
+                "ground_x": ("force", ("mass",), "force of the ground"),
+                "ground_y": ("force", ("mass",), "force of the ground"),
+                "length": ("length", ("link",), "link length"),
+                "angle": ("angle", ("joint",), "angle of the joint"),
+                "input": ("force", ("link",), "force of the actuator"),
+                "torque": ("energy", ("joint",), "torque of the actuator"),
+                "power": ("power", ("actuator",), "power of the actuator, links then joints"),
+                "center_x": ("length", (), "place of the centre of mass"),
+                "center_y": ("length", (), "place of the centre of mass"),
+                "energy": ("energy", (), "kinetic and elastic energy"),
+                "work_actuator": ("energy", (), "done by the actuators"),
+                "work_ground": ("energy", (), "done by the ground"),
+                "work_damping": ("energy", (), "done by the dashpots"),
+                "work_pull": ("energy", (), "done by the weight along the slope"),
+            }
+        )
+        | EVENTS
+    )
+
+    kind: Literal["planar-motion"]
+    want: Annotated[
+        tuple[Literal["plane", "forces", "animation"], ...],
+        says(
+            "",
+            "`plane`: the body over time in the plane; `forces`: forces and works over time; "
+            "`animation`: a GIF",
+        ),
+    ] = ()
+    worm: Annotated[PlanarChainTable, says("", "what moves")]
+    ground: Annotated[
+        MassGround | tuple[MassGround, ...],
+        says("", "under every mass, or a list of tables, one per mass, head first"),
+    ]
+    start: Annotated[PlanarStart, says("", "how it begins")] = PlanarStart()
+    actuation: Annotated[PlanarActuation | None, says("", "what moves it; nothing if left out")] = (
+        None
+    )
+    contact: Contacts = field(default_factory=ExactContact)
+    time: Horizon
+    tolerance: Tolerances = field(default_factory=ToleranceTable)
+
+    @property
+    def grounds(self) -> tuple[MassGround, ...]:
+        """Ground under each mass."""
+        if isinstance(self.ground, tuple):
+            return self.ground
+        return (self.ground,) * (self.worm.links + 1)
+
+    def faults(self, folder: Path) -> Iterator[Fault]:
+        """Yield faults that no single key shows."""
+        yield from super().faults(folder)
+        yield from extreme_numbers(self)
+        links = self.worm.links
+        yield from self.worm.faults(self.units)
+        yield from self.start.faults(links)
+        yield from wrong_count("ground", self.ground, links + 1, "masses", "table")
+        if self.actuation:
+            yield from self.actuation.faults(links)

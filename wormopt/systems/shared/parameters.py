@@ -1,0 +1,58 @@
+"""Parameters of worms' models: one number for all or one for each, or a course in time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError
+from wormopt.model.model import TINY, Signal
+from wormopt.model.path import ParameterPath
+from wormopt.model.schedule import Schedule
+from wormopt.model.values import numbers
+
+_LEAST: Mapping[str, float] = {
+    "mass": TINY,
+    **dict.fromkeys(("stiffness", "damping", "drag"), 0.0),
+    **dict.fromkeys(("bending_stiffness", "bending_damping", "rod_mass", "inertia"), 0.0),
+}
+
+
+def numbers_of(name: str, given: ArrayLike, size: int) -> tuple[float, ...]:
+    """As many finite numbers, from one or from all of them; ArgumentError if there are others."""
+    values = numbers(name, given)
+    if values.shape not in ((), (size,)):
+        raise ArgumentError(f"{name} must be one number or {size}, not of the shape {values.shape}")
+    if not np.all(np.isfinite(values)):
+        raise ArgumentError(f"{name} must be finite")
+    return tuple(np.broadcast_to(values, (size,)).tolist())
+
+
+def parameter(name: str, given: ArrayLike, size: int, unit: str) -> Signal:
+    """Parameter of a model; masses are positive, stiffness and damping not negative."""
+    values, lower = numbers_of(name, given, size), _LEAST.get(name, -math.inf)
+    signal = Signal(name, ca.SX.sym(name, size), unit, lower=lower, value=values)
+    signal.check(np.array(values))
+    return signal
+
+
+def varied_parameter(
+    name: str, given: ArrayLike | ParameterPath, size: int, unit: str, t: ca.SX, of: str = "links"
+) -> tuple[ca.SX, Signal | Schedule]:
+    """Expression of a parameter that may vary in time, and the parameter or schedule behind it."""
+    if not isinstance(given, ParameterPath):
+        signal = parameter(name, given, size, unit)
+        return signal.symbol, signal
+    if given.size != size:
+        raise ArgumentError(f"the path of {name} has {given.size} parameters for {size} {of}")
+    return given.schedule(name, t)
+
+
+def first_numbers(name: str, given: ArrayLike | ParameterPath, size: int) -> np.ndarray:
+    """Values (size,) of a parameter at time 0."""
+    path = isinstance(given, ParameterPath)
+    return np.array(numbers_of(name, given(np.zeros(1))[:, 0] if path else given, size))
