@@ -30,6 +30,7 @@ import numpy as np
 from wormopt.analysis.crossings import Crossing, Wave, sign_after
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, Output, pack
+from wormopt.model.planar_friction import PlanarLaw
 from wormopt.model.values import signal_values
 from wormopt.numerics.collocation import Collocation
 
@@ -116,6 +117,8 @@ def _checked(model: Model) -> Model:
     if model.switches or model.z:
         raise ArgumentError(f"{model.name} has switches or algebraic variables: no average of it")
     for contact in model.contacts:
+        if isinstance(contact.law, PlanarLaw):
+            raise ArgumentError(f"{contact.name} moves in the plane: there is no average of it")
         if set(contact.law.directions) != {1, -1}:
             raise ArgumentError(f"{contact.name} cannot slide both ways: there is no average of it")
     return model

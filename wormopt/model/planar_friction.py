@@ -14,6 +14,9 @@ import casadi as ca
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Expression, check_numbers, positive
 
+# Steps of Hebden that find the nearest point of an ellipse to rounding.
+_HEBDEN = 8
+
 
 @runtime_checkable
 class PlanarLaw(Protocol):
@@ -169,6 +172,28 @@ class Elliptic(_Ellipse):
             Direction of the velocity with which slip begins, of any length.
         """
         return -ca.vertcat(force[0] / self.along(-force[0]) ** 2, force[1] / self.sideways**2)
+
+    def nearest(self, force: ca.SX) -> ca.SX:
+        """Force that the ground can hold and that is nearest to ``force``.
+
+        Parameters
+        ----------
+        force : casadi.SX
+            Force on the worm, along the heading and to its left.
+
+        Returns
+        -------
+        casadi.SX
+            It itself, or the point of the ellipse whose normal leads there.
+        """
+        squares = ca.vertcat(self.along(-force[0]) ** 2, ca.SX(self.sideways) ** 2)
+        shift, near = ca.SX(0), force
+        for _ in range(_HEBDEN):  # Newton's method for 1 / gauge = 1
+            slope = ca.sum1(near**2 / squares / (squares + shift))
+            size = self.gauge(near)
+            shift += size**2 / slope * (size - 1)
+            near = squares * force / (squares + shift)
+        return ca.if_else(self.gauge(force) <= 1, force, near)
 
     def smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
         """Gradient of sqrt(psi² + d²), d being ``v_reg`` times the largest resistance.

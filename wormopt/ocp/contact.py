@@ -9,9 +9,11 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
+from wormopt.errors import ArgumentError
 from wormopt.model.friction import Law
 from wormopt.model.model import Contact, Model
 from wormopt.model.modes import ModeSequence
+from wormopt.model.planar_friction import PlanarLaw
 
 
 def _column(*entries: ca.SX | float) -> ca.SX:
@@ -74,6 +76,7 @@ class FixedModes:
             Its ``level`` holds, contact by contact: sticks (0 or 1), direction of sliding (+-1),
             and whether its force is left open by the motion (0 or 1).
         """
+        _refuse_planar(model, "FixedModes")
         n = len(model.contacts)
         nominal = np.array([c.nominal_force for c in model.contacts])
         free = ca.SX.inf(n)
@@ -195,6 +198,7 @@ class Complementarity:
         -------
         Closure
         """
+        _refuse_planar(model, "Complementarity")
         parts, equal, small, speeds, rests = [], [], [], [], []
         for c in model.contacts:
             if never_rests(c.law):
@@ -218,6 +222,15 @@ class Complementarity:
             level=ca.SX.sym("relaxation"),
             equal=_column(*equal),
             small=_column(*small),
+        )
+
+
+def _refuse_planar(model: Model, treatment: str) -> None:
+    planar = [c.name for c in model.contacts if isinstance(c.law, PlanarLaw)]
+    if planar:
+        raise ArgumentError(
+            f"contact {planar[0]} moves in the plane, which {treatment} does not treat; take "
+            "Regularised(), or two contacts with laws along a line"
         )
 
 

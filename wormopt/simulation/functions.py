@@ -24,6 +24,10 @@ from wormopt.numerics.identically import identically_zero
 from wormopt.simulation.grip import LineGrip, PlaneGrip, grips_of, never_rests
 from wormopt.simulation.options import Smooth, Treatment
 
+# Compliance that decides how resting contacts share a load, against their own, and how often what it
+# gives way is taken back.
+_SHARING, _REFINEMENTS = 1e-6, 3
+
 
 def _product(column: ca.SX) -> ca.SX:
     product = ca.SX(1)
@@ -171,7 +175,7 @@ class System:
             return ca.vertcat(
                 *(g.alone(self._of(g, free), self._of(g, response)) for g in self._grips)
             )
-        return ca.solve(*self._equations)
+        return self._solved(*self._equations)
 
     @staticmethod
     def _of(grip: LineGrip | PlaneGrip, rows: ca.SX) -> ca.SX:
@@ -183,6 +187,23 @@ class System:
         free, full = self._pulled, ca.densify(self.delassus)
         pairs = [g.equations(self._of(g, free), self._of(g, full)) for g in self._grips]
         return ca.vertcat(*(a for a, _ in pairs)), ca.vertcat(*(b for _, b in pairs))
+
+    @cached_property
+    def _shares(self) -> bool:
+        """Whether resting contacts may share what they hold: two on one rigid body do."""
+        bilateral = any(not isinstance(g, PlaneGrip) and not g.law.directions for g in self._grips)
+        return self.coupled and (len(self.planar) > 0 or bilateral)
+
+    def _solved(self, matrix: ca.SX, right: ca.SX) -> ca.SX:
+        """Solve for forces or impulses; where contacts share a load, all by the least ones."""
+        if not self._shares:
+            return ca.solve(matrix, right)
+        size = ca.trace(self.delassus) / self.delassus.size1()
+        Q, R = ca.qr(matrix + ca.diag(_SHARING * size * self._rests))
+        found = ca.SX.zeros(right.numel())
+        for _ in range(_REFINEMENTS):
+            found += ca.solve(R, Q.T @ (right - matrix @ found))
+        return found
 
     @property
     def _rests(self) -> ca.SX:
@@ -197,7 +218,7 @@ class System:
     @property
     def _determined(self) -> ca.SX:
         """Determinant of what the forces of resting contacts follow from, against its rows."""
-        if not self.coupled:
+        if not self.coupled or self._shares:
             return ca.SX(1)
         matrix, _ = self._equations
         # by its factors: a determinant by minors of a chain's matrix grows as Fibonacci's numbers
@@ -290,7 +311,7 @@ class System:
         rests = self._rests
         if self.coupled:
             matrix = ca.diag(1 - rests) + ca.diag(rests) @ self.delassus
-            impulse = ca.solve(matrix, -rests * velocity)
+            impulse = self._solved(matrix, -rests * velocity)
         else:
             impulse = -rests * velocity / ca.diag(self.delassus)
         change = ca.vertcat(push @ impulse, ca.SX.zeros(self.n_pushes))

@@ -22,6 +22,8 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Contact, Model, pack
+from wormopt.model.planar_friction import Elliptic, PlanarLaw
+from wormopt.numerics.identically import identically_zero
 
 # So many sweeps for each contact of a chain: errors fall by 1 - 2 pi / (n + 1) in each.
 _SWEEPS = 4
@@ -43,8 +45,12 @@ class Impulses:
         model.places()  # refuses what has none
         if any((c.gap is None) != (c.normal_force is None) for c in model.contacts):
             self._refuse("contacts must have a gap and a normal force, or neither")
-        if any(len(c.law.directions) != 2 for c in model.contacts):
-            self._refuse("contacts must be free to slide both ways")
+        for contact in model.contacts:
+            if isinstance(contact.law, PlanarLaw):
+                if not isinstance(contact.law, Elliptic):
+                    self._refuse("contacts in the plane must have the law Elliptic")
+            elif len(contact.law.directions) != 2:
+                self._refuse("contacts must be free to slide both ways")
         if model.z or model.switches:
             self._refuse("algebraic variables and switches are not stepped over")
         timed = [model.t, *(s for part in model.schedules for s in (part.symbol, part.begin))]
@@ -66,7 +72,12 @@ class Impulses:
     @property
     def n_gathered(self) -> int:
         """Number of what is gathered: work of walls and friction, integrals, impulses."""
-        return 2 + len(self.integrals) + 2 * len(self.model.contacts)
+        return 2 + len(self.integrals) + len(self.model.contacts) + len(self._row_contact)
+
+    @cached_property
+    def _row_contact(self) -> list[int]:
+        """Contact of every component of velocity along the ground."""
+        return [i for i, c in enumerate(self.model.contacts) for _ in range(c.force.numel())]
 
     @cached_property
     def symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
@@ -82,7 +93,7 @@ class Impulses:
         Of the places in the middle, then of rates before, inputs, parameters and step size.
         """
         v, h, n_c = self.symbols[1], self.symbols[4], len(self.model.contacts)
-        given: ca.SX = ca.SX.sym("impulses", 2 * n_c)
+        given: ca.SX = ca.SX.sym("impulses", n_c + len(self._row_contact))
         loose = v + h * self._free[self.n_q :]
         after = loose + self._pushes[self.n_q :, :] @ given
         # by mean rates kinetic energy changes by exactly the work of all impulses
@@ -110,31 +121,44 @@ class Impulses:
         contacts, h = self.model.contacts, self.symbols[4]
         stops, n_c = -free / ca.diag(self._response), len(contacts)
         normal = ca.if_else(self._gaps <= 0, ca.fmax(0, stops[:n_c]), 0)
-        rubbed = [
-            _rub(contact, normal[i], stops[n_c + i], free[n_c + i], h)
-            for i, contact in enumerate(contacts)
-        ]
+        rubbed = []
+        for i, contact in enumerate(contacts):
+            rows = self._rows(i)
+            rubbed.append(_rub(contact, normal[i], stops[rows], free[rows], h))
         return ca.vertcat(normal, *rubbed)
 
     @cached_property
     def _sweep(self) -> ca.Function:
         """Impulses after another sweep, of those before and the rates without any."""
         contacts, h, n_c = self.model.contacts, self.symbols[4], len(self.model.contacts)
-        impulses, free = ca.SX.sym("impulses", 2 * n_c), ca.SX.sym("free", 2 * n_c)
+        size = n_c + len(self._row_contact)
+        impulses, free = ca.SX.sym("impulses", size), ca.SX.sym("free", size)
         response, swept = self._response, ca.SX(impulses)
         factor = 2 / (1 + math.sin(math.pi / (len(self._swept) + 1)))  # the best one of a chain
-        for i in self._swept:
-            stop = -(free[i] + response[i, :] @ swept) / response[i, i]
-            hold = swept[i] + factor * stop
-            swept[i] = _rub(contacts[i - n_c], ca.SX(0), hold, free[i], h)
+        for i in sorted({self._row_contact[row - n_c] for row in self._swept}):
+            rows = self._rows(i)
+            own = _largest(response[rows, rows])
+            hold = swept[rows] - factor * (free[rows] + response[rows, :] @ swept) / own
+            swept[rows] = _rub(contacts[i], ca.SX(0), hold, free[rows], h)
         return ca.Function("sweep", [impulses, free, *self.symbols], [swept])
 
     @cached_property
     def _swept(self) -> list[int]:
         """Rows of friction without walls, where it acts on one another; else none."""
-        n_c = len(self.model.contacts)
-        alone = [n_c + i for i in self._without_walls]
-        return [] if self._response[alone, alone].sparsity().is_diag() else alone
+        n_c, free = len(self.model.contacts), set(self._without_walls)
+        alone = [n_c + row for row, i in enumerate(self._row_contact) if i in free]
+        among = self._response[alone, alone]
+        sides = ca.vertcat(ca.SX(0, 1), *(e for e in _off_diagonal(among)))
+        try:  # sin cos - cos sin does not count
+            acts = not identically_zero(sides, ca.vertcat(ca.SX(0, 1), *ca.symvar(sides))).all()
+        except ZeroDivisionError:
+            acts = True
+        return alone if acts else []
+
+    def _rows(self, contact: int) -> slice:
+        """Rows of a contact's velocity along the ground among all rates."""
+        first = len(self.model.contacts) + self._row_contact.index(contact)
+        return slice(first, first + self.model.contacts[contact].force.numel())
 
     @property
     def _without_walls(self) -> list[int]:
@@ -160,9 +184,11 @@ class Impulses:
         size = np.sqrt(np.diag(response))
         apart = np.abs(response) > 1e-12 * size[:, None] * size[None, :]
         np.fill_diagonal(apart, val=False)
-        alone = np.array(self._without_walls, dtype=int) + n_c
+        free = set(self._without_walls)
+        alone = [n_c + row for row, i in enumerate(self._row_contact) if i in free]
         apart[np.ix_(alone, alone)] = False  # their impulses are swept
-        for a, b in np.argwhere(apart) % max(n_c, 1):
+        contact_of = np.array([*range(n_c), *self._row_contact], dtype=int)
+        for a, b in contact_of[np.argwhere(apart)]:
             # two sides of one channel: the sum of the gaps is its width, whatever moves
             opposite = a != b and not np.any(slope[a] + slope[b]) and gap[a, 0] + gap[b, 0] > 0
             if not opposite:
@@ -214,9 +240,25 @@ class Impulses:
         return ca.jacobian(self._contact_rates, self.symbols[1]) @ self._pushes[self.n_q :, :]
 
 
+def _off_diagonal(matrix: ca.SX) -> list[ca.SX]:
+    rows, columns = matrix.sparsity().get_triplet()
+    return [matrix[i, j] for i, j in zip(rows, columns, strict=True) if i != j]
+
+
+def _largest(matrix: ca.SX) -> ca.SX:
+    """Largest eigenvalue of a symmetric matrix of at most two rows."""
+    if matrix.numel() == 1:
+        return matrix
+    half = (matrix[0, 0] - matrix[1, 1]) / 2
+    return ca.trace(matrix) / 2 + ca.sqrt(half**2 + matrix[0, 1] ** 2)
+
+
 def _rub(contact: Contact, normal: ca.SX, hold: ca.SX, velocity: ca.SX, h: ca.SX) -> ca.SX:
     """Impulse of friction: what holds the contact if the law can, else what it slides with."""
     pressed, law = contact.normal_force, contact.law
+    if isinstance(law, PlanarLaw):
+        assert isinstance(law, Elliptic)
+        return h * law.nearest(hold / h)
     least, most = law.stick_interval
     ahead, behind = law.slip_force(velocity, 1), law.slip_force(velocity, -1)
     slides = ca.vertcat(*(h * ca.SX(part) for part in (least, most, ahead, behind)))

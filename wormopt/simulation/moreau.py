@@ -8,7 +8,8 @@ second order, their energy oscillates and does not drift.
 
 Walls must not act on one another within a step, as is so where masses are lumped and every mass
 touches at most one wall at a time. Then impulses are a closed expression of the state. Friction
-whose limits do not depend on a wall's impulse needs no gap, and may couple contacts.
+whose limits do not depend on a wall's impulse needs no gap, and may couple contacts. In the plane
+its impulse is the nearest of those of the law to the one that would stop the contact.
 
 Sources: J. J. Moreau, in Nonsmooth Mechanics and Applications (1988) 1; M. Jean, Comput. Methods
 Appl. Mech. Eng. 177 (1999) 235; E. Hairer, C. Lubich, G. Wanner, Acta Numerica 12 (2003) 399.
@@ -46,7 +47,7 @@ class StepRecord:
     time: np.ndarray  # (m,)
     states: np.ndarray  # (n_x, m)
     pressed: np.ndarray  # (contacts, m - 1) mean normal force between two looks
-    rubbed: np.ndarray  # (contacts, m - 1) mean tangential force, likewise
+    rubbed: np.ndarray  # (components, m - 1) mean tangential force, likewise
     # (m,) each, done until then: by "walls" (impacts), by "friction", integrals of outputs
     work: dict[str, np.ndarray]
     n_steps: int
@@ -211,7 +212,8 @@ class MoreauJean:
         found = np.hstack(columns)
         count, n_c = found.shape[1], len(self.model.contacts)
         states, gathered = found[: self.model.n_x], found[self.model.n_x :]
-        work, impulses = gathered[: -2 * n_c or None], gathered[len(gathered) - 2 * n_c :]
+        n_work = 2 + len(self.integrals)
+        work, impulses = gathered[:n_work], gathered[n_work:]
         forces = np.diff(impulses, axis=1) / np.diff(times[:count])
         names = ("walls", "friction", *self.integrals)
         return StepRecord(

@@ -43,8 +43,6 @@ def _native(
     from wormopt.simulation.native.build import CompilerError
     from wormopt.simulation.native.kernel import compiled, integrate
 
-    if task.system.exact and len(task.system.planar):
-        return None
     try:
         ready = compiled(task.system)
     except CompilerError:

@@ -2,7 +2,8 @@
 
    Event function j is positive while things stay as they are: for a sliding contact its velocity in
    the direction of sliding, for a resting one the distance of its force from the nearer bound, for
-   a switch minus its guard. An event is where it falls below its level. The level is 0 once it has
+   a switch minus its guard. In the plane a contact slides while its speed is above that of a stop;
+   its onset lasts while it goes ahead, and until it is fast enough to turn and does. An event is where it falls below its level. The level is 0 once it has
    been well above 0; until then it is a little lower, so that a contact that has just been let go,
    with no velocity and perhaps no acceleration, is not caught again by a rounding error. A switch
    that has just fired and whose guard goes on rising has no level at all. */
@@ -30,6 +31,16 @@ static double margin(const double *probe, long long n, long long i) {
     return fmin(force - least, largest - force);
 }
 
+/* Of a moving contact in the plane. `reach`: speed of a stop; least and largest speed at the end of
+   an onset, largest velocity that it may lack across, the least over the largest turn. */
+static double planar_value(const Run *run, long long i, double v) {
+    const long long n = run->in.n_contacts;
+    const double *reach = run->in.reach + i, turns = -run->probe[2 * n + i];
+    if (!in_onset(run, i)) return v - reach[0];
+    double ahead = fmin(reach[2 * n] - v, reach[3 * n] - v * turns);
+    return fmin(v, fmax(reach[n] - v, fmin(ahead, reach[n] - reach[4 * n] * turns)));
+}
+
 void event_values(Run *run, double t, const double *x, double *value) {
     const long long n = n_exact(run);
     if (n) {
@@ -39,7 +50,10 @@ void event_values(Run *run, double t, const double *x, double *value) {
         if (!states) evaluate(run, run->in.probe, t, x, run->probe);
         for (long long i = 0; i < n; i++) {
             double v = states ? x[run->in.velocity_state[i]] : run->probe[i];
-            value[i] = run->modes[i] != 0.0 ? run->modes[i] * v : margin(run->probe, n, i);
+            if (run->modes[i] == 0.0)
+                value[i] = margin(run->probe, n, i);
+            else
+                value[i] = run->in.planar[i] < 0 ? run->modes[i] * v : planar_value(run, i, v);
         }
     }
     if (run->in.n_switches) {
@@ -241,7 +255,9 @@ static int modes_by_velocity(Run *run, long long forced, const double *v) {
     const long long n = run->in.n_contacts;
     int jump = 0;
     for (long long i = 0; i < n; i++) {
-        double *mode = run->modes + i, rest = run->in.v_rest[i];
+        double *mode = run->modes + i, rest = run->in.v_stop[i];
+        if (i != forced && in_onset(run, i)) continue;
+        end_onset(run, i);
         if (i == forced || fabs(v[i]) <= (run->before[i] == 0.0 ? run->in.v_drift[i] : rest)) {
             if (run->released[i] == run->out.t) continue; /* let go this very instant */
             *mode = 0.0;
@@ -256,10 +272,39 @@ static int modes_by_velocity(Run *run, long long forced, const double *v) {
     return jump;
 }
 
+static double jump_from(const Run *run, long long i) {
+    if (run->before[i] == 0.0) return run->in.v_drift[i];
+    return fmax(1e3 * run->in.v_rest[i], run->in.v_stop[i]);
+}
+
+/* Stop what rests. */
+static void stop(Run *run) {
+    evaluate(run, run->in.project, run->out.t, run->out.x, run->column);
+    memcpy(run->out.x, run->column, run->in.n_x * sizeof(double));
+    for (long long r = 0; r < run->in.n_rows; r++)
+        if (run->modes[run->in.row_contact[r]] == 0.0 && run->in.row_state[r] >= 0)
+            run->out.x[run->in.row_state[r]] = 0.0;
+}
+
+/* Stop what is held, and moves as after a jump, by impulses on nothing else. */
+static void hold(Run *run) {
+    const long long n = run->in.n_contacts;
+    int any = 0;
+    for (long long i = 0; i < n; i++) {
+        run->struck[i] = run->in.directions[i] == 0 && fabs(run->probe[i]) > jump_from(run, i);
+        any |= run->struck[i] != 0.0;
+    }
+    if (!any) return;
+    memset(run->modes, 0, run->in.n_s * sizeof(double));
+    for (long long i = 0; i < n; i++) run->modes[i] = run->in.directions[i] != 0;
+    stop(run);
+    memcpy(run->modes, run->before, run->in.n_s * sizeof(double));
+    evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
+}
+
 /* Whether the velocity of a contact that rests now was more than rounding. */
 static int jumps(const Run *run, long long i, long long forced) {
-    double rest = run->before[i] == 0.0 ? run->in.v_drift[i] : 1e3 * run->in.v_rest[i];
-    return i != forced && fabs(run->scan[i]) > rest;
+    return i != forced && fabs(run->scan[i]) > jump_from(run, i);
 }
 
 /* Whether an impulse is needed; of contacts that act on each other it would not be determined by
@@ -270,27 +315,34 @@ static int must_jump(const Run *run, long long forced) {
     return 0;
 }
 
+static double way_out(const Run *run, long long i) {
+    const long long n = run->in.n_contacts;
+    double force = run->probe[2 * n + i], least = run->probe[3 * n + i];
+    return force - least < run->probe[4 * n + i] - force ? 1.0 : -1.0;
+}
+
+static double excess(const Run *run, long long i) {
+    return -margin(run->probe, run->in.n_contacts, i) / fmax(run->in.f_rest[i], 1e-300);
+}
+
 /* Let go of resting contacts whose force is out of bounds, the worst one first where they act on
    each other. Tells whether there was one. */
 static int let_go(Run *run) {
     const long long n = run->in.n_contacts;
     long long worst = -1;
-    double excess = 0.0;
-    int any = 0;
+    for (long long i = 0; i < n; i++)
+        if (run->modes[i] == 0.0 && excess(run, i) > (worst < 0 ? 1.0 : excess(run, worst))) worst = i;
+    if (worst < 0) return 0;
+    look_where(run);
     for (long long i = 0; i < n; i++) {
-        double outside = -margin(run->probe, n, i) / fmax(run->in.f_rest[i], 1e-300);
-        if (run->modes[i] != 0.0 || outside <= 1.0) continue;
-        any = 1;
-        if (outside > excess) excess = outside, worst = i;
-        if (!run->in.coupled || i == worst) {
-            double force = run->probe[2 * n + i], direction = force < run->probe[3 * n + i] ? 1 : -1;
-            if (!allowed(run, i, direction)) run->out.status = NO_CONTACT_MODE;
-            if (!run->in.coupled) run->modes[i] = direction;
-        }
+        if (run->modes[i] != 0.0 || (run->in.coupled ? i != worst : !(excess(run, i) > 1.0))) continue;
+        if (!allowed(run, i, way_out(run, i))) run->out.status = NO_CONTACT_MODE;
+        run->modes[i] = way_out(run, i);
+        begin_onset(run, i);
     }
-    if (run->in.coupled && worst >= 0)
-        run->modes[worst] = run->probe[2 * n + worst] < run->probe[3 * n + worst] ? 1.0 : -1.0;
-    return any;
+    for (long long i = 0; i < n; i++) /* the probe is still that before; what moves had no excess */
+        if (run->in.coupled ? i == worst : excess(run, i) > 1.0) turn_onset(run, i);
+    return 1;
 }
 
 /* Catch again what was let go but would move against its mode; only where contacts act on each
@@ -298,11 +350,12 @@ static int let_go(Run *run) {
 static int catch_again(Run *run) {
     const long long n = run->in.n_contacts;
     for (long long i = 0; i < n; i++) {
-        int moves = fabs(run->probe[i]) > run->in.v_rest[i];
+        int moves = fabs(run->probe[i]) > run->in.v_stop[i];
         if (moves || run->modes[i] == 0.0 || run->released[i] == run->out.t) continue;
         double pull = run->modes[i] * run->probe[n + i];
         if (pull < -1e-9 * (1.0 + fabs(run->probe[n + i]))) {
             run->modes[i] = 0.0;
+            end_onset(run, i);
             return 1;
         }
     }
@@ -327,25 +380,29 @@ static void record_change(Run *run, long long i, long long forced, int jumped) {
 void decide_modes(Run *run, long long forced, int record) {
     const long long n = run->in.n_contacts;
     if (!run->in.exact || n == 0) return;
-    memcpy(run->before, run->modes, n * sizeof(double));
+    int ended = 0;
+    memcpy(run->before, run->modes, run->in.n_s * sizeof(double));
     evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
-    memcpy(run->scan, run->probe, n * sizeof(double)); /* velocities before a jump */
-    double toward = 0.0;
-    if (forced >= 0) {
-        double force = run->probe[2 * n + forced];
-        toward = force - run->probe[3 * n + forced] < run->probe[4 * n + forced] - force ? 1.0 : -1.0;
+    if (forced >= 0 && in_onset(run, forced)
+        && run->probe[forced] > 0.5 * run->in.reach[n + forced]) {
+        end_onset(run, forced); /* fast enough for a direction of its own */
+        memcpy(run->before, run->modes, run->in.n_s * sizeof(double));
+        forced = -1;
+        ended = 1;
     }
+    hold(run);
+    memcpy(run->scan, run->probe, n * sizeof(double)); /* velocities before a jump */
+    double toward = forced >= 0 ? way_out(run, forced) : 0.0;
     if (modes_by_velocity(run, forced, run->scan)) {
         if (run->in.coupled && must_jump(run, forced)) run->out.status = NO_CONTACT_MODE;
-        evaluate(run, run->in.project, run->out.t, run->out.x, run->column);
-        memcpy(run->out.x, run->column, run->in.n_x * sizeof(double));
-        for (long long i = 0; i < n; i++)
-            if (run->modes[i] == 0.0 && run->in.velocity_state[i] >= 0)
-                run->out.x[run->in.velocity_state[i]] = 0.0;
+        stop(run);
     }
     memcpy(run->scan + n, run->modes, n * sizeof(double)); /* modes before anything is let go */
     if (forced >= 0 && run->before[forced] == 0.0) { /* what it had of drift has been stopped */
+        look_where(run);
         run->modes[forced] = toward;
+        begin_onset(run, forced);
+        turn_onset(run, forced);
         run->released[forced] = run->out.t;
     }
     long long trials = 0;
@@ -361,16 +418,18 @@ void decide_modes(Run *run, long long forced, int record) {
         again = let_go(run);
         if (!again && run->in.coupled) again = catch_again(run);
     }
-    int changed = !record;
+    if (run->in.coupled) sweep_onsets(run);
+    int changed = !record || ended
+                  || memcmp(run->before + n, run->modes + n, (run->in.n_s - n) * sizeof(double));
     for (long long i = 0; i < n; i++) {
-        int jumped = jumps(run, i, forced) && run->scan[n + i] == 0.0;
+        int jumped = run->struck[i] || (jumps(run, i, forced) && run->scan[n + i] == 0.0);
         if (record) record_change(run, i, forced, jumped);
         if (run->before[i] != run->modes[i]) changed = 1;
         if (run->before[i] != run->modes[i] || i == forced || run->scan[n + i] == 0.0)
             run->level[i] = -small(run, i);
     }
     double *row = changed ? grow(&run->out.modes) : NULL;
-    if (row) row[0] = run->out.t, memcpy(row + 1, run->modes, n * sizeof(double));
+    if (row) row[0] = run->out.t, memcpy(row + 1, run->modes, run->in.n_s * sizeof(double));
 }
 
 /* A switch that has fired may do so again at once if its guard falls now, be it from a rounding

@@ -215,7 +215,7 @@ EXPORT void wormopt_free(Run *run) {
     if (!run) return;
     double *owned[] = {run->out.x,  run->out.p,  run->out.samples, run->out.events.data,
                        run->out.modes.data, run->out.dense.data, run->x_new, run->stage,
-                       run->dense,  run->modes,  run->before, run->released, run->probe, run->guard,
+                       run->dense,  run->modes,  run->before, run->aims, run->toward, run->released, run->struck, run->probe, run->guard,
                        run->reset,  run->value,  run->level,  run->scan, run->column, run->w};
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
     for (int i = 0; i < N_ALL; i++) free(run->k[i]);
@@ -234,9 +234,12 @@ static int allocate(Run *run, long long n_p) {
     ROOM(run->x_new, n);
     ROOM(run->stage, n);
     ROOM(run->dense, N_DENSE * n);
-    ROOM(run->modes, c);
-    ROOM(run->before, c);
+    ROOM(run->modes, in->n_s);
+    ROOM(run->before, in->n_s);
+    ROOM(run->aims, 3 * c);
+    ROOM(run->toward, 2 * c);
     ROOM(run->released, c);
+    ROOM(run->struck, c);
     ROOM(run->probe, 5 * c + 1);
     ROOM(run->guard, 2 * in->n_switches);
     ROOM(run->reset, n * (in->n_switches + 1));
@@ -252,7 +255,7 @@ static int allocate(Run *run, long long n_p) {
     ROOM(run->res, in->n_res);
 #undef ROOM
     run->out.events.width = 4;
-    run->out.modes.width = 1 + c;
+    run->out.modes.width = 1 + in->n_s;
     run->out.dense.width = 1 + N_DENSE * n;
     return good;
 }

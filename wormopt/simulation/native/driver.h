@@ -13,22 +13,28 @@ typedef struct {
 } Schedule;
 
 typedef struct {
-    long long n_x, n_contacts, n_switches, n_schedules, n_times;
+    long long n_x, n_contacts, n_rows, n_s, n_switches, n_schedules, n_times;
     long long n_iw, n_w, n_arg, n_res; /* work space of the generated functions */
     long long exact, coupled, keep_dense, max_steps, stiff_steps;
     Function rhs;      /* (t, x, p, s) -> x' */
     Function velocities; /* (t, x, p, s) -> velocities of the contacts */
     Function probe;    /* (t, x, p, s) -> velocities, accelerations, forces, least and largest force
                           that holds, how well resting contacts determine their forces; exact only */
+    Function aims;     /* (t, x, p, s) -> per contact in the plane a direction and how far it is off */
     Function project;  /* (t, x, p, s) -> x with the velocities of contacts with s = 0 made zero */
     Function guards;   /* (t, x, p, s) -> guards of the switches, then their rates */
     Function resets;   /* (t, x, p, s) -> states after each switch, one column each */
     const long long *velocity_state; /* per contact the state that is its velocity, or -1 */
+    const long long *planar;         /* per contact its place among those in the plane, or -1 */
+    const long long *row_contact, *row_state; /* per component of velocity */
     const long long *directions;     /* per contact 1 forward, 2 backward, 3 both */
     const long long *terminal;       /* per switch: whether the motion ends with it */
     const double *v_rest;            /* per contact: slower counts as at rest */
     const double *v_drift;           /* the same for one that rests already */
     const double *f_rest;            /* per contact: force that does not count */
+    const double *v_stop;            /* per contact: speed that is stopped */
+    const double *nominal_force;     /* per contact */
+    const double *reach;             /* 5 rows, per contact: see event_values */
     const double *v_layer;           /* per contact: where the smooth law is steep */
     const double *absolute;          /* per state */
     const Schedule *schedules;
@@ -63,7 +69,7 @@ typedef struct {
     double *p;       /* parameters; the scheduled ones are written here */
     double *samples; /* n_times rows of n_x */
     Table events;    /* time, index of contact or n_contacts + index of switch, kind, mode */
-    Table modes;     /* time, modes */
+    Table modes;     /* time, modes and directions of onset */
     Table dense;     /* end of the step, 8 n_x coefficients */
 } Report;
 

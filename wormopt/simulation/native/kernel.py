@@ -14,13 +14,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from wormopt.model.planar_friction import PlanarLaw
 from wormopt.model.schedule import Schedule
 from wormopt.progress import Report as Progress
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.native.build import library
 
-_FUNCTIONS = ("rhs", "velocities", "probe", "project", "guards", "resets")
+_FUNCTIONS = ("rhs", "velocities", "probe", "aims", "project", "guards", "resets")
 _STATUS = {
     1: "done",
     -1: "step_too_small",
@@ -31,7 +32,7 @@ _STATUS = {
     -6: "no_contact_mode",
     -7: "no_memory",
 }
-_SOURCES = ("driver.c", "stepper.c", "contact.c", "driver.h", "run.h", "tableau.h")
+_SOURCES = ("driver.c", "stepper.c", "contact.c", "aiming.c", "driver.h", "run.h", "tableau.h")
 # A call of the driver shall last some hundredths of a second, so that it can be interrupted.
 _WORK_PER_CALL = 400_000
 
@@ -52,7 +53,7 @@ class _Problem(Structure):
         *(
             (name, c_longlong)
             for name in (
-                *("n_x", "n_contacts", "n_switches", "n_schedules", "n_times"),
+                *("n_x", "n_contacts", "n_rows", "n_s", "n_switches", "n_schedules", "n_times"),
                 *("n_iw", "n_w", "n_arg", "n_res"),
                 *("exact", "coupled", "keep_dense", "max_steps", "stiff_steps"),
             )
@@ -61,8 +62,9 @@ class _Problem(Structure):
         *(
             (name, c_void_p)
             for name in (
-                *("velocity_state", "directions", "terminal"),
-                *("v_rest", "v_drift", "f_rest", "v_layer"),
+                *("velocity_state", "planar", "row_contact", "row_state"),
+                *("directions", "terminal"),
+                *("v_rest", "v_drift", "f_rest", "v_stop", "nominal_force", "reach", "v_layer"),
                 "absolute",
                 *("schedules", "times"),
             )
@@ -175,6 +177,8 @@ def compiled(system: System) -> Compiled:
     found = _library(_source(list(functions.values())))
     fields = {
         "n_contacts": len(system.contacts),
+        "n_rows": len(system.row_contact),
+        "n_s": system.n_s,
         "n_switches": len(system.model.switches),
         "n_iw": max(f.sz_iw() for f in functions.values()),
         "n_w": max(f.sz_w() for f in functions.values()),
@@ -185,9 +189,16 @@ def compiled(system: System) -> Compiled:
     }
     for name in functions:
         fields[name] = ctypes.cast(getattr(found, name), c_void_p).value or 0
-    directions = [(1 in c.law.directions) + 2 * (-1 in c.law.directions) for c in system.contacts]
+    places = np.full(len(system.contacts), -1)
+    places[system.planar] = np.arange(len(system.planar))
+    ways = [(1,) if isinstance(c.law, PlanarLaw) else c.law.directions for c in system.contacts]
+    directions = [(1 in each) + 2 * (-1 in each) for each in ways]
     arrays = {
         "velocity_state": system.velocity_state,
+        "planar": places.astype(np.int64),
+        "row_contact": system.row_contact.astype(np.int64),
+        "row_state": system.row_state,
+        "nominal_force": np.array([c.nominal_force for c in system.contacts], dtype=float),
         "directions": np.array(directions, dtype=np.int64),
         "terminal": np.array([s.terminal for s in system.model.switches], dtype=np.int64),
     }
@@ -230,6 +241,8 @@ def integrate(
         "v_rest": task.v_rest,
         "v_drift": task.v_drift,
         "f_rest": task.f_rest,
+        "v_stop": task.v_stop,
+        "reach": np.ascontiguousarray(task.reach),
         "v_layer": task.v_layer,
         "absolute": task.absolute,
         "times": np.ascontiguousarray(task.times, dtype=float),

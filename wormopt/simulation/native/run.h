@@ -11,7 +11,10 @@ typedef struct {
     double *k[N_ALL];      /* derivatives of the stages */
     double *x_new, *stage; /* end of the step; scratch, and the state of the last stage */
     double *dense;         /* 8 rows of n_x */
-    double *modes, *before; /* +1, -1, 0 per contact, now and before the last decision */
+    double *modes, *before; /* s, now and before the last decision: +1, -1, 0 per contact, then
+                               directions of onset */
+    double *aims, *toward; /* per contact in the plane: 3 of `aims`; where it is pushed */
+    double *struck;        /* whether what is held has just been stopped */
     double *released;      /* when a contact was last let go */
     long long *cycle, *piece; /* where each schedule stands */
     double *probe;         /* velocities, accelerations, forces, least, largest force */
@@ -54,6 +57,14 @@ void set_levels(Run *run, int at_start);
 void decide_modes(Run *run, long long forced, int record);
 void apply_event(Run *run, long long which, int jumped);
 void fire_jumped_switches(Run *run);
+
+/* aiming.c */
+int in_onset(const Run *run, long long i);
+void end_onset(Run *run, long long i);
+void look_where(Run *run);
+void begin_onset(Run *run, long long i);
+void turn_onset(Run *run, long long i);
+void sweep_onsets(Run *run);
 
 /* driver.c */
 double *grow(Table *table);
