@@ -259,6 +259,24 @@ KINDS: dict[str, Kind] = {
             "animation": "wormopt.systems.peristaltic.plots.body:first_frame",
         },
     ),
+    "planar-motion": Kind(
+        summary="a worm of masses and springs in the plane, its joints bend: how it moves",
+        table="wormopt.systems.planar.scenes.motion:PlanarMotionScene",
+        study="wormopt.systems.planar.runs.motion",
+        pictures={
+            "plane": "wormopt.systems.planar.plots.plane:plane",
+            "forces": "wormopt.systems.planar.plots.plane:forces",
+            "animation": "wormopt.systems.planar.plots.plane:first_frame",
+        },
+    ),
+    "planar-block": Kind(
+        summary="a block that slides on ground that resists each direction differently: its stop",
+        table="wormopt.systems.planar.scenes.block:PlanarBlockScene",
+        study="wormopt.systems.planar.runs.block",
+        pictures={
+            "block": "wormopt.systems.planar.plots.block:block",
+        },
+    ),
     "coil-row": Kind(
         summary="the travelling magnetic field of a row of coils that are switched in turn",
         table="wormopt.systems.coils.scenes.coil_rows:CoilRowScene",

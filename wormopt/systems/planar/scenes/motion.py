@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-import numpy as np
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
@@ -30,8 +29,6 @@ from wormopt.scene.types import (
     says,
     wrong_count,
 )
-from wormopt.systems.planar.body.shape import Heading
-from wormopt.systems.planar.body.strokes import Harmonics
 from wormopt.systems.planar.scenes.ground import MassGround
 from wormopt.systems.shared.declared import EVENTS, STEPS, TIME, over
 
@@ -69,7 +66,7 @@ class PlanarChainTable(Table, frozen=True, kw_only=True):
         says("mass", "of uniform rods along the links; none if left out"),
     ] = None
     heading: Annotated[
-        Heading,
+        Literal["bisector", "front", "rear"],
         says("", "along what an inner mass looks: `bisector`, or the link in `front` or `rear`"),
     ] = "bisector"
     slope: Annotated[
@@ -137,15 +134,6 @@ class Swinging(Table, frozen=True, kw_only=True):
         for place, row in rows.items():
             if len(row) != count:
                 yield place, f"{len(row)} for {count} {things}; write a list of {count}"
-
-    def harmonics(self, count: int) -> Harmonics:
-        """What they say of `count` values."""
-        most = max(len(self.cosine), len(self.sine))
-        tables = []
-        for rows in (self.cosine, self.sine):
-            tables.append(np.zeros((most, count)))
-            tables[-1][: len(rows)] = np.reshape(rows, (len(rows), count))
-        return Harmonics(self.mean or (0.0,) * count, *tables)  # type: ignore[arg-type]
 
 
 class PlanarActuation(Table, frozen=True, kw_only=True):

@@ -1,0 +1,50 @@
+"""Laws of the ground under single masses, as scenes describe them."""
+
+from __future__ import annotations
+
+from wormopt.model.friction import Coulomb, Held, Spike, Viscous
+from wormopt.model.planar_friction import Elliptic, Unit
+from wormopt.systems.planar.dynamics.ground import Axes, Ground
+from wormopt.systems.planar.scenes.ground import (
+    BoxGround,
+    EllipticGround,
+    MassGround,
+    PinGround,
+    SkidGround,
+    SpikedSkidGround,
+    SpikeGround,
+    UnitGround,
+    ViscousGround,
+)
+
+
+def ground_of(table: MassGround) -> Ground | None:
+    """Law of one mass; None where nothing resists."""
+    match table:
+        case EllipticGround() | UnitGround() | BoxGround():
+            ahead, back = table.forward, table.backward or table.forward
+            aside = table.sideways or ahead
+            if isinstance(table, BoxGround):
+                return Axes(Coulomb(ahead, back), Coulomb(aside, aside))
+            return (Elliptic if isinstance(table, EllipticGround) else Unit)(ahead, back, aside)
+        case ViscousGround():
+            return Axes(Viscous(table.along), Viscous(table.across))
+        case SkidGround():
+            return Axes(_dry(table.along), Held())
+        case SpikeGround():
+            return Axes(Spike(), _dry(table.across))
+        case SpikedSkidGround():
+            return Axes(Spike(), Held())
+        case PinGround():
+            return Axes(Held(), Held())
+    return None
+
+
+def isotropic(table: MassGround) -> bool:
+    """Whether dry ground resists all directions alike."""
+    law = ground_of(table)
+    return isinstance(law, Elliptic | Unit) and law.forward == law.backward == law.sideways
+
+
+def _dry(force: float) -> Coulomb | None:
+    return Coulomb(force, force) if force else None
