@@ -33,13 +33,14 @@ _MOST = 2000  # starts of an integrator
 class Care:
     """How exactly a motion is followed."""
 
-    relative: float = 1e-13
+    relative: float = 3e-13
+    fresh: float = 1e-8  # of the direction, and of the logarithm of a speed below `_GROWN`
     stop: float = 1e-14  # speed at which a mass is at rest
     seed: float = 1e-12  # speed with which a mass is let go
     step: float = 0.05  # longest, in T
 
 
-TIGHT, LOOSE = Care(), Care(1e-11, 1e-13, 1e-11, 0.04)
+TIGHT, LOOSE = Care(), Care(1e-11, 3e-8, 1e-13, 1e-11, 0.04)
 
 
 def force_of(direction: np.ndarray, resistance: np.ndarray) -> np.ndarray:
@@ -89,7 +90,7 @@ class _Planar:
     def velocity(self, z: np.ndarray) -> np.ndarray:
         m = self.worm.n
         log, angle = z[2 * m : 3 * m], z[3 * m : 4 * m]
-        speed = np.where(self.slides, np.exp(log), 0.0)
+        speed = np.where(self.slides, np.exp(np.minimum(log, 50.0)), 0.0)
         return speed[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
     def place(self, z: np.ndarray) -> np.ndarray:
@@ -108,7 +109,7 @@ class _Planar:
         grip = np.stack([c * grip[:, 0] - s * grip[:, 1], s * grip[:, 0] + c * grip[:, 1]], axis=1)
         a = (worm.pull(z[-1], r, v) + grip) / worm.mass[:, None]
         inverse = np.where(on, np.exp(-log), 0.0)
-        pace = 1.0 / (1.0 + _BRISK * inverse.sum())
+        pace = 1.0 / (1.0 + _BRISK * inverse[~self.fresh].sum())
         out = np.zeros_like(z)
         out[: 2 * m] = pace * v.ravel()
         out[2 * m : 3 * m] = np.where(on, (a * e).sum(axis=1) * inverse * pace, 0.0)
@@ -145,12 +146,21 @@ class _Planar:
         force = nearest(needed, resistance)
         left = force - needed
         ahead = resistance[0] if force[0] < 0 else resistance[1]
-        if np.hypot(*left) < 1e-6 * np.hypot(*force):  # at the edge: normal of the ellipse
+        edge = bool(np.hypot(*left) < 1e-6 * np.hypot(*force))
+        if edge:  # normal of the ellipse
             left = -force / np.array([ahead, resistance[2]]) ** 2
         theta, _ = self.worm.look(self.place(z), self.velocity(z))
         z[2 * m + i] = np.log(self.care.seed)
         z[3 * m + i] = theta[i] + np.arctan2(left[1], left[0])
-        self.slides[i] = self.fresh[i] = True
+        self.slides[i], self.fresh[i] = True, edge
+
+    def error(self, usual: float) -> np.ndarray:
+        """What a step may be off in each coordinate: more where a slow mass has to follow."""
+        m = self.worm.n
+        error = np.full(4 * m + 1, usual)
+        slow = np.tile(self.fresh, 2)
+        error[2 * m : 4 * m][slow] = self.care.fresh
+        return error
 
     def events(self) -> list[Any]:
         m, least, functions = self.worm.n, np.log(self.care.stop), []
@@ -225,8 +235,9 @@ def planar_flow(
             "Radau" if implicit else "DOP853",
             events=functions,
             dense_output=True,
-            rtol=max(care.relative, 1e-12) if implicit else care.relative,
-            atol=0.1 * care.relative,
+            rtol=max(care.relative, 1e-11) if implicit else care.relative,
+            atol=flow.error(0.1 * care.relative),
+            first_step=1e-8 if implicit else 1e-3,
             max_step=np.inf if implicit else care.step,
         )
         if found.status < 1:
