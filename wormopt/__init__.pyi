@@ -29,6 +29,7 @@ from wormopt.errors import UnknownNameError as UnknownNameError
 from wormopt.errors import WormoptError as WormoptError
 from wormopt.exports.export import export as export
 from wormopt.model.friction import Coulomb as Coulomb
+from wormopt.model.friction import Held as Held
 from wormopt.model.friction import Law as Law
 from wormopt.model.friction import Spike as Spike
 from wormopt.model.friction import Stribeck as Stribeck
@@ -40,6 +41,9 @@ from wormopt.model.model import Output as Output
 from wormopt.model.model import Signal as Signal
 from wormopt.model.model import Switch as Switch
 from wormopt.model.modes import ModeSequence as ModeSequence
+from wormopt.model.planar_friction import Elliptic as Elliptic
+from wormopt.model.planar_friction import PlanarLaw as PlanarLaw
+from wormopt.model.planar_friction import Unit as Unit
 from wormopt.model.schedule import Schedule as Schedule
 from wormopt.numerics.collocation import Collocation as Collocation
 from wormopt.numerics.workers import Engine as Engine

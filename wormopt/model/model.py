@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, UnknownNameError
-from wormopt.model.friction import Law
 from wormopt.model.planar_friction import PlanarLaw
 from wormopt.model.schedule import Schedule
 from wormopt.shown import lines, listed
@@ -134,7 +133,7 @@ class Contact:
     name: str
     velocity: ca.SX
     force: ca.SX
-    law: Law | PlanarLaw
+    law: Any  # Law, or PlanarLaw in the plane: whoever takes one of them alone says so
     nominal_force: float = 1.0
     nominal_speed: float = 1.0
     gap: ca.SX | None = None

@@ -30,19 +30,65 @@ class PlanarLaw(Protocol):
     """Whether slip is normal to the set of forces that hold: then motion follows a minimum."""
 
     def slip_force(self, v: ca.SX) -> ca.SX:
-        """Force while sliding with velocity ``v`` (2), not 0."""
+        """Force while sliding with velocity ``v``.
+
+        Parameters
+        ----------
+        v : casadi.SX
+            Velocity along the heading and to its left, not 0.
+
+        Returns
+        -------
+        casadi.SX
+            Force on the worm, likewise.
+        """
         ...
 
     def gauge(self, force: ca.SX) -> ca.SX:
-        """Size of a force at rest against what the ground can hold: it holds up to 1."""
+        """Size of a force at rest against what the ground can hold.
+
+        Parameters
+        ----------
+        force : casadi.SX
+            Force on the worm, along the heading and to its left.
+
+        Returns
+        -------
+        casadi.SX
+            At most 1 where the ground can hold it.
+        """
         ...
 
     def slip_direction(self, force: ca.SX) -> ca.SX:
-        """Direction, of any length, into which a contact begins to slide from ``force``."""
+        """Direction into which a contact begins to slide from ``force``.
+
+        Parameters
+        ----------
+        force : casadi.SX
+            Force on the worm at which the gauge is 1.
+
+        Returns
+        -------
+        casadi.SX
+            Direction of the velocity, of any length.
+        """
         ...
 
     def smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
-        """Regularised force at velocity ``v``, steep over the width ``v_reg``."""
+        """Regularised force at velocity ``v``, steep over the width ``v_reg``.
+
+        Parameters
+        ----------
+        v : casadi.SX
+            Velocity along the heading and to its left.
+        v_reg : float or casadi.SX
+            Width of the steep part, positive.
+
+        Returns
+        -------
+        casadi.SX
+            Force on the worm.
+        """
         ...
 
 

@@ -91,7 +91,7 @@ class Contacts:
             x = self._hold(t, x)
             probe = self._look(t, x)
         velocity = probe.velocity
-        leaves = forced is not None and before[forced] == 0
+        leaving = [i for i in [forced] if i is not None and before[i] == 0]
         jump = self._by_velocity(t, velocity, forced)
         stopped = self._modes == 0
         hit = stopped & (np.abs(velocity) > rest)
@@ -101,9 +101,9 @@ class Contacts:
             raise GivenUp("no_contact_mode")
         if jump:
             x = self._stopped(t, x)
-        if leaves:
-            self._release(t, x, [forced], probe)
-            self._released[forced] = t
+        if leaving:
+            self._release(t, x, leaving, probe)
+            self._released[leaving] = t
         for _ in range(9 + 8 * self._n):
             probe = self._look(t, x)
             if not probe.determined > 1e-10:  # contacts that share a freedom leave forces open

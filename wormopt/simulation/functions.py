@@ -24,8 +24,8 @@ from wormopt.numerics.identically import identically_zero
 from wormopt.simulation.grip import LineGrip, PlaneGrip, grips_of, never_rests
 from wormopt.simulation.options import Smooth, Treatment
 
-# Compliance that decides how resting contacts share a load, against their own, and how often what it
-# gives way is taken back.
+# Compliance that decides how resting contacts share a load, against their own, and how often what
+# it gives way is taken back.
 _SHARING, _REFINEMENTS = 1e-6, 3
 
 
@@ -100,6 +100,18 @@ class System:
         """Contact of every row."""
         sizes = [contact.force.numel() for contact in self.contacts]
         return np.repeat(np.arange(len(sizes)), sizes)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the law of a contact leaves open, a line for each law."""
+        laws = [contact.law for contact in self.contacts]
+        open_ = [law for law in laws if isinstance(law, PlanarLaw) and not law.associated]
+        names = dict.fromkeys(type(law).__name__ for law in open_)
+        return tuple(
+            f"the law {name} is not that of most power: several motions may follow from one state, "
+            "and the one found need not be stable"
+            for name in names
+        )
 
     @property
     def sliding(self) -> np.ndarray:
@@ -304,6 +316,20 @@ class System:
         )
 
     @cached_property
+    def bends(self) -> ca.Function:
+        """Where forces bend: per contact in the plane velocity along the heading, and speed.
+
+        Both 0 where forward and backward resistance are the same.
+        """
+        found = []
+        for i in self.planar:
+            v, law = self.contacts[i].velocity, self.contacts[i].law
+            ahead, back = (ca.SX(getattr(law, n, 0.0)) for n in ("forward", "backward"))
+            bends = not ca.is_equal(ahead, back)
+            found += [v[0], ca.norm_2(v)] if bends else [ca.SX(0), ca.SX(0)]
+        return self._function("bends", ca.vertcat(*found))
+
+    @cached_property
     def project(self) -> ca.Function:
         """X after the impulses that stop the contacts with s = 0."""
         x, velocity = self.symbols[1], self._free[1]
@@ -361,7 +387,7 @@ class System:
         if self.contacts:
             names += ["probe", "project"] if self.exact else ["velocities"]
         if self.exact and len(self.planar):
-            names.append("aims")
+            names += ["aims", "bends"]
         if self.model.switches:
             names += ["guards", "resets"]
         return {name: getattr(self, name) for name in names}

@@ -147,6 +147,11 @@ class Trajectory(SampledMotion):
             return self.states[self._rows[name]]
         return self.observe(self.system.model[name])
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a law of friction leaves open, for the trust report."""
+        return self.system.warnings
+
     def at(self, t: np.ndarray) -> Trajectory:
         """Sample the motion anew, at any times within it.
 
@@ -252,7 +257,7 @@ class Trajectory(SampledMotion):
         def sizes(t: np.ndarray) -> np.ndarray:
             at = self.at(t)
             p = at.system.scheduled(at.p, at.schedules, t)
-            return np.abs(np.array(function(t[None, :], at.states, p, at._s_at(t)))).max(axis=0)
+            return np.abs(np.array(function(t[None, :], at.states, p, self._s_at(t)))).max(axis=0)
 
         ends = self.dense.time
         t = (ends[:-1, None] + np.diff(ends)[:, None] * _WITHIN).ravel()

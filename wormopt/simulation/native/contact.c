@@ -228,6 +228,21 @@ int dips_into_layer(Run *run, double h) {
     return 0;
 }
 
+/* Whether a long step goes over velocity 0 along the heading of a contact in the plane, where its
+   force bends: the error estimate may miss it by chance. */
+int goes_over_bend(Run *run, double h) {
+    double *before = run->bend, *after = run->bend + 2 * run->in.n_contacts;
+    evaluate(run, run->in.bends, run->out.t, run->out.x, before);
+    evaluate(run, run->in.bends, run->out.t + h, run->x_new, after);
+    for (long long i = 0; i < run->in.n_contacts; i++) {
+        const long long k = 2 * run->in.planar[i];
+        if (k < 0 || !(before[k] * after[k] < 0.0)) continue;
+        const double speed = fmax(before[k + 1], after[k + 1]);
+        if (fabs(after[k] - before[k]) > 1e-6 * speed + 1e-9 * run->in.nominal_speed[i]) return 1;
+    }
+    return 0;
+}
+
 /* Value above which an event function counts as well above 0: for a switch more than it loses in
    a time that is nothing but rounding. */
 static double clearly_above(const Run *run, long long j) {

@@ -174,7 +174,8 @@ static void step(Run *run) {
         return;
     }
     close_step(run, h);
-    if (!run->in.exact && run->in.n_contacts && dips_into_layer(run, h)) {
+    if ((!run->in.exact && run->in.n_contacts && dips_into_layer(run, h))
+        || (run->in.bends && goes_over_bend(run, h))) {
         reject(run, h, 0.5);
         return;
     }
@@ -215,7 +216,7 @@ EXPORT void wormopt_free(Run *run) {
     if (!run) return;
     double *owned[] = {run->out.x,  run->out.p,  run->out.samples, run->out.events.data,
                        run->out.modes.data, run->out.dense.data, run->x_new, run->stage,
-                       run->dense,  run->modes,  run->before, run->aims, run->toward, run->released, run->struck, run->probe, run->guard,
+                       run->dense,  run->modes,  run->before, run->aims, run->toward, run->bend, run->released, run->struck, run->probe, run->guard,
                        run->reset,  run->value,  run->level,  run->scan, run->column, run->w};
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
     for (int i = 0; i < N_ALL; i++) free(run->k[i]);
@@ -238,6 +239,7 @@ static int allocate(Run *run, long long n_p) {
     ROOM(run->before, in->n_s);
     ROOM(run->aims, 3 * c);
     ROOM(run->toward, 2 * c);
+    ROOM(run->bend, 4 * c);
     ROOM(run->released, c);
     ROOM(run->struck, c);
     ROOM(run->probe, 5 * c + 1);

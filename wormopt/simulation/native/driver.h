@@ -21,6 +21,7 @@ typedef struct {
     Function probe;    /* (t, x, p, s) -> velocities, accelerations, forces, least and largest force
                           that holds, how well resting contacts determine their forces; exact only */
     Function aims;     /* (t, x, p, s) -> per contact in the plane a direction and how far it is off */
+    Function bends;    /* (t, x, p, s) -> per contact in the plane what bends its force, and its speed */
     Function project;  /* (t, x, p, s) -> x with the velocities of contacts with s = 0 made zero */
     Function guards;   /* (t, x, p, s) -> guards of the switches, then their rates */
     Function resets;   /* (t, x, p, s) -> states after each switch, one column each */
@@ -33,7 +34,7 @@ typedef struct {
     const double *v_drift;           /* the same for one that rests already */
     const double *f_rest;            /* per contact: force that does not count */
     const double *v_stop;            /* per contact: speed that is stopped */
-    const double *nominal_force;     /* per contact */
+    const double *nominal_force, *nominal_speed; /* per contact */
     const double *reach;             /* 5 rows, per contact: see event_values */
     const double *v_layer;           /* per contact: where the smooth law is steep */
     const double *absolute;          /* per state */

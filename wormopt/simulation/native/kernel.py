@@ -21,7 +21,7 @@ from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.native.build import library
 
-_FUNCTIONS = ("rhs", "velocities", "probe", "aims", "project", "guards", "resets")
+_FUNCTIONS = ("rhs", "velocities", "probe", "aims", "bends", "project", "guards", "resets")
 _STATUS = {
     1: "done",
     -1: "step_too_small",
@@ -64,7 +64,16 @@ class _Problem(Structure):
             for name in (
                 *("velocity_state", "planar", "row_contact", "row_state"),
                 *("directions", "terminal"),
-                *("v_rest", "v_drift", "f_rest", "v_stop", "nominal_force", "reach", "v_layer"),
+                *(
+                    "v_rest",
+                    "v_drift",
+                    "f_rest",
+                    "v_stop",
+                    "nominal_force",
+                    "nominal_speed",
+                    "reach",
+                    "v_layer",
+                ),
                 "absolute",
                 *("schedules", "times"),
             )
@@ -198,6 +207,7 @@ def compiled(system: System) -> Compiled:
         "planar": places.astype(np.int64),
         "row_contact": system.row_contact.astype(np.int64),
         "row_state": system.row_state,
+        "nominal_speed": np.array([c.nominal_speed for c in system.contacts], dtype=float),
         "nominal_force": np.array([c.nominal_force for c in system.contacts], dtype=float),
         "directions": np.array(directions, dtype=np.int64),
         "terminal": np.array([s.terminal for s in system.model.switches], dtype=np.int64),

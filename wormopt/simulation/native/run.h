@@ -13,6 +13,7 @@ typedef struct {
     double *dense;         /* 8 rows of n_x */
     double *modes, *before; /* s, now and before the last decision: +1, -1, 0 per contact, then
                                directions of onset */
+    double *bend;          /* velocities that bend forces and speeds, at both ends of a step */
     double *aims, *toward; /* per contact in the plane: 3 of `aims`; where it is pushed */
     double *struck;        /* whether what is held has just been stopped */
     double *released;      /* when a contact was last let go */
@@ -53,6 +54,7 @@ void event_values(Run *run, double t, const double *x, double *value);
 double find_event(Run *run, double h, long long *which);
 double polish_event(Run *run, double h, double theta, long long which);
 int dips_into_layer(Run *run, double h);
+int goes_over_bend(Run *run, double h);
 void set_levels(Run *run, int at_start);
 void decide_modes(Run *run, long long forced, int record);
 void apply_event(Run *run, long long which, int jumped);
