@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 
 from wormopt.bench.driven_chain import Grip, Happening, Motion, Plant
 from wormopt.bench.integrators import event_loop
-from wormopt.bench.planar_worm import PlanarWorm
+from wormopt.bench.planar_worm import PlanarWorm, plane
 
 _BRISK = 0.1  # speed s0, below which time runs slower
 _GROWN = 2e-3  # speed from which a mass that was let go needs no implicit steps
@@ -33,25 +33,25 @@ _MOST = 2000  # starts of an integrator
 class Care:
     """How exactly a motion is followed."""
 
-    relative: float = 3e-13
+    relative: float = 1e-12
     fresh: float = 1e-8  # of the direction, and of the logarithm of a speed below `_GROWN`
     stop: float = 1e-14  # speed at which a mass is at rest
     seed: float = 1e-12  # speed with which a mass is let go
-    step: float = 0.05  # longest, in T
+    step: float = 0.1  # longest, in T
 
 
-TIGHT, LOOSE = Care(), Care(1e-11, 3e-8, 1e-13, 1e-11, 0.04)
+TIGHT, LOOSE = Care(), Care(1e-11, 3e-8, 1e-13, 1e-11, 0.08)
 
 
 def force_of(direction: np.ndarray, resistance: np.ndarray) -> np.ndarray:
-    """Friction of ellipses while sliding, (m, 2): along the heading and across.
+    """Friction (m,) of ellipses while sliding along a direction (m,), in the frame of the body.
 
-    `direction` (m, 2) in the frame of the body; `resistance` (m, 3): F+, F-, Fn.
+    `resistance` (m, 3): F+, F-, Fn. Vectors are complex numbers.
     """
-    ahead = np.where(direction[:, 0] >= 0, resistance[:, 0], resistance[:, 1])
-    squared = np.stack([ahead**2, resistance[:, 2] ** 2], axis=1) * direction
-    power = np.sqrt((squared * direction).sum(axis=1))
-    return -squared / power[:, None]
+    ahead = np.where(direction.real >= 0, resistance[:, 0], resistance[:, 1])
+    along, across = ahead * direction.real, resistance[:, 2] * direction.imag
+    power = np.sqrt(along**2 + across**2)
+    return -(ahead * along + 1j * resistance[:, 2] * across) / power
 
 
 def held(force: np.ndarray, resistance: np.ndarray) -> float:
@@ -88,44 +88,37 @@ class _Planar:
     # -- coordinates: places, then (ln speed, direction) of all masses, then t ---------------------
 
     def velocity(self, z: np.ndarray) -> np.ndarray:
+        """Velocities (m,) as complex numbers."""
         m = self.worm.n
         log, angle = z[2 * m : 3 * m], z[3 * m : 4 * m]
-        speed = np.where(self.slides, np.exp(np.minimum(log, 50.0)), 0.0)
-        return speed[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return np.where(self.slides, np.exp(np.minimum(log, 50.0) + 1j * angle), 0.0)
 
     def place(self, z: np.ndarray) -> np.ndarray:
-        return z[: 2 * self.worm.n].reshape(-1, 2)
+        """Places (m,) as complex numbers."""
+        return z[: 2 * self.worm.n].view(complex)
 
     def rates(self, _T: float, z: np.ndarray) -> np.ndarray:
+        """Derivatives by the slowed time T."""
         worm, m, on = self.worm, self.worm.n, self.slides
+        z = np.ascontiguousarray(z)
         r, v = self.place(z), self.velocity(z)
-        log, angle = z[2 * m : 3 * m], z[3 * m : 4 * m]
-        e = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        n = np.stack([-e[:, 1], e[:, 0]], axis=1)
-        theta, _ = worm.look(r, v)
-        c, s = np.cos(theta), np.sin(theta)
-        local = np.stack([c * e[:, 0] + s * e[:, 1], c * e[:, 1] - s * e[:, 0]], axis=1)
-        grip = force_of(local, self.resistance)
-        grip = np.stack([c * grip[:, 0] - s * grip[:, 1], s * grip[:, 0] + c * grip[:, 1]], axis=1)
-        a = (worm.pull(z[-1], r, v) + grip) / worm.mass[:, None]
-        inverse = np.where(on, np.exp(-log), 0.0)
+        e = np.exp(1j * z[3 * m : 4 * m])
+        h, _ = worm.look(r, v)
+        grip = h * force_of(e * h.conj(), self.resistance)
+        a = (worm.pull(z[-1], r, v) + grip) / worm.mass * e.conj()
+        inverse = np.where(on, np.exp(-z[2 * m : 3 * m]), 0.0)
         pace = 1.0 / (1.0 + _BRISK * inverse[~self.fresh].sum())
-        out = np.zeros_like(z)
-        out[: 2 * m] = pace * v.ravel()
-        out[2 * m : 3 * m] = np.where(on, (a * e).sum(axis=1) * inverse * pace, 0.0)
-        out[3 * m : 4 * m] = np.where(on, (a * n).sum(axis=1) * inverse * pace, 0.0)
-        out[-1] = pace
-        return out
+        a *= inverse * pace
+        return np.concatenate([(pace * v).view(float), a.real, a.imag, [pace]])
 
     # -- rest ------------------------------------------------------------------------------------
 
     def needed(self, z: np.ndarray) -> np.ndarray:
         """Forces (m, 2) that the masses need to stay at rest, along their headings and across."""
+        z = np.ascontiguousarray(z)
         r, v = self.place(z), self.velocity(z)
-        theta, _ = self.worm.look(r, v)
-        pull = self.worm.pull(z[-1], r, v)
-        c, s = np.cos(theta), np.sin(theta)
-        return -np.stack([c * pull[:, 0] + s * pull[:, 1], c * pull[:, 1] - s * pull[:, 0]], axis=1)
+        h, _ = self.worm.look(r, v)
+        return (-self.worm.pull(z[-1], r, v) * h.conj()).view(float).reshape(-1, 2)
 
     def size(self, z: np.ndarray, i: int) -> float:
         return held(self.needed(z)[i], self.resistance[i])
@@ -149,9 +142,9 @@ class _Planar:
         edge = bool(np.hypot(*left) < 1e-6 * np.hypot(*force))
         if edge:  # normal of the ellipse
             left = -force / np.array([ahead, resistance[2]]) ** 2
-        theta, _ = self.worm.look(self.place(z), self.velocity(z))
+        h, _ = self.worm.look(self.place(z), self.velocity(z))
         z[2 * m + i] = np.log(self.care.seed)
-        z[3 * m + i] = theta[i] + np.arctan2(left[1], left[0])
+        z[3 * m + i] = np.angle(h[i] * complex(*left))
         self.slides[i], self.fresh[i] = True, edge
 
     def error(self, usual: float) -> np.ndarray:
@@ -223,7 +216,7 @@ def planar_flow(
         return z[-1] - span
 
     def reached(z: np.ndarray) -> np.ndarray:
-        return np.concatenate([z[: 2 * worm.n], flow.velocity(z).ravel()])
+        return np.concatenate([z[: 2 * worm.n], flow.velocity(z).view(float)])
 
     ended.terminal, ended.direction = True, 1  # type: ignore[attr-defined]
     for _ in range(_MOST):
@@ -296,11 +289,9 @@ def _turned(worm: PlanarWorm, states: np.ndarray, way: float) -> np.ndarray:
     """Velocities into the frames of the masses (`way` -1) or out of them (1)."""
     out, m = states.copy(), worm.n
     for k in range(states.shape[1]):
-        r, v = (part.reshape(-1, 2) for part in np.split(states[:, k], 2))
-        theta, _ = worm.look(r, v)
-        c, s = np.cos(theta), way * np.sin(theta)
-        local = np.stack([c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1]], axis=1)
-        out[2 * m :, k] = local.ravel()
+        r, v = plane(states[: 2 * m, k]), plane(states[2 * m :, k])
+        h, _ = worm.look(r, v)
+        out[2 * m :, k] = (v * (h if way > 0 else h.conj())).view(float)
     return out
 
 
@@ -308,17 +299,13 @@ def _plant(worm: PlanarWorm) -> Plant:
     m = worm.n
 
     def rates(t: float, y: np.ndarray, force: np.ndarray) -> np.ndarray:
-        r, local = y[: 2 * m].reshape(-1, 2), y[2 * m :].reshape(-1, 2)
-        theta, _ = worm.look(r, local)  # headings do not depend on velocities
-        c, s = np.cos(theta), np.sin(theta)
-        v = np.stack([c * local[:, 0] - s * local[:, 1], s * local[:, 0] + c * local[:, 1]], axis=1)
+        r, local = y[: 2 * m].view(complex), y[2 * m :].view(complex)
+        h, _ = worm.look(r, local)  # headings do not depend on velocities
+        v = local * h
         _, turning = worm.look(r, v)
-        pull = worm.pull(t, r, v)
-        own = np.stack([c * pull[:, 0] + s * pull[:, 1], c * pull[:, 1] - s * pull[:, 0]], axis=1)
-        a = (own + force.reshape(-1, 2)) / worm.mass[:, None]
-        a[:, 0] += turning * local[:, 1]
-        a[:, 1] -= turning * local[:, 0]
-        return np.concatenate([v.ravel(), a.ravel()])
+        a = (worm.pull(t, r, v) * h.conj() + force.view(complex)) / worm.mass
+        a -= 1j * turning * local  # the frame turns
+        return np.concatenate([v.view(float), a.view(float)])
 
     grips = []
     for i in range(m):

@@ -6,8 +6,9 @@ drawings. They share the numbers and nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import casadi as ca
@@ -86,61 +87,54 @@ class PlanarWorm:
         """Places, then velocities, (4 m,)."""
         return np.concatenate([self.place.ravel(), self.velocity.ravel()])
 
-    # -- NumPy -----------------------------------------------------------------------------------
+    # -- NumPy: vectors of the plane as complex numbers --------------------------------------------
 
-    def _links(self, r: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Lengths, unit vectors along and across, angular rates of the links of neighbours."""
-        d, rate = r[:-1] - r[1:], v[:-1] - v[1:]
-        length = np.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2)
-        e = d / length[:, None]
-        n = np.stack([-e[:, 1], e[:, 0]], axis=1)
-        return length, e, n, (n * rate).sum(axis=1) / length
+    @cached_property
+    def _ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Both ends of the pairs, and how their tensions pull the masses, (m, pairs)."""
+        one, other = np.array(self.pairs, dtype=int).reshape(-1, 2).T
+        pulls = np.zeros((self.n, len(one)))
+        pulls[one, np.arange(len(one))] = -1.0
+        pulls[other, np.arange(len(one))] = 1.0
+        return one, other, pulls
 
     def look(self, r: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Headings of the masses (m,), and how fast they turn."""
+        """Headings of the masses as unit vectors (m,), and how fast they turn."""
         if not self.looks:
-            return np.full(self.n, self.heading), np.zeros(self.n)
-        _, e, _, omega = self._links(r, v)
-        psi, phi = np.arctan2(e[:, 1], e[:, 0]), self._joints(e)
-        inner = psi[1:] + 0.5 * phi
+            return np.full(self.n, np.exp(1j * self.heading)), np.zeros(self.n)
+        d = r[:-1] - r[1:]
+        e = d / np.abs(d)
+        omega = ((v[:-1] - v[1:]) / d).imag
+        inner = e[1:] * np.exp(0.5j * np.angle(e[:-1] * e[1:].conj()))
         turning = np.concatenate([omega[:1], 0.5 * (omega[1:] + omega[:-1]), omega[-1:]])
-        return np.concatenate([psi[:1], inner, psi[-1:]]), turning
-
-    @staticmethod
-    def _joints(e: np.ndarray) -> np.ndarray:
-        front, rear = e[:-1], e[1:]
-        cross = rear[:, 0] * front[:, 1] - rear[:, 1] * front[:, 0]
-        return np.arctan2(cross, (front * rear).sum(axis=1))
+        return np.concatenate([e[:1], inner, e[-1:]]), turning
 
     def pull(self, t: float, r: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """All forces on the masses but dry friction, (m, 2)."""
-        force = np.zeros((self.n, 2)) if self.load is None else self.load.copy()
+        """All forces (m,) on masses at places `r` with velocities `v` but dry friction."""
+        force = np.zeros(self.n, dtype=complex) if self.load is None else plane(self.load)
         if self.pairs:
-            push = self.drive.at(t)
-            for k, (i, j) in enumerate(self.pairs):
-                d, rate = r[i] - r[j], v[i] - v[j]
-                length = np.sqrt(d @ d)
-                e = d / length
-                tension = self.stiffness[k] * (length - self.length[k])
-                tension += self.damping[k] * (e @ rate) - push[k]
-                force[i] -= tension * e
-                force[j] += tension * e
+            one, other, pulls = self._ends
+            d = r[one] - r[other]
+            length = np.abs(d)
+            e = d / length
+            rate = ((v[one] - v[other]) * e.conj()).real
+            tension = self.stiffness * (length - self.length) + self.damping * rate
+            force = force + pulls @ ((tension - self.drive.at(t)) * e)
         if len(self.bending):
-            length, e, n, omega = self._links(r, v)
-            moment = self.bending * (self._joints(e) - self.angle) - self.torque.at(t)
-            moment += self.bending_damping * (omega[:-1] - omega[1:])
-            shear = np.zeros(len(length))  # across each link, on the mass in front of it
-            shear[:-1] -= moment
-            shear[1:] += moment
-            across = (shear / length)[:, None] * n
+            d = r[:-1] - r[1:]
+            omega = ((v[:-1] - v[1:]) / d).imag
+            moment = self.bending * (np.angle(d[:-1] * d[1:].conj()) - self.angle)
+            moment += self.bending_damping * (omega[:-1] - omega[1:]) - self.torque.at(t)
+            turn = np.zeros(len(d))  # moment that turns each link to the left
+            turn[:-1] -= moment
+            turn[1:] += moment
+            across = turn * 1j / d.conj()
             force[:-1] += across
             force[1:] -= across
         if any(self.drag):
-            theta, _ = self.look(r, v)
-            e = np.stack([np.cos(theta), np.sin(theta)], axis=1)
-            n = np.stack([-e[:, 1], e[:, 0]], axis=1)
-            along, across = (e * v).sum(axis=1), (n * v).sum(axis=1)
-            force -= self.drag[0] * along[:, None] * e + self.drag[1] * across[:, None] * n
+            h, _ = self.look(r, v)
+            own = v * h.conj()
+            force = force - h * (self.drag[0] * own.real + 1j * self.drag[1] * own.imag)
         return force
 
     # -- CasADi ----------------------------------------------------------------------------------
@@ -248,4 +242,6 @@ def block(
     )
 
 
-Rates = Callable[[float, np.ndarray], np.ndarray]
+def plane(pairs: np.ndarray) -> np.ndarray:
+    """Vectors of the plane, x and y of one after the other, as complex numbers (m,)."""
+    return np.ascontiguousarray(pairs, dtype=float).ravel().view(complex)
