@@ -156,13 +156,13 @@ class _Planar:
         return error
 
     def events(self) -> list[Any]:
-        m, least, functions = self.worm.n, np.log(self.care.stop), []
+        m, functions = self.worm.n, []
+        least, grown = np.log(self.care.stop), np.log(_GROWN)
         for i in range(m):
             found: list[tuple[str, Any, int]] = []
             if self.slides[i]:
                 found.append(("stop", lambda _, z, k=2 * m + i: z[k] - least, -1))
                 if self.fresh[i]:
-                    grown = np.log(_GROWN)
                     found.append(("grown", lambda _, z, k=2 * m + i: z[k] - grown, 1))
             else:
                 found.append(("release", lambda _, z, i=i: self.size(z, i) - 1.0, 1))

@@ -37,6 +37,7 @@ def masses_by_events(worm: PlanarWorm, span: float, method: str, tolerance: floa
     least, rested = tolerance, math.nan
 
     def pull(t: float, y: np.ndarray) -> np.ndarray:
+        y = np.ascontiguousarray(y)
         force = worm.pull(t, y[: 2 * m].view(complex), y[2 * m :].view(complex))
         return force.view(float).reshape(m, 2)
 
@@ -92,6 +93,7 @@ def masses_smoothed(worm: PlanarWorm, span: float, tolerance: float) -> Answer:
     m, law, width = worm.n, np.stack([worm.forward, worm.sideways], axis=1), 0.01 * tolerance**0.5
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
+        y = np.ascontiguousarray(y)
         v = y[2 * m :].reshape(m, 2)
         power = np.sqrt(((law * v) ** 2).sum(axis=1) + width**2)
         pull = worm.pull(t, y[: 2 * m].view(complex), y[2 * m :].view(complex))

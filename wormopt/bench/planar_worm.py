@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal
 
 import casadi as ca
@@ -201,7 +202,7 @@ class PlanarWorm:
             total += ca.jtimes(y, place, pull, True)
         if len(self.bending):
             d = [r[:, j] - r[:, j + 1] for j in range(m - 1)]
-            phi = ca.vertcat(*(_turn(front, rear) for front, rear in zip(d, d[1:], strict=False)))
+            phi = ca.vertcat(*(_turn(front, rear) for front, rear in pairwise(d)))
             pull = _viscoelastic(phi, place, speed, self.bending, self.angle, self.bending_damping)
             total += ca.jtimes(phi, place, pull - self.torque.symbolic(t), True)
         return total
