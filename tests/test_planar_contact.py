@@ -5,6 +5,7 @@ B1, B2 and B3 are closed forms or quadratures of the planar theory note, found b
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import casadi as ca
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from wormopt.errors import ArgumentError
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.friction import Coulomb, Held, Viscous
 from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.model.planar_friction import Elliptic, PlanarLaw, Unit
@@ -58,8 +59,8 @@ def blocks(
     return Model(
         "blocks",
         [
-            Signal("position", r, value=np.zeros(2 * n)),
-            Signal("velocity", v, value=start),
+            Signal("position", r, value=0.0),
+            Signal("velocity", v, value=start.tolist()),
             Signal("energy", q, value=0.0),
         ],
         ca.vertcat(v, pushes, work - heat),
@@ -316,7 +317,7 @@ def chain(seed: int, *, planar: bool, angle: float = 0.0) -> Model:
         )
         for i in range(n)
     ]
-    states = [Signal("position", r, value=start), Signal("velocity", v, value=0.0)]
+    states = [Signal("position", r, value=start.tolist()), Signal("velocity", v, value=0.0)]
     ode = ca.vertcat(v, *(push[i] / mass[i] for i in range(n)))
     return Model("chain", states, ode, t=t, contacts=grounds)
 
@@ -440,3 +441,79 @@ def test_numbers_of_a_law_are_checked_when_they_are_parameters():
     assert stops(simulate(model, 3.0, p={"F": 2.0})) == pytest.approx([np.sqrt(0.5)], abs=1e-9)
     with pytest.raises(ArgumentError, match="positive"):
         simulate(model, 3.0, p={"F": -1.0})
+
+
+# -- worms -----------------------------------------------------------------------------------
+
+
+def worm(n: int, rng: np.random.Generator) -> Model:
+    """Masses in an arc, springs, dampers and actuators between; headings follow the body."""
+    t = ca.SX.sym("t")
+    r, v, f = (ca.SX.sym(name, 2 * n) for name in "rvf")
+    own = [slice(2 * i, 2 * i + 2) for i in range(n)]
+    pushes, grounds = [], []
+    for i in range(n):
+        way = r[own[max(i - 1, 0)]] - r[own[min(i + 1, n - 1)]]
+        e = way / ca.norm_2(way)
+        across = ca.vertcat(-e[1], e[0])
+        velocity = ca.vertcat(ca.dot(e, v[own[i]]), ca.dot(across, v[own[i]]))
+        law = Elliptic(*rng.uniform(0.3, 3, 3))
+        grounds.append(Contact(f"mass {i}", velocity, f[own[i]], law))
+        side = rng.uniform(-2, 2) * ca.sin(rng.uniform(1, 3) * t + rng.uniform(0, 6))
+        pushes.append(f[2 * i] * e + (f[2 * i + 1] + side) * across)
+    for j in range(n - 1):
+        way, rate = r[own[j]] - r[own[j + 1]], v[own[j]] - v[own[j + 1]]
+        length = ca.norm_2(way)
+        drive = rng.uniform(0, 8) * ca.sin(2 * t - rng.uniform(0, 6))
+        pull = (20 * (length - 1) + 2 * ca.dot(way / length, rate) - drive) * way / length
+        pushes[j], pushes[j + 1] = pushes[j] - pull, pushes[j + 1] + pull
+    angles = np.linspace(0, min(2.0, 0.3 * n), n)
+    places = np.column_stack([np.cumsum(np.cos(angles)), np.cumsum(np.sin(angles))])[::-1]
+    states = [
+        Signal("position", r, value=places.ravel().tolist()),
+        Signal("velocity", v, value=rng.normal(size=2 * n).tolist()),
+    ]
+    return Model("worm", states, ca.vertcat(v, *pushes), t=t, contacts=grounds)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5))
+def test_worms_by_both_routes_and_a_sharper_tolerance(seed: int):
+    rng = np.random.default_rng(seed)
+    model = worm(int(rng.integers(2, 5)), rng)
+    native, python = (simulate(model, 3.0, route=route) for route in ROUTES)
+    sharp = simulate(model, 3.0, tolerance=Tolerance(1e-12, 1e-13))
+    assert native.end == pytest.approx(python.end, abs=1e-8)
+    assert native.end == pytest.approx(sharp.end, abs=1e-8)
+
+
+@pytest.mark.slow
+def test_a_step_costs_as_many_masses_as_there_are():
+    """Cost per step and mass of 200 masses is at most 3 times that of 20."""
+    costs = []
+    for n in (20, 200):
+        model = worm(n, np.random.default_rng(0))
+        simulate(model, 1e-3, route="native")  # compiles
+        begin = time.process_time()
+        motion = simulate(model, 0.3, route="native")
+        steps = motion.n_steps + motion.n_rejected
+        costs.append((time.process_time() - begin) / steps / n)
+    assert costs[1] < 3 * costs[0]
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_how_a_rigid_bar_shares_a_load_is_not_guessed(route: Route):
+    """Both its ends rest; which of them lets go first is open, which is said and not computed."""
+    q, w, f, t = (*(ca.SX.sym(name, 3) for name in "qw"), ca.SX.sym("f", 4), ca.SX.sym("t"))
+    force, moment, grounds = ca.vertcat(t, 0), ca.SX(0), []
+    for k, (arm, F) in enumerate([(0.5, 1.0), (-0.5, 3.0)]):
+        across = arm * ca.vertcat(-ca.sin(q[2]), ca.cos(q[2]))
+        own = f[2 * k : 2 * k + 2]
+        force, moment = force + own, moment + ca.dot(across, own)
+        velocity = w[:2] + w[2] * across
+        grounds.append(Contact(f"end {k}", velocity, own, Elliptic(F, F, F)))
+    states = [Signal("place", q, value=0.0), Signal("rate", w, value=0.0)]
+    bar = Model("bar", states, ca.vertcat(w, force / 2, 2 * moment), t=t, contacts=grounds)
+    assert simulate(bar, 1.0, route=route).end == pytest.approx(np.zeros(6), abs=1e-12)
+    with pytest.raises(SolveError, match="leave their forces open"):
+        simulate(bar, 3.0, route=route)

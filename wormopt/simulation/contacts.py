@@ -55,6 +55,7 @@ class Contacts:
         system, shared = task.system, (("p", p), ("s", modes))
         self._n = len(system.contacts)
         self._s, self._modes, self._coupled = modes, modes[: self._n], system.coupled
+        self._shares = system.exact and system.shares
         self._v_rest, self._v_stop, self._f_rest = task.v_rest, task.v_stop, task.f_rest
         self._least_onset, self._drift = task.reach[1], task.v_drift
         self._states, self._rows, self._sliding = (
@@ -106,7 +107,7 @@ class Contacts:
             self._released[leaving] = t
         for _ in range(9 + 8 * self._n):
             probe = self._look(t, x)
-            if not probe.determined > 1e-10:  # contacts that share a freedom leave forces open
+            if not (self._shares or probe.determined > 1e-10):  # they leave forces open
                 raise GivenUp("no_contact_mode")
             if not (self._let_go(t, x, probe) or (self._coupled and self._catch_again(t, probe))):
                 break
@@ -167,6 +168,8 @@ class Contacts:
         return x
 
     def _release(self, t: float, x: np.ndarray, gone: list[int], probe: _Probe) -> None:
+        if not probe.determined > 1e-10:  # who lets go first is open
+            raise GivenUp("no_contact_mode")
         self._aim.look(t, x)
         for i in gone:
             self._modes[i] = probe.toward[i]

@@ -201,14 +201,17 @@ class System:
         return ca.vertcat(*(a for a, _ in pairs)), ca.vertcat(*(b for _, b in pairs))
 
     @cached_property
-    def _shares(self) -> bool:
-        """Whether resting contacts may share what they hold: two on one rigid body do."""
+    def shares(self) -> bool:
+        """Whether resting contacts may share what they hold: two on one rigid body do.
+
+        How they do is open, and so is which of them lets go first: that is refused.
+        """
         bilateral = any(not isinstance(g, PlaneGrip) and not g.law.directions for g in self._grips)
         return self.coupled and (len(self.planar) > 0 or bilateral)
 
     def _solved(self, matrix: ca.SX, right: ca.SX) -> ca.SX:
         """Solve for forces or impulses; where contacts share a load, all by the least ones."""
-        if not self._shares:
+        if not self.shares:
             return ca.solve(matrix, right)
         size = ca.trace(self.delassus) / self.delassus.size1()
         Q, R = ca.qr(matrix + ca.diag(_SHARING * size * self._rests))
@@ -230,7 +233,7 @@ class System:
     @property
     def _determined(self) -> ca.SX:
         """Determinant of what the forces of resting contacts follow from, against its rows."""
-        if not self.coupled or self._shares:
+        if not self.coupled:
             return ca.SX(1)
         matrix, _ = self._equations
         # by its factors: a determinant by minors of a chain's matrix grows as Fibonacci's numbers

@@ -348,6 +348,8 @@ static int let_go(Run *run) {
     for (long long i = 0; i < n; i++)
         if (run->modes[i] == 0.0 && excess(run, i) > (worst < 0 ? 1.0 : excess(run, worst))) worst = i;
     if (worst < 0) return 0;
+    if (!(run->probe[5 * n] > 1e-10)) run->out.status = NO_CONTACT_MODE; /* who goes is open */
+    if (run->out.status == NO_CONTACT_MODE) return 1;
     look_where(run);
     for (long long i = 0; i < n; i++) {
         if (run->modes[i] != 0.0 || (run->in.coupled ? i != worst : !(excess(run, i) > 1.0))) continue;
@@ -414,6 +416,7 @@ void decide_modes(Run *run, long long forced, int record) {
     }
     memcpy(run->scan + n, run->modes, n * sizeof(double)); /* modes before anything is let go */
     if (forced >= 0 && run->before[forced] == 0.0) { /* what it had of drift has been stopped */
+        if (!(run->probe[5 * n] > 1e-10)) run->out.status = NO_CONTACT_MODE;
         look_where(run);
         run->modes[forced] = toward;
         begin_onset(run, forced);
@@ -428,7 +431,7 @@ void decide_modes(Run *run, long long forced, int record) {
         }
         evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
         /* contacts that share a freedom leave forces open */
-        if (!(run->probe[5 * n] > 1e-10)) run->out.status = NO_CONTACT_MODE;
+        if (!run->in.shares && !(run->probe[5 * n] > 1e-10)) run->out.status = NO_CONTACT_MODE;
         if (run->out.status == NO_CONTACT_MODE) return;
         again = let_go(run);
         if (!again && run->in.coupled) again = catch_again(run);

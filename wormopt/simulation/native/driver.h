@@ -15,7 +15,7 @@ typedef struct {
 typedef struct {
     long long n_x, n_contacts, n_rows, n_s, n_switches, n_schedules, n_times;
     long long n_iw, n_w, n_arg, n_res; /* work space of the generated functions */
-    long long exact, coupled, keep_dense, max_steps, stiff_steps;
+    long long exact, coupled, shares, keep_dense, max_steps, stiff_steps;
     Function rhs;      /* (t, x, p, s) -> x' */
     Function velocities; /* (t, x, p, s) -> velocities of the contacts */
     Function probe;    /* (t, x, p, s) -> velocities, accelerations, forces, least and largest force

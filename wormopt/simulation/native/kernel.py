@@ -55,7 +55,7 @@ class _Problem(Structure):
             for name in (
                 *("n_x", "n_contacts", "n_rows", "n_s", "n_switches", "n_schedules", "n_times"),
                 *("n_iw", "n_w", "n_arg", "n_res"),
-                *("exact", "coupled", "keep_dense", "max_steps", "stiff_steps"),
+                *("exact", "coupled", "shares", "keep_dense", "max_steps", "stiff_steps"),
             )
         ),
         *((name, c_void_p) for name in _FUNCTIONS),
@@ -195,6 +195,7 @@ def compiled(system: System) -> Compiled:
         "n_res": max(f.sz_res() for f in functions.values()),
         "exact": system.exact,
         "coupled": system.exact and system.coupled,
+        "shares": system.exact and system.shares,
     }
     for name in functions:
         fields[name] = ctypes.cast(getattr(found, name), c_void_p).value or 0
