@@ -94,17 +94,21 @@ def measured(name: str, quick: bool, report: Report) -> Iterator[Found]:
         report(f"{name}: {solver}", k / len(solvers) / _ROUNDS)
         try:
             run = make(task)
-            run(settings[0])  # the first run compiles
-            for setting in settings[: 3 if quick else None]:
-                row = _Row(solver, setting, run)
-                slow = row.ask(task) > (0.5 if quick else _SLOW)
-                rows.append(row)
-                if slow:
-                    break
         except ImportError as error:
             missing.append(f"{solver}: not installed: {error.name}")
-        except Exception as error:
-            missing.append(f"{solver}: {why(error)}")
+            continue
+        for n, setting in enumerate(settings[: 3 if quick else None]):
+            row = _Row(solver, setting, run)
+            try:
+                if n == 0:
+                    run(setting)  # compiles
+                slow = row.ask(task) > (0.5 if quick else _SLOW)
+            except Exception as error:
+                missing.append(f"{solver} failed at {setting:.0e}: {why(error)[:150]}")
+                continue
+            rows.append(row)
+            if slow:
+                break
         yield told | {"rows": [row.told for row in rows], "missing": missing}
     for turn in range(1, 1 if quick else _ROUNDS):
         report(f"{name}: round {turn}", turn / _ROUNDS)

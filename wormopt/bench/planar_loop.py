@@ -48,8 +48,9 @@ def force_of(direction: np.ndarray, resistance: np.ndarray) -> np.ndarray:
 
     `resistance` (m, 3): F+, F-, Fn. Vectors are complex numbers.
     """
-    ahead = np.where(direction.real >= 0, resistance[:, 0], resistance[:, 1])
-    along, across = ahead * direction.real, resistance[:, 2] * direction.imag
+    v_t, v_n = np.real(direction), np.imag(direction)
+    ahead = np.where(v_t >= 0, resistance[:, 0], resistance[:, 1])
+    along, across = ahead * v_t, resistance[:, 2] * v_n
     power = np.sqrt(along**2 + across**2)
     return -(ahead * along + 1j * resistance[:, 2] * across) / power
 
@@ -254,7 +255,7 @@ def _at(solution: Any, time: float, last: float) -> np.ndarray:
     low, high = grid[k - 1], grid[k]
     if not clock[k - 1] < time < clock[k]:
         return solution(high if time >= clock[k] else low)
-    return solution(brentq(lambda T: solution(T)[-1] - time, low, high, xtol=1e-15, rtol=1e-15))
+    return solution(brentq(lambda T: solution(T)[-1] - time, low, high, xtol=1e-15))
 
 
 # -- boxes and spikes ----------------------------------------------------------------------------

@@ -134,8 +134,8 @@ class PlanarWorm:
             force[1:] -= across
         if any(self.drag):
             h, _ = self.look(r, v)
-            own = v * h.conj()
-            force = force - h * (self.drag[0] * own.real + 1j * self.drag[1] * own.imag)
+            along, across = np.real(v * h.conj()), np.imag(v * h.conj())
+            force = force - h * (self.drag[0] * along + 1j * self.drag[1] * across)
         return force
 
     # -- CasADi ----------------------------------------------------------------------------------
@@ -221,21 +221,23 @@ def _viscoelastic(
 
 
 def block(
-    velocity: Sequence[float],
+    velocity: Sequence[float] | np.ndarray,
     resistance: Sequence[float],
     *,
-    load: Sequence[float] = (0.0, 0.0),
+    load: Sequence[float] | np.ndarray = (0.0, 0.0),
     heading: float = 0.0,
     mass: float = 1.0,
     ground: Ground = "elliptic",
 ) -> PlanarWorm:
     """One mass that looks along `heading`; `resistance`: forward, backward, sideways."""
-    numbers = [np.array([value]) for value in resistance]
+    ahead, back, beside = (np.array([value]) for value in resistance)
     return PlanarWorm(
         np.array([mass]),
         np.zeros((1, 2)),
         np.array([velocity], dtype=float),
-        *numbers,
+        ahead,
+        back,
+        beside,
         load=np.array([load], dtype=float),
         heading=heading,
         looks=False,
