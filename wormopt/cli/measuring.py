@@ -58,8 +58,8 @@ columns of the table:
   best error     smallest error of all runs
   failed         runs that failed, or ended with success on a wrong answer"""
 _STRESS = """\
-Run some 450 seeded worms, many of them extreme, and compare each motion with a
-second route that shares no code with the simulator. Takes some minutes, with
+Run some 650 seeded worms, many of them extreme, and compare each motion with a
+second route that shares no code with the simulator. Takes half an hour, with
 --quick under one.
 
 columns of the table, by group of cells:
