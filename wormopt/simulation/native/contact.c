@@ -324,7 +324,7 @@ static void follow(Run *run) {
     for (long long i = 0; i < run->in.n_contacts; i++) {
         if (run->modes[i] == 0.0 || in_onset(run, i) || run->released[i] == run->out.t) continue;
         if (!(fabs(run->probe[i]) <= run->in.v_stop[i])) continue;
-        run->modes[i] = 0.0;
+        run->modes[i] = run->scan[i] = 0.0; /* it stops, and is not struck */
         any = 1;
     }
     if (any) stop(run);
