@@ -11,6 +11,8 @@ softness, weight 9.81) it is not. Impedance stays at 0.9: feet of one body share
 from __future__ import annotations
 
 import math
+from copy import copy
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -26,13 +28,17 @@ def by_mujoco(task: Task, *, tuned: bool = True) -> Solver:
     """MuJoCo, asked for a time step; `tuned`: made as exact as its options allow."""
     import mujoco  # type: ignore[import-not-found]
 
-    def run(step: float) -> Answer:
-        text = _scene(task, step, tuned)
-        model = mujoco.MjModel.from_xml_string(text)
+    @cache
+    def settled(step: float) -> tuple[Any, Any]:
+        model = mujoco.MjModel.from_xml_string(_scene(task, step, tuned))
         data = mujoco.MjData(model)
         for _ in range(_SETTLE):
             mujoco.mj_step(model, data)
-        return _stepped(mujoco, model, data, task, step)
+        return model, data
+
+    def run(step: float) -> Answer:
+        model, data = settled(step)
+        return _stepped(mujoco, model, copy(data), task, step)
 
     return run
 
