@@ -169,7 +169,7 @@ class Contacts:
         """Let rest, too, what those that have been stopped leave no velocity."""
         slow = np.abs(self._look(t, x).velocity) <= self._v_stop
         slow &= (self._modes != 0) & (self._released != t)
-        found = [i for i in np.flatnonzero(slow) if not self._aim.is_set(i)]
+        found = [i for i in np.flatnonzero(slow) if not self._aim.is_set(int(i))]
         self._modes[found] = 0.0
         return bool(found)
 
