@@ -25,6 +25,7 @@ from wormopt.bench.peers import (
     track_rates,
     track_traced,
 )
+from wormopt.bench.planar_tasks import TASKS
 from wormopt.bench.sweeps import long_chain
 from wormopt.bench.work_precision import Effort, Point, Record, measure, time_at
 from wormopt.model.gait import Gait
@@ -186,7 +187,8 @@ def test_what_a_solver_does_wrong_is_counted(monkeypatch: pytest.MonkeyPatch):
 
 def test_every_case_has_solvers_and_a_name_on_the_command_line():
     others = {"averaging", "chain_length", "smoothing", "ocp", "design"}
-    assert set(CASES) == {*WORK_PRECISION, *others}
+    planar = {f"planar_{task}" for task in TASKS}
+    assert set(CASES) == {*WORK_PRECISION, *others, *planar}
     for case in WORK_PRECISION.values():
         assert set(case.solvers) <= set(SOLVERS)
         assert {name for target in case.targets for name in target.than} <= set(case.solvers)

@@ -23,9 +23,10 @@ from wormopt.progress import Report
 _MODULES = {"chain_length": "sweeps", "smoothing": "sweeps"} | {
     name: name for name in ("averaging", "ocp", "design")
 }
+_MODULES |= {f"planar_{task}": "planar" for task in ("block", "elliptic", "tripod", "triangle")}
 _PACKAGES = (
     *("casadi", "numpy", "scipy", "numba", "diffrax", "scikit-sundae", "heyoka"),
-    *("rockit-meco", "yapss"),
+    *("rockit-meco", "yapss", "mujoco"),
 )
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#332288", "#882255")
 _MARKS = "os^Dv<>pP*Xh"

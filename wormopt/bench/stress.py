@@ -14,7 +14,8 @@ that is not right. A refusal is a SolveError with a code. All else is wrong.
 
 The second route depends on the cell: the closed form between events for chains that gaits command
 (exact contact), solve_ivp with terminal events for trackers (exact contact), CVODES for smooth
-contact. Where `simulate` has used an implicit integrator itself, and where references jump, it is
+contact, logarithms of speeds in a slowed time for dry friction in the plane (bench/planar_loop.py).
+Where `simulate` has used an implicit integrator itself, and where references jump, it is
 LSODA with an analytic Jacobian.
 """
 
@@ -31,6 +32,7 @@ import numpy as np
 from wormopt.bench.cells import Cell, cells
 from wormopt.bench.driven_chain import Plant, linear_flow
 from wormopt.bench.integrators import Regularised, by_casadi, by_lsoda, called, event_loop
+from wormopt.bench.planar_cells import PlanarCell, planar_cells
 from wormopt.errors import SolveError
 from wormopt.model.model import Model
 from wormopt.numerics.workers import Workers
@@ -66,7 +68,7 @@ class _TooLong(Exception):
     pass
 
 
-def judge(cell: Cell) -> Verdict:
+def judge(cell: Cell | PlanarCell) -> Verdict:
     """Run a cell by both routes and compare."""
     dice = np.random.default_rng(len(cell.name))
     times = np.append(np.sort(dice.uniform(0.02, 0.99, _SAMPLES - 1)), 1.0) * cell.span
@@ -133,7 +135,7 @@ def _compare(
 
 
 def second_route(
-    cell: Cell, model: Model, times: np.ndarray, *, implicit: bool
+    cell: Cell | PlanarCell, model: Model, times: np.ndarray, *, implicit: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Follow a cell's motion without `simulate`, tight and loose: states (n_x, m).
 
@@ -143,16 +145,20 @@ def second_route(
     start, follow = _means(cell, model, times, implicit)
     dice = np.random.default_rng(0)
     off = _OFF * np.maximum(np.abs(start), 1.0) * dice.choice([-1.0, 1.0], len(start))
-    if cell.v_reg is None:
+    if isinstance(cell, PlanarCell):
+        off[cell.resting] = 0.0
+    elif cell.v_reg is None:
         masses = cell.worm.links + 1
         off[masses : 2 * masses] = 0.0  # what rests shall go on resting
     return follow(start, _TIGHT), follow(start + off, _LOOSE)
 
 
 def _means(
-    cell: Cell, model: Model, times: np.ndarray, implicit: bool
+    cell: Cell | PlanarCell, model: Model, times: np.ndarray, implicit: bool
 ) -> tuple[np.ndarray, Follow]:
     """The start, and what follows the motion from a start to a tolerance."""
+    if isinstance(cell, PlanarCell):
+        return cell.start, cell.follow(times)
     worm, span = cell.worm, cell.span
     if cell.v_reg is None and cell.tracker is None:
 
@@ -202,7 +208,8 @@ def stress(*, quick: bool, report: Report) -> Iterator[Verdict]:
 
     `quick`: a few cells of each group only.
     """
-    todo = sorted(cells(quick=quick), key=lambda c: -c.span)  # what takes long comes first
+    todo: list[Cell | PlanarCell] = [*cells(quick=quick), *planar_cells(quick=quick)]
+    todo.sort(key=lambda c: -c.span)  # what takes long comes first
     wrong = 0
     with Workers(2) as workers:
         for k, (_, verdict) in enumerate(workers.as_completed(judge, todo), start=1):

@@ -58,9 +58,9 @@ columns of the table:
   best error     smallest error of all runs
   failed         runs that failed, or ended with success on a wrong answer"""
 _STRESS = """\
-Run some 450 seeded worms, many of them extreme, and compare each motion with a
-second route that shares no code with the simulator. Takes some minutes, with
---quick under one.
+Run some 650 seeded worms, many of them extreme, and compare each motion with a
+second route that shares no code with the simulator. Takes a quarter of an
+hour, with --quick a minute or two.
 
 columns of the table, by group of cells:
   right      as near as any computation of that precision can be

@@ -102,6 +102,9 @@ class Contacts:
             raise GivenUp("no_contact_mode")
         if jump:
             x = self._stopped(t, x)
+            if self._shares and self._follow(t, x):
+                x = self._stopped(t, x)
+                stopped = self._modes == 0
         if leaving:
             self._release(t, x, leaving, probe)
             self._released[leaving] = t
@@ -161,6 +164,14 @@ class Contacts:
                 self._modes[i] = 0.0
                 jump |= bool(v != 0)
         return jump
+
+    def _follow(self, t: float, x: np.ndarray) -> bool:
+        """Let rest, too, what those that have been stopped leave no velocity."""
+        slow = np.abs(self._look(t, x).velocity) <= self._v_stop
+        slow &= (self._modes != 0) & (self._released != t)
+        found = [i for i in np.flatnonzero(slow) if not self._aim.is_set(int(i))]
+        self._modes[found] = 0.0
+        return bool(found)
 
     def _stopped(self, t: float, x: np.ndarray) -> np.ndarray:
         x = self._project(t, x)[0].copy()
