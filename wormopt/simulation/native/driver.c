@@ -235,8 +235,8 @@ static int allocate(Run *run, long long n_p) {
     ROOM(run->x_new, n);
     ROOM(run->stage, n);
     ROOM(run->dense, N_DENSE * n);
-    ROOM(run->modes, in->n_s);
-    ROOM(run->before, in->n_s);
+    ROOM(run->modes, in->n_s + c); /* with smooth contact n_s is 0 */
+    ROOM(run->before, in->n_s + c);
     ROOM(run->aims, 3 * c);
     ROOM(run->toward, 2 * c);
     ROOM(run->bend, 4 * c);
