@@ -234,8 +234,8 @@ def _scalars(motion: Trajectory, second: Recheck | None) -> dict[str, Any]:
         "n_events": len(motion.events),
         "n_steps": motion.n_steps,
         "recheck_error": second and second.check.error,
-        "recheck_error_coarse": second and second.stepped and second.stepped.coarse,
-        "recheck_step": second and second.stepped and second.stepped.step,
+        "moreau_coarse": second and second.stepped and second.stepped.coarse,
+        "moreau_step": second and second.stepped and second.stepped.step,
     }
 
 

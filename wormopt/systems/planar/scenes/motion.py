@@ -189,8 +189,8 @@ class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
             "second route: where it goes by steps of Moreau and Jean, largest difference of a "
             "place at the end over the longest way of a mass; else of any state, over its size",
         ),
-        "recheck_error_coarse": ("share", "likewise, by steps four times as long"),
-        "recheck_step": ("time", "the longer of these steps, which are of first order"),
+        "moreau_coarse": ("share", "likewise, by steps four times as long"),
+        "moreau_step": ("time", "the longer of these steps, which are of first order"),
     }
     variables: ClassVar = (
         TIME
