@@ -298,6 +298,8 @@ def test_units_of_si_scenes(tmp_path: Path):
             "planar-swim",
             "planar-serpenoid",
             "planar-path",
+            "planar-motion",
+            "planar-block",
         )
     ],
 )

@@ -22,9 +22,8 @@ from wormopt.systems.planar.body.shape import rigid_shape
 from wormopt.systems.planar.dynamics.driven import driven_shape
 from wormopt.systems.planar.dynamics.motion import energy_error, measure_works
 from wormopt.systems.planar.dynamics.stopping import Stop, stop_of
-from wormopt.systems.planar.runs.ground import ground_of, isotropic
+from wormopt.systems.planar.runs.ground import ground_of
 from wormopt.systems.planar.scenes.block import PlanarBlockScene, turned
-from wormopt.systems.planar.scenes.ground import MassGround
 
 _AGREED, _ENERGY = 1e-8, 1e-9
 _AFTER = 1.1  # so many times the time of the stop is looked at
@@ -72,7 +71,7 @@ def run(scene: Scene[PlanarBlockScene], report: Report) -> Result:
             "route": motion.route,
             "recheck": "SciPy's DOP853 in a time in which the stop lies at infinity; no event",
         },
-        warnings=_warnings(law, table.ground),
+        warnings=motion.warnings,
         timings={"recheck": rechecked - clock, "simulate": perf_counter() - rechecked},
         attributes={
             "heading": block.heading,
@@ -150,9 +149,3 @@ def _signals(motion: Trajectory) -> dict[str, Any]:
         "friction_y": force[1],
         "kinetic_energy": motion["kinetic_energy"][0],
     }
-
-
-def _warnings(law: Elliptic | Unit, table: MassGround) -> list[str]:
-    if law.associated or isotropic(table):
-        return []
-    return ["the law of unit directions is not associated: other motions may fit it too"]

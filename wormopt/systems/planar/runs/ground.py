@@ -26,7 +26,9 @@ def ground_of(table: MassGround) -> Ground | None:
             aside = table.sideways or ahead
             if isinstance(table, BoxGround):
                 return Axes(Coulomb(ahead, back), Coulomb(aside, aside))
-            return (Elliptic if isinstance(table, EllipticGround) else Unit)(ahead, back, aside)
+            # where all directions are alike both laws are one
+            unit = isinstance(table, UnitGround) and not ahead == back == aside
+            return (Unit if unit else Elliptic)(ahead, back, aside)
         case ViscousGround():
             return Axes(Viscous(table.along), Viscous(table.across))
         case SkidGround():
@@ -38,14 +40,6 @@ def ground_of(table: MassGround) -> Ground | None:
         case PinGround():
             return Axes(Held(), Held())
     return None
-
-
-def isotropic(table: MassGround) -> bool:
-    """Whether dry ground resists all directions alike."""
-    if not isinstance(table, EllipticGround | UnitGround):
-        return False
-    alike = (None, table.forward)
-    return table.backward in alike and table.sideways in alike
 
 
 def _dry(force: float) -> Coulomb | None:

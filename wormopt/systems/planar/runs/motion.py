@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,8 +27,8 @@ from wormopt.systems.planar.dynamics.motion import (
     resting_masses,
     swing,
 )
-from wormopt.systems.planar.runs.ground import ground_of, isotropic
-from wormopt.systems.planar.scenes.ground import UnitGround
+from wormopt.systems.planar.dynamics.stepping import Stepped, step_again, stepper_of
+from wormopt.systems.planar.runs.ground import ground_of
 from wormopt.systems.planar.scenes.motion import PlanarMotionScene, Swinging
 from wormopt.systems.shared.proof import (
     CrossCheck,
@@ -39,7 +40,9 @@ from wormopt.systems.shared.proof import (
 from wormopt.systems.shared.signals import event_arrays, simulate_whole
 
 _FOLDED = 3.1  # a joint that bends farther is taken to fold
-_UNIQUE = "the law of unit directions is not associated: other motions may fit it too"
+# What is accepted of the second route's end over the longest way, if it goes by steps of first
+# order, and of what a quarter of its step leaves of that (a quarter), unless that is noise.
+_STEPPED, _ORDER, _NOISE = 0.01, 0.5, 1e-6
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
@@ -68,18 +71,19 @@ def run(scene: Scene[PlanarMotionScene], report: Report) -> Result:
         raise Interrupted(_unfinished(scene, stop.partial, why)) from None
     simulated = time.perf_counter()
     try:
-        second = cross_check(plain, motion, tolerance, report=report) if settings.recheck else None
+        second = _recheck(plain, motion, tolerance, report) if settings.recheck else None
     except KeyboardInterrupt:
         why = "interrupted before the second route was done"
         raise Interrupted(_unfinished(scene, motion, why)) from None
+    check = second and second.check
     scalars = _scalars(motion, second)
     return conclude(
         scene,
         scalars,
         _signals(motion),
         checks=_checks(scalars, second, tolerance),
-        facts=motion_facts([motion], [second], tolerance),
-        warnings=_warnings(table, motion, second),
+        facts=motion_facts([motion], [check], tolerance),
+        warnings=[*motion.warnings, *warnings_of_motion(motion, check)],
         timings={
             "build": built - clock,
             "simulate": simulated - built,
@@ -175,6 +179,31 @@ def _usual_work(table: PlanarMotionScene) -> float:
     return float(np.mean(per(table.worm.mass, table.worm.links + 1)) * (lengths / period) ** 2)
 
 
+# -- the second route ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Recheck:
+    """What another route finds."""
+
+    check: CrossCheck
+    stepped: Stepped | None = None  # where it goes by steps
+
+
+def _recheck(model: Model, motion: Trajectory, tolerance: Tolerance, report: Report) -> Recheck:
+    """By steps of Moreau and Jean, which know no events; where they do not fit, by tolerance."""
+    exact = isinstance(motion.system.treatment, Exact)
+    stepper = stepper_of(model) if exact else None
+    if stepper is None:
+        return Recheck(cross_check(model, motion, tolerance, report=report))
+    name, shared = "steps of Moreau and Jean", "the model"
+    try:
+        found = step_again(stepper, motion, report=report)
+    except SolveError as error:
+        return Recheck(CrossCheck(name, None, _STEPPED, shared, error.reason))
+    return Recheck(CrossCheck(name, found.fine, _STEPPED, shared), found)
+
+
 # -- results -------------------------------------------------------------------------------------
 
 
@@ -187,7 +216,7 @@ def _attributes(motion: Trajectory) -> dict[str, Any]:
     return {"contacts": [contact.name for contact in motion.system.model.contacts]}
 
 
-def _scalars(motion: Trajectory, second: CrossCheck | None) -> dict[str, Any]:
+def _scalars(motion: Trajectory, second: Recheck | None) -> dict[str, Any]:
     center, lengths = motion["center_of_mass"], motion["length"]
     way = center[:, -1] - center[:, 0]
     looks = np.unwrap(motion["heading"][0])
@@ -204,7 +233,9 @@ def _scalars(motion: Trajectory, second: CrossCheck | None) -> dict[str, Any]:
         "rest_share": float(resting_masses(motion).mean()),
         "n_events": len(motion.events),
         "n_steps": motion.n_steps,
-        "recheck_error": second and second.error,
+        "recheck_error": second and second.check.error,
+        "moreau_coarse": second and second.stepped and second.stepped.coarse,
+        "moreau_step": second and second.stepped and second.stepped.step,
     }
 
 
@@ -244,10 +275,18 @@ def _signals(motion: Trajectory) -> dict[str, Any]:
 
 
 def _checks(
-    scalars: dict[str, Any], second: CrossCheck | None, tolerance: Tolerance
+    scalars: dict[str, Any], second: Recheck | None, tolerance: Tolerance
 ) -> Iterator[Check]:
     if second:
-        yield second.check
+        yield second.check.check
+    if second and second.stepped:
+        yield Check(
+            "second route, order",
+            second.stepped.fine / max(second.stepped.coarse, _NOISE),
+            _ORDER,
+            "the second route does not come nearer at its order; a motion this sensitive is not "
+            "to be trusted",
+        )
     error = scalars["energy_error"]
     yield Check(
         "energy balance", error, accepted_error(tolerance),
@@ -258,11 +297,3 @@ def _checks(
         "a joint folds, where its angle is not told from its opposite; write a larger "
         "worm.bending_stiffness or smaller actuation.torque",
     )  # fmt: skip
-
-
-def _warnings(
-    table: PlanarMotionScene, motion: Trajectory, second: CrossCheck | None
-) -> Iterator[str]:
-    if any(isinstance(ground, UnitGround) and not isotropic(ground) for ground in table.grounds):
-        yield _UNIQUE
-    yield from warnings_of_motion(motion, second)

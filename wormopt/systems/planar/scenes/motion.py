@@ -162,7 +162,9 @@ class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
     """A worm of masses on springs in the plane, with actuators in links and joints, simulated.
 
     The ground resists forward, backward and sideways motion of each mass differently; where
-    contact is exact, every stop and start is located. Theory:
+    contact is exact, every stop and start is located. The motion is followed again by steps of
+    Moreau and Jean, which know no events, at two lengths of step; where these do not treat the
+    ground (skids, spikes, pins, `unit`) or contact is smooth, by another integrator. Theory:
     [theory-planar.md](../theory-planar.md). Status `failed`: a second route ends elsewhere,
     energies do not balance, or a joint folds.
     """
@@ -182,6 +184,13 @@ class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
         "energy_error": ("share", "works less the energy gained, over the largest of them"),
         "rest_share": ("share", "of the samples at which a mass rests, mean over the masses"),
         **STEPS,
+        "recheck_error": (
+            "share",
+            "second route: where it goes by steps of Moreau and Jean, largest difference of a "
+            "place at the end over the longest way of a mass; else of any state, over its size",
+        ),
+        "moreau_coarse": ("share", "likewise, by steps four times as long"),
+        "moreau_step": ("time", "the longer of these steps, which are of first order"),
     }
     variables: ClassVar = (
         TIME
