@@ -24,9 +24,9 @@ from wormopt.numerics.identically import identically_zero
 from wormopt.simulation.grip import LineGrip, PlaneGrip, grips_of, never_rests
 from wormopt.simulation.options import Smooth, Treatment
 
-# Compliance that decides how resting contacts share a load, against their own, and how often what
-# it gives way is taken back.
-_SHARING, _REFINEMENTS = 1e-6, 3
+# Compliance of contacts at rest and in onset that decides how they share a load, against their
+# own, and how often what it gives way is taken back.
+_SHARING, _TURNING, _REFINEMENTS = 1e-8, 1e-4, 4
 
 
 def _product(column: ca.SX) -> ca.SX:
@@ -183,11 +183,13 @@ class System:
             smooth = [c.law.smooth(c.velocity, self._v_reg) for c in self.contacts]
             return ca.vertcat(ca.SX(0, 1), *smooth)
         if not self.coupled:
-            free, response = self._pulled, ca.diag(self.delassus)
+            free, response = self.pulled, ca.diag(self.delassus)
             return ca.vertcat(
                 *(g.alone(self._of(g, free), self._of(g, response)) for g in self._grips)
             )
-        return self._solved(*self._equations)
+        gives = ca.diagcat(*(g.gives(_SHARING, _TURNING) for g in self._grips))
+        near = ca.vertcat(*(g.begun for g in self._grips))
+        return self._solved(*self._equations, gives, near)
 
     @staticmethod
     def _of(grip: LineGrip | PlaneGrip, rows: ca.SX) -> ca.SX:
@@ -196,7 +198,7 @@ class System:
     @cached_property
     def _equations(self) -> tuple[ca.SX, ca.SX]:
         """Matrix and right-hand side of the forces of contacts that act on one another."""
-        free, full = self._pulled, ca.densify(self.delassus)
+        free, full = self.pulled, ca.densify(self.delassus)
         pairs = [g.equations(self._of(g, free), self._of(g, full)) for g in self._grips]
         return ca.vertcat(*(a for a, _ in pairs)), ca.vertcat(*(b for _, b in pairs))
 
@@ -204,20 +206,23 @@ class System:
     def shares(self) -> bool:
         """Whether resting contacts may share what they hold: two on one rigid body do.
 
-        How they do is open, and so is which of them lets go first: that is refused.
+        How they do is open, see `wormopt.simulation.sharing`.
         """
         bilateral = any(not isinstance(g, PlaneGrip) and not g.law.directions for g in self._grips)
         return self.coupled and (len(self.planar) > 0 or bilateral)
 
-    def _solved(self, matrix: ca.SX, right: ca.SX) -> ca.SX:
-        """Solve for forces or impulses; where contacts share a load, all by the least ones."""
+    def _solved(self, matrix: ca.SX, right: ca.SX, gives: ca.SX, near: ca.SX) -> ca.SX:
+        """Solve for forces or impulses; where contacts share a load, all by those nearest `near`.
+
+        `gives`: what is added to the matrix to decide.
+        """
         if not self.shares:
             return ca.solve(matrix, right)
         size = ca.trace(self.delassus) / self.delassus.size1()
-        Q, R = ca.qr(matrix + ca.diag(_SHARING * size * self._rests))
-        found = ca.SX.zeros(right.numel())
+        Q, R = ca.qr(matrix + size * gives)
+        found = near
         for _ in range(_REFINEMENTS):
-            found += ca.solve(R, Q.T @ (right - matrix @ found))
+            found = found + ca.solve(R, Q.T @ (right - matrix @ found))
         return found
 
     @property
@@ -226,7 +231,7 @@ class System:
         return ca.vertcat(*(ca.repmat(g.rests, g.size, 1) for g in self._grips))
 
     @cached_property
-    def _pulled(self) -> ca.SX:
+    def pulled(self) -> ca.SX:
         """Accelerations of the contacts without contact forces."""
         return self._at_forces(self._free[2], ca.SX.zeros(len(self.row_contact)))
 
@@ -249,7 +254,7 @@ class System:
         if not self.exact:
             return ode
         if self.n_pushes:
-            ode = ca.vertcat(ode, self._rests * self._pulled)
+            ode = ca.vertcat(ode, self._rests * self.pulled)
         if self.coupled:
             return ode
         # a velocity that is a state stays what it is while its contact rests, to the last bit
@@ -340,7 +345,8 @@ class System:
         rests = self._rests
         if self.coupled:
             matrix = ca.diag(1 - rests) + ca.diag(rests) @ self.delassus
-            impulse = self._solved(matrix, -rests * velocity)
+            gives, near = ca.diag(_SHARING * rests), ca.SX.zeros(rests.numel())
+            impulse = self._solved(matrix, -rests * velocity, gives, near)
         else:
             impulse = -rests * velocity / ca.diag(self.delassus)
         change = ca.vertcat(push @ impulse, ca.SX.zeros(self.n_pushes))
