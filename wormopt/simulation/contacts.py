@@ -71,6 +71,7 @@ class Contacts:
             system.sliding,
         )
         planar = set(system.planar.tolist())
+        self._in_plane = np.isin(np.arange(self._n), system.planar)
         laws = enumerate(contact.law for contact in system.contacts)
         self._directions = [(1,) if i in planar else law.directions for i, law in laws]
         self._held = np.array([not directions for directions in self._directions], dtype=bool)
@@ -109,6 +110,7 @@ class Contacts:
             raise GivenUp("no_contact_mode")
         if jump:
             x = self._stopped(t, x)
+            stopped |= self._taken_along(t, x)
         if leaving:
             self._released[self._release(t, x, leaving, probe)] = t
         for _ in range(9 + 8 * self._n):
@@ -167,6 +169,14 @@ class Contacts:
                 self._modes[i] = 0.0
                 jump |= bool(v != 0)
         return jump
+
+    def _taken_along(self, t: float, x: np.ndarray) -> np.ndarray:
+        """Let contacts in the plane rest that others have stopped: they have no direction left."""
+        speed = np.abs(self._look(t, x).velocity)
+        slow = self._in_plane & (self._modes != 0) & (speed <= self._v_stop)
+        found = np.array([bool(slow[i]) and not self._aim.is_set(i) for i in range(self._n)])
+        self._modes[found] = 0.0
+        return found
 
     def _stopped(self, t: float, x: np.ndarray) -> np.ndarray:
         x = self._project(t, x)[0].copy()
