@@ -26,7 +26,7 @@ from wormopt.simulation.options import Smooth, Treatment
 
 # Compliance of contacts at rest and in onset that decides how they share a load, against their
 # own, and how often what it gives way is taken back.
-_SHARING, _TURNING, _REFINEMENTS = 1e-8, 1e-4, 4
+_SHARING, _TURNING, _REFINEMENTS = 1e-6, 1e-3, 5
 
 
 def _product(column: ca.SX) -> ca.SX:
