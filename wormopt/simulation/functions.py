@@ -187,9 +187,8 @@ class System:
             return ca.vertcat(
                 *(g.alone(self._of(g, free), self._of(g, response)) for g in self._grips)
             )
-        gives = ca.diagcat(*(g.gives(_SHARING, _TURNING) for g in self._grips))
-        near = ca.vertcat(*(g.begun for g in self._grips))
-        return self._solved(*self._equations, gives, near)
+        # where loads are shared forces are solved for in loops, and stand here for themselves
+        return self._force_symbols if self.shares else ca.solve(*self._equations)
 
     @staticmethod
     def _of(grip: LineGrip | PlaneGrip, rows: ca.SX) -> ca.SX:
@@ -211,19 +210,36 @@ class System:
         bilateral = any(not isinstance(g, PlaneGrip) and not g.law.directions for g in self._grips)
         return self.coupled and (len(self.planar) > 0 or bilateral)
 
-    def _solved(self, matrix: ca.SX, right: ca.SX, gives: ca.SX, near: ca.SX) -> ca.SX:
+    @cached_property
+    def _solved(self) -> ca.SX:
+        """Where contacts share loads, what stands for their forces and for `_determined`."""
+        return ca.vertcat(self._force_symbols, ca.SX.sym("determined"))
+
+    @cached_property
+    def _shared_forces(self) -> ca.Function:
+        """Forces where contacts share loads, and how well resting ones determine theirs."""
+        gives = ca.diagcat(*(g.gives(_SHARING, _TURNING) for g in self._grips))
+        near = ca.vertcat(*(g.begun for g in self._grips))
+        return self._solver("forces", *self._equations, gives, near)
+
+    def _solver(
+        self, name: str, matrix: ca.SX, right: ca.SX, gives: ca.SX, near: ca.SX
+    ) -> ca.Function:
         """Solve for forces or impulses; where contacts share a load, all by those nearest `near`.
 
-        `gives`: what is added to the matrix to decide.
+        `gives`: what is added to the matrix to decide. By loops: written out, a dozen contacts
+        took the compiler half a minute.
         """
-        if not self.shares:
-            return ca.solve(matrix, right)
         size = ca.trace(self.delassus) / self.delassus.size1()
-        Q, R = ca.qr(matrix + size * gives)
-        found = near
+        parts = [ca.densify(part) for part in (matrix, right, size * gives, near, size)]
+        read = ca.Function("parts", list(self.symbols), parts)
+        symbols = read.mx_in()
+        A, b, softened, found, size = read(*symbols)
+        inverse = ca.solve(A + softened, ca.MX.eye(b.numel()), "qr")
         for _ in range(_REFINEMENTS):
-            found = found + ca.solve(R, Q.T @ (right - matrix @ found))
-        return found
+            found = found + inverse @ (b - A @ found)
+        weakest = ca.mmax(ca.fabs(inverse)) * size
+        return ca.Function(name, symbols, [ca.vertcat(found, weakest < 0.1 / _SHARING)])
 
     @property
     def _rests(self) -> ca.SX:
@@ -240,6 +256,8 @@ class System:
         """Determinant of what the forces of resting contacts follow from, against its rows."""
         if not self.coupled:
             return ca.SX(1)
+        if self.shares:
+            return self._solved[-1]
         matrix, _ = self._equations
         # by its factors: a determinant by minors of a chain's matrix grows as Fibonacci's numbers
         size = ca.fabs(_product(ca.diag(ca.qr(matrix)[1])))
@@ -288,20 +306,35 @@ class System:
 
     # -- functions -------------------------------------------------------------------------
 
-    def _function(self, name: str, result: ca.SX) -> ca.Function:
-        symbols = list(self.symbols)
-        return ca.Function(name, symbols, [ca.densify(result)], ["t", "x", "p", "s"], [name])
+    def function(self, name: str, result: ca.SX, *more: ca.SX) -> ca.Function:
+        """Function of t, x, p, s and more; contact forces may stand in the result."""
+        names = ["t", "x", "p", "s", *(symbol[0].name().split("_")[0] for symbol in more)]
+        return self._closed(name, [*self.symbols, *more], names, result)
+
+    def _closed(
+        self, name: str, symbols: list[ca.SX], names: list[str], result: ca.SX
+    ) -> ca.Function:
+        """Put in forces that stand for themselves in the result."""
+        result = ca.densify(result)
+        if not (self.exact and self.shares and ca.depends_on(result, self._solved)):
+            return ca.Function(name, symbols, [result], names, [name])
+        inner = ca.Function(f"{name}_by_forces", [*symbols, self._solved], [result])
+        arguments = inner.mx_in()[:-1]
+        t, x, p, s = arguments[:4]
+        pushes = ca.MX.zeros(self.symbols[1].numel() - x.numel())
+        solved = self._shared_forces(t, ca.vertcat(x, pushes), p, s)
+        return ca.Function(name, arguments, [inner(*arguments, solved)], names, [name])
 
     @cached_property
     def rhs(self) -> ca.Function:
         """X'."""
-        return self._function("rhs", self._ode)
+        return self.function("rhs", self._ode)
 
     @cached_property
     def velocities(self) -> ca.Function:
         """Velocities of the contacts that may rest, in the plane their speeds."""
         speeds = [ca.norm_2(v) if v.numel() > 1 else v for v in (c.velocity for c in self.contacts)]
-        return self._function("velocities", ca.vertcat(*speeds))
+        return self.function("velocities", ca.vertcat(*speeds))
 
     @cached_property
     def probe(self) -> ca.Function:
@@ -313,15 +346,13 @@ class System:
         acceleration = self._at_forces(self._free[2], self.forces)
         told = [g.tells(self._of(g, acceleration), self._of(g, self.forces)) for g in self._grips]
         everything = [ca.vertcat(*column) for column in zip(*told, strict=True)]
-        return self._function("probe", ca.vertcat(*everything, self._determined))
+        return self.function("probe", ca.vertcat(*everything, self._determined))
 
     @cached_property
     def aims(self) -> ca.Function:
         """Of every contact in the plane, see `PlaneGrip.aims`."""
         grips = [grip for grip in self._grips if isinstance(grip, PlaneGrip)]
-        return self._function(
-            "aims", ca.vertcat(*(g.aims(self._of(g, self.forces)) for g in grips))
-        )
+        return self.function("aims", ca.vertcat(*(g.aims(self._of(g, self.forces)) for g in grips)))
 
     @cached_property
     def bends(self) -> ca.Function:
@@ -335,35 +366,46 @@ class System:
             ahead, back = (ca.SX(getattr(law, n, 0.0)) for n in ("forward", "backward"))
             bends = not ca.is_equal(ahead, back)
             found += [v[0], ca.norm_2(v)] if bends else [ca.SX(0), ca.SX(0)]
-        return self._function("bends", ca.vertcat(*found))
+        return self.function("bends", ca.vertcat(*found))
 
     @cached_property
     def project(self) -> ca.Function:
         """X after the impulses that stop the contacts with s = 0."""
         x, velocity = self.symbols[1], self._free[1]
         push = ca.jacobian(self._free[0], self._force_symbols)
+        push = ca.vertcat(push, ca.SX.zeros(self.n_pushes, push.size2()))
         rests = self._rests
-        if self.coupled:
-            matrix = ca.diag(1 - rests) + ca.diag(rests) @ self.delassus
-            gives, near = ca.diag(_SHARING * rests), ca.SX.zeros(rests.numel())
-            impulse = self._solved(matrix, -rests * velocity, gives, near)
-        else:
-            impulse = -rests * velocity / ca.diag(self.delassus)
-        change = ca.vertcat(push @ impulse, ca.SX.zeros(self.n_pushes))
-        return self._function("project", x + change)
+        if not self.coupled:
+            return self.function("project", x - push @ (rests * velocity / ca.diag(self.delassus)))
+        matrix, right = ca.diag(1 - rests) + ca.diag(rests) @ self.delassus, -rests * velocity
+        if not self.shares:
+            return self.function("project", x + push @ ca.solve(matrix, right))
+        near = ca.SX.zeros(rests.numel())
+        solver = self._solver("impulses", matrix, right, ca.diag(_SHARING * rests), near)
+        pushed = ca.Function("pushed", list(self.symbols), [x, ca.densify(push)])
+        arguments = pushed.mx_in()
+        x, push = pushed(*arguments)
+        names = ["t", "x", "p", "s"]
+        found = x + push @ solver(*arguments)[:-1]
+        return ca.Function("project", arguments, [found], names, ["project"])
 
     @cached_property
     def guards(self) -> ca.Function:
         """Guards of the model's switches, then their time derivatives along the motion."""
         guards = self._put(ca.vertcat(*(s.guard for s in self.model.switches)))
+        if ca.depends_on(guards, self._solved) if self.exact and self.shares else False:
+            raise ArgumentError(
+                f"a switch of {self.model.name} waits for a contact force that other contacts "
+                "share; let it wait for something else, or treat contact as smooth"
+            )
         rates = ca.jtimes(guards, self.symbols[1], self._ode) + ca.jacobian(guards, self.model.t)
-        return self._function("guards", ca.vertcat(guards, rates))
+        return self.function("guards", ca.vertcat(guards, rates))
 
     @cached_property
     def resets(self) -> ca.Function:
         """States after each switch, one column each."""
         columns = [ca.vertcat(ca.densify(s.reset), self._pushes) for s in self.model.switches]
-        return self._function("resets", self._put(ca.horzcat(*columns)))
+        return self.function("resets", self._put(ca.horzcat(*columns)))
 
     def _put(self, expression: ca.SX) -> ca.SX:
         """Express what the model says by t, x, p and s alone."""
@@ -379,8 +421,8 @@ class System:
         Its x is without what `n_pushes` counts.
         """
         t, _, p, s = self.symbols
-        observed = ca.densify(self._put(expression))
-        return ca.Function("observed", [t, pack(self.model.x), p, s], [observed])
+        symbols = [t, pack(self.model.x), p, s]
+        return self._closed("observed", symbols, ["t", "x", "p", "s"], self._put(expression))
 
     @cached_property
     def dae(self) -> dict[str, ca.SX]:

@@ -192,16 +192,10 @@ class Sharing:
         return own @ f + free
 
 
-def _function(system: System, name: str, result: ca.SX, *more: ca.SX) -> ca.Function:
-    t, x, p, s = system.symbols
-    names = ["t", "x", *(["f"] if more else []), "p", "s"]
-    return ca.Function(name, [t, x, *more, p, s], [ca.densify(result)], names, [name])
-
-
 @lru_cache(maxsize=64)
 def _state_function(system: System) -> ca.Function:
     response = ca.vec(ca.densify(system.delassus))
-    return _function(system, "state", ca.vertcat(response, system.forces, system.pulled))
+    return system.function("state", ca.vertcat(response, system.forces, system.pulled))
 
 
 def _own(system: System, f: ca.SX) -> list[tuple[Contact, ca.SX]]:
@@ -214,7 +208,7 @@ def _load_function(system: System) -> ca.Function:
     f = ca.SX.sym("f", len(system.row_contact))
     loads = ca.vertcat(*(_load(contact, own) for contact, own in _own(system, f)))
     slopes = ca.densify(ca.jacobian(loads, f))
-    return _function(system, "loads", ca.vertcat(loads, ca.vec(slopes)), f)
+    return system.function("loads", ca.vertcat(loads, ca.vec(slopes)), f)
 
 
 def _load(contact: Contact, force: ca.SX) -> ca.SX:
@@ -233,8 +227,8 @@ def _load(contact: Contact, force: ca.SX) -> ca.SX:
 @lru_cache(maxsize=64)
 def _nearest_function(system: System) -> ca.Function:
     f = ca.SX.sym("f", len(system.row_contact))
-    return _function(
-        system, "nearest", ca.vertcat(*(_nearest(c, own) for c, own in _own(system, f))), f
+    return system.function(
+        "nearest", ca.vertcat(*(_nearest(c, own) for c, own in _own(system, f))), f
     )
 
 
