@@ -110,7 +110,9 @@ class Contacts:
             raise GivenUp("no_contact_mode")
         if jump:
             x = self._stopped(t, x)
-            stopped |= self._taken_along(t, x)
+            while (taken := self._taken_along(t, x)).any():
+                stopped |= taken
+                x = self._stopped(t, x)
         if leaving:
             self._released[self._release(t, x, leaving, probe)] = t
         for _ in range(9 + 8 * self._n):
