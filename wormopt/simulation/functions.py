@@ -27,6 +27,8 @@ from wormopt.simulation.options import Smooth, Treatment
 # Compliance of contacts at rest and in onset that decides how they share a load, against their
 # own, and how often what it gives way is taken back.
 _SHARING, _TURNING, _REFINEMENTS = 1e-6, 1e-3, 5
+# So many equations at most are written out for the compiler.
+_WRITTEN_OUT = 8
 
 
 def _product(column: ca.SX) -> ca.SX:
@@ -227,15 +229,19 @@ class System:
     ) -> ca.Function:
         """Solve for forces or impulses; where contacts share a load, all by those nearest `near`.
 
-        `gives`: what is added to the matrix to decide. By loops: written out, a dozen contacts
-        took the compiler half a minute.
+        `gives`: what is added to the matrix to decide. By loops unless there are few: written out,
+        a dozen contacts take the compiler half a minute.
         """
         size = ca.trace(self.delassus) / self.delassus.size1()
         parts = [ca.densify(part) for part in (matrix, right, size * gives, near, size)]
-        read = ca.Function("parts", list(self.symbols), parts)
-        symbols = read.mx_in()
-        A, b, softened, found, size = read(*symbols)
-        inverse = ca.solve(A + softened, ca.MX.eye(b.numel()), "qr")
+        symbols, few = list(self.symbols), right.numel() <= _WRITTEN_OUT
+        if not few:
+            read = ca.Function("parts", symbols, parts)
+            symbols = read.mx_in()
+            parts = read(*symbols)
+        A, b, softened, found, size = parts
+        how = () if few else ("qr",)
+        inverse = ca.solve(A + softened, ca.DM.eye(b.numel()), *how)
         for _ in range(_REFINEMENTS):
             found = found + inverse @ (b - A @ found)
         weakest = ca.mmax(ca.fabs(inverse)) * size
