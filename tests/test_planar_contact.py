@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from wormopt.errors import ArgumentError, SolveError
+from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Held, Viscous
 from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.model.planar_friction import Elliptic, PlanarLaw, Unit
@@ -499,21 +499,3 @@ def test_a_step_costs_as_many_masses_as_there_are():
         steps = motion.n_steps + motion.n_rejected
         costs.append((time.process_time() - begin) / steps / n)
     assert costs[1] < 3 * costs[0]
-
-
-@pytest.mark.parametrize("route", ROUTES)
-def test_how_a_rigid_bar_shares_a_load_is_not_guessed(route: Route):
-    """Both its ends rest; which of them lets go first is open, which is said and not computed."""
-    q, w, f, t = (*(ca.SX.sym(name, 3) for name in "qw"), ca.SX.sym("f", 4), ca.SX.sym("t"))
-    force, moment, grounds = ca.vertcat(t, 0), ca.SX(0), []
-    for k, (arm, F) in enumerate([(0.5, 1.0), (-0.5, 3.0)]):
-        across = arm * ca.vertcat(-ca.sin(q[2]), ca.cos(q[2]))
-        own = f[2 * k : 2 * k + 2]
-        force, moment = force + own, moment + ca.dot(across, own)
-        velocity = w[:2] + w[2] * across
-        grounds.append(Contact(f"end {k}", velocity, own, Elliptic(F, F, F)))
-    states = [Signal("place", q, value=0.0), Signal("rate", w, value=0.0)]
-    bar = Model("bar", states, ca.vertcat(w, force / 2, 2 * moment), t=t, contacts=grounds)
-    assert simulate(bar, 1.0, route=route).end == pytest.approx(np.zeros(6), abs=1e-12)
-    with pytest.raises(SolveError, match="leave their forces open"):
-        simulate(bar, 3.0, route=route)

@@ -26,6 +26,7 @@ class Aim:
         self._place = {i: k for k, i in enumerate(system.planar.tolist())}
         self._sizes = [system.contacts[i].nominal_force for i in self._place]
         self._toward = np.zeros((0, 2))
+        self._joint: set[int] = set()  # places of what was let go together and must stay in line
         if self._place:
             self._call = Call(system.aims, *shared)
 
@@ -37,6 +38,7 @@ class Aim:
         """End the onset of a contact."""
         if contact in self._place:
             self._directions[self._place[contact]] = 0.0
+            self._joint.discard(self._place[contact])
 
     def look(self, t: float, x: np.ndarray) -> None:
         """Note where contacts at rest are pushed, before modes change."""
@@ -51,13 +53,21 @@ class Aim:
         for k in places:
             self._turn(k, t, x)
 
+    def set_together(self, contacts: Sequence[int], velocities: Sequence[np.ndarray]) -> None:
+        """Begin the onset of contacts on one body, whose velocities fit each other already."""
+        for i, v in zip(contacts, velocities, strict=True):
+            if i in self._place:
+                self._directions[self._place[i]] = v / np.linalg.norm(v)
+                self._joint.add(self._place[i])
+
     def sweep(self, t: float, x: np.ndarray) -> None:
         """Turn what begins to slip until all directions fit each other."""
-        places = np.flatnonzero(self._directions.any(axis=1))
+        begun = np.flatnonzero(self._directions.any(axis=1))
+        places = [int(k) for k in begun if int(k) not in self._joint]
         for _ in range(_SWEEPS if len(places) > 1 else 0):
             before = self._directions.copy()
             for k in places:
-                self._turn(int(k), t, x)
+                self._turn(k, t, x)
             if np.abs(self._directions - before).max() < _SMALL:
                 break
 

@@ -12,6 +12,7 @@ from wormopt.simulation.contacts import Contacts
 from wormopt.simulation.crossings import Crossing, Watch
 from wormopt.simulation.initial_value import KINDS, InitialValueProblem, Outcome
 from wormopt.simulation.layer import Layer
+from wormopt.simulation.sharing import Sharing
 from wormopt.simulation.steps import Call, GivenUp, Step, Stepper
 
 _SWITCH = KINDS.index("switch")
@@ -98,8 +99,9 @@ class _Motion:
         self._ended = False  # by a terminal switch
         self._clock = _Clock(task, p)
         self._stepper = _stepper(task, p, modes, stiff)
-        self._watch, self._layer = Watch(task, p, modes), Layer(task, p, modes)
-        self._contacts = Contacts(task, p, modes) if system.exact else None
+        sharing = Sharing(task, p, modes) if system.exact and system.shares else None
+        self._watch, self._layer = Watch(task, p, modes, sharing), Layer(task, p, modes)
+        self._contacts = Contacts(task, p, modes, sharing) if system.exact else None
         self._resets = None
         if system.model.switches:
             self._resets = Call(system.resets, ("p", p), ("s", modes))

@@ -8,6 +8,7 @@ import numpy as np
 
 from wormopt.simulation.aiming import Aim
 from wormopt.simulation.initial_value import KINDS, InitialValueProblem
+from wormopt.simulation.sharing import SHARE_REST, Sharing, Split
 from wormopt.simulation.steps import Call, GivenUp
 
 _REVERSAL, _STICK, _RELEASE, _IMPACT = (
@@ -51,11 +52,17 @@ class Contacts:
     `modes` (+1, -1, 0, then directions of onset) are rewritten here and by nobody else.
     """
 
-    def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
+    def __init__(
+        self,
+        task: InitialValueProblem,
+        p: np.ndarray,
+        modes: np.ndarray,
+        sharing: Sharing | None,
+    ) -> None:
         system, shared = task.system, (("p", p), ("s", modes))
+        self._sharing = sharing
         self._n = len(system.contacts)
         self._s, self._modes, self._coupled = modes, modes[: self._n], system.coupled
-        self._shares = system.exact and system.shares
         self._v_rest, self._v_stop, self._f_rest = task.v_rest, task.v_stop, task.f_rest
         self._least_onset, self._drift = task.reach[1], task.v_drift
         self._states, self._rows, self._sliding = (
@@ -64,6 +71,7 @@ class Contacts:
             system.sliding,
         )
         planar = set(system.planar.tolist())
+        self._in_plane = np.isin(np.arange(self._n), system.planar)
         laws = enumerate(contact.law for contact in system.contacts)
         self._directions = [(1,) if i in planar else law.directions for i, law in laws]
         self._held = np.array([not directions for directions in self._directions], dtype=bool)
@@ -105,12 +113,14 @@ class Contacts:
             if self._shares and self._follow(t, x):
                 x = self._stopped(t, x)
                 stopped = self._modes == 0
+            while (taken := self._taken_along(t, x)).any():
+                stopped |= taken
+                x = self._stopped(t, x)
         if leaving:
-            self._release(t, x, leaving, probe)
-            self._released[leaving] = t
+            self._released[self._release(t, x, leaving, probe)] = t
         for _ in range(9 + 8 * self._n):
             probe = self._look(t, x)
-            if not (self._shares or probe.determined > 1e-10):  # they leave forces open
+            if not (self._sharing or probe.determined > 1e-10):  # they leave forces open
                 raise GivenUp("no_contact_mode")
             if not (self._let_go(t, x, probe) or (self._coupled and self._catch_again(t, probe))):
                 break
@@ -173,29 +183,57 @@ class Contacts:
         self._modes[found] = 0.0
         return bool(found)
 
+    def _taken_along(self, t: float, x: np.ndarray) -> np.ndarray:
+        """Let contacts in the plane rest that others have stopped: they have no direction left."""
+        speed = np.abs(self._look(t, x).velocity)
+        slow = self._in_plane & (self._modes != 0) & (speed <= self._v_stop)
+        found = np.array([bool(slow[i]) and not self._aim.is_set(i) for i in range(self._n)])
+        self._modes[found] = 0.0
+        return found
+
     def _stopped(self, t: float, x: np.ndarray) -> np.ndarray:
         x = self._project(t, x)[0].copy()
         x[self._states[(self._modes[self._rows] == 0) & (self._states >= 0)]] = 0.0
         return x
 
-    def _release(self, t: float, x: np.ndarray, gone: list[int], probe: _Probe) -> None:
-        if not probe.determined > 1e-10:  # who lets go first is open
-            raise GivenUp("no_contact_mode")
+    def _splits(self, t: float, x: np.ndarray) -> list[Split]:
+        return self._sharing.look(t, x) if self._sharing else []
+
+    def _release(self, t: float, x: np.ndarray, gone: list[int], probe: _Probe) -> list[int]:
+        """Let go of contacts and of what they share a load with; gives all that moves."""
+        splits = self._splits(t, x)
+        shared = {int(i) for split in splits for i in split.contacts}
+        alone, all_ = [i for i in gone if i not in shared], list[int]()
         self._aim.look(t, x)
-        for i in gone:
+        for split in splits:
+            if not set(gone) & {*split.contacts.tolist()}:
+                continue
+            assert self._sharing is not None
+            slip = self._sharing.slip(t, x, split)
+            for i, v in zip(slip.contacts, slip.velocities, strict=True):
+                self._modes[i] = 1.0 if len(v) == 2 else np.sign(v[0])
+            self._aim.set_together(slip.contacts, slip.velocities)
+            all_ += slip.contacts
+        for i in alone:
             self._modes[i] = probe.toward[i]
-        self._aim.set(t, x, gone)
+        self._check_directions(alone + all_)
+        self._aim.set(t, x, alone)
+        return alone + all_
+
+    def _check_directions(self, gone: list[int]) -> None:
+        if any(self._modes[i] not in self._directions[i] for i in gone):
+            raise GivenUp("no_contact_mode")
 
     def _let_go(self, t: float, x: np.ndarray, probe: _Probe) -> bool:
         """Let go of what cannot be held, the worst one first where contacts act on each other."""
         outside = np.where(self._modes == 0, -probe.margin / self._f_rest, 0.0)
+        for split in self._splits(t, x):
+            outside[split.contacts] = (split.share - 1) / SHARE_REST
         gone = np.flatnonzero(outside > 1).tolist()
         if not gone:
             return False
         if self._coupled:
             gone = [int(np.argmax(outside))]
-        if any(probe.toward[i] not in self._directions[i] for i in gone):
-            raise GivenUp("no_contact_mode")
         self._release(t, x, gone, probe)
         return True
 

@@ -23,6 +23,7 @@ from scipy.optimize import minimize_scalar, root_scalar
 
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import InitialValueProblem
+from wormopt.simulation.sharing import SHARE_REST, Sharing
 from wormopt.simulation.steps import Call, GivenUp, Step, Stepper, floor_of_step
 
 _SAMPLES = np.array([0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0])
@@ -51,9 +52,15 @@ class Watch:
     `p` and `modes` are rewritten by their owners.
     """
 
-    def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
+    def __init__(
+        self,
+        task: InitialValueProblem,
+        p: np.ndarray,
+        modes: np.ndarray,
+        sharing: Sharing | None,
+    ) -> None:
         system, shared = task.system, (("p", p), ("s", modes))
-        self._task, self._modes = task, modes
+        self._task, self._modes, self._sharing = task, modes, sharing
         self.n_contacts = len(system.contacts) if system.exact else 0
         self.n = self.n_contacts + len(system.model.switches)
         self._levels = np.zeros(self.n)
@@ -68,16 +75,32 @@ class Watch:
 
     def value(self, which: int, t: float, x: np.ndarray) -> float:
         """Value of one event function."""
-        return float(self._values(t, x)[0][which])
+        return float(self._all(t, x)[which])
+
+    def _all(self, t: float, x: np.ndarray) -> np.ndarray:
+        """Values of all event functions."""
+        return self._shared(self._values(t, x)[0], t, x)
+
+    def _shared(self, values: np.ndarray, t: float, x: np.ndarray) -> np.ndarray:
+        """Distance from what holds, for contacts whose forces are open, of the best split."""
+        if self._sharing and self._sharing.active:
+            for split in self._sharing.look(t, x):
+                values[split.contacts] = 1 - split.share
+        return values
 
     def _within(self, which: int, step: Step, theta: float) -> float:
-        return float(self._inside(theta, step.t, step.h, step.rows.ravel())[0][which])
+        values = self._inside(theta, step.t, step.h, step.rows.ravel())[0]
+        if self._sharing and self._sharing.active:
+            self._shared(values, step.t + theta * step.h, step.states(theta))
+        return float(values[which])
 
     def _small(self) -> np.ndarray:
         """Sizes below which the event functions are nothing but rounding."""
         v_rest, f_rest = self._task.v_rest, self._task.f_rest
         slides = self._modes[: self.n_contacts] != 0
         rest = np.where(slides, v_rest, f_rest) if self.n_contacts else np.zeros(0)
+        if self._sharing and self._sharing.active:  # a split is known less exactly than a force
+            rest = np.maximum(rest, np.where(slides, 0.0, SHARE_REST))
         return np.concatenate([rest, self._passed])
 
     # -- levels ----------------------------------------------------------------------------
@@ -86,13 +109,13 @@ class Watch:
         """Set the levels with which a motion begins: those of guards above 0 are out of reach."""
         if self.n:
             self._levels = -self._small()
-            guards = self._values(t, x)[0][self.n_contacts :]
+            guards = self._all(t, x)[self.n_contacts :]
             self._levels[self.n_contacts :] = np.where(guards < 0, -np.inf, 0.0)
 
     def raise_levels(self, t: float, x: np.ndarray) -> None:
         """Raise the levels of what is well above 0."""
         if self.n:
-            self._levels[self._values(t, x)[0] > self._small()] = 0.0
+            self._levels[self._all(t, x) > self._small()] = 0.0
 
     def note_change(self, contact: int) -> None:
         """Lower the level of a contact whose mode has changed."""
@@ -138,6 +161,9 @@ class Watch:
         Raises GivenUp if an event function is not a number.
         """
         values = self._scan(step.t, step.h, step.rows.ravel())[0].reshape(len(_SAMPLES), self.n)
+        if self._sharing and self._sharing.active:
+            for theta, row in zip(_SAMPLES, values, strict=True):
+                self._shared(row, step.t + theta * step.h, step.states(theta))
         if np.isnan(values).any():
             raise GivenUp("not_finite")
         a, b, c = values[:-2], values[1:-1], values[2:]

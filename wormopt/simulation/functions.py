@@ -24,9 +24,11 @@ from wormopt.numerics.identically import identically_zero
 from wormopt.simulation.grip import LineGrip, PlaneGrip, grips_of, never_rests
 from wormopt.simulation.options import Smooth, Treatment
 
-# Compliance that decides how resting contacts share a load, against their own, and how often what
-# it gives way is taken back.
-_SHARING, _REFINEMENTS = 1e-6, 3
+# Compliance of contacts at rest and in onset that decides how they share a load, against their
+# own, and how often what it gives way is taken back.
+_SHARING, _TURNING, _REFINEMENTS = 1e-6, 1e-3, 5
+# So many equations at most are written out for the compiler.
+_WRITTEN_OUT = 8
 
 
 def _product(column: ca.SX) -> ca.SX:
@@ -183,11 +185,12 @@ class System:
             smooth = [c.law.smooth(c.velocity, self._v_reg) for c in self.contacts]
             return ca.vertcat(ca.SX(0, 1), *smooth)
         if not self.coupled:
-            free, response = self._pulled, ca.diag(self.delassus)
+            free, response = self.pulled, ca.diag(self.delassus)
             return ca.vertcat(
                 *(g.alone(self._of(g, free), self._of(g, response)) for g in self._grips)
             )
-        return self._solved(*self._equations)
+        # where loads are shared forces are solved for in loops, and stand here for themselves
+        return self._force_symbols if self.shares else ca.solve(*self._equations)
 
     @staticmethod
     def _of(grip: LineGrip | PlaneGrip, rows: ca.SX) -> ca.SX:
@@ -196,7 +199,7 @@ class System:
     @cached_property
     def _equations(self) -> tuple[ca.SX, ca.SX]:
         """Matrix and right-hand side of the forces of contacts that act on one another."""
-        free, full = self._pulled, ca.densify(self.delassus)
+        free, full = self.pulled, ca.densify(self.delassus)
         pairs = [g.equations(self._of(g, free), self._of(g, full)) for g in self._grips]
         return ca.vertcat(*(a for a, _ in pairs)), ca.vertcat(*(b for _, b in pairs))
 
@@ -204,21 +207,45 @@ class System:
     def shares(self) -> bool:
         """Whether resting contacts may share what they hold: two on one rigid body do.
 
-        How they do is open, and so is which of them lets go first: that is refused.
+        How they do is open, see `wormopt.simulation.sharing`.
         """
         bilateral = any(not isinstance(g, PlaneGrip) and not g.law.directions for g in self._grips)
         return self.coupled and (len(self.planar) > 0 or bilateral)
 
-    def _solved(self, matrix: ca.SX, right: ca.SX) -> ca.SX:
-        """Solve for forces or impulses; where contacts share a load, all by the least ones."""
-        if not self.shares:
-            return ca.solve(matrix, right)
+    @cached_property
+    def _solved(self) -> ca.SX:
+        """Where contacts share loads, what stands for their forces and for `_determined`."""
+        return ca.vertcat(self._force_symbols, ca.SX.sym("determined"))
+
+    @cached_property
+    def _shared_forces(self) -> ca.Function:
+        """Forces where contacts share loads, and how well resting ones determine theirs."""
+        gives = ca.diagcat(*(g.gives(_SHARING, _TURNING) for g in self._grips))
+        near = ca.vertcat(*(g.begun for g in self._grips))
+        return self._solver("forces", *self._equations, gives, near)
+
+    def _solver(
+        self, name: str, matrix: ca.SX, right: ca.SX, gives: ca.SX, near: ca.SX
+    ) -> ca.Function:
+        """Solve for forces or impulses; where contacts share a load, all by those nearest `near`.
+
+        `gives`: what is added to the matrix to decide. By loops unless there are few: written out,
+        a dozen contacts take the compiler half a minute.
+        """
         size = ca.trace(self.delassus) / self.delassus.size1()
-        Q, R = ca.qr(matrix + ca.diag(_SHARING * size * self._rests))
-        found = ca.SX.zeros(right.numel())
+        parts = [ca.densify(part) for part in (matrix, right, size * gives, near, size)]
+        symbols, few = list(self.symbols), right.numel() <= _WRITTEN_OUT
+        if not few:
+            read = ca.Function("parts", symbols, parts)
+            symbols = read.mx_in()
+            parts = read(*symbols)
+        A, b, softened, found, size = parts
+        how = () if few else ("qr",)
+        inverse = ca.solve(A + softened, ca.DM.eye(b.numel()), *how)
         for _ in range(_REFINEMENTS):
-            found += ca.solve(R, Q.T @ (right - matrix @ found))
-        return found
+            found = found + inverse @ (b - A @ found)
+        weakest = ca.mmax(ca.fabs(inverse)) * size
+        return ca.Function(name, symbols, [ca.vertcat(found, weakest < 0.1 / _SHARING)])
 
     @property
     def _rests(self) -> ca.SX:
@@ -226,7 +253,7 @@ class System:
         return ca.vertcat(*(ca.repmat(g.rests, g.size, 1) for g in self._grips))
 
     @cached_property
-    def _pulled(self) -> ca.SX:
+    def pulled(self) -> ca.SX:
         """Accelerations of the contacts without contact forces."""
         return self._at_forces(self._free[2], ca.SX.zeros(len(self.row_contact)))
 
@@ -235,6 +262,8 @@ class System:
         """Determinant of what the forces of resting contacts follow from, against its rows."""
         if not self.coupled:
             return ca.SX(1)
+        if self.shares:
+            return self._solved[-1]
         matrix, _ = self._equations
         # by its factors: a determinant by minors of a chain's matrix grows as Fibonacci's numbers
         size = ca.fabs(_product(ca.diag(ca.qr(matrix)[1])))
@@ -249,7 +278,7 @@ class System:
         if not self.exact:
             return ode
         if self.n_pushes:
-            ode = ca.vertcat(ode, self._rests * self._pulled)
+            ode = ca.vertcat(ode, self._rests * self.pulled)
         if self.coupled:
             return ode
         # a velocity that is a state stays what it is while its contact rests, to the last bit
@@ -283,20 +312,35 @@ class System:
 
     # -- functions -------------------------------------------------------------------------
 
-    def _function(self, name: str, result: ca.SX) -> ca.Function:
-        symbols = list(self.symbols)
-        return ca.Function(name, symbols, [ca.densify(result)], ["t", "x", "p", "s"], [name])
+    def function(self, name: str, result: ca.SX, *more: ca.SX) -> ca.Function:
+        """Function of t, x, p, s and more; contact forces may stand in the result."""
+        names = ["t", "x", "p", "s", *(symbol[0].name().split("_")[0] for symbol in more)]
+        return self._closed(name, [*self.symbols, *more], names, result)
+
+    def _closed(
+        self, name: str, symbols: list[ca.SX], names: list[str], result: ca.SX
+    ) -> ca.Function:
+        """Put in forces that stand for themselves in the result."""
+        result = ca.densify(result)
+        if not (self.exact and self.shares and ca.depends_on(result, self._solved)):
+            return ca.Function(name, symbols, [result], names, [name])
+        inner = ca.Function(f"{name}_by_forces", [*symbols, self._solved], [result])
+        arguments = inner.mx_in()[:-1]
+        t, x, p, s = arguments[:4]
+        pushes = ca.MX.zeros(self.symbols[1].numel() - x.numel())
+        solved = self._shared_forces(t, ca.vertcat(x, pushes), p, s)
+        return ca.Function(name, arguments, [inner(*arguments, solved)], names, [name])
 
     @cached_property
     def rhs(self) -> ca.Function:
         """X'."""
-        return self._function("rhs", self._ode)
+        return self.function("rhs", self._ode)
 
     @cached_property
     def velocities(self) -> ca.Function:
         """Velocities of the contacts that may rest, in the plane their speeds."""
         speeds = [ca.norm_2(v) if v.numel() > 1 else v for v in (c.velocity for c in self.contacts)]
-        return self._function("velocities", ca.vertcat(*speeds))
+        return self.function("velocities", ca.vertcat(*speeds))
 
     @cached_property
     def probe(self) -> ca.Function:
@@ -308,15 +352,13 @@ class System:
         acceleration = self._at_forces(self._free[2], self.forces)
         told = [g.tells(self._of(g, acceleration), self._of(g, self.forces)) for g in self._grips]
         everything = [ca.vertcat(*column) for column in zip(*told, strict=True)]
-        return self._function("probe", ca.vertcat(*everything, self._determined))
+        return self.function("probe", ca.vertcat(*everything, self._determined))
 
     @cached_property
     def aims(self) -> ca.Function:
         """Of every contact in the plane, see `PlaneGrip.aims`."""
         grips = [grip for grip in self._grips if isinstance(grip, PlaneGrip)]
-        return self._function(
-            "aims", ca.vertcat(*(g.aims(self._of(g, self.forces)) for g in grips))
-        )
+        return self.function("aims", ca.vertcat(*(g.aims(self._of(g, self.forces)) for g in grips)))
 
     @cached_property
     def bends(self) -> ca.Function:
@@ -330,34 +372,46 @@ class System:
             ahead, back = (ca.SX(getattr(law, n, 0.0)) for n in ("forward", "backward"))
             bends = not ca.is_equal(ahead, back)
             found += [v[0], ca.norm_2(v)] if bends else [ca.SX(0), ca.SX(0)]
-        return self._function("bends", ca.vertcat(*found))
+        return self.function("bends", ca.vertcat(*found))
 
     @cached_property
     def project(self) -> ca.Function:
         """X after the impulses that stop the contacts with s = 0."""
         x, velocity = self.symbols[1], self._free[1]
         push = ca.jacobian(self._free[0], self._force_symbols)
+        push = ca.vertcat(push, ca.SX.zeros(self.n_pushes, push.size2()))
         rests = self._rests
-        if self.coupled:
-            matrix = ca.diag(1 - rests) + ca.diag(rests) @ self.delassus
-            impulse = self._solved(matrix, -rests * velocity)
-        else:
-            impulse = -rests * velocity / ca.diag(self.delassus)
-        change = ca.vertcat(push @ impulse, ca.SX.zeros(self.n_pushes))
-        return self._function("project", x + change)
+        if not self.coupled:
+            return self.function("project", x - push @ (rests * velocity / ca.diag(self.delassus)))
+        matrix, right = ca.diag(1 - rests) + ca.diag(rests) @ self.delassus, -rests * velocity
+        if not self.shares:
+            return self.function("project", x + push @ ca.solve(matrix, right))
+        near = ca.SX.zeros(rests.numel())
+        solver = self._solver("impulses", matrix, right, ca.diag(_SHARING * rests), near)
+        pushed = ca.Function("pushed", list(self.symbols), [x, ca.densify(push)])
+        arguments = pushed.mx_in()
+        x, push = pushed(*arguments)
+        names = ["t", "x", "p", "s"]
+        found = x + push @ solver(*arguments)[:-1]
+        return ca.Function("project", arguments, [found], names, ["project"])
 
     @cached_property
     def guards(self) -> ca.Function:
         """Guards of the model's switches, then their time derivatives along the motion."""
         guards = self._put(ca.vertcat(*(s.guard for s in self.model.switches)))
+        if ca.depends_on(guards, self._solved) if self.exact and self.shares else False:
+            raise ArgumentError(
+                f"a switch of {self.model.name} waits for a contact force that other contacts "
+                "share; let it wait for something else, or treat contact as smooth"
+            )
         rates = ca.jtimes(guards, self.symbols[1], self._ode) + ca.jacobian(guards, self.model.t)
-        return self._function("guards", ca.vertcat(guards, rates))
+        return self.function("guards", ca.vertcat(guards, rates))
 
     @cached_property
     def resets(self) -> ca.Function:
         """States after each switch, one column each."""
         columns = [ca.vertcat(ca.densify(s.reset), self._pushes) for s in self.model.switches]
-        return self._function("resets", self._put(ca.horzcat(*columns)))
+        return self.function("resets", self._put(ca.horzcat(*columns)))
 
     def _put(self, expression: ca.SX) -> ca.SX:
         """Express what the model says by t, x, p and s alone."""
@@ -373,8 +427,8 @@ class System:
         Its x is without what `n_pushes` counts.
         """
         t, _, p, s = self.symbols
-        observed = ca.densify(self._put(expression))
-        return ca.Function("observed", [t, pack(self.model.x), p, s], [observed])
+        symbols = [t, pack(self.model.x), p, s]
+        return self._closed("observed", symbols, ["t", "x", "p", "s"], self._put(expression))
 
     @cached_property
     def dae(self) -> dict[str, ca.SX]:

@@ -63,6 +63,15 @@ class Grip(Protocol):
         """
         ...
 
+    def gives(self, rest: float, onset: float) -> ca.SX:
+        """Block on the diagonal by which it gives way, at rest and in onset across its way."""
+        ...
+
+    @property
+    def begun(self) -> ca.SX:
+        """Force of sliding in onset, else 0."""
+        ...
+
     def tells(self, acceleration: ca.SX, force: ca.SX) -> tuple[ca.SX | float, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided."""
         ...
@@ -102,6 +111,15 @@ class LineGrip:
         matrix = (1 - slides) * response
         matrix[0, self.row] += slides
         return matrix, weighted(slides, self.slip, -free)
+
+    def gives(self, rest: float, onset: float) -> ca.SX:
+        """Block on the diagonal by which it gives way at rest."""
+        return rest * self.rests
+
+    @property
+    def begun(self) -> ca.SX:
+        """Nothing: it has no onset."""
+        return ca.SX(0)
 
     def tells(self, acceleration: ca.SX, force: ca.SX) -> tuple[ca.SX | float, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided."""
@@ -177,6 +195,16 @@ class PlaneGrip:
             matrix[i, self.row + i] += slides
         begun = ca.vertcat(ca.dot(normal, self.slip), -ca.dot(across, free))
         return matrix, slides * self.slip + begins * begun - self.rests * free
+
+    def gives(self, rest: float, onset: float) -> ca.SX:
+        """Block on the diagonal by which it gives way, at rest and in onset across its way."""
+        turning = ca.vertcat(ca.SX(1, 2), self._across.T)
+        return rest * self.rests * ca.SX.eye(2) + onset * self._begins * turning
+
+    @property
+    def begun(self) -> ca.SX:
+        """Force of sliding in onset, else 0."""
+        return self._begins * self.slip
 
     def tells(self, acceleration: ca.SX, force: ca.SX) -> tuple[ca.SX | float, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided.

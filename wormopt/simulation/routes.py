@@ -18,7 +18,8 @@ def integrate(task: InitialValueProblem, route: Route, report: Report) -> Outcom
     if route == "python":
         return _in_python(task, report)
     outcome = _native(task, report, required=route == "native")
-    if outcome is None:  # no compiler: the same steps, slower
+    open_ = outcome is not None and outcome.status == "no_contact_mode" and task.system.shares
+    if outcome is None or open_:  # no compiler, or a load to split: the same steps, slower
         outcome = _in_python(task, report)
     if outcome.status != "stiff" or route != "auto":
         return outcome

@@ -301,6 +301,19 @@ static void stop(Run *run) {
             run->out.x[run->in.row_state[r]] = 0.0;
 }
 
+/* Let contacts in the plane rest that others have stopped: they have no direction left. Tells
+   whether there was one. */
+static int take_along(Run *run) {
+    int any = 0;
+    evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
+    for (long long i = 0; i < run->in.n_contacts; i++)
+        if (run->modes[i] != 0.0 && run->in.planar[i] >= 0 && !in_onset(run, i)
+            && fabs(run->probe[i]) <= run->in.v_stop[i])
+            any = 1, run->modes[i] = run->scan[i] = 0.0;
+    evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
+    return any;
+}
+
 /* Stop what is held, and moves as after a jump, by impulses on nothing else. */
 static void hold(Run *run) {
     const long long n = run->in.n_contacts;
@@ -427,6 +440,8 @@ void decide_modes(Run *run, long long forced, int record) {
         if (run->in.coupled && must_jump(run, forced)) run->out.status = NO_CONTACT_MODE;
         stop(run);
         if (run->in.shares) follow(run);
+        do stop(run);
+        while (take_along(run));
     }
     memcpy(run->scan + n, run->modes, n * sizeof(double)); /* modes before anything is let go */
     if (forced >= 0 && run->before[forced] == 0.0) { /* what it had of drift has been stopped */

@@ -129,19 +129,26 @@ def _source(functions: Sequence[ca.Function]) -> str:
     The compiler's time grows with the square of the length of a function that keeps its values in
     variables. Long ones keep them in the work array and are cut into pieces.
     """
-    long = max(function.n_instructions() for function in functions) > _LONG
-    generator = ca.CodeGenerator("model.c", {"avoid_stack": long})
-    for function in functions:
-        generator.add(function)
-    text = generator.dump()
+    text = _generated(functions, avoid_stack=False)
+    if max(len(body[3].splitlines()) for body in _BODY.finditer(text)) >= _LONG:
+        text = _generated(functions, avoid_stack=True)
     text = re.sub(r"^casadi_real (casadi_\w+\()", r"static inline casadi_real \1", text, flags=re.M)
     text = re.sub(r"arg\[(\d+)\]\? (arg\[\1\]\[\d+\]) : 0;", r"\2;", text)
     text = re.sub(r"if \(res\[(\d+)\]!=0\) ", "", text)
-    return re.sub(r"^static int (casadi_f\d+)(\(.*?\)) \{\n(.*?)^\}", _cut, text, flags=_ALL)
+    return _BODY.sub(_cut, text)
 
 
-_ALL = re.MULTILINE | re.DOTALL
-_LONG = 2000  # instructions
+def _generated(functions: Sequence[ca.Function], *, avoid_stack: bool) -> str:
+    generator = ca.CodeGenerator("model.c", {"avoid_stack": avoid_stack})
+    for function in functions:
+        generator.add(function)
+    return str(generator.dump())
+
+
+_BODY = re.compile(
+    r"^static int (casadi_f\d+)(\(.*?\)) \{\n(.*?)^\}", flags=re.MULTILINE | re.DOTALL
+)
+_LONG = 2000  # lines
 
 
 def _cut(function: re.Match[str]) -> str:

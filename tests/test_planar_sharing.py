@@ -1,0 +1,214 @@
+"""Rigid bodies that rest on several contacts: how they share a load, when and where to they slip.
+
+References: the kinematic theorem of limit analysis over centres of rotation, closed forms, the
+smooth law and Moreau-Jean stepping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import OptimizeResult, brentq, minimize
+
+from wormopt.model.model import Contact, Model, Signal
+from wormopt.model.planar_friction import Elliptic
+from wormopt.simulation.moreau import MoreauJean
+from wormopt.simulation.options import Route, Smooth, Tolerance
+from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
+
+ROUTES: tuple[Route, ...] = ("native", "python")
+Load = Callable[[ca.SX], ca.SX]
+
+
+def body(
+    points: np.ndarray,
+    laws: list[Elliptic],
+    load: Load,
+    v0: tuple[float, ...] = (0.0, 0.0, 0.0),
+    *,
+    inertia: float | None = None,
+) -> Model:
+    """A rigid body with a mass 1 at every point; forces and moment act on it, time is a place."""
+    q, w, f = ca.SX.sym("q", 4), ca.SX.sym("w", 4), ca.SX.sym("f", 2 * len(points))
+    mass = float(len(points))
+    inertia = float(np.sum(points**2)) if inertia is None else inertia
+    c, s = ca.cos(q[2]), ca.sin(q[2])
+    push = load(q[3])
+    force, moment, grounds = push[:2], push[2], []
+    for k, (a, b) in enumerate(points):
+        arm = ca.vertcat(c * a - s * b, s * a + c * b)
+        across = ca.vertcat(-arm[1], arm[0])
+        ahead, left = ca.vertcat(c, s), ca.vertcat(-s, c)  # the heading is the body's
+        own = f[2 * k] * ahead + f[2 * k + 1] * left
+        velocity = w[:2] + w[2] * across
+        force, moment = force + own, moment + ca.dot(across, own)
+        along = ca.vertcat(ca.dot(ahead, velocity), ca.dot(left, velocity))
+        grounds.append(Contact(f"point {k}", along, f[2 * k : 2 * k + 2], laws[k]))
+    ode = ca.vertcat(w, force / mass, moment / inertia, 0)
+    states = [Signal("place", q, value=0.0), Signal("rate", w, value=[*v0, 1.0])]
+    return Model("body", states, ode, contacts=grounds)
+
+
+def critical(
+    points: np.ndarray, laws: list[Elliptic], load: np.ndarray, n_starts: int = 2
+) -> float:
+    """Factor of a load at which a body slips: least power of friction at unit power of the load."""
+    law_power = [
+        lambda v, law=law: np.hypot(
+            (law.forward if v[0] >= 0 else law.backward) * v[0], law.sideways * v[1]
+        )
+        for law in laws
+    ]
+
+    def power(V: np.ndarray) -> float:
+        at = [V[:2] + V[2] * np.array([-b, a]) for a, b in points]
+        return sum(psi(v) for psi, v in zip(law_power, at, strict=True))
+
+    unit, basis = load / (load @ load), np.linalg.svd(load[None, :])[2][1:].T
+    options = {"xatol": 1e-13, "fatol": 1e-15, "maxiter": 4000}
+
+    def walk(y: np.ndarray, times: int = 3) -> OptimizeResult:
+        found = minimize(
+            lambda y: power(unit + basis @ y), y, method="Nelder-Mead", options=options
+        )
+        return found if times == 1 else walk(found.x, times - 1)
+
+    starts = [np.zeros(2), *np.random.default_rng(0).normal(size=(n_starts, 2))]
+    return min(float(walk(y).fun) for y in starts)
+
+
+ROD = np.array([[0.5, 0.0], [-0.5, 0.0]])
+TRIPOD = np.array([[0.0, 1.0], [-0.9, -0.5], [0.8, -0.6]])
+RING = np.array([[np.cos(a), np.sin(a)] for a in 2 * np.pi * np.arange(12) / 12])
+
+
+def releases(motion: Trajectory) -> dict[str, float]:
+    return {e.name: e.time for e in motion.events if e.kind == "release"}
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_a_rod_pulled_along_holds_what_both_ends_hold(route: Route):
+    """Ends of 1 and 3 share a load until 4; then x'' = (t - 4) / 2."""
+    laws: list[Elliptic] = [Elliptic(F, F, F) for F in (1.0, 3.0)]
+    rod = body(ROD, laws, lambda t: ca.vertcat(t, 0, 0))
+    motion = simulate(rod, 5.0, route=route)
+    assert releases(motion) == pytest.approx({"point 0": 4.0, "point 1": 4.0}, abs=1e-9)
+    assert motion.end[[0, 4]] == pytest.approx([1 / 12, 1 / 4], abs=1e-9)
+    assert motion.end[[1, 2]] == pytest.approx([0, 0], abs=1e-12)
+
+
+@pytest.mark.parametrize("load", [(1.0, 0.4, 0.1), (0.3, 1.0, 0.0), (1.0, 1.0, 0.4)])
+def test_a_rod_slips_where_two_ellipses_part(load: tuple[float, ...]):
+    """Across, statics tells the forces; along, the ends hold together what these leave."""
+    laws: list[Elliptic] = [Elliptic(1.0, 1.0, 2.0), Elliptic(1.5, 1.5, 1.2)]
+    across = np.array([load[1] / 2 + load[2], load[1] / 2 - load[2]])
+
+    def spare(t: float) -> float:
+        used = t * across / [law.sideways for law in laws]
+        held = np.sqrt(np.maximum(1 - used**2, 0)) * [law.forward for law in laws]
+        return float(held.sum() - t * load[0])
+
+    tip = min(law.sideways / abs(f) for law, f in zip(laws, across, strict=True))
+    limit = tip if spare(tip) > 0 else brentq(spare, 0, tip, xtol=1e-14)
+    motion = simulate(body(ROD, laws, lambda t: t * ca.DM(load)), limit + 0.1, route="python")
+    assert min(releases(motion).values()) == pytest.approx(limit, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_tripod_slips_at_the_load_of_limit_analysis(seed: int):
+    check_critical(TRIPOD, seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("points", [ROD, TRIPOD, RING], ids=["rod", "tripod", "ring"])
+@pytest.mark.parametrize("seed", range(3, 9))
+def test_bodies_slip_at_the_load_of_limit_analysis(points: np.ndarray, seed: int):
+    check_critical(points, seed)
+
+
+def check_critical(points: np.ndarray, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    laws: list[Elliptic] = [Elliptic(*rng.uniform(0.5, 2.0, 3)) for _ in points]
+    load = rng.normal(size=3)
+    limit = critical(points, laws, load)
+    motion = simulate(body(points, laws, lambda t: t * ca.DM(load)), limit + 0.02, route="python")
+    assert min(releases(motion).values()) == pytest.approx(limit, rel=1e-9)
+
+
+# -- and afterwards --------------------------------------------------------------------------
+
+
+def growing(t: ca.SX) -> ca.SX:
+    return t * ca.DM([0.2, 0.4, 0.8])
+
+
+def wandering(t: ca.SX) -> ca.SX:
+    return ca.vertcat(4 * ca.sin(t), 3 * ca.sin(1.3 * t + 1), 2 * ca.sin(0.7 * t))
+
+
+def sudden(t: ca.SX) -> ca.SX:
+    return ca.SX([1.0, 3.5, 3.8])
+
+
+MOTIONS = {
+    "pivot, rest, pivot": (TRIPOD, growing, (1.0, 0.0, 1.0), 8.0),
+    "slip": (TRIPOD, wandering, (0.0, 0.0, 0.0), 4.0),
+    "rod": (ROD, wandering, (0.0, 0.0, 0.0), 4.0),
+    "at once": (TRIPOD, sudden, (0.0, 0.0, 0.0), 1.0),
+}
+
+
+def moved(name: str) -> tuple[Model, float, np.ndarray]:
+    points, load, v0, end = MOTIONS[name]
+    rng = np.random.default_rng(5)
+    return body(points, [Elliptic(*rng.uniform(0.5, 2, 3)) for _ in points], load, v0), end, v0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MOTIONS)
+def test_time_stepping_tends_to_the_motion(name: str):
+    model, end, v0 = moved(name)
+    exact = simulate(model, end, route="python").end
+    start, steps, errors = np.array([0, 0, 0, 0, *v0, 1.0]), [4e-3, 2e-3, 1e-3], []
+    for step in steps:
+        found = MoreauJean(model).march(end, start, step=step).states[:, -1]
+        errors.append(np.abs(found - exact)[[0, 1, 2, 4, 5, 6]].max())
+    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(1.0, abs=0.1)
+    assert errors[-1] < 2e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MOTIONS)
+def test_the_smooth_law_tends_to_the_motion(name: str):
+    model, end, _ = moved(name)
+    exact = simulate(model, end, route="python").end
+    widths, errors = [2e-3, 1e-3, 5e-4], []
+    for width in widths:
+        motion = simulate(model, end, contact=Smooth(width), tolerance=Tolerance(1e-9, 1e-11))
+        errors.append(np.abs(motion.end - exact).max())
+    assert np.polyfit(np.log(widths), np.log(errors), 1)[0] > 0.7
+    assert errors[-1] < 3e-2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MOTIONS)
+def test_a_sharper_tolerance_tells_the_same(name: str):
+    model, end, _ = moved(name)
+    usual, sharp = (
+        simulate(model, end, tolerance=tolerance).end
+        for tolerance in (Tolerance(), Tolerance(1e-12, 1e-13))
+    )
+    assert usual == pytest.approx(sharp, abs=2e-8)
+
+
+def test_a_ring_stops_where_its_friction_ends_it():
+    """B4: without a load all points of a ring turning about itself stop at once, and rest."""
+    ring = body(RING, [Elliptic(1, 1, 1)] * 12, lambda t: ca.SX.zeros(3), (0.0, 0.0, 1.0))
+    motion = simulate(ring, 3.0, route="python")
+    assert [e.kind for e in motion.events] == ["stick"] * 12
+    assert {round(e.time, 8) for e in motion.events} == {1.0}
+    assert motion.end[[0, 1, 2, 4, 5, 6]] == pytest.approx([0, 0, 0.5, 0, 0, 0], abs=1e-9)

@@ -1,0 +1,241 @@
+"""How contacts at rest share a load where that is open, as two on one rigid body do.
+
+Their accelerations are unique and their forces are not. They rest as long as some split of the load
+lies within what each of them holds, so the split counts whose largest share is least. Where that
+share rises through 1, the gradients of the shares, each by its multiplier, are velocities that the
+bodies can have: with these slip begins, and what has no multiplier goes on resting.
+
+Source: theorems of limit analysis; D. C. Drucker, W. Prager, H. J. Greenberg, Quarterly of Applied
+Mathematics 9 (1952) 381.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from scipy.optimize import minimize, nnls
+from scipy.sparse.csgraph import connected_components
+
+from wormopt.model.model import Contact
+from wormopt.model.planar_friction import Elliptic, PlanarLaw
+from wormopt.simulation.functions import System
+from wormopt.simulation.initial_value import InitialValueProblem
+from wormopt.simulation.steps import Call, GivenUp
+
+SHARE_REST = 1e-11
+"""Excess of a share that is nothing but rounding of its split."""
+
+# Against the largest singular value, and the largest of what is compared.
+_NOTHING = 1e-10
+# Shares so near the largest bound it.
+_ACTIVE = 1e-6
+# Sharing that is good enough to find directions from accelerations, and steps towards it.
+_SETTLED, _STEPS = 1e-13, 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """A load shared by contacts at rest so that the largest share is least."""
+
+    contacts: np.ndarray
+    rows: np.ndarray
+    null: np.ndarray  # (rows, k) basis of forces without effect
+    forces: np.ndarray  # (rows,)
+    share: float  # of what holds; at most 1 where they rest
+
+
+@dataclass(frozen=True, eq=False)
+class Slip:
+    """Velocities, up to a factor, with which contacts that shared a load begin to move."""
+
+    contacts: list[int]
+    velocities: list[np.ndarray]  # (1,) or (2,) each
+
+
+class Sharing:
+    """Splits of the loads that contacts at rest share; reads modes, changes none."""
+
+    def __init__(self, task: InitialValueProblem, p: np.ndarray, s: np.ndarray) -> None:
+        system = self._system = task.system
+        n = len(system.contacts)
+        self._modes, self._row_contact = s[:n], system.row_contact
+        self.active = False  # whether any contacts share a load now
+        self._last = np.zeros(len(system.row_contact))
+        self._state = Call(_state_function(system), ("p", p), ("s", s))
+        self._loads = Call(_load_function(system), ("p", p), ("s", s))
+        self._nearest = Call(_nearest_function(system), ("p", p), ("s", s))
+
+    def look(self, t: float, x: np.ndarray) -> list[Split]:
+        """Splits of what is shared, and note whether anything is."""
+        response, forces, _ = self._read(t, x)
+        found = []
+        for rows, null in self._groups(response):
+            found.append(self._split(t, x, forces, rows, null))
+            self._last[rows] = found[-1].forces
+        self.active = bool(found)
+        return found
+
+    def _read(self, t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Response to forces, forces, accelerations without any."""
+        n = len(self._row_contact)
+        found = self._state(t, x)[0]
+        return found[: n * n].reshape(n, n).T, found[n * n : -n], found[-n:]
+
+    def _groups(self, response: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Rows that share loads, apart where they do apart, with forces that have no effect."""
+        rows = np.flatnonzero(self._modes[self._row_contact] == 0)
+        if len(rows) < 2:
+            return []
+        _, sizes, right = np.linalg.svd(response[np.ix_(rows, rows)])
+        null = right[sizes < _NOTHING * sizes[0]].T
+        together = np.abs(null @ null.T) > _NOTHING
+        owner = self._row_contact[rows]
+        together |= owner[:, None] == owner
+        count, label = connected_components(together, directed=False)
+        found = []
+        for k in range(count):
+            own = label == k
+            left, sizes, _ = np.linalg.svd(null[own], full_matrices=False)
+            if (sizes > 0.5).any():  # singular values of a share of a projection: 0 or 1
+                found.append((rows[own], left[:, sizes > 0.5]))
+        return found
+
+    def _split(
+        self, t: float, x: np.ndarray, forces: np.ndarray, rows: np.ndarray, null: np.ndarray
+    ) -> Split:
+        contacts = np.unique(self._row_contact[rows])
+        every = forces.copy()
+
+        def shares(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            every[rows] = forces[rows] + null @ (scale * z)
+            load, slope = self._load(t, x, every)
+            return load[contacts], slope[np.ix_(contacts, rows)] @ null * scale
+
+        scale = max(float(np.abs(forces[rows]).max()), 1e-3 * self._nominal(contacts))
+        first = null.T @ (self._last[rows] - forces[rows]) / scale
+        begin = min((first, 0 * first), key=lambda z: shares(z)[0].max())
+        k, ahead = len(first), np.append(0 * first, 1.0)
+        found = minimize(
+            lambda y: y[k],
+            np.append(begin, shares(begin)[0].max()),
+            jac=lambda _: ahead,
+            constraints={
+                "type": "ineq",
+                "fun": lambda y: y[k] - shares(y[:k])[0],
+                "jac": lambda y: ahead - np.pad(shares(y[:k])[1], ((0, 0), (0, 1))),
+            },
+            method="SLSQP",
+            options={"ftol": 1e-15, "maxiter": 200},
+        )
+        best = min((found.x[:k], begin), key=lambda z: shares(z)[0].max())
+        largest = max(float(shares(best)[0].max()), 0.0)
+        return Split(contacts, rows, null, every[rows].copy(), float(np.sqrt(largest)))
+
+    def _nominal(self, contacts: np.ndarray) -> float:
+        return max(self._system.contacts[i].nominal_force for i in contacts)
+
+    def _load(self, t: float, x: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Squares of the shares of all contacts, and how they change with forces."""
+        n = len(self._modes)
+        found = self._loads(t, x, forces)[0]
+        return found[:n], found[n:].reshape(-1, n).T
+
+    def slip(self, t: float, x: np.ndarray, split: Split) -> Slip:
+        """Find which contacts begin to move when they no longer hold their load, and where to."""
+        laws = [self._system.contacts[i].law for i in split.contacts]
+        if any(isinstance(law, PlanarLaw) and not isinstance(law, Elliptic) for law in laws):
+            raise GivenUp("no_contact_mode")  # no minimum says how they do
+        at_once = split.share > 1 + _ACTIVE
+        velocity = self._accelerate(t, x, split) if at_once else self._give_way(t, x, split)
+        owner = self._row_contact[split.rows]
+        each = [velocity[owner == i] for i in split.contacts]
+        sizes = np.array([np.linalg.norm(v) for v in each])
+        moving = np.flatnonzero(sizes > _ACTIVE * sizes.max())
+        return Slip([int(split.contacts[i]) for i in moving], [each[i] for i in moving])
+
+    def _give_way(self, t: float, x: np.ndarray, split: Split) -> np.ndarray:
+        """Velocity at which a load that has grown to the largest that holds gives way."""
+        every = np.zeros(len(self._row_contact))
+        every[split.rows] = split.forces
+        load, slope = self._load(t, x, every)
+        bound = split.contacts[load[split.contacts] > split.share**2 - _ACTIVE]
+        normals = slope[np.ix_(bound, split.rows)].T
+        scale = np.abs(normals).max()
+        balance = np.vstack([split.null.T @ normals / scale, np.ones(len(bound))])
+        weights, _ = nnls(balance, np.append(np.zeros(split.null.shape[1]), 1.0))
+        velocity = -normals @ weights
+        return velocity - split.null @ (split.null.T @ velocity)
+
+    def _accelerate(self, t: float, x: np.ndarray, split: Split) -> np.ndarray:
+        """Accelerations under a load beyond what holds: accelerated projected gradients."""
+        response, forces, free = self._read(t, x)
+        rows, every = split.rows, forces.copy()
+        others = np.setdiff1d(np.arange(len(forces)), rows)
+        own = response[np.ix_(rows, rows)]
+        free = free[rows] + response[np.ix_(rows, others)] @ forces[others]
+        length = 1 / np.linalg.norm(own, 2)
+        f = ahead = split.forces / split.share
+        momentum = 1.0
+        for _ in range(_STEPS):
+            every[rows] = ahead - length * (own @ ahead + free)
+            new = self._nearest(t, x, every)[0][rows].copy()
+            if np.abs(new - ahead).max() < _SETTLED * np.abs(new).max():
+                f = new
+                break
+            if (ahead - new) @ (new - f) > 0:
+                momentum = 1.0
+            after = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
+            f, ahead, momentum = new, new + (momentum - 1) / after * (new - f), after
+        return own @ f + free
+
+
+@lru_cache(maxsize=64)
+def _state_function(system: System) -> ca.Function:
+    response = ca.vec(ca.densify(system.delassus))
+    return system.function("state", ca.vertcat(response, system.forces, system.pulled))
+
+
+def _own(system: System, f: ca.SX) -> list[tuple[Contact, ca.SX]]:
+    rows = [np.flatnonzero(system.row_contact == i) for i in range(len(system.contacts))]
+    return [(c, f[own.tolist()]) for c, own in zip(system.contacts, rows, strict=True)]
+
+
+@lru_cache(maxsize=64)
+def _load_function(system: System) -> ca.Function:
+    f = ca.SX.sym("f", len(system.row_contact))
+    loads = ca.vertcat(*(_load(contact, own) for contact, own in _own(system, f)))
+    slopes = ca.densify(ca.jacobian(loads, f))
+    return system.function("loads", ca.vertcat(loads, ca.vec(slopes)), f)
+
+
+def _load(contact: Contact, force: ca.SX) -> ca.SX:
+    """Convex, at most 1 where the contact can hold the force."""
+    if isinstance(contact.law, PlanarLaw):
+        return ca.SX(contact.law.gauge(force) ** 2)
+    low, high = (ca.SX(bound) for bound in contact.law.stick_interval)
+    if low.is_minus_inf() and high.is_inf():
+        return ca.SX(0)
+    if low.is_minus_inf() or high.is_inf():
+        beyond = force - high if low.is_minus_inf() else low - force
+        return ca.SX(1 + beyond / contact.nominal_force)
+    return ca.SX(((2 * force - low - high) / (high - low)) ** 2)
+
+
+@lru_cache(maxsize=64)
+def _nearest_function(system: System) -> ca.Function:
+    f = ca.SX.sym("f", len(system.row_contact))
+    return system.function(
+        "nearest", ca.vertcat(*(_nearest(c, own) for c, own in _own(system, f))), f
+    )
+
+
+def _nearest(contact: Contact, force: ca.SX) -> ca.SX:
+    """Force nearest to one that the contact can hold."""
+    law = contact.law
+    if isinstance(law, PlanarLaw):
+        return law.nearest(force) if isinstance(law, Elliptic) else force
+    low, high = law.stick_interval
+    return ca.SX(ca.fmin(ca.fmax(force, low), high))
