@@ -1,0 +1,238 @@
+"""Displacement, work and their derivatives by the corners of a stroke of straight sides.
+
+The twist minimises a smooth potential of vanishing width at Gauss points of each side, all sides
+at once; derivatives follow from the theorem of implicit functions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.systems.planar.body.se2 import compose
+from wormopt.systems.planar.body.shape import Shape
+from wormopt.systems.planar.design.ground import Ground
+
+# Widths of the potential, in largest slip powers of an instant.
+_WIDTHS = tuple(10.0**-k for k in range(0, 10))
+_ITERATIONS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Displacements of the sides of a stroke, each in the frame in which it begins."""
+
+    pose: np.ndarray  # (k, 3)
+    work: np.ndarray  # (k,)
+    pose_by: np.ndarray  # (k, 3, 2 n_s) by the corner at its start and that at its end
+    work_by: np.ndarray  # (k, 2 n_s)
+
+    @property
+    def total(self) -> np.ndarray:
+        """Pose (3,) after all."""
+        end = np.zeros(3)
+        for pose in self.pose:
+            end = compose(end, pose)
+        return end
+
+    def gradient(self, closed: bool = True) -> np.ndarray:
+        """Derivatives (3, corners, n_s) of `total`."""
+        k, _, twice = self.pose_by.shape
+        n_s = twice // 2
+        after = [np.zeros(3)]
+        for pose in self.pose[::-1]:
+            after.append(compose(pose, after[-1]))
+        after = after[::-1]  # after[i]: product of sides i, i + 1, ...
+        out = np.zeros((3, k if closed else k + 1, n_s))
+        before = np.zeros(3)
+        for i in range(k):
+            x, y, turn = self.pose[i]
+            c, s = np.cos(before[2]), np.sin(before[2])
+            rest = after[i + 1]
+            ct, st = np.cos(before[2] + turn), np.sin(before[2] + turn)
+            by = self.pose_by[i]
+            part = np.empty_like(by)
+            part[0] = c * by[0] - s * by[1] + (-st * rest[0] - ct * rest[1]) * by[2]
+            part[1] = s * by[0] + c * by[1] + (ct * rest[0] - st * rest[1]) * by[2]
+            part[2] = by[2]
+            out[:, i] += part[:, :n_s]
+            out[:, (i + 1) % out.shape[1]] += part[:, n_s:]
+            before = compose(before, self.pose[i])
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """How a shape on a ground moves while its variables change along straight lines.
+
+    Parameters
+    ----------
+    shape : Shape
+        The body.
+    ground : Dry or Viscous
+        The ground.
+    parts : int, optional
+        Equal parts of a side, each with so many Gauss points as `points` says.
+    points : int, optional
+        See there.
+    """
+
+    shape: Shape
+    ground: Ground
+    parts: int = 4
+    points: int = 8
+
+    @cached_property
+    def _functions(self) -> tuple[ca.Function, ca.Function]:
+        shape, width = self.shape, ca.SX.sym("width")
+        potential = self.ground.potential(shape, width)
+        power = self.ground.power(shape, width)
+        xi, both = shape.twist, ca.vertcat(shape.s, shape.rates)
+        hessian, slope = ca.hessian(potential, xi)
+        symbols = [xi, shape.s, shape.rates, width]
+        newton = ca.Function("newton", symbols, [potential, slope, hessian])
+        slopes = ca.Function(
+            "slopes",
+            symbols,
+            [
+                hessian,
+                ca.jacobian(slope, both),
+                power,
+                ca.gradient(power, xi),
+                ca.gradient(power, both),
+            ],
+        )
+        return newton, slopes
+
+    def twists(self, s: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, float]:
+        """Twists (m, 3) at shapes (m, n_s) with rates (m, n_s), and the width of the potential."""
+        xi = np.zeros((len(s), 3))
+        width = 1.0
+        for part in self.widths(s, rates):
+            width, xi = part, self._minimise(xi, s, rates, part)
+        return xi, width
+
+    def widths(self, s: np.ndarray, rates: np.ndarray) -> list[float]:
+        """Widths in order, in the ground's units of power."""
+        most = getattr(self.ground, "most", None)
+        if most is None:
+            return [1.0]
+        size = most * max(float(np.abs(rates).max()), 1e-300) * self._reach(s)
+        return [size * part for part in _WIDTHS]
+
+    def _reach(self, s: np.ndarray) -> float:
+        """Usual distance over which a shape variable moves a point: 1 for lengths."""
+        return 1.0
+
+    def _minimise(
+        self, xi: np.ndarray, s: np.ndarray, rates: np.ndarray, width: float
+    ) -> np.ndarray:
+        newton, _ = self._functions
+        m = len(s)
+        xi = xi.copy()
+        live = np.arange(m)
+        value = slope = hessian = None
+        for _ in range(_ITERATIONS):
+            value, slope, hessian = _mapped(newton, xi[live], s[live], rates[live], width)
+            step = -np.linalg.solve(hessian.reshape(-1, 3, 3), slope[..., None])[..., 0]
+            falls = np.einsum("mi,mi->m", slope, step)
+            size = np.ones(len(live))
+            worse = np.ones(len(live), dtype=bool)
+            for _ in range(30):
+                tried = xi[live] + size[:, None] * step
+                new = _mapped(newton, tried, s[live], rates[live], width)[0][:, 0]
+                worse = new > value[:, 0] + 1e-4 * size * falls + 1e-15 * np.abs(value[:, 0])
+                if not worse.any():
+                    break
+                size[worse] /= 2
+            size[worse] = 0.0
+            moved = size[:, None] * step
+            xi[live] += moved
+            small = np.abs(moved).max(axis=1) <= 1e-14 * (np.abs(xi[live]).max(axis=1) + 1e-12)
+            live = live[~small]
+            if not len(live):
+                return xi
+        return xi
+
+    def sides(self, corners: np.ndarray, closed: bool = True) -> Sides:
+        """Displacements along a polygon (k, n_s) of corners, back to the first if `closed`."""
+        begin = corners if closed else corners[:-1]
+        end = np.roll(corners, -1, axis=0) if closed else corners[1:]
+        k, n_s = begin.shape
+        tau, weights, integral = self._rule
+        q = len(tau)
+        way = end - begin
+        s = (begin[:, None] + tau[:, None] * way[:, None]).reshape(-1, n_s)
+        rates = np.repeat(way, q, axis=0)
+        xi, width = self.twists(s, rates)
+        if not np.isfinite(xi).all():
+            raise SolveError("no motion of least power was found along the stroke")
+        _, slopes = self._functions
+        hessian, mixed, power, by_xi, by_both = _mapped(slopes, xi, s, rates, width)
+        hessian = hessian.reshape(-1, 3, 3)
+        mixed = mixed.reshape(-1, 2 * n_s, 3).transpose(0, 2, 1)
+        xi_by = -np.linalg.solve(hessian, mixed)
+        by_both = by_both + np.einsum("mi,min->mn", by_xi, xi_by)
+        # by corners: s = (1 - tau) begin + tau end, rate = end - begin
+        def by_corners(part: np.ndarray) -> np.ndarray:
+            part = part.reshape(k, q, *part.shape[1:])
+            by_s, by_rate = part[..., :n_s], part[..., n_s:]
+            t = tau.reshape(1, q, *([1] * (part.ndim - 2)))
+            return np.concatenate([(1 - t) * by_s - by_rate, t * by_s + by_rate], axis=-1)
+
+        xi, xi_by = xi.reshape(k, q, 3), by_corners(xi_by)
+        turn = np.einsum("ql,kl->kq", integral, xi[..., 2])
+        turn_by = np.einsum("ql,kln->kqn", integral, xi_by[..., 2, :])
+        c, sn = np.cos(turn), np.sin(turn)
+        vx, vy = c * xi[..., 0] - sn * xi[..., 1], sn * xi[..., 0] + c * xi[..., 1]
+        cb, sb = c[..., None], sn[..., None]
+        vx_by = cb * xi_by[..., 0, :] - sb * xi_by[..., 1, :] - vy[..., None] * turn_by
+        vy_by = sb * xi_by[..., 0, :] + cb * xi_by[..., 1, :] + vx[..., None] * turn_by
+        pose = np.stack([vx @ weights, vy @ weights, xi[..., 2] @ weights], axis=-1)
+        pose_by = np.stack(
+            [np.einsum("q,kqn->kn", weights, part) for part in (vx_by, vy_by, xi_by[..., 2, :])],
+            axis=1,
+        )
+        work = power.reshape(k, q) @ weights
+        work_by = np.einsum("q,kqn->kn", weights, by_corners(by_both))
+        return Sides(pose, work, pose_by, work_by)
+
+    @cached_property
+    def _rule(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points of [0, 1], their weights, and the matrix of integrals up to each point."""
+        x, w = np.polynomial.legendre.leggauss(self.points)
+        x, w = (x + 1) / 2, w / 2
+        basis = np.polynomial.legendre.legvander(2 * x - 1, self.points - 1)
+        up = np.stack(
+            [
+                (np.polynomial.legendre.legval(2 * x - 1,
+                    np.polynomial.legendre.legint(np.eye(self.points)[j], lbnd=-1))) / 2
+                for j in range(self.points)
+            ],
+            axis=1,
+        )
+        one = np.linalg.solve(basis.T, up.T).T
+        h = 1 / self.parts
+        tau = np.concatenate([(i + x) * h for i in range(self.parts)])
+        full = np.zeros((len(tau), len(tau)))
+        for i in range(self.parts):
+            rows = slice(i * self.points, (i + 1) * self.points)
+            full[rows, rows] = h * one
+            full[rows, : i * self.points] = np.tile(w * h, i)
+        return tau, np.tile(w * h, self.parts), full
+
+
+def _mapped(
+    function: ca.Function, xi: np.ndarray, s: np.ndarray, rates: np.ndarray, width: float
+) -> list[np.ndarray]:
+    """Values of a function at many instants, one row each (column-major within a row)."""
+    m = len(s)
+    found = function.map(m)(xi.T, s.T, rates.T, np.full((1, m), width))
+    return [
+        np.asarray(part).reshape(part.shape[0], m, -1).transpose(1, 2, 0).reshape(m, -1)
+        for part in found
+    ]
