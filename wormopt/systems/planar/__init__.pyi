@@ -6,3 +6,6 @@ from wormopt.systems.planar.body.shape import chain_shape as chain_shape
 from wormopt.systems.planar.body.shape import rigid_shape as rigid_shape
 from wormopt.systems.planar.body.strokes import Harmonics as Harmonics
 from wormopt.systems.planar.body.strokes import Polygon as Polygon
+from wormopt.systems.planar.crawling.crawl import Crawl as Crawl
+from wormopt.systems.planar.crawling.crawl import crawl as crawl
+from wormopt.systems.planar.crawling.velocity import crawl_velocity as crawl_velocity

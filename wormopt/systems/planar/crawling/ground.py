@@ -1,0 +1,57 @@
+"""The ground below each mass, as arrays of resistances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.model.planar_friction import Elliptic, PlanarLaw
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Resistances of the masses, each an array (m,)."""
+
+    forward: np.ndarray
+    backward: np.ndarray
+    sideways: np.ndarray
+
+    def squares(self, v: np.ndarray) -> np.ndarray:
+        """Squared resistances against velocities or for forces of the worm (..., m, 2)."""
+        along = np.where(v[..., 0] >= 0, self.forward, self.backward)
+        return np.stack([along, np.broadcast_to(self.sideways, along.shape)], axis=-1) ** 2
+
+    def power(self, v: np.ndarray) -> np.ndarray:
+        """Power of each mass (..., m) that slides with velocity `v` (..., m, 2)."""
+        return np.sqrt((self.squares(v) * v**2).sum(axis=-1))
+
+    def gauge(self, push: np.ndarray) -> np.ndarray:
+        """Size (..., m) of what the masses push against the ground, held up to 1."""
+        return np.sqrt((push**2 / self.squares(push)).sum(axis=-1))
+
+    def of(self, masses: np.ndarray) -> Ground:
+        """The ground below some of the masses."""
+        return Ground(self.forward[masses], self.backward[masses], self.sideways[masses])
+
+    @property
+    def one_sided(self) -> np.ndarray:
+        """Which masses are resisted differently ahead and back."""
+        return self.forward != self.backward
+
+
+def ground_of(laws: PlanarLaw | Sequence[PlanarLaw], n_points: int) -> Ground:
+    """Resistances of one law for all, or one for each mass; refused where no minimum exists."""
+    each = [laws] * n_points if isinstance(laws, PlanarLaw) else list(laws)
+    if len(each) != n_points:
+        raise ArgumentError(f"{len(each)} laws for {n_points} masses; give one, or one for each")
+    for law in each:
+        if not isinstance(law, Elliptic):
+            raise ArgumentError(
+                f"{type(law).__name__} is not a law of least power, so the velocity of a slow "
+                "crawl need not be unique nor exist; use Elliptic with the same numbers"
+            )
+    names = ("forward", "backward", "sideways")
+    return Ground(*(np.array([float(getattr(law, name)) for law in each]) for name in names))

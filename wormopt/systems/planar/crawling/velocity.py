@@ -1,0 +1,134 @@
+"""Velocities of a body that crawls slowly, for shapes and their rates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.model.planar_friction import PlanarLaw
+from wormopt.systems.planar.body.se2 import rotate
+from wormopt.systems.planar.body.shape import Shape
+from wormopt.systems.planar.crawling.ground import Ground, ground_of
+from wormopt.systems.planar.crawling.least_power import (
+    Least,
+    LeastPower,
+    held,
+    least_power,
+    settle,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How a body moves at G instants."""
+
+    twist: np.ndarray  # (G, 3), velocity of the frame in the frame, and how fast it turns
+    rest: np.ndarray  # (G, m), whether a mass rests
+    velocities: np.ndarray  # (G, m, 2), along each mass' heading and to its left
+    forces: np.ndarray  # (G, m, 2), of the ground on the worm, in the same directions
+    hold: np.ndarray  # (G,), by how much of what it can the ground holds those at rest
+    power: np.ndarray  # (G,), that the ground takes
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """Bodies in units that make forces, velocities and lengths usual, and these units."""
+
+    body: LeastPower
+    speed: np.ndarray  # (G,)
+    sizes: np.ndarray  # (G, 3), what the twist is multiplied by
+
+    def scaled(self, twist: np.ndarray) -> np.ndarray:
+        """A twist in these units."""
+        return twist * self.sizes / self.speed[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Crawler:
+    """A body on its ground: shapes and rates in, motions out."""
+
+    shape: Shape
+    ground: Ground
+    load: np.ndarray  # (3,), force and moment on the frame, in the frame
+
+    def bodies(self, s: np.ndarray, ds: np.ndarray) -> Bodies:
+        """Bodies at shapes (G, n_s) and rates."""
+        G, m = len(s), self.shape.n_points
+        mapped = self.shape.kinematics.map(G)
+        _, _, J, B = (np.array(part) for part in mapped.call([s.T]))
+        J = J.reshape(2 * m, G, 3).transpose(1, 0, 2).reshape(G, m, 2, 3)
+        B = B.reshape(2 * m, G, -1).transpose(1, 0, 2)
+        b = np.einsum("gkn,gn->gk", B, ds).reshape(G, m, 2)
+        speed = np.abs(b).max(axis=(1, 2))
+        speed[speed == 0] = 1.0
+        length = np.sqrt((J[..., 2] ** 2).sum(axis=2).mean(axis=1))
+        sizes = np.stack([np.ones(G), np.ones(G), length], axis=1)
+        force = self.ground.sideways.mean()
+        unit = Ground(*(x / force for x in _numbers(self.ground)))
+        load = self.load / sizes / force
+        body = LeastPower(J / sizes[:, None, None, :], b / speed[:, None, None], load, unit)
+        return Bodies(body, speed, sizes)
+
+    def move(self, s: np.ndarray, ds: np.ndarray) -> Motion:
+        """Motions of least power."""
+        bodies = self.bodies(s, ds)
+        return self._told(bodies, least_power(bodies.body))
+
+    def follow(
+        self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray
+    ) -> Motion:
+        """The same, by a guess (G, m) of the resting masses and one (G, 3) of the twist."""
+        bodies = self.bodies(s, ds)
+        return self._told(bodies, settle(bodies.body, bodies.scaled(twist), rest))
+
+    def hold(self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray) -> Motion:
+        """Motions in which the masses `rest` (m,) are held, whether or not the ground can."""
+        bodies = self.bodies(s, ds)
+        found = held(bodies.body, bodies.scaled(twist), rest)
+        all_rest = np.tile(rest, (len(s), 1))
+        least = Least(found.x, all_rest, found.push, found.hold, found.stiffness)
+        told = self._told(bodies, least)
+        return replace(told, hold=np.where(found.fits, told.hold, np.nan))
+
+    def parting(self, s: np.ndarray, ds: np.ndarray, i: int, j: int) -> float:
+        """Rate of half the square of the distance between two masses, which no twist changes."""
+        points, headings, _, B = (np.array(part) for part in self.shape.kinematics.call([s]))
+        own = (B @ ds).reshape(-1, 2)
+        a, b = (rotate(headings[k, 0], own[k]) for k in (i, j))
+        return float((points[:, i] - points[:, j]) @ (a - b))
+
+    def _told(self, bodies: Bodies, least: Least) -> Motion:
+        """What was found, in the units asked for."""
+        force = self.ground.sideways.mean()
+        v = bodies.body.velocities(least.x)
+        v[least.rest] = 0.0
+        power = bodies.body.ground.power(v).sum(axis=1) * bodies.speed * force
+        return Motion(
+            least.x / bodies.sizes * bodies.speed[:, None],
+            least.rest,
+            v * bodies.speed[:, None, None],
+            -least.push * force,
+            least.hold,
+            power,
+        )
+
+
+def _numbers(ground: Ground) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return ground.forward, ground.backward, ground.sideways
+
+
+def crawl_velocity(
+    shape: Shape,
+    laws: PlanarLaw | Sequence[PlanarLaw],
+    s: ArrayLike,
+    ds: ArrayLike,
+    *,
+    load: ArrayLike = (0.0, 0.0, 0.0),
+) -> Motion:
+    """Velocity of a body that crawls so slowly that inertia does not matter."""
+    crawler = Crawler(shape, ground_of(laws, shape.n_points), np.asarray(load, dtype=float))
+    shapes, rates = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (s, ds))
+    return crawler.move(shapes, rates)

@@ -1,0 +1,225 @@
+"""Serpenoid waves: how fast a wave of bending that runs backward carries a long worm ahead.
+
+The tangent of an infinite body is at angle psi = alpha sin(k (s + c t)) to its way: its material
+runs along a fixed wave at speed c, which with the wave recoils at V - vc, vc = c J0(alpha). Speeds
+are told over c; wave speed along the way is vc = J0(alpha).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+from scipy.special import j0, jn_zeros
+
+from wormopt.errors import ArgumentError
+from wormopt.systems.planar.body.shape import chain_shape
+from wormopt.systems.planar.swimming.stroke import Swim, swim
+from wormopt.systems.planar.swimming.swimmer import Swimmer
+
+Ground = Literal["viscous", "elliptic", "unit"]
+"""Drag in proportion to velocity; dry friction by an ellipse; by the direction of motion alone."""
+
+STEEPEST = float(jn_zeros(0, 1)[0])
+"""Amplitude at which the body does not advance along its wave: J0 = 0."""
+# Quadrature doubles its points, even ones over a quarter wave, until nothing changes.
+_FEWEST, _MOST, _SAME = 64, 1 << 16, 2e-15
+
+
+def serpenoid_speed(alpha: float, ratio: float, ground: Ground = "viscous") -> float:
+    """Speed of an infinite serpenoid body over that at which its material runs along the wave.
+
+    Parameters
+    ----------
+    alpha : float
+        Amplitude of the tangent's angle, above 0 and below the first zero of J0, 2.4048.
+    ratio : float
+        Resistance across the body over that along it: r = c_n / c_t, or rho = F_n / F_t.
+    ground : {"viscous", "elliptic", "unit"}, optional
+        Viscous ground, for which the speed is known in closed form; dry ground by the ellipse of
+        most power, by its minimum; dry ground by the unit law, by the balance of forces.
+
+    Returns
+    -------
+    float
+        V / c; divide by J0(alpha) for the speed over that of the wave.
+
+    Raises
+    ------
+    ArgumentError
+        If the amplitude or the ratio is out of range, or the ground unknown.
+
+    Examples
+    --------
+    >>> from scipy.special import j0
+    >>> round(serpenoid_speed(1.0, 2.0) / j0(1.0), 12)
+    0.279567250102
+    >>> round(serpenoid_speed(1.0, 2.0, "elliptic") / j0(1.0), 12)
+    0.486936986396
+    """
+    if not 0 < alpha < STEEPEST:
+        raise ArgumentError(f"alpha must be above 0 and below {STEEPEST:.4f}, not {alpha}")
+    if not (ratio > 0 and np.isfinite(ratio)):
+        raise ArgumentError(f"ratio must be a number above 0, not {ratio}")
+    if ground == "viscous":
+        lean = (ratio - 1) * (1 - j0(2 * alpha)) / 2
+        return float(j0(alpha) * lean / (1 + lean))
+    if ground not in ("elliptic", "unit"):
+        raise ArgumentError(f"ground must be viscous, elliptic or unit, not {ground!r}")
+    return float(j0(alpha) - _recoil(alpha, ratio, unit=ground == "unit"))
+
+
+def _recoil(alpha: float, rho: float, *, unit: bool) -> float:
+    """Speed w / c at which the wave recoils: root of the force, by ever more points."""
+    last, points = np.inf, _FEWEST
+    while True:
+        psi = alpha * np.sin((np.arange(points) + 0.5) * (np.pi / 2 / points))
+        c, s = np.cos(psi), np.sin(psi)
+
+        def force(w: float, c: np.ndarray = c, s: np.ndarray = s) -> float:
+            """Along the way; of the material, that slips at 1 - w cos along and -w sin across."""
+            ahead, aside = 1 - w * c, w * s
+            if unit:
+                push = (ahead * c - rho * aside * s) / np.hypot(ahead, aside)
+            else:
+                push = (ahead * c - rho**2 * aside * s) / np.hypot(ahead, rho * aside)
+            return float(push.mean())
+
+        high = 1.0  # the force is ahead at w = 0, and backward where the recoil is fast
+        while force(high) > 0:
+            high *= 2
+        w = float(brentq(force, 0.0, high, xtol=1e-16, rtol=8.9e-16))  # pyright: ignore
+        if abs(w - last) <= _SAME or points >= _MOST:
+            return w
+        last, points = w, 2 * points
+
+
+def best_serpenoid(ratio: float, ground: Ground = "viscous") -> tuple[float, float]:
+    """Amplitude of most speed, and that speed, of an infinite serpenoid body.
+
+    Parameters
+    ----------
+    ratio : float
+        Resistance across over along.
+    ground : {"viscous", "elliptic", "unit"}, optional
+        As of `serpenoid_speed`.
+
+    Returns
+    -------
+    alpha, speed : float
+        Speed V / c over that of the material along the wave.
+
+    Raises
+    ------
+    ArgumentError
+        If resistance across is not the larger: no wave then carries ahead.
+
+    Examples
+    --------
+    >>> [round(number, 9) for number in best_serpenoid(2.0)]
+    [1.181295695, 0.223434073]
+    """
+    if not ratio > 1:
+        raise ArgumentError(f"a backward wave carries ahead only where ratio is above 1: {ratio}")
+    found = minimize_scalar(
+        lambda alpha: -serpenoid_speed(alpha, ratio, ground),
+        bounds=(1e-3, STEEPEST - 1e-6), method="bounded", options={"xatol": 1e-6},
+    )  # fmt: skip
+    return _polished(lambda a: serpenoid_speed(a, ratio, ground), float(found.x))
+
+
+def _polished(speed: Callable[[float], float], x: float) -> tuple[float, float]:
+    """Maximum of a smooth function near x: that of a polynomial through even points about it."""
+    step, nodes = 0.05, np.cos(np.pi * (np.arange(17) + 0.5) / 17)
+    values = [speed(x + step * node) for node in nodes]
+    series = np.polynomial.Chebyshev.fit(nodes, values, 16, domain=[-1, 1])
+    roots = series.deriv().roots()
+    best = min((r.real for r in roots if abs(r.imag) < 1e-9 and abs(r) < 1), key=abs)
+    return x + step * float(best), float(series(best))
+
+
+@dataclass(frozen=True, eq=False)
+class SerpenoidWave:
+    """Stroke of a chain of even rods: joint angles of a serpenoid wave that runs backward.
+
+    The angle of rod j is that of the wave in its middle, alpha sin(2 pi (tau - (j - 1/2) / per_wave)),
+    so that its joints turn by the differences.
+
+    Parameters
+    ----------
+    alpha : float
+        Amplitude of the tangent's angle.
+    rods : int
+        Number of rods.
+    per_wave : float
+        Rods on a wave.
+    """
+
+    alpha: float
+    rods: int
+    per_wave: float
+
+    def __post_init__(self) -> None:
+        if self.rods < 2 or not self.per_wave > 0:
+            raise ArgumentError("a serpenoid wave needs two rods or more and rods on a wave")
+
+    @property
+    def n_s(self) -> int:
+        """Number of joints."""
+        return self.rods - 1
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """There are none but the ends."""
+        return np.array([0.0, 1.0])
+
+    def tangents(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Angles (m, rods) of the rods from the way of an infinite body, and rates by the phase."""
+        phase = 2 * np.pi * (np.asarray(tau)[:, None] - (np.arange(self.rods) + 0.5) / self.per_wave)
+        return self.alpha * np.sin(phase), 2 * np.pi * self.alpha * np.cos(phase)
+
+    def at(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Angles of the joints at phases (m,), and their derivatives."""
+        angles, rates = self.tangents(np.atleast_1d(tau))
+        return -np.diff(angles, axis=1), -np.diff(rates, axis=1)
+
+
+@dataclass(frozen=True)
+class FiniteSerpenoid:
+    """A serpenoid worm of rods over one wave that runs through it."""
+
+    speed: float  # mean way per period over the length of material of a wave: V / c
+    over_wave: float  # the same over the wave's speed: V / vc
+    swim: Swim
+
+
+def finite_serpenoid(
+    alpha: float, ratio: float, *, per_wave: int = 12, waves: float = 1.0
+) -> FiniteSerpenoid:
+    """Speed of a serpenoid worm of even rods on viscous ground.
+
+    A period carries it by the way of its frame, which for a straight stroke is free of the frame.
+    Its ends recoil, so that it is slower than an infinite one.
+
+    Parameters
+    ----------
+    alpha : float
+        Amplitude of the tangent's angle.
+    ratio : float
+        c_n / c_t.
+    per_wave : int, optional
+        Rods on a wave.
+    waves : float, optional
+        Waves on the body.
+
+    Returns
+    -------
+    FiniteSerpenoid
+    """
+    rods = round(per_wave * waves)
+    shape = chain_shape(rods, lengths=(1.0 / per_wave,) * rods)
+    found = swim(Swimmer(shape, rods=(1.0, ratio)), SerpenoidWave(alpha, rods, per_wave))
+    return FiniteSerpenoid(found.distance, found.distance / float(j0(alpha)), found)

@@ -1,0 +1,1 @@
+"""Viscous crawling: local connection, curvature, displacement of strokes, best strokes."""

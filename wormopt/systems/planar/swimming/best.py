@@ -1,0 +1,291 @@
+"""Best strokes of a body on viscous ground, by collocation, from several cold starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.model.model import Model, Output, Signal
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.contact import FixedModes
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Guess, Motion
+from wormopt.ocp.nlp import Ipopt
+from wormopt.ocp.optimise import Optimum, optimise, refine
+from wormopt.ocp.problem import Constraint, Ends, Problem
+from wormopt.progress import Report, silent
+from wormopt.systems.planar.body.strokes import Harmonics
+from wormopt.systems.planar.swimming.heights import curvature, in_frame
+from wormopt.systems.planar.swimming.stroke import swim
+from wormopt.systems.planar.swimming.swimmer import Swimmer
+
+Aim = Literal["efficiency", "distance"]
+
+_SOLVER = Ipopt(tolerance=1e-10, iterations=400)
+_MESH = Mesh.even(1, 16, Collocation(6, "legendre"), 5)
+_ROUNDS = 4
+# Strokes to begin with go round so far from their centre, and centres lie so far out, in parts of
+# the room that limits leave.
+_AMPLITUDE, _OUT, _LARGEST = 0.5, 0.5, 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class StrokeAim:
+    """A body on viscous ground, and what its stroke shall be best at.
+
+    Parameters
+    ----------
+    swimmer : Swimmer
+        The body.
+    lower, upper : ndarray, shape (n_s,)
+        Limits of the shape variables.
+    maximise : {"efficiency", "distance"}, optional
+        Of strokes that do not turn the body: work to tow it over work, or the way alone.
+    """
+
+    swimmer: Swimmer
+    lower: np.ndarray
+    upper: np.ndarray
+    maximise: Aim = "efficiency"
+
+    def __post_init__(self) -> None:
+        n_s = self.swimmer.shape.s.numel()
+        for name in ("lower", "upper"):
+            value = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), n_s).copy()
+            object.__setattr__(self, name, value)
+        if n_s < 2 or not np.all(np.isfinite(self.upper - self.lower)):
+            raise ArgumentError("a best stroke needs two shape variables or more, and their limits")
+        if not np.all(self.lower < self.upper):
+            raise ArgumentError("every lower limit of a shape variable must be below the upper one")
+        if self.maximise not in ("efficiency", "distance"):
+            raise ArgumentError(f"maximise efficiency or distance, not {self.maximise!r}")
+
+    @cached_property
+    def seen(self) -> Swimmer:
+        """The body from its middle, where it moves less."""
+        return in_frame(self.swimmer, "middle")
+
+    @cached_property
+    def drag(self) -> float:
+        """Drag that tows the straight body, its rods as short as limits allow."""
+        return self.swimmer.towing_drag(self.lower)
+
+    @cached_property
+    def model(self) -> Model:
+        """The body, driven by the rates of its shape."""
+        swimmer = self.seen
+        s, rates = swimmer.shape.s, swimmer.shape.rates
+        x, y, angle = (ca.SX.sym(name) for name in ("x", "y", "theta"))
+        twist = ca.mtimes(swimmer.connection, rates)
+        c, sin = ca.cos(angle), ca.sin(angle)
+        moves = ca.vertcat(c * twist[0] - sin * twist[1], sin * twist[0] + c * twist[1], twist[2])
+        room = float((self.upper - self.lower).max()) / 2
+        return Model(
+            "body on viscous ground",
+            x=[
+                Signal("shape", s, nominal=room),
+                Signal("pose", ca.vertcat(x, y, angle), value=0.0),
+            ],
+            ode=ca.vertcat(rates, moves),
+            u=[Signal("rate", rates, "rate", 2 * np.pi * room, value=0.0)],
+            outputs=[
+                Output("power", ca.dot(rates, ca.mtimes(swimmer.metric, rates)), "power"),
+                Output("connection", ca.vec(swimmer.connection)),
+            ],
+        )
+
+
+def stroke_problem(aim: StrokeAim) -> Problem:
+    """Go round once in unit time, without a turn; the work is the integral."""
+    model = aim.model
+    ends = Ends.of(model, 1)
+    n = aim.swimmer.shape.s.numel()
+    way, work = ends.end[n : n + 2], ends.integrals[0]
+    square = ca.sumsqr(way)
+    pace = ca.SX.sym("pace")
+    rates = model["rate"]
+    design, along = [], []
+    if aim.maximise == "efficiency":
+        cost = -100 * aim.drag * square / work
+    else:  # any pace goes as far: an even one is told
+        cost = -square
+        size = 2 * np.pi * float((aim.upper - aim.lower).max()) / 2
+        design = [Signal("pace", pace, "rate", size, lower=0.0)]
+        along = [Constraint("pace", (ca.sumsqr(rates) - pace**2) / size**2, 0.0, 0.0)]
+    return Problem(
+        model,
+        ends,
+        cost,
+        (1.0, 1.0),
+        periodic=["shape"],
+        integrands=model["power"],
+        path_constraints=[Constraint("limits", model["shape"], aim.lower, aim.upper), *along],
+        boundary_constraints=[
+            Constraint("start", ends.start[n:], 0.0, 0.0),
+            Constraint("no turn", ends.end[n + 2], 0.0, 0.0),
+        ],
+        design=design,
+    )
+
+
+def first_strokes(aim: StrokeAim, starts: int = 1) -> list[Harmonics]:
+    """Ellipses to begin with: the best small one about the middle, larger, then about others.
+
+    About a shape, the small stroke of most way by action lies in the plane of the largest singular
+    value of the curvature in units of the metric: G^-1/2 F G^-1/2.
+    """
+    middle, room = (aim.lower + aim.upper) / 2, (aim.upper - aim.lower) / 2
+    n = len(middle)
+    centres = [(middle, _AMPLITUDE)]
+    corners = [np.ones(n), np.where(np.arange(n) % 2, -1.0, 1.0), np.eye(n)[0]]
+    for reach in (_AMPLITUDE, _LARGEST * 0.9):
+        centres += [(middle + _OUT * room * corner, reach) for corner in corners]
+        centres += [(middle, 0.9)] if reach == _AMPLITUDE else []
+    return [_ellipse(aim, centre, room, share) for centre, share in centres[:starts]]
+
+
+def _ellipse(aim: StrokeAim, centre: np.ndarray, room: np.ndarray, share: float) -> Harmonics:
+    n = len(centre)
+    _, G = aim.seen.local(centre)
+    F = np.asarray(curvature(aim.seen)(centre))
+    values, vectors = np.linalg.eigh(G)
+    root = vectors / np.sqrt(values) @ vectors.T
+    pairs = [(i, j) for i in range(n) for j in range(i + 1, n)]
+    best, plane = -1.0, None
+    for row in F[:2]:
+        form = np.zeros((n, n))
+        for (i, j), value in zip(pairs, row, strict=True):
+            form[i, j], form[j, i] = value, -value
+        left, sizes, _ = np.linalg.svd(root @ form @ root)
+        if sizes[0] > best:
+            best, plane = sizes[0], root @ left[:, :2]
+    assert plane is not None
+    free = np.minimum(aim.upper - centre, centre - aim.lower)
+    plane *= share * float((free / np.hypot(*plane.T)).min())
+    return Harmonics(centre, plane[None, :, 0], plane[None, :, 1])
+
+
+def _guess(aim: StrokeAim, stroke: Harmonics) -> Guess:
+    """A stroke as curves, with the way it takes."""
+    done = swim(aim.seen, stroke)
+
+    def states(t: np.ndarray) -> np.ndarray:
+        poses = np.stack([np.interp(t, done.phase, column) for column in done.poses.T])
+        return np.vstack([stroke.at(t)[0].T, poses])
+
+    return Guess(1.0, states, lambda t: stroke.at(t)[1].T)
+
+
+@dataclass(frozen=True, eq=False)
+class BestStroke:
+    """The best of the strokes found from several starts: a local optimum.
+
+    Parameters
+    ----------
+    optimum : Optimum
+        How it was found.
+    value : float
+        Its efficiency, or its way.
+    tried : tuple of float
+        The same of every start, NaN where none was found.
+    stroke : Harmonics
+        It as a sum of harmonics.
+    """
+
+    optimum: Optimum
+    value: float
+    tried: tuple[float, ...]
+    stroke: Harmonics = field(repr=False)
+
+    @property
+    def motion(self) -> Motion:
+        """The stroke over unit time."""
+        return self.optimum.motion
+
+
+def best_stroke(
+    swimmer: Swimmer,
+    lower: float | Sequence[float] | np.ndarray,
+    upper: float | Sequence[float] | np.ndarray,
+    *,
+    maximise: Aim = "efficiency",
+    starts: int = 1,
+    mesh: Mesh = _MESH,
+    tolerance: float = 1e-6,
+    report: Report = silent,
+) -> BestStroke:
+    """Find the best stroke that does not turn a body on viscous ground.
+
+    Parameters
+    ----------
+    swimmer : Swimmer
+        The body, with two shape variables or more.
+    lower, upper : float or array_like, shape (n_s,)
+        Limits of the shape variables.
+    maximise : {"efficiency", "distance"}, optional
+        drag X^2 / (T W), of which the pace is best too, or the way X.
+    starts : int, optional
+        Ellipses to begin with, about the middle of the limits and other shapes.
+    mesh : Mesh, optional
+        To begin with.
+    tolerance : float, optional
+        Largest local error, to which the mesh is refined.
+    report : callable, optional
+        Called with what is done and the share of it that is behind.
+
+    Returns
+    -------
+    BestStroke
+        A local optimum, the best of those found.
+
+    Raises
+    ------
+    ArgumentError
+        If limits are missing or empty.
+    SolveError
+        If no start leads to a stroke.
+
+    Examples
+    --------
+    >>> from wormopt.systems.planar.body.shape import chain_shape
+    >>> purcell = Swimmer(chain_shape(3, lengths=(1.0, 1.0, 1.0)), rods=(1.0, 2.0))
+    >>> best = best_stroke(purcell, -2.0, 2.0, tolerance=1e-6)
+    >>> round(best.value, 8)
+    0.01236415
+    """
+    aim = StrokeAim(swimmer, np.asarray(lower), np.asarray(upper), maximise)
+    problem, found, tried = stroke_problem(aim), [], []
+    for k, first in enumerate(first_strokes(aim, starts)):
+        try:
+            optimum = optimise(problem, mesh, FixedModes(), _guess(aim, first), solver=_SOLVER)
+        except SolveError as error:
+            refusal = error
+            tried.append(float("nan"))
+            continue
+        found.append(optimum)
+        tried.append(_value(aim, optimum))
+        report(f"start {k + 1}: {tried[-1]:.6g}", (k + 1) / (starts + 1))
+    if not found:
+        raise refusal
+    best = max(found, key=lambda one: _value(aim, one))
+    best = refine(best, tolerance, rounds=_ROUNDS, solver=_SOLVER, report=report)
+    return BestStroke(best, _value(aim, best), tuple(tried), harmonics_of(best.motion))
+
+
+def _value(aim: StrokeAim, optimum: Optimum) -> float:
+    best = -optimum.objective
+    return best / 100 if aim.maximise == "efficiency" else float(np.sqrt(max(best, 0.0)))
+
+
+def harmonics_of(motion: Motion, orders: int = 40, samples: int = 512) -> Harmonics:
+    """A stroke over unit time as a sum of harmonics."""
+    t = np.arange(samples) / samples
+    found = np.fft.rfft(motion.state("shape", t), axis=1)[:, : orders + 1] / samples
+    cosine, sine = 2 * found[:, 1:].real.T, -2 * found[:, 1:].imag.T
+    return Harmonics(found[:, 0].real, cosine, sine)

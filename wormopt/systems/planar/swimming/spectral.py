@@ -1,0 +1,120 @@
+"""The best stroke by another way: coefficients of harmonics, even phases, sequential programming.
+
+Nothing is shared with collocation but the local connection: the way is a sum over even phases, the
+angle of the body there an integral of its trigonometric polynomial, the pace is left to the
+harmonics, and SciPy's sequential quadratic programming climbs by exact gradients.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.optimize import minimize
+
+from wormopt.errors import SolveError
+from wormopt.systems.planar.body.strokes import Harmonics
+from wormopt.systems.planar.swimming.swimmer import Swimmer
+
+_ORDERS, _PER_ORDER, _STEPS = 14, 12, 400
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralStroke:
+    """A stroke of harmonics, its efficiency, and how far it turns."""
+
+    stroke: Harmonics
+    efficiency: float
+    turn: float
+    iterations: int
+
+
+def spectral_stroke(
+    swimmer: Swimmer, first: Harmonics, drag: float, *, orders: int = _ORDERS
+) -> SpectralStroke:
+    """Best stroke near the ellipse of the first harmonic of another.
+
+    Parameters
+    ----------
+    swimmer : Swimmer
+        The body.
+    first : Harmonics
+        Of which mean and first harmonic are the start.
+    drag : float
+        Of the straight body, for its efficiency.
+    orders : int, optional
+        Harmonics.
+
+    Returns
+    -------
+    SpectralStroke
+
+    Raises
+    ------
+    SolveError
+        Where the search does not end.
+    """
+    n = first.n_s
+    phases = np.arange(_PER_ORDER * orders) / (_PER_ORDER * orders)
+    rows = np.arange(1, orders + 1)
+    angle = 2 * np.pi * np.outer(phases, rows)
+    # coefficients of order h count h-fold, so that all matter alike
+    base = np.hstack([np.ones((len(phases), 1)), np.cos(angle) / rows, np.sin(angle) / rows])
+    slope = 2 * np.pi * np.hstack([np.zeros((len(phases), 1)), -np.sin(angle), np.cos(angle)])
+    start = np.zeros((2 * orders + 1, n))
+    start[[0, 1, orders + 1]] = first.mean, first.cosine[0], first.sine[0]
+    told = _told(swimmer, base, slope, drag)
+
+    def cost(c: np.ndarray) -> tuple[float, np.ndarray]:
+        value, gradient, _, _ = told(c)
+        return -float(value), -np.asarray(gradient).ravel()
+
+    turn = {
+        "type": "eq",
+        "fun": lambda c: np.asarray(told(c)[2]).ravel(),
+        "jac": lambda c: np.asarray(told(c)[3]),
+    }
+    found = minimize(
+        cost, start.ravel(order="F"), jac=True, method="SLSQP", constraints=[turn],
+        options={"maxiter": _STEPS, "ftol": 1e-15},
+    )  # fmt: skip
+    if not found.success and found.status != 8:  # 8: no step gains any more
+        raise SolveError(f"the search over harmonics ended: {found.message}", "other starts")
+    c = found.x.reshape(2 * orders + 1, n, order="F")
+    stroke = Harmonics(c[0], c[1 : orders + 1] / rows[:, None], c[orders + 1 :] / rows[:, None])
+    value, _, turned, _ = told(found.x)
+    return SpectralStroke(stroke, float(np.exp(float(value))), float(turned), int(found.nit))
+
+
+def _told(swimmer: Swimmer, base: np.ndarray, slope: np.ndarray, drag: float) -> ca.Function:
+    """Logarithm of the efficiency and turn, with their gradients, by the coefficients."""
+    count, n = len(base), swimmer.shape.s.numel()
+    c = ca.MX.sym("c", base.shape[1] * n)
+    table = ca.reshape(c, base.shape[1], n)
+    shapes, rates = ca.mtimes(ca.DM(base), table), ca.mtimes(ca.DM(slope), table)
+    s, ds = swimmer.shape.s, swimmer.shape.rates
+    twist = ca.mtimes(swimmer.connection, ds)
+    power = ca.dot(ds, ca.mtimes(swimmer.metric, ds))
+    point = ca.Function("point", [s, ds], [twist, power]).map(count)
+    xi, powers = point(shapes.T, rates.T)
+    angle = ca.mtimes(xi[2, :], ca.DM(_primitive(count)).T)
+    turn = ca.sum2(xi[2, :]) / count
+    cos, sin = ca.cos(angle), ca.sin(angle)
+    way_x = ca.sum2(cos * xi[0, :] - sin * xi[1, :]) / count
+    way_y = ca.sum2(sin * xi[0, :] + cos * xi[1, :]) / count
+    work = ca.sum2(powers) / count
+    value = ca.log(drag * (way_x**2 + way_y**2)) - ca.log(work)
+    return ca.Function("told", [c], [value, ca.gradient(value, c), turn, ca.jacobian(turn, c)])
+
+
+def _primitive(count: int) -> np.ndarray:
+    """Matrix from values of a trigonometric polynomial at even phases to its integral from 0."""
+    orders = np.fft.fftfreq(count, 1 / count)
+    wave = np.fft.fft(np.eye(count), axis=0)
+    factor = np.zeros(count, complex)
+    kept = (orders != 0) & (np.abs(orders) < count / 2)
+    factor[kept] = 1 / (2j * np.pi * orders[kept])
+    swing = np.fft.ifft(factor[:, None] * wave, axis=0).real
+    phases = np.arange(count) / count
+    return swing - swing[0] + np.outer(phases, np.full(count, 1 / count))

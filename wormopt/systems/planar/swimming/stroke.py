@@ -1,0 +1,195 @@
+"""How far a stroke carries a body on viscous ground, and what it takes.
+
+A body without inertia knows no time: displacement and the length of the stroke in the metric of
+power are integrals over its phase. The stroke costs least work in a given time at constant power.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError
+from wormopt.numerics.collocation import Collocation
+from wormopt.systems.planar.body.se2 import rotate
+from wormopt.systems.planar.body.strokes import Stroke
+from wormopt.systems.planar.swimming.swimmer import Swimmer
+
+# Points of Gauss on a panel; panels are halved until nothing changes, or there are too many.
+_POINTS, _MOST, _ROUNDING = 16, 1024, 3e-15
+STRAIGHT = 1e-9
+"""Turn below which a stroke counts as straight: its distance then is free of the frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class Swim:
+    """What one stroke does.
+
+    Parameters
+    ----------
+    displacement : ndarray, shape (3,)
+        Way of the body's frame, in the frame at the start, and the angle it turns by.
+    length : float
+        Of the stroke in the metric of power: in time T it takes work length^2 / T or more.
+    phase : ndarray, shape (m,)
+        Phases at which the rest is known.
+    shapes : ndarray, shape (m, n_s)
+        Shapes.
+    poses : ndarray, shape (m, 3)
+        Poses of the frame, from the start.
+    travelled : ndarray, shape (m,)
+        Length of the stroke up to there.
+    drag : float
+        Force by velocity that tows the straight body.
+    error : float
+        By how much displacement and length changed when panels were halved.
+    """
+
+    displacement: np.ndarray
+    length: float
+    phase: np.ndarray
+    shapes: np.ndarray
+    poses: np.ndarray
+    travelled: np.ndarray
+    drag: float
+    error: float
+
+    @property
+    def distance(self) -> float:
+        """How far the frame gets; free of the frame and the start where the stroke is straight."""
+        return float(np.hypot(*self.displacement[:2]))
+
+    @property
+    def turn(self) -> float:
+        """Angle by which the body turns."""
+        return float(self.displacement[2])
+
+    @property
+    def action(self) -> float:
+        """Work times time at constant power, the least there is."""
+        return self.length**2
+
+    @property
+    def efficiency(self) -> float:
+        """Work by which the straight body is towed as far in the same time, over that of the stroke.
+
+        drag distance^2 / action; NaN where the stroke turns the body or nothing moves.
+        """
+        if abs(self.turn) > STRAIGHT or not self.length > 0:
+            return float("nan")
+        return self.drag * self.distance**2 / self.action
+
+    def work(self, duration: float) -> float:
+        """Least work in so long a time.
+
+        Parameters
+        ----------
+        duration : float
+            Time of the stroke.
+
+        Returns
+        -------
+        float
+        """
+        if not duration > 0:
+            raise ArgumentError(f"duration must be above 0, not {duration}")
+        return self.action / duration
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """Times (m,) of the phases at constant power, over the duration of the stroke."""
+        return self.travelled / self.length if self.length > 0 else self.phase
+
+
+def swim(swimmer: Swimmer, stroke: Stroke) -> Swim:
+    """Let a body make a stroke on viscous ground.
+
+    Parameters
+    ----------
+    swimmer : Swimmer
+        The body.
+    stroke : Stroke
+        How its shape goes round: `Harmonics`, `Polygon`, or any with their methods.
+
+    Returns
+    -------
+    Swim
+        Displacement, work, and the way there.
+
+    Raises
+    ------
+    ArgumentError
+        If the stroke has another number of shape variables, or leads through a shape at which the
+        drags are no finite numbers: a link of length 0.
+
+    Examples
+    --------
+    >>> from wormopt.systems.planar.body.shape import chain_shape
+    >>> from wormopt.systems.planar.body.strokes import Polygon
+    >>> purcell = Swimmer(chain_shape(3, lengths=(1.0, 1.0, 1.0)), rods=(1.0, 2.0))
+    >>> square = Polygon([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    >>> round(swim(purcell, square).distance, 12)
+    0.180562563321
+    """
+    if stroke.n_s != swimmer.shape.s.numel():
+        names = ", ".join(swimmer.shape.names) or "none"
+        raise ArgumentError(f"the stroke has {stroke.n_s} shape variables, the body has: {names}")
+    panels, last = 2, None
+    while True:
+        found = _integrated(swimmer, stroke, panels)
+        if not np.all(np.isfinite(found.poses)):
+            raise ArgumentError("the stroke leads through a shape at which drag is not finite")
+        now = np.append(found.displacement, found.length)
+        error = np.inf if last is None else float(np.abs(now - last).max())
+        if error <= _ROUNDING * panels * (1 + found.length) or 2 * panels > _MOST:
+            break
+        panels, last = 2 * panels, now
+    return Swim(**{**vars(found), "error": error})
+
+
+def _integrated(swimmer: Swimmer, stroke: Stroke, panels: int) -> Swim:
+    """Gauss's rule on so many panels of every smooth stretch."""
+    rule = Collocation(_POINTS, "legendre")
+    edges = np.concatenate(
+        [np.linspace(a, b, panels, endpoint=False) for a, b in zip(stroke.breaks, stroke.breaks[1:], strict=False)]
+        + [[1.0]]
+    )
+    widths = np.diff(edges)
+    phase = (edges[:-1, None] + widths[:, None] * rule.tau).ravel()
+    shapes, rates = stroke.at(phase)
+    A, G = swimmer.local(shapes)
+    twist = np.einsum("mij,mj->mi", A, rates).reshape(len(widths), _POINTS, 3)
+    power = np.einsum("mi,mij,mj->m", rates, G, rates).reshape(len(widths), _POINTS)
+    pace = np.sqrt(np.maximum(power, 0.0))
+    angle, turn = _running(rule, widths, twist[..., 2])
+    velocity = rotate(angle, twist[..., :2])
+    x, way_x = _running(rule, widths, velocity[..., 0])
+    y, way_y = _running(rule, widths, velocity[..., 1])
+    travelled, length = _running(rule, widths, pace)
+    poses = np.stack([x, y, angle], axis=-1).reshape(-1, 3)
+    end = np.array([way_x, way_y, turn])
+    first, last = stroke.at(np.array([0.0, 1.0]))[0]
+    return Swim(
+        end, length,
+        np.concatenate([[0.0], phase, [1.0]]),
+        np.vstack([first, shapes, last]),
+        np.vstack([np.zeros(3), poses, end]),
+        np.concatenate([[0.0], travelled.ravel(), [length]]),
+        swimmer.towing_drag(shapes), np.inf,
+    )  # fmt: skip
+
+
+def _running(rule: Collocation, widths: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, float]:
+    """Integral of a rate (panels, points) from 0 to each point, and to the end."""
+    whole = widths * (rate @ rule.B)
+    before = np.concatenate([[0.0], np.cumsum(whole)])
+    return before[:-1, None] + widths[:, None] * (rate @ rule.A.T), float(before[-1])
+
+
+def poses_at(swim: Swim, phase: ArrayLike) -> np.ndarray:
+    """Poses (m, 3) at phases, for pictures: cubic between those known."""
+    tau, known = np.asarray(phase, dtype=float), swim.poses
+    return np.stack([np.interp(tau, swim.phase, column) for column in known.T], axis=-1)

@@ -1,0 +1,198 @@
+"""Bodies on viscous ground: their local connection xi = A(s) s' and metric of power G(s).
+
+The ground takes power from rods and from points in proportion to the squares of velocities. The
+body has no inertia and is pushed by nothing else, so that its motion takes least power; both A and
+G are parts of one quadratic form in the twist and the rates of the shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError
+from wormopt.systems.planar.body.shape import Shape, turned
+
+Drag = tuple[float, float]
+"""Along and across."""
+
+
+@dataclass(frozen=True, eq=False)
+class Swimmer:
+    """A body whose links are rods and whose masses are points on viscous ground.
+
+    A rod is resisted by c_t along and c_n across itself, per length and velocity; its velocity
+    varies linearly from end to end, so that a rod of length l resists turning by c_n l^3 / 12, and
+    one that stretches evenly takes the power c_t l l'^2 / 12.
+
+    Parameters
+    ----------
+    shape : Shape
+        Points of the body; rods join each with the next.
+    rods : (float, float), optional
+        c_t and c_n, drag per length and velocity.
+    masses : (float, float), optional
+        k_t and k_n, drag of each point per velocity, along and across its heading.
+
+    Raises
+    ------
+    ArgumentError
+        If a drag is negative, or nothing resists along or nothing across.
+
+    Examples
+    --------
+    >>> from wormopt.systems.planar.body.shape import chain_shape
+    >>> purcell = Swimmer(chain_shape(3, lengths=(1.0, 1.0, 1.0)), rods=(1.0, 2.0))
+    >>> A, G = purcell.local([0.0, 0.0])
+    >>> np.linalg.eigvalsh(G).round(12).tolist()
+    [0.061728395062, 0.333333333333]
+    """
+
+    shape: Shape
+    rods: Drag = (0.0, 0.0)
+    masses: Drag = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("rods", "masses"):
+            pair = tuple(float(value) for value in getattr(self, name))
+            if len(pair) != 2 or not np.all(np.isfinite(pair)) or min(pair) < 0:
+                raise ArgumentError(f"{name} needs two drags, along and across, not {pair}")
+            object.__setattr__(self, name, pair)
+        if max(min(self.rods), min(self.masses)) == 0:
+            raise ArgumentError(
+                "the ground must resist along and across: give rods=(c_t, c_n) or "
+                "masses=(k_t, k_n), both above 0"
+            )
+        if self.shape.n_points < 2:
+            raise ArgumentError("a body on viscous ground needs two points or more")
+
+    @cached_property
+    def power(self) -> ca.SX:
+        """Power that the ground takes, by the shape, its rates and the twist."""
+        velocities = [self._velocity(i) for i in range(self.shape.n_points)]
+        along, across = self.masses
+        own = sum(_square(-a, v, along, across) for a, v in zip(self._looks, velocities, strict=True))
+        return own + sum(self._rod(j, velocities) for j in range(1, self.shape.n_points))
+
+    @property
+    def _looks(self) -> list[ca.SX]:
+        return [self.shape.headings[i] for i in range(self.shape.n_points)]
+
+    def _velocity(self, i: int) -> ca.SX:
+        """Velocity of a point along the axes of the body's frame."""
+        shape, place = self.shape, self.shape.points[:, i]
+        turn = ca.vertcat(-place[1], place[0])
+        swing = ca.jtimes(place, shape.s, shape.rates)
+        return shape.twist[:2] + shape.twist[2] * turn + swing
+
+    def _rod(self, j: int, velocities: list[ca.SX]) -> ca.SX:
+        along, across = self.rods
+        d = self.shape.points[:, j - 1] - self.shape.points[:, j]
+        length = ca.norm_2(d)
+        e = d / length
+        total = ca.SX(0)
+        middle = (velocities[j - 1] + velocities[j]) / 2
+        for v, share in ((middle, 1.0), (velocities[j - 1] - velocities[j], 1 / 12)):
+            ahead, aside = ca.dot(v, e), e[0] * v[1] - e[1] * v[0]
+            total += share * length * (along * ahead**2 + across * aside**2)
+        return total
+
+    @cached_property
+    def connection(self) -> ca.SX:
+        """A(s), shape (3, n_s): the twist is A s'."""
+        xx, xs, _ = self._blocks
+        return -ca.mtimes(_inverse(xx), xs)
+
+    @cached_property
+    def metric(self) -> ca.SX:
+        """G(s), shape (n_s, n_s): power is s'^T G s'."""
+        _, xs, ss = self._blocks
+        return ss + ca.mtimes(xs.T, self.connection)
+
+    @cached_property
+    def _blocks(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        q = ca.vertcat(self.shape.twist, self.shape.rates)
+        form = ca.densify(ca.hessian(self.power, q)[0]) / 2
+        return form[:3, :3], form[:3, 3:], form[3:, 3:]
+
+    @cached_property
+    def functions(self) -> ca.Function:
+        """``A`` and ``G`` by ``s``."""
+        parts = [ca.densify(part) for part in (self.connection, self.metric)]
+        return ca.Function("local", [self.shape.s], parts, ["s"], ["A", "G"])
+
+    def local(self, s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Local connection and metric of power at shapes.
+
+        Parameters
+        ----------
+        s : array_like, shape (n_s,) or (m, n_s)
+            Shapes.
+
+        Returns
+        -------
+        A : ndarray, shape (3, n_s) or (m, 3, n_s)
+            The twist is A s'.
+        G : ndarray, shape (n_s, n_s) or (m, n_s, n_s)
+            The power is s'^T G s'.
+        """
+        shapes, n_s = np.asarray(s, dtype=float), self.shape.s.numel()
+        if shapes.shape[-1:] != (n_s,) or shapes.ndim > 2:
+            raise ArgumentError(f"shapes need {n_s} variables each, not an array {shapes.shape}")
+        rows = np.atleast_2d(shapes)
+        A, G = map(np.asarray, self.functions(rows.T))
+        A = A.reshape(3, len(rows), n_s).swapaxes(0, 1)
+        G = G.reshape(n_s, len(rows), n_s).swapaxes(0, 1)
+        return (A, G) if shapes.ndim == 2 else (A[0], G[0])
+
+    def seen_from(self, place: ca.SX, angle: ca.SX) -> Swimmer:
+        """The same body in another frame, by its place and angle in the present one."""
+        shape = self.shape
+        columns = [turned(-angle, shape.points[:, i] - place) for i in range(shape.n_points)]
+        points, headings = ca.horzcat(*columns), shape.headings - angle
+        return replace(self, shape=replace(shape, points=points, headings=headings))
+
+    @cached_property
+    def lengths(self) -> ca.Function:
+        """Lengths of the rods by ``s``."""
+        d = self.shape.points[:, :-1] - self.shape.points[:, 1:]
+        found = ca.sqrt(ca.sum1(d**2)).T
+        return ca.Function("lengths", [self.shape.s], [ca.densify(found)], ["s"], ["lengths"])
+
+    def towing_drag(self, shapes: np.ndarray) -> float:
+        """Force by velocity that tows the straight body along itself, each rod as short as it gets.
+
+        `shapes` (m, n_s) are those it takes.
+        """
+        shortest = np.asarray(self.lengths(np.atleast_2d(shapes).T)).min(axis=1)
+        return float(self.rods[0] * shortest.sum() + self.masses[0] * self.shape.n_points)
+
+    @property
+    def ceiling(self) -> float:
+        """Efficiency above which no stroke can be: 1, where drag is least along.
+
+        A rod's centre has to go as far as the body, and least power takes it there evenly, at
+        min(c_t, c_n) per length or more; so have points.
+        """
+        pairs = [pair for pair in (self.rods, self.masses) if max(pair) > 0]
+        return max(1.0, max((t / n if n > 0 else np.inf) for t, n in pairs))
+
+
+def _square(angle: ca.SX, velocity: ca.SX, along: float, across: float) -> ca.SX:
+    v = turned(angle, velocity)
+    return along * v[0] ** 2 + across * v[1] ** 2
+
+
+def _inverse(m: ca.SX) -> ca.SX:
+    """Inverse of a symmetric matrix (3, 3), by cofactors."""
+    def minor(i: int, j: int) -> ca.SX:
+        a, b = [k for k in range(3) if k != i]
+        c, d = [k for k in range(3) if k != j]
+        return (-1) ** (i + j) * (m[a, c] * m[b, d] - m[a, d] * m[b, c])
+
+    cofactors = ca.vertcat(*(ca.horzcat(*(minor(i, j) for j in range(3))) for i in range(3)))
+    return cofactors.T / ca.dot(m[0, :], cofactors[0, :])
