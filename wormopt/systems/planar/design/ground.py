@@ -8,7 +8,8 @@ import casadi as ca
 
 from wormopt.errors import ArgumentError
 from wormopt.model.planar_friction import Elliptic
-from wormopt.systems.planar.body.shape import Shape, turned
+from wormopt.systems.planar.body.shape import Shape
+from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,21 +26,19 @@ class Dry:
 
     def potential(self, shape: Shape, width: ca.SX) -> ca.SX:
         """Sum of sqrt(psi² + width²) less the width: what the twist makes least."""
-        powers = [_squared(law, v) for law, v in self.each(shape)]
-        return sum(
-            (ca.sqrt(power + width**2) - width for power in powers), start=ca.SX(0)
-        )
+        laws = self.each_law(shape)
+        squares = [_squared(law, shape.velocities[:, i]) for i, law in enumerate(laws)]
+        return sum((ca.sqrt(one + width**2) - width for one in squares), start=ca.SX(0))
 
     def power(self, shape: Shape, width: ca.SX) -> ca.SX:
         """Power that the ground takes, up to the width; smooth at rest."""
         return self.potential(shape, width)
 
-    def each(self, shape: Shape) -> list[tuple[Elliptic, ca.SX]]:
-        """Law and velocity of every mass."""
+    def each_law(self, shape: Shape) -> list[Elliptic]:
+        """Law of every mass."""
         if len(self.laws) not in (1, shape.n_points):
             raise ArgumentError(f"{shape.n_points} masses need as many laws, not {len(self.laws)}")
-        laws = self.laws * (shape.n_points if len(self.laws) == 1 else 1)
-        return [(law, shape.velocities[:, i]) for i, law in enumerate(laws)]
+        return list(self.laws) * (shape.n_points if len(self.laws) == 1 else 1)
 
     @property
     def least(self) -> float:
@@ -61,44 +60,27 @@ class Dry:
         return all(float(law.forward) == float(law.backward) for law in self.laws)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Viscous:
-    """Linear drag on rods, by slender-body theory, or on masses.
+    """Linear drag on rods and masses.
 
     Parameters
     ----------
-    along, across : float
-        Drag along and across, per unit length of a rod or of a mass.
-    on : {"rods", "masses"}
-        What it acts on.
+    swimmer : Swimmer
+        The body with its drags.
     """
 
-    along: float
-    across: float
-    on: str = "rods"
+    swimmer: Swimmer
 
     def potential(self, shape: Shape, width: ca.SX) -> ca.SX:
         """Half the power: the twist makes it least."""
         return self.power(shape, width) / 2
 
     def power(self, shape: Shape, width: ca.SX) -> ca.SX:
-        """Power that the fluid takes."""
-        if self.on == "masses":
-            v = shape.velocities
-            return self.along * ca.sumsqr(v[0, :]) + self.across * ca.sumsqr(v[1, :])
-        return sum((self._rod(shape, j) for j in range(shape.n_points - 1)), start=ca.SX(0))
-
-    def _rod(self, shape: Shape, j: int) -> ca.SX:
-        """Power on rod j, whose parts move as its ends do, linearly between them."""
-        link = shape.points[:, j] - shape.points[:, j + 1]
-        length = ca.norm_2(link)
-        angle = ca.atan2(link[1], link[0])
-        head, tail = (
-            turned(shape.headings[i] - angle, shape.velocities[:, i]) for i in (j, j + 1)
-        )
-        mean, apart = (head + tail) / 2, (head - tail) ** 2 / 12
-        taken = mean**2 + apart
-        return length * (self.along * taken[0] + self.across * taken[1])
+        """Power that the ground takes."""
+        if shape is not self.swimmer.shape:
+            raise ArgumentError("the swimmer has another shape")
+        return self.swimmer.power
 
     symmetric = True
 

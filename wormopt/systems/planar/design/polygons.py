@@ -1,7 +1,7 @@
 """Displacement, work and their derivatives by the corners of a stroke of straight sides.
 
-The twist minimises a smooth potential of vanishing width at Gauss points of each side, all sides
-at once; derivatives follow from the theorem of implicit functions.
+The twist is that of least power at Gauss points of each side, all sides at once; derivatives follow
+from the theorem of implicit functions for a potential that is smoothed over almost nothing.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.systems.planar.body.se2 import compose
 from wormopt.systems.planar.body.shape import Shape
-from wormopt.systems.planar.design.ground import Ground
+from wormopt.systems.planar.design.ground import Dry, Ground
 
-# Widths of the potential, in largest slip powers of an instant.
-_WIDTHS = tuple(10.0**-k for k in range(0, 10))
-_ITERATIONS = 60
+# Width of the potential from which derivatives come, in usual powers; steps of Newton's method.
+_ITERATIONS, _NEAR = 60, 1e-9
+_WIDTHS = tuple(10.0**-k for k in range(1, 10))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,54 +108,52 @@ class Steps:
         )
         return newton, slopes
 
-    def twists(self, s: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, float]:
-        """Twists (m, 3) at shapes (m, n_s) with rates (m, n_s), and the width of the potential."""
-        xi = np.zeros((len(s), 3))
-        width = 1.0
-        for part in self.widths(s, rates):
-            width, xi = part, self._minimise(xi, s, rates, part)
-        return xi, width
+    def twists(self, s: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, float | np.ndarray]:
+        """Twists (m, 3) at shapes (m, n_s) with rates (m, n_s); those by a width, and the width."""
+        if not isinstance(self.ground, Dry):
+            xi = self._minimise(np.zeros((len(s), 3)), s, rates, 1.0)
+            return xi, xi, 1.0
+        pace = np.maximum(np.linalg.norm(rates, axis=1, keepdims=True), 1e-300)
+        xi, widths, memory = np.zeros((len(s), 3)), _WIDTHS, self._last
+        if len(memory.get("xi", ())) == len(s):
+            xi, widths = memory["xi"], _WIDTHS[2:]
+        for width in widths:
+            xi = self._minimise(xi, s, rates / pace, width * self.ground.most)
+        memory["xi"] = xi
+        near = xi * pace
+        return near, near, widths[-1] * self.ground.most * pace
 
-    def widths(self, s: np.ndarray, rates: np.ndarray) -> list[float]:
-        """Widths in order, in the ground's units of power."""
-        most = getattr(self.ground, "most", None)
-        if most is None:
-            return [1.0]
-        size = most * max(float(np.abs(rates).max()), 1e-300) * self._reach(s)
-        return [size * part for part in _WIDTHS]
-
-    def _reach(self, s: np.ndarray) -> float:
-        """Usual distance over which a shape variable moves a point: 1 for lengths."""
-        return 1.0
+    @cached_property
+    def _last(self) -> dict[str, np.ndarray]:
+        """Twists found last, from which the next are sought."""
+        return {}
 
     def _minimise(
         self, xi: np.ndarray, s: np.ndarray, rates: np.ndarray, width: float
     ) -> np.ndarray:
         newton, _ = self._functions
-        m = len(s)
-        xi = xi.copy()
-        live = np.arange(m)
-        value = slope = hessian = None
+        xi, function = xi.copy(), newton.map(len(s))
+        value, slope, hessian = _mapped(function, xi, s, rates, width)
         for _ in range(_ITERATIONS):
-            value, slope, hessian = _mapped(newton, xi[live], s[live], rates[live], width)
             step = -np.linalg.solve(hessian.reshape(-1, 3, 3), slope[..., None])[..., 0]
             falls = np.einsum("mi,mi->m", slope, step)
-            size = np.ones(len(live))
-            worse = np.ones(len(live), dtype=bool)
+            size = np.ones(len(s))
             for _ in range(30):
-                tried = xi[live] + size[:, None] * step
-                new = _mapped(newton, tried, s[live], rates[live], width)[0][:, 0]
-                worse = new > value[:, 0] + 1e-4 * size * falls + 1e-15 * np.abs(value[:, 0])
+                tried = xi + size[:, None] * step
+                found = _mapped(function, tried, s, rates, width)
+                limit = value[:, 0] + 1e-4 * size * falls + 1e-15 * np.abs(value[:, 0])
+                worse = ~(found[0][:, 0] <= limit)
                 if not worse.any():
                     break
                 size[worse] /= 2
             size[worse] = 0.0
-            moved = size[:, None] * step
-            xi[live] += moved
-            small = np.abs(moved).max(axis=1) <= 1e-14 * (np.abs(xi[live]).max(axis=1) + 1e-12)
-            live = live[~small]
-            if not len(live):
-                return xi
+            xi = xi + size[:, None] * step
+            value, slope, hessian = found
+            if worse.any():
+                value, slope, hessian = _mapped(function, xi, s, rates, width)
+            moved = np.abs(size[:, None] * step).max(axis=1)
+            if np.all(moved <= _NEAR * (np.abs(xi).max(axis=1) + 1e-12)):
+                break
         return xi
 
     def sides(self, corners: np.ndarray, closed: bool = True) -> Sides:
@@ -168,11 +166,13 @@ class Steps:
         way = end - begin
         s = (begin[:, None] + tau[:, None] * way[:, None]).reshape(-1, n_s)
         rates = np.repeat(way, q, axis=0)
-        xi, width = self.twists(s, rates)
+        xi, near, width = self.twists(s, rates)
         if not np.isfinite(xi).all():
             raise SolveError("no motion of least power was found along the stroke")
         _, slopes = self._functions
-        hessian, mixed, power, by_xi, by_both = _mapped(slopes, xi, s, rates, width)
+        hessian, mixed, power, by_xi, by_both = _mapped(
+            slopes.map(len(xi)), near, s, rates, width
+        )
         hessian = hessian.reshape(-1, 3, 3)
         mixed = mixed.reshape(-1, 2 * n_s, 3).transpose(0, 2, 1)
         xi_by = -np.linalg.solve(hessian, mixed)
@@ -227,11 +227,11 @@ class Steps:
 
 
 def _mapped(
-    function: ca.Function, xi: np.ndarray, s: np.ndarray, rates: np.ndarray, width: float
+    function: ca.Function, xi: np.ndarray, s: np.ndarray, rates: np.ndarray, width: float | np.ndarray
 ) -> list[np.ndarray]:
     """Values of a function at many instants, one row each (column-major within a row)."""
     m = len(s)
-    found = function.map(m)(xi.T, s.T, rates.T, np.full((1, m), width))
+    found = function(xi.T, s.T, rates.T, np.broadcast_to(width, (m, 1)).T)
     return [
         np.asarray(part).reshape(part.shape[0], m, -1).transpose(1, 2, 0).reshape(m, -1)
         for part in found

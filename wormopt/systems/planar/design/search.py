@@ -19,7 +19,7 @@ from wormopt.systems.planar.design.ground import Dry
 from wormopt.systems.planar.design.program import gait_problem
 from wormopt.systems.planar.design.starts import chance_corners, guess_from
 
-WIDTHS = (0.3, 0.03, 0.003)
+WIDTHS = (1.0, 0.1, 0.01)
 
 
 def mesh_of(aim: PlanarAim) -> Mesh:
@@ -35,7 +35,7 @@ def solve(aim: PlanarAim, corners, report: Report = silent, widths=WIDTHS):
     treatment = FixedModes(ModeSequence(((),) * mesh.phases))
     if not isinstance(aim.ground, Dry):
         return optimise(problem, mesh, treatment, guess)
-    scale = aim.ground.most * float(aim.rates.max())
+    scale = aim.ground.most * float(aim.rates.min())
     best = None
     for k, width in enumerate(widths):
         best = optimise(
