@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import PlanarLaw
-from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.body.strokes import Stroke
-from wormopt.systems.planar.crawling.ground import ground_of
-from wormopt.systems.planar.crawling.phases import Course, Phase, closed, phases_of
+from wormopt.systems.planar.crawling.panels import Panels, resolve
+from wormopt.systems.planar.crawling.phases import Course, Phase, Piece, closed
 from wormopt.systems.planar.crawling.velocity import Crawler
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 # Share of a step between samples at which they begin: none falls on an instant of symmetry.
 _OFF = (np.sqrt(5) - 1) / 2
+_FEWEST, _ROUNDS = 16, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +30,7 @@ class Crawl:
     work: float  # that the ground takes in a stroke
     phases: tuple[Phase, ...]
     course: Course
+    panels: Panels
     poses: np.ndarray  # (len(phases) + 1, 3), at the breaks
 
     @property
@@ -46,47 +47,70 @@ def crawl(
     load: ArrayLike = (0.0, 0.0, 0.0),
     samples: int = 128,
 ) -> Crawl:
-    """Find where a stroke takes a body so slow that its inertia does not matter."""
-    crawler = Crawler(shape, ground_of(laws, shape.n_points), np.asarray(load, dtype=float))
+    """Find where a stroke takes a body so slow that its inertia does not matter.
+
+    At every instant the body moves with the velocity of least power: sum over the masses of
+    psi_i(v_i), less the power of the load. Which masses rest, and when, follows; between these
+    breaks the motion is analytic in the phase, and Gauss' rule integrates it.
+
+    Parameters
+    ----------
+    shape : Shape
+        Points of the body by its shape variables.
+    laws : Elliptic, or sequence of Elliptic
+        Friction law of all masses, or of each.
+    stroke : Stroke
+        Course of the shape variables over a phase from 0 to 1. The time it takes is without effect.
+    load : array_like, shape (3,), optional
+        Force on the frame of the body, along its heading and to the left, and moment.
+    samples : int, optional
+        At how many phases changes are looked for at first.
+
+    Returns
+    -------
+    Crawl
+        Displacement, work, and the phases through which the same masses rest.
+
+    Raises
+    ------
+    ArgumentError
+        If numbers do not match, or a law is not one of least power.
+    SolveError
+        If the ground cannot hold the load, or leaves the motion open.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> from wormopt.model.planar_friction import Elliptic
+    >>> worm = wo.planar.chain_shape(2, lengths=(1.0, 1.0))
+    >>> to_and_fro = wo.planar.Polygon([[0.2], [1.2]])
+    >>> abs(wo.planar.crawl(worm, Elliptic(1.0, 1.0, 3.0), to_and_fro).displacement).max() < 1e-9
+    True
+    """
+    crawler = Crawler.of(shape, laws, load)
+    if stroke.n_s != len(shape.names):
+        raise ArgumentError(f"a stroke of {stroke.n_s} variables for {len(shape.names)} of a shape")
     course = Course(crawler, stroke)
     ends = stroke.breaks
-    count = max(16, samples // (len(ends) - 1))
-    found = [p for a, b in pairwise(ends) for p in _phases(course, float(a), float(b), count)]
-    poses, work = _way(course, found)
-    return Crawl(poses[-1], work, tuple(found), course, poses)
-
-
-def _phases(course: Course, start: float, end: float, count: int) -> list[Phase]:
-    """Phases between two breaks of the stroke."""
-    tau = start + (end - start) * (np.arange(count) + _OFF) / count
-    return phases_of(closed(course, course.sample(tau)), start, end)
-
-
-def _way(course: Course, found: list[Phase]) -> tuple[np.ndarray, float]:
-    """Poses (p + 1, 3) at the breaks and the work, by Gauss' rule in each phase."""
-    start, end = (np.array([getattr(p, name) for p in found]) for name in ("start", "end"))
-    tau = start[:, None] + (end - start)[:, None] * (_NODES + 1) / 2
-    motion = course.at(tau.ravel())
-    step = (end - start) / 2
-    twist = motion.twist.reshape(len(found), -1, 3)
-    work = float((motion.power.reshape(len(found), -1) @ _WEIGHTS * step).sum())
-    inner = twist[..., 2] @ _INTEGRATE.T * step[:, None]
-    turns = twist[..., 2] @ _WEIGHTS * step
-    begin = np.concatenate([[0.0], np.cumsum(turns)])
-    way = rotate(begin[:-1, None] + inner, twist[..., :2])
-    moves = np.einsum("pqc,q,p->pc", way, _WEIGHTS, step)
-    places = np.vstack([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
-    return np.column_stack([places, begin]), work
-
-
-def _integrals() -> np.ndarray:
-    """Matrix of the integrals from -1 to each node, by values at the nodes."""
-    legendre = np.polynomial.legendre
-    inverse = np.linalg.inv(legendre.legvander(_NODES, len(_NODES) - 1))
-    columns = [
-        legendre.legval(_NODES, legendre.legint(row, lbnd=-1)) for row in np.eye(len(_NODES))
+    pieces = [
+        Piece(a, b, course.sample(_instants(a, b, samples, len(ends))))
+        for a, b in pairwise(ends.tolist())
     ]
-    return np.array(columns).T @ inverse
+    for _ in range(_ROUNDS):
+        pieces = [replace(piece, seen=closed(course, piece.seen)) for piece in pieces]
+        found = [phase for piece in pieces for phase in piece.phases]
+        panels, missed = resolve(course, found)
+        if not missed:
+            break
+        pieces = [piece.joined(missed) for piece in pieces]
+    else:
+        raise SolveError("masses stop and start again too often for the breaks to be told apart")
+    poses, work = panels.poses(np.append([p.start for p in found], 1.0)), panels.work
+    return Crawl(poses[-1], work, tuple(found), course, panels, poses)
 
 
-_INTEGRATE = _integrals()
+def _instants(start: float, end: float, samples: int, breaks: int) -> np.ndarray:
+    """Phases at which changes are looked for at first."""
+    count = max(_FEWEST, samples // (breaks - 1))
+    return start + (end - start) * (np.arange(count) + _OFF) / count
+

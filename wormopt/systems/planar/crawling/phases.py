@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +12,8 @@ from wormopt.systems.planar.body.strokes import Stroke
 from wormopt.systems.planar.crawling.velocity import Crawler, Motion
 
 # So near a break, told by a root, both sides are looked at; and how often brackets are divided.
-_BESIDE, _DIVISIONS = 1e-6, 30
+_BESIDE, _DIVISIONS = 1e-6, 40
+_POINT, _ASIDE = 1e-14, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +24,7 @@ class Phase:
     end: float
     rest: np.ndarray  # (m,), whether a mass rests
     back: np.ndarray  # (m,), whether a mass slides back where it is resisted otherwise than ahead
+    twist: np.ndarray  # (3,), somewhere in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,7 @@ class Course:
 
     def samples_of(self, tau: np.ndarray, motion: Motion) -> list[Sample]:
         """Samples of motions at phases."""
-        back = (motion.velocities[..., 0] < 0) & self.crawler.ground.one_sided & ~motion.rest
+        back = (ahead(motion) < 0) & self.crawler.ground.one_sided & ~motion.rest
         rows = zip(tau, motion.rest, back, motion.twist, strict=True)
         return [Sample(float(t), *row) for t, *row in rows]
 
@@ -75,50 +77,61 @@ class Course:
         return self.crawler.parting(s[0], ds[0], i, j)
 
 
-def phases_of(seen: list[Sample], start: float, end: float) -> list[Phase]:
-    """Phases from samples on both sides of every break."""
-    found: list[Phase] = []
-    begin = start
-    for left, right in pairwise(seen):
-        if not left.as_in(right):
-            at = (left.tau + right.tau) / 2
-            found.append(Phase(begin, at, left.rest, left.back))
-            begin = at
-    return [*found, Phase(begin, end, seen[-1].rest, seen[-1].back)]
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A smooth piece of a stroke, and what was seen of it."""
+
+    start: float
+    end: float
+    seen: list[Sample]  # in order
+
+    def joined(self, samples: list[Sample]) -> Piece:
+        """With those samples added that lie in it."""
+        own = [one for one in samples if self.start < one.tau < self.end]
+        return replace(self, seen=sorted([*self.seen, *own], key=lambda one: one.tau))
+
+    @property
+    def phases(self) -> list[Phase]:
+        """Phases, if samples close in on every break."""
+        found: list[Phase] = []
+        begin = self.start
+        for left, right in pairwise(self.seen):
+            if not left.as_in(right):
+                found.append(Phase(begin, left.tau, left.rest, left.back, left.twist))
+                begin = left.tau
+        last = self.seen[-1]
+        return [*found, Phase(begin, self.end, last.rest, last.back, last.twist)]
 
 
 def closed(course: Course, seen: list[Sample]) -> list[Sample]:
     """Add samples until two enclose every break as closely as numbers can."""
-    found = seen[:1]
-    for right in seen[1:]:
-        found += _between(course, found[-1], right, _DIVISIONS) + [right]
-    return found
+    for _ in range(_DIVISIONS):
+        gaps = [
+            (a, b)
+            for a, b in pairwise(seen)
+            if not a.as_in(b) and b.tau - a.tau > _POINT
+        ]
+        if not gaps:
+            break
+        breaks = [_break(course, a, b) for a, b in gaps]
+        tau = [_asked(at, a, b) for at, (a, b) in zip(breaks, gaps, strict=True)]
+        by = [side for pair in gaps for side in pair]
+        looked = course.sample(np.ravel(tau), by)
+        for k, ((a, b), at) in enumerate(zip(gaps, breaks, strict=True)):
+            before, after = looked[2 * k : 2 * k + 2]
+            if at is not None and before.as_in(a) and after.as_in(b):
+                before, after = replace(a, tau=at), replace(b, tau=float(np.nextafter(at, 1.0)))
+            seen += [before, after]
+        seen = sorted(seen, key=lambda one: one.tau)
+    return seen
 
 
-def _between(course: Course, left: Sample, right: Sample, deep: int) -> list[Sample]:
-    """Samples that close in on the breaks between two."""
-    if left.as_in(right) or right.tau - left.tau < 1e-14 or not deep:
-        return []
-    at = _break(course, left, right)
+def _asked(at: float | None, a: Sample, b: Sample) -> tuple[float, float]:
+    """Phases close to both sides of a break; without one, that part the gap in three."""
     if at is None:
-        at = (left.tau + right.tau) / 2
-        middle = course.sample(np.array([at]))
-    else:
-        aside = min(_BESIDE, (at - left.tau) / 2, (right.tau - at) / 2)
-        beside = np.array([at - aside, at + aside])
-        before, after = course.sample(beside, [left, right])
-        if before.as_in(left) and after.as_in(right):
-            pair = np.nextafter(at, [0.0, 1.0])
-            return [
-                Sample(float(t), one.rest, one.back, one.twist)
-                for t, one in zip(pair, (left, right), strict=True)
-            ]
-        middle = [before, after]
-    chain = [left, *middle, right]
-    found: list[Sample] = []
-    for a, b in pairwise(chain):
-        found += _between(course, a, b, deep - 1) + [b]
-    return found[:-1]
+        return a.tau + (b.tau - a.tau) / 3, b.tau - (b.tau - a.tau) / 3
+    aside = min(_BESIDE, (at - a.tau) / 2, (b.tau - at) / 2)
+    return at - aside, at + aside
 
 
 def _break(course: Course, left: Sample, right: Sample) -> float | None:
@@ -129,7 +142,10 @@ def _break(course: Course, left: Sample, right: Sample) -> float | None:
     ends = function(left.tau), function(right.tau)
     if not np.isfinite(ends).all() or np.sign(ends[0]) * np.sign(ends[1]) >= 0:
         return None
-    return root(function, left.tau, right.tau)
+    try:
+        return root(function, left.tau, right.tau)
+    except ValueError:  # somewhere between the sets of masses do not fit
+        return None
 
 
 def _teller(course: Course, left: Sample, right: Sample):
@@ -142,4 +158,10 @@ def _teller(course: Course, left: Sample, right: Sample):
         most = right if stops.any() else left
         return lambda tau: float(course.hold(tau, most.rest, most).hold[0]) - 1
     i = int(np.flatnonzero(left.back != right.back)[0])
-    return lambda tau: float(course.hold(tau, left.rest, left).velocities[0, i, 0])
+    return lambda tau: float(ahead(course.hold(tau, left.rest, left))[0, i])
+
+
+def ahead(motion: Motion) -> np.ndarray:
+    """Velocities (G, m) along the headings, 0 counted as ahead: a neighbour at rest keeps it 0."""
+    largest = np.abs(motion.velocities).max(axis=(1, 2))
+    return motion.velocities[..., 0] + _ASIDE * largest[:, None]

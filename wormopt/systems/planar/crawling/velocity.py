@@ -8,17 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wormopt.errors import ArgumentError
 from wormopt.model.planar_friction import PlanarLaw
 from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.body.shape import Shape
+from wormopt.systems.planar.crawling.balance import LeastPower
 from wormopt.systems.planar.crawling.ground import Ground, ground_of
-from wormopt.systems.planar.crawling.least_power import (
-    Least,
-    LeastPower,
-    held,
-    least_power,
-    settle,
-)
+from wormopt.systems.planar.crawling.held import held
+from wormopt.systems.planar.crawling.least_power import Least, least_power, near
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +51,16 @@ class Crawler:
     ground: Ground
     load: np.ndarray  # (3,), force and moment on the frame, in the frame
 
+    @classmethod
+    def of(
+        cls, shape: Shape, laws: PlanarLaw | Sequence[PlanarLaw], load: ArrayLike
+    ) -> Crawler:
+        """A body by its laws."""
+        given = np.asarray(load, dtype=float)
+        if given.shape != (3,) or not np.isfinite(given).all():
+            raise ArgumentError(f"load must be two forces and a moment, not {load}")
+        return cls(shape, ground_of(laws, shape.n_points), given)
+
     def bodies(self, s: np.ndarray, ds: np.ndarray) -> Bodies:
         """Bodies at shapes (G, n_s) and rates."""
         G, m = len(s), self.shape.n_points
@@ -61,7 +68,7 @@ class Crawler:
         _, _, J, B = (np.array(part) for part in mapped.call([s.T]))
         J = J.reshape(2 * m, G, 3).transpose(1, 0, 2).reshape(G, m, 2, 3)
         B = B.reshape(2 * m, G, -1).transpose(1, 0, 2)
-        b = np.einsum("gkn,gn->gk", B, ds).reshape(G, m, 2)
+        b = (B @ ds[..., None]).reshape(G, m, 2)
         speed = np.abs(b).max(axis=(1, 2))
         speed[speed == 0] = 1.0
         length = np.sqrt((J[..., 2] ** 2).sum(axis=2).mean(axis=1))
@@ -82,7 +89,7 @@ class Crawler:
     ) -> Motion:
         """The same, by a guess (G, m) of the resting masses and one (G, 3) of the twist."""
         bodies = self.bodies(s, ds)
-        return self._told(bodies, settle(bodies.body, bodies.scaled(twist), rest))
+        return self._told(bodies, near(bodies.body, bodies.scaled(twist), rest))
 
     def hold(self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray) -> Motion:
         """Motions in which the masses `rest` (m,) are held, whether or not the ground can."""
@@ -91,7 +98,7 @@ class Crawler:
         all_rest = np.tile(rest, (len(s), 1))
         least = Least(found.x, all_rest, found.push, found.hold, found.stiffness)
         told = self._told(bodies, least)
-        return replace(told, hold=np.where(found.fits, told.hold, np.nan))
+        return replace(told, hold=np.where(found.fits & found.balances, told.hold, np.nan))
 
     def parting(self, s: np.ndarray, ds: np.ndarray, i: int, j: int) -> float:
         """Rate of half the square of the distance between two masses, which no twist changes."""
@@ -129,6 +136,6 @@ def crawl_velocity(
     load: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Motion:
     """Velocity of a body that crawls so slowly that inertia does not matter."""
-    crawler = Crawler(shape, ground_of(laws, shape.n_points), np.asarray(load, dtype=float))
+    crawler = Crawler.of(shape, laws, load)
     shapes, rates = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (s, ds))
     return crawler.move(shapes, rates)
