@@ -37,6 +37,7 @@ SAVED = Path(__file__).parent / "results"
 # Packaged scenes whose results are drawn, by picture; those saved are made by results/make.py.
 SI = 'units="SI"'
 QUICK = ('search.effort="quick"', "search.sequence=[[0],[1],[2]]", "search.workers=1")
+SQUARE = 'stroke={course="polygon",corners=[[1.0,1.0],[-1.0,1.0],[-1.0,-1.0],[1.0,-1.0]]}'
 SCENES: dict[str, tuple[str, ...]] = {
     "limits": ("design_fast_gait", SI, *QUICK),
     "front": (
@@ -79,6 +80,9 @@ SCENES: dict[str, tuple[str, ...]] = {
     "basins": ("film_basins",),
     "rod_motion": ("fig21_rod_motion",),
     "peristalsis": ("peristaltic_design", "worm.segments=3", "limits.reserve=1.0"),
+    "swim": ("planar_purcell", SQUARE),
+    "heights": ("planar_purcell", SQUARE),
+    "serpenoid": ("planar_serpenoid", "waves=[]"),
     "rod_frequency": ("fig22_frequency_response",),
 }
 THREE = (

@@ -259,6 +259,24 @@ KINDS: dict[str, Kind] = {
             "animation": "wormopt.systems.peristaltic.plots.body:first_frame",
         },
     ),
+    "planar-swim": Kind(
+        summary="a stroke of a body on viscous ground, given or the best: way, work, heights",
+        table="wormopt.systems.planar.scenes.swim:PlanarSwimScene",
+        study="wormopt.systems.planar.runs.swim",
+        pictures={
+            "swim": "wormopt.systems.planar.plots.swim:swim",
+            "heights": "wormopt.systems.planar.plots.swim:heights",
+            "animation": "wormopt.systems.planar.plots.swim:first_frame",
+        },
+    ),
+    "planar-serpenoid": Kind(
+        summary="how fast a serpenoid wave carries a long worm over viscous or dry ground",
+        table="wormopt.systems.planar.scenes.serpenoid:PlanarSerpenoidScene",
+        study="wormopt.systems.planar.runs.serpenoid",
+        pictures={
+            "serpenoid": "wormopt.systems.planar.plots.serpenoid:serpenoid",
+        },
+    ),
     "coil-row": Kind(
         summary="the travelling magnetic field of a row of coils that are switched in turn",
         table="wormopt.systems.coils.scenes.coil_rows:CoilRowScene",

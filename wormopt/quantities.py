@@ -35,6 +35,7 @@ UNITS = {
     "impulse": "N s",
     "energy": "J",
     "effort": "N2 s",
+    "action": "J s",
     "power": "W",
     "energy_per_distance": "J m-1",
     "drag": "N s m-1",

@@ -9,3 +9,10 @@ from wormopt.systems.planar.body.strokes import Polygon as Polygon
 from wormopt.systems.planar.crawling.crawl import Crawl as Crawl
 from wormopt.systems.planar.crawling.crawl import crawl as crawl
 from wormopt.systems.planar.crawling.velocity import crawl_velocity as crawl_velocity
+from wormopt.systems.planar.serpenoid import best_serpenoid as best_serpenoid
+from wormopt.systems.planar.serpenoid import finite_serpenoid as finite_serpenoid
+from wormopt.systems.planar.serpenoid import serpenoid_speed as serpenoid_speed
+from wormopt.systems.planar.swimming.best import best_stroke as best_stroke
+from wormopt.systems.planar.swimming.heights import heights as heights
+from wormopt.systems.planar.swimming.stroke import swim as swim
+from wormopt.systems.planar.swimming.swimmer import Swimmer as Swimmer

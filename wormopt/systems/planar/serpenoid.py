@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import j0, jn_zeros
 
@@ -128,7 +129,7 @@ def best_serpenoid(ratio: float, ground: Ground = "viscous") -> tuple[float, flo
         lambda alpha: -serpenoid_speed(alpha, ratio, ground),
         bounds=(1e-3, STEEPEST - 1e-6), method="bounded", options={"xatol": 1e-6},
     )  # fmt: skip
-    return _polished(lambda a: serpenoid_speed(a, ratio, ground), float(found.x))
+    return _polished(lambda a: serpenoid_speed(a, ratio, ground), float(found.x))  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _polished(speed: Callable[[float], float], x: float) -> tuple[float, float]:
@@ -145,8 +146,8 @@ def _polished(speed: Callable[[float], float], x: float) -> tuple[float, float]:
 class SerpenoidWave:
     """Stroke of a chain of even rods: joint angles of a serpenoid wave that runs backward.
 
-    The angle of rod j is that of the wave in its middle, alpha sin(2 pi (tau - (j - 1/2) / per_wave)),
-    so that its joints turn by the differences.
+    The angle of rod j is that of the wave in its middle, alpha sin(2 pi (tau - (j - 1/2) / N)), N rods
+    on a wave; joints turn by the differences.
 
     Parameters
     ----------
@@ -178,12 +179,14 @@ class SerpenoidWave:
 
     def tangents(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Angles (m, rods) of the rods from the way of an infinite body, and rates by the phase."""
-        phase = 2 * np.pi * (np.asarray(tau)[:, None] - (np.arange(self.rods) + 0.5) / self.per_wave)
+        phase = (
+            2 * np.pi * (np.asarray(tau)[:, None] - (np.arange(self.rods) + 0.5) / self.per_wave)
+        )
         return self.alpha * np.sin(phase), 2 * np.pi * self.alpha * np.cos(phase)
 
-    def at(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Angles of the joints at phases (m,), and their derivatives."""
-        angles, rates = self.tangents(np.atleast_1d(tau))
+        angles, rates = self.tangents(np.atleast_1d(np.asarray(tau, dtype=float)))
         return -np.diff(angles, axis=1), -np.diff(rates, axis=1)
 
 

@@ -9,6 +9,7 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.model import Model, Output, Signal
@@ -147,10 +148,10 @@ def first_strokes(aim: StrokeAim, starts: int = 1) -> list[Harmonics]:
     for reach in (_AMPLITUDE, _LARGEST * 0.9):
         centres += [(middle + _OUT * room * corner, reach) for corner in corners]
         centres += [(middle, 0.9)] if reach == _AMPLITUDE else []
-    return [_ellipse(aim, centre, room, share) for centre, share in centres[:starts]]
+    return [_ellipse(aim, centre, share) for centre, share in centres[:starts]]
 
 
-def _ellipse(aim: StrokeAim, centre: np.ndarray, room: np.ndarray, share: float) -> Harmonics:
+def _ellipse(aim: StrokeAim, centre: np.ndarray, share: float) -> Harmonics:
     n = len(centre)
     _, G = aim.seen.local(centre)
     F = np.asarray(curvature(aim.seen)(centre))
@@ -183,6 +184,29 @@ def _guess(aim: StrokeAim, stroke: Harmonics) -> Guess:
 
 
 @dataclass(frozen=True, eq=False)
+class MotionStroke:
+    """A stroke found on a mesh: polynomials on every arc, in unit time."""
+
+    motion: Motion
+
+    @property
+    def n_s(self) -> int:
+        """Number of shape variables."""
+        return len(self.motion.program.rows_of("shape"))
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """Where arcs join."""
+        found = self.motion.breaks / self.motion.duration
+        return np.concatenate([found[:-1], [1.0]])
+
+    def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Shapes (m, n_s) at phases, and rates: inputs are the derivatives, to round-off."""
+        t = np.atleast_1d(np.asarray(tau, dtype=float)) * self.motion.duration
+        return self.motion.state("shape", t).T, self.motion.inputs(t).T
+
+
+@dataclass(frozen=True, eq=False)
 class BestStroke:
     """The best of the strokes found from several starts: a local optimum.
 
@@ -194,14 +218,17 @@ class BestStroke:
         Its efficiency, or its way.
     tried : tuple of float
         The same of every start, NaN where none was found.
-    stroke : Harmonics
-        It as a sum of harmonics.
+    stroke : MotionStroke
+        It, over phases.
+    harmonics : Harmonics
+        The same as a sum of harmonics.
     """
 
     optimum: Optimum
     value: float
     tried: tuple[float, ...]
-    stroke: Harmonics = field(repr=False)
+    stroke: MotionStroke = field(repr=False)
+    harmonics: Harmonics = field(repr=False)
 
     @property
     def motion(self) -> Motion:
@@ -261,6 +288,7 @@ def best_stroke(
     """
     aim = StrokeAim(swimmer, np.asarray(lower), np.asarray(upper), maximise)
     problem, found, tried = stroke_problem(aim), [], []
+    refusal = SolveError("no start leads to a stroke", "other limits or more starts")
     for k, first in enumerate(first_strokes(aim, starts)):
         try:
             optimum = optimise(problem, mesh, FixedModes(), _guess(aim, first), solver=_SOLVER)
@@ -274,8 +302,12 @@ def best_stroke(
     if not found:
         raise refusal
     best = max(found, key=lambda one: _value(aim, one))
-    best = refine(best, tolerance, rounds=_ROUNDS, solver=_SOLVER, report=report)
-    return BestStroke(best, _value(aim, best), tuple(tried), harmonics_of(best.motion))
+    if maximise == "efficiency":  # the way is best along limits, with corners that no mesh meets
+        best = refine(best, tolerance, rounds=_ROUNDS, solver=_SOLVER, report=report)
+    motion = best.motion
+    return BestStroke(
+        best, _value(aim, best), tuple(tried), MotionStroke(motion), harmonics_of(motion)
+    )
 
 
 def _value(aim: StrokeAim, optimum: Optimum) -> float:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.systems.planar.body.shape import Shape
+from wormopt.systems.planar.swimming.stroke import Swim
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 Frame = Literal["head", "middle", "calm"]
@@ -78,7 +79,12 @@ def bracket(a: ca.SX, b: ca.SX) -> ca.SX:
     return ca.vertcat(b[2] * a[1] - a[2] * b[1], a[2] * b[0] - b[2] * a[0], 0)
 
 
-def heights(swimmer: Swimmer, frame: Frame = "calm", reach: float = 2.0) -> Heights:
+def heights(
+    swimmer: Swimmer,
+    frame: Frame = "calm",
+    reach: float = 2.0,
+    middle: tuple[float, float] = (0.0, 0.0),
+) -> Heights:
     """Curvature (height) functions of a body with two shape variables.
 
     Parameters
@@ -91,7 +97,9 @@ def heights(swimmer: Swimmer, frame: Frame = "calm", reach: float = 2.0) -> Heig
         moves least in the mean while the shape changes, in which the area under the curvature
         tells the displacement of large loops best.
     reach : float, optional
-        Shapes from -reach to reach that count for the calm frame, from the straight shape.
+        Shapes from middle - reach to middle + reach that count for the calm frame.
+    middle : (float, float), optional
+        Middle of these.
 
     Returns
     -------
@@ -111,10 +119,15 @@ def heights(swimmer: Swimmer, frame: Frame = "calm", reach: float = 2.0) -> Heig
     """
     if swimmer.shape.s.numel() != 2:
         raise ArgumentError(f"height functions need two shape variables, not {swimmer.shape.names}")
-    return Heights(in_frame(swimmer, frame, reach), frame)
+    return Heights(in_frame(swimmer, frame, reach, middle), frame)
 
 
-def in_frame(swimmer: Swimmer, frame: Frame, reach: float = 2.0) -> Swimmer:
+def in_frame(
+    swimmer: Swimmer,
+    frame: Frame,
+    reach: float = 2.0,
+    middle: tuple[float, float] = (0.0, 0.0),
+) -> Swimmer:
     """The same body told in another frame."""
     if frame == "head":
         return swimmer
@@ -123,7 +136,7 @@ def in_frame(swimmer: Swimmer, frame: Frame, reach: float = 2.0) -> Swimmer:
         return swimmer.seen_from(place, angle)
     if frame != "calm":
         raise ArgumentError(f"frame must be head, middle or calm, not {frame!r}")
-    return _calm(swimmer.seen_from(place, angle), reach)
+    return _calm(swimmer.seen_from(place, angle), reach, np.array(middle))
 
 
 def middle_of(shape: Shape) -> tuple[ca.SX, ca.SX]:
@@ -139,7 +152,7 @@ def middle_of(shape: Shape) -> tuple[ca.SX, ca.SX]:
     return shape.points[:, n // 2], ca.atan2(a[1], a[0]) + half
 
 
-def _calm(swimmer: Swimmer, reach: float) -> Swimmer:
+def _calm(swimmer: Swimmer, reach: float, middle: np.ndarray) -> Swimmer:
     """Frame whose place p and angle b, polynomials of the shape, make the connection least.
 
     In it the twist is w + grad b and R(-b)(V + w J p + grad p), whatever the shape's rates: two
@@ -148,7 +161,7 @@ def _calm(swimmer: Swimmer, reach: float) -> Swimmer:
     x, weight = legendre.leggauss(_NODES)
     u, v = (grid.ravel() for grid in np.meshgrid(x, x, indexing="ij"))
     root = np.sqrt(np.outer(weight, weight).ravel())
-    A, _ = swimmer.local(reach * np.stack([u, v], axis=1))
+    A, _ = swimmer.local(middle + reach * np.stack([u, v], axis=1))
     powers = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
     basis, slopes = _basis(u, v, powers, reach)
     w = A[:, 2, :].T  # (2, m)
@@ -163,8 +176,8 @@ def _calm(swimmer: Swimmer, reach: float) -> Swimmer:
         right += [-root * A[:, 0, k], -root * A[:, 1, k]]
     p = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=1e-12)[0]
     straight = _basis(np.zeros(1), np.zeros(1), powers, reach)[0][0]
-    b[0] -= straight @ b  # the straight body looks ahead
-    symbols = [_terms(swimmer.shape.s[k] / reach) for k in (0, 1)]
+    b[0] -= straight @ b  # in the middle of the shapes it looks as the middle link does
+    symbols = [_terms((swimmer.shape.s[k] - middle[k]) / reach) for k in (0, 1)]
     terms = ca.vertcat(*(symbols[0][i] * symbols[1][j] for i, j in powers))
     count = len(powers)
     place = ca.vertcat(ca.dot(ca.DM(p[:count]), terms), ca.dot(ca.DM(p[count:]), terms))
@@ -175,13 +188,17 @@ def _basis(
     u: np.ndarray, v: np.ndarray, powers: list[tuple[int, int]], reach: float
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Products of Chebyshev's polynomials (m, terms), and their slopes by both variables."""
+
     def table(x: np.ndarray, order: int) -> np.ndarray:
         series = chebyshev.chebder(np.eye(_DEGREE + 1), order) if order else np.eye(_DEGREE + 1)
         return chebyshev.chebval(x, series).T / reach**order
 
     own, slope = [table(x, 0) for x in (u, v)], [table(x, 1) for x in (u, v)]
     i, j = np.array(powers).T
-    return own[0][:, i] * own[1][:, j], [slope[0][:, i] * own[1][:, j], own[0][:, i] * slope[1][:, j]]
+    return own[0][:, i] * own[1][:, j], [
+        slope[0][:, i] * own[1][:, j],
+        own[0][:, i] * slope[1][:, j],
+    ]
 
 
 def _terms(x: ca.SX) -> list[ca.SX]:
@@ -190,3 +207,19 @@ def _terms(x: ca.SX) -> list[ca.SX]:
     for _ in range(_DEGREE - 1):
         found.append(2 * x * found[-1] - found[-2])
     return found
+
+
+def small_efficiency(swimmer: Swimmer, done: Swim) -> float:
+    """Efficiency of the best small stroke about the mean shape that goes as far, to first order.
+
+    The way of area S is |F| S, and round it the length in the metric is (4 pi S sqrt(det G))^1/2 or
+    more: action >= 4 pi sqrt(det G) X / |F|. F and G are those of the middle frame at the shape
+    midway between the stroke's extremes. For large strokes it is a number to compare with, no
+    bound.
+    """
+    shape = (done.shapes.min(axis=0) + done.shapes.max(axis=0)) / 2
+    seen = in_frame(swimmer, "middle")
+    _, G = seen.local(shape)
+    F = np.asarray(curvature(seen)(shape)).ravel()
+    least = 4 * np.pi * np.sqrt(np.linalg.det(G)) / np.hypot(*F[:2])
+    return float(done.drag * done.distance / least)

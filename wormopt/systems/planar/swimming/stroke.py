@@ -74,7 +74,7 @@ class Swim:
 
     @property
     def efficiency(self) -> float:
-        """Work by which the straight body is towed as far in the same time, over that of the stroke.
+        """Work that tows the straight body as far in the same time, over that of the stroke.
 
         drag distance^2 / action; NaN where the stroke turns the body or nothing moves.
         """
@@ -154,7 +154,10 @@ def _integrated(swimmer: Swimmer, stroke: Stroke, panels: int) -> Swim:
     """Gauss's rule on so many panels of every smooth stretch."""
     rule = Collocation(_POINTS, "legendre")
     edges = np.concatenate(
-        [np.linspace(a, b, panels, endpoint=False) for a, b in zip(stroke.breaks, stroke.breaks[1:], strict=False)]
+        [
+            np.linspace(a, b, panels, endpoint=False)
+            for a, b in zip(stroke.breaks, stroke.breaks[1:], strict=False)
+        ]
         + [[1.0]]
     )
     widths = np.diff(edges)

@@ -75,7 +75,9 @@ class Swimmer:
         """Power that the ground takes, by the shape, its rates and the twist."""
         velocities = [self._velocity(i) for i in range(self.shape.n_points)]
         along, across = self.masses
-        own = sum(_square(-a, v, along, across) for a, v in zip(self._looks, velocities, strict=True))
+        own = ca.SX(0) + sum(
+            _square(-a, v, along, across) for a, v in zip(self._looks, velocities, strict=True)
+        )
         return own + sum(self._rod(j, velocities) for j in range(1, self.shape.n_points))
 
     @property
@@ -189,6 +191,7 @@ def _square(angle: ca.SX, velocity: ca.SX, along: float, across: float) -> ca.SX
 
 def _inverse(m: ca.SX) -> ca.SX:
     """Inverse of a symmetric matrix (3, 3), by cofactors."""
+
     def minor(i: int, j: int) -> ca.SX:
         a, b = [k for k in range(3) if k != i]
         c, d = [k for k in range(3) if k != j]

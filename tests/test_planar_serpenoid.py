@@ -1,0 +1,101 @@
+"""Serpenoid waves: closed form, elliptic and unit laws, finite worms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.special import j0
+
+from wormopt.errors import ArgumentError
+from wormopt.systems.planar.body.shape import chain_shape
+from wormopt.systems.planar.runs.serpenoid import another_speed
+from wormopt.systems.planar.serpenoid import (
+    SerpenoidWave,
+    best_serpenoid,
+    finite_serpenoid,
+    serpenoid_speed,
+)
+from wormopt.systems.planar.swimming.balance import stepped
+from wormopt.systems.planar.swimming.swimmer import Swimmer
+
+# Two computations of others each: amplitude, ratio, ground, V over the wave's speed.
+SPEEDS = [
+    (0.5, 2.0, "viscous", 0.105066256657),
+    (1.0, 2.0, "viscous", 0.279567250102),
+    (1.0, 10.0, "viscous", 0.777406367632),
+    (1.0, 2.0, "elliptic", 0.486936986396),
+    (1.0, 2.0, "unit", 0.199075444191),
+    (1.0, 5.0, "elliptic", 0.900535099648),
+    (1.0, 5.0, "unit", 0.587242636583),
+]
+
+
+@pytest.mark.parametrize(("alpha", "ratio", "ground", "speed"), SPEEDS)
+def test_infinite(alpha: float, ratio: float, ground: str, speed: float) -> None:
+    found = serpenoid_speed(alpha, ratio, ground)  # type: ignore[arg-type]
+    assert found / j0(alpha) == pytest.approx(speed, abs=6e-13)
+
+
+@pytest.mark.parametrize("ground", ["viscous", "elliptic", "unit"])
+@settings(max_examples=4, deadline=None)
+@given(alpha=st.floats(0.1, 2.3), ratio=st.floats(1.1, 20))
+def test_by_another_way(ground: str, alpha: float, ratio: float) -> None:
+    accepted = 1e-6 if ground == "elliptic" else 1e-10
+    found = serpenoid_speed(alpha, ratio, ground)  # type: ignore[arg-type]
+    assert found == pytest.approx(another_speed(alpha, ratio, ground), abs=accepted)
+
+
+@given(alpha=st.floats(0.1, 2.3))
+@settings(max_examples=10, deadline=None)
+def test_isotropic_ground(alpha: float) -> None:
+    """Viscous, no wave gets anywhere; dry, both laws are one."""
+    assert abs(serpenoid_speed(alpha, 1.0)) < 1e-15
+    laws = [serpenoid_speed(alpha, 1.0, ground) for ground in ("elliptic", "unit")]
+    assert laws[0] == pytest.approx(laws[1], abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "alpha", "speed"),
+    [(2.0, 1.181295694, 0.223434072524), (10.0, 0.871964983, 0.604624190)],
+)
+def test_best_amplitude(ratio: float, alpha: float, speed: float) -> None:
+    found = best_serpenoid(ratio)
+    assert found[0] == pytest.approx(alpha, abs=1e-9)
+    assert found[1] == pytest.approx(speed, abs=1e-9)
+
+
+@pytest.mark.parametrize(("waves", "speed"), [(1, 0.683219), (2, 0.734918)])
+def test_finite(waves: int, speed: float) -> None:
+    found = finite_serpenoid(1.0, 10.0, waves=waves)
+    assert found.over_wave == pytest.approx(speed, abs=6e-7)
+    assert abs(found.swim.turn) < 1e-13
+
+
+@pytest.mark.slow
+def test_finite_by_steps_of_the_balance() -> None:
+    swimmer = Swimmer(chain_shape(12, lengths=(1 / 12,) * 12), rods=(1.0, 10.0))
+    again = stepped(swimmer, SerpenoidWave(1.0, 12, 12))
+    assert np.hypot(*again[:2]) / j0(1.0) == pytest.approx(0.6832194805, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_longer_worms_approach_the_infinite_one() -> None:
+    """Recoil falls with length; what is left of four waves is that rods are no curve."""
+    speeds = [finite_serpenoid(1.0, 10.0, waves=w).over_wave for w in (1, 2, 4)]
+    assert speeds[2] == pytest.approx(0.746866, abs=6e-7)
+    assert speeds[0] < speeds[1] < speeds[2] < 0.777406367632
+
+
+@pytest.mark.parametrize(
+    "wrong", [(0.0, 2.0, "viscous"), (2.5, 2.0, "unit"), (1.0, 0.0, "unit"), (1.0, 2.0, "wet")]
+)
+def test_what_cannot_be_is_refused(wrong: tuple[float, float, str]) -> None:
+    with pytest.raises(ArgumentError):
+        serpenoid_speed(*wrong)  # type: ignore[arg-type]
+
+
+def test_no_best_amplitude_without_resistance_across() -> None:
+    with pytest.raises(ArgumentError, match="above 1"):
+        best_serpenoid(1.0)

@@ -1,0 +1,184 @@
+"""Scenes of kind ``planar-swim``: a stroke on viscous ground, given or the best."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.mesh import Mesh
+from wormopt.progress import Report
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
+from wormopt.scene.scene import Scene
+from wormopt.systems.planar.body.se2 import circle_of, rotate
+from wormopt.systems.planar.body.strokes import Stroke
+from wormopt.systems.planar.scenes.swim import PlanarSwimScene
+from wormopt.systems.planar.swimming.balance import stepped
+from wormopt.systems.planar.swimming.best import BestStroke, best_stroke
+from wormopt.systems.planar.swimming.heights import heights, small_efficiency
+from wormopt.systems.planar.swimming.spectral import spectral_stroke
+from wormopt.systems.planar.swimming.stroke import Swim, swim
+from wormopt.systems.planar.swimming.swimmer import Swimmer
+from wormopt.systems.shared.optimum import refused
+
+_AGREED, _STEPPED, _STRAIGHT = 1e-7, 1e-8, 1e-5
+_INSTANTS, _GRID = 401, 81
+
+
+@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+def run(scene: Scene[PlanarSwimScene], report: Report) -> Result:
+    """Find or take the stroke; "failed" where another way to its displacement ends elsewhere.
+
+    Raises SolveError if none is found.
+    """
+    table, begin = scene.table, time.perf_counter()
+    swimmer = table.swimmer
+    best = None if table.stroke else _searched(scene, swimmer, report)
+    stroke: Stroke = best.stroke if best else table.stroke.stroke()  # type: ignore[union-attr]
+    done = swim(swimmer, stroke)
+    searched = time.perf_counter()
+    spectral, reason = _again(table, swimmer, best, done)
+    again = stepped(swimmer, stroke)
+    off = float(np.abs(again[:3] - done.displacement).max() / (1 + done.length))
+    circle = circle_of(done.displacement)
+    straight = table.search.maximise == "efficiency" or best is None
+    return conclude(
+        scene,
+        {
+            "distance": done.distance,
+            "displacement": done.displacement[:2].tolist(),
+            "turn": done.turn,
+            "circle_radius": circle.radius if circle and abs(done.turn) > _STRAIGHT else None,
+            "action": done.action,
+            "efficiency": done.efficiency,
+            "efficiency_ceiling": swimmer.ceiling,
+            "efficiency_spectral": spectral,
+            "efficiency_small": small_efficiency(swimmer, done) if table.n_s == 2 else None,
+            "starts_found": list(best.tried) if best else None,
+            "recheck_error": off,
+        },
+        _variables(table, swimmer, stroke, done),
+        checks=_checks(done, best, spectral, reason, off, swimmer),
+        facts={"second_way": reason, "quadrature_change": done.error, "frame": table.frame},
+        warnings=_warnings(best, done, reason, straight=straight),
+        timings={"search": searched - begin, "recheck": time.perf_counter() - searched},
+    )
+
+
+def _searched(scene: Scene[PlanarSwimScene], swimmer: Swimmer, report: Report) -> BestStroke:
+    table, given = scene.table, scene.table.mesh
+    mesh = Mesh.even(
+        1, given.arcs, Collocation(given.degree, given.scheme), max(0, given.degree - 1)
+    )
+    lower, upper = table.bounds
+    try:
+        return best_stroke(
+            swimmer, lower, upper, maximise=table.search.maximise, starts=table.search.starts,
+            mesh=mesh, tolerance=given.tolerance, report=report,
+        )  # fmt: skip
+    except SolveError as error:
+        raise refused(scene, error) from None
+
+
+def _again(
+    table: PlanarSwimScene, swimmer: Swimmer, best: BestStroke | None, done: Swim
+) -> tuple[float | None, str]:
+    """Efficiency by harmonics, or why not."""
+    if best is None or table.search.maximise != "efficiency":
+        return None, "none: no efficiency was searched"
+    if _touches(table, done):
+        return None, "none: the stroke reaches a limit of its shape"
+    try:
+        found = spectral_stroke(swimmer, best.harmonics, done.drag)
+    except SolveError as error:
+        return None, f"failed: {error.reason}"
+    return found.efficiency, "harmonics at even phases, by sequential quadratic programming"
+
+
+def _touches(table: PlanarSwimScene, done: Swim) -> bool:
+    lower, upper = map(np.array, table.bounds)
+    near = 1e-5 * (upper - lower)
+    return bool(np.any(done.shapes < lower + near) or np.any(done.shapes > upper - near))
+
+
+def _checks(
+    done: Swim, best: BestStroke | None, spectral: float | None, reason: str, off: float,
+    swimmer: Swimmer,
+) -> Iterator[Check]:  # fmt: skip
+    yield Check(
+        "balance of forces, stepped", off, _STEPPED,
+        f"by balances of forces in the plane the stroke ends {off:.2g} elsewhere",
+    )  # fmt: skip
+    if best is not None:
+        advice = f"the stroke turns the body by {done.turn:.2g}; write a smaller mesh.tolerance"
+        yield Check("no turn", abs(done.turn), _STRAIGHT, advice)
+        excess = max(0.0, done.drag * done.distance**2 / done.action - swimmer.ceiling)
+        yield Check("efficiency below its ceiling", excess, 0.0, "efficiency beyond what can be")
+    if spectral is not None:
+        apart = abs(spectral / best.value - 1) if best else 0.0
+        advice = f"by harmonics the efficiency is {spectral:.9g}; more arcs (mesh.arcs) may help"
+        yield Check("efficiency by harmonics", apart, _AGREED, advice)
+    elif reason.startswith("failed"):
+        yield Check("efficiency by harmonics", None, _AGREED, reason)
+
+
+def _warnings(best: BestStroke | None, done: Swim, reason: str, *, straight: bool) -> Iterator[str]:
+    if best is None:
+        if abs(done.turn) > _STRAIGHT:
+            yield (
+                "the stroke turns the body: its way hangs on the frame and the start, and repeated "
+                "strokes lie on a circle"
+            )
+        return
+    yield "a local optimum; search.starts begins about other shapes too"
+    if reason.startswith("none"):
+        yield f"no second way to this stroke: {reason.removeprefix('none: ')}"
+    if not straight:
+        yield (
+            "a way that limits of the shape hold has corners, which the mesh meets to "
+            f"{best.optimum.defects.max():.1g} of the states' sizes: it may be longer by as much"
+        )
+
+
+def _variables(
+    table: PlanarSwimScene, swimmer: Swimmer, stroke: Stroke, done: Swim
+) -> dict[str, Any]:
+    instants = np.linspace(0.0, 1.0, _INSTANTS)
+    phase = np.interp(instants, done.time, done.phase)
+    shapes, rates = stroke.at(phase)
+    poses = np.stack([np.interp(phase, done.phase, column) for column in done.poses.T], axis=-1)
+    points = np.stack([np.asarray(swimmer.shape.kinematics(s)[0]).T for s in shapes])
+    placed = poses[:, None, :2] + rotate(poses[:, None, 2], points)
+    _, G = swimmer.local(shapes)
+    power = np.einsum("mi,mij,mj->m", rates, G, rates)
+    found = {
+        "instant": instants,
+        "shape": shapes.T,
+        "x": placed[..., 0].T,
+        "y": placed[..., 1].T,
+        "power": power / power.mean() if power.mean() > 0 else power,
+    }
+    return found | (_heights(table, swimmer, done) if table.n_s == 2 else {})
+
+
+def _heights(table: PlanarSwimScene, swimmer: Swimmer, done: Swim) -> dict[str, np.ndarray]:
+    """Curvature over a square a little larger than the stroke; lengths stay above 0."""
+    low, high = done.shapes.min(axis=0), done.shapes.max(axis=0)
+    middle, reach = (low + high) / 2, 1.15 * max(float((high - low).max()) / 2, 0.1)
+    reach = min(reach, float(np.pi - np.abs(middle).max()) - 1e-3) if _bends(table) else reach
+    if not _bends(table):
+        reach = min(reach, 0.9 * float(middle.min()))
+    axes = [np.linspace(m - reach, m + reach, _GRID) for m in middle]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    seen = heights(swimmer, table.frame, reach, middle=tuple(middle.tolist()))
+    values = seen.at(grid).T.reshape(3, _GRID, _GRID)
+    return {"height_s1": axes[0], "height_s2": axes[1], "height": values}
+
+
+def _bends(table: PlanarSwimScene) -> bool:
+    return table.body.lengths is not None
