@@ -11,7 +11,7 @@ from wormopt.errors import ArgumentError
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.design.ground import Dry, Ground
 
-Purpose = Literal["speed", "turn", "work", "efficiency"]
+Purpose = Literal["speed", "turn", "work"]
 PIVOTS = ("any", "centre")
 
 
@@ -87,9 +87,8 @@ class PlanarAim:
         The ground.
     limits : PlanarLimits
         What the gait must keep to.
-    purpose : {"speed", "turn", "work", "efficiency"}
-        Fastest without net turn; fastest turn in place; least work to a pose; farthest without net
-        turn by work and time (of linear drag).
+    purpose : {"speed", "turn", "work"}
+        Fastest without net turn; fastest turn in place; least work to a pose.
     pose : (float, float, float), optional
         Of ``"work"``: x, y and angle of the head to reach, seen from the one at the start.
     cycles : int, optional
@@ -101,7 +100,9 @@ class PlanarAim:
     pivot : int or {"any", "centre"}, optional
         Of ``"turn"``: the mass, the masses' centre, or nothing, that is where it was after a cycle.
     corners : int, optional
-        Straight sides of the stroke.
+        Corners of the stroke, joined by straight sides.
+    time : float, optional
+        Of ``"work"``: that a cycle takes, of which drag's work depends.
 
     Examples
     --------
@@ -122,6 +123,7 @@ class PlanarAim:
     start: tuple[float, ...] | None = None
     pivot: int | str = "any"
     corners: int = 12
+    time: float = 1.0
 
     def __post_init__(self) -> None:
         n_s = len(self.shape.names)
@@ -135,8 +137,8 @@ class PlanarAim:
             raise ArgumentError("a course whose shape does not return has one cycle")
         if self.start is not None and len(self.start) != n_s:
             raise ArgumentError(f"start needs {n_s} numbers, not {len(self.start)}")
-        if self.purpose == "efficiency" and isinstance(self.ground, Dry):
-            raise ArgumentError("efficiency is for linear drag; dry friction's work knows no time")
+        if self.limits.effort is not None and self.timed and not isinstance(self.ground, Dry):
+            raise ArgumentError("linear drag's work knows no least time; leave the effort out")
         if isinstance(self.pivot, int) and not 0 <= self.pivot < self.shape.n_points:
             raise ArgumentError(f"there is no mass {self.pivot}")
         if isinstance(self.pivot, str) and self.pivot not in PIVOTS:
@@ -167,6 +169,11 @@ class PlanarAim:
     def timed(self) -> bool:
         """Whether the time it takes counts."""
         return self.purpose != "work"
+
+    @property
+    def work_factor(self) -> float:
+        """Work by the integral of the power over a phase that lasts 1."""
+        return 1.0 if isinstance(self.ground, Dry) else 1.0 / self.time
 
     @property
     def step(self) -> np.ndarray:

@@ -23,19 +23,16 @@ WIDTHS = (1.0, 0.1, 0.01)
 
 
 def mesh_of(aim: PlanarAim) -> Mesh:
-    k, rule = aim.corners, Collocation(4)
-    if aim.purpose in ("speed", "turn"):
-        return Mesh(k, 1, rule)
-    return Mesh.even(1, k, rule)
+    return Mesh.even(1, aim.corners, Collocation(4))
 
 
 def solve(aim: PlanarAim, corners, report: Report = silent, widths=WIDTHS):
     problem, mesh = gait_problem(aim), mesh_of(aim)
     guess = guess_from(aim, corners)
-    treatment = FixedModes(ModeSequence(((),) * mesh.phases))
+    treatment = FixedModes()
     if not isinstance(aim.ground, Dry):
         return optimise(problem, mesh, treatment, guess)
-    scale = aim.ground.most * float(aim.rates.min())
+    scale = aim.ground.most * float(np.ptp(aim.ranges, axis=1).max())
     best = None
     for k, width in enumerate(widths):
         best = optimise(

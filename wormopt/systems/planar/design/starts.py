@@ -45,9 +45,6 @@ def guess_from(aim: PlanarAim, corners: np.ndarray) -> Guess:
     ends = np.roll(corners, -1, axis=0) if aim.closed else np.vstack([corners[1:], corners[-1:]])
     k = len(corners)
     way = ends - corners
-    spans = np.full(k, aim.duration_usual / k)
-    if aim.purpose in ("speed", "turn"):
-        spans = np.maximum(np.abs(way / aim.rates).max(axis=1), 1e-3 * aim.duration_usual)
     # poses at the corners and a few places between, by small straight steps
     parts = 8
     tau = (np.arange(k * parts) % parts / parts)[:, None]
@@ -57,27 +54,28 @@ def guess_from(aim: PlanarAim, corners: np.ndarray) -> Guess:
     for pose in sides.pose:
         poses.append(compose(poses[-1], pose))
     poses = np.array(poses)
-    if aim.purpose in ("speed", "efficiency"):
+    if aim.purpose == "speed":
         x, y, _ = poses[-1]
         ahead = -np.arctan2(y, x)
         drift = poses[-1, 2] * np.linspace(0, 1, len(poses))
         poses = np.column_stack([rotate(ahead, poses[:, :2]), poses[:, 2] + ahead - drift])
-    t = np.concatenate([[0.0], np.cumsum(np.repeat(spans / parts, parts))])
-    breaks = np.concatenate([[0.0], np.cumsum(spans)])
-    shapes = np.vstack([fine, ends[-1:]])
-    twists = sides.pose / np.repeat(spans / parts, parts)[:, None]
+    t, breaks = np.linspace(0, 1, k * parts + 1), np.linspace(0, 1, k + 1)
+    table = np.hstack([np.vstack([fine, ends[-1:]]), poses])
+    inputs, twists = k * way, k * parts * sides.pose
+    if aim.timed:
+        pace = k * np.maximum(np.abs(way / aim.rates).max(axis=1), 1e-3 * aim.duration_usual)
+        inputs = np.column_stack([inputs, pace])
+        table = np.column_stack([table, np.interp(t, breaks, np.append(0, np.cumsum(pace) / k))])
 
     def side(at: np.ndarray, edges: np.ndarray) -> np.ndarray:
         return np.clip(np.searchsorted(edges, at, side="right") - 1, 0, len(edges) - 2)
 
     def states(at: np.ndarray) -> np.ndarray:
-        table = np.hstack([shapes, poses])
         return np.array([np.interp(at, t, column) for column in table.T])
 
     return Guess(
-        float(breaks[-1]),
+        1.0,
         states,
-        lambda at: (way / spans[:, None])[side(at, breaks)].T,
-        phases=spans,
+        lambda at: inputs[side(at, breaks)].T,
         algebraic=(lambda at: twists[side(at, t)].T) if isinstance(aim.ground, Dry) else None,
     )
