@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.planar_friction import Elliptic
@@ -53,6 +54,14 @@ class Dry:
         return max(
             float(part) for law in self.laws for part in (law.forward, law.backward, law.sideways)
         )
+
+    @property
+    def mean(self) -> float:
+        """Mean resistance of the masses, ahead, back and to both sides."""
+        return float(np.mean([
+            [float(part) for part in (law.forward, law.backward, law.sideways, law.sideways)]
+            for law in self.laws
+        ]))
 
     @property
     def symmetric(self) -> bool:
