@@ -16,3 +16,4 @@ from wormopt.systems.planar.swimming.best import best_stroke as best_stroke
 from wormopt.systems.planar.swimming.heights import heights as heights
 from wormopt.systems.planar.swimming.stroke import swim as swim
 from wormopt.systems.planar.swimming.swimmer import Swimmer as Swimmer
+from wormopt.systems.planar.turning import TurnInPlace as TurnInPlace

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wormopt.numerics.newton import newton
 from wormopt.systems.planar.crawling.ground import Ground
 
 _WIDTHS = 10.0 ** -np.arange(0, 9)
 _TINY = 1e-300
+_STEPS, _SHORTENED, _SHARPENED, _ROUNDING = 60, 40, 8, 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +37,28 @@ class LeastPower:
         """Powers (G, m) that the ground takes."""
         return self.ground.power(self.velocities(x))
 
-    def slopes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Slope (G, n) and curvature (G, n, n) of the power, where every mass moves."""
-        balance = _Balance(*self.J.shape[1::2], self.ground)
-        p = balance.pack(self, 0.0)
-        return balance(x, p), balance.slopes(x, p)
+    def slopes(
+        self, x: np.ndarray, width: float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Value (G,), slope (G, n) and curvature (G, n, n) of the sum, smoothed."""
+        G, m, _, n = self.J.shape
+        v = self.velocities(x)
+        squares = self.ground.squares(v)
+        push = squares * v
+        size = np.maximum(np.sqrt((push * v).sum(axis=-1) + width**2), _TINY)[..., None]
+        push = push / size
+        value = size.sum(axis=(1, 2)) - (self.load * x).sum(axis=1)
+        J = self.J.reshape(G, 2 * m, n)
+        slope = (push.reshape(G, 1, -1) @ J)[:, 0] - self.load
+        pull = (push[..., None] * self.J).sum(axis=2)
+        first = ((squares / size).reshape(G, -1, 1) * J).transpose(0, 2, 1) @ J
+        return value, slope, first - pull.transpose(0, 2, 1) @ (pull / size)
+
+    def smooth_value(self, x: np.ndarray, width: float) -> np.ndarray:
+        """Value alone."""
+        v = self.velocities(x)
+        size = np.sqrt((self.ground.squares(v) * v**2).sum(axis=-1) + width**2)
+        return size.sum(axis=1) - (self.load * x).sum(axis=1)
 
     def restricted(self, x: np.ndarray, masses: np.ndarray, N: np.ndarray) -> LeastPower:
         """Of some masses, with what is left free: the columns of N (G, n, k) from `x` on."""
@@ -54,15 +71,59 @@ class LeastPower:
 
     def smoothed(self, widths: np.ndarray = _WIDTHS) -> np.ndarray:
         """Least of sum sqrt(psi_i^2 + width^2) - load.x, by ever smaller widths."""
-        balance, x = _Balance(*self.J.shape[1::2], self.ground), self._squares()
+        x = self._squares()
         for width in widths:
-            x = newton(balance, x, balance.pack(self, width), last_step=1e-9)[0]
+            x = self._descended(x, float(width), 1e-9)[0]
         return x
 
     def sharp(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Least power without smoothing from `x` on, and whether it was found: masses all move."""
-        balance = _Balance(*self.J.shape[1::2], self.ground)
-        return newton(balance, x, balance.pack(self, 0.0), last_step=1e-13)
+        return self._descended(x, 0.0, 1e-13)
+
+    def _descended(self, x: np.ndarray, width: float, last: float) -> tuple[np.ndarray, np.ndarray]:
+        """Newton's steps down a convex sum, each shortened until it descends; which ended.
+
+        The one of `numerics.newton` lessens the slope, which is bounded far out: it would leave.
+        """
+        x, found = x.copy(), np.zeros(len(x), bool)
+        open_ = np.arange(len(x))
+        for _ in range(_STEPS):
+            body = self.of(open_)
+            value, slope, curvature = body.slopes(x[open_], width)
+            step = _step(slope, curvature)
+            small = np.abs(step).max(axis=1) < last * (1 + np.abs(x[open_]).max(axis=1))
+            x[open_[small]] += step[small]
+            found[open_[small]] = True
+            body, open_, step = body.of(~small), open_[~small], step[~small]
+            if not open_.size:
+                break
+            factor = body.shortened(x[open_], step, value[~small], slope[~small], width)
+            x[open_] += factor[:, None] * step
+            open_ = open_[factor > 0]
+            if not open_.size:
+                break
+        return x, found
+
+    def shortened(
+        self, x: np.ndarray, step: np.ndarray, value: np.ndarray, slope: np.ndarray, width: float
+    ) -> np.ndarray:
+        """By how much each step is shortened; 0 where none descends."""
+        falls = (slope * step).sum(axis=1)
+        factor, worse = np.ones(len(x)), np.arange(len(x))
+        for _ in range(_SHORTENED if width else _SHARPENED):
+            part = self.of(worse)
+            tried = part.smooth_value(x[worse] + factor[worse, None] * step[worse], width)
+            allowed = (
+                value[worse]
+                + 1e-4 * factor[worse] * falls[worse]
+                + _ROUNDING * np.abs(value[worse])
+            )
+            worse = worse[~(tried <= allowed)]
+            if not worse.size:
+                return factor
+            factor[worse] /= 2
+        factor[worse] = 0.0
+        return factor
 
     def _squares(self) -> np.ndarray:
         """Least sum of squared powers, where ahead is as back."""
@@ -72,37 +133,9 @@ class LeastPower:
         return -np.linalg.solve(H, g[..., None])[..., 0]
 
 
-class _Balance:
-    """Slope of the smoothed power, for `newton`; its parameters are a body and a width."""
-
-    def __init__(self, masses: int, unknowns: int, ground: Ground) -> None:
-        self.m, self.n, self.ground = masses, unknowns, ground
-        self.nominal = np.ones(unknowns)
-
-    def pack(self, body: LeastPower, width: float) -> np.ndarray:
-        """Parameters (G, n_p)."""
-        G = len(body.b)
-        flat = [body.J.reshape(G, -1), body.b.reshape(G, -1), body.load, np.full((G, 1), width)]
-        return np.concatenate(flat, axis=1)
-
-    def _parts(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
-        G, m, n = len(x), self.m, self.n
-        J = p[:, : 2 * m * n].reshape(G, 2 * m, n)
-        v = p[:, 2 * m * n : 2 * m * (n + 1)] + (J @ x[:, :, None])[..., 0]
-        v = v.reshape(G, m, 2)
-        squares = self.ground.squares(v)
-        push = squares * v
-        size = np.sqrt((push * v).sum(axis=-1) + p[:, -1:] ** 2)[..., None]
-        size = np.maximum(size, _TINY)
-        return J, squares / size, push / size, size
-
-    def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        J, _, push, _ = self._parts(x, p)
-        return (push.reshape(len(x), 1, -1) @ J)[:, 0] - p[:, -1 - self.n : -1]
-
-    def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        J, weights, push, size = self._parts(x, p)
-        G = len(x)
-        pull = (push[..., None] * J.reshape(G, self.m, 2, self.n)).sum(axis=2)
-        first = (weights.reshape(G, -1, 1) * J).transpose(0, 2, 1) @ J
-        return first - pull.transpose(0, 2, 1) @ (pull / size)
+def _step(slope: np.ndarray, curvature: np.ndarray) -> np.ndarray:
+    """Newton's step, with the least bit of curvature added where there might be none."""
+    n = slope.shape[1]
+    usual = np.trace(curvature, axis1=1, axis2=2)[:, None, None]
+    ridge = (1e-15 * usual + _TINY) * np.eye(n)
+    return -np.linalg.solve(curvature + ridge, slope[..., None])[..., 0]

@@ -13,13 +13,13 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import PlanarLaw
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.body.strokes import Stroke
-from wormopt.systems.planar.crawling.panels import Panels, resolve
+from wormopt.systems.planar.crawling.panels import Panel, Panels, joined, resolve
 from wormopt.systems.planar.crawling.phases import Course, Phase, Piece, closed
 from wormopt.systems.planar.crawling.velocity import Crawler
 
 # Share of a step between samples at which they begin: none falls on an instant of symmetry.
 _OFF = (np.sqrt(5) - 1) / 2
-_FEWEST, _ROUNDS = 16, 6
+_FEWEST, _ROUNDS = 16, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,21 +96,28 @@ def crawl(
         Piece(a, b, course.sample(_instants(a, b, samples, len(ends))))
         for a, b in pairwise(ends.tolist())
     ]
+    found, panels = _resolved(course, pieces)
+    poses = panels.poses(np.append([p.start for p in found], 1.0))
+    return Crawl(poses[-1], panels.work, tuple(found), course, panels, poses)
+
+
+def _resolved(course: Course, pieces: list[Piece]) -> tuple[list[Phase], Panels]:
+    """Phases of pieces and panels on them, looked through until none shows another phase."""
+    known: dict[tuple[float, float], list[Panel]] = {}
     for _ in range(_ROUNDS):
         pieces = [replace(piece, seen=closed(course, piece.seen)) for piece in pieces]
         found = [phase for piece in pieces for phase in piece.phases]
-        panels, missed = resolve(course, found)
+        new = [phase for phase in found if (phase.start, phase.end) not in known]
+        panels, missed = resolve(course, new)
+        known |= {(p.start, p.end): own for p, own in zip(new, panels, strict=True) if own}
         if not missed:
-            break
+            every = [panel for phase in found for panel in known[phase.start, phase.end]]
+            return found, joined(every, 1.0)
         pieces = [piece.joined(missed) for piece in pieces]
-    else:
-        raise SolveError("masses stop and start again too often for the breaks to be told apart")
-    poses, work = panels.poses(np.append([p.start for p in found], 1.0)), panels.work
-    return Crawl(poses[-1], work, tuple(found), course, panels, poses)
+    raise SolveError("masses stop and start again too often for the breaks to be told apart")
 
 
 def _instants(start: float, end: float, samples: int, breaks: int) -> np.ndarray:
     """Phases at which changes are looked for at first."""
     count = max(_FEWEST, samples // (breaks - 1))
     return start + (end - start) * (np.arange(count) + _OFF) / count
-

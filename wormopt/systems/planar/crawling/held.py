@@ -54,9 +54,7 @@ def _joined(found: list[Held], order: np.ndarray) -> Held:
     )
 
 
-def _free(
-    body: LeastPower, x: np.ndarray, rest: np.ndarray, N: np.ndarray, Q: np.ndarray
-) -> Held:
+def _free(body: LeastPower, x: np.ndarray, rest: np.ndarray, N: np.ndarray, Q: np.ndarray) -> Held:
     """Let the other masses move along N (G, n, k), free of those held, whose rows Q span."""
     G, go = len(x), ~rest
     fits = (np.abs(body.velocities(x)[:, rest]) < _FITS).all(axis=(1, 2))
@@ -67,7 +65,7 @@ def _free(
         if not balances.all():  # a mass that hardly moves needs a careful approach
             bad = free.of(~balances)
             z[~balances], balances[~balances] = bad.sharp(bad.smoothed(_NARROW))
-        left, curvature = free.slopes(z)
+        _, left, curvature = free.slopes(z)
         balances &= np.abs(left).max(axis=1) < _BALANCED
         stiffness = np.linalg.eigvalsh(np.nan_to_num(curvature))[:, 0]
         x = x + (N @ z[..., None])[..., 0]

@@ -13,7 +13,7 @@ import numpy as np
 
 from wormopt.errors import SolveError
 from wormopt.systems.planar.crawling.balance import LeastPower
-from wormopt.systems.planar.crawling.held import Held, held
+from wormopt.systems.planar.crawling.held import Held, held, load_gauge
 
 # Slower than this against the fastest, a mass may be at rest; by so much a gauge may pass 1.
 _STILL, _SLACK = 1e-6, 1e-9
@@ -32,10 +32,23 @@ class Least:
 
 def least_power(body: LeastPower) -> Least:
     """Find velocities of least power; SolveError where none is found."""
+    check_load(body)
     least, open_ = settle(body, *_slow(body, body.smoothed()))
     if open_.size:
         raise SolveError("no set of resting masses was found that the ground can hold")
     return least
+
+
+def check_load(body: LeastPower) -> None:
+    """Refuse loads that outrun the ground: even all masses at rest could not hold them."""
+    loaded = np.flatnonzero(np.abs(body.load).max(axis=1) > 0)
+    if loaded.size:
+        most = float(load_gauge(body.of(loaded))[1].max())
+        if most >= 1:
+            raise SolveError(
+                f"the load is {most:.4g} times the largest that the ground can hold: the body "
+                "would run off with it, and no slow motion exists"
+            )
 
 
 def near(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> Least:

@@ -72,45 +72,60 @@ def nodes(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return start[:, None] + (end - start)[:, None] * (_NODES + 1) / 2
 
 
-def resolve(course: Course, found: list[Phase]) -> tuple[Panels, list[Sample]]:
-    """Panels of phases, halved until polynomials follow the motion.
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Twists and powers at the nodes of one panel."""
+
+    start: float
+    twist: np.ndarray  # (q, 3)
+    power: np.ndarray  # (q,)
+
+
+def joined(panels: list[Panel], end: float) -> Panels:
+    """Panels that follow each other, to the last one's end."""
+    ends = np.array([*(one.start for one in panels), end])
+    twist, power = (np.array([getattr(one, key) for one in panels]) for key in ("twist", "power"))
+    return Panels(ends, twist, power)
+
+
+def resolve(course: Course, found: list[Phase]) -> tuple[list[list[Panel]], list[Sample]]:
+    """Panels of each phase, halved until polynomials follow the motion.
 
     Where a node shows that other masses rest than the phase has it, the samples of the panel are
-    given beside, for the phases to be found anew.
+    given beside, for the phases to be found anew; that phase has no panels.
     """
     missed: list[Sample] = []
-    done: list[tuple[float, np.ndarray, np.ndarray]] = []
-    open_ = [(phase.start, phase.end, phase) for phase in found]
+    done: list[list[Panel]] = [[] for _ in found]
+    wrong = np.zeros(len(found), bool)
+    open_ = [(phase.start, phase.end, k) for k, phase in enumerate(found)]
     for halving in range(_HALVINGS + 1):
         if not open_:
             break
-        start, end = (np.array([one[k] for one in open_]) for k in (0, 1))
+        start, end = (np.array([one[j] for one in open_]) for j in (0, 1))
         tau = nodes(start, end)
-        guess = [Sample(0.0, p.rest, p.back, p.twist) for *_, p in open_ for _ in _NODES]
+        guess = [_middle(found[k]) for *_, k in open_ for _ in _NODES]
         motion = course.at(tau.ravel(), guess)
         samples = course.samples_of(tau.ravel(), motion)
-        twist = motion.twist.reshape(*tau.shape, 3)
-        power = motion.power.reshape(tau.shape)
+        twist, power = motion.twist.reshape(*tau.shape, 3), motion.power.reshape(tau.shape)
         fine = _fine(twist, power) | (halving == _HALVINGS)
-        again: list[tuple[float, float, Phase]] = []
-        for k, (a, b, phase) in enumerate(open_):
-            own = samples[k * len(_NODES) : (k + 1) * len(_NODES)]
-            if not all(one.as_in(phase) for one in own):
+        again: list[tuple[float, float, int]] = []
+        for j, (a, b, k) in enumerate(open_):
+            own = samples[j * len(_NODES) : (j + 1) * len(_NODES)]
+            if not all(one.as_in(found[k]) for one in own):
                 missed += own
-            if fine[k]:
-                done.append((a, twist[k], power[k]))
+                wrong[k] = True
+            elif fine[j]:
+                done[k].append(Panel(a, twist[j], power[j]))
             else:
-                middle = (a + b) / 2
-                again += [(a, middle, phase), (middle, b, phase)]
-        if missed:
-            break
+                again += [(a, (a + b) / 2, k), ((a + b) / 2, b, k)]
         open_ = again
-    done.sort(key=lambda one: one[0])
-    ends = np.array([one[0] for one in done] + [found[-1].end])
-    return (
-        Panels(ends, np.array([one[1] for one in done]), np.array([one[2] for one in done])),
-        missed,
-    )
+    for k in np.flatnonzero(wrong):
+        done[k] = []
+    return [sorted(panels, key=lambda one: one.start) for panels in done], missed
+
+
+def _middle(phase: Phase) -> Sample:
+    return Sample((phase.start + phase.end) / 2, phase.rest, phase.back, phase.twist)
 
 
 def _fine(twist: np.ndarray, power: np.ndarray) -> np.ndarray:

@@ -106,11 +106,7 @@ class Piece:
 def closed(course: Course, seen: list[Sample]) -> list[Sample]:
     """Add samples until two enclose every break as closely as numbers can."""
     for _ in range(_DIVISIONS):
-        gaps = [
-            (a, b)
-            for a, b in pairwise(seen)
-            if not a.as_in(b) and b.tau - a.tau > _POINT
-        ]
+        gaps = [(a, b) for a, b in pairwise(seen) if not a.as_in(b) and b.tau - a.tau > _POINT]
         if not gaps:
             break
         breaks = [_break(course, a, b) for a, b in gaps]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.errors import ArgumentError
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import PlanarLaw
 from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.body.shape import Shape
@@ -16,6 +16,8 @@ from wormopt.systems.planar.crawling.balance import LeastPower
 from wormopt.systems.planar.crawling.ground import Ground, ground_of
 from wormopt.systems.planar.crawling.held import held
 from wormopt.systems.planar.crawling.least_power import Least, least_power, near
+
+_EVEN = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +54,7 @@ class Crawler:
     load: np.ndarray  # (3,), force and moment on the frame, in the frame
 
     @classmethod
-    def of(
-        cls, shape: Shape, laws: PlanarLaw | Sequence[PlanarLaw], load: ArrayLike
-    ) -> Crawler:
+    def of(cls, shape: Shape, laws: PlanarLaw | Sequence[PlanarLaw], load: ArrayLike) -> Crawler:
         """A body by its laws."""
         given = np.asarray(load, dtype=float)
         if given.shape != (3,) or not np.isfinite(given).all():
@@ -82,11 +82,11 @@ class Crawler:
     def move(self, s: np.ndarray, ds: np.ndarray) -> Motion:
         """Motions of least power."""
         bodies = self.bodies(s, ds)
-        return self._told(bodies, least_power(bodies.body))
+        least = least_power(bodies.body)
+        _check_unique(least)
+        return self._told(bodies, least)
 
-    def follow(
-        self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray
-    ) -> Motion:
+    def follow(self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray) -> Motion:
         """The same, by a guess (G, m) of the resting masses and one (G, 3) of the twist."""
         bodies = self.bodies(s, ds)
         return self._told(bodies, near(bodies.body, bodies.scaled(twist), rest))
@@ -120,6 +120,19 @@ class Crawler:
             -least.push * force,
             least.hold,
             power,
+        )
+
+
+def _check_unique(least: Least) -> None:
+    """Refuse instants at which other velocities take as little power."""
+    held = least.rest.any(axis=1)
+    at_limit = held & (np.abs(least.hold - 1) < _EVEN) & (least.stiffness < np.inf)
+    open_ = at_limit | (least.stiffness < _EVEN)
+    if open_.any():
+        raise SolveError(
+            "the ground leaves the motion open: other velocities take as little power, as where a "
+            "straight chain has as much resistance to those of its masses that go ahead as to "
+            "those that go back; bend it, or make resistances differ ahead and back"
         )
 
 

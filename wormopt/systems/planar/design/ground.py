@@ -41,27 +41,20 @@ class Dry:
             raise ArgumentError(f"{shape.n_points} masses need as many laws, not {len(self.laws)}")
         return list(self.laws) * (shape.n_points if len(self.laws) == 1 else 1)
 
-    @property
-    def least(self) -> float:
-        """Least resistance of any mass in any direction."""
-        return min(
-            float(part) for law in self.laws for part in (law.forward, law.backward, law.sideways)
-        )
+    def least_each(self, shape: Shape) -> np.ndarray:
+        """Least resistance of every mass, (m,)."""
+        laws = self.each_law(shape)
+        return np.array([min(_numbers(law)) for law in laws])
 
     @property
     def most(self) -> float:
-        """Largest."""
-        return max(
-            float(part) for law in self.laws for part in (law.forward, law.backward, law.sideways)
-        )
+        """Largest resistance."""
+        return max(max(_numbers(law)) for law in self.laws)
 
     @property
     def mean(self) -> float:
         """Mean resistance of the masses, ahead, back and to both sides."""
-        return float(np.mean([
-            [float(part) for part in (law.forward, law.backward, law.sideways, law.sideways)]
-            for law in self.laws
-        ]))
+        return float(np.mean([(*_numbers(law), float(law.sideways)) for law in self.laws]))
 
     @property
     def symmetric(self) -> bool:
@@ -100,3 +93,7 @@ Ground = Dry | Viscous
 def _squared(law: Elliptic, v: ca.SX) -> ca.SX:
     """The law's power squared, without the root that has no slope at rest."""
     return (law.along(v[0]) * v[0]) ** 2 + (law.sideways * v[1]) ** 2
+
+
+def _numbers(law: Elliptic) -> tuple[float, float, float]:
+    return float(law.forward), float(law.backward), float(law.sideways)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize
 
-from wormopt.progress import Report, silent
 from wormopt.systems.planar.design.aim import PlanarAim
+from wormopt.systems.planar.design.ground import Dry
 from wormopt.systems.planar.design.polygons import Sides, Steps
 
 
@@ -69,27 +69,35 @@ class Polish:
         total, by = sides.total, sides.gradient(self.aim.closed)
         purpose = self.aim.purpose
         if purpose == "work":
-            return float(sides.work.sum()), self._chain(work_gradient(sides, self.aim.closed))
+            factor = self._work_factor
+            by_work = work_gradient(sides, self.aim.closed)
+            return factor * float(sides.work.sum()), self._chain(factor * by_work)
         T = times.sum()
         gain = total[2] if purpose == "turn" else np.hypot(*total[:2])
         gain_by = by[2] if purpose == "turn" else np.einsum("i,ikn->kn", total[:2] / gain, by[:2])
         return float(-gain / T), self._chain(-gain_by / T, gain / T**2)
 
+    @property
+    def _work_factor(self) -> float:
+        """Work by that of sides that each take the time 1."""
+        dry = isinstance(self.aim.ground, Dry)
+        return 1.0 if dry else (self.count if self.aim.closed else self.count - 1) / self.aim.time
+
     def equal(self, w: np.ndarray) -> np.ndarray:
         """What vanishes."""
         total = self.told(w)[0].total
-        return self._conditions(total, self.told(w)[1])[0]
+        return self.conditions(total, self.told(w)[1])[0]
 
     def equal_by(self, w: np.ndarray) -> np.ndarray:
         """Its derivatives."""
         sides, corners, _ = self.told(w)
-        _, by_total, by_first = self._conditions(sides.total, corners)
+        _, by_total, by_first = self.conditions(sides.total, corners)
         by = np.einsum("ri,ikn->rkn", by_total, sides.gradient(self.aim.closed))
         by[:, 0] += by_first
         rows = [self._chain(by)]
         return np.vstack(rows)
 
-    def _conditions(
+    def conditions(
         self, total: np.ndarray, corners: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Conditions, their derivatives by the pose, and by the first corner."""
@@ -187,15 +195,31 @@ def work_gradient(sides: Sides, closed: bool) -> np.ndarray:
     return out
 
 
-def polish(aim: PlanarAim, corners: np.ndarray, *, iterations: int = 200, parts: int = 2):
-    """Best corners near by."""
+@dataclass(frozen=True, eq=False)
+class Polished:
+    """Where SciPy's sequential quadratic programs ended."""
+
+    corners: np.ndarray
+    value: float  # speed, rate of turning, or work
+    miss: float  # largest of what should vanish
+
+
+def polish(aim: PlanarAim, corners: np.ndarray, *, iterations: int, parts: int) -> Polished:
+    """Best corners near by; `parts`: of a side, see `Steps`."""
     task = Polish(aim, Steps(aim.shape, aim.ground, parts=parts, points=6), len(corners))
+    constraints = [{"type": "ineq", "fun": task.within, "jac": task.within_by}]
+    if task.equal(task.pack(corners)).size:
+        constraints.append({"type": "eq", "fun": task.equal, "jac": task.equal_by})
     found = minimize(
-        task.objective, task.pack(corners), jac=True, method="SLSQP", bounds=task.bounds(),
-        constraints=[
-            {"type": "eq", "fun": task.equal, "jac": task.equal_by},
-            {"type": "ineq", "fun": task.within, "jac": task.within_by},
-        ],
+        task.objective,
+        task.pack(corners),
+        jac=True,
+        method="SLSQP",
+        bounds=task.bounds(),
+        constraints=constraints,
         options={"maxiter": iterations, "ftol": 1e-9},
     )
-    return task.unpack(found.x)[0], found
+    low, high = aim.ranges.T
+    best = np.clip(task.unpack(found.x)[0], low, high)
+    miss = float(np.abs(task.equal(found.x)).max(initial=0.0))
+    return Polished(best, abs(float(found.fun)), miss)

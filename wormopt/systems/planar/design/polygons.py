@@ -6,6 +6,7 @@ from the theorem of implicit functions for a potential that is smoothed over alm
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -32,11 +33,18 @@ class Sides:
     work_by: np.ndarray  # (k, 2 n_s)
 
     @property
-    def total(self) -> np.ndarray:
-        """Pose (3,) after all."""
+    def running(self) -> Iterator[np.ndarray]:
+        """Poses (3,) before the first and after every side."""
         end = np.zeros(3)
+        yield end
         for pose in self.pose:
             end = compose(end, pose)
+            yield end
+
+    @property
+    def total(self) -> np.ndarray:
+        """Pose (3,) after all."""
+        *_, end = self.running
         return end
 
     def gradient(self, closed: bool = True) -> np.ndarray:
