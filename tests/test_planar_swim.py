@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.systems.planar.body.se2 import compose, inverse
@@ -64,7 +65,8 @@ class Paced:
     def __init__(self, stroke: Harmonics) -> None:
         self.stroke, self.n_s, self.breaks = stroke, stroke.n_s, stroke.breaks
 
-    def at(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        tau = np.asarray(tau, dtype=float)
         slowed = tau - 0.12 * np.sin(2 * np.pi * tau)
         s, ds = self.stroke.at(slowed)
         return s, ds * (1 - 0.24 * np.pi * np.cos(2 * np.pi * tau))[:, None]
@@ -234,7 +236,7 @@ def test_best_stroke_from_a_cold_start() -> None:
 
 @pytest.mark.slow
 def test_folded_strokes_are_better() -> None:
-    """Raz and Avron (2007): large strokes about a folded shape beat those about the straight one."""
+    """Raz and Avron (2007): large folded strokes beat those about the straight shape."""
     found = best_stroke(PURCELL, -2.9, 2.9, starts=3)
     assert found.value == pytest.approx(0.0157211196, abs=1e-9)
     spectral = spectral_stroke(PURCELL, found.harmonics, 3.0, orders=24)

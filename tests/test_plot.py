@@ -80,9 +80,9 @@ SCENES: dict[str, tuple[str, ...]] = {
     "basins": ("film_basins",),
     "rod_motion": ("fig21_rod_motion",),
     "peristalsis": ("peristaltic_design", "worm.segments=3", "limits.reserve=1.0"),
-    "swim": ("planar_purcell", SQUARE),
-    "heights": ("planar_purcell", SQUARE),
-    "serpenoid": ("planar_serpenoid", "waves=[]"),
+    "swim": ("planar_purcell", SI, SQUARE),
+    "heights": ("planar_purcell", SI, SQUARE),
+    "serpenoid": ("planar_serpenoid", SI, "waves=[]"),
     "rod_frequency": ("fig22_frequency_response",),
 }
 THREE = (

@@ -56,9 +56,9 @@ def serpenoid_speed(alpha: float, ratio: float, ground: Ground = "viscous") -> f
     Examples
     --------
     >>> from scipy.special import j0
-    >>> round(serpenoid_speed(1.0, 2.0) / j0(1.0), 12)
+    >>> float(round(serpenoid_speed(1.0, 2.0) / j0(1.0), 12))
     0.279567250102
-    >>> round(serpenoid_speed(1.0, 2.0, "elliptic") / j0(1.0), 12)
+    >>> float(round(serpenoid_speed(1.0, 2.0, "elliptic") / j0(1.0), 12))
     0.486936986396
     """
     if not 0 < alpha < STEEPEST:
@@ -121,7 +121,7 @@ def best_serpenoid(ratio: float, ground: Ground = "viscous") -> tuple[float, flo
     Examples
     --------
     >>> [round(number, 9) for number in best_serpenoid(2.0)]
-    [1.181295695, 0.223434073]
+    [1.181295694, 0.223434073]
     """
     if not ratio > 1:
         raise ArgumentError(f"a backward wave carries ahead only where ratio is above 1: {ratio}")
@@ -129,7 +129,8 @@ def best_serpenoid(ratio: float, ground: Ground = "viscous") -> tuple[float, flo
         lambda alpha: -serpenoid_speed(alpha, ratio, ground),
         bounds=(1e-3, STEEPEST - 1e-6), method="bounded", options={"xatol": 1e-6},
     )  # fmt: skip
-    return _polished(lambda a: serpenoid_speed(a, ratio, ground), float(found.x))  # pyright: ignore[reportAttributeAccessIssue]
+    near = float(found.x)  # pyright: ignore[reportAttributeAccessIssue]
+    return _polished(lambda a: serpenoid_speed(a, ratio, ground), near)
 
 
 def _polished(speed: Callable[[float], float], x: float) -> tuple[float, float]:
@@ -146,7 +147,7 @@ def _polished(speed: Callable[[float], float], x: float) -> tuple[float, float]:
 class SerpenoidWave:
     """Stroke of a chain of even rods: joint angles of a serpenoid wave that runs backward.
 
-    The angle of rod j is that of the wave in its middle, alpha sin(2 pi (tau - (j - 1/2) / N)), N rods
+    The angle of rod j is that of the wave in its middle, a sin(2 pi (tau - (j - 1/2) / N)), N rods
     on a wave; joints turn by the differences.
 
     Parameters

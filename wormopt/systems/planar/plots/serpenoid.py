@@ -12,7 +12,7 @@ from wormopt.result import Result
 def serpenoid(result: Result) -> Figure:
     """Speed by amplitude, the best one and that of the scene marked; the best wave below."""
     drawn = sheet(7.1, 4.2, 4.6)
-    top, below = drawn.subplots(2, height_ratios=(2, 1))
+    below, top = drawn.subplots(2, height_ratios=(1, 2))
     amplitude, speed = result["amplitude"], result["speed_by_amplitude"].values
     top.plot(amplitude.values, speed, color=LINKS[0])
     best = needed(result, "amplitude_best")
@@ -27,7 +27,8 @@ def serpenoid(result: Result) -> Figure:
     x, y = np.cumsum(np.cos(psi)) * step, np.cumsum(np.sin(psi)) * step
     below.plot(x / (2 * np.pi), (y - y.mean()) / (2 * np.pi), color=RED, linewidth=2)
     below.set_aspect("equal")
-    below.set_xlabel("way over the length of body on a wave; wave of the best amplitude")
+    below.set_xlabel("best wave: $x$ by body on a wave")
+    below.set_ylabel("$y$, likewise")
     below.axhline(0, color=GREY, linewidth=0.6)
     tell(drawn, fact(result, "speed", "speed $V/c$"), fact(result, "amplitude_best", "best α"),
          fact(result, "speed_best", "there"))  # fmt: skip

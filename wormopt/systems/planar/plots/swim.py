@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from wormopt.plotting.parts import GREY, LINKS, RED, fact, label, legend_below, line, sheet, tell
+from wormopt.plotting.parts import (
+    GREY,
+    LINKS,
+    RED,
+    fact,
+    label,
+    legend_below,
+    line,
+    narrow,
+    sheet,
+    tell,
+)
 from wormopt.result import Result
 
 _SNAPSHOTS = 5
@@ -17,7 +28,10 @@ _TWISTS = ("way ahead", "way to the left", "turn")
 def swim(result: Result) -> Figure:
     """The body at equal times of a stroke, the trace of its centre, and the shape over time."""
     drawn = sheet(7.1, 3.6, 5.4)
-    plane, course = drawn.subplots(1, 2, width_ratios=(3, 2))
+    if narrow():
+        course, plane = drawn.subplots(2, 1, height_ratios=(2, 3))
+    else:
+        course, plane = drawn.subplots(1, 2, width_ratios=(2, 3))
     x, y, time = (result[name].values for name in ("x", "y", "instant"))
     picked = np.linspace(0, len(time) - 1, _SNAPSHOTS).round().astype(int)
     for rank, k in enumerate(picked):
@@ -28,8 +42,8 @@ def swim(result: Result) -> Figure:
     plane.set_aspect("equal", adjustable="datalim")
     plane.set_xlabel(label("$x$", result["x"].unit))
     plane.set_ylabel(label("$y$", result["y"].unit))
-    course.set_xlabel("time over that of a stroke")
-    course.set_ylabel("shape variables (angles in rad)")
+    course.set_xlabel(label("time $t/T$", result["instant"].unit))
+    course.set_ylabel("shape $s_k$")
     colours = [LINKS[k % len(LINKS)] for k in range(1, len(result["shape"].values) + 1)]
     for colour, row in zip(colours, result["shape"].values, strict=True):
         course.plot(time, row, color=colour)
@@ -56,8 +70,7 @@ def heights(result: Result) -> Figure:
     drawn = sheet(7.1, 2.6, 7.0)
     shape = result["shape"].values
     s1, s2 = result["height_s1"].values, result["height_s2"].values
-    narrow = drawn.get_figwidth() < 5
-    panels = drawn.subplots(*((3, 1) if narrow else (1, 3)), sharex=True, sharey=True)
+    panels = drawn.subplots(*((3, 1) if narrow() else (1, 3)), sharex=True, sharey=True)
     for axes, values, name in zip(panels, result["height"].values, _TWISTS, strict=True):
         most = float(np.abs(values).max()) or 1.0
         filled = axes.contourf(s1, s2, values.T, np.linspace(-most, most, 22), cmap="RdBu_r")
@@ -69,10 +82,11 @@ def heights(result: Result) -> Figure:
         )
         axes.set_aspect("equal")
         axes.set_title(f"{name}, by area")
-        axes.set_xlabel("shape variable $s_1$")
+        axes.set_xlabel(label("$s_1$", result["height_s1"].unit))
         axes.grid(visible=False)
         drawn.colorbar(filled, ax=axes, shrink=0.6, ticks=[-most, 0, most], format="%.2g")
-    panels[0].set_ylabel("shape variable $s_2$")
+    for axes in panels if narrow() else panels[:1]:
+        axes.set_ylabel(label("$s_2$", result["height_s2"].unit))
     frame = str(result.trust.get("frame", ""))
     tell(drawn, f"in the {frame} frame" if frame else "", fact(result, "distance", "way"))
     return drawn

@@ -12,6 +12,7 @@ from wormopt.errors import SolveError
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
 from wormopt.progress import Report
+from wormopt.quantities import Variable, unit_of
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
@@ -37,7 +38,7 @@ def run(scene: Scene[PlanarSwimScene], report: Report) -> Result:
     Raises SolveError if none is found.
     """
     table, begin = scene.table, time.perf_counter()
-    swimmer = table.swimmer
+    swimmer = _swimmer(table)
     best = None if table.stroke else _searched(scene, swimmer, report)
     stroke: Stroke = best.stroke if best else table.stroke.stroke()  # type: ignore[union-attr]
     done = swim(swimmer, stroke)
@@ -67,6 +68,15 @@ def run(scene: Scene[PlanarSwimScene], report: Report) -> Result:
         facts={"second_way": reason, "quadrature_change": done.error, "frame": table.frame},
         warnings=_warnings(best, done, reason, straight=straight),
         timings={"search": searched - begin, "recheck": time.perf_counter() - searched},
+    )
+
+
+def _swimmer(table: PlanarSwimScene) -> Swimmer:
+    ground = table.ground
+    return Swimmer(
+        table.body.shape(),
+        rods=(ground.along, ground.across),
+        masses=(ground.mass_along, ground.mass_across),
     )
 
 
@@ -166,7 +176,7 @@ def _variables(
     return found | (_heights(table, swimmer, done) if table.n_s == 2 else {})
 
 
-def _heights(table: PlanarSwimScene, swimmer: Swimmer, done: Swim) -> dict[str, np.ndarray]:
+def _heights(table: PlanarSwimScene, swimmer: Swimmer, done: Swim) -> dict[str, Any]:
     """Curvature over a square a little larger than the stroke; lengths stay above 0."""
     low, high = done.shapes.min(axis=0), done.shapes.max(axis=0)
     middle, reach = (low + high) / 2, 1.15 * max(float((high - low).max()) / 2, 0.1)
@@ -177,6 +187,12 @@ def _heights(table: PlanarSwimScene, swimmer: Swimmer, done: Swim) -> dict[str, 
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     seen = heights(swimmer, table.frame, reach, middle=tuple(middle.tolist()))
     values = seen.at(grid).T.reshape(3, _GRID, _GRID)
+    if not _bends(table):  # these are lengths
+        unit = unit_of("length", table.units)
+        return {
+            name: Variable(name, unit, (name[-2:],), axis, "length of a link")
+            for name, axis in zip(("height_s1", "height_s2"), axes, strict=True)
+        } | {"height": values}
     return {"height_s1": axes[0], "height_s2": axes[1], "height": values}
 
 

@@ -19,7 +19,6 @@ from wormopt.scene.types import (
     says,
 )
 from wormopt.systems.planar.scenes.tables import BodyTable, StrokeTable
-from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 Row = tuple[Finite, ...]
 
@@ -109,8 +108,8 @@ class PlanarSwimScene(SceneTable, frozen=True, kw_only=True):
         "x": ("length", ("mass", "instant"), "places of the masses, at first ahead is +x"),
         "y": ("length", ("mass", "instant"), "and to the left"),
         "power": ("1", ("instant",), "power over its mean at even phase"),
-        "height_s1": ("1", ("s1",), "first shape variable of the height function"),
-        "height_s2": ("1", ("s2",), "second"),
+        "height_s1": ("angle", ("s1",), "first angle, or length, of the height function"),
+        "height_s2": ("angle", ("s2",), "second"),
         "height": (
             "1",
             ("twist", "s1", "s2"),
@@ -151,16 +150,6 @@ class PlanarSwimScene(SceneTable, frozen=True, kw_only=True):
     ] = field(
         default_factory=lambda: MeshTable(arcs=16, degree=6, scheme="legendre", tolerance=1e-6)
     )
-
-    @property
-    def swimmer(self) -> Swimmer:
-        """The body on its ground."""
-        ground = self.ground
-        return Swimmer(
-            self.body.shape(),
-            rods=(ground.along, ground.across),
-            masses=(ground.mass_along, ground.mass_across),
-        )
 
     @property
     def bounds(self) -> tuple[list[float], list[float]]:

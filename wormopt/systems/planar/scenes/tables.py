@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.model.planar_friction import Elliptic, PlanarLaw, Unit
 from wormopt.scene.types import Finite, Positive, Table, says, wrong_count
-from wormopt.systems.planar.body.shape import Heading, Shape, chain_shape
-from wormopt.systems.planar.body.strokes import Harmonics, Polygon, Stroke
 
+if TYPE_CHECKING:  # what tables tell is built in runs: checking a scene loads no numerics
+    from wormopt.model.planar_friction import PlanarLaw
+    from wormopt.systems.planar.body.shape import Shape
+    from wormopt.systems.planar.body.strokes import Stroke
+
+Heading = Literal["bisector", "front", "rear"]
 Links = Annotated[int, Meta(ge=1, le=200, description="a whole number from 1 to 200")]
 Row = tuple[Finite, ...]
 
@@ -32,6 +35,8 @@ class BodyTable(Table, frozen=True, kw_only=True):
 
     def shape(self) -> Shape:
         """Its points by its shape variables: lengths, if they vary, then angles of the joints."""
+        from wormopt.systems.planar.body.shape import chain_shape
+
         return chain_shape(self.links, lengths=self.sizes, heading=self.heading)
 
     @property
@@ -67,6 +72,8 @@ class GroundTable(Table, frozen=True, kw_only=True):
 
     def friction(self) -> PlanarLaw:
         """The law of one mass."""
+        from wormopt.model.planar_friction import Elliptic, Unit
+
         kinds: dict[str, type[Elliptic] | type[Unit]] = {"elliptic": Elliptic, "unit": Unit}
         ahead = self.forward
         return kinds[self.law](ahead, self.backward or ahead, self.sideways or ahead)
@@ -81,6 +88,8 @@ class HarmonicStroke(Table, frozen=True, kw_only=True, tag_field="course", tag="
 
     def stroke(self) -> Stroke:
         """What it tells."""
+        from wormopt.systems.planar.body.strokes import Harmonics
+
         return Harmonics(self.mean, self.cosine, self.sine)  # type: ignore[arg-type]
 
     def faults(self, key: str, n_s: int) -> Iterator[Fault]:
@@ -99,6 +108,8 @@ class PolygonStroke(Table, frozen=True, kw_only=True, tag_field="course", tag="p
 
     def stroke(self) -> Stroke:
         """What it tells."""
+        from wormopt.systems.planar.body.strokes import Polygon
+
         return Polygon(self.corners)  # type: ignore[arg-type]
 
     def faults(self, key: str, n_s: int) -> Iterator[Fault]:

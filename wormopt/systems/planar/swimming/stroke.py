@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.numerics.collocation import Collocation
@@ -190,9 +189,3 @@ def _running(rule: Collocation, widths: np.ndarray, rate: np.ndarray) -> tuple[n
     whole = widths * (rate @ rule.B)
     before = np.concatenate([[0.0], np.cumsum(whole)])
     return before[:-1, None] + widths[:, None] * (rate @ rule.A.T), float(before[-1])
-
-
-def poses_at(swim: Swim, phase: ArrayLike) -> np.ndarray:
-    """Poses (m, 3) at phases, for pictures: cubic between those known."""
-    tau, known = np.asarray(phase, dtype=float), swim.poses
-    return np.stack([np.interp(tau, swim.phase, column) for column in known.T], axis=-1)

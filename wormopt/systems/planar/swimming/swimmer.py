@@ -152,7 +152,19 @@ class Swimmer:
         return (A, G) if shapes.ndim == 2 else (A[0], G[0])
 
     def seen_from(self, place: ca.SX, angle: ca.SX) -> Swimmer:
-        """The same body in another frame, by its place and angle in the present one."""
+        """Tell the same body in another frame.
+
+        Parameters
+        ----------
+        place : casadi.SX, shape (2, 1)
+            Origin of that frame in the present one, by the shape.
+        angle : casadi.SX
+            How far it is turned to the left.
+
+        Returns
+        -------
+        Swimmer
+        """
         shape = self.shape
         columns = [turned(-angle, shape.points[:, i] - place) for i in range(shape.n_points)]
         points, headings = ca.horzcat(*columns), shape.headings - angle
@@ -166,9 +178,16 @@ class Swimmer:
         return ca.Function("lengths", [self.shape.s], [ca.densify(found)], ["s"], ["lengths"])
 
     def towing_drag(self, shapes: np.ndarray) -> float:
-        """Force by velocity that tows the straight body along itself, each rod as short as it gets.
+        """Force by velocity that tows the straight body, each rod as short as it gets.
 
-        `shapes` (m, n_s) are those it takes.
+        Parameters
+        ----------
+        shapes : ndarray, shape (m, n_s)
+            Those it takes.
+
+        Returns
+        -------
+        float
         """
         shortest = np.asarray(self.lengths(np.atleast_2d(shapes).T)).min(axis=1)
         return float(self.rods[0] * shortest.sum() + self.masses[0] * self.shape.n_points)
