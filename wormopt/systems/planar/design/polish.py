@@ -13,6 +13,10 @@ from wormopt.systems.planar.design.ground import Dry
 from wormopt.systems.planar.design.polygons import Sides, Steps
 
 
+_KEPT = 1e-5
+"""What a point may miss and still count."""
+
+
 @dataclass(frozen=True, eq=False)
 class Polish:
     """Corners (k, n_s) and times (k,) of the sides of a stroke, as one vector for SciPy.
@@ -210,16 +214,42 @@ def polish(aim: PlanarAim, corners: np.ndarray, *, iterations: int, parts: int) 
     constraints = [{"type": "ineq", "fun": task.within, "jac": task.within_by}]
     if task.equal(task.pack(corners)).size:
         constraints.append({"type": "eq", "fun": task.equal, "jac": task.equal_by})
+    best: list[Polished] = []
+
+    def seen(w: np.ndarray) -> None:
+        """Keep the best of the points that lead where they should: steps may lead away again."""
+        one = _polished(task, w)
+        if not best or _merit(aim, one) < _merit(aim, best[0]):
+            best[:] = [one]
+
+    first = task.pack(corners)
+    seen(first)
     found = minimize(
         task.objective,
-        task.pack(corners),
+        first,
         jac=True,
         method="SLSQP",
         bounds=task.bounds(),
         constraints=constraints,
         options={"maxiter": iterations, "ftol": 1e-9},
+        callback=seen,
     )
-    low, high = aim.ranges.T
-    best = np.clip(task.unpack(found.x)[0], low, high)
-    miss = float(np.abs(task.equal(found.x)).max(initial=0.0))
-    return Polished(best, abs(float(found.fun)), miss)
+    seen(found.x)
+    return best[0]
+
+
+def _polished(task: Polish, w: np.ndarray) -> Polished:
+    """What a point is worth with its sides at the fastest pace."""
+    aim = task.aim
+    corners = np.clip(task.unpack(w)[0], *aim.ranges.T)
+    w = task.pack(corners)
+    miss = float(np.abs(task.equal(w)).max(initial=0.0))
+    over = -min(0.0, float(task.within(w).min(initial=0.0)))
+    return Polished(corners, abs(task.objective(w)[0]), max(miss, over))
+
+
+def _merit(aim: PlanarAim, one: Polished) -> tuple[bool, float]:
+    """Order: what keeps to its conditions first, then by value; else by what is missed."""
+    if one.miss > _KEPT:
+        return True, one.miss
+    return False, one.value if aim.purpose == "work" else -one.value
