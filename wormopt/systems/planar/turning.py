@@ -39,7 +39,7 @@ class TurnInPlace:
     def stroke(self) -> Polygon:
         """Lengths of both links and angle: swing, swap, swing back, swap."""
         a, b, one, two = self.long, self.short, self.straight, self.bent
-        return Polygon([[a, b, one], [a, b, two], [b, a, two], [b, a, one]])
+        return Polygon(np.array([[a, b, one], [a, b, two], [b, a, two], [b, a, one]]))
 
     @property
     def turn(self) -> float:
@@ -86,15 +86,13 @@ def swing_hold(phi: np.ndarray | float, ratio: float, grip: float) -> np.ndarray
         near = np.sqrt(np.maximum((grip * hold) ** 2 - across**2, 0.0))
         return along - far - near
 
-    low = np.maximum(ratio, across / grip) * np.ones_like(along)
-    high = low + along + 1.0
+    least = np.maximum(ratio, across / grip)
+    low, high = least, least + along + 1.0
     for _ in range(60):  # bisection: the excess falls with the hold
         middle = (low + high) / 2
         more = excess(middle) > 0
         low, high = np.where(more, middle, low), np.where(more, high, middle)
-    return np.where(
-        excess(np.maximum(ratio, across / grip)) <= 0, np.maximum(ratio, across / grip), high
-    )
+    return np.where(excess(least) <= 0, least, high)
 
 
 def heading_rate_bound(rate: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from wormopt.systems.planar.crawling.ground import Ground
 
 _WIDTHS = 10.0 ** -np.arange(0, 9)
-_TINY = 1e-300
+_TINY, _FARTHEST = 1e-300, 1e3
 _STEPS, _SHORTENED, _SHARPENED, _ROUNDING = 60, 40, 8, 1e-13
 
 
@@ -91,6 +91,9 @@ class LeastPower:
             body = self.of(open_)
             value, slope, curvature = body.slopes(x[open_], width)
             step = _step(slope, curvature)
+            # Between kinks a sum along one line is straight: its step would leave for infinity.
+            most = _FARTHEST * (1 + np.abs(x[open_]).max(axis=1))
+            step *= np.minimum(1, most / np.maximum(np.abs(step).max(axis=1), _TINY))[:, None]
             small = np.abs(step).max(axis=1) < last * (1 + np.abs(x[open_]).max(axis=1))
             x[open_[small]] += step[small]
             found[open_[small]] = True

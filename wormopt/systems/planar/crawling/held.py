@@ -11,7 +11,7 @@ from wormopt.systems.planar.crawling.reactions import split_pair
 
 _FITS = 1e-10  # rates at which masses part that can rest together
 _BALANCED = 1e-9  # forces that are left
-_RANK = 1e-9
+_RANK, _ROUNDING, _SLOWEST = 1e-9, 1e-14, 1e-9
 _NARROW = 10.0 ** -np.arange(0, 12)
 
 
@@ -57,7 +57,7 @@ def _joined(found: list[Held], order: np.ndarray) -> Held:
 def _free(body: LeastPower, x: np.ndarray, rest: np.ndarray, N: np.ndarray, Q: np.ndarray) -> Held:
     """Let the other masses move along N (G, n, k), free of those held, whose rows Q span."""
     G, go = len(x), ~rest
-    fits = (np.abs(body.velocities(x)[:, rest]) < _FITS).all(axis=(1, 2))
+    fits = np.abs(body.velocities(x)[:, rest]).max(axis=(1, 2), initial=0.0) < _FITS
     balances, stiffness = np.ones(G, bool), np.full(G, np.inf)
     if N.shape[2] and go.any():
         free = body.restricted(x, go, N)
@@ -66,7 +66,9 @@ def _free(body: LeastPower, x: np.ndarray, rest: np.ndarray, N: np.ndarray, Q: n
             bad = free.of(~balances)
             z[~balances], balances[~balances] = bad.sharp(bad.smoothed(_NARROW))
         _, left, curvature = free.slopes(z)
-        balances &= np.abs(left).max(axis=1) < _BALANCED
+        # The direction of a mass that hardly moves is known no better than its velocity.
+        slowest = np.maximum(free.powers(z).min(axis=1), _SLOWEST)
+        balances &= np.abs(left).max(axis=1) < np.maximum(_BALANCED, _ROUNDING / slowest)
         stiffness = np.linalg.eigvalsh(np.nan_to_num(curvature))[:, 0]
         x = x + (N @ z[..., None])[..., 0]
     v = body.velocities(x)

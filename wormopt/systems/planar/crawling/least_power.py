@@ -64,7 +64,7 @@ def near(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> Least:
 def _slow(body: LeastPower, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Velocities, and which masses hardly move."""
     powers = body.powers(x)
-    return x, powers <= _STILL * np.maximum(powers.max(axis=1), 1e-300)[:, None]
+    return x, powers <= _STILL * np.maximum(powers.max(axis=1), 0.1)[:, None]
 
 
 def settle(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> tuple[Least, np.ndarray]:

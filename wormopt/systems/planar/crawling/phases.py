@@ -148,7 +148,9 @@ def _teller(course: Course, left: Sample, right: Sample):
     """Function of the phase that changes its sign at the change from one sample to another."""
     stops, starts = right.rest & ~left.rest, left.rest & ~right.rest
     if stops.any() and starts.any():
-        i, j = int(np.flatnonzero(starts)[0]), int(np.flatnonzero(stops)[0])
+        pairs = [(int(i), int(j)) for i in np.flatnonzero(starts) for j in np.flatnonzero(stops)]
+        # Masses that a rigid link joins never part: their rate is rounding.
+        i, j = max(pairs, key=lambda pair: abs(course.parting(left.tau, *pair)))
         return lambda tau: course.parting(tau, i, j)
     if stops.any() or starts.any():
         most = right if stops.any() else left
