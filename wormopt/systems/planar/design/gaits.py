@@ -217,27 +217,46 @@ def design_stroke(
 def _exact(aim: PlanarAim, corners: np.ndarray, tried: tuple[float, ...]) -> PlanarDesign:
     """Make a gait best once more, and exact: by shortest changes of corners off their limits."""
     corners = _distinct(aim, polish(aim, corners, iterations=60, parts=4).corners)
+    corners, ties = _tied(aim, corners)
     task = _task(aim, corners)
     displacement, work = moved(aim, corners)
     for _ in range(_CORRECTIONS):
         miss = task.conditions(displacement, corners)[0]
         if not miss.size or np.abs(miss).max() < CLOSED / 10:
             break
-        corners = _corrected(task, corners, miss)
+        by = task.equal_by(task.pack(corners))[:, : corners.size]
+        step = -np.linalg.lstsq(by @ ties, miss, rcond=None)[0]
+        corners = np.clip(corners + (ties @ step).reshape(corners.shape) * task.sizes, *aim.ranges.T)
         displacement, work = moved(aim, corners)
     return PlanarDesign(aim, corners, displacement, work, tried)
 
 
-def _corrected(task: Polish, corners: np.ndarray, miss: np.ndarray) -> np.ndarray:
-    """Corners by which what should vanish does, to first order, those at limits kept there."""
-    low, high = task.aim.ranges.T
-    near = 1e-9 * (high - low)
-    free = (corners > low + near) & (corners < high - near)
-    if task.aim.start is not None:
-        free[0] = False
-    by = task.equal_by(task.pack(corners))[:, : corners.size] * free.ravel()
-    step = -np.linalg.lstsq(by, miss, rcond=None)[0].reshape(corners.shape) * task.sizes
-    return np.clip(corners + step, low, high)
+def _tied(aim: PlanarAim, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners put on limits and on sides that change one variable alone, where they nearly are.
+
+    Also the matrix from free changes to those of all numbers: what is on a limit stays, and what
+    is alike at both ends of a side stays alike.
+    """
+    corners, (low, high) = corners.copy(), aim.ranges.T
+    near = _SAME * (high - low) * 10
+    k, n_s = corners.shape
+    label = np.arange(k * n_s).reshape(k, n_s)
+    for i in range(1, k + 1 if aim.closed else k):
+        alike = np.abs(corners[i % k] - corners[i - 1]) < near
+        for j in np.flatnonzero(alike):
+            old, new = label[i % k, j], label[i - 1, j]
+            label[label == old] = new
+            corners[label == new] = corners[i - 1, j]
+    held = np.zeros((k, n_s), dtype=bool)
+    for limit in (low, high):
+        on = np.abs(corners - limit) < near
+        corners = np.where(on, limit, corners)
+        held |= on
+    if aim.start is not None:
+        corners[0], held[0] = aim.start, True
+    kept = np.isin(label, label[held])
+    free = np.unique(label[~kept])
+    return corners, (label.reshape(-1, 1) == free).astype(float)
 
 
 def _distinct(aim: PlanarAim, corners: np.ndarray) -> np.ndarray:
