@@ -17,3 +17,8 @@ from wormopt.systems.planar.swimming.heights import heights as heights
 from wormopt.systems.planar.swimming.stroke import swim as swim
 from wormopt.systems.planar.swimming.swimmer import Swimmer as Swimmer
 from wormopt.systems.planar.turning import TurnInPlace as TurnInPlace
+from wormopt.systems.planar.design.aim import PlanarAim as PlanarAim
+from wormopt.systems.planar.design.aim import PlanarLimits as PlanarLimits
+from wormopt.systems.planar.design.gaits import design_stroke as design_stroke
+from wormopt.systems.planar.design.ground import Dry as Dry
+from wormopt.systems.planar.design.ground import Viscous as Viscous

@@ -306,6 +306,18 @@ def _places(
     return times, shapes, poses, poses[:, None, :2] + rotate(poses[:, None, 2], points)
 
 
+def widest(design: PlanarDesign) -> float:
+    """Half the width that the links take: across the way, or across the first heading to a pose."""
+    aim, places = design.aim, design.places()[3]
+    along = np.array([1.0, 0.0])
+    if aim.purpose == "speed" and design.distance > 0:
+        along = design.displacement[:2] / design.distance
+    across = places[..., 1] * along[0] - places[..., 0] * along[1]
+    if aim.purpose == "speed":  # the body may begin anywhere in the passage
+        return float(np.ptp(across)) / 2 + aim.limits.radius
+    return float(np.abs(across).max()) + aim.limits.radius
+
+
 def crossings(places: np.ndarray) -> Iterator[tuple[int, int]]:
     """Links (i, j) that cross at some instant, by the places (m, masses, 2)."""
     links = places.shape[1] - 1
