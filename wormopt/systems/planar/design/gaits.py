@@ -27,6 +27,8 @@ CLOSED = 1e-9
 """Largest miss of a turn, a place or a pose."""
 # Corners nearer to the one before than this part of the ranges are one with it.
 _SAME = 1e-7
+# Numbers so near to a limit or each other, over the ranges, are made equal: the first that will do.
+_NEAR = (1e-6, 1e-5, 1e-4, 1e-3)
 _CORRECTIONS = 12
 
 
@@ -216,8 +218,22 @@ def design_stroke(
 
 def _exact(aim: PlanarAim, corners: np.ndarray, tried: tuple[float, ...]) -> PlanarDesign:
     """Make a gait best once more, and exact: by shortest changes of corners off their limits."""
-    corners = _distinct(aim, polish(aim, corners, iterations=60, parts=4).corners)
-    corners, ties = _tied(aim, corners)
+    best = _distinct(aim, polish(aim, corners, iterations=60, parts=4).corners)
+    refusal: SolveError | None = None
+    for near in _NEAR:
+        corners, ties = _tied(aim, best, near)
+        try:
+            return _closed(aim, corners, ties, tried)
+        except SolveError as error:  # a crawl that hardly tells rest from motion
+            refusal = error
+    assert refusal is not None
+    raise refusal
+
+
+def _closed(
+    aim: PlanarAim, corners: np.ndarray, ties: np.ndarray, tried: tuple[float, ...]
+) -> PlanarDesign:
+    """Change corners as little as makes vanish what should, by the exact motion."""
     task = _task(aim, corners)
     displacement, work = moved(aim, corners)
     for _ in range(_CORRECTIONS):
@@ -226,19 +242,22 @@ def _exact(aim: PlanarAim, corners: np.ndarray, tried: tuple[float, ...]) -> Pla
             break
         by = task.equal_by(task.pack(corners))[:, : corners.size]
         step = -np.linalg.lstsq(by @ ties, miss, rcond=None)[0]
-        corners = np.clip(corners + (ties @ step).reshape(corners.shape) * task.sizes, *aim.ranges.T)
+        change = (ties @ step).reshape(corners.shape) * task.sizes
+        corners = np.clip(corners + change, *aim.ranges.T)
         displacement, work = moved(aim, corners)
     return PlanarDesign(aim, corners, displacement, work, tried)
 
 
-def _tied(aim: PlanarAim, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _tied(
+    aim: PlanarAim, corners: np.ndarray, share: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Corners put on limits and on sides that change one variable alone, where they nearly are.
 
     Also the matrix from free changes to those of all numbers: what is on a limit stays, and what
     is alike at both ends of a side stays alike.
     """
     corners, (low, high) = corners.copy(), aim.ranges.T
-    near = _SAME * (high - low) * 10
+    near = share * (high - low)
     k, n_s = corners.shape
     label = np.arange(k * n_s).reshape(k, n_s)
     for i in range(1, k + 1 if aim.closed else k):
