@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,7 +29,7 @@ CLOSED = 1e-9
 _SAME = 1e-7
 # Numbers so near to a limit or each other, over the ranges, are made equal: the first that will do.
 _NEAR = (1e-6, 1e-5, 1e-4, 1e-3)
-_CORRECTIONS = 12
+_CORRECTIONS, _NARROWINGS = 12, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ class PlanarDesign:
             return None
         return self.aim.limits.angle_rate / 2
 
-    def places(self, per_side: int = 16) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def places(self, per_side: int = 24) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Times (m,), shapes (m, n_s), poses (m, 3), and places (m, masses, 2) over a cycle."""
         return _places(self, per_side)
 
@@ -217,8 +217,27 @@ def design_stroke(
 
 
 def _exact(aim: PlanarAim, corners: np.ndarray, tried: tuple[float, ...]) -> PlanarDesign:
-    """Make a gait best once more, and exact: by shortest changes of corners off their limits."""
-    best = _distinct(aim, polish(aim, corners, iterations=60, parts=4).corners)
+    """Make a gait best once more, and exact; narrower where it leaves a passage between corners."""
+    room, half = aim.limits.half_width, aim.limits.half_width
+    for _ in range(_NARROWINGS if room is not None else 1):
+        held = replace(aim, limits=replace(aim.limits, half_width=room))
+        best = _distinct(aim, polish(held, corners, iterations=60, parts=4).corners)
+        design = _made_exact(aim, best, tried)
+        if room is None or half is None:
+            return design
+        over = widest(design) - half
+        if over <= 0:
+            return design
+        room, corners = room - 1.05 * over, best
+        if room <= aim.limits.radius:
+            break
+    raise SolveError(
+        "the gait found leaves the passage between its corners", "write more corners, or more room"
+    )
+
+
+def _made_exact(aim: PlanarAim, best: np.ndarray, tried: tuple[float, ...]) -> PlanarDesign:
+    """The design by exact motion, with the least that must be made equal for it to be found."""
     refusal: SolveError | None = None
     for near in _NEAR:
         corners, ties = _tied(aim, best, near)

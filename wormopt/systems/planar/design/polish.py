@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -11,10 +12,15 @@ from scipy.optimize import minimize
 from wormopt.systems.planar.design.aim import PlanarAim
 from wormopt.systems.planar.design.ground import Dry
 from wormopt.systems.planar.design.polygons import Sides, Steps
+from wormopt.systems.planar.design.room import Room
 
 
 _KEPT = 1e-5
 """What a point may miss and still count."""
+
+
+# Parts of a side, at whose ends the body must be in a passage.
+_SPLIT = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,65 +33,96 @@ class Polish:
     aim: PlanarAim
     steps: Steps
     count: int
+    split: int = 1  # parts of a side, at whose ends a passage is looked at
 
     @cached_property
     def sizes(self) -> np.ndarray:
         """Usual sizes of the shape variables."""
         return np.abs(self.aim.ranges).max(axis=1)
 
+    @cached_property
+    def splitting(self) -> np.ndarray:
+        """Matrix (ends of parts, corners) of the ends of parts by the corners."""
+        k, m = self.count, self.split
+        sides = k if self.aim.closed else k - 1
+        rows = np.zeros((sides * m, k))
+        for i in range(sides * m):
+            side, part = divmod(i, m)
+            rows[i, side] += 1 - part / m
+            rows[i, (side + 1) % k] += part / m
+        return rows if self.aim.closed else np.vstack([rows, np.eye(k)[-1:]])
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the vector ends with where the middle of the passage is."""
+        return self.aim.limits.half_width is not None and self.aim.purpose == "speed"
+
     def pack(self, corners: np.ndarray) -> np.ndarray:
-        """Vector of corners and the least times of the sides."""
+        """Vector of corners and the least times of the sides, and the middle of the passage."""
         parts = [(corners / self.sizes).ravel()]
         if self.aim.timed:
             parts.append(side_times(self.aim, corners) / self.aim.duration_usual)
+        if self.drifts:
+            sides = self.steps.sides(self.splitting @ corners, self.aim.closed)
+            across = Room(self.aim, self.splitting @ corners, sides).across
+            parts.append(np.array([(across.min() + across.max()) / 2]))
         return np.concatenate(parts)
 
     def unpack(self, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Corners and times."""
         n = self.count * len(self.sizes)
         corners = w[:n].reshape(self.count, -1) * self.sizes
-        return corners, w[n:] * self.aim.duration_usual
+        times = w[n : n + self.count * self.aim.timed]
+        return corners, times * self.aim.duration_usual
 
     def told(self, w: np.ndarray) -> tuple[Sides, np.ndarray, np.ndarray]:
         """Displacements, corners and times; remembers the last."""
         memory = self._memory
         if memory.get("w") is None or not np.array_equal(memory["w"], w):
             corners, times = self.unpack(w)
-            memory["w"] = w.copy()
-            memory["told"] = (self.steps.sides(corners, self.aim.closed), corners, times)
+            sides = self.steps.sides(self.splitting @ corners, self.aim.closed)
+            memory["w"], memory["told"] = w.copy(), (sides, corners, times)
         return memory["told"]
 
     @cached_property
-    def _memory(self) -> dict:
+    def _memory(self) -> dict[str, Any]:
         return {}
 
-    def _chain(self, by_corners: np.ndarray, by_times: float = 0.0) -> np.ndarray:
-        """Derivatives by the vector from those by corners and by each time."""
-        parts = [(by_corners * self.sizes).reshape(*by_corners.shape[:-2], -1)]
+    def _chain(self, by_ends: np.ndarray, by_times: float = 0.0) -> np.ndarray:
+        """Derivatives by the vector from those by ends of parts (..., ends, n_s) and by times."""
+        by_corners = np.einsum("ek,...en->...kn", self.splitting, by_ends)
+        lead = by_corners.shape[:-2]
+        parts = [(by_corners * self.sizes).reshape(*lead, -1)]
         if self.aim.timed:
-            shape = (*by_corners.shape[:-2], self.count)
-            parts.append(np.full(shape, by_times * self.aim.duration_usual))
+            parts.append(np.full((*lead, self.count), by_times * self.aim.duration_usual))
+        if self.drifts:
+            parts.append(np.zeros((*lead, 1)))
         return np.concatenate(parts, axis=-1)
 
     def objective(self, w: np.ndarray) -> tuple[float, np.ndarray]:
         """What is made least, and its gradient."""
         sides, _, times = self.told(w)
-        total, by = sides.total, sides.gradient(self.aim.closed)
-        purpose = self.aim.purpose
+        closed, purpose = self.aim.closed, self.aim.purpose
         if purpose == "work":
             factor = self._work_factor
-            by_work = work_gradient(sides, self.aim.closed)
+            by_work = sides.work_gradient(closed)
             return factor * float(sides.work.sum()), self._chain(factor * by_work)
+        total, by = sides.total, sides.gradient(closed)
         T = times.sum()
-        gain = total[2] if purpose == "turn" else np.hypot(*total[:2])
-        gain_by = by[2] if purpose == "turn" else np.einsum("i,ikn->kn", total[:2] / gain, by[:2])
+        if purpose == "turn":
+            gain, gain_by = total[2], by[2]
+        else:
+            gain = max(float(np.hypot(*total[:2])), 1e-300)
+            gain_by = np.einsum("i,ikn->kn", total[:2] / gain, by[:2])
         return float(-gain / T), self._chain(-gain_by / T, gain / T**2)
 
     @property
     def _work_factor(self) -> float:
-        """Work by that of sides that each take the time 1."""
-        dry = isinstance(self.aim.ground, Dry)
-        return 1.0 if dry else (self.count if self.aim.closed else self.count - 1) / self.aim.time
+        """Work by that of parts that each take the time 1."""
+        if isinstance(self.aim.ground, Dry):
+            return 1.0
+        ends = len(self.splitting)
+        return (ends if self.aim.closed else ends - 1) / self.aim.time
 
     def equal(self, w: np.ndarray) -> np.ndarray:
         """What vanishes."""
@@ -98,8 +135,7 @@ class Polish:
         _, by_total, by_first = self.conditions(sides.total, corners)
         by = np.einsum("ri,ikn->rkn", by_total, sides.gradient(self.aim.closed))
         by[:, 0] += by_first
-        rows = [self._chain(by)]
-        return np.vstack(rows)
+        return self._chain(by)
 
     def conditions(
         self, total: np.ndarray, corners: np.ndarray
@@ -137,27 +173,41 @@ class Polish:
         return mean(points), slope
 
     def within(self, w: np.ndarray) -> np.ndarray:
-        """Stays above 0: times less those that the rates need, and what effort is left."""
-        rows = self._linear @ w
-        effort = self.aim.limits.effort
-        if effort is None:
-            return rows
-        return np.append(rows, 1 - self.told(w)[0].work.sum() / effort)
+        """Stays above 0: times less those that the rates need, what effort and room are left."""
+        rows = [self._linear @ w]
+        limits = self.aim.limits
+        if limits.effort is not None:
+            rows.append(np.array([1 - self._work_factor * self.told(w)[0].work.sum() / limits.effort]))
+        if limits.half_width is not None:
+            room = limits.half_width - limits.radius
+            across = self._room(w).across - (w[-1] if self.drifts else 0.0)
+            rows += [(room - across) / room, (room + across) / room]
+        return np.concatenate(rows)
 
     def within_by(self, w: np.ndarray) -> np.ndarray:
         """Its derivatives."""
-        effort = self.aim.limits.effort
-        if effort is None:
-            return self._linear
-        by = self._chain(work_gradient(self.told(w)[0], self.aim.closed))
-        return np.vstack([self._linear, -by / effort])
+        rows, limits = [self._linear], self.aim.limits
+        if limits.effort is not None:
+            by = self._chain(self.told(w)[0].work_gradient(self.aim.closed))
+            rows.append(-self._work_factor * by[None] / limits.effort)
+        if limits.half_width is not None:
+            room = limits.half_width - limits.radius
+            by = self._chain(self._room(w).across_by)
+            if self.drifts:
+                by[:, -1] = -1.0
+            rows += [-by / room, by / room]
+        return np.vstack(rows)
+
+    def _room(self, w: np.ndarray) -> Room:
+        sides, corners, _ = self.told(w)
+        return Room(self.aim, self.splitting @ corners, sides)
 
     @cached_property
     def _linear(self) -> np.ndarray:
         k, n_s = self.count, len(self.sizes)
         if not self.aim.timed:
             return np.zeros((0, k * n_s))
-        out = np.zeros((2 * k * n_s, k * n_s + k))
+        out = np.zeros((2 * k * n_s, k * n_s + k + self.drifts))
         row = 0
         for i in range(k):
             for j in range(n_s):
@@ -179,6 +229,8 @@ class Polish:
             ]
         if self.aim.timed:
             pairs += [(0.0, np.inf)] * self.count
+        if self.drifts:
+            pairs.append((-np.inf, np.inf))
         return pairs
 
 
@@ -186,17 +238,6 @@ def side_times(aim: PlanarAim, corners: np.ndarray) -> np.ndarray:
     """Times (k,) of the sides at the fastest pace."""
     ends = np.roll(corners, -1, axis=0) if aim.closed else np.vstack([corners[1:], corners[-1:]])
     return np.abs((ends - corners) / aim.rates).max(axis=1)
-
-
-def work_gradient(sides: Sides, closed: bool) -> np.ndarray:
-    """Derivatives (corners, n_s) of the work."""
-    k, twice = sides.work_by.shape
-    n_s = twice // 2
-    out = np.zeros((k if closed else k + 1, n_s))
-    for i in range(k):
-        out[i] += sides.work_by[i, :n_s]
-        out[(i + 1) % len(out)] += sides.work_by[i, n_s:]
-    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +251,9 @@ class Polished:
 
 def polish(aim: PlanarAim, corners: np.ndarray, *, iterations: int, parts: int) -> Polished:
     """Best corners near by; `parts`: of a side, see `Steps`."""
-    task = Polish(aim, Steps(aim.shape, aim.ground, parts=parts, points=6), len(corners))
+    split = _SPLIT if aim.limits.half_width is not None else 1
+    steps = Steps(aim.shape, aim.ground, parts=-(-parts // split), points=6)
+    task = Polish(aim, steps, len(corners), split)
     constraints = [{"type": "ineq", "fun": task.within, "jac": task.within_by}]
     if task.equal(task.pack(corners)).size:
         constraints.append({"type": "eq", "fun": task.equal, "jac": task.equal_by})

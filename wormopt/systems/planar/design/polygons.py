@@ -47,30 +47,39 @@ class Sides:
         *_, end = self.running
         return end
 
-    def gradient(self, closed: bool = True) -> np.ndarray:
-        """Derivatives (3, corners, n_s) of `total`."""
+    def gradients(self, closed: bool = True) -> Iterator[np.ndarray]:
+        """Derivatives (3, corners, n_s) of each of `running`."""
         k, _, twice = self.pose_by.shape
         n_s = twice // 2
-        after = [np.zeros(3)]
-        for pose in self.pose[::-1]:
-            after.append(compose(pose, after[-1]))
-        after = after[::-1]  # after[i]: product of sides i, i + 1, ...
-        out = np.zeros((3, k if closed else k + 1, n_s))
-        before = np.zeros(3)
-        for i in range(k):
-            x, y, turn = self.pose[i]
+        by = np.zeros((3, k if closed else k + 1, n_s))
+        yield by
+        for i, before in zip(range(k), self.running, strict=False):
             c, s = np.cos(before[2]), np.sin(before[2])
-            rest = after[i + 1]
-            ct, st = np.cos(before[2] + turn), np.sin(before[2] + turn)
-            by = self.pose_by[i]
-            part = np.empty_like(by)
-            part[0] = c * by[0] - s * by[1] + (-st * rest[0] - ct * rest[1]) * by[2]
-            part[1] = s * by[0] + c * by[1] + (ct * rest[0] - st * rest[1]) * by[2]
-            part[2] = by[2]
-            out[:, i] += part[:, :n_s]
-            out[:, (i + 1) % out.shape[1]] += part[:, n_s:]
-            before = compose(before, self.pose[i])
-        return out
+            turn = np.array([[c, -s], [s, c]])
+            ahead = turn @ self.pose[i, :2]
+            by = by.copy()
+            by[0] -= ahead[1] * by[2]
+            by[1] += ahead[0] * by[2]
+            own = self.pose_by[i].copy()
+            own[:2] = turn @ own[:2]
+            by[:, i] += own[:, :n_s]
+            by[:, (i + 1) % by.shape[1]] += own[:, n_s:]
+            yield by
+
+    def gradient(self, closed: bool = True) -> np.ndarray:
+        """Derivatives (3, corners, n_s) of `total`."""
+        *_, by = self.gradients(closed)
+        return by
+
+    def work_gradient(self, closed: bool = True) -> np.ndarray:
+        """Derivatives (corners, n_s) of the sum of `work`."""
+        k, twice = self.work_by.shape
+        n_s = twice // 2
+        by = np.zeros((k if closed else k + 1, n_s))
+        for i in range(k):
+            by[i] += self.work_by[i, :n_s]
+            by[(i + 1) % len(by)] += self.work_by[i, n_s:]
+        return by
 
 
 @dataclass(frozen=True, eq=False)
