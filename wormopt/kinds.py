@@ -269,6 +269,15 @@ KINDS: dict[str, Kind] = {
             "animation": "wormopt.systems.planar.plots.swim:first_frame",
         },
     ),
+    "planar-design": Kind(
+        summary="the best gait of a body in the plane: fastest, turning, or cheapest to a pose",
+        table="wormopt.systems.planar.scenes.design:PlanarDesignScene",
+        study="wormopt.systems.planar.runs.design",
+        pictures={
+            "planar_gait": "wormopt.systems.planar.plots.design:planar_gait",
+            "animation": "wormopt.systems.planar.plots.design:first_frame",
+        },
+    ),
     "planar-serpenoid": Kind(
         summary="how fast a serpenoid wave carries a long worm over viscous or dry ground",
         table="wormopt.systems.planar.scenes.serpenoid:PlanarSerpenoidScene",

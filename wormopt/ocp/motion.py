@@ -41,6 +41,8 @@ class Guess:
         Contact forces; zero where there is none.
     phases : ndarray, shape (phases,), optional
         Durations of the phases; equal parts where nothing is said.
+    algebraic : callable, optional
+        Algebraic variables; zero where there is none.
     """
 
     duration: float
@@ -48,6 +50,7 @@ class Guess:
     inputs: Curve | None = None
     forces: Curve | None = None
     phases: np.ndarray | None = None
+    algebraic: Curve | None = None
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> Guess:
@@ -278,6 +281,20 @@ class Motion(SampledMotion):
         """
         return self.observe(self.program.problem.model.forces, t)
 
+    def algebraic(self, t: np.ndarray) -> np.ndarray:
+        """Algebraic variables at given times.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            Times from 0 to the duration.
+
+        Returns
+        -------
+        ndarray, shape (n_z, m)
+        """
+        return self._interpolated(t, self.mesh.collocation.tau, self.arcs.algebraic)
+
     def observe(self, expression: ca.SX, t: np.ndarray) -> np.ndarray:
         """Values of an expression of the problem's symbols.
 
@@ -351,7 +368,7 @@ class Motion(SampledMotion):
     def guess(self) -> Guess:
         """The motion as a start for another solve."""
         phases = np.diff(self.phase_breaks())
-        return Guess(self.duration, self.states, self.inputs, self.forces, phases)
+        return Guess(self.duration, self.states, self.inputs, self.forces, phases, self.algebraic)
 
     def input_course(self) -> Gait:
         """Inputs as piecewise polynomials of time, as simulation takes them.
@@ -375,7 +392,7 @@ class Motion(SampledMotion):
 def sample(program: Transcription, guess: Guess, bounds: Bounds) -> np.ndarray:
     """Variables (n_w,) of a program that follow a guess; `bounds` has integrals' parameters.
 
-    Slacks and design constants are at nominal size, algebraic variables and impulses zero.
+    Slacks and design constants are at nominal size, impulses zero.
     Raises ArgumentError if a curve gives a wrong number of rows.
     """
     mesh, arc = program.mesh, program.arc
@@ -405,7 +422,7 @@ def sample(program: Transcription, guess: Guess, bounds: Bounds) -> np.ndarray:
         start=on(guess.states, np.zeros(1), n_x)[:, 0],
         points=points,
         inputs=np.einsum("kj,rjn->rkn", to_coefficients, on(guess.inputs, inner, n_u)),
-        algebraic=np.zeros((len(arc.z_nominal), d, n)),
+        algebraic=on(guess.algebraic, mesh.collocation.tau, len(arc.z_nominal)),
         unknowns=arc.closure_start(points, forces),
         jumps=np.zeros((arc.layout.jumps.stop - arc.layout.jumps.start, n)),
         **program.nominal_extras(),

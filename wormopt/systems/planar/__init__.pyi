@@ -9,6 +9,11 @@ from wormopt.systems.planar.body.strokes import Polygon as Polygon
 from wormopt.systems.planar.crawling.crawl import Crawl as Crawl
 from wormopt.systems.planar.crawling.crawl import crawl as crawl
 from wormopt.systems.planar.crawling.velocity import crawl_velocity as crawl_velocity
+from wormopt.systems.planar.design.aim import PlanarAim as PlanarAim
+from wormopt.systems.planar.design.aim import PlanarLimits as PlanarLimits
+from wormopt.systems.planar.design.gaits import design_stroke as design_stroke
+from wormopt.systems.planar.design.ground import Dry as Dry
+from wormopt.systems.planar.design.ground import Viscous as Viscous
 from wormopt.systems.planar.dynamics.chain import planar_chain as planar_chain
 from wormopt.systems.planar.dynamics.driven import driven_shape as driven_shape
 from wormopt.systems.planar.dynamics.ground import Axes as Axes

@@ -1,0 +1,1 @@
+"""Gaits of planar worms by optimal control: fast, turning, cheap, and through passages."""

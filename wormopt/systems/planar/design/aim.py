@@ -1,0 +1,190 @@
+"""What a planar gait shall do, and what its shape, its rates and its room must keep to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.systems.planar.body.shape import Shape
+from wormopt.systems.planar.design.ground import Dry, Ground
+
+Purpose = Literal["speed", "turn", "work"]
+PIVOTS = ("any", "centre")
+
+
+@dataclass(frozen=True)
+class PlanarLimits:
+    """What a gait must keep to.
+
+    Parameters
+    ----------
+    length : (float, float), optional
+        Least and largest length of links that vary.
+    angle : (float, float), optional
+        Least and largest angle of a joint.
+    length_rate, angle_rate : float, optional
+        Largest rate of a length and of an angle.
+    effort : float, optional
+        Most work in a cycle.
+    half_width : float, optional
+        Half the width of a passage along the way; free if left out.
+    radius : float, optional
+        Of the links, as rods with round ends, in the passage.
+
+    Examples
+    --------
+    >>> PlanarLimits(length=(0.5, 1.0), angle=(-1.0, 1.0)).angle
+    (-1.0, 1.0)
+    """
+
+    length: tuple[float, float] = (0.5, 1.0)
+    angle: tuple[float, float] = (-2.0, 2.0)
+    length_rate: float = 1.0
+    angle_rate: float = 1.0
+    effort: float | None = None
+    half_width: float | None = None
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("length", "angle"):
+            least, most = getattr(self, name)
+            if not least < most:
+                raise ArgumentError(f"{name} must go from less to more, not {least} to {most}")
+        if self.length[0] <= 0:
+            raise ArgumentError(f"links must be longer than 0, not {self.length[0]}")
+        if max(map(abs, self.angle)) >= np.pi:
+            raise ArgumentError("angles of joints stay below pi to either side")
+        if min(self.length_rate, self.angle_rate) <= 0:
+            raise ArgumentError("rates must be positive")
+        if self.half_width is not None and self.half_width <= self.radius:
+            raise ArgumentError("the passage is narrower than a link")
+
+    def ranges(self, shape: Shape) -> np.ndarray:
+        """Least and largest value of each shape variable, (n_s, 2)."""
+        return np.array([getattr(self, _kind(name)) for name in shape.names]).reshape(-1, 2)
+
+    def rates(self, shape: Shape) -> np.ndarray:
+        """Largest rate of each shape variable, (n_s,)."""
+        return np.array([getattr(self, f"{_kind(name)}_rate") for name in shape.names])
+
+
+def _kind(name: str) -> str:
+    return name.partition(" ")[0]
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarAim:
+    """A body on its ground, and what its gait is for.
+
+    Parameters
+    ----------
+    shape : Shape
+        The body.
+    ground : Dry or Viscous
+        The ground.
+    limits : PlanarLimits
+        What the gait must keep to.
+    purpose : {"speed", "turn", "work"}
+        Fastest without net turn; fastest turn in place; least work to a pose.
+    pose : (float, float, float), optional
+        Of ``"work"``: x, y and angle of the head to reach, seen from the one at the start.
+    cycles : int, optional
+        Cycles in which it is reached.
+    closed : bool, optional
+        Whether the shape returns.
+    start : tuple of float, optional
+        Shape to begin with; free if left out.
+    pivot : int or {"any", "centre"}, optional
+        Of ``"turn"``: the mass, the masses' centre, or nothing, that is where it was after a cycle.
+    corners : int, optional
+        Corners of the stroke, joined by straight sides.
+    time : float, optional
+        Of ``"work"``: that a cycle takes, of which drag's work depends.
+
+    Examples
+    --------
+    >>> from wormopt.model.planar_friction import Elliptic
+    >>> from wormopt.systems.planar.body.shape import chain_shape
+    >>> aim = PlanarAim(chain_shape(2), Dry((Elliptic(1.0, 1.0, 1.0),)), PlanarLimits(), "turn")
+    >>> aim.duration_usual
+    8.0
+    """
+
+    shape: Shape
+    ground: Ground
+    limits: PlanarLimits
+    purpose: Purpose = "speed"
+    pose: tuple[float, float, float] | None = None
+    cycles: int = 1
+    closed: bool = True
+    start: tuple[float, ...] | None = None
+    pivot: int | str = "any"
+    corners: int = 12
+    time: float = 1.0
+
+    def __post_init__(self) -> None:
+        n_s = len(self.shape.names)
+        if n_s == 0:
+            raise ArgumentError("a rigid body has no gait")
+        if (self.purpose == "work") != (self.pose is not None):
+            raise ArgumentError("a pose is what the purpose 'work', and it alone, needs")
+        if self.purpose != "work" and not self.closed:
+            raise ArgumentError("only a course to a pose may end with another shape")
+        if not self.closed and self.cycles > 1:
+            raise ArgumentError("a course whose shape does not return has one cycle")
+        if self.start is not None and len(self.start) != n_s:
+            raise ArgumentError(f"start needs {n_s} numbers, not {len(self.start)}")
+        if self.limits.effort is not None and self.timed and not isinstance(self.ground, Dry):
+            raise ArgumentError("linear drag's work knows no least time; leave the effort out")
+        if isinstance(self.pivot, int) and not 0 <= self.pivot < self.shape.n_points:
+            raise ArgumentError(f"there is no mass {self.pivot}")
+        if isinstance(self.pivot, str) and self.pivot not in PIVOTS:
+            raise ArgumentError(f"pivot is a mass, 'any' or 'centre', not {self.pivot!r}")
+        if self.closed and n_s == 1 and self.ground.symmetric:
+            raise ArgumentError(
+                "one shape variable goes there and back on the same way, and ground with F+ = F- "
+                "takes the body back with it: let lengths vary, or take more joints"
+            )
+
+    @property
+    def ranges(self) -> np.ndarray:
+        """Least and largest value of each shape variable, (n_s, 2)."""
+        return self.limits.ranges(self.shape)
+
+    @property
+    def rates(self) -> np.ndarray:
+        """Largest rate of each shape variable, (n_s,)."""
+        return self.limits.rates(self.shape)
+
+    @property
+    def duration_usual(self) -> float:
+        """Time to go through the widest range of shape and back."""
+        spans = self.ranges[:, 1] - self.ranges[:, 0]
+        return float(2 * (spans / self.rates).max())
+
+    @property
+    def timed(self) -> bool:
+        """Whether the time it takes counts."""
+        return self.purpose != "work"
+
+    @property
+    def work_factor(self) -> float:
+        """Work by the integral of the power over a phase that lasts 1."""
+        return 1.0 if isinstance(self.ground, Dry) else 1.0 / self.time
+
+    @property
+    def step(self) -> np.ndarray:
+        """Pose (3,) to reach in one cycle, repeated to reach the pose."""
+        assert self.pose is not None
+        return root(np.array(self.pose), self.cycles)
+
+
+def root(pose: np.ndarray, cycles: int) -> np.ndarray:
+    """Displacement (3,) that leads to a pose when repeated so often."""
+    turn = pose[2] / cycles
+    factor = np.exp(1j * turn * np.arange(cycles)).sum()
+    first = complex(pose[0], pose[1]) / factor
+    return np.array([first.real, first.imag, turn])

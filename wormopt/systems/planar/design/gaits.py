@@ -1,0 +1,371 @@
+"""The verb of planar gait design: an aim in, the best gait found out, by its exact motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import SolveError
+from wormopt.progress import Report, silent
+from wormopt.systems.planar.body.se2 import rotate
+from wormopt.systems.planar.body.strokes import Polygon
+from wormopt.systems.planar.crawling.crawl import crawl
+from wormopt.systems.planar.design.aim import PlanarAim
+from wormopt.systems.planar.design.ground import Dry
+from wormopt.systems.planar.design.polish import Polish, polish, side_times
+from wormopt.systems.planar.design.polygons import Steps
+from wormopt.systems.planar.design.program import gait_problem
+from wormopt.systems.planar.design.search import relaxed
+from wormopt.systems.planar.design.starts import chance_corners
+from wormopt.systems.planar.swimming.stroke import swim
+
+CLOSED = 1e-9
+"""Largest miss of a turn, a place or a pose."""
+# Corners nearer to the one before than this part of the ranges are one with it.
+_SAME = 1e-7
+# Numbers so near to a limit or each other, over the ranges, are made equal: the first that will do.
+_NEAR = (1e-6, 1e-5, 1e-4, 1e-3)
+_CORRECTIONS, _NARROWINGS = 12, 5
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Shape variables that go straight from corner to corner and end at the last.
+
+    A stroke but for its end: each side takes the same part of the phase.
+    """
+
+    corners: np.ndarray
+
+    @property
+    def n_s(self) -> int:
+        """Number of shape variables."""
+        return int(self.corners.shape[1])
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """Phases of the corners."""
+        return np.linspace(0.0, 1.0, len(self.corners))
+
+    def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Shapes (m, n_s) at phases (m,), and their derivatives."""
+        phase = np.atleast_1d(np.asarray(tau, dtype=float))
+        sides = len(self.corners) - 1
+        side = np.clip(np.searchsorted(self.breaks, phase, side="right") - 1, 0, sides - 1)
+        way = np.diff(self.corners, axis=0)[side]
+        return self.corners[side] + (phase * sides - side)[:, None] * way, sides * way
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarDesign:
+    """A gait or course found, moved exactly: a local optimum.
+
+    Parameters
+    ----------
+    aim : PlanarAim
+        What was wanted.
+    corners : ndarray, shape (k, n_s)
+        Of the shape variables, joined by straight sides.
+    displacement : ndarray, shape (3,)
+        x, y and angle of the head after a cycle, in the frame before.
+    work : float
+        That the ground takes in a cycle; of linear drag, in `duration` at constant power.
+    tried : tuple of float
+        What every start led to, as `value`; NaN where to nothing.
+    """
+
+    aim: PlanarAim
+    corners: np.ndarray
+    displacement: np.ndarray
+    work: float
+    tried: tuple[float, ...] = field(default=())
+
+    @property
+    def stroke(self) -> Polygon | Course:
+        """The gait as other solvers take it."""
+        return Polygon(self.corners) if self.aim.closed else Course(self.corners)
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the sides at the fastest pace."""
+        return side_times(self.aim, self.corners)[: None if self.aim.closed else -1]
+
+    @property
+    def duration(self) -> float:
+        """Time of a cycle: at the fastest pace, or as the aim tells where work counts."""
+        return float(self.times.sum()) if self.aim.timed else self.aim.time
+
+    @property
+    def distance(self) -> float:
+        """How far the head gets."""
+        return float(np.hypot(*self.displacement[:2]))
+
+    @property
+    def value(self) -> float:
+        """Speed, rate of turning, or work: what was sought."""
+        if self.aim.purpose == "work":
+            return self.work
+        gain = self.displacement[2] if self.aim.purpose == "turn" else self.distance
+        return float(gain) / self.duration
+
+    @cached_property
+    def misses(self) -> np.ndarray:
+        """What should vanish: the turn, the way of the pivot, what lacks to the pose."""
+        return _task(self.aim, self.corners).conditions(self.displacement, self.corners)[0]
+
+    @property
+    def work_bound(self) -> float | None:
+        """Least work that moves every mass so far on dry ground.
+
+        Each mass goes from where it was to where it is, against its least resistance.
+        """
+        if not isinstance(self.aim.ground, Dry):
+            return None
+        first, last = self.corners[0], self.corners[0 if self.aim.closed else -1]
+        before, after = (np.asarray(self.aim.shape.kinematics(s)[0]).T for s in (first, last))
+        moved = self.displacement[:2] + rotate(self.displacement[2], after) - before
+        least = self.aim.ground.least_each(self.aim.shape)
+        return float(np.hypot(*moved.T) @ least)
+
+    @property
+    def turn_bound(self) -> float | None:
+        """Largest rate of turning of two links of which one rests at any instant."""
+        if self.aim.shape.names != ("length 1", "length 2", "angle 1"):
+            return None
+        return self.aim.limits.angle_rate / 2
+
+    def places(self, per_side: int = 24) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Times (m,), shapes (m, n_s), poses (m, 3), and places (m, masses, 2) over a cycle."""
+        return _places(self, per_side)
+
+
+def design_stroke(
+    aim: PlanarAim, *, starts: int = 4, seed: int = 0, report: Report = silent
+) -> PlanarDesign:
+    """Find the best gait or course for an aim: a local optimum, the best of several.
+
+    From strokes by chance, programs of optimal control with ever steeper friction lead to
+    polygons, whose corners are then made best by the set-valued motion itself and its derivatives.
+
+    Parameters
+    ----------
+    aim : PlanarAim
+        What is wanted.
+    starts : int, optional
+        Strokes to begin with.
+    seed : int, optional
+        Of chance.
+    report : callable, optional
+        Called with what is done and the share of it that is behind.
+
+    Returns
+    -------
+    PlanarDesign
+
+    Raises
+    ------
+    SolveError
+        If no start leads to a gait that keeps to what is asked.
+
+    Examples
+    --------
+    >>> from wormopt.systems.planar.body.shape import chain_shape
+    >>> from wormopt.systems.planar.swimming.swimmer import Swimmer
+    >>> from wormopt.systems.planar.design.ground import Viscous
+    >>> from wormopt.systems.planar.design.aim import PlanarLimits
+    >>> shape = chain_shape(3, lengths=(1.0, 1.0, 1.0))
+    >>> ground = Viscous(Swimmer(shape, rods=(1.0, 2.0)))
+    >>> aim = PlanarAim(shape, ground, PlanarLimits(angle=(-1.0, 1.0)), corners=4)
+    >>> round(design_stroke(aim, starts=1).value, 6)
+    0.02257
+    """
+    problem = gait_problem(aim)
+    found: list[tuple[float, np.ndarray]] = []
+    tried: list[float] = []
+    refusal: SolveError | None = None
+    for k in range(starts):
+        random = np.random.default_rng([seed, k])
+        try:
+            first = relaxed(aim, problem, chance_corners(aim, random))
+            near = polish(aim, first.corners, iterations=60, parts=2)
+        except SolveError as error:
+            refusal = error
+            tried.append(float("nan"))
+            if error.code == "infeasible":
+                break
+            continue
+        good = near.miss < 1e-3
+        tried.append(near.value if good else float("nan"))
+        report(f"start {k + 1}: {tried[-1]:.6g}", 0.85 * (k + 1) / starts)
+        if good:
+            found.append((near.value, near.corners))
+    sign = 1 if aim.purpose == "work" else -1
+    for _, corners in sorted(found, key=lambda one: sign * one[0]):
+        report("exact motion", 0.9)
+        try:
+            return _exact(aim, corners, tuple(tried))
+        except SolveError as error:
+            refusal = error
+    raise refusal or SolveError(
+        f"none of {starts} starts led to a gait that keeps to what is asked",
+        "write wider limits, more corners, or more starts",
+    )
+
+
+def _exact(aim: PlanarAim, corners: np.ndarray, tried: tuple[float, ...]) -> PlanarDesign:
+    """Make a gait best once more, and exact; narrower where it leaves a passage between corners."""
+    room, half = aim.limits.half_width, aim.limits.half_width
+    for _ in range(_NARROWINGS if room is not None else 1):
+        held = replace(aim, limits=replace(aim.limits, half_width=room))
+        best = _distinct(aim, polish(held, corners, iterations=60, parts=4).corners)
+        design = _made_exact(aim, best, tried)
+        if room is None or half is None:
+            return design
+        over = widest(design) - half
+        if over <= 0:
+            return design
+        room, corners = room - 1.05 * over, best
+        if room <= aim.limits.radius:
+            break
+    raise SolveError(
+        "the gait found leaves the passage between its corners", "write more corners, or more room"
+    )
+
+
+def _made_exact(aim: PlanarAim, best: np.ndarray, tried: tuple[float, ...]) -> PlanarDesign:
+    """The design by exact motion, with the least that must be made equal for it to be found."""
+    refusal: SolveError | None = None
+    for near in _NEAR:
+        corners, ties = _tied(aim, best, near)
+        try:
+            return _closed(aim, corners, ties, tried)
+        except SolveError as error:  # a crawl that hardly tells rest from motion
+            refusal = error
+    assert refusal is not None
+    raise refusal
+
+
+def _closed(
+    aim: PlanarAim, corners: np.ndarray, ties: np.ndarray, tried: tuple[float, ...]
+) -> PlanarDesign:
+    """Change corners as little as makes vanish what should, by the exact motion."""
+    task = _task(aim, corners)
+    displacement, work = moved(aim, corners)
+    for _ in range(_CORRECTIONS):
+        miss = task.conditions(displacement, corners)[0]
+        if not miss.size or np.abs(miss).max() < CLOSED / 10:
+            break
+        by = task.equal_by(task.pack(corners))[:, : corners.size]
+        step = -np.linalg.lstsq(by @ ties, miss, rcond=None)[0]
+        change = (ties @ step).reshape(corners.shape) * task.sizes
+        corners = np.clip(corners + change, *aim.ranges.T)
+        displacement, work = moved(aim, corners)
+    return PlanarDesign(aim, corners, displacement, work, tried)
+
+
+def _tied(aim: PlanarAim, corners: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """Corners put on limits and on sides that change one variable alone, where they nearly are.
+
+    Also the matrix from free changes to those of all numbers: what is on a limit stays, and what
+    is alike at both ends of a side stays alike.
+    """
+    corners, (low, high) = corners.copy(), aim.ranges.T
+    near = share * (high - low)
+    k, n_s = corners.shape
+    label = np.arange(k * n_s).reshape(k, n_s)
+    for i in range(1, k + 1 if aim.closed else k):
+        alike = np.abs(corners[i % k] - corners[i - 1]) < near
+        for j in np.flatnonzero(alike):
+            old, new = label[i % k, j], label[i - 1, j]
+            label[label == old] = new
+            corners[label == new] = corners[i - 1, j]
+    held = np.zeros((k, n_s), dtype=bool)
+    for limit in (low, high):
+        on = np.abs(corners - limit) < near
+        corners = np.where(on, limit, corners)
+        held |= on
+    if aim.start is not None:
+        corners[0], held[0] = aim.start, True
+    kept = np.isin(label, label[held])
+    free = np.unique(label[~kept])
+    return corners, (label.reshape(-1, 1) == free).astype(float)
+
+
+def _distinct(aim: PlanarAim, corners: np.ndarray) -> np.ndarray:
+    """Corners without those that lie on the one before."""
+    size = np.ptp(aim.ranges, axis=1)
+    kept = [corners[0]]
+    for corner in corners[1:]:
+        if np.abs((corner - kept[-1]) / size).max() > _SAME:
+            kept.append(corner)
+    if aim.closed and len(kept) > 2 and np.abs((kept[-1] - kept[0]) / size).max() <= _SAME:
+        kept.pop()
+    if len(kept) < 2:
+        raise SolveError("the best gait found is to rest", "write wider limits, or more starts")
+    return np.array(kept)
+
+
+def _task(aim: PlanarAim, corners: np.ndarray) -> Polish:
+    return Polish(aim, Steps(aim.shape, aim.ground, parts=4, points=6), len(corners))
+
+
+def moved(aim: PlanarAim, corners: np.ndarray) -> tuple[np.ndarray, float]:
+    """Displacement (3,) and work of a cycle by the exact motion: crawling, or swimming."""
+    stroke = Polygon(corners) if aim.closed else Course(corners)
+    if isinstance(aim.ground, Dry):
+        found = crawl(aim.shape, aim.ground.each_law(aim.shape), stroke)
+        return found.displacement, found.work
+    swum = swim(aim.ground.swimmer, stroke)
+    time = side_times(aim, corners).sum() if aim.timed else aim.time
+    return swum.displacement, swum.work(float(time))
+
+
+def _places(
+    design: PlanarDesign, per_side: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    aim, corners = design.aim, design.corners
+    end = corners[:1] if aim.closed else corners[:0]
+    whole = np.vstack([corners, end])
+    k = len(whole) - 1
+    tau = np.tile(np.arange(per_side) / per_side, k)[:, None]
+    begin, way = np.repeat(whole[:-1], per_side, axis=0), np.diff(whole, axis=0)
+    shapes = np.vstack([begin + tau * np.repeat(way, per_side, axis=0), whole[-1:]])
+    steps = Steps(aim.shape, aim.ground, parts=1, points=4).sides(shapes, closed=False)
+    poses = np.array(list(steps.running))
+    paces = design.times if aim.timed else np.full(k, aim.time / k)
+    times = np.concatenate([[0.0], np.cumsum(np.repeat(paces / per_side, per_side))])
+    points = np.array([np.asarray(aim.shape.kinematics(s)[0]).T for s in shapes])
+    return times, shapes, poses, poses[:, None, :2] + rotate(poses[:, None, 2], points)
+
+
+def widest(design: PlanarDesign) -> float:
+    """Half the width that the links take: across the way, or across the first heading to a pose."""
+    aim, places = design.aim, design.places()[3]
+    along = np.array([1.0, 0.0])
+    if aim.purpose == "speed" and design.distance > 0:
+        along = design.displacement[:2] / design.distance
+    across = places[..., 1] * along[0] - places[..., 0] * along[1]
+    if aim.purpose == "speed":  # the body may begin anywhere in the passage
+        return float(np.ptp(across)) / 2 + aim.limits.radius
+    return float(np.abs(across).max()) + aim.limits.radius
+
+
+def crossings(places: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Links (i, j) that cross at some instant, by the places (m, masses, 2)."""
+    links = places.shape[1] - 1
+    for i in range(links):
+        for j in range(i + 2, links):
+            a, b, c, d = places[:, i], places[:, i + 1], places[:, j], places[:, j + 1]
+            apart = _side(a, b, c) * _side(a, b, d) >= 0
+            apart |= _side(c, d, a) * _side(c, d, b) >= 0
+            if not apart.all():
+                yield i, j
+
+
+def _side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    u, v = b - a, c - a
+    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]

@@ -1,0 +1,99 @@
+"""What the ground takes for the motion of a shape: potentials whose minimum is the motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.model.planar_friction import Elliptic
+from wormopt.systems.planar.body.shape import Shape
+from wormopt.systems.planar.swimming.swimmer import Swimmer
+
+
+@dataclass(frozen=True, eq=False)
+class Dry:
+    """Dry friction on every mass, that of most power.
+
+    Parameters
+    ----------
+    laws : tuple of Elliptic
+        Laws of the masses, head first, or one for all.
+    """
+
+    laws: tuple[Elliptic, ...]
+
+    def potential(self, shape: Shape, width: ca.SX) -> ca.SX:
+        """Sum of sqrt(psi² + width²) less the width: what the twist makes least."""
+        laws = self.each_law(shape)
+        squares = [_squared(law, shape.velocities[:, i]) for i, law in enumerate(laws)]
+        return sum((ca.sqrt(one + width**2) - width for one in squares), start=ca.SX(0))
+
+    def power(self, shape: Shape, width: ca.SX) -> ca.SX:
+        """Power that the ground takes, up to the width; smooth at rest."""
+        return self.potential(shape, width)
+
+    def each_law(self, shape: Shape) -> list[Elliptic]:
+        """Law of every mass."""
+        if len(self.laws) not in (1, shape.n_points):
+            raise ArgumentError(f"{shape.n_points} masses need as many laws, not {len(self.laws)}")
+        return list(self.laws) * (shape.n_points if len(self.laws) == 1 else 1)
+
+    def least_each(self, shape: Shape) -> np.ndarray:
+        """Least resistance of every mass, (m,)."""
+        laws = self.each_law(shape)
+        return np.array([min(_numbers(law)) for law in laws])
+
+    @property
+    def most(self) -> float:
+        """Largest resistance."""
+        return max(max(_numbers(law)) for law in self.laws)
+
+    @property
+    def mean(self) -> float:
+        """Mean resistance of the masses, ahead, back and to both sides."""
+        return float(np.mean([(*_numbers(law), float(law.sideways)) for law in self.laws]))
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether a reversed stroke goes back the same way."""
+        return all(float(law.forward) == float(law.backward) for law in self.laws)
+
+
+@dataclass(frozen=True, eq=False)
+class Viscous:
+    """Linear drag on rods and masses.
+
+    Parameters
+    ----------
+    swimmer : Swimmer
+        The body with its drags.
+    """
+
+    swimmer: Swimmer
+
+    def potential(self, shape: Shape, width: ca.SX) -> ca.SX:
+        """Half the power: the twist makes it least."""
+        return self.power(shape, width) / 2
+
+    def power(self, shape: Shape, width: ca.SX) -> ca.SX:
+        """Power that the ground takes."""
+        if shape is not self.swimmer.shape:
+            raise ArgumentError("the swimmer has another shape")
+        return self.swimmer.power
+
+    symmetric = True
+
+
+Ground = Dry | Viscous
+
+
+def _squared(law: Elliptic, v: ca.SX) -> ca.SX:
+    """The law's power squared, without the root that has no slope at rest."""
+    return (law.along(v[0]) * v[0]) ** 2 + (law.sideways * v[1]) ** 2
+
+
+def _numbers(law: Elliptic) -> tuple[float, float, float]:
+    return float(law.forward), float(law.backward), float(law.sideways)

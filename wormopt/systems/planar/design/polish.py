@@ -1,0 +1,297 @@
+"""The last steps of a design: the corners of a stroke on the set-valued motion itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from wormopt.systems.planar.design.aim import PlanarAim
+from wormopt.systems.planar.design.ground import Dry
+from wormopt.systems.planar.design.polygons import Sides, Steps
+from wormopt.systems.planar.design.room import Room
+
+_KEPT = 1e-5
+"""What a point may miss and still count."""
+
+
+# Parts of a side, at whose ends the body must be in a passage.
+_SPLIT = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Polish:
+    """Corners (k, n_s) and times (k,) of the sides of a stroke, as one vector for SciPy.
+
+    Times are those of the sides at the fastest pace: |change| <= rate time.
+    """
+
+    aim: PlanarAim
+    steps: Steps
+    count: int
+    split: int = 1  # parts of a side, at whose ends a passage is looked at
+
+    @cached_property
+    def sizes(self) -> np.ndarray:
+        """Usual sizes of the shape variables."""
+        return np.abs(self.aim.ranges).max(axis=1)
+
+    @cached_property
+    def splitting(self) -> np.ndarray:
+        """Matrix (ends of parts, corners) of the ends of parts by the corners."""
+        k, m = self.count, self.split
+        sides = k if self.aim.closed else k - 1
+        rows = np.zeros((sides * m, k))
+        for i in range(sides * m):
+            side, part = divmod(i, m)
+            rows[i, side] += 1 - part / m
+            rows[i, (side + 1) % k] += part / m
+        return rows if self.aim.closed else np.vstack([rows, np.eye(k)[-1:]])
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the vector ends with where the middle of the passage is."""
+        return self.aim.limits.half_width is not None and self.aim.purpose == "speed"
+
+    def pack(self, corners: np.ndarray) -> np.ndarray:
+        """Vector of corners and the least times of the sides, and the middle of the passage."""
+        parts = [(corners / self.sizes).ravel()]
+        if self.aim.timed:
+            parts.append(side_times(self.aim, corners) / self.aim.duration_usual)
+        if self.drifts:
+            sides = self.steps.sides(self.splitting @ corners, self.aim.closed)
+            across = Room(self.aim, self.splitting @ corners, sides).across
+            parts.append(np.array([(across.min() + across.max()) / 2]))
+        return np.concatenate(parts)
+
+    def unpack(self, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Corners and times."""
+        n = self.count * len(self.sizes)
+        corners = w[:n].reshape(self.count, -1) * self.sizes
+        times = w[n : n + self.count * self.aim.timed]
+        return corners, times * self.aim.duration_usual
+
+    def told(self, w: np.ndarray) -> tuple[Sides, np.ndarray, np.ndarray]:
+        """Displacements, corners and times; remembers the last."""
+        memory = self._memory
+        if memory.get("w") is None or not np.array_equal(memory["w"], w):
+            corners, times = self.unpack(w)
+            sides = self.steps.sides(self.splitting @ corners, self.aim.closed)
+            memory["w"], memory["told"] = w.copy(), (sides, corners, times)
+        return memory["told"]
+
+    @cached_property
+    def _memory(self) -> dict[str, Any]:
+        return {}
+
+    def _chain(self, by_ends: np.ndarray, by_times: float = 0.0) -> np.ndarray:
+        """Derivatives by the vector from those by ends of parts (..., ends, n_s) and by times."""
+        by_corners = np.einsum("ek,...en->...kn", self.splitting, by_ends)
+        lead = by_corners.shape[:-2]
+        parts = [(by_corners * self.sizes).reshape(*lead, -1)]
+        if self.aim.timed:
+            parts.append(np.full((*lead, self.count), by_times * self.aim.duration_usual))
+        if self.drifts:
+            parts.append(np.zeros((*lead, 1)))
+        return np.concatenate(parts, axis=-1)
+
+    def objective(self, w: np.ndarray) -> tuple[float, np.ndarray]:
+        """What is made least, and its gradient."""
+        sides, _, times = self.told(w)
+        closed, purpose = self.aim.closed, self.aim.purpose
+        if purpose == "work":
+            factor = self._work_factor
+            by_work = sides.work_gradient(closed)
+            return factor * float(sides.work.sum()), self._chain(factor * by_work)
+        total, by = sides.total, sides.gradient(closed)
+        T = times.sum()
+        if purpose == "turn":
+            gain, gain_by = total[2], by[2]
+        else:
+            gain = max(float(np.hypot(*total[:2])), 1e-300)
+            gain_by = np.einsum("i,ikn->kn", total[:2] / gain, by[:2])
+        return float(-gain / T), self._chain(-gain_by / T, gain / T**2)
+
+    @property
+    def _work_factor(self) -> float:
+        """Work by that of parts that each take the time 1."""
+        if isinstance(self.aim.ground, Dry):
+            return 1.0
+        ends = len(self.splitting)
+        return (ends if self.aim.closed else ends - 1) / self.aim.time
+
+    def equal(self, w: np.ndarray) -> np.ndarray:
+        """What vanishes."""
+        total = self.told(w)[0].total
+        return self.conditions(total, self.told(w)[1])[0]
+
+    def equal_by(self, w: np.ndarray) -> np.ndarray:
+        """Its derivatives."""
+        sides, corners, _ = self.told(w)
+        _, by_total, by_first = self.conditions(sides.total, corners)
+        by = np.einsum("ri,ikn->rkn", by_total, sides.gradient(self.aim.closed))
+        by[:, 0] += by_first
+        return self._chain(by)
+
+    def conditions(
+        self, total: np.ndarray, corners: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Conditions, their derivatives by the pose, and by the first corner."""
+        n_s = len(self.sizes)
+        aim = self.aim
+        if aim.purpose == "turn":
+            if aim.pivot == "any":
+                return np.zeros(0), np.zeros((0, 3)), np.zeros((0, n_s))
+            place, by_s = self._place(corners[0])
+            c, s = np.cos(total[2]), np.sin(total[2])
+            turn = np.array([[c, -s], [s, c]])
+            rest = total[:2] + turn @ place - place
+            around = np.array([[-s, -c], [c, -s]]) @ place
+            return rest, np.column_stack([np.eye(2), around]), (turn - np.eye(2)) @ by_s
+        if aim.purpose == "work":
+            return total - aim.step, np.eye(3), np.zeros((3, n_s))
+        return total[2:], np.eye(3)[2:], np.zeros((1, n_s))
+
+    def _place(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        points = np.asarray(self.aim.shape.kinematics(s)[0])
+        slope = np.empty((2, len(s)))
+        mean = (
+            (lambda p: p.mean(axis=1))
+            if self.aim.pivot == "centre"
+            else (lambda p: p[:, int(self.aim.pivot)])
+        )
+        h = 1e-6
+        for i in range(len(s)):
+            d = np.zeros(len(s))
+            d[i] = h
+            ahead, back = (np.asarray(self.aim.shape.kinematics(s + e)[0]) for e in (d, -d))
+            slope[:, i] = (mean(ahead) - mean(back)) / (2 * h)
+        return mean(points), slope
+
+    def within(self, w: np.ndarray) -> np.ndarray:
+        """Stays above 0: times less those that the rates need, what effort and room are left."""
+        rows = [self._linear @ w]
+        limits = self.aim.limits
+        if limits.effort is not None:
+            rows.append(
+                np.array([1 - self._work_factor * self.told(w)[0].work.sum() / limits.effort])
+            )
+        if limits.half_width is not None:
+            room = limits.half_width - limits.radius
+            across = self._room(w).across - (w[-1] if self.drifts else 0.0)
+            rows += [(room - across) / room, (room + across) / room]
+        return np.concatenate(rows)
+
+    def within_by(self, w: np.ndarray) -> np.ndarray:
+        """Its derivatives."""
+        rows, limits = [self._linear], self.aim.limits
+        if limits.effort is not None:
+            by = self._chain(self.told(w)[0].work_gradient(self.aim.closed))
+            rows.append(-self._work_factor * by[None] / limits.effort)
+        if limits.half_width is not None:
+            room = limits.half_width - limits.radius
+            by = self._chain(self._room(w).across_by)
+            if self.drifts:
+                by[:, -1] = -1.0
+            rows += [-by / room, by / room]
+        return np.vstack(rows)
+
+    def _room(self, w: np.ndarray) -> Room:
+        sides, corners, _ = self.told(w)
+        return Room(self.aim, self.splitting @ corners, sides)
+
+    @cached_property
+    def _linear(self) -> np.ndarray:
+        k, n_s = self.count, len(self.sizes)
+        if not self.aim.timed:
+            return np.zeros((0, k * n_s))
+        out = np.zeros((2 * k * n_s, k * n_s + k + self.drifts))
+        row = 0
+        for i in range(k):
+            for j in range(n_s):
+                scale = self.sizes[j] / (self.aim.rates[j] * self.aim.duration_usual)
+                for sign in (1, -1):
+                    out[row, ((i + 1) % k) * n_s + j] = -sign * scale
+                    out[row, i * n_s + j] = sign * scale
+                    out[row, k * n_s + i] = 1
+                    row += 1
+        return out
+
+    def bounds(self) -> list[tuple[float, float]]:
+        """Limits of the vector."""
+        low, high = (self.aim.ranges / self.sizes[:, None]).T
+        pairs = [(a, b) for _ in range(self.count) for a, b in zip(low, high, strict=True)]
+        if self.aim.start is not None:
+            pairs[: len(self.sizes)] = [(v, v) for v in np.array(self.aim.start) / self.sizes]
+        if self.aim.timed:
+            pairs += [(0.0, np.inf)] * self.count
+        if self.drifts:
+            pairs.append((-np.inf, np.inf))
+        return pairs
+
+
+def side_times(aim: PlanarAim, corners: np.ndarray) -> np.ndarray:
+    """Times (k,) of the sides at the fastest pace."""
+    ends = np.roll(corners, -1, axis=0) if aim.closed else np.vstack([corners[1:], corners[-1:]])
+    return np.abs((ends - corners) / aim.rates).max(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Polished:
+    """Where SciPy's sequential quadratic programs ended."""
+
+    corners: np.ndarray
+    value: float  # speed, rate of turning, or work
+    miss: float  # largest of what should vanish
+
+
+def polish(aim: PlanarAim, corners: np.ndarray, *, iterations: int, parts: int) -> Polished:
+    """Best corners near by; `parts`: of a side, see `Steps`."""
+    split = _SPLIT if aim.limits.half_width is not None else 1
+    steps = Steps(aim.shape, aim.ground, parts=-(-parts // split), points=6)
+    task = Polish(aim, steps, len(corners), split)
+    constraints = [{"type": "ineq", "fun": task.within, "jac": task.within_by}]
+    if task.equal(task.pack(corners)).size:
+        constraints.append({"type": "eq", "fun": task.equal, "jac": task.equal_by})
+    best: list[Polished] = []
+
+    def seen(w: np.ndarray) -> None:
+        """Keep the best of the points that lead where they should: steps may lead away again."""
+        one = _polished(task, w)
+        if not best or _merit(aim, one) < _merit(aim, best[0]):
+            best[:] = [one]
+
+    first = task.pack(corners)
+    seen(first)
+    found = minimize(
+        task.objective,
+        first,
+        jac=True,
+        method="SLSQP",
+        bounds=task.bounds(),
+        constraints=constraints,
+        options={"maxiter": iterations, "ftol": 1e-9},
+        callback=seen,
+    )
+    seen(found.x)
+    return best[0]
+
+
+def _polished(task: Polish, w: np.ndarray) -> Polished:
+    """What a point is worth with its sides at the fastest pace."""
+    aim = task.aim
+    corners = np.clip(task.unpack(w)[0], *aim.ranges.T)
+    w = task.pack(corners)
+    miss = float(np.abs(task.equal(w)).max(initial=0.0))
+    over = -min(0.0, float(task.within(w).min(initial=0.0)))
+    return Polished(corners, abs(task.objective(w)[0]), max(miss, over))
+
+
+def _merit(aim: PlanarAim, one: Polished) -> tuple[bool, float]:
+    """Order: what keeps to its conditions first, then by value; else by what is missed."""
+    if one.miss > _KEPT:
+        return True, one.miss
+    return False, one.value if aim.purpose == "work" else -one.value

@@ -1,0 +1,264 @@
+"""Displacement, work and their derivatives by the corners of a stroke of straight sides.
+
+The twist is that of least power at Gauss points of each side, all sides at once; derivatives follow
+from the theorem of implicit functions for a potential that is smoothed over almost nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.systems.planar.body.se2 import compose
+from wormopt.systems.planar.body.shape import Shape
+from wormopt.systems.planar.design.ground import Dry, Ground
+
+# Width of the potential from which derivatives come, in usual powers; steps of Newton's method.
+_ITERATIONS, _NEAR = 60, 1e-9
+_WIDTHS = tuple(10.0**-k for k in range(1, 10))
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Displacements of the sides of a stroke, each in the frame in which it begins."""
+
+    pose: np.ndarray  # (k, 3)
+    work: np.ndarray  # (k,)
+    pose_by: np.ndarray  # (k, 3, 2 n_s) by the corner at its start and that at its end
+    work_by: np.ndarray  # (k, 2 n_s)
+
+    @property
+    def running(self) -> Iterator[np.ndarray]:
+        """Poses (3,) before the first and after every side."""
+        end = np.zeros(3)
+        yield end
+        for pose in self.pose:
+            end = compose(end, pose)
+            yield end
+
+    @property
+    def total(self) -> np.ndarray:
+        """Pose (3,) after all."""
+        *_, end = self.running
+        return end
+
+    def gradients(self, closed: bool = True) -> Iterator[np.ndarray]:
+        """Derivatives (3, corners, n_s) of each of `running`."""
+        k, _, twice = self.pose_by.shape
+        n_s = twice // 2
+        by = np.zeros((3, k if closed else k + 1, n_s))
+        yield by
+        for i, before in zip(range(k), self.running, strict=False):
+            c, s = np.cos(before[2]), np.sin(before[2])
+            turn = np.array([[c, -s], [s, c]])
+            ahead = turn @ self.pose[i, :2]
+            by = by.copy()
+            by[0] -= ahead[1] * by[2]
+            by[1] += ahead[0] * by[2]
+            own = self.pose_by[i].copy()
+            own[:2] = turn @ own[:2]
+            by[:, i] += own[:, :n_s]
+            by[:, (i + 1) % by.shape[1]] += own[:, n_s:]
+            yield by
+
+    def gradient(self, closed: bool = True) -> np.ndarray:
+        """Derivatives (3, corners, n_s) of `total`."""
+        *_, by = self.gradients(closed)
+        return by
+
+    def work_gradient(self, closed: bool = True) -> np.ndarray:
+        """Derivatives (corners, n_s) of the sum of `work`."""
+        k, twice = self.work_by.shape
+        n_s = twice // 2
+        by = np.zeros((k if closed else k + 1, n_s))
+        for i in range(k):
+            by[i] += self.work_by[i, :n_s]
+            by[(i + 1) % len(by)] += self.work_by[i, n_s:]
+        return by
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """How a shape on a ground moves while its variables change along straight lines.
+
+    Parameters
+    ----------
+    shape : Shape
+        The body.
+    ground : Dry or Viscous
+        The ground.
+    parts : int, optional
+        Equal parts of a side, each with so many Gauss points as `points` says.
+    points : int, optional
+        See there.
+    """
+
+    shape: Shape
+    ground: Ground
+    parts: int = 4
+    points: int = 8
+
+    @cached_property
+    def _functions(self) -> tuple[ca.Function, ca.Function]:
+        shape, width = self.shape, ca.SX.sym("width")
+        potential = self.ground.potential(shape, width)
+        power = self.ground.power(shape, width)
+        xi, both = shape.twist, ca.vertcat(shape.s, shape.rates)
+        hessian, slope = ca.hessian(potential, xi)
+        symbols = [xi, shape.s, shape.rates, width]
+        newton = ca.Function("newton", symbols, [potential, slope, hessian])
+        slopes = ca.Function(
+            "slopes",
+            symbols,
+            [
+                hessian,
+                ca.jacobian(slope, both),
+                power,
+                ca.gradient(power, xi),
+                ca.gradient(power, both),
+            ],
+        )
+        return newton, slopes
+
+    def twists(
+        self, s: np.ndarray, rates: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, float | np.ndarray]:
+        """Twists (m, 3) at shapes (m, n_s) with rates (m, n_s); those by a width, and the width."""
+        if not isinstance(self.ground, Dry):
+            xi = self._minimise(np.zeros((len(s), 3)), s, rates, 1.0)
+            return xi, xi, 1.0
+        pace = np.maximum(np.linalg.norm(rates, axis=1, keepdims=True), 1e-300)
+        xi, widths, memory = np.zeros((len(s), 3)), _WIDTHS, self._last
+        if len(memory.get("xi", ())) == len(s):
+            xi, widths = memory["xi"], _WIDTHS[2:]
+        for width in widths:
+            xi = self._minimise(xi, s, rates / pace, width * self.ground.most)
+        memory["xi"] = xi
+        near = xi * pace
+        return near, near, widths[-1] * self.ground.most * pace
+
+    @cached_property
+    def _last(self) -> dict[str, np.ndarray]:
+        """Twists found last, from which the next are sought."""
+        return {}
+
+    def _minimise(
+        self, xi: np.ndarray, s: np.ndarray, rates: np.ndarray, width: float
+    ) -> np.ndarray:
+        newton, _ = self._functions
+        xi, function = xi.copy(), newton.map(len(s))
+        value, slope, hessian = _mapped(function, xi, s, rates, width)
+        for _ in range(_ITERATIONS):
+            step = -np.linalg.solve(hessian.reshape(-1, 3, 3), slope[..., None])[..., 0]
+            falls = np.einsum("mi,mi->m", slope, step)
+            size = np.ones(len(s))
+            for _ in range(30):
+                tried = xi + size[:, None] * step
+                found = _mapped(function, tried, s, rates, width)
+                limit = value[:, 0] + 1e-4 * size * falls + 1e-15 * np.abs(value[:, 0])
+                worse = ~(found[0][:, 0] <= limit)
+                if not worse.any():
+                    break
+                size[worse] /= 2
+            size[worse] = 0.0
+            xi = xi + size[:, None] * step
+            value, slope, hessian = found
+            if worse.any():
+                value, slope, hessian = _mapped(function, xi, s, rates, width)
+            moved = np.abs(size[:, None] * step).max(axis=1)
+            if np.all(moved <= _NEAR * (np.abs(xi).max(axis=1) + 1e-12)):
+                break
+        return xi
+
+    def sides(self, corners: np.ndarray, closed: bool = True) -> Sides:
+        """Displacements along a polygon (k, n_s) of corners, back to the first if `closed`."""
+        begin = corners if closed else corners[:-1]
+        end = np.roll(corners, -1, axis=0) if closed else corners[1:]
+        k, n_s = begin.shape
+        tau, weights, integral = self._rule
+        q = len(tau)
+        way = end - begin
+        s = (begin[:, None] + tau[:, None] * way[:, None]).reshape(-1, n_s)
+        rates = np.repeat(way, q, axis=0)
+        xi, near, width = self.twists(s, rates)
+        if not np.isfinite(xi).all():
+            raise SolveError("no motion of least power was found along the stroke")
+        _, slopes = self._functions
+        hessian, mixed, power, by_xi, by_both = _mapped(slopes.map(len(xi)), near, s, rates, width)
+        hessian = hessian.reshape(-1, 3, 3)
+        mixed = mixed.reshape(-1, 2 * n_s, 3).transpose(0, 2, 1)
+        xi_by = -np.linalg.solve(hessian, mixed)
+        by_both = by_both + np.einsum("mi,min->mn", by_xi, xi_by)
+
+        # by corners: s = (1 - tau) begin + tau end, rate = end - begin
+        def by_corners(part: np.ndarray) -> np.ndarray:
+            part = part.reshape(k, q, *part.shape[1:])
+            by_s, by_rate = part[..., :n_s], part[..., n_s:]
+            t = tau.reshape(1, q, *([1] * (part.ndim - 2)))
+            return np.concatenate([(1 - t) * by_s - by_rate, t * by_s + by_rate], axis=-1)
+
+        xi, xi_by = xi.reshape(k, q, 3), by_corners(xi_by)
+        turn = np.einsum("ql,kl->kq", integral, xi[..., 2])
+        turn_by = np.einsum("ql,kln->kqn", integral, xi_by[..., 2, :])
+        c, sn = np.cos(turn), np.sin(turn)
+        vx, vy = c * xi[..., 0] - sn * xi[..., 1], sn * xi[..., 0] + c * xi[..., 1]
+        cb, sb = c[..., None], sn[..., None]
+        vx_by = cb * xi_by[..., 0, :] - sb * xi_by[..., 1, :] - vy[..., None] * turn_by
+        vy_by = sb * xi_by[..., 0, :] + cb * xi_by[..., 1, :] + vx[..., None] * turn_by
+        pose = np.stack([vx @ weights, vy @ weights, xi[..., 2] @ weights], axis=-1)
+        pose_by = np.stack(
+            [np.einsum("q,kqn->kn", weights, part) for part in (vx_by, vy_by, xi_by[..., 2, :])],
+            axis=1,
+        )
+        work = power.reshape(k, q) @ weights
+        work_by = np.einsum("q,kqn->kn", weights, by_corners(by_both))
+        return Sides(pose, work, pose_by, work_by)
+
+    @cached_property
+    def _rule(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points of [0, 1], their weights, and the matrix of integrals up to each point."""
+        x, w = np.polynomial.legendre.leggauss(self.points)
+        x, w = (x + 1) / 2, w / 2
+        basis = np.polynomial.legendre.legvander(2 * x - 1, self.points - 1)
+        up = np.stack(
+            [
+                (
+                    np.polynomial.legendre.legval(
+                        2 * x - 1, np.polynomial.legendre.legint(np.eye(self.points)[j], lbnd=-1)
+                    )
+                )
+                / 2
+                for j in range(self.points)
+            ],
+            axis=1,
+        )
+        one = np.linalg.solve(basis.T, up.T).T
+        h = 1 / self.parts
+        tau = np.concatenate([(i + x) * h for i in range(self.parts)])
+        full = np.zeros((len(tau), len(tau)))
+        for i in range(self.parts):
+            rows = slice(i * self.points, (i + 1) * self.points)
+            full[rows, rows] = h * one
+            full[rows, : i * self.points] = np.tile(w * h, i)
+        return tau, np.tile(w * h, self.parts), full
+
+
+def _mapped(
+    function: ca.Function,
+    xi: np.ndarray,
+    s: np.ndarray,
+    rates: np.ndarray,
+    width: float | np.ndarray,
+) -> list[np.ndarray]:
+    """Values of a function at many instants, one row each (column-major within a row)."""
+    m = len(s)
+    found = function(xi.T, s.T, rates.T, np.broadcast_to(width, (m, 1)).T)
+    return [
+        np.asarray(part).reshape(part.shape[0], m, -1).transpose(1, 2, 0).reshape(m, -1)
+        for part in found
+    ]

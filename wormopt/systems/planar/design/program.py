@@ -1,0 +1,155 @@
+"""Gaits of planar worms as problems of optimal control, over a phase from 0 to 1.
+
+Inputs are how the shape changes with the phase and, where time counts, how fast that passes: no
+rate is above its limit then. Motion is as far at any pace. On dry ground the twist is an algebraic
+variable: the potential, smoothed over a width that is a parameter, has no slope there.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from wormopt.model.model import Model, Output, Signal
+from wormopt.ocp.problem import Constraint, Ends, Problem
+from wormopt.systems.planar.body.shape import Shape
+from wormopt.systems.planar.design.aim import PlanarAim
+from wormopt.systems.planar.design.ground import Dry
+
+
+def planar_plant(aim: PlanarAim) -> Model:
+    """Body whose shape is driven by its rates; pose is that of the head."""
+    shape, width = aim.shape, ca.SX.sym("width")
+    position, heading = ca.SX.sym("position", 2), ca.SX.sym("heading")
+    twist = shape.twist if isinstance(aim.ground, Dry) else _explicit(aim, shape)
+    c, s = ca.cos(heading), ca.sin(heading)
+    ode = ca.vertcat(
+        shape.rates,
+        c * twist[0] - s * twist[1],
+        s * twist[0] + c * twist[1],
+        twist[2],
+    )
+    power = ca.substitute(aim.ground.power(shape, width), shape.twist, twist)
+    across = position[1] + (s * shape.points[0, :] + c * shape.points[1, :]).T
+    along = position[0] + (c * shape.points[0, :] - s * shape.points[1, :]).T
+    spans = aim.ranges
+    sizes = np.abs(spans).max(axis=1)
+    usual = 2 * (spans[:, 1] - spans[:, 0])
+    states = [
+        Signal(name, shape.s[i], nominal=sizes[i], lower=spans[i, 0], upper=spans[i, 1])
+        for i, name in enumerate(shape.names)
+    ]
+    inputs = [
+        Signal(f"{name} rate", shape.rates[i], nominal=usual[i])
+        for i, name in enumerate(shape.names)
+    ]
+    if aim.timed:
+        pace, clock = ca.SX.sym("pace"), ca.SX.sym("clock")
+        inputs.append(Signal("pace", pace, "time", aim.duration_usual, lower=0.0))
+        clocks = [Signal("clock", clock, "time", aim.duration_usual)]
+        ode = ca.vertcat(ode, pace)
+    else:
+        clocks = []
+    dry = isinstance(aim.ground, Dry)
+    return Model(
+        "planar worm",
+        x=[*states, Signal("position", position), Signal("heading", heading), *clocks],
+        ode=ode,
+        u=inputs,
+        z=[Signal("twist", shape.twist, nominal=float(usual.max()))] if dry else [],
+        alg=_stationary(aim, width) if dry else ca.SX(0, 1),
+        p=[Signal("width", width, value=1.0)] if dry else [],
+        outputs=[
+            Output("power", power, "power"),
+            Output("along", along, "length"),
+            Output("across", across, "length"),
+        ],
+    )
+
+
+def _stationary(aim: PlanarAim, width: ca.SX) -> ca.SX:
+    """Slope of the potential by the twist, over the largest resistance."""
+    assert isinstance(aim.ground, Dry)
+    potential = aim.ground.potential(aim.shape, width)
+    return ca.gradient(potential, aim.shape.twist) / (aim.ground.most * aim.shape.n_points)
+
+
+def _explicit(aim: PlanarAim, shape: Shape) -> ca.SX:
+    """Twist on linear drag: the power is quadratic."""
+    hessian, slope = ca.hessian(aim.ground.potential(shape, ca.SX(0)), shape.twist)
+    at_rest = ca.substitute(slope, shape.twist, ca.SX.zeros(3))
+    return -ca.inv_minor(hessian) @ at_rest
+
+
+def gait_problem(aim: PlanarAim) -> Problem:
+    """State the best gait or course for an aim."""
+    plant = planar_plant(aim)
+    ends = Ends.of(plant, 1)
+    n_s = len(aim.shape.names)
+    first, last = (part[n_s:] for part in (ends.start, ends.end))
+    begin, work = ends.start[:n_s], ends.integrals[0]
+    time = ends.end[-1] if aim.timed else ca.SX(1)
+    held = [Constraint("start", ca.vertcat(first[0]), 0.0, 0.0)]
+    free_side = aim.limits.half_width is not None
+    straight = aim.purpose == "speed"
+    if not (straight and free_side):
+        held.append(Constraint("start", first[1], 0.0, 0.0))
+    if straight:
+        held.append(Constraint("start", first[2], -np.pi, np.pi))
+        held.append(Constraint("no way aside", last[1] - first[1], 0.0, 0.0))
+    elif aim.purpose == "turn":
+        held.append(Constraint("start", first[2], 0.0, 0.0))
+        held += _in_place(aim, begin, last)
+    else:
+        held.append(Constraint("start", first[2], 0.0, 0.0))
+        held.append(Constraint("pose", last[:3], aim.step, aim.step))
+    if aim.timed:
+        held.append(Constraint("start", first[3], 0.0, 0.0))
+    if aim.start is not None:
+        held.append(Constraint("start shape", begin, aim.start, aim.start))
+    if aim.limits.effort is not None:
+        effort = aim.limits.effort
+        held.append(Constraint("limits.effort", work, upper=effort, nominal=effort))
+    objective = {
+        "speed": lambda: -last[0] / time,
+        "turn": lambda: -last[2] / time,
+        "work": lambda: work,
+    }[aim.purpose]()
+    along = []
+    if aim.limits.half_width is not None:
+        room = aim.limits.half_width - aim.limits.radius
+        along.append(Constraint("limits.half_width", plant["across"], -room, room, room))
+    if aim.timed:
+        along += _within_rates(aim, plant)
+    periodic = list(aim.shape.names) if aim.closed else []
+    return Problem(
+        plant,
+        ends,
+        objective,
+        (1.0, 1.0),
+        periodic=[*periodic, "heading"] if straight else periodic,
+        integrands=plant["power"] * aim.work_factor,
+        path_constraints=along,
+        boundary_constraints=held,
+    )
+
+
+def _in_place(aim: PlanarAim, begin: ca.SX, last: ca.SX) -> list[Constraint]:
+    """The pivot, seen at the start, is where it was."""
+    if aim.pivot == "any":
+        return []
+    points = ca.substitute(aim.shape.points, aim.shape.s, begin)
+    place = ca.sum2(points) / points.size2() if aim.pivot == "centre" else points[:, aim.pivot]
+    c, s = ca.cos(last[2]), ca.sin(last[2])
+    moved = last[:2] + ca.vertcat(c * place[0] - s * place[1], s * place[0] + c * place[1])
+    return [Constraint("in place", moved - place, 0.0, 0.0)]
+
+
+def _within_rates(aim: PlanarAim, plant: Model) -> list[Constraint]:
+    """No shape variable changes faster than at its rate."""
+    pace, rates = plant["pace"], ca.SX(ca.DM(aim.rates))
+    change = aim.shape.rates / rates
+    usual = aim.duration_usual
+    return [
+        Constraint("limits of rates", pace - sign * change, 0.0, nominal=usual) for sign in (1, -1)
+    ]
