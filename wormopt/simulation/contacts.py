@@ -110,9 +110,6 @@ class Contacts:
             raise GivenUp("no_contact_mode")
         if jump:
             x = self._stopped(t, x)
-            if self._shares and self._follow(t, x):
-                x = self._stopped(t, x)
-                stopped = self._modes == 0
             while (taken := self._taken_along(t, x)).any():
                 stopped |= taken
                 x = self._stopped(t, x)
@@ -174,14 +171,6 @@ class Contacts:
                 self._modes[i] = 0.0
                 jump |= bool(v != 0)
         return jump
-
-    def _follow(self, t: float, x: np.ndarray) -> bool:
-        """Let rest, too, what those that have been stopped leave no velocity."""
-        slow = np.abs(self._look(t, x).velocity) <= self._v_stop
-        slow &= (self._modes != 0) & (self._released != t)
-        found = [i for i in np.flatnonzero(slow) if not self._aim.is_set(int(i))]
-        self._modes[found] = 0.0
-        return bool(found)
 
     def _taken_along(self, t: float, x: np.ndarray) -> np.ndarray:
         """Let contacts in the plane rest that others have stopped: they have no direction left."""

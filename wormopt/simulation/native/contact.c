@@ -330,19 +330,6 @@ static void hold(Run *run) {
     evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
 }
 
-/* Let rest, too, what those that have been stopped leave no velocity. */
-static void follow(Run *run) {
-    int any = 0;
-    evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
-    for (long long i = 0; i < run->in.n_contacts; i++) {
-        if (run->modes[i] == 0.0 || in_onset(run, i) || run->released[i] == run->out.t) continue;
-        if (!(fabs(run->probe[i]) <= run->in.v_stop[i])) continue;
-        run->modes[i] = run->scan[i] = 0.0; /* it stops, and is not struck */
-        any = 1;
-    }
-    if (any) stop(run);
-}
-
 /* Whether the velocity of a contact that rests now was more than rounding. */
 static int jumps(const Run *run, long long i, long long forced) {
     return i != forced && fabs(run->scan[i]) > jump_from(run, i);
@@ -438,8 +425,6 @@ void decide_modes(Run *run, long long forced, int record) {
     double toward = forced >= 0 ? way_out(run, forced) : 0.0;
     if (modes_by_velocity(run, forced, run->scan)) {
         if (run->in.coupled && must_jump(run, forced)) run->out.status = NO_CONTACT_MODE;
-        stop(run);
-        if (run->in.shares) follow(run);
         do stop(run);
         while (take_along(run));
     }
