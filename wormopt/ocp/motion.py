@@ -396,7 +396,7 @@ def sample(program: Transcription, guess: Guess, bounds: Bounds) -> np.ndarray:
     Raises ArgumentError if a curve gives a wrong number of rows.
     """
     mesh, arc = program.mesh, program.arc
-    d, n = mesh.collocation.degree, mesh.total
+    n = mesh.total
     durations = guess.durations_on(mesh)
     breaks = np.concatenate([[0.0], np.cumsum(durations)])
 
