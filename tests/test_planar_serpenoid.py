@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import j0
 
-from wormopt.errors import ArgumentError
+import wormopt as wo
+from wormopt.errors import ArgumentError, SceneError
 from wormopt.systems.planar.body.shape import chain_shape
 from wormopt.systems.planar.runs.serpenoid import another_speed
 from wormopt.systems.planar.serpenoid import (
@@ -99,3 +100,26 @@ def test_what_cannot_be_is_refused(wrong: tuple[float, float, str]) -> None:
 def test_no_best_amplitude_without_resistance_across() -> None:
     with pytest.raises(ArgumentError, match="above 1"):
         best_serpenoid(1.0)
+
+
+def test_best_amplitude_of_very_slippery_worms() -> None:
+    """For r → ∞ the best amplitude is (8/r)^(1/4): J0 loses alpha²/4, the recoil 2/(r alpha²)."""
+    for r in (1e5, 1e6):
+        alpha, _ = best_serpenoid(r)
+        assert alpha == pytest.approx((8 / r) ** 0.25, rel=0.01)
+        near = [serpenoid_speed(alpha + step, r) for step in (-1e-3, 0.0, 1e-3)]
+        assert near[1] == max(near)
+    for ground in ("elliptic", "unit"):
+        alpha, speed = best_serpenoid(1e6, ground)
+        assert speed >= max(serpenoid_speed(alpha * share, 1e6, ground) for share in (0.9, 1.1))
+
+
+def test_waves_that_are_no_whole_number_of_rods_are_refused() -> None:
+    with pytest.raises(SceneError, match="whole number of rods"):
+        wo.load_scene("planar_serpenoid", ["waves=[1.04]"])
+
+
+def test_dry_ground_that_resists_nearly_alike_carries_no_wave_ahead() -> None:
+    assert serpenoid_speed(1.0, 1.01, "elliptic") < 0
+    with pytest.raises(ArgumentError, match="no wave"):
+        best_serpenoid(1.01, "elliptic")

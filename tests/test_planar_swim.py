@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from wormopt.errors import ArgumentError
+import wormopt as wo
+from wormopt.errors import ArgumentError, SceneError
 from wormopt.systems.planar.body.se2 import compose, inverse
 from wormopt.systems.planar.body.shape import chain_shape
 from wormopt.systems.planar.body.strokes import Harmonics, Polygon
@@ -224,6 +225,29 @@ def test_spectral_route_from_a_cold_circle() -> None:
     assert abs(found.turn) < 1e-12
 
 
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("limits.angle=[1.0]", "limits.angle"),
+        ("limits.angle=[-3.2,3.2]", "limits.angle"),
+        ("body.lengths=[1e-6,1.0,1.0]", "body.lengths"),
+        ("body.lengths=[1.0,1.0]", "body.lengths"),
+        ("body.links=4", "want"),
+        ("ground.across=1.0", "ground.across"),
+        ("stroke={course='polygon',corners=[[90.0,45.0],[0.0,0.0]]}", "stroke.corners"),
+        ("stroke={course='polygon',corners=[[4.0,4.0]]}", "stroke.corners"),
+        ("stroke={course='harmonic',mean=[0.0,0.0],cosine=[],sine=[]}", "stroke.cosine"),
+    ],
+)
+def test_scenes_that_cannot_be_are_refused_by_their_key(change: str, told: str) -> None:
+    with pytest.raises(SceneError, match=told):
+        wo.load_scene("planar_purcell", [change])
+
+
+def test_limits_may_be_half_turns() -> None:
+    wo.load_scene("planar_purcell", ["limits.angle=[-3.141592653589793,3.141592653589793]"])
+
+
 @pytest.mark.slow
 def test_best_stroke_from_a_cold_start() -> None:
     found = best_stroke(PURCELL, -2.0, 2.0)
@@ -237,7 +261,7 @@ def test_best_stroke_from_a_cold_start() -> None:
 @pytest.mark.slow
 def test_folded_strokes_are_better() -> None:
     """Raz and Avron (2007): large folded strokes beat those about the straight shape."""
-    found = best_stroke(PURCELL, -2.9, 2.9, starts=3)
+    found = best_stroke(PURCELL, -2.9, 2.9)
     assert found.value == pytest.approx(0.0157211196, abs=1e-9)
     spectral = spectral_stroke(PURCELL, found.harmonics, 3.0, orders=24)
     assert spectral.efficiency == pytest.approx(found.value, rel=1e-7)

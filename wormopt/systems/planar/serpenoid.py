@@ -116,7 +116,8 @@ def best_serpenoid(ratio: float, ground: Ground = "viscous") -> tuple[float, flo
     Raises
     ------
     ArgumentError
-        If resistance across is not the larger: no wave then carries ahead.
+        If resistance across is not the larger, or too little so: on dry ground waves then carry
+        back, as the recoil is a median of the tangents, and not their mean.
 
     Examples
     --------
@@ -130,12 +131,16 @@ def best_serpenoid(ratio: float, ground: Ground = "viscous") -> tuple[float, flo
         bounds=(1e-3, STEEPEST - 1e-6), method="bounded", options={"xatol": 1e-6},
     )  # fmt: skip
     near = float(found.x)  # pyright: ignore[reportAttributeAccessIssue]
+    if serpenoid_speed(near, ratio, ground) <= 0:
+        raise ArgumentError(
+            f"on {ground} ground a ratio of {ratio:g} lets no wave carry ahead: write a larger one"
+        )
     return _polished(lambda a: serpenoid_speed(a, ratio, ground), near)
 
 
 def _polished(speed: Callable[[float], float], x: float) -> tuple[float, float]:
     """Maximum of a smooth function near x: that of a polynomial through even points about it."""
-    step, nodes = 0.05, np.cos(np.pi * (np.arange(17) + 0.5) / 17)
+    step, nodes = min(0.05, 0.2 * x), np.cos(np.pi * (np.arange(17) + 0.5) / 17)
     values = [speed(x + step * node) for node in nodes]
     series = np.polynomial.Chebyshev.fit(nodes, values, 16, domain=[-1, 1])
     roots = series.deriv().roots()

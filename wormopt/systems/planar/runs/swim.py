@@ -12,7 +12,6 @@ from wormopt.errors import SolveError
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
 from wormopt.progress import Report
-from wormopt.quantities import Variable, unit_of
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
@@ -21,7 +20,7 @@ from wormopt.systems.planar.body.strokes import Stroke
 from wormopt.systems.planar.scenes.swim import PlanarSwimScene
 from wormopt.systems.planar.swimming.balance import stepped
 from wormopt.systems.planar.swimming.best import BestStroke, best_stroke
-from wormopt.systems.planar.swimming.heights import heights, small_efficiency
+from wormopt.systems.planar.swimming.heights import Frame, heights, small_efficiency
 from wormopt.systems.planar.swimming.spectral import spectral_stroke
 from wormopt.systems.planar.swimming.stroke import Swim, swim
 from wormopt.systems.planar.swimming.swimmer import Swimmer
@@ -173,28 +172,16 @@ def _variables(
         "y": placed[..., 1].T,
         "power": power / power.mean() if power.mean() > 0 else power,
     }
-    return found | (_heights(table, swimmer, done) if table.n_s == 2 else {})
+    return found | (_heights(swimmer, table.frame, done) if table.n_s == 2 else {})
 
 
-def _heights(table: PlanarSwimScene, swimmer: Swimmer, done: Swim) -> dict[str, Any]:
-    """Curvature over a square a little larger than the stroke; lengths stay above 0."""
+def _heights(swimmer: Swimmer, frame: Frame, done: Swim) -> dict[str, Any]:
+    """Curvature over a square of angles a little larger than the stroke, links not folded."""
     low, high = done.shapes.min(axis=0), done.shapes.max(axis=0)
     middle, reach = (low + high) / 2, 1.15 * max(float((high - low).max()) / 2, 0.1)
-    reach = min(reach, float(np.pi - np.abs(middle).max()) - 1e-3) if _bends(table) else reach
-    if not _bends(table):
-        reach = min(reach, 0.9 * float(middle.min()))
+    reach = min(reach, max(float(np.pi - np.abs(middle).max()) - 1e-3, 0.1))
     axes = [np.linspace(m - reach, m + reach, _GRID) for m in middle]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    seen = heights(swimmer, table.frame, reach, middle=tuple(middle.tolist()))
+    seen = heights(swimmer, frame, reach, middle=tuple(middle.tolist()))
     values = seen.at(grid).T.reshape(3, _GRID, _GRID)
-    if not _bends(table):  # these are lengths
-        unit = unit_of("length", table.units)
-        return {
-            name: Variable(name, unit, (name[-2:],), axis, "length of a link")
-            for name, axis in zip(("height_s1", "height_s2"), axes, strict=True)
-        } | {"height": values}
     return {"height_s1": axes[0], "height_s2": axes[1], "height": values}
-
-
-def _bends(table: PlanarSwimScene) -> bool:
-    return table.body.lengths is not None

@@ -72,5 +72,8 @@ class PlanarSerpenoidScene(SceneTable, frozen=True, kw_only=True):
                 "worms of finite length are computed on viscous ground only; leave it out",
             )
         for waves in self.waves:
-            if not 2 <= round(waves * self.rods_per_wave) <= 60:
+            rods = waves * self.rods_per_wave
+            if abs(rods - round(rods)) > 1e-9 * rods:
+                yield "waves", f"{waves:g} waves are no whole number of rods; change rods_per_wave"
+            elif not 2 <= round(rods) <= 60:
                 yield "waves", f"{waves:g} waves need 2 to 60 rods in all; change rods_per_wave"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -21,6 +22,7 @@ from wormopt.scene.types import (
 from wormopt.systems.planar.scenes.tables import BodyTable, StrokeTable
 
 Row = tuple[Finite, ...]
+_UNEVEN = 1e4  # lengths over each other; drags against turning go with their cubes
 
 
 class ViscousTable(Table, frozen=True, kw_only=True):
@@ -67,7 +69,7 @@ class StrokeSearchTable(Table, frozen=True, kw_only=True):
         int,
         Meta(ge=1, le=8, description="a whole number from 1 to 8"),
         says("count", "ellipses to begin with, about the middle of the limits and other shapes"),
-    ] = 1
+    ] = 3
 
 
 class PlanarSwimScene(SceneTable, frozen=True, kw_only=True):
@@ -162,22 +164,37 @@ class PlanarSwimScene(SceneTable, frozen=True, kw_only=True):
     @property
     def n_s(self) -> int:
         """Number of shape variables."""
-        return len(self.bounds[0])
+        return self.body.links - 1 + (self.body.links if self.body.lengths is None else 0)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from self.body.faults("body")
+        sizes = self.body.sizes or (1.0,)
+        if max(sizes) > _UNEVEN * min(sizes):
+            yield "body.lengths", "too uneven to compute with; write lengths nearer to each other"
         yield from self.ground.faults("ground")
         if self.n_s == 0:
             yield "body.links", "one link of fixed length has no shape to change; write 3"
         elif self.stroke is not None:
-            yield from self.stroke.faults("stroke", self.n_s)
+            yield from self._faults_of_stroke(self.stroke)
         else:
             yield from self._faults_of_search()
         if "heights" in self.want and self.n_s != 2:
             yield "want", f"height functions need two shape variables, the body has {self.n_s}"
+
+    def _faults_of_stroke(self, stroke: StrokeTable) -> Iterator[Fault]:
+        yield from stroke.faults("stroke", self.n_s)
+        for name in stroke.__struct_fields__:
+            value = getattr(stroke, name)
+            rows = (value,) if name == "mean" else value
+            first = self.n_s - (self.body.links - 1)  # lengths are before
+            if any(abs(angle) > 2 * math.pi for row in rows for angle in row[first:]):
+                yield f"stroke.{name}", "a joint turns by more than a turn; write angles in radians"
+            sizes = [size for row in rows for size in row[:first]]
+            if name in ("mean", "corners") and min(sizes, default=1.0) <= 0:
+                yield f"stroke.{name}", "links have lengths; write them first, all above 0"
 
     def _faults_of_search(self) -> Iterator[Fault]:
         if self.n_s < 2:
@@ -185,12 +202,22 @@ class PlanarSwimScene(SceneTable, frozen=True, kw_only=True):
                 "body.links",
                 "a body with one shape variable gets nowhere, whatever its stroke; write 3",
             )
-        for name, least, most in (("angle", -3.15, 3.15), ("length", 0.0, float("inf"))):
+        ground = self.ground
+        alike = ground.along == ground.across and ground.mass_along == ground.mass_across
+        if alike and self.body.lengths is not None:
+            yield (
+                "ground.across",
+                "on ground that resists all ways alike the centre of a body of fixed lengths "
+                "rests, whatever its stroke; write more than along",
+            )
+        for name in ("angle", "length"):
             pair = getattr(self.limits, name)
             if pair is None:
                 if name == "length" and self.body.lengths is None:
                     yield "limits.length", "lengths are shape variables: write [0.5, 1.5], say"
             elif len(pair) != 2 or not pair[0] < pair[1]:
                 yield f"limits.{name}", "write [smallest, largest], the smaller number first"
-            elif not least < pair[0] or not pair[1] < most:
-                yield f"limits.{name}", "beyond what a body can do; write angles within ±π"
+            elif name == "length" and pair[0] <= 0:
+                yield "limits.length", "a link keeps a length; write a smallest one above 0"
+            elif name == "angle" and max(map(abs, pair)) > math.pi:
+                yield "limits.angle", "links would cross; write angles within ±π (3.14159)"

@@ -97,6 +97,8 @@ class HarmonicStroke(Table, frozen=True, kw_only=True, tag_field="course", tag="
         yield from _wrong_rows(f"{key}.mean", (self.mean,), n_s)
         for name in ("cosine", "sine"):
             yield from _wrong_rows(f"{key}.{name}", getattr(self, name), n_s)
+        if not self.cosine:
+            yield f"{key}.cosine", "a stroke needs a harmonic; write a row for each"
         if len(self.cosine) != len(self.sine):
             yield f"{key}.sine", f"{len(self.sine)} rows for {len(self.cosine)} of cosine"
 

@@ -135,7 +135,7 @@ def stroke_problem(aim: StrokeAim) -> Problem:
     )
 
 
-def first_strokes(aim: StrokeAim, starts: int = 1) -> list[Harmonics]:
+def first_strokes(aim: StrokeAim, starts: int) -> list[Harmonics]:
     """Ellipses to begin with: the best small one about the middle, larger, then about others.
 
     About a shape, the small stroke of most way by action lies in the plane of the largest singular
@@ -242,7 +242,7 @@ def best_stroke(
     upper: float | Sequence[float] | np.ndarray,
     *,
     maximise: Aim = "efficiency",
-    starts: int = 1,
+    starts: int = 3,
     mesh: Mesh = _MESH,
     tolerance: float = 1e-6,
     report: Report = silent,
@@ -258,7 +258,8 @@ def best_stroke(
     maximise : {"efficiency", "distance"}, optional
         drag X^2 / (T W), of which the pace is best too, or the way X.
     starts : int, optional
-        Ellipses to begin with, about the middle of the limits and other shapes.
+        Ellipses to begin with: about the middle of the limits, and of three about a bent and a
+        folded shape too.
     mesh : Mesh, optional
         To begin with.
     tolerance : float, optional

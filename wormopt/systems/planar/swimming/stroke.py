@@ -18,7 +18,7 @@ from wormopt.systems.planar.body.strokes import Stroke
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 # Points of Gauss on a panel; panels are halved until nothing changes, or there are too many.
-_POINTS, _MOST, _ROUNDING = 16, 1024, 3e-15
+_POINTS, _MOST, _ROUNDING, _LOOSE = 16, 1024, 3e-15, 1e-6
 STRAIGHT = 1e-9
 """Turn below which a stroke counts as straight: its distance then is free of the frame."""
 
@@ -121,8 +121,8 @@ def swim(swimmer: Swimmer, stroke: Stroke) -> Swim:
     Raises
     ------
     ArgumentError
-        If the stroke has another number of shape variables, or leads through a shape at which the
-        drags are no finite numbers: a link of length 0.
+        If the stroke has another number of shape variables, or leads through or too near a shape at
+        which the drags are no finite numbers: a link of length 0.
 
     Examples
     --------
@@ -146,6 +146,8 @@ def swim(swimmer: Swimmer, stroke: Stroke) -> Swim:
         if error <= _ROUNDING * panels * (1 + found.length) or 2 * panels > _MOST:
             break
         panels, last = 2 * panels, now
+    if not error <= _LOOSE * (1 + found.length):
+        raise ArgumentError("the stroke leads too near a shape at which a link has no length")
     return Swim(**{**vars(found), "error": error})
 
 
