@@ -145,11 +145,33 @@ class Wall:
     friction: float = 0.0
 
     def normal(self, place: ca.SX) -> ca.SX:
-        """Unit normal at a place (2)."""
+        """Unit normal at a place (2).
+
+        Parameters
+        ----------
+        place : casadi.SX, shape (2,)
+            The place.
+
+        Returns
+        -------
+        casadi.SX
+            Into the open, shape (2,).
+        """
         return ca.SX(ca.DM([math.cos(self.angle), math.sin(self.angle)]))
 
     def gap(self, place: ca.SX) -> ca.SX:
-        """Distance of a place from the wall."""
+        """Distance of a place from the wall.
+
+        Parameters
+        ----------
+        place : casadi.SX, shape (2,)
+            The place.
+
+        Returns
+        -------
+        casadi.SX
+            Negative behind it.
+        """
         return ca.dot(self.normal(place), place - ca.DM(list(self.point)))
 
 
@@ -186,12 +208,34 @@ class Disc:
             raise ArgumentError(f"radius must be positive, not {self.radius!r}")
 
     def normal(self, place: ca.SX) -> ca.SX:
-        """Unit normal at a place (2), away from the centre."""
+        """Unit normal at a place (2), away from the centre.
+
+        Parameters
+        ----------
+        place : casadi.SX, shape (2,)
+            The place.
+
+        Returns
+        -------
+        casadi.SX
+            Shape (2,).
+        """
         away = place - ca.DM(list(self.centre))
         return away / ca.norm_2(away)
 
     def gap(self, place: ca.SX) -> ca.SX:
-        """Distance of a place from the disc."""
+        """Distance of a place from the disc.
+
+        Parameters
+        ----------
+        place : casadi.SX, shape (2,)
+            The place.
+
+        Returns
+        -------
+        casadi.SX
+            Negative within.
+        """
         return ca.norm_2(place - ca.DM(list(self.centre))) - self.radius
 
 

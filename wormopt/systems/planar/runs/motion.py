@@ -41,8 +41,9 @@ from wormopt.systems.shared.signals import event_arrays, simulate_whole
 
 _FOLDED = 3.1  # a joint that bends farther is taken to fold
 # What is accepted of the second route's end over the longest way, if it goes by steps of first
-# order, and of what a quarter of its step leaves of that (a quarter), unless that is noise.
-_STEPPED, _ORDER, _NOISE = 0.01, 0.5, 1e-6
+# order, and of what a quarter of its step leaves of that (a quarter), unless that is noise:
+# single stops and releases that fall into one step or the next are as much.
+_STEPPED, _ORDER, _NOISE = 0.01, 0.5, 1e-4
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
