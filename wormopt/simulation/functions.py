@@ -376,7 +376,7 @@ class System:
     def guards(self) -> ca.Function:
         """Guards of the model's switches, then their time derivatives along the motion."""
         guards = self._put(ca.vertcat(*(s.guard for s in self.model.switches)))
-        if ca.depends_on(guards, self._solved) if self.exact and self.shares else False:
+        if self.exact and self.shares and ca.depends_on(guards, self._solved):
             raise ArgumentError(
                 f"a switch of {self.model.name} waits for a contact force that other contacts "
                 "share; let it wait for something else, or treat contact as smooth"
