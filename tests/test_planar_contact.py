@@ -489,13 +489,15 @@ def test_worms_by_both_routes_and_a_sharper_tolerance(seed: int):
 
 @pytest.mark.slow
 def test_a_step_costs_as_many_masses_as_there_are():
-    """Cost per step and mass of 200 masses is at most 3 times that of 20."""
+    """Cost per step and mass of 200 masses is at most 1.5 times that of 50, best of three."""
     costs = []
-    for n in (20, 200):
+    for n in (50, 200):
         model = worm(n, np.random.default_rng(0))
         simulate(model, 1e-3, route="native")  # compiles
-        begin = time.process_time()
-        motion = simulate(model, 0.3, route="native")
-        steps = motion.n_steps + motion.n_rejected
-        costs.append((time.process_time() - begin) / steps / n)
-    assert costs[1] < 3 * costs[0]
+        spent = []
+        for _ in range(3):
+            begin = time.process_time()
+            motion = simulate(model, 0.3, route="native")
+            spent.append(time.process_time() - begin)
+        costs.append(min(spent) / (motion.n_steps + motion.n_rejected) / n)
+    assert costs[1] < 1.5 * costs[0]

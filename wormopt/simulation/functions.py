@@ -22,13 +22,8 @@ from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.numerics.identically import identically_zero
 from wormopt.simulation.grip import LineGrip, PlaneGrip, grips_of, never_rests
+from wormopt.simulation.least import RESTING, TURNING, Equations, solver
 from wormopt.simulation.options import Smooth, Treatment
-
-# Compliance of contacts at rest and in onset that decides how they share a load, against their
-# own, and how often what it gives way is taken back.
-_SHARING, _TURNING, _REFINEMENTS = 1e-6, 1e-3, 5
-# So many equations at most are written out for the compiler.
-_WRITTEN_OUT = 8
 
 
 def _product(column: ca.SX) -> ca.SX:
@@ -220,32 +215,14 @@ class System:
     @cached_property
     def _shared_forces(self) -> ca.Function:
         """Forces where contacts share loads, and how well resting ones determine theirs."""
-        gives = ca.diagcat(*(g.gives(_SHARING, _TURNING) for g in self._grips))
+        gives = ca.diagcat(*(g.gives(RESTING, TURNING) for g in self._grips))
         near = ca.vertcat(*(g.begun for g in self._grips))
-        return self._solver("forces", *self._equations, gives, near)
+        equations = Equations(*self._equations, gives, near, self._size)
+        return solver("forces", self.symbols, equations)
 
-    def _solver(
-        self, name: str, matrix: ca.SX, right: ca.SX, gives: ca.SX, near: ca.SX
-    ) -> ca.Function:
-        """Solve for forces or impulses; where contacts share a load, all by those nearest `near`.
-
-        `gives`: what is added to the matrix to decide. By loops unless there are few: written out,
-        a dozen contacts take the compiler half a minute.
-        """
-        size = ca.trace(self.delassus) / self.delassus.size1()
-        parts = [ca.densify(part) for part in (matrix, right, size * gives, near, size)]
-        symbols, few = list(self.symbols), right.numel() <= _WRITTEN_OUT
-        if not few:
-            read = ca.Function("parts", symbols, parts)
-            symbols = read.mx_in()
-            parts = read(*symbols)
-        A, b, softened, found, size = parts
-        how = () if few else ("qr",)
-        inverse = ca.solve(A + softened, ca.DM.eye(b.numel()), *how)
-        for _ in range(_REFINEMENTS):
-            found = found + inverse @ (b - A @ found)
-        weakest = ca.mmax(ca.fabs(inverse)) * size
-        return ca.Function(name, symbols, [ca.vertcat(found, weakest < 0.1 / _SHARING)])
+    @property
+    def _size(self) -> ca.SX:
+        return ca.trace(self.delassus) / self.delassus.size1()
 
     @property
     def _rests(self) -> ca.SX:
@@ -386,20 +363,20 @@ class System:
         matrix, right = ca.diag(1 - rests) + ca.diag(rests) @ self.delassus, -rests * velocity
         if not self.shares:
             return self.function("project", x + push @ ca.solve(matrix, right))
-        near = ca.SX.zeros(rests.numel())
-        solver = self._solver("impulses", matrix, right, ca.diag(_SHARING * rests), near)
+        gives, near = ca.diag(RESTING * rests), ca.SX.zeros(rests.numel())
+        equations = Equations(matrix, right, gives, near, self._size)
         pushed = ca.Function("pushed", list(self.symbols), [x, ca.densify(push)])
         arguments = pushed.mx_in()
         x, push = pushed(*arguments)
         names = ["t", "x", "p", "s"]
-        found = x + push @ solver(*arguments)[:-1]
+        found = x + push @ solver("impulses", self.symbols, equations)(*arguments)[:-1]
         return ca.Function("project", arguments, [found], names, ["project"])
 
     @cached_property
     def guards(self) -> ca.Function:
         """Guards of the model's switches, then their time derivatives along the motion."""
         guards = self._put(ca.vertcat(*(s.guard for s in self.model.switches)))
-        if ca.depends_on(guards, self._solved) if self.exact and self.shares else False:
+        if self.exact and self.shares and ca.depends_on(guards, self._solved):
             raise ArgumentError(
                 f"a switch of {self.model.name} waits for a contact force that other contacts "
                 "share; let it wait for something else, or treat contact as smooth"

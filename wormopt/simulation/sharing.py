@@ -11,6 +11,7 @@ Mathematics 9 (1952) 381.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -30,6 +31,8 @@ SHARE_REST = 1e-11
 
 # Against the largest singular value, and the largest of what is compared.
 _NOTHING = 1e-10
+# Square of a share so far from the edge that no better split need be found.
+_EASY = 0.7
 # Shares so near the largest bound it.
 _ACTIVE = 1e-6
 # Sharing that is good enough to find directions from accelerations, and steps towards it.
@@ -117,20 +120,7 @@ class Sharing:
         scale = max(float(np.abs(forces[rows]).max()), 1e-3 * self._nominal(contacts))
         first = null.T @ (self._last[rows] - forces[rows]) / scale
         begin = min((first, 0 * first), key=lambda z: shares(z)[0].max())
-        k, ahead = len(first), np.append(0 * first, 1.0)
-        found = minimize(
-            lambda y: y[k],
-            np.append(begin, shares(begin)[0].max()),
-            jac=lambda _: ahead,
-            constraints={
-                "type": "ineq",
-                "fun": lambda y: y[k] - shares(y[:k])[0],
-                "jac": lambda y: ahead - np.pad(shares(y[:k])[1], ((0, 0), (0, 1))),
-            },
-            method="SLSQP",
-            options={"ftol": 1e-15, "maxiter": 200},
-        )
-        best = min((found.x[:k], begin), key=lambda z: shares(z)[0].max())
+        best = begin if shares(begin)[0].max() < _EASY else _least_share(shares, begin)
         largest = max(float(shares(best)[0].max()), 0.0)
         return Split(contacts, rows, null, every[rows].copy(), float(np.sqrt(largest)))
 
@@ -196,6 +186,30 @@ class Sharing:
 def _state_function(system: System) -> ca.Function:
     response = ca.vec(ca.densify(system.delassus))
     return system.function("state", ca.vertcat(response, system.forces, system.pulled))
+
+
+def _least_share(
+    shares: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], begin: np.ndarray
+) -> np.ndarray:
+    """Where the largest share, of those given with their slopes, is least."""
+    k, ahead = len(begin), np.append(0 * begin, 1.0)
+
+    def slack(y: np.ndarray) -> np.ndarray:
+        return y[k] - shares(y[:k])[0]
+
+    def slopes(y: np.ndarray) -> np.ndarray:
+        slope = shares(y[:k])[1]
+        return np.hstack([-slope, np.ones((len(slope), 1))])
+
+    found = minimize(
+        lambda y: y[k],
+        np.append(begin, shares(begin)[0].max()),
+        jac=lambda _: ahead,
+        constraints={"type": "ineq", "fun": slack, "jac": slopes},
+        method="SLSQP",
+        options={"ftol": 1e-15, "maxiter": 200},
+    )
+    return min((found.x[:k], begin), key=lambda z: float(shares(z)[0].max()))
 
 
 def _own(system: System, f: ca.SX) -> list[tuple[Contact, ca.SX]]:

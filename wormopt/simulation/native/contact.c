@@ -426,7 +426,7 @@ void decide_modes(Run *run, long long forced, int record) {
     if (modes_by_velocity(run, forced, run->scan)) {
         if (run->in.coupled && must_jump(run, forced)) run->out.status = NO_CONTACT_MODE;
         do stop(run);
-        while (take_along(run));
+        while (run->in.coupled && run->in.aims && take_along(run));
     }
     memcpy(run->scan + n, run->modes, n * sizeof(double)); /* modes before anything is let go */
     if (forced >= 0 && run->before[forced] == 0.0) { /* what it had of drift has been stopped */

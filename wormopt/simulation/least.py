@@ -1,0 +1,49 @@
+"""Solve for forces of contacts that may leave them open: of all solutions the nearest one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+# Compliance of contacts at rest and in onset that decides how they share a load, against their
+# own, and how often what it gives way is taken back.
+RESTING, TURNING = 1e-6, 1e-3
+_REFINEMENTS = 5
+# So many equations at most are written out for the compiler.
+_WRITTEN_OUT = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Linear equations for forces or impulses, perhaps singular."""
+
+    matrix: ca.SX
+    right: ca.SX
+    gives: ca.SX  # what is added to the matrix to decide, against `size`
+    near: ca.SX  # which solution is wanted
+    size: ca.SX  # of the matrix's entries
+
+
+def solver(name: str, symbols: Sequence[ca.SX], equations: Equations) -> ca.Function:
+    """Solve by loops unless there are few: written out, a dozen contacts take half a minute.
+
+    Gives the solution, then 1 where it is the only one, else 0.
+    """
+    given: Any = list(symbols)
+    e = equations
+    parts: Any = [ca.densify(p) for p in (e.matrix, e.right, e.size * e.gives, e.near, e.size)]
+    few = e.right.numel() <= _WRITTEN_OUT
+    if not few:
+        read = ca.Function("parts", given, parts)
+        given = read.mx_in()
+        parts = read(*given)
+    A, b, softened, found, size = parts
+    how = () if few else ("qr",)
+    inverse: Any = ca.solve(A + softened, ca.DM.eye(b.numel()), *how)
+    for _ in range(_REFINEMENTS):
+        found = found + inverse @ (b - A @ found)
+    weakest = ca.mmax(ca.fabs(inverse)) * size
+    return ca.Function(name, given, [ca.vertcat(found, weakest < 0.1 / RESTING)])
