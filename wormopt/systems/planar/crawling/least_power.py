@@ -82,7 +82,7 @@ def settle(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> tuple[Least, np
             for name in ("push", "hold", "stiffness"):
                 getattr(least, name)[group] = getattr(found, name)
             least.x[group[good]] = found.x[good]
-            least.rest[group[~good]] = _other(found, first[group], pattern)[~good]
+            least.rest[group[~good]] = _other(body.of(group), found, first[group], pattern)[~good]
             again.append(group[~good])
         open_ = np.sort(np.concatenate(again))
         if not open_.size:
@@ -90,12 +90,15 @@ def settle(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> tuple[Least, np
     return least, open_
 
 
-def _other(found: Held, first: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Sets of resting masses (G, m) to try instead."""
+def _other(body: LeastPower, found: Held, first: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Sets of resting masses (G, m) to try instead.
+
+    Where the search for a balance got stuck, it did so at a kink: the mass that hardly moved there.
+    """
     tried = np.tile(rest, (len(first), 1))
     every = np.arange(len(first))
     fastest = np.where(rest, first, -np.inf).argmax(axis=1)
-    slowest = np.where(rest, np.inf, first).argmin(axis=1)
+    slowest = np.where(rest, np.inf, body.powers(found.x)).argmin(axis=1)
     loose = ~found.fits
     tried[every[loose], fastest[loose]] = False
     stuck = found.fits & ~found.balances

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +16,7 @@ from wormopt.systems.planar.crawling.velocity import Crawler, Motion
 # So near a break, told by a root, both sides are looked at; and how often brackets are divided.
 _BESIDE, _DIVISIONS = 1e-6, 40
 _POINT, _ASIDE = 1e-14, 1e-9
+_LOOKS = 64  # at the stroke, for its size
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +51,20 @@ class Course:
     crawler: Crawler
     stroke: Stroke
 
-    def sample(self, tau: np.ndarray, near: list[Sample] | None = None) -> list[Sample]:
+    @cached_property
+    def sizes(self) -> np.ndarray:
+        """What a twist and a power (4,) usually come to over the stroke, by the shape alone."""
+        tau = (np.arange(_LOOKS) + 0.5) / _LOOKS
+        bodies = self.crawler.bodies(*self.stroke.at(tau))
+        length = float(bodies.sizes[:, 2].mean())
+        way = max(float(bodies.speed.mean()), _POINT * length)
+        return way * np.array([1.0, 1.0, 1 / length, self.crawler.force])
+
+    def sample(self, tau: np.ndarray, near: Sequence[Sample | Phase] | None = None) -> list[Sample]:
         """Which masses rest and slide back at phases, by samples near each if there are."""
         return self.samples_of(tau, self.at(tau, near))
 
-    def at(self, tau: np.ndarray, near: list[Sample] | None = None) -> Motion:
+    def at(self, tau: np.ndarray, near: Sequence[Sample | Phase] | None = None) -> Motion:
         """Motion at phases, by the phase."""
         s, ds = self.stroke.at(tau)
         if near is None:
