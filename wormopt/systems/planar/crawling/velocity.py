@@ -97,9 +97,12 @@ class Crawler:
         return self._told(bodies, near(bodies.body, bodies.scaled(twist), rest))
 
     def hold(self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray) -> Motion:
-        """Motions in which the masses `rest` (m,) are held, whether or not the ground can."""
+        """Motions in which the masses `rest` (m,) are held, whether or not the ground can.
+
+        `hold` is NaN where they cannot rest together, or the others' balance is not found at once.
+        """
         bodies = self.bodies(s, ds)
-        found = held(bodies.body, bodies.scaled(twist), rest)
+        found = held(bodies.body, bodies.scaled(twist), rest, careful=False)
         all_rest = np.tile(rest, (len(s), 1))
         least = Least(found.x, all_rest, found.push, found.hold, found.stiffness)
         told = self._told(bodies, least)
