@@ -17,8 +17,9 @@ from wormopt.systems.planar.crawling.held import Held, held, load_gauge
 
 # Slower than this against the fastest, a mass may be at rest; by so much a gauge may pass 1.
 _STILL, _SLACK = 1e-6, 1e-9
-# Smoothing where that does not tell; and forces that rounding leaves then.
-_FINER, _CREPT = 10.0 ** -np.arange(8.5, 11.1, 0.5), 1e-4
+# Smoothing where that does not tell. Where nothing does: by how much of the smoothing masses at
+# rest creep, and forces that rounding leaves.
+_FINER, _CREEP, _CREPT = 10.0 ** -np.arange(8.5, 11.1, 0.5), 100.0, 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,24 +51,26 @@ def _careful(body: LeastPower, x: np.ndarray) -> Least:
     finer = body.smoothed(_FINER, x)
     rest = body.powers(finer) < body.powers(x) * np.sqrt(_FINER[-1] / WIDTHS[-1])
     least, open_ = settle(body, finer, rest)
-    if open_.size:  # all but at a break of several masses: the creep is below rounding
-        part = body.of(open_)
-        crept = _crept(part, finer[open_], rest[open_], float(_FINER[-1]))
-        _put(least, open_, crept)
+    if open_.size:  # all but at a break of several masses: the creep is all that is left to tell
+        _put(least, open_, _crept(body.of(open_), x[open_]))
     return least
 
 
-def _crept(body: LeastPower, x: np.ndarray, rest: np.ndarray, width: float) -> Least:
-    """Smoothed velocities, which miss the least power by less than m `width`, if they balance."""
+def _crept(body: LeastPower, x: np.ndarray) -> Least:
+    """Smoothed velocities: they miss the least power by less than m times the smoothing."""
+    width = float(WIDTHS[-1])
     v = body.velocities(x)
     squares = body.ground.squares(v)
-    size = np.sqrt((squares * v**2).sum(axis=-1) + width**2)
+    power = np.sqrt((squares * v**2).sum(axis=-1))
+    size = np.sqrt(power**2 + width**2)
     push = squares * v / size[..., None]
     _, slope, _ = body.slopes(x, width)
     if not (np.abs(slope).max(axis=1) < _CREPT).all():
         raise SolveError("no set of resting masses was found that the ground can hold")
-    hold = np.where(rest, body.ground.gauge(push), 0.0).max(axis=1)
-    return Least(x, rest, push, hold, np.full(len(x), np.inf))
+    rest = power < _CREEP * width
+    return Least(
+        x, rest, push, np.where(rest, power / size, 0.0).max(axis=1), np.full(len(x), np.inf)
+    )
 
 
 def _put(least: Least, where: np.ndarray, other: Least) -> None:
