@@ -10,7 +10,7 @@ from wormopt.systems.planar.crawling.ground import Ground
 
 WIDTHS = 10.0 ** -np.arange(0, 9)
 _TINY, _FARTHEST = 1e-300, 1e3
-_STEPS, _SHORTENED, _SHARPENED, _ROUNDING = 60, 40, 8, 1e-13
+_STEPS, _SHORTENED, _SHARPENED, _ROUNDING, _LEVEL = 60, 40, 8, 1e-13, 3e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +95,8 @@ class LeastPower:
             most = _FARTHEST * (1 + np.abs(x[open_]).max(axis=1))
             step *= np.minimum(1, most / np.maximum(np.abs(step).max(axis=1), _TINY))[:, None]
             small = np.abs(step).max(axis=1) < last * (1 + np.abs(x[open_]).max(axis=1))
+            # Over little curvature rounding of the slope moves the lowest point by more than that.
+            small |= np.abs(slope).max(axis=1) < _LEVEL
             x[open_[small]] += step[small]
             found[open_[small]] = True
             body, open_, step = body.of(~small), open_[~small], step[~small]
