@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 
 import numpy as np
 
 from wormopt.numerics.collocation import Collocation
-from wormopt.systems.planar.body.se2 import compose, rotate
+from wormopt.systems.planar.body.se2 import rotate
 
 Twists = Callable[[np.ndarray], np.ndarray]
 """Velocities (m, 3) of the frame, in the frame, by the phase, at phases (m,)."""
@@ -31,7 +31,7 @@ class Travel:
     weights: np.ndarray  # (K d,)
     twists: np.ndarray  # (K d, 3)
     node_poses: np.ndarray  # (K d, 3)
-    error: float  # by how much the displacement changed when all panels were halved
+    error: float  # of the displacement, about
 
     @property
     def displacement(self) -> np.ndarray:
@@ -47,46 +47,51 @@ def travel(
     Velocities must be smooth between `breaks`; so many `panels` stand between two to begin with.
     They are halved until the displacement changes by less than `accuracy` of its size, or of 1.
     """
-    coarse = _travel(twists, breaks, panels, np.inf)
+    coarse = _uniform(twists, breaks, panels)
     while True:
         panels *= 2
-        fine = _travel(twists, breaks, panels, 0.0)
+        fine = _uniform(twists, breaks, panels)
         error = float(np.abs(fine.displacement - coarse.displacement).max())
         scale = max(1.0, float(np.abs(fine.poses).max()))
         if error <= accuracy * scale or panels >= _MOST_PANELS:
-            return _with_error(fine, error)
+            return replace(fine, error=error)
         coarse = fine
 
 
-def _with_error(found: Travel, error: float) -> Travel:
-    return Travel(
-        found.ends, found.poses, found.nodes, found.weights, found.twists, found.node_poses, error
-    )
-
-
-def _travel(twists: Twists, breaks: np.ndarray, panels: int, error: float) -> Travel:
-    rule = _rule()
+def _uniform(twists: Twists, breaks: np.ndarray, panels: int) -> Travel:
     parts = [np.linspace(a, b, panels + 1) for a, b in pairwise(breaks)]
     ends = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
-    h = np.diff(ends)
-    nodes = ends[:-1, None] + h[:, None] * rule.tau
-    xi = twists(nodes.ravel()).reshape(*nodes.shape, 3)
-    turn = h * (xi[..., 2] @ rule.B)
-    angle = h[:, None] * (xi[..., 2] @ rule.A.T)
-    velocity = rotate(angle, xi[..., :2])
+    nodes = gauss_nodes(ends[:-1], ends[1:])
+    return travel_along(ends, twists(nodes.ravel()).reshape(*nodes.shape, 3), np.inf)
+
+
+def travel_along(ends: np.ndarray, twists: np.ndarray, error: float) -> Travel:
+    """Course of the pose by velocities (K, d, 3) at Gauss' nodes between `ends` (K + 1,)."""
+    rule, h = gauss(), np.diff(ends)
+    turns = np.append(0.0, np.cumsum(h * (twists[..., 2] @ rule.B)))
+    angle = turns[:-1, None] + h[:, None] * (twists[..., 2] @ rule.A.T)
+    velocity = rotate(angle, twists[..., :2])
     way = h[:, None] * np.einsum("kdc,d->kc", velocity, rule.B)
-    within = h[:, None, None] * np.einsum("ed,kdc->kec", rule.A, velocity)
-    poses = np.zeros((len(ends), 3))
-    for k in range(len(h)):
-        poses[k + 1] = compose(poses[k], [*way[k], turn[k]])
-    inner = np.concatenate([within, angle[..., None]], axis=-1)
-    node_poses = compose(poses[:-1, None, :], inner)
-    weights = (h[:, None] * rule.B).ravel()
+    places = np.vstack([np.zeros(2), np.cumsum(way, axis=0)])
+    within = places[:-1, None] + h[:, None, None] * np.einsum("ed,kdc->kec", rule.A, velocity)
+    node_poses = np.concatenate([within, angle[..., None]], axis=-1)
     return Travel(
-        ends, poses, nodes.ravel(), weights, xi.reshape(-1, 3), node_poses.reshape(-1, 3), error
+        ends,
+        np.column_stack([places, turns]),
+        gauss_nodes(ends[:-1], ends[1:]).ravel(),
+        (h[:, None] * rule.B).ravel(),
+        twists.reshape(-1, 3),
+        node_poses.reshape(-1, 3),
+        error,
     )
+
+
+def gauss_nodes(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Phases (K, d) of Gauss' nodes between starts and ends (K,)."""
+    return start[:, None] + (end - start)[:, None] * gauss().tau
 
 
 @cache
-def _rule() -> Collocation:
+def gauss() -> Collocation:
+    """The rule on each panel."""
     return Collocation(_DEGREE)

@@ -8,9 +8,9 @@ import numpy as np
 
 from wormopt.systems.planar.crawling.ground import Ground
 
-_WIDTHS = 10.0 ** -np.arange(0, 9)
+WIDTHS = 10.0 ** -np.arange(0, 9)
 _TINY, _FARTHEST = 1e-300, 1e3
-_STEPS, _SHORTENED, _SHARPENED, _ROUNDING = 60, 40, 8, 1e-13
+_STEPS, _SHORTENED, _SHARPENED, _ROUNDING, _LEVEL = 60, 40, 8, 1e-13, 3e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +69,9 @@ class LeastPower:
             self.ground.of(masses),
         )
 
-    def smoothed(self, widths: np.ndarray = _WIDTHS) -> np.ndarray:
-        """Least of sum sqrt(psi_i^2 + width^2) - load.x, by ever smaller widths."""
-        x = self._squares()
+    def smoothed(self, widths: np.ndarray = WIDTHS, x: np.ndarray | None = None) -> np.ndarray:
+        """Least of sum sqrt(psi_i^2 + width^2) - load.x, by ever smaller widths, from `x` on."""
+        x = self._squares() if x is None else x
         for width in widths:
             x = self._descended(x, float(width), 1e-9)[0]
         return x
@@ -95,6 +95,8 @@ class LeastPower:
             most = _FARTHEST * (1 + np.abs(x[open_]).max(axis=1))
             step *= np.minimum(1, most / np.maximum(np.abs(step).max(axis=1), _TINY))[:, None]
             small = np.abs(step).max(axis=1) < last * (1 + np.abs(x[open_]).max(axis=1))
+            # Over little curvature rounding of the slope moves the lowest point by more than that.
+            small |= np.abs(slope).max(axis=1) < _LEVEL
             x[open_[small]] += step[small]
             found[open_[small]] = True
             body, open_, step = body.of(~small), open_[~small], step[~small]

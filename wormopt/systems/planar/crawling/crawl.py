@@ -13,7 +13,8 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import PlanarLaw
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.body.strokes import Stroke
-from wormopt.systems.planar.crawling.panels import Panel, Panels, joined, resolve
+from wormopt.systems.planar.body.travel import Travel
+from wormopt.systems.planar.crawling.panels import Panel, joined, resolve
 from wormopt.systems.planar.crawling.phases import Course, Phase, Piece, closed
 from wormopt.systems.planar.crawling.velocity import Crawler
 
@@ -24,19 +25,47 @@ _FEWEST, _ROUNDS = 16, 20
 
 @dataclass(frozen=True, eq=False)
 class Crawl:
-    """A stroke as a body goes through it slowly."""
+    """A stroke as a body goes through it slowly.
 
-    displacement: np.ndarray  # (3,), x, y and angle after one stroke, in the frame before
-    work: float  # that the ground takes in a stroke
+    Parameters
+    ----------
+    phases : tuple of Phase
+        Parts of the stroke through which the same masses rest.
+    travel : Travel
+        Course of the pose, from (0, 0, 0).
+    work : float
+        That the ground takes in a stroke.
+    work_error : float
+        By how much it may be wrong, about.
+    course : Course
+        The body and its stroke, to ask for the motion at other phases.
+    """
+
     phases: tuple[Phase, ...]
+    travel: Travel
+    work: float
+    work_error: float
     course: Course
-    panels: Panels
-    poses: np.ndarray  # (len(phases) + 1, 3), at the breaks
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """x, y and angle (3,) after one stroke, in the frame before."""
+        return self.travel.displacement
+
+    @property
+    def error(self) -> float:
+        """By how much the displacement may be wrong, about: what its quadrature tells."""
+        return self.travel.error
 
     @property
     def breaks(self) -> np.ndarray:
         """Phases of the stroke between which the same masses rest, 0 and 1 among them."""
         return np.array([0.0, *(phase.end for phase in self.phases)])
+
+    @property
+    def poses(self) -> np.ndarray:
+        """Poses (len(breaks), 3) at the breaks."""
+        return self.travel.poses[np.searchsorted(self.travel.ends, self.breaks)]
 
 
 def crawl(
@@ -62,14 +91,17 @@ def crawl(
     stroke : Stroke
         Course of the shape variables over a phase from 0 to 1. The time it takes is without effect.
     load : array_like, shape (3,), optional
-        Force on the frame of the body, along its heading and to the left, and moment.
+        Force on the frame of the body, along its heading and to the left, and moment. It turns
+        with the body, as a rope pulls that is drawn along; a slope's pull does not, so that on a
+        slope the motion is another one.
     samples : int, optional
         At how many phases changes are looked for at first.
 
     Returns
     -------
     Crawl
-        Displacement, work, and the phases through which the same masses rest.
+        Displacement, work, how far both may be wrong, and the phases through which the same masses
+        rest.
 
     Raises
     ------
@@ -97,11 +129,10 @@ def crawl(
         for a, b in pairwise(ends.tolist())
     ]
     found, panels = _resolved(course, pieces)
-    poses = panels.poses(np.append([p.start for p in found], 1.0))
-    return Crawl(poses[-1], panels.work, tuple(found), course, panels, poses)
+    return Crawl(tuple(found), *joined(panels), course)
 
 
-def _resolved(course: Course, pieces: list[Piece]) -> tuple[list[Phase], Panels]:
+def _resolved(course: Course, pieces: list[Piece]) -> tuple[list[Phase], list[Panel]]:
     """Phases of pieces and panels on them, looked through until none shows another phase."""
     known: dict[tuple[float, float], list[Panel]] = {}
     for _ in range(_ROUNDS):
@@ -111,8 +142,7 @@ def _resolved(course: Course, pieces: list[Piece]) -> tuple[list[Phase], Panels]
         panels, missed = resolve(course, new)
         known |= {(p.start, p.end): own for p, own in zip(new, panels, strict=True) if own}
         if not missed:
-            every = [panel for phase in found for panel in known[phase.start, phase.end]]
-            return found, joined(every, 1.0)
+            return found, [panel for one in found for panel in known[one.start, one.end]]
         pieces = [piece.joined(missed) for piece in pieces]
     raise SolveError("masses stop and start again too often for the breaks to be told apart")
 

@@ -36,6 +36,10 @@ class Ground:
         """The ground below some of the masses."""
         return Ground(self.forward[masses], self.backward[masses], self.sideways[masses])
 
+    def by(self, force: float) -> Ground:
+        """The same in units of a force."""
+        return Ground(self.forward / force, self.backward / force, self.sideways / force)
+
     @property
     def one_sided(self) -> np.ndarray:
         """Which masses are resisted differently ahead and back."""

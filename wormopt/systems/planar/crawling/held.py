@@ -28,21 +28,25 @@ class Held:
     stiffness: np.ndarray  # (G,), least curvature where unknowns are left, infinite where none
 
 
-def held(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> Held:
-    """Least power where the masses `rest` (m,) are held, begun at `x` (G, n)."""
+def held(body: LeastPower, x: np.ndarray, rest: np.ndarray, *, careful: bool = True) -> Held:
+    """Least power where the masses `rest` (m,) are held, begun at `x` (G, n).
+
+    `careful`: where the others do not balance at once, they are approached by smoothing.
+    """
     G, n = x.shape
     if not rest.any():
-        return _free(body, x, rest, np.tile(np.eye(n), (G, 1, 1)), np.zeros((G, 0, n)))
+        every, none = np.tile(np.eye(n), (G, 1, 1)), np.zeros((G, 0, n))
+        return _free(body, x, rest, every, none, careful)
     JS = body.J[:, rest].reshape(G, -1, n)
     _, sizes, rows = np.linalg.svd(JS)
     ranks = (sizes > _RANK * sizes[:, :1]).sum(axis=1)
     off = body.velocities(x)[:, rest].reshape(G, -1)
     x = x - (np.linalg.pinv(JS, rcond=_RANK) @ off[..., None])[..., 0]
     parts = [np.flatnonzero(ranks == rank) for rank in np.unique(ranks)]
-    found = [
-        _free(body.of(part), x[part], rest, rows[part, rank:].transpose(0, 2, 1), rows[part, :rank])
-        for part, rank in zip(parts, np.unique(ranks), strict=True)
-    ]
+    found = []
+    for part, rank in zip(parts, np.unique(ranks), strict=True):
+        free, hindered = rows[part, rank:].transpose(0, 2, 1), rows[part, :rank]
+        found.append(_free(body.of(part), x[part], rest, free, hindered, careful))
     return _joined(found, np.concatenate(parts))
 
 
@@ -54,7 +58,9 @@ def _joined(found: list[Held], order: np.ndarray) -> Held:
     )
 
 
-def _free(body: LeastPower, x: np.ndarray, rest: np.ndarray, N: np.ndarray, Q: np.ndarray) -> Held:
+def _free(
+    body: LeastPower, x: np.ndarray, rest: np.ndarray, N: np.ndarray, Q: np.ndarray, careful: bool
+) -> Held:
     """Let the other masses move along N (G, n, k), free of those held, whose rows Q span."""
     G, go = len(x), ~rest
     fits = np.abs(body.velocities(x)[:, rest]).max(axis=(1, 2), initial=0.0) < _FITS
@@ -62,7 +68,7 @@ def _free(body: LeastPower, x: np.ndarray, rest: np.ndarray, N: np.ndarray, Q: n
     if N.shape[2] and go.any():
         free = body.restricted(x, go, N)
         z, balances = free.sharp(np.zeros((G, N.shape[2])))
-        if not balances.all():  # a mass that hardly moves needs a careful approach
+        if careful and not balances.all():  # a mass that hardly moves needs a careful approach
             bad = free.of(~balances)
             z[~balances], balances[~balances] = bad.sharp(bad.smoothed(_NARROW))
         _, left, curvature = free.slopes(z)

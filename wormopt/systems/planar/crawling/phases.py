@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import cached_property
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -11,9 +13,11 @@ from wormopt.numerics.roots import root
 from wormopt.systems.planar.body.strokes import Stroke
 from wormopt.systems.planar.crawling.velocity import Crawler, Motion
 
-# So near a break, told by a root, both sides are looked at; and how often brackets are divided.
-_BESIDE, _DIVISIONS = 1e-6, 40
+# So near a break, told by a root, both sides are looked at; how often brackets are divided, and
+# into how many parts.
+_BESIDE, _DIVISIONS, _PARTS = 1e-6, 40, 6
 _POINT, _ASIDE = 1e-14, 1e-9
+_LOOKS = 64  # at the stroke, for its size
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +52,20 @@ class Course:
     crawler: Crawler
     stroke: Stroke
 
-    def sample(self, tau: np.ndarray, near: list[Sample] | None = None) -> list[Sample]:
+    @cached_property
+    def sizes(self) -> np.ndarray:
+        """What a twist and a power (4,) usually come to over the stroke, by the shape alone."""
+        tau = (np.arange(_LOOKS) + 0.5) / _LOOKS
+        bodies = self.crawler.bodies(*self.stroke.at(tau))
+        length = float(bodies.sizes[:, 2].mean())
+        way = max(float(bodies.speed.mean()), _POINT * length)
+        return way * np.array([1.0, 1.0, 1 / length, self.crawler.force])
+
+    def sample(self, tau: np.ndarray, near: Sequence[Sample | Phase] | None = None) -> list[Sample]:
         """Which masses rest and slide back at phases, by samples near each if there are."""
         return self.samples_of(tau, self.at(tau, near))
 
-    def at(self, tau: np.ndarray, near: list[Sample] | None = None) -> Motion:
+    def at(self, tau: np.ndarray, near: Sequence[Sample | Phase] | None = None) -> Motion:
         """Motion at phases, by the phase."""
         s, ds = self.stroke.at(tau)
         if near is None:
@@ -110,24 +123,29 @@ def closed(course: Course, seen: list[Sample]) -> list[Sample]:
         if not gaps:
             break
         breaks = [_break(course, a, b) for a, b in gaps]
-        tau = [_asked(at, a, b) for at, (a, b) in zip(breaks, gaps, strict=True)]
-        by = [side for pair in gaps for side in pair]
-        looked = course.sample(np.ravel(tau), by)
-        for k, ((a, b), at) in enumerate(zip(gaps, breaks, strict=True)):
-            before, after = looked[2 * k : 2 * k + 2]
-            if at is not None and before.as_in(a) and after.as_in(b):
-                before, after = replace(a, tau=at), replace(b, tau=float(np.nextafter(at, 1.0)))
-            seen += [before, after]
+        asked = [_asked(at, a, b) for at, (a, b) in zip(breaks, gaps, strict=True)]
+        tau = np.concatenate(asked)
+        near = [
+            a if t - a.tau < b.tau - t else b
+            for own, (a, b) in zip(asked, gaps, strict=True)
+            for t in own
+        ]
+        looked = iter(course.sample(tau, near))
+        for (a, b), at, own in zip(gaps, breaks, asked, strict=True):
+            found = list(islice(looked, len(own)))
+            if at is not None and found[0].as_in(a) and found[1].as_in(b):
+                found = [replace(a, tau=at), replace(b, tau=float(np.nextafter(at, 1.0)))]
+            seen += found
         seen = sorted(seen, key=lambda one: one.tau)
     return seen
 
 
-def _asked(at: float | None, a: Sample, b: Sample) -> tuple[float, float]:
-    """Phases close to both sides of a break; without one, that part the gap in three."""
+def _asked(at: float | None, a: Sample, b: Sample) -> np.ndarray:
+    """Phases close to both sides of a break; without one, that divide the gap."""
     if at is None:
-        return a.tau + (b.tau - a.tau) / 3, b.tau - (b.tau - a.tau) / 3
+        return a.tau + (b.tau - a.tau) * np.arange(1, _PARTS) / _PARTS
     aside = min(_BESIDE, (at - a.tau) / 2, (b.tau - at) / 2)
-    return at - aside, at + aside
+    return np.array([at - aside, at + aside])
 
 
 def _break(course: Course, left: Sample, right: Sample) -> float | None:

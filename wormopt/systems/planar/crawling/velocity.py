@@ -61,6 +61,11 @@ class Crawler:
             raise ArgumentError(f"load must be two forces and a moment, not {load}")
         return cls(shape, ground_of(laws, shape.n_points), given)
 
+    @property
+    def force(self) -> float:
+        """Usual resistance of a mass."""
+        return float(self.ground.sideways.mean())
+
     def bodies(self, s: np.ndarray, ds: np.ndarray) -> Bodies:
         """Bodies at shapes (G, n_s) and rates."""
         G, m = len(s), self.shape.n_points
@@ -73,10 +78,10 @@ class Crawler:
         speed[speed == 0] = 1.0
         length = np.sqrt((J[..., 2] ** 2).sum(axis=2).mean(axis=1))
         sizes = np.stack([np.ones(G), np.ones(G), length], axis=1)
-        force = self.ground.sideways.mean()
-        unit = Ground(*(x / force for x in _numbers(self.ground)))
-        load = self.load / sizes / force
-        body = LeastPower(J / sizes[:, None, None, :], b / speed[:, None, None], load, unit)
+        load = self.load / sizes / self.force
+        body = LeastPower(
+            J / sizes[:, None, None, :], b / speed[:, None, None], load, self.ground.by(self.force)
+        )
         return Bodies(body, speed, sizes)
 
     def move(self, s: np.ndarray, ds: np.ndarray) -> Motion:
@@ -92,9 +97,12 @@ class Crawler:
         return self._told(bodies, near(bodies.body, bodies.scaled(twist), rest))
 
     def hold(self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray) -> Motion:
-        """Motions in which the masses `rest` (m,) are held, whether or not the ground can."""
+        """Motions in which the masses `rest` (m,) are held, whether or not the ground can.
+
+        `hold` is NaN where they cannot rest together, or the others' balance is not found at once.
+        """
         bodies = self.bodies(s, ds)
-        found = held(bodies.body, bodies.scaled(twist), rest)
+        found = held(bodies.body, bodies.scaled(twist), rest, careful=False)
         all_rest = np.tile(rest, (len(s), 1))
         least = Least(found.x, all_rest, found.push, found.hold, found.stiffness)
         told = self._told(bodies, least)
@@ -109,15 +117,14 @@ class Crawler:
 
     def _told(self, bodies: Bodies, least: Least) -> Motion:
         """What was found, in the units asked for."""
-        force = self.ground.sideways.mean()
         v = bodies.body.velocities(least.x)
         v[least.rest] = 0.0
-        power = bodies.body.ground.power(v).sum(axis=1) * bodies.speed * force
+        power = bodies.body.ground.power(v).sum(axis=1) * bodies.speed * self.force
         return Motion(
             least.x / bodies.sizes * bodies.speed[:, None],
             least.rest,
             v * bodies.speed[:, None, None],
-            -least.push * force,
+            -least.push * self.force,
             least.hold,
             power,
         )
@@ -134,10 +141,6 @@ def _check_unique(least: Least) -> None:
             "straight chain has as much resistance to those of its masses that go ahead as to "
             "those that go back; bend it, or make resistances differ ahead and back"
         )
-
-
-def _numbers(ground: Ground) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return ground.forward, ground.backward, ground.sideways
 
 
 def crawl_velocity(
