@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -205,3 +207,15 @@ def test_ground_that_steps_do_not_treat_has_none() -> None:
     """Skids and the law of unit directions."""
     for ground in ("skid", "unit"):
         assert stepper_of(draw(2, ground, 1).model()) is None
+
+
+def test_the_example_of_an_obstacle_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    """The worm goes round the disc and does not enter it."""
+    page = Path(__file__).parents[1] / "docs" / "planar-parts" / "dynamics.md"
+    if not page.exists():
+        page = page.parents[1] / "theory-planar.md"
+    code = re.search(r"```python\n(.*?MoreauJean.*?)```", page.read_text(encoding="utf-8"), re.S)
+    assert code
+    exec(code[1], {})
+    nearest = float(capsys.readouterr().out.split()[1].rstrip(";"))
+    assert abs(nearest) < 2e-3

@@ -83,6 +83,9 @@ SCENES: dict[str, tuple[str, ...]] = {
     "swim": ("planar_purcell", SI, SQUARE),
     "heights": ("planar_purcell", SI, SQUARE),
     "serpenoid": ("planar_serpenoid", SI, "waves=[]"),
+    "plane": ("planar_chain", SI, "time.end=3.0", "time.samples=301"),
+    "forces": ("planar_chain", SI, "time.end=3.0", "time.samples=301"),
+    "block": ("planar_block", SI),
     "rod_frequency": ("fig22_frequency_response",),
 }
 THREE = (

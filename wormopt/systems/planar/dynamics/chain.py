@@ -109,6 +109,7 @@ def planar_chain(
     Examples
     --------
     >>> from wormopt.model.friction import Viscous
+    >>> from wormopt.systems.planar.dynamics.ground import Axes
     >>> drag = Axes(Viscous(0.5), Viscous(5.0))
     >>> worm = planar_chain(2, mass=1.0, stiffness=10.0, damping=1.0, rest_length=1.0, law=drag)
     >>> worm.n_x, [s.name for s in worm.u], len(worm.contacts), worm.x[0].value

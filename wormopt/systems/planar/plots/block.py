@@ -22,7 +22,7 @@ from wormopt.result import Result
 
 def block(result: Result) -> Figure:
     """Its way with the velocity along it, both components over time, and the force's ellipse."""
-    drawn = sheet(7.1, 5.4, 9.0)
+    drawn = sheet(7.1, 5.4, 8.6)
     (way, ellipse), (speed, force) = drawn.subplots(2, 2)
     time, x, y = (result[name].values for name in ("time", "x", "y"))
     way.plot(x, y, color=LINKS[0])

@@ -42,7 +42,8 @@ def plane(result: Result) -> Figure:
     """
     (left, right), (low, high) = _reach(result)
     share = (high - low) / (right - left)
-    drawn = sheet(7.1, float(np.clip(6.0 * share + 1.3, 2.4, 7.0)))
+    height = float(np.clip(6.0 * share + 1.3, 2.4, 7.0))
+    drawn = sheet(7.1, height, max(height, 4.0))
     axes = drawn.subplots()
     _stage(axes, result)
     time = result["time"].values
