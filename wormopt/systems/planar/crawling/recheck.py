@@ -62,9 +62,7 @@ def _program(forward: np.ndarray, backward: np.ndarray, sideways: np.ndarray) ->
     push = ca.vec(ca.horzcat(along, ca.DM(sideways) * aside).T)
     J, b, load = ca.reshape(p[: 6 * m], 2 * m, 3), p[6 * m : 8 * m], p[8 * m :]
     balance = J.T @ push - load
-    return NonlinearProgram(
-        w, p, -ca.dot(push, b), ca.vertcat(balance, (a + c) ** 2 + aside**2)
-    )
+    return NonlinearProgram(w, p, -ca.dot(push, b), ca.vertcat(balance, (a + c) ** 2 + aside**2))
 
 
 def even_displacement(course: Course, count: int) -> np.ndarray:

@@ -1,0 +1,145 @@
+"""What scenes of slow crawling share: numbers, courses and checks of a crawl."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from wormopt.result import Check
+from wormopt.systems.planar.body.se2 import circle_of, rotate
+from wormopt.systems.planar.crawling.crawl import Crawl
+from wormopt.systems.planar.crawling.recheck import (
+    cross,
+    even_displacement,
+    most_resistance,
+    repeated,
+)
+from wormopt.systems.planar.crawling.record import Record, record
+
+INSTANTS = 240
+_SAMPLED, _EVEN = 24, 4096
+_STRAIGHT, _STILL = 1e-9, 1e-9
+_BALANCED, _WORKS, _DUAL, _DUAL_TWIST, _EVEN_ERROR = 1e-7, 1e-8, 1e-7, 1e-5, 2e-5
+
+
+def head_way(crawl: Crawl) -> float:
+    """Length of the head's way in a stroke, and of turns at the size of the body."""
+    panels = crawl.panels
+    _, weights = np.polynomial.legendre.leggauss(panels.twist.shape[1])
+    speed = np.abs(panels.twist).sum(axis=2)
+    return float(speed @ weights @ np.diff(panels.ends) / 2)
+
+
+def way_scalars(crawl: Crawl, period: float, floor: float | None) -> dict[str, Any]:
+    """Where a stroke leads and what it costs; `floor` is known where there is no load."""
+    way, turn = float(np.hypot(*crawl.displacement[:2])), float(crawl.displacement[2])
+    straight = abs(turn) < _STRAIGHT
+    circle = None if straight else circle_of(crawl.displacement)
+    goes = straight and way > _STILL * head_way(crawl)
+    return {
+        "distance": way,
+        "displacement": crawl.displacement[:2].tolist(),
+        "turn": turn,
+        "circle_centre": list(circle.centre) if circle else None,
+        "circle_radius": circle.radius if circle else None,
+        "speed": way / period,
+        "work": crawl.work,
+        "mean_power": crawl.work / period,
+        "work_per_distance": crawl.work / way if goes else None,
+        "work_per_distance_floor": floor,
+        "stages": len(crawl.phases),
+    }
+
+
+def recheck(crawl: Crawl) -> tuple[dict[str, float], str]:
+    """The crawl by other ways: errors, and how the worst dual was found."""
+    crawler = crawl.course.crawler
+    fine = record(crawl, crawl.panels.tau.ravel())
+    _, weights = np.polynomial.legendre.leggauss(crawl.panels.twist.shape[1])
+    each = (np.diff(crawl.panels.ends)[:, None] / 2 * weights).ravel()
+    actuators = float(each @ (fine.actuators * fine.rates).sum(axis=1))
+    pulled = float(each @ (fine.motion.twist @ crawler.load))
+    size = max(crawl.work, 1e-300)
+    tau = (np.arange(_SAMPLED) + 0.4142) / _SAMPLED
+    seen = record(crawl, tau)
+    dual = most_resistance(crawler, seen.shapes, seen.rates)
+    worth = seen.motion.power - seen.motion.twist @ crawler.load  # which is least
+    usual = np.maximum(seen.motion.power, 1e-6 * size)
+    speeds = np.linalg.norm(seen.motion.velocities, axis=2).max(axis=1)
+    least, length = 1e-6 * head_way(crawl), np.abs(seen.points).max()
+    off = (dual.twist - seen.motion.twist) * [1.0, 1.0, length]
+    even = even_displacement(crawl.course, _EVEN)
+    scale = max(head_way(crawl), float(np.hypot(*crawl.displacement[:2])), 1e-300)
+    errors = {
+        "actuator_work": actuators,
+        "balance_error": max(_unbalanced(fine, crawler.load), _unbalanced(seen, crawler.load)),
+        "work_error": abs(actuators + pulled - crawl.work) / size,
+        "dual_error": float((np.abs(dual.power - worth) / usual).max()),
+        "dual_twist_error": float((np.abs(off).max(axis=1) / np.maximum(speeds, least)).max()),
+        "even_error": float(np.abs(even - crawl.displacement).max() / scale),
+    }
+    return errors, f"{dual.violation.max():.1e}"
+
+
+def _unbalanced(seen: Record, load: np.ndarray) -> float:
+    """Largest force or moment that is left, of all there are."""
+    forces, points = seen.forces, seen.points
+    force = np.abs(forces.sum(axis=1) + load[:2]).max(axis=1)
+    size = np.linalg.norm(forces, axis=2).sum(axis=1)
+    moment = np.abs(cross(points, forces).sum(axis=1) + load[2])
+    length = np.linalg.norm(points, axis=2).max(axis=1)
+    return float(max((force / size).max(), (moment / (size * length)).max()))
+
+
+def checks_of(errors: dict[str, float]) -> Iterator[Check]:
+    """What a crawl must pass."""
+    looked = "write more samples: a stop may have been missed"
+    yield Check("balance of forces and moments", errors["balance_error"], _BALANCED,
+                "forces of the ground and the load do not balance")  # fmt: skip
+    yield Check("work of the actuators", errors["work_error"], _WORKS,
+                f"actuators give other work than the ground takes; {looked}")  # fmt: skip
+    yield Check("power by forces of most resistance", errors["dual_error"], _DUAL,
+                "an interior point finds another power")  # fmt: skip
+    yield Check("velocity by forces of most resistance", errors["dual_twist_error"], _DUAL_TWIST,
+                "an interior point finds another velocity")  # fmt: skip
+    yield Check("displacement by even phases", errors["even_error"], _EVEN_ERROR,
+                f"even phases lead elsewhere; {looked}")  # fmt: skip
+
+
+def variables_of(crawl: Crawl, pace: np.ndarray, times: np.ndarray, cycles: int) -> dict[str, Any]:
+    """Courses over `cycles` strokes; a stroke's even phases end at `times`, at rates `pace`.
+
+    Of m even phases `pace` (m,) is the rate of the phase in time.
+    """
+    told = record(crawl, np.linspace(0.0, 1.0, len(times)))
+    motion, laps = told.motion, np.arange(cycles)
+    poses = repeated(crawl.displacement, told.poses, cycles)
+    shapes = np.concatenate([*[told.points[:-1]] * cycles, told.points[-1:]])
+    placed = poses[:, None, :2] + rotate(poses[:, None, 2], shapes)
+    rests = motion.rest.astype(float)
+    time = np.append((laps[:, None] * times[-1] + times[:-1]).ravel(), cycles * times[-1])
+    velocities = motion.velocities * pace[:, None, None]
+    links = told.shapes.shape[1] - (crawl.course.crawler.shape.n_points - 2)
+    loads = {"link_force": told.actuators.T[:links], "joint_torque": told.actuators.T[links:]}
+    return {
+        "time": time,
+        "x": placed[..., 0].T,
+        "y": placed[..., 1].T,
+        "center_x": placed[..., 0].mean(axis=1),
+        "center_y": placed[..., 1].mean(axis=1),
+        "heading": poses[:, 2],
+        "resting": np.concatenate([*[rests[:-1]] * cycles, rests[-1:]]).T,
+        "phase": told.tau,
+        "shape": told.shapes.T,
+        "head_velocity": velocities[:, 0].T,
+        "tail_velocity": velocities[:, -1].T,
+        "ground_ahead": motion.forces[..., 0].T,
+        "ground_left": motion.forces[..., 1].T,
+        "stroke_resting": rests.T,
+        **{name: rows for name, rows in loads.items() if len(rows)},
+        "power": motion.power * pace,
+        "stage_start": crawl.breaks[:-1],
+        "stage_resting": np.array([phase.rest for phase in crawl.phases], dtype=float),
+    }
