@@ -276,6 +276,7 @@ KINDS: dict[str, Kind] = {
         pictures={
             "crawl": "wormopt.systems.planar.plots.crawl:crawl",
             "turning": "wormopt.systems.planar.plots.turn:turning",
+            "forces": "wormopt.systems.planar.plots.crawl:forces",
             "animation": "wormopt.systems.planar.plots.bodies:first_frame",
         },
     ),

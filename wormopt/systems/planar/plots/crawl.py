@@ -21,6 +21,7 @@ from wormopt.plotting.parts import (
     scalar,
     shades,
     sheet,
+    stretches,
     styles,
     tell,
 )
@@ -33,19 +34,30 @@ _NO_TURN = 1e-9
 def crawl(result: Result) -> Figure:
     """The body at equal times of its strokes, masses at rest filled, trace of its middle."""
     drawn = course(result, "mean of the masses")
+    _mark_rests(drawn.axes[0], result)
     turns = abs(scalar(result, "turn") or 0.0) > _NO_TURN
     centre, radius = scalar(result, "circle_centre"), scalar(result, "circle_radius")
     if turns and centre and radius < 10 * np.ptp(result["x"].values):
         drawn.axes[0].add_patch(
             Circle(centre, radius, fill=False, edgecolor=GREY, linestyle=LIMIT, linewidth=0.8)
         )
+    in_place = "drift" in result.scalars
     tell(
         drawn,
-        fact(result, "distance", "way of the head in a stroke"),
+        fact(result, "distance", "way of the head in a stroke") if not in_place else "",
         fact(result, "turn", "turn to the left") if turns else "",
         fact(result, "work", "work"),
     )
     return drawn
+
+
+def _mark_rests(axes: Axes, result: Result) -> None:
+    """Where masses rested: filled."""
+    time, resting = result["time"].values, result["resting"].values > 0
+    x, y = result["x"].values, result["y"].values
+    for i, colour in enumerate(shades(MASSES, len(x))):
+        at = [np.searchsorted(time, start) for start, _ in stretches(time, resting[i])]
+        axes.plot(x[i, at], y[i, at], "o", color=colour, markersize=5.5, zorder=4.5)
 
 
 def forces(result: Result) -> Figure:

@@ -14,8 +14,8 @@ from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.planar.crawling.crawl import Crawl, crawl
 from wormopt.systems.planar.runs.crawling import (
-    INSTANTS,
     checks_of,
+    instants,
     recheck,
     variables_of,
     way_scalars,
@@ -47,14 +47,13 @@ def run(scene: Scene[PlanarCrawlScene], report: Report) -> Result:
     errors, violation = recheck(found)
     floor = sum(min(row) for row in table.ground.numbers(masses))
     loaded = any(table.load.numbers)
-    pace, times = (
-        np.full(INSTANTS + 1, 1 / table.period),
-        np.linspace(0, table.period, INSTANTS + 1),
-    )
+    tau = instants(found)
     return conclude(
         scene,
         way_scalars(found, table.period, None if loaded else floor) | errors,
-        variables_of(found, pace, times, table.cycles),
+        variables_of(
+            found, tau, tau * table.period, np.full(len(tau), 1 / table.period), table.cycles
+        ),
         checks=checks_of(errors),
         facts={
             "second_way": "forces of most resistance by an interior point; even phases",

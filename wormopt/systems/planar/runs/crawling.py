@@ -18,7 +18,7 @@ from wormopt.systems.planar.crawling.recheck import (
 )
 from wormopt.systems.planar.crawling.record import Record, record
 
-INSTANTS = 240
+_INSTANTS, _BESIDE = 240, 1e-9
 _SAMPLED, _EVEN = 24, 4096
 _STRAIGHT, _STILL = 1e-9, 1e-9
 _BALANCED, _WORKS, _DUAL, _DUAL_TWIST, _EVEN_ERROR = 1e-7, 1e-8, 1e-7, 1e-5, 2e-5
@@ -108,12 +108,21 @@ def checks_of(errors: dict[str, float]) -> Iterator[Check]:
                 f"even phases lead elsewhere; {looked}")  # fmt: skip
 
 
-def variables_of(crawl: Crawl, pace: np.ndarray, times: np.ndarray, cycles: int) -> dict[str, Any]:
-    """Courses over `cycles` strokes; a stroke's even phases end at `times`, at rates `pace`.
+def instants(crawl: Crawl) -> np.ndarray:
+    """Even phases of a stroke, and those just before and after masses stop and go."""
+    inner = crawl.breaks[1:-1]
+    return np.unique(np.concatenate([np.linspace(0, 1, _INSTANTS + 1), inner - _BESIDE,
+                                     inner + _BESIDE]))  # fmt: skip
 
-    Of m even phases `pace` (m,) is the rate of the phase in time.
+
+def variables_of(
+    crawl: Crawl, tau: np.ndarray, times: np.ndarray, pace: np.ndarray, cycles: int
+) -> dict[str, Any]:
+    """Courses over `cycles` strokes, by phases, the times of a stroke at which it has them.
+
+    `pace` is the rate of the phase in time, all three (m,).
     """
-    told = record(crawl, np.linspace(0.0, 1.0, len(times)))
+    told = record(crawl, tau)
     motion, laps = told.motion, np.arange(cycles)
     poses = repeated(crawl.displacement, told.poses, cycles)
     shapes = np.concatenate([*[told.points[:-1]] * cycles, told.points[-1:]])

@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # laws are made in runs: checking a scene loads no numerics
     from wormopt.model.planar_friction import Elliptic
 
 CRAWL_VARIABLES: Mapping[str, tuple[str, tuple[str, ...], str]] = {
-    "time": ("time", ("time",), "from the start; even through each smooth piece of a stroke"),
+    "time": ("time", ("time",), "from the start"),
     "x": ("length", ("mass", "time"), "places of the masses; at first the head looks along x"),
     "y": ("length", ("mass", "time"), "and to the left"),
     "center_x": ("length", ("time",), "mean place of the masses"),
