@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import legendre
 
+from wormopt.numerics.collocation import Collocation
 from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.crawling.crawl import Crawl
-from wormopt.systems.planar.crawling.panels import Panels
-from wormopt.systems.planar.crawling.phases import Sample
 from wormopt.systems.planar.crawling.recheck import actuator_loads
 from wormopt.systems.planar.crawling.velocity import Motion
 
-_GAUSS = legendre.leggauss
+_DEGREE = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +22,6 @@ class Record:
     tau: np.ndarray  # (m,)
     shapes: np.ndarray  # (m, n_s)
     rates: np.ndarray  # (m, n_s), by the phase
-    poses: np.ndarray  # (m, 3)
     points: np.ndarray  # (m, masses, 2), in the frame of the body
     headings: np.ndarray  # (m, masses), likewise
     motion: Motion
@@ -37,13 +34,11 @@ class Record:
 
 
 def record(crawl: Crawl, tau: np.ndarray) -> Record:
-    """A crawl at phases that ascend."""
+    """A crawl at phases that ascend from 0 on."""
     course = crawl.course
     crawler = course.crawler
     shapes, rates = course.stroke.at(tau)
-    within = np.clip(np.searchsorted(crawl.breaks, tau, side="right") - 1, 0, len(crawl.phases) - 1)
-    near = [Sample(p.start, p.rest, p.back, p.twist) for p in (crawl.phases[k] for k in within)]
-    motion = course.at(tau, near)
+    motion = motion_at(crawl, tau)
     mapped = crawler.shape.kinematics.map(len(tau))
     points, headings = (np.array(part) for part in mapped.call([shapes.T])[:2])
     m = crawler.shape.n_points
@@ -52,19 +47,34 @@ def record(crawl: Crawl, tau: np.ndarray) -> Record:
     forces = rotate(headings, motion.forces)
     lengths = "length 1" in crawler.shape.names
     loads = actuator_loads(points, forces, crawler.load, lengths=lengths)
-    poses = poses_at(crawl.panels, tau)
-    return Record(tau, shapes, rates, poses, points, headings, motion, loads)
+    return Record(tau, shapes, rates, points, headings, motion, loads)
 
 
-def poses_at(panels: Panels, tau: np.ndarray) -> np.ndarray:
-    """Poses (m, 3) at phases, by the polynomials of the panels."""
-    q = panels.twist.shape[1]
-    to_series = np.linalg.inv(legendre.legvander(_GAUSS(q)[0], q - 1))
-    at = np.clip(np.searchsorted(panels.ends, tau, side="right") - 1, 0, len(panels.ends) - 2)
-    half = np.diff(panels.ends)[at] / 2
-    x = (tau - panels.ends[at]) / half - 1
-    begin = panels.all_poses[at]
-    rates = np.concatenate([rotate(panels.angles, panels.twist[..., :2]), panels.twist[..., 2:]], 2)
-    series = legendre.legint(np.einsum("kq,pqc->kpc", to_series, rates), lbnd=-1, axis=0)
-    values = legendre.legvander(x, q)
-    return begin + half[:, None] * np.einsum("mk,kmc->mc", values, series[:, at])
+def motion_at(crawl: Crawl, tau: np.ndarray) -> Motion:
+    """Motion at phases, near that of the stages they are in."""
+    within = np.clip(np.searchsorted(crawl.breaks, tau, side="right") - 1, 0, len(crawl.phases) - 1)
+    near = [crawl.phases[k] for k in within]
+    return crawl.course.at(tau, near)  # type: ignore[arg-type]  # a stage has what is asked
+
+
+@dataclass(frozen=True, eq=False)
+class Quadrature:
+    """Gauss' rule between phases (m,) that ascend from 0 to 1, and the poses (m, 3) it gives."""
+
+    nodes: np.ndarray  # (q,)
+    weights: np.ndarray  # (q,)
+    poses: np.ndarray
+
+
+def quadrature(crawl: Crawl, tau: np.ndarray) -> Quadrature:
+    """Follow the pose anew between phases, and between the breaks among them."""
+    ends = np.union1d(tau, np.concatenate([crawl.breaks, crawl.course.stroke.breaks]))
+    rule, step = Collocation(_DEGREE), np.diff(ends)
+    nodes = ends[:-1, None] + step[:, None] * rule.tau
+    twist = motion_at(crawl, nodes.ravel()).twist.reshape(*nodes.shape, 3) * step[:, None, None]
+    turned = np.concatenate([[0.0], np.cumsum(twist[..., 2] @ rule.B)])
+    angle = turned[:-1, None] + twist[..., 2] @ rule.A.T
+    way = np.einsum("kdc,d->kc", rotate(angle, twist[..., :2]), rule.B)
+    poses = np.column_stack([np.vstack([np.zeros(2), np.cumsum(way, axis=0)]), turned])
+    weights = (step[:, None] * rule.B).ravel()
+    return Quadrature(nodes.ravel(), weights, poses[np.searchsorted(ends, tau)])

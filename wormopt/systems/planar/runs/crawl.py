@@ -44,7 +44,7 @@ def run(scene: Scene[PlanarCrawlScene], report: Report) -> Result:
         raise refused(scene, error) from None
     crawled = time.perf_counter()
     report("recheck", 0.7)
-    errors, violation = recheck(found)
+    errors, violation = recheck(found, instants(found))
     floor = sum(min(row) for row in table.ground.numbers(masses))
     loaded = any(table.load.numbers)
     tau = instants(found)

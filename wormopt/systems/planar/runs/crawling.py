@@ -16,20 +16,13 @@ from wormopt.systems.planar.crawling.recheck import (
     most_resistance,
     repeated,
 )
-from wormopt.systems.planar.crawling.record import Record, record
+from wormopt.systems.planar.crawling.record import Record, quadrature, record
 
-_INSTANTS, _BESIDE = 240, 1e-9
+_INSTANTS, _BESIDE = 240, 1e-5
 _SAMPLED, _EVEN = 24, 4096
 _STRAIGHT, _STILL = 1e-9, 1e-9
-_BALANCED, _WORKS, _DUAL, _DUAL_TWIST, _EVEN_ERROR = 1e-7, 1e-8, 1e-7, 1e-5, 2e-5
-
-
-def head_way(crawl: Crawl) -> float:
-    """Length of the head's way in a stroke, and of turns at the size of the body."""
-    panels = crawl.panels
-    _, weights = np.polynomial.legendre.leggauss(panels.twist.shape[1])
-    speed = np.abs(panels.twist).sum(axis=2)
-    return float(speed @ weights @ np.diff(panels.ends) / 2)
+_BALANCED, _WORKS, _DUAL, _DUAL_TWIST = 1e-7, 1e-7, 1e-7, 1e-5
+_EVEN_ERROR, _GAUSS_ERROR = 2e-5, 1e-5
 
 
 def way_scalars(crawl: Crawl, period: float, floor: float | None) -> dict[str, Any]:
@@ -37,7 +30,7 @@ def way_scalars(crawl: Crawl, period: float, floor: float | None) -> dict[str, A
     way, turn = float(np.hypot(*crawl.displacement[:2])), float(crawl.displacement[2])
     straight = abs(turn) < _STRAIGHT
     circle = None if straight else circle_of(crawl.displacement)
-    goes = straight and way > _STILL * head_way(crawl)
+    goes = straight and way > _STILL * size_of(crawl)
     return {
         "distance": way,
         "displacement": crawl.displacement[:2].tolist(),
@@ -53,32 +46,37 @@ def way_scalars(crawl: Crawl, period: float, floor: float | None) -> dict[str, A
     }
 
 
-def recheck(crawl: Crawl) -> tuple[dict[str, float], str]:
-    """The crawl by other ways: errors, and how the worst dual was found."""
+def size_of(crawl: Crawl) -> float:
+    """Length of the body, to which ways are compared."""
+    shapes, _ = crawl.course.stroke.at(np.zeros(1))
+    points = np.array(crawl.course.crawler.shape.kinematics(shapes[0])[0])
+    return float(np.hypot(*np.diff(points, axis=1)).sum())
+
+
+def recheck(crawl: Crawl, tau: np.ndarray) -> tuple[dict[str, float], str]:
+    """The crawl by other ways, along phases: errors, and by how much the dual missed its limits."""
     crawler = crawl.course.crawler
-    fine = record(crawl, crawl.panels.tau.ravel())
-    _, weights = np.polynomial.legendre.leggauss(crawl.panels.twist.shape[1])
-    each = (np.diff(crawl.panels.ends)[:, None] / 2 * weights).ravel()
-    actuators = float(each @ (fine.actuators * fine.rates).sum(axis=1))
-    pulled = float(each @ (fine.motion.twist @ crawler.load))
-    size = max(crawl.work, 1e-300)
-    tau = (np.arange(_SAMPLED) + 0.4142) / _SAMPLED
-    seen = record(crawl, tau)
+    rule = quadrature(crawl, tau)
+    fine = record(crawl, rule.nodes)
+    actuators = float(rule.weights @ (fine.actuators * fine.rates).sum(axis=1))
+    pulled = float(rule.weights @ (fine.motion.twist @ crawler.load))
+    size, length = max(crawl.work, 1e-300), size_of(crawl)
+    seen = record(crawl, (np.arange(_SAMPLED) + 0.4142) / _SAMPLED)
     dual = most_resistance(crawler, seen.shapes, seen.rates)
     worth = seen.motion.power - seen.motion.twist @ crawler.load  # which is least
     usual = np.maximum(seen.motion.power, 1e-6 * size)
     speeds = np.linalg.norm(seen.motion.velocities, axis=2).max(axis=1)
-    least, length = 1e-6 * head_way(crawl), np.abs(seen.points).max()
-    off = (dual.twist - seen.motion.twist) * [1.0, 1.0, length]
+    off = np.abs(dual.twist - seen.motion.twist) * [1.0, 1.0, length]
     even = even_displacement(crawl.course, _EVEN)
-    scale = max(head_way(crawl), float(np.hypot(*crawl.displacement[:2])), 1e-300)
+    apart = np.abs([even - crawl.displacement, rule.poses[-1] - crawl.displacement])
     errors = {
         "actuator_work": actuators,
         "balance_error": max(_unbalanced(fine, crawler.load), _unbalanced(seen, crawler.load)),
         "work_error": abs(actuators + pulled - crawl.work) / size,
         "dual_error": float((np.abs(dual.power - worth) / usual).max()),
-        "dual_twist_error": float((np.abs(off).max(axis=1) / np.maximum(speeds, least)).max()),
-        "even_error": float(np.abs(even - crawl.displacement).max() / scale),
+        "dual_twist_error": float((off.max(axis=1) / np.maximum(speeds, 1e-6 * length)).max()),
+        "even_error": float((apart[0] / [length, length, 1.0]).max()),
+        "gauss_error": float((apart[1] / [length, length, 1.0]).max()),
     }
     return errors, f"{dual.violation.max():.1e}"
 
@@ -106,6 +104,8 @@ def checks_of(errors: dict[str, float]) -> Iterator[Check]:
                 "an interior point finds another velocity")  # fmt: skip
     yield Check("displacement by even phases", errors["even_error"], _EVEN_ERROR,
                 f"even phases lead elsewhere; {looked}")  # fmt: skip
+    yield Check("displacement by Gauss' rule on fixed phases", errors["gauss_error"], _GAUSS_ERROR,
+                f"another quadrature leads elsewhere; {looked}")  # fmt: skip
 
 
 def instants(crawl: Crawl) -> np.ndarray:
@@ -124,7 +124,7 @@ def variables_of(
     """
     told = record(crawl, tau)
     motion, laps = told.motion, np.arange(cycles)
-    poses = repeated(crawl.displacement, told.poses, cycles)
+    poses = repeated(crawl.displacement, quadrature(crawl, tau).poses, cycles)
     shapes = np.concatenate([*[told.points[:-1]] * cycles, told.points[-1:]])
     placed = poses[:, None, :2] + rotate(poses[:, None, 2], shapes)
     rests = motion.rest.astype(float)

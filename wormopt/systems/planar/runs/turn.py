@@ -48,7 +48,7 @@ def run(scene: Scene[PlanarTurnScene], report: Report) -> Result:
         raise refused(scene, error) from None
     crawled = time.perf_counter()
     report("recheck", 0.7)
-    errors, violation = recheck(found)
+    errors, violation = recheck(found, instants(found))
     scalars = _scalars(table, gait, found)
     return conclude(
         scene,

@@ -76,8 +76,9 @@ CRAWL_SCALARS: Mapping[str, tuple[str, str]] = {
     "balance_error": ("share", "forces and moments left, of those there are"),
     "work_error": ("share", "`actuator_work` and that of the load less `work`, over it"),
     "dual_error": ("share", "powers by forces of most resistance, at sampled phases, apart"),
-    "dual_twist_error": ("share", "and velocities of the body, of the largest of its masses"),
-    "even_error": ("share", "displacement by even phases apart, of the way of the head"),
+    "dual_twist_error": ("share", "and velocities of the body, of that of the fastest mass"),
+    "even_error": ("share", "displacement by even phases apart, of the length of the body"),
+    "gauss_error": ("share", "likewise by Gauss' rule on fixed phases and the breaks"),
 }
 
 
