@@ -24,7 +24,33 @@ _FEWEST, _ROUNDS = 16, 20
 
 @dataclass(frozen=True, eq=False)
 class Crawl:
-    """A stroke as a body goes through it slowly."""
+    """A stroke as a body goes through it slowly.
+
+    Parameters
+    ----------
+    displacement : ndarray, shape (3,)
+        x, y and angle after one stroke, in the frame before.
+    work : float
+        That the ground takes in a stroke.
+    phases : tuple of Phase
+        Parts of the stroke through which the same masses rest.
+    course : Course
+        The body and its stroke, to ask for the motion at other phases.
+    panels : Panels
+        Twists and powers at the nodes of the quadrature.
+    poses : ndarray, shape (len(phases) + 1, 3)
+        Poses at the breaks.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> from wormopt.model.planar_friction import Elliptic
+    >>> worm = wo.planar.chain_shape(3, lengths=(1.0, 1.0, 1.0))
+    >>> circle = wo.planar.Harmonics([0.0, 0.0], cosine=[[1.0, 0.0]], sine=[[0.0, 1.0]])
+    >>> found = wo.planar.crawl(worm, Elliptic(1.0, 1.0, 3.0), circle)
+    >>> len(found.phases), round(found.work, 6)
+    (11, 17.014476)
+    """
 
     displacement: np.ndarray  # (3,), x, y and angle after one stroke, in the frame before
     work: float  # that the ground takes in a stroke
