@@ -138,8 +138,9 @@ class PlanarCrawlScene(SceneTable, frozen=True, kw_only=True):
     """A body crawls so slowly on dry ground that its inertia does not matter: where a stroke leads.
 
     At every instant it moves with the velocity of least power; which masses rest and when, follows
-    exactly. See [theory](../theory-planar.md#slow-crawling-on-dry-ground). Status `failed`: another
-    way finds another motion, or forces, moments or works are not balanced.
+    exactly. See
+    [theory](../planar-parts/crawling.md#slow-crawling-on-dry-ground). Status
+    `failed`: another way finds another motion, or forces, moments or works are not balanced.
 
     `timings_s`: `crawl` and `recheck`.
     """

@@ -42,9 +42,9 @@ class PlanarTurnScene(SceneTable, frozen=True, kw_only=True):
     they swap, neither turns. Swing, swap, swing back, swap turns the worm by the swing and takes
     its middle nowhere. With a link that does not turn at every instant, the mean rate of the
     heading is at most half the joint's largest rate: proven, and reached as swaps get shorter. See
-    [theory](../theory-planar.md#turning-in-place). Status `failed`: another way finds another
-    motion, forces do not balance, or the motion is not the one that the conditions of rest
-    promise.
+    [theory](../planar-parts/crawling.md#turning-in-place). Status `failed`:
+    another way finds another motion, forces do not balance, or the motion is not the one that the
+    conditions of rest promise.
 
     `timings_s`: `crawl` and `recheck`.
     """
