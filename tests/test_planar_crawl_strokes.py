@@ -37,7 +37,7 @@ def _worm(seed: int, *, straight: bool = False):
 
 
 @pytest.mark.slow
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(SEEDS)
 def test_bent_the_other_way_it_goes_the_mirrored_way(seed):
     shape, laws, stroke = _worm(seed)
@@ -49,7 +49,7 @@ def test_bent_the_other_way_it_goes_the_mirrored_way(seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(SEEDS)
 def test_begun_later_a_stroke_is_the_same_one_seen_from_there(seed):
     shape, laws, stroke = _worm(seed)
@@ -62,7 +62,7 @@ def test_begun_later_a_stroke_is_the_same_one_seen_from_there(seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(SEEDS)
 def test_no_straight_stroke_is_cheaper_than_its_floor(seed):
     shape, laws, stroke = _worm(seed, straight=True)
@@ -73,6 +73,7 @@ def test_no_straight_stroke_is_cheaper_than_its_floor(seed):
     assert found.work >= least * np.hypot(*found.displacement[:2])
 
 
+@pytest.mark.slow
 def test_corners_on_a_side_change_the_pace_alone():
     corners = np.array([[0.9, 0.2], [-0.4, 0.8], [-0.6, -0.5]])
     more = np.insert(corners, 1, corners[0] + 0.3 * (corners[1] - corners[0]), axis=0)
@@ -81,7 +82,7 @@ def test_corners_on_a_side_change_the_pace_alone():
     assert paced.work == pytest.approx(plain.work, rel=1e-11)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(SEEDS)
 def test_straight_chains_move_as_in_one_dimension(seed):
     rng = np.random.default_rng(seed)
@@ -100,7 +101,7 @@ def test_straight_chains_move_as_in_one_dimension(seed):
     assert motion.twist[0] == pytest.approx([head, 0.0, 0.0], abs=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=7, deadline=None)
 @given(SEEDS)
 def test_forces_of_most_resistance_are_those_of_least_power(seed):
     rng = np.random.default_rng(seed)
@@ -136,7 +137,7 @@ def test_loads_of_the_actuators_are_those_of_virtual_work(cycle):
 
 
 @pytest.mark.slow
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(SEEDS)
 def test_no_gait_with_a_link_at_rest_turns_faster_than_the_bound(seed):
     rng = np.random.default_rng(seed)
