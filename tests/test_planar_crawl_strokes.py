@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wormopt as wo
+from wormopt.errors import SceneError, SolveError
 from wormopt.model.planar_friction import Elliptic
+from wormopt.scene import load_scene
 from wormopt.systems.planar.body.se2 import compose, inverse
 from wormopt.systems.planar.crawling.recheck import even_displacement, most_resistance
 from wormopt.systems.planar.crawling.record import quadrature, record
@@ -166,3 +168,85 @@ def test_the_bound_is_approached_as_swaps_get_short():
         shares.append(abs(gait.turn) / (2 * (2.0 + 1.0 - short)) / heading_rate_bound(1.0))
     assert shares == sorted(shares)
     assert 0.99 < shares[-1] < 1
+
+
+# -- scenes ----------------------------------------------------------------------------------------
+
+
+def _solved(name: str, *changes: str):
+    result = wo.run(load_scene(name, ["want=[]", *changes]))
+    return result, {key: told.value for key, told in result.scalars.items()}
+
+
+@pytest.mark.slow
+def test_the_scene_of_three_links_has_their_numbers():
+    # as `crawl` of them, by other programs: tests/test_planar_crawl.py
+    result, found = _solved("planar_three_link", "cycles=3")
+    assert result.status == "ok"
+    assert found["distance"] == pytest.approx(1.14837049, abs=6e-9)
+    assert found["work"] == pytest.approx(17.0144757, abs=6e-8)
+    assert found["speed"] == pytest.approx(found["distance"] / (2 * np.pi), rel=1e-12)
+    assert found["work_per_distance"] > found["work_per_distance_floor"] == 4.0
+    assert len(result["stage_start"].values) == found["stages"] == 11
+    x, y = result["x"].values[0], result["y"].values[0]
+    assert np.hypot(x[-1], y[-1]) == pytest.approx(3 * found["distance"], rel=1e-9)
+    time, phase = result["time"].values, result["phase"].values
+    velocity = np.gradient(x[: len(phase)], time[: len(phase)])
+    heading = result["heading"].values[: len(phase)]
+    ahead, left = result["head_velocity"].values
+    told = np.cos(heading) * ahead - np.sin(heading) * left
+    assert np.median(np.abs(velocity - told)) < 1e-3
+
+
+@pytest.mark.slow
+def test_the_scene_of_turning_in_place_is_near_its_bound():
+    result, found = _solved("planar_turn_in_place")
+    assert result.status == "ok"
+    assert found["heading_rate"] == pytest.approx(2.4 / 4.82, rel=1e-12)
+    assert (found["heading_rate_bound"], found["turn"]) == (0.5, pytest.approx(-2.4, abs=1e-12))
+    assert 0 < found["gap"] < 0.01
+    assert found["drift"] < 1e-12
+
+
+@pytest.mark.slow
+def test_a_worm_that_slips_is_warned_of_and_has_no_promise():
+    result, found = _solved("planar_turn_in_place", "worm.middle_friction=1.0", "worm.short=0.5")
+    assert result.status == "ok"
+    assert found["swing_hold"] > 1
+    assert found["gap"] is None
+    assert "slip" in result.trust["warnings"][0]
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "key", "words"),
+    [
+        ("planar_three_link", "ground.law=unit", "ground.law", "elliptic"),
+        ("planar_three_link", "ground.forward=[1.0,2.0]", "ground.forward", "list of 4"),
+        ("planar_three_link", "stroke.mean=[0.0]", "stroke.mean", "2 shape variables"),
+        ("planar_three_link", "stroke.cosine=[[4.0,0.0]]", "stroke", "within ±π"),
+        (
+            "planar_three_link",
+            'stroke={course="polygon",corners=[[1,1],[1,1]]}',
+            "stroke",
+            "nothing",
+        ),
+        ("planar_three_link", "body.links=1", "body.links", "write 3"),
+        ("planar_three_link", "period=0", "period", "above 0"),
+        ("planar_three_link", "load.ahead=nan", "load.ahead", "finite"),
+        ("planar_turn_in_place", "worm.short=1.0", "worm.short", "open which one swings"),
+        ("planar_turn_in_place", "worm.short=0.9999999", "worm.short", "0.999"),
+        ("planar_turn_in_place", "worm.bent=4.0", "worm.bent", "within ±π"),
+        ("planar_turn_in_place", "worm.bent=-1.2", "worm.bent", "does not swing"),
+        ("planar_turn_in_place", "pace.link=0", "pace.link", "above 0"),
+    ],
+)
+def test_scenes_that_make_no_sense_are_refused(name: str, change: str, key: str, words: str):
+    with pytest.raises(SceneError) as refused:
+        load_scene(name, [change])
+    assert f"{key}: " in str(refused.value)
+    assert words in str(refused.value)
+
+
+def test_a_load_that_outruns_the_ground_is_refused():
+    with pytest.raises(SolveError, match="largest that the ground can hold"):
+        _solved("planar_three_link", "load.ahead=50.0")

@@ -210,7 +210,7 @@ def _wrong_shapes(table: PlanarCrawlScene) -> Iterator[Fault]:
                 "stroke",
                 f"joint {k - lengths + 1} bends by {max(-low, high):.3g}; write angles within ±π",
             )
-    if all(high - low == 0 for low, high in _reach(table.stroke)):
+    if all(high - low < 1e-12 * max(1, high) for low, high in _reach(table.stroke)):
         yield "stroke", "nothing changes in it; write a mean and other rows than 0, or more corners"
 
 
