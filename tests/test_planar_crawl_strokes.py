@@ -19,7 +19,7 @@ from wormopt.systems.planar.turning import TurnInPlace, heading_rate_bound
 
 P = wo.planar
 THREE = P.chain_shape(3, lengths=(1.0, 1.0, 1.0))
-CIRCLE = P.Harmonics([0.0, 0.0], cosine=[[1.0, 0.0]], sine=[[0.0, 1.0]])
+CIRCLE = P.Harmonics(np.zeros(2), np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]]))
 SNAKE = Elliptic(1.0, 1.0, sideways=3.0)
 SEEDS = st.integers(0, 10**6)
 
@@ -35,7 +35,8 @@ def _worm(seed: int, *, straight: bool = False):
     shape = P.chain_shape(3, lengths=tuple(rng.uniform(0.7, 1.3, 3)))
     laws = [Elliptic(*rng.uniform(1.0, 1.5, 2), rng.uniform(2.0, 4.0)) for _ in range(4)]
     mean = np.zeros(2) if straight else rng.uniform(-0.2, 0.2, 2)
-    return shape, laws, P.Harmonics(mean, *rng.uniform(0.3, 0.8, (2, 1, 2)) * [[[1, -1]], [[1, 1]]])
+    cosine, sine = rng.uniform(0.3, 0.8, (2, 1, 2))
+    return shape, laws, P.Harmonics(mean, cosine * [1, -1], sine)
 
 
 @pytest.mark.slow

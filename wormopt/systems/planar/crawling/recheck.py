@@ -33,8 +33,7 @@ def most_resistance(crawler: Crawler, s: np.ndarray, ds: np.ndarray) -> MostResi
     """Solve the dual by an interior point, for shapes (G, n_s) and rates."""
     m, ground = crawler.shape.n_points, crawler.ground
     force = float(np.mean([ground.forward, ground.backward, ground.sideways]))
-    program = _program(*(part / force for part in (ground.forward, ground.backward)),
-                       ground.sideways / force)  # fmt: skip
+    program = _program(ground.forward / force, ground.backward / force, ground.sideways / force)
     start = np.concatenate([np.full(2 * m, 0.1), np.zeros(m)])
     low = np.concatenate([np.zeros(2 * m), np.full(m, -np.inf)])
     limits = np.concatenate([np.zeros(3), np.full(m, -np.inf)]), np.r_[np.zeros(3), np.ones(m)]
