@@ -33,7 +33,8 @@ def _worm(seed: int, *, straight: bool = False):
     """Three links on ground with scales, and a stroke; one without a turn if `straight`."""
     rng = np.random.default_rng(seed)
     shape = P.chain_shape(3, lengths=tuple(rng.uniform(0.7, 1.3, 3)))
-    laws = [Elliptic(*rng.uniform(1.0, 1.5, 2), rng.uniform(2.0, 4.0)) for _ in range(4)]
+    ahead, back, aside = rng.uniform([[1.0], [1.0], [2.0]], [[1.5], [1.5], [4.0]], (3, 4))
+    laws = [Elliptic(*row) for row in zip(ahead, back, aside, strict=True)]
     mean = np.zeros(2) if straight else rng.uniform(-0.2, 0.2, 2)
     cosine, sine = rng.uniform(0.3, 0.8, (2, 1, 2))
     return shape, laws, P.Harmonics(mean, cosine * [1, -1], sine)
@@ -115,7 +116,7 @@ def test_forces_of_most_resistance_are_those_of_least_power(seed):
     s, ds = rng.uniform(-0.8, 0.8, (1, n - 1)), rng.uniform(-1, 1, (1, n - 1))
     motion = P.crawl_velocity(shape, laws, s, ds, load=load)
     dual = most_resistance(Crawler.of(shape, laws, load), s, ds)
-    assert dual.violation[0] < 1e-12
+    assert dual.violation[0] <= 1e-11  # as asked of the interior point
     assert motion.power[0] - motion.twist[0] @ load == pytest.approx(dual.power[0], rel=1e-9)
     assert motion.twist[0] == pytest.approx(dual.twist[0], abs=1e-5)
 
