@@ -295,6 +295,8 @@ def test_units_of_si_scenes(tmp_path: Path):
             "peristaltic-drag",
             "peristaltic-switching",
             "peristaltic-design",
+            "planar-crawl",
+            "planar-turn",
             "planar-swim",
             "planar-serpenoid",
             "planar-path",

@@ -259,6 +259,27 @@ KINDS: dict[str, Kind] = {
             "animation": "wormopt.systems.peristaltic.plots.body:first_frame",
         },
     ),
+    "planar-crawl": Kind(
+        summary="a stroke of a body that crawls slowly on dry ground: way, turn, work, who rests",
+        table="wormopt.systems.planar.scenes.crawl:PlanarCrawlScene",
+        study="wormopt.systems.planar.runs.crawl",
+        pictures={
+            "crawl": "wormopt.systems.planar.plots.crawl:crawl",
+            "forces": "wormopt.systems.planar.plots.crawl:forces",
+            "animation": "wormopt.systems.planar.plots.bodies:first_frame",
+        },
+    ),
+    "planar-turn": Kind(
+        summary="a worm of two links turns in place: how fast, and that hardly any is faster",
+        table="wormopt.systems.planar.scenes.turn:PlanarTurnScene",
+        study="wormopt.systems.planar.runs.turn",
+        pictures={
+            "crawl": "wormopt.systems.planar.plots.crawl:crawl",
+            "turning": "wormopt.systems.planar.plots.turn:turning",
+            "forces": "wormopt.systems.planar.plots.crawl:forces",
+            "animation": "wormopt.systems.planar.plots.bodies:first_frame",
+        },
+    ),
     "planar-swim": Kind(
         summary="a stroke of a body on viscous ground, given or the best: way, work, heights",
         table="wormopt.systems.planar.scenes.swim:PlanarSwimScene",
@@ -293,7 +314,7 @@ KINDS: dict[str, Kind] = {
         pictures={
             "plane": "wormopt.systems.planar.plots.plane:plane",
             "forces": "wormopt.systems.planar.plots.plane:forces",
-            "animation": "wormopt.systems.planar.plots.plane:first_frame",
+            "animation": "wormopt.systems.planar.plots.bodies:first_frame",
         },
     ),
     "planar-block": Kind(

@@ -18,7 +18,28 @@ from wormopt.systems.planar.body.strokes import Polygon
 
 @dataclass(frozen=True)
 class TurnInPlace:
-    """A worm of two links that turns where it is."""
+    """A worm of two links that turns where it is.
+
+    Parameters
+    ----------
+    end_friction, middle_friction : float
+        Resistances F of masses 0 and 2, and F1 of mass 1, alike all ways.
+    short, long : float
+        Lengths of the link that swings and of the one that rests.
+    straight, bent : float
+        Angles of the joint between which it swings, within half a turn to either side.
+
+    Raises
+    ------
+    ArgumentError
+        If a number is not positive, the long link is the shorter one, or an angle is too large.
+
+    Examples
+    --------
+    >>> gait = TurnInPlace(1.0, 2.0, short=0.5, long=1.0, straight=0.2, bent=1.2)
+    >>> gait.holds, gait.turn, gait.work
+    (True, -1.0, 3.0)
+    """
 
     end_friction: float  # F of masses 0 and 2
     middle_friction: float  # F1
@@ -54,11 +75,23 @@ class TurnInPlace:
         return 2 * (swing + swap)
 
     def swing_hold(self, phi: np.ndarray | float) -> np.ndarray:
-        """What the longer link at rest needs of what the ground holds; it rests up to 1."""
+        """What the longer link at rest needs of what the ground holds; it rests up to 1.
+
+        Parameters
+        ----------
+        phi : float or ndarray
+            Angles of the joint.
+        """
         return swing_hold(phi, self.short / self.long, self.middle_friction / self.end_friction)
 
     def swap_hold(self, phi: np.ndarray | float) -> np.ndarray:
-        """What the middle mass needs of what the ground holds while lengths are swapped."""
+        """What the middle mass needs of what the ground holds while lengths are swapped.
+
+        Parameters
+        ----------
+        phi : float or ndarray
+            Angles of the joint.
+        """
         bend = 2 * np.abs(np.cos(np.asarray(phi, dtype=float) / 2))
         return bend * self.end_friction / self.middle_friction
 
@@ -105,5 +138,15 @@ def heading_rate_bound(rate: float) -> float:
     ----------
     rate : float
         Largest size of the joint's rate.
+
+    Returns
+    -------
+    float
+        In the unit of `rate`.
+
+    Examples
+    --------
+    >>> heading_rate_bound(1.0)
+    0.5
     """
     return abs(rate) / 2

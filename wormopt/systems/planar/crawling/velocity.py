@@ -151,7 +151,40 @@ def crawl_velocity(
     *,
     load: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Motion:
-    """Velocity of a body that crawls so slowly that inertia does not matter."""
+    """Velocity of a body that crawls so slowly that inertia does not matter.
+
+    Parameters
+    ----------
+    shape : Shape
+        Points of the body by its shape variables.
+    laws : Elliptic, or sequence of Elliptic
+        Friction law of all masses, or of each.
+    s, ds : array_like, shape (G, n_s) or (n_s,)
+        Shapes, and how fast they change.
+    load : array_like, shape (3,), optional
+        Force on the frame of the body, along its heading and to the left, and moment.
+
+    Returns
+    -------
+    Motion
+        Twists, resting masses, velocities and forces, at G instants.
+
+    Raises
+    ------
+    ArgumentError
+        If numbers do not match, or a law is not one of least power.
+    SolveError
+        If the ground cannot hold the load, or leaves the motion open.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> from wormopt.model.planar_friction import Elliptic
+    >>> worm = wo.planar.chain_shape(3, lengths=(1.0, 1.0, 1.0))
+    >>> motion = wo.planar.crawl_velocity(worm, Elliptic(1.0, 1.0, 3.0), [0.8, 0.6], [-0.6, 0.8])
+    >>> bool(abs(motion.forces.sum(axis=1)).max() < 10)
+    True
+    """
     crawler = Crawler.of(shape, laws, load)
     shapes, rates = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (s, ds))
     return crawler.move(shapes, rates)

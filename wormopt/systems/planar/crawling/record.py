@@ -1,0 +1,80 @@
+"""A crawl at even phases: places, velocities and forces, for results and pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wormopt.numerics.collocation import Collocation
+from wormopt.systems.planar.body.se2 import rotate
+from wormopt.systems.planar.crawling.crawl import Crawl
+from wormopt.systems.planar.crawling.recheck import actuator_loads
+from wormopt.systems.planar.crawling.velocity import Motion
+
+_DEGREE = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A stroke at m phases."""
+
+    tau: np.ndarray  # (m,)
+    shapes: np.ndarray  # (m, n_s)
+    rates: np.ndarray  # (m, n_s), by the phase
+    points: np.ndarray  # (m, masses, 2), in the frame of the body
+    headings: np.ndarray  # (m, masses), likewise
+    motion: Motion
+    actuators: np.ndarray  # (m, n_s), their loads
+
+    @property
+    def forces(self) -> np.ndarray:
+        """Forces (m, masses, 2) of the ground in the frame of the body."""
+        return rotate(self.headings, self.motion.forces)
+
+
+def record(crawl: Crawl, tau: np.ndarray) -> Record:
+    """A crawl at phases that ascend from 0 on."""
+    course = crawl.course
+    crawler = course.crawler
+    shapes, rates = course.stroke.at(tau)
+    motion = motion_at(crawl, tau)
+    mapped = crawler.shape.kinematics.map(len(tau))
+    points, headings = (np.array(part) for part in mapped.call([shapes.T])[:2])
+    m = crawler.shape.n_points
+    points = points.reshape(2, len(tau), m).transpose(1, 2, 0)
+    headings = headings.reshape(m, len(tau)).T
+    forces = rotate(headings, motion.forces)
+    lengths = "length 1" in crawler.shape.names
+    loads = actuator_loads(points, forces, crawler.load, lengths=lengths)
+    return Record(tau, shapes, rates, points, headings, motion, loads)
+
+
+def motion_at(crawl: Crawl, tau: np.ndarray) -> Motion:
+    """Motion at phases, near that of the stages they are in."""
+    within = np.clip(np.searchsorted(crawl.breaks, tau, side="right") - 1, 0, len(crawl.phases) - 1)
+    near = [crawl.phases[k] for k in within]
+    return crawl.course.at(tau, near)  # type: ignore[arg-type]  # a stage has what is asked
+
+
+@dataclass(frozen=True, eq=False)
+class Quadrature:
+    """Gauss' rule between phases (m,) that ascend from 0 to 1, and the poses (m, 3) it gives."""
+
+    nodes: np.ndarray  # (q,)
+    weights: np.ndarray  # (q,)
+    poses: np.ndarray
+
+
+def quadrature(crawl: Crawl, tau: np.ndarray) -> Quadrature:
+    """Follow the pose anew between phases, and between the breaks among them."""
+    ends = np.union1d(tau, np.concatenate([crawl.breaks, crawl.course.stroke.breaks]))
+    rule, step = Collocation(_DEGREE), np.diff(ends)
+    nodes = ends[:-1, None] + step[:, None] * rule.tau
+    twist = motion_at(crawl, nodes.ravel()).twist.reshape(*nodes.shape, 3) * step[:, None, None]
+    turned = np.concatenate([[0.0], np.cumsum(twist[..., 2] @ rule.B)])
+    angle = turned[:-1, None] + twist[..., 2] @ rule.A.T
+    way = np.einsum("kdc,d->kc", rotate(angle, twist[..., :2]), rule.B)
+    poses = np.column_stack([np.vstack([np.zeros(2), np.cumsum(way, axis=0)]), turned])
+    weights = (step[:, None] * rule.B).ravel()
+    return Quadrature(nodes.ravel(), weights, poses[np.searchsorted(ends, tau)])
