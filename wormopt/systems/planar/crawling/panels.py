@@ -58,7 +58,7 @@ def resolve(course: Course, found: list[Phase]) -> tuple[list[list[Panel]], list
         samples = course.samples_of(tau.ravel(), motion)
         twist, power = motion.twist.reshape(*tau.shape, 3), motion.power.reshape(tau.shape)
         missed = _missed(twist, power) * (end - start)[:, None]
-        fine = (missed <= _MISSED * course.sizes).all(axis=1) | (halving == _HALVINGS)
+        fine = np.all(missed <= _MISSED * course.sizes, axis=1) | (halving == _HALVINGS)
         for j, k in enumerate(of):
             own = samples[j * tau.shape[1] : (j + 1) * tau.shape[1]]
             if not all(one.as_in(found[k]) for one in own):
