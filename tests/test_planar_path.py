@@ -12,12 +12,12 @@ import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.planar_friction import Elliptic
 from wormopt.scene import load_scene
+from wormopt.systems.planar.body.obstacles import Block, Capsule, Disc, Obstacle, between, inside
 from wormopt.systems.planar.body.se2 import compose, inverse
 from wormopt.systems.planar.body.shape import chain_shape
 from wormopt.systems.planar.kinematic.constraints import Constraints
 from wormopt.systems.planar.kinematic.motion import KinematicMotion, Phase
 from wormopt.systems.planar.path.gaits import held_family
-from wormopt.systems.planar.path.obstacles import Block, Capsule, Disc, Obstacle, between, inside
 from wormopt.systems.planar.path.plan import plan_path
 from wormopt.systems.planar.path.polish import Fitted, polished
 from wormopt.systems.planar.path.search import Looked, SearchOptions, routes

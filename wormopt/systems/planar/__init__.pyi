@@ -1,3 +1,5 @@
+from wormopt.systems.planar.body.obstacles import Disc as Disc
+from wormopt.systems.planar.body.obstacles import Wall as Wall
 from wormopt.systems.planar.body.se2 import circle_of as circle_of
 from wormopt.systems.planar.body.se2 import compose as compose
 from wormopt.systems.planar.body.se2 import inverse as inverse
@@ -12,8 +14,6 @@ from wormopt.systems.planar.crawling.velocity import crawl_velocity as crawl_vel
 from wormopt.systems.planar.dynamics.chain import planar_chain as planar_chain
 from wormopt.systems.planar.dynamics.driven import driven_shape as driven_shape
 from wormopt.systems.planar.dynamics.ground import Axes as Axes
-from wormopt.systems.planar.dynamics.ground import Disc as Disc
-from wormopt.systems.planar.dynamics.ground import Wall as Wall
 from wormopt.systems.planar.kinematic.constraints import Constraints as Constraints
 from wormopt.systems.planar.kinematic.loads import loads as loads
 from wormopt.systems.planar.kinematic.motion import kinematic_motion as kinematic_motion

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 
@@ -31,12 +31,24 @@ class Travel:
     weights: np.ndarray  # (K d,)
     twists: np.ndarray  # (K d, 3)
     node_poses: np.ndarray  # (K d, 3)
-    error: float  # by how much the displacement changed when all panels were halved
+    error: float = 0.0  # by how much the displacement changed when all panels were halved
 
     @property
     def displacement(self) -> np.ndarray:
         """Pose at the end, (3,)."""
         return self.poses[-1]
+
+    def fastest(self, velocities: np.ndarray) -> np.ndarray:
+        """Bound (K,) of vectors over each panel, by those (K d, n, 2) at the nodes.
+
+        No Legendre polynomial passes 1: the sizes of the coefficients add up to a bound of the
+        polynomials by which the course is integrated, at every instant. The last two count twice,
+        for what polynomials leave out: on panels that resolve the course that is less.
+        """
+        panels = len(self.ends) - 1
+        at_nodes = velocities.reshape(panels, _DEGREE, -1, 2)
+        sizes = np.linalg.norm(np.einsum("kd,pdnc->pknc", _to_series(), at_nodes), axis=-1)
+        return (sizes.sum(axis=1) + sizes[:, -2:].sum(axis=1)).max(axis=1)
 
 
 def travel(
@@ -47,30 +59,30 @@ def travel(
     Velocities must be smooth between `breaks`; so many `panels` stand between two to begin with.
     They are halved until the displacement changes by less than `accuracy` of its size, or of 1.
     """
-    coarse = _travel(twists, breaks, panels, np.inf)
+    coarse = _travel(twists, breaks, panels)
     while True:
         panels *= 2
-        fine = _travel(twists, breaks, panels, 0.0)
+        fine = _travel(twists, breaks, panels)
         error = float(np.abs(fine.displacement - coarse.displacement).max())
         scale = max(1.0, float(np.abs(fine.poses).max()))
         if error <= accuracy * scale or panels >= _MOST_PANELS:
-            return _with_error(fine, error)
+            return replace(fine, error=error)
         coarse = fine
 
 
-def _with_error(found: Travel, error: float) -> Travel:
-    return Travel(
-        found.ends, found.poses, found.nodes, found.weights, found.twists, found.node_poses, error
-    )
-
-
-def _travel(twists: Twists, breaks: np.ndarray, panels: int, error: float) -> Travel:
-    rule = _rule()
+def _travel(twists: Twists, breaks: np.ndarray, panels: int) -> Travel:
     parts = [np.linspace(a, b, panels + 1) for a, b in pairwise(breaks)]
     ends = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
-    h = np.diff(ends)
-    nodes = ends[:-1, None] + h[:, None] * rule.tau
-    xi = twists(nodes.ravel()).reshape(*nodes.shape, 3)
+    return travelled(ends, twists(_nodes(ends).ravel()).reshape(-1, _DEGREE, 3))
+
+
+def travelled(ends: np.ndarray, xi: np.ndarray) -> Travel:
+    """Course of the pose by velocities (K, 16, 3) at Gauss' nodes of panels between ends (K + 1,).
+
+    Polynomials through them are integrated.
+    """
+    rule, h = _rule(), np.diff(ends)
+    nodes = _nodes(ends)
     turn = h * (xi[..., 2] @ rule.B)
     angle = h[:, None] * (xi[..., 2] @ rule.A.T)
     velocity = rotate(angle, xi[..., :2])
@@ -82,11 +94,21 @@ def _travel(twists: Twists, breaks: np.ndarray, panels: int, error: float) -> Tr
     inner = np.concatenate([within, angle[..., None]], axis=-1)
     node_poses = compose(poses[:-1, None, :], inner)
     weights = (h[:, None] * rule.B).ravel()
-    return Travel(
-        ends, poses, nodes.ravel(), weights, xi.reshape(-1, 3), node_poses.reshape(-1, 3), error
-    )
+    return Travel(ends, poses, nodes.ravel(), weights, xi.reshape(-1, 3), node_poses.reshape(-1, 3))
+
+
+def _nodes(ends: np.ndarray) -> np.ndarray:
+    return ends[:-1, None] + np.diff(ends)[:, None] * _rule().tau
 
 
 @cache
 def _rule() -> Collocation:
     return Collocation(_DEGREE)
+
+
+@cache
+def _to_series() -> np.ndarray:
+    """Coefficients (16, 16) of Legendre polynomials by values at the nodes."""
+    rule, degrees = _rule(), np.arange(_DEGREE)
+    at_nodes = np.polynomial.legendre.legvander(2 * rule.tau - 1, _DEGREE - 1)
+    return (2 * degrees[:, None] + 1) * at_nodes.T * rule.B

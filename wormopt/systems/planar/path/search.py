@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.progress import Report
-from wormopt.systems.planar.body.se2 import compose
+from wormopt.systems.planar.body.se2 import compose, inverse
 from wormopt.systems.planar.path.steps import Library
 from wormopt.systems.planar.path.task import Cost, PathTask, Tolerance, cost_of, wrapped
 
@@ -79,7 +79,7 @@ def routes(
     seen: set[tuple[int, ...]] = set()
     while queue and looked.poses < options.most:
         _, _, node = heapq.heappop(queue)
-        key = _key(node, options.cell)
+        key = _key(task, node, options.cell)
         if key is not None and key in seen:
             looked.pruned += 1
             continue
@@ -135,12 +135,13 @@ def _steps_to(nodes: list[_Node], node: _Node) -> tuple[int, ...]:
     return tuple(reversed(found))
 
 
-def _key(node: _Node, cell: tuple[float, float]) -> tuple[int, ...] | None:
+def _key(task: PathTask, node: _Node, cell: tuple[float, float]) -> tuple[int, ...] | None:
+    """Cell of a pose, the start in the middle of one: a task that is turned has the same ones."""
     if cell[0] <= 0 or cell[1] <= 0:
         return None
-    turn = node.pose[2] % (2 * np.pi)
-    x, y = np.floor(node.pose[:2] / cell[0])
-    return (int(x), int(y), int(turn / cell[1]), node.passed)
+    off = compose(inverse(task.start), node.pose)
+    x, y = np.rint(off[:2] / cell[0])
+    return (int(x), int(y), round(float(wrapped(off[2])) / cell[1]), node.passed)
 
 
 def _bound(

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.systems.planar.body.obstacles import Block, Capsule, Disc, Obstacle, inside
 from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.body.shape import Heading
 from wormopt.systems.planar.kinematic.cartesian import simulate_held
 from wormopt.systems.planar.kinematic.motion import KinematicMotion
-from wormopt.systems.planar.path.obstacles import Block, Capsule, Disc, Obstacle, inside
 from wormopt.systems.planar.path.plan import PlannedPath
 
 

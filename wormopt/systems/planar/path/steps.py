@@ -38,7 +38,7 @@ class GaitStep:
         Phases of the stroke and instants of these.
     slack : ndarray, shape (K,)
         No point of the body is farther than this, in between two instants, from where it is at the
-        nearer of them: half the longest way of a mass.
+        nearer of them: half the time between by a bound of the speeds of all masses.
     work : float
         What the stroke takes.
     motion : object, optional
@@ -119,12 +119,12 @@ def _sampled(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Phases and poses at ends of panels and nodes within, and bounds of ways in between.
 
-    A bound is the time between two looks by the speed of the fastest mass at any node of the panel.
+    A bound is the time between two looks by a bound of the speeds of all masses in the panel.
     """
     panels = len(course.ends) - 1
     nodes = course.nodes.reshape(panels, -1)
     pick = slice(None, None, max(1, nodes.shape[1] // looks))
-    fastest = _speeds(course, stroke, shape).reshape(panels, -1).max(axis=1)
+    fastest = course.fastest(_velocities(course, stroke, shape))
     tau = np.column_stack([course.ends[:-1], nodes[:, pick]])
     poses = np.concatenate(
         [course.poses[:-1, None], course.node_poses.reshape(panels, -1, 3)[:, pick]], axis=1
@@ -134,12 +134,15 @@ def _sampled(
     return phases, np.vstack([poses.reshape(-1, 3), course.poses[-1:]]), way
 
 
-def _speeds(course: Travel, stroke: Stroke, shape: Shape) -> np.ndarray:
-    """Speed of the fastest mass by the phase, at the nodes."""
+def _velocities(course: Travel, stroke: Stroke, shape: Shape) -> np.ndarray:
+    """Velocities (m, n, 2) of the masses by the phase, in the frame of the body at the nodes.
+
+    Their own headings turn: there a series would converge no better, but say less of the frame.
+    """
     s, ds = stroke.at(course.nodes)
     at = kinematics_at(shape, s)
     v = np.einsum("mrj,mj->mr", at.J, course.twists) + np.einsum("mrs,ms->mr", at.B, ds)
-    return np.linalg.norm(v.reshape(len(s), -1, 2), axis=-1).max(axis=1)
+    return rotate(at.headings, v.reshape(len(s), -1, 2))
 
 
 def kinematic_step(

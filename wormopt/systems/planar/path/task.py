@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.systems.planar.body.obstacles import Obstacle, to_point
 from wormopt.systems.planar.body.se2 import rotate
-from wormopt.systems.planar.path.obstacles import Obstacle, to_point
 from wormopt.systems.planar.path.steps import GaitStep, Library
 
 Cost = Literal["steps", "work", "time"]

@@ -14,12 +14,12 @@ from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
+from wormopt.systems.planar.body.obstacles import Block, Capsule, Disc, Obstacle
 from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.kinematic.constraints import Constraints
 from wormopt.systems.planar.kinematic.loads import loads
 from wormopt.systems.planar.kinematic.motion import KinematicMotion, Phase
 from wormopt.systems.planar.path.gaits import held_family
-from wormopt.systems.planar.path.obstacles import Block, Capsule, Disc, Obstacle
 from wormopt.systems.planar.path.plan import PlannedPath, plan_path
 from wormopt.systems.planar.path.search import SearchOptions
 from wormopt.systems.planar.path.simulate import Course, least_distance, simulate_path
