@@ -1,3 +1,5 @@
+from wormopt.systems.planar.body.obstacles import Block as Block
+from wormopt.systems.planar.body.obstacles import Capsule as Capsule
 from wormopt.systems.planar.body.obstacles import Disc as Disc
 from wormopt.systems.planar.body.obstacles import Wall as Wall
 from wormopt.systems.planar.body.se2 import circle_of as circle_of
@@ -16,12 +18,19 @@ from wormopt.systems.planar.dynamics.driven import driven_shape as driven_shape
 from wormopt.systems.planar.dynamics.ground import Axes as Axes
 from wormopt.systems.planar.kinematic.constraints import Constraints as Constraints
 from wormopt.systems.planar.kinematic.loads import loads as loads
+from wormopt.systems.planar.kinematic.motion import Phase as Phase
 from wormopt.systems.planar.kinematic.motion import kinematic_motion as kinematic_motion
+from wormopt.systems.planar.path.gaits import crawled_family as crawled_family
 from wormopt.systems.planar.path.gaits import held_family as held_family
 from wormopt.systems.planar.path.plan import plan_path as plan_path
+from wormopt.systems.planar.path.search import SearchOptions as SearchOptions
+from wormopt.systems.planar.path.simulate import least_distance as least_distance
+from wormopt.systems.planar.path.simulate import simulate_path as simulate_path
 from wormopt.systems.planar.path.steps import GaitStep as GaitStep
 from wormopt.systems.planar.path.steps import Library as Library
+from wormopt.systems.planar.path.task import Corridor as Corridor
 from wormopt.systems.planar.path.task import PathTask as PathTask
+from wormopt.systems.planar.path.task import Tolerance as Tolerance
 from wormopt.systems.planar.serpenoid import best_serpenoid as best_serpenoid
 from wormopt.systems.planar.serpenoid import finite_serpenoid as finite_serpenoid
 from wormopt.systems.planar.serpenoid import serpenoid_speed as serpenoid_speed

@@ -14,7 +14,8 @@ from wormopt.errors import ArgumentError
 from wormopt.systems.planar.body.se2 import compose, rotate
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.body.strokes import Stroke
-from wormopt.systems.planar.body.travel import Travel
+from wormopt.systems.planar.body.travel import Travel, travelled
+from wormopt.systems.planar.crawling.crawl import Crawl
 from wormopt.systems.planar.kinematic.constraints import kinematics_at
 from wormopt.systems.planar.kinematic.loads import Ground, loads
 from wormopt.systems.planar.kinematic.motion import KinematicMotion
@@ -93,22 +94,23 @@ def swept(
     name: str,
     amplitude: float,
     course: Travel,
-    body: Callable[[np.ndarray], np.ndarray],
     stroke: Stroke,
     shape: Shape,
     *,
     work: float,
-    pace: np.ndarray,
+    rates: Sequence[float] | float = 1.0,
     looks: int = 8,
     motion: Any = None,
 ) -> GaitStep:
-    """Make a step of a course of poses; `body` gives places (m, n, 2) in the frame at phases (m,).
+    """Make a step of a course of poses, gone through as fast as the largest rates let.
 
-    `pace` is the time by the phase at the nodes of the quadrature. Every panel is looked at so many
-    times or more.
+    Every panel is looked at so many times or more.
     """
     tau, poses, way = _sampled(course, stroke, shape, looks)
-    points = poses[:, None, :2] + rotate(poses[:, None, 2], body(tau))
+    body = kinematics_at(shape, stroke.at(tau)[0]).points
+    points = poses[:, None, :2] + rotate(poses[:, None, 2], body)
+    most = np.broadcast_to(np.asarray(rates, dtype=float), (stroke.n_s,))
+    pace = (np.abs(stroke.at(course.nodes)[1]) / most).max(axis=1)
     spent = (pace * course.weights).reshape(len(course.ends) - 1, -1).sum(axis=1)
     clock = np.interp(tau, course.ends, np.concatenate([[0.0], np.cumsum(spent)]))
     return GaitStep(name, amplitude, poses, points, tau, clock, way / 2, work, motion)
@@ -172,19 +174,26 @@ def kinematic_step(
     -------
     GaitStep
     """
-    course, stroke = motion.course, motion.stroke
-    most = np.broadcast_to(np.asarray(rates, dtype=float), (stroke.n_s,))
-    pace = np.abs(stroke.at(course.nodes)[1]) / most
-    found = loads(motion, ground)
-
-    def body(tau: np.ndarray) -> np.ndarray:
-        return kinematics_at(motion.shape, stroke.at(tau)[0]).points
-
+    course, found = motion.course, loads(motion, ground)
     return swept(
-        name, amplitude, course, body, stroke, motion.shape,
-        work=float(found.power @ course.weights),
-        pace=pace.max(axis=1),
-        motion=motion,
+        name, amplitude, course, motion.stroke, motion.shape,
+        work=float(found.power @ course.weights), rates=rates, motion=motion,
+    )  # fmt: skip
+
+
+def crawl_step(
+    name: str,
+    found: Crawl,
+    *,
+    amplitude: float = 1.0,
+    rates: Sequence[float] | float = 1.0,
+) -> GaitStep:
+    """Make a step of a slow crawl; its work is that of the ground, its time by largest rates."""
+    panels, stroke = found.panels, found.course.stroke
+    course = travelled(panels.ends, panels.twist)
+    return swept(
+        name, amplitude, course, stroke, found.course.crawler.shape,
+        work=found.work, rates=rates, motion=found,
     )  # fmt: skip
 
 
@@ -200,11 +209,14 @@ class Family:
         GaitStep of an amplitude.
     amplitudes : sequence of float
         Those that a search may use, ascending; a polish may use all in between.
+    degree : int, optional
+        Of polynomials in the amplitude that lead a polish; its last digits are those of the steps.
     """
 
     name: str
     make: Callable[[float], GaitStep]
     amplitudes: tuple[float, ...]
+    degree: int = 16
 
     def __post_init__(self) -> None:
         rising = tuple(float(a) for a in self.amplitudes)
