@@ -97,6 +97,17 @@ def travelled(ends: np.ndarray, xi: np.ndarray) -> Travel:
     return Travel(ends, poses, nodes.ravel(), weights, xi.reshape(-1, 3), node_poses.reshape(-1, 3))
 
 
+def divided(ends: np.ndarray, xi: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Cut panels into parts no longer than this, with the same polynomials; as `travelled` asks."""
+    parts = np.ceil(np.diff(ends) / longest).astype(int)
+    cuts = [np.linspace(a, b, n + 1)[:-1] for (a, b), n in zip(pairwise(ends), parts, strict=True)]
+    fine = np.append(np.concatenate(cuts), ends[-1])
+    which = np.repeat(np.arange(len(parts)), parts)
+    start, size = ends[:-1][which, None], np.diff(ends)[which, None]
+    at = np.polynomial.legendre.legvander(2 * (_nodes(fine) - start) / size - 1, _DEGREE - 1)
+    return fine, np.einsum("pdk,kj,pjc->pdc", at, _to_series(), xi[which])
+
+
 def _nodes(ends: np.ndarray) -> np.ndarray:
     return ends[:-1, None] + np.diff(ends)[:, None] * _rule().tau
 

@@ -14,11 +14,13 @@ from wormopt.errors import ArgumentError
 from wormopt.systems.planar.body.se2 import compose, rotate
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.body.strokes import Stroke
-from wormopt.systems.planar.body.travel import Travel, travelled
+from wormopt.systems.planar.body.travel import Travel, divided, travelled
 from wormopt.systems.planar.crawling.crawl import Crawl
 from wormopt.systems.planar.kinematic.constraints import kinematics_at
 from wormopt.systems.planar.kinematic.loads import Ground, loads
 from wormopt.systems.planar.kinematic.motion import KinematicMotion
+
+_LONGEST = 1 / 24  # share of a stroke: crawls have long panels, and all are looked at as often
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +192,7 @@ def crawl_step(
 ) -> GaitStep:
     """Make a step of a slow crawl; its work is that of the ground, its time by largest rates."""
     panels, stroke = found.panels, found.course.stroke
-    course = travelled(panels.ends, panels.twist)
+    course = travelled(*divided(panels.ends, panels.twist, _LONGEST))
     return swept(
         name, amplitude, course, stroke, found.course.crawler.shape,
         work=found.work, rates=rates, motion=found,
