@@ -177,7 +177,7 @@ class Block:
         object.__setattr__(self, "corners", tuple((float(x), float(y)) for x, y in self.corners))
         _check_points(*self.corners)
         points = np.array(self.corners)
-        if len(points) < 3 or abs(_area(points)) < 1e-12 * np.ptp(points, axis=0).max() ** 2:
+        if len(points) < 3 or abs(_area(points)) <= 1e-12 * np.ptp(points, axis=0).max() ** 2:
             raise ArgumentError(f"a block needs three corners or more that span an area: {points}")
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:

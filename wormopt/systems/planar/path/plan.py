@@ -146,7 +146,11 @@ def _fitting(
 
 
 def _room(task: PathTask, library: Library, steps: list[GaitStep], poses: np.ndarray) -> float:
-    rooms = [task.step_room(p, step, library.radius) for p, step in zip(poses, steps, strict=False)]
+    """Least room over all instants, bounded from below; far obstacles are looked at as well."""
+    rooms = [
+        float((task.room(step.placed(pose), library.radius) - step.margins).min())
+        for pose, step in zip(poses, steps, strict=False)
+    ]
     return min(rooms, default=np.inf)
 
 

@@ -218,7 +218,7 @@ class Family:
     name: str
     make: Callable[[float], GaitStep]
     amplitudes: tuple[float, ...]
-    degree: int = 16
+    degree: int = 8
 
     def __post_init__(self) -> None:
         rising = tuple(float(a) for a in self.amplitudes)

@@ -188,6 +188,8 @@ def rest_fault(task: PathTask, library: Library) -> str:
     for name, pose in (("start", task.start), ("goal", task.goal)):
         places = pose[:2] + rotate(pose[2], library.rest)
         room = float(task.room(places, library.radius))
+        if room == -np.inf:
+            return f"at the {name} the body lies inside an obstacle"
         if room < 0:
             return f"at the {name} the body lacks {-room:.3g} of room to what it must not touch"
     return ""

@@ -101,6 +101,14 @@ class BlockTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="block
         says("length", "its corners in order"),
     ]
 
+    @property
+    def flat(self) -> bool:
+        """Whether it has no area."""
+        pairs = zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True)
+        twice = sum(a[0] * b[1] - a[1] * b[0] for a, b in pairs)
+        wide = max(max(row) - min(row) for row in zip(*self.corners, strict=True))
+        return abs(twice) < 1e-9 * wide**2 or wide == 0
+
 
 class WallTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="wall"):
     """A straight wall without end: all that lies behind it is closed."""
@@ -254,6 +262,9 @@ class PlanarPathScene(SceneTable, frozen=True, kw_only=True):
             yield "gaits", "two gaits have the same name; write different ones"
         if self.ground.law != "elliptic" and not all(gait.held for gait in self.gaits):
             yield "ground.law", 'a gait that nothing holds crawls by least power; write "elliptic"'
+        for j, each in enumerate(self.obstacles):
+            if isinstance(each, BlockTable) and each.flat:
+                yield f"obstacles[{j}].corners", "they span no area; for a fence write a capsule"
         for j, gait in enumerate(self.gaits):
             yield from gait.faults(f"gaits[{j}]", self.body)
             if len(self.rest) == variables:
