@@ -110,6 +110,8 @@ def plan_path(
         if not route.steps and task.tolerance.met(task.off(task.start)):
             return _planned(task, library, [], route, looked, tried, np.inf)
         tried += 1
+        if report is not None:
+            report(f"{looked.poses} poses, route {tried} near the goal: amplitudes", None)
         if found := _fitting(task, library, fits, route, accuracy):
             steps, room = found
             return _planned(task, library, steps, route, looked, tried, room)

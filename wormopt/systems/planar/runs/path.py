@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from wormopt.errors import SolveError
+from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
@@ -53,10 +53,19 @@ def run(scene: Scene[PlanarPathScene], report: Report) -> Result:
     made, search = time.perf_counter(), table.search
     capture = Tolerance(search.capture.place, search.capture.angle)
     options = SearchOptions(search.cost, (search.cell.place, search.cell.angle), search.poses)
+    last = ["before the search began"]
+
+    def told(text: str, fraction: float | None = None) -> None:
+        last[0] = text
+        report(text, fraction)
+
     try:
-        path = plan_path(_task(table), library, capture, options, report=report)
+        path = plan_path(_task(table), library, capture, options, report=told)
     except SolveError as error:
-        raise _refused(scene, error) from None
+        partial = _unplanned(scene, error.reason)
+        raise SolveError(error.reason, error.suggestion, partial, error.code) from None
+    except KeyboardInterrupt:
+        raise Interrupted(_unplanned(scene, f"interrupted; {last[0]}")) from None
     planned = time.perf_counter()
     report("simulating", None)
     again = simulate_path(path, lengths=table.body.sizes, heading=table.body.heading)
@@ -76,11 +85,9 @@ def run(scene: Scene[PlanarPathScene], report: Report) -> Result:
     )
 
 
-def _refused(scene: Scene[PlanarPathScene], error: SolveError) -> SolveError:
-    partial = conclude(
-        scene, {}, checks=[Check("path", None, 0.0, error.reason)], attributes=_drawn(scene.table)
-    )
-    return SolveError(error.reason, error.suggestion, partial, error.code)
+def _unplanned(scene: Scene[PlanarPathScene], reason: str) -> Result:
+    checks = [Check("path", None, 0.0, reason)]
+    return conclude(scene, {}, checks=checks, attributes=_drawn(scene.table)).failed(reason)
 
 
 def _families(table: PlanarPathScene) -> Iterator[Family]:
