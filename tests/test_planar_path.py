@@ -442,11 +442,13 @@ def test_scene_of_a_short_path_agrees_with_its_simulation_and_a_weak_pin_fails_i
 
 @pytest.mark.slow
 def test_scene_of_crawls_says_who_rests():
+    gaits = [
+        f"{{name = 'bend {bend}', changes = {[[*row, bend] for row in STRETCH]}}}"
+        for bend in (0.0, 0.6, -0.6)
+    ]
     changes = [
-        "want=[]", "obstacles=[]", "course.goal=[1.5, 0.3, 0.3]", "ground.backward=3.0",
-        "rest=[0.6, 0.6, 0.4]", "gaits.0.held=[]", "gaits.1.held=[]", "gaits.1.mirrored=null",
-        "gaits.0.changes=[[0.4, 0.0, 0.0], [0.4, 0.4, 0.0], [0.0, 0.4, 0.0]]",
-        "gaits.1.changes=[[0.4, 0.0, 0.6], [0.4, 0.4, 0.6], [0.0, 0.4, 0.6]]",
+        "want=[]", "obstacles=[]", "course.goal=[2.2, 0.2, 0.3]", "ground.backward=3.0",
+        "rest=[0.6, 0.6, 0.4]", f"gaits=[{', '.join(gaits)}]",
         "course.tolerance.place=1e-5", "course.tolerance.angle=1e-5",
     ]  # fmt: skip
     result = wo.run(load_scene("planar_path", changes))
@@ -473,6 +475,7 @@ def test_unreachable_goals_tell_why():
         ("gaits.0.held=[{pins=[2]}]", "gaits[0].held[0]"),
         ("gaits.0.held=[{pins=[7], skids=[0]}]", "gaits[0].held[0]"),
         ("gaits.1.mirrored=ahead", "gaits"),
+        ("rest=[0.6, 0.6, 0.1]", "gaits[1].mirrored"),
         (("ground.law=unit", "gaits.0.held=[]"), "ground.law"),
         ("obstacles.0.corners=[[0, 0], [1, 1], [2, 2]]", "obstacles[0]"),
         ("obstacles.0.shape=cube", "obstacles[0]"),

@@ -267,6 +267,9 @@ class PlanarPathScene(SceneTable, frozen=True, kw_only=True):
                 yield f"obstacles[{j}].corners", "they span no area; for a fence write a capsule"
         for j, gait in enumerate(self.gaits):
             yield from gait.faults(f"gaits[{j}]", self.body)
+            if gait.mirrored and any(self.rest[variables - self.body.links + 1 :]):
+                bent = "the shape at rest is bent, its mirror image another; write a gait of its own"
+                yield f"gaits[{j}].mirrored", bent
             if len(self.rest) == variables:
                 yield from _too_short(self, f"gaits[{j}]", gait)
 
