@@ -1,8 +1,11 @@
 """Paths of gait steps: swept room, search against brute force, polish, the scene, refusals."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -318,7 +321,7 @@ def test_a_path_of_crawls_and_held_steps_ends_in_its_pose_when_simulated():
     gaits = [crawled("ahead", 0.0), crawled("left", 0.6), crawled("right", -0.6)]
     turn = held_family("turn", WORM, (0.6, 0.6, 0.4), [(0.0, 0.0, 0.8)], TURN, (0.5, 1.0),
                        ground=LAW_BACK)  # fmt: skip
-    post = Disc((1.6, 0.75), 0.2)
+    post = Disc((1.2, -0.7), 0.2)
     task = PathTask(np.zeros(3), np.array([2.6, 0.8, 0.3]), FINE, [post])
     path = plan_path(task, Library((*gaits, turn), 0.05), Tolerance(0.2, 0.2),
                      SearchOptions("work", (0.05, 0.05)))  # fmt: skip
@@ -510,3 +513,14 @@ def test_gait_steps_say_what_they_take():
     # tail pinned: 0.4 and 0.8 ahead, then head pinned: again, against 1 each
     assert straight.work == pytest.approx(2.4)
     assert np.abs(straight.displacement - [0.8, 0, 0]).max() < 1e-14
+
+
+@pytest.mark.slow
+def test_the_example_of_the_page_runs(capsys: pytest.CaptureFixture[str]):
+    page = Path(__file__).parents[1] / "docs" / "planar-parts" / "kinematic.md"
+    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    found: dict[str, Any] = {}
+    exec(code, found)
+    assert capsys.readouterr().out
+    assert np.abs(found["task"].off(found["again"].pose)).max() < 1e-6
+    assert found["path"].room >= 0

@@ -95,6 +95,29 @@ def plan_path(
     SolveError
         If the body touches something at start or goal, or no path is found.
 
+    Examples
+    --------
+    Three feet, of which one is pinned and one a skid; stretching goes ahead, bending turns.
+
+    >>> import wormopt as wo
+    >>> P = wo.planar
+    >>> worm, rest, law = P.chain_shape(2), (0.6, 0.6, 0.0), wo.Elliptic(1.0, 1.0, 2.0)
+    >>> pull = [
+    ...     P.Phase(0.5, P.Constraints(pins=(2,), skids=(0,))),
+    ...     P.Phase(1.0, P.Constraints(pins=(0,), skids=(2,))),
+    ... ]
+    >>> gaits = [
+    ...     P.held_family(name, worm, rest, [(0.4, 0.4, bend)], pull, (0.6, 1.0), ground=law)
+    ...     for name, bend in (("ahead", 0.0), ("left", 1.0), ("right", -1.0))
+    ... ]
+    >>> post = P.Disc((1.0, -0.4), radius=0.2)
+    >>> task = P.PathTask((0.0, 0.0, 0.0), (3.0, 0.3, 0.3), P.Tolerance(1e-6, 1e-6), [post])
+    >>> library, cells = P.Library(gaits, radius=0.05), P.SearchOptions(cell=(0.1, 0.1))
+    >>> path = P.plan_path(task, library, P.Tolerance(0.3, 0.3), cells)
+    >>> again = P.simulate_path(path)
+    >>> bool(abs(task.off(again.pose)).max() < 1e-6), path.room >= 0
+    (True, True)
+
     Notes
     -----
     A* over exact poses; its bound of the cost to go is that no mass gets farther for its cost than
@@ -105,24 +128,29 @@ def plan_path(
         raise SolveError(fault, "move the pose or the obstacle", code="touching")
     options, looked = options or SearchOptions(), Looked()
     fits = [Fitted(family, options.cost) for family in library.families]
-    tried = 0
+    tried, short = 0, set()
     for route in routes(task, library, capture, options, looked, report):
         if not route.steps and task.tolerance.met(task.off(task.start)):
-            return _planned(task, library, [], route, looked, tried, np.inf)
+            return _planned(task, library, [], np.inf, route, looked, tried)
+        gaits = tuple(library.owners[k] for k in route.steps)
+        if gaits in short:
+            continue
         tried += 1
         if report is not None:
             report(f"{looked.poses} poses, route {tried} near the goal: amplitudes", None)
-        if found := _fitting(task, library, fits, route, accuracy):
-            steps, room = found
-            return _planned(task, library, steps, route, looked, tried, room)
+        found = _fitting(task, library, fits, route, accuracy)
+        if found is None:
+            short.add(gaits)  # no amplitudes of these gaits reach the goal, wherever they begin
+        elif found:
+            return _planned(task, library, *found[0], route, looked, tried)
         if tried >= _ROUTES:
             break
     raise _none(looked, tried, options)
 
 
 def _planned(
-    task: PathTask, library: Library, steps: list[GaitStep], route: Route, looked: Looked,
-    tried: int, room: float,
+    task: PathTask, library: Library, steps: list[GaitStep], room: float, route: Route,
+    looked: Looked, tried: int,
 ) -> PlannedPath:  # fmt: skip
     poses = chained(task.start, steps)
     return PlannedPath(task, library, tuple(steps), poses, route, looked, tried, room)
@@ -130,8 +158,11 @@ def _planned(
 
 def _fitting(
     task: PathTask, library: Library, fits: list[Fitted], route: Route, accuracy: float
-) -> tuple[list[GaitStep], float] | None:
-    """Amplitudes of a route that end in the goal and touch nothing, those of least cost first."""
+) -> list[tuple[list[GaitStep], float]] | None:
+    """Steps of a route that end in the goal and touch nothing, and their room.
+
+    The amplitudes of least cost are tried first; none where all touch, None where none end in it.
+    """
     if not route.steps:
         return None
     own = [fits[library.owners[k]] for k in route.steps]
@@ -143,8 +174,8 @@ def _fitting(
         poses = chained(task.start, steps)
         room = _room(task, library, steps, poses)
         if room >= 0 and _comes_by(task, poses):
-            return steps, room
-    return None
+            return [(steps, room)]
+    return []
 
 
 def _room(task: PathTask, library: Library, steps: list[GaitStep], poses: np.ndarray) -> float:

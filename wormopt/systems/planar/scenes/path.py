@@ -268,8 +268,7 @@ class PlanarPathScene(SceneTable, frozen=True, kw_only=True):
         for j, gait in enumerate(self.gaits):
             yield from gait.faults(f"gaits[{j}]", self.body)
             if gait.mirrored and any(self.rest[variables - self.body.links + 1 :]):
-                bent = "the shape at rest is bent, its mirror image another; write a gait of its own"
-                yield f"gaits[{j}].mirrored", bent
+                yield f"gaits[{j}].mirrored", "the shape at rest is bent; write a gait of its own"
             if len(self.rest) == variables:
                 yield from _too_short(self, f"gaits[{j}]", gait)
 
