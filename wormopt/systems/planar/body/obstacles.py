@@ -61,7 +61,13 @@ class Disc:
         _check_radius(self.radius, least=1e-300)
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Distance of segments from a to b; below 0 by how deep they lie within."""
+        """Distance of segments from a to b; below 0 by how deep they lie within.
+
+        Parameters
+        ----------
+        a, b : ndarray, shape (..., 2)
+            Their ends.
+        """
         return to_point(np.asarray(self.centre, dtype=float), a, b) - self.radius
 
     @property
@@ -70,12 +76,24 @@ class Disc:
         return (*self.centre, self.radius)
 
     def normal(self, place: ca.SX) -> ca.SX:
-        """Unit normal at a place (2), away from the centre."""
+        """Unit normal at a place (2), away from the centre.
+
+        Parameters
+        ----------
+        place : casadi.SX, shape (2,)
+            The place.
+        """
         away = place - ca.DM(list(self.centre))
         return away / ca.norm_2(away)
 
     def gap(self, place: ca.SX) -> ca.SX:
-        """Distance of a place from the disc."""
+        """Distance of a place from the disc.
+
+        Parameters
+        ----------
+        place : casadi.SX, shape (2,)
+            The place.
+        """
         return ca.norm_2(place - ca.DM(list(self.centre))) - self.radius
 
 
@@ -111,7 +129,13 @@ class Wall:
         return math.cos(self.angle), math.sin(self.angle)
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Distance of segments from a to b; below 0 by how far they reach behind it."""
+        """Distance of segments from a to b; below 0 by how far they reach behind it.
+
+        Parameters
+        ----------
+        a, b : ndarray, shape (..., 2)
+            Their ends.
+        """
         ahead = [(end - np.asarray(self.point)) @ np.array(self._open) for end in (a, b)]
         return np.minimum(*ahead)
 
@@ -121,11 +145,23 @@ class Wall:
         return (*self.point, math.inf)
 
     def normal(self, place: ca.SX) -> ca.SX:
-        """Unit normal at a place (2)."""
+        """Unit normal at a place (2).
+
+        Parameters
+        ----------
+        place : casadi.SX, shape (2,)
+            The place.
+        """
         return ca.SX(ca.DM(list(self._open)))
 
     def gap(self, place: ca.SX) -> ca.SX:
-        """Distance of a place from the wall."""
+        """Distance of a place from the wall.
+
+        Parameters
+        ----------
+        place : casadi.SX, shape (2,)
+            The place.
+        """
         return ca.dot(self.normal(place), place - ca.DM(list(self.point)))
 
 
@@ -150,7 +186,13 @@ class Capsule:
         _check_radius(self.radius, least=0.0)
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Distance of segments from a to b; 0 less the radius where they cross."""
+        """Distance of segments from a to b; 0 less the radius where they cross.
+
+        Parameters
+        ----------
+        a, b : ndarray, shape (..., 2)
+            Their ends.
+        """
         start, end = (np.asarray(p, dtype=float) for p in (self.start, self.end))
         return between(start, end, a, b) - self.radius
 
@@ -181,7 +223,13 @@ class Block:
             raise ArgumentError(f"a block needs three corners or more that span an area: {points}")
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Distance of segments from a to b; 0 where they cross a side, -inf where they lie in."""
+        """Distance of segments from a to b; 0 where they cross a side, -inf where they lie in.
+
+        Parameters
+        ----------
+        a, b : ndarray, shape (..., 2)
+            Their ends.
+        """
         p, q = self._sides
         least = between(p, q, a[..., None, :], b[..., None, :]).min(axis=-1)
         return np.where(inside(p, a), -np.inf, least)

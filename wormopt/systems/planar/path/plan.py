@@ -95,29 +95,6 @@ def plan_path(
     SolveError
         If the body touches something at start or goal, or no path is found.
 
-    Examples
-    --------
-    Three feet, of which one is pinned and one a skid; stretching goes ahead, bending turns.
-
-    >>> import wormopt as wo
-    >>> P = wo.planar
-    >>> worm, rest, law = P.chain_shape(2), (0.6, 0.6, 0.0), wo.Elliptic(1.0, 1.0, 2.0)
-    >>> pull = [
-    ...     P.Phase(0.5, P.Constraints(pins=(2,), skids=(0,))),
-    ...     P.Phase(1.0, P.Constraints(pins=(0,), skids=(2,))),
-    ... ]
-    >>> gaits = [
-    ...     P.held_family(name, worm, rest, [(0.4, 0.4, bend)], pull, (0.6, 1.0), ground=law)
-    ...     for name, bend in (("ahead", 0.0), ("left", 1.0), ("right", -1.0))
-    ... ]
-    >>> post = P.Disc((1.0, -0.4), radius=0.2)
-    >>> task = P.PathTask((0.0, 0.0, 0.0), (3.0, 0.3, 0.3), P.Tolerance(1e-6, 1e-6), [post])
-    >>> library, cells = P.Library(gaits, radius=0.05), P.SearchOptions(cell=(0.1, 0.1))
-    >>> path = P.plan_path(task, library, P.Tolerance(0.3, 0.3), cells)
-    >>> again = P.simulate_path(path)
-    >>> bool(abs(task.off(again.pose)).max() < 1e-6), path.room >= 0
-    (True, True)
-
     Notes
     -----
     A* over exact poses; its bound of the cost to go is that no mass gets farther for its cost than

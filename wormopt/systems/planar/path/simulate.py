@@ -88,6 +88,19 @@ def least_distance(course: np.ndarray, obstacles: Sequence[Obstacle], *, points:
     """Least distance of points along all links (m, n, 2) from obstacles, by points alone.
 
     Neither distances of segments nor bounds of the plan are used: a second route to them.
+
+    Parameters
+    ----------
+    course : ndarray, shape (m, n, 2)
+        Places of the masses.
+    obstacles : sequence of Obstacle
+        From what.
+    points : int, optional
+        Points of each link.
+
+    Returns
+    -------
+    float
     """
     share = np.linspace(0.0, 1.0, points)[:, None]
     a, b = course[:, :-1, None], course[:, 1:, None]
