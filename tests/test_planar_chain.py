@@ -21,11 +21,12 @@ from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.walls import smooth_walls
 from wormopt.systems.chain.build import chain
+from wormopt.systems.planar.body.obstacles import Disc, Wall
 from wormopt.systems.planar.body.shape import chain_shape, rigid_shape
 from wormopt.systems.planar.body.strokes import Harmonics
 from wormopt.systems.planar.dynamics.chain import chain_places, planar_chain
 from wormopt.systems.planar.dynamics.driven import driven_shape
-from wormopt.systems.planar.dynamics.ground import Axes, Disc, Wall
+from wormopt.systems.planar.dynamics.ground import Axes
 from wormopt.systems.planar.dynamics.motion import energy_error, measure_works, swing
 from wormopt.systems.planar.dynamics.stopping import stop_of
 

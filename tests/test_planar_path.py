@@ -1,7 +1,11 @@
 """Paths of gait steps: swept room, search against brute force, polish, the scene, refusals."""
 
+import re
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,15 +16,18 @@ import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.planar_friction import Elliptic
 from wormopt.scene import load_scene
+from wormopt.systems.planar.body.obstacles import Block, Capsule, Disc, Obstacle, between, inside
 from wormopt.systems.planar.body.se2 import compose, inverse
 from wormopt.systems.planar.body.shape import chain_shape
+from wormopt.systems.planar.body.travel import divided, travelled
+from wormopt.systems.planar.crawling.cartesian import simulate_crawled
+from wormopt.systems.planar.kinematic.cartesian import simulate_held
 from wormopt.systems.planar.kinematic.constraints import Constraints
 from wormopt.systems.planar.kinematic.motion import KinematicMotion, Phase
-from wormopt.systems.planar.path.gaits import held_family
-from wormopt.systems.planar.path.obstacles import Block, Capsule, Disc, Obstacle, between, inside
+from wormopt.systems.planar.path.gaits import crawled_family, held_family
 from wormopt.systems.planar.path.plan import plan_path
 from wormopt.systems.planar.path.polish import Fitted, polished
-from wormopt.systems.planar.path.search import Looked, SearchOptions, routes
+from wormopt.systems.planar.path.search import Looked, Route, SearchOptions, routes
 from wormopt.systems.planar.path.simulate import least_distance, simulate_path
 from wormopt.systems.planar.path.steps import Family, GaitStep, Library, chained
 from wormopt.systems.planar.path.task import Corridor, Cost, PathTask, Tolerance, cost_of
@@ -58,6 +65,18 @@ def library(radius: float = 0.05, amplitudes: tuple[float, ...] = (0.5, 1.0)) ->
 
 
 ALL = library()
+RIGHT = family("right", (0.4, 0.4, -1.0), AHEAD, (1.0,))
+SIDES = Library((RIGHT, *(replace(f, amplitudes=(1.0,)) for f in ALL.families)), 0.05)
+SWAPPED = Library(tuple(SIDES.families[k] for k in (2, 1, 0, 4, 3)), 0.05)
+
+
+STRETCH, LAW_BACK = [[0.4, 0.0], [0.4, 0.4], [0.0, 0.4]], Elliptic(1.0, 3.0, 2.0)
+
+
+def crawled(name: str, bend: float, amplitudes: tuple[float, ...] = (0.6, 1.0)) -> Family:
+    """Links that stretch one after the other while the joint bends; friction alone tells."""
+    changes = np.column_stack([STRETCH, np.full(3, bend)])
+    return crawled_family(name, WORM, (0.6, 0.6, 0.4), changes, LAW_BACK, amplitudes)
 
 
 def random_obstacle(noise: np.random.Generator, kind: int) -> Obstacle:
@@ -74,15 +93,15 @@ def random_obstacle(noise: np.random.Generator, kind: int) -> Obstacle:
 # -- distances -------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(SEEDS)
 def test_distance_of_segments_is_that_of_dense_points(seed: int):
     p, q, a, b = np.random.default_rng(seed).uniform(-1, 1, (4, 2))
-    t = np.linspace(0, 1, 401)[:, None]
+    t = np.linspace(0, 1, 201)[:, None]
     one, other = p + t * (q - p), a + t * (b - a)
     dense = np.linalg.norm(one[:, None] - other[None], axis=-1).min()
     found = float(between(p, q, a, b))
-    spacing = (np.linalg.norm(q - p) + np.linalg.norm(b - a)) / 800
+    spacing = (np.linalg.norm(q - p) + np.linalg.norm(b - a)) / 400
     assert found <= dense + 1e-14
     assert dense <= found + spacing
 
@@ -107,7 +126,7 @@ def test_distance_to_obstacles_is_that_of_points_along_links(seed: int, kind: in
     )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(SEEDS, st.integers(0, 7))
 def test_room_of_a_step_is_never_more_than_that_of_any_instant(seed: int, number: int):
     noise = np.random.default_rng(seed)
@@ -119,7 +138,7 @@ def test_room_of_a_step_is_never_more_than_that_of_any_instant(seed: int, number
     assert isinstance(step.motion, KinematicMotion)
     course = step.motion.course  # instants that the step does not keep
     places = step.motion.points(course.nodes, compose(pose, course.node_poses))
-    dense = least_distance(places, obstacles, points=201)
+    dense = least_distance(places, obstacles, points=101)
     if dense > 0:
         assert room <= dense + 1e-12
     else:
@@ -130,14 +149,41 @@ def test_room_of_a_step_is_never_more_than_that_of_any_instant(seed: int, number
 
 
 def test_masses_stay_within_the_slack_of_the_instants_kept():
-    for step in ALL.steps:
-        course = step.motion.course
-        places = step.motion.points(course.nodes, course.node_poses)
+    for step in (*ALL.steps, crawled("crawl", 0.6).make(1.0)):
+        if isinstance(step.motion, KinematicMotion):
+            motion = step.motion
+            tau, places = simulate_held(
+                step.points[0], motion.stroke, motion.phases, looks=300, accuracy=1e-8
+            )
+        else:
+            course = step.motion.course
+            tau, places = simulate_crawled(
+                step.points[0], course.stroke, course.crawler.ground, looks=64, steps=64
+            )
         far = np.linalg.norm(places[:, None] - step.points[None], axis=-1).max(axis=-1)
-        k = np.searchsorted(step.tau, course.nodes, side="right") - 1
+        k = np.minimum(np.searchsorted(step.tau, tau, side="right") - 1, len(step.slack) - 1)
         nearest = np.minimum(far[np.arange(len(k)), k], far[np.arange(len(k)), k + 1])
-        assert (nearest <= step.slack[k] + 1e-14).all()
+        assert (nearest <= step.slack[k] + 1e-6).all()
         assert step.slack.max() < 0.02
+
+
+@settings(max_examples=30, deadline=None)
+@given(SEEDS)
+def test_bound_of_speeds_is_one_and_not_far_off(seed: int):
+    noise = np.random.default_rng(seed)
+    ends = np.array([0.0, 0.3, 1.0])
+    wave = noise.uniform(-3, 3, (2, 3)) / np.diff(ends)[:, None]  # half a turn a panel, at most
+    course = travelled(ends, np.zeros((2, 16, 3)))
+
+    def at(tau: np.ndarray) -> np.ndarray:
+        angle = tau[:, None] * wave[(tau > 0.3).astype(int)]
+        return np.stack([1.3 + np.cos(angle), np.sin(2 * angle)], axis=-1)
+
+    bound = course.fastest(at(course.nodes))
+    for k in range(2):
+        dense = np.linspace(ends[k] + 1e-9, ends[k + 1], 2000)
+        fastest = np.linalg.norm(at(dense), axis=-1).max()
+        assert fastest <= bound[k] <= 4 * fastest
 
 
 # -- search ----------------------------------------------------------------------------------------
@@ -161,7 +207,7 @@ def by_brute_force(
     return best
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(SEEDS, st.sampled_from(["steps", "work", "time"]))
 def test_search_finds_what_brute_force_finds(seed: int, cost: Cost):
     noise = np.random.default_rng(seed)
@@ -192,7 +238,32 @@ def test_routes_come_cheapest_first_and_end_near_the_goal():
         assert np.abs(end - route.end).max() < 1e-12
         assert NEAR.met(task.off(end))
     assert len(seen) > 2
-    assert seen == sorted(seen)
+    assert (np.diff(seen) > -1e-7).all()  # costs closer than that are as good as equal
+
+
+def mirrored(pose: np.ndarray) -> np.ndarray:
+    return np.asarray(pose) * [1.0, -1.0, -1.0]
+
+
+@settings(max_examples=4, deadline=None)
+@given(SEEDS)
+def test_turned_and_mirrored_tasks_have_the_same_routes(seed: int):
+    noise = np.random.default_rng(seed)
+    goal = np.array([*noise.uniform(-1.5, 1.5, 2), noise.uniform(-2, 2)])
+    moved = np.array([*noise.uniform(-5, 5, 2), noise.uniform(-3, 3)])
+    options = SearchOptions("time", (0.1, 0.1), most=300)
+
+    def first(start: np.ndarray, end: np.ndarray, lib: Library) -> Route | None:
+        return next(routes(PathTask(start, end, NEAR), lib, NEAR, options, Looked()), None)
+
+    one, turned = first(np.zeros(3), goal, SIDES), first(moved, compose(moved, goal), SIDES)
+    other = first(np.zeros(3), mirrored(goal), SWAPPED)
+    assume(one is not None)
+    assert one is not None
+    assert turned is not None
+    assert other is not None
+    assert turned.steps == one.steps == other.steps
+    assert other.cost == pytest.approx(one.cost, rel=1e-12)
 
 
 @pytest.mark.slow
@@ -209,11 +280,56 @@ def test_the_path_does_not_hang_on_where_it_begins(seed: int):
         task = PathTask(base, compose(base, goal), FINE, [Disc((centre[0], centre[1]), 0.3)])
         found.append(plan_path(task, ALL, Tolerance(0.2, 0.2), SearchOptions("steps", most=2000)))
     one, other = found
-    assert [s.name for s in one.steps] == [s.name for s in other.steps]
+    assert one.route.steps == other.route.steps
     back = compose(inverse(moved), other.poses)
     off = back - one.poses
     off[:, 2] = (off[:, 2] + np.pi) % (2 * np.pi) - np.pi
     assert np.abs(off).max() < 1e-4  # amplitudes are a minimum: flat
+
+
+# -- steps that crawl ------------------------------------------------------------------------------
+
+
+def test_panels_in_parts_lead_to_the_same_place():
+    panels = crawled("crawl", 0.6).make(1.0).motion.panels
+    whole = travelled(panels.ends, panels.twist)
+    parts = travelled(*divided(panels.ends, panels.twist, 0.01))
+    assert np.diff(parts.ends).max() <= 0.01 + 1e-15
+    assert np.abs(whole.displacement - parts.displacement).max() < 1e-13
+
+
+def test_smoothed_crawls_come_to_the_same_place_at_order_two_across_breaks():
+    worm = chain_shape(3, lengths=(1.0, 1.0, 1.0))
+    snake = crawled_family(
+        "snake", worm, (0.7, -0.5), [(-1.0, 0.0), (-1.2, 1.0), (0.0, 1.1)],
+        Elliptic(1.0, 1.0, 3.0), (1.0,),
+    ).make(1.0)  # fmt: skip
+    course, off = snake.motion.course, []
+    assert len(snake.motion.phases) == 9
+    for steps in (16, 128):
+        _, places = simulate_crawled(
+            snake.points[0], course.stroke, course.crawler.ground, (1.0,) * 3, looks=1, steps=steps
+        )
+        off.append(np.abs(places[-1] - snake.points[-1]).max())
+    assert off[0] < 3e-3
+    assert off[1] < 2e-5
+    assert off[1] < off[0] / 30  # 64 by the order
+
+
+@pytest.mark.slow
+def test_a_path_of_crawls_and_held_steps_ends_in_its_pose_when_simulated():
+    gaits = [crawled("ahead", 0.0), crawled("left", 0.6), crawled("right", -0.6)]
+    turn = held_family("turn", WORM, (0.6, 0.6, 0.4), [(0.0, 0.0, 0.8)], TURN, (0.5, 1.0),
+                       ground=LAW_BACK)  # fmt: skip
+    post = Disc((1.2, -0.7), 0.2)
+    task = PathTask(np.zeros(3), np.array([2.6, 0.8, 0.3]), FINE, [post])
+    path = plan_path(task, Library((*gaits, turn), 0.05), Tolerance(0.2, 0.2),
+                     SearchOptions("work", (0.05, 0.05)))  # fmt: skip
+    assert np.abs(path.off).max() < 1e-9
+    assert any(not isinstance(step.motion, KinematicMotion) for step in path.steps)
+    course = simulate_path(path, looks=32)
+    assert np.abs(task.off(course.pose)).max() < 1e-6
+    assert least_distance(course.places, [post]) >= 0.05
 
 
 # -- polish and the whole --------------------------------------------------------------------------
@@ -315,9 +431,11 @@ def test_obstacles_that_are_none_are_refused(obstacle: object, message: str):
 QUICK = ["want=[]", "obstacles=[]", "course.goal=[1.5, 0.4, 0.6]"]
 
 
-def test_scene_of_a_short_path_agrees_with_its_simulation():
-    result = wo.run(load_scene("planar_path", QUICK))
-    assert result.status == "ok"
+def test_scene_of_a_short_path_agrees_with_its_simulation_and_a_weak_pin_fails_it():
+    result = wo.run(load_scene("planar_path", [*QUICK, "pin_load=1.0"]))
+    assert result.status == "failed"
+    assert "a pin bears" in result.reason
+    assert [check.name for check in result.checks if not check.passed] == ["load of a pin"]
     assert result["off_place"].value < 1e-9
     assert abs(result["off_angle"].value) < 1e-9
     end = [result[f"pose_{name}"].values[-1] for name in ("x", "y", "angle")]
@@ -325,10 +443,21 @@ def test_scene_of_a_short_path_agrees_with_its_simulation():
     assert result["step_work"].values.sum() == pytest.approx(result["work"].value, rel=1e-12)
 
 
-def test_a_weak_pin_fails_the_result():
-    result = wo.run(load_scene("planar_path", [*QUICK, "pin_load=1.0"]))
-    assert result.status == "failed"
-    assert "a pin bears" in result.reason
+@pytest.mark.slow
+def test_scene_of_crawls_says_who_rests():
+    gaits = [
+        f"{{name = 'bend {bend}', changes = {[[*row, bend] for row in STRETCH]}}}"
+        for bend in (0.0, 0.6, -0.6)
+    ]
+    changes = [
+        "want=[]", "obstacles=[]", "course.goal=[2.2, 0.2, 0.3]", "ground.backward=3.0",
+        "rest=[0.6, 0.6, 0.4]", f"gaits=[{', '.join(gaits)}]",
+        "course.tolerance.place=1e-5", "course.tolerance.angle=1e-5",
+    ]  # fmt: skip
+    result = wo.run(load_scene("planar_path", changes))
+    assert result.status == "ok"
+    assert result["off_place"].value < 1e-6
+    assert 0 < result["pinned"].values.sum() < result["pinned"].values.size
 
 
 def test_unreachable_goals_tell_why():
@@ -349,13 +478,19 @@ def test_unreachable_goals_tell_why():
         ("gaits.0.held=[{pins=[2]}]", "gaits[0].held[0]"),
         ("gaits.0.held=[{pins=[7], skids=[0]}]", "gaits[0].held[0]"),
         ("gaits.1.mirrored=ahead", "gaits"),
+        ("rest=[0.6, 0.6, 0.1]", "gaits[1].mirrored"),
+        (("ground.law=unit", "gaits.0.held=[]"), "ground.law"),
+        ("obstacles.0.corners=[[0, 0], [1, 1], [2, 2]]", "obstacles[0]"),
+        ("obstacles.0.shape=cube", "obstacles[0]"),
+        ("radius=thick", "radius"),
+        ("gaits=[]", "gaits"),
         ("course.goal=[1.0, 2.0]", "course.goal"),
         ("gaits.0.changes=[[-0.7, 0.0, 0.0]]", "gaits[0].changes"),
     ],
 )
-def test_scenes_that_cannot_be_are_refused_by_key(changes: str, key: str):
+def test_scenes_that_cannot_be_are_refused_by_key(changes: str | tuple[str, ...], key: str):
     with pytest.raises(SceneError) as refused:
-        load_scene("planar_path", [changes])
+        load_scene("planar_path", [changes] if isinstance(changes, str) else changes)
     assert key in str(refused.value)
 
 
@@ -378,3 +513,14 @@ def test_gait_steps_say_what_they_take():
     # tail pinned: 0.4 and 0.8 ahead, then head pinned: again, against 1 each
     assert straight.work == pytest.approx(2.4)
     assert np.abs(straight.displacement - [0.8, 0, 0]).max() < 1e-14
+
+
+@pytest.mark.slow
+def test_the_example_of_the_page_runs(capsys: pytest.CaptureFixture[str]):
+    page = Path(__file__).parents[1] / "docs" / "planar-parts" / "kinematic.md"
+    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    found: dict[str, Any] = {}
+    exec(code, found)
+    assert capsys.readouterr().out
+    assert np.abs(found["task"].off(found["again"].pose)).max() < 1e-6
+    assert found["path"].room >= 0

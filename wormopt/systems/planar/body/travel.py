@@ -95,3 +95,25 @@ def gauss_nodes(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 def gauss() -> Collocation:
     """The rule on each panel."""
     return Collocation(_DEGREE)
+
+
+def divided(course: Travel, longest: float) -> Travel:
+    """The same course on panels no longer than this."""
+    ends, xi = course.ends, course.twists.reshape(-1, _DEGREE, 3)
+    parts = np.ceil(np.diff(ends) / longest).astype(int)
+    cuts = [np.linspace(a, b, n + 1)[:-1] for (a, b), n in zip(pairwise(ends), parts, strict=True)]
+    fine = np.append(np.concatenate(cuts), ends[-1])
+    which = np.repeat(np.arange(len(parts)), parts)
+    start, size = ends[:-1][which, None], np.diff(ends)[which, None]
+    nodes = gauss_nodes(fine[:-1], fine[1:])
+    at = np.polynomial.legendre.legvander(2 * (nodes - start) / size - 1, _DEGREE - 1)
+    twists = np.einsum("pdk,kj,pjc->pdc", at, _to_series(), xi[which])
+    return travel_along(fine, twists, course.error)
+
+
+@cache
+def _to_series() -> np.ndarray:
+    """Coefficients (16, 16) of Legendre polynomials by values at the nodes."""
+    rule, degrees = gauss(), np.arange(_DEGREE)
+    at_nodes = np.polynomial.legendre.legvander(2 * rule.tau - 1, _DEGREE - 1)
+    return (2 * degrees[:, None] + 1) * at_nodes.T * rule.B

@@ -15,8 +15,9 @@ from wormopt.model.model import Model, Output, Signal
 from wormopt.model.path import ParameterPath
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import numbers
+from wormopt.systems.planar.body.obstacles import Disc, Wall
 from wormopt.systems.planar.body.shape import Heading
-from wormopt.systems.planar.dynamics.ground import Ground, Obstacle, ground_laws, press, touch
+from wormopt.systems.planar.dynamics.ground import Ground, ground_laws, press, touch
 from wormopt.systems.planar.dynamics.rods import RodMasses
 from wormopt.systems.shared.parameters import (
     first_numbers,
@@ -43,7 +44,7 @@ def planar_chain(
     law: Ground | Sequence[Ground | None] | None = None,
     pull: ArrayLike = (0.0, 0.0),
     heading: Heading = "bisector",
-    obstacles: Sequence[Obstacle] = (),
+    obstacles: Sequence[Wall | Disc] = (),
     position: ArrayLike | None = None,
     velocity: ArrayLike = (0.0, 0.0),
     length_nominal: float = 1.0,

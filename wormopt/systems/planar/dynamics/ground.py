@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +13,7 @@ from wormopt.model.friction import Coulomb, Law
 from wormopt.model.lift import lift
 from wormopt.model.model import Contact, Signal
 from wormopt.model.planar_friction import PlanarLaw
+from wormopt.systems.planar.body.obstacles import Disc, Wall
 
 
 @dataclass(frozen=True)
@@ -121,129 +121,8 @@ def _told(laws: Sequence[Ground | None]) -> Iterator[tuple[str, int, list[int], 
 # -- what stands on the ground ---------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Wall:
-    """A straight wall: the half plane behind it is closed.
-
-    Parameters
-    ----------
-    point : (float, float)
-        A point of the wall.
-    angle : float
-        Direction of its normal, into the open.
-    friction : float, optional
-        Coefficient of friction on it, not negative.
-
-    Examples
-    --------
-    >>> Wall((0.0, 0.0), angle=0.0).friction
-    0.0
-    """
-
-    point: tuple[float, float]
-    angle: float
-    friction: float = 0.0
-
-    def normal(self, place: ca.SX) -> ca.SX:
-        """Unit normal at a place (2).
-
-        Parameters
-        ----------
-        place : casadi.SX, shape (2,)
-            The place.
-
-        Returns
-        -------
-        casadi.SX
-            Into the open, shape (2,).
-        """
-        return ca.SX(ca.DM([math.cos(self.angle), math.sin(self.angle)]))
-
-    def gap(self, place: ca.SX) -> ca.SX:
-        """Distance of a place from the wall.
-
-        Parameters
-        ----------
-        place : casadi.SX, shape (2,)
-            The place.
-
-        Returns
-        -------
-        casadi.SX
-            Negative behind it.
-        """
-        return ca.dot(self.normal(place), place - ca.DM(list(self.point)))
-
-
-@dataclass(frozen=True)
-class Disc:
-    """A round obstacle.
-
-    Parameters
-    ----------
-    centre : (float, float)
-        Where it stands.
-    radius : float
-        Its radius, positive.
-    friction : float, optional
-        Coefficient of friction on it, not negative.
-
-    Raises
-    ------
-    ArgumentError
-        If the radius is not positive.
-
-    Examples
-    --------
-    >>> Disc((1.0, 0.0), radius=0.5).radius
-    0.5
-    """
-
-    centre: tuple[float, float]
-    radius: float
-    friction: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not self.radius > 0:
-            raise ArgumentError(f"radius must be positive, not {self.radius!r}")
-
-    def normal(self, place: ca.SX) -> ca.SX:
-        """Unit normal at a place (2), away from the centre.
-
-        Parameters
-        ----------
-        place : casadi.SX, shape (2,)
-            The place.
-
-        Returns
-        -------
-        casadi.SX
-            Shape (2,).
-        """
-        away = place - ca.DM(list(self.centre))
-        return away / ca.norm_2(away)
-
-    def gap(self, place: ca.SX) -> ca.SX:
-        """Distance of a place from the disc.
-
-        Parameters
-        ----------
-        place : casadi.SX, shape (2,)
-            The place.
-
-        Returns
-        -------
-        casadi.SX
-            Negative within.
-        """
-        return ca.norm_2(place - ca.DM(list(self.centre))) - self.radius
-
-
-Obstacle = Wall | Disc
-
-
 def press(
-    obstacles: Sequence[Obstacle], places: ca.SX, velocities: ca.SX, force: float, speed: float
+    obstacles: Sequence[Wall | Disc], places: ca.SX, velocities: ca.SX, force: float, speed: float
 ) -> tuple[list[Contact], ca.SX]:
     """Contacts of points with obstacles, and the forces (2, points) that these exert.
 

@@ -24,10 +24,10 @@ def simulate_held(
     places: np.ndarray,
     stroke: Stroke,
     phases: Sequence[Phase],
-    *,
     lengths: Sequence[float] | None = None,
     heading: Heading = "bisector",
     looks: int = 32,
+    *,
     accuracy: float = 1e-11,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Places of the masses of a chain over one stroke, by Runge-Kutta steps of order 8.

@@ -105,22 +105,29 @@ def plan_path(
         raise SolveError(fault, "move the pose or the obstacle", code="touching")
     options, looked = options or SearchOptions(), Looked()
     fits = [Fitted(family, options.cost) for family in library.families]
-    tried = 0
+    tried, short = 0, set()
     for route in routes(task, library, capture, options, looked, report):
         if not route.steps and task.tolerance.met(task.off(task.start)):
-            return _planned(task, library, [], route, looked, tried, np.inf)
+            return _planned(task, library, [], np.inf, route, looked, tried)
+        gaits = tuple(library.owners[k] for k in route.steps)
+        if gaits in short:
+            continue
         tried += 1
-        if found := _fitting(task, library, fits, route, accuracy):
-            steps, room = found
-            return _planned(task, library, steps, route, looked, tried, room)
+        if report is not None:
+            report(f"{looked.poses} poses, route {tried} near the goal: amplitudes", None)
+        found = _fitting(task, library, fits, route, accuracy)
+        if found is None:
+            short.add(gaits)  # no amplitudes of these gaits reach the goal, wherever they begin
+        elif found:
+            return _planned(task, library, *found[0], route, looked, tried)
         if tried >= _ROUTES:
             break
     raise _none(looked, tried, options)
 
 
 def _planned(
-    task: PathTask, library: Library, steps: list[GaitStep], route: Route, looked: Looked,
-    tried: int, room: float,
+    task: PathTask, library: Library, steps: list[GaitStep], room: float, route: Route,
+    looked: Looked, tried: int,
 ) -> PlannedPath:  # fmt: skip
     poses = chained(task.start, steps)
     return PlannedPath(task, library, tuple(steps), poses, route, looked, tried, room)
@@ -128,8 +135,11 @@ def _planned(
 
 def _fitting(
     task: PathTask, library: Library, fits: list[Fitted], route: Route, accuracy: float
-) -> tuple[list[GaitStep], float] | None:
-    """Amplitudes of a route that end in the goal and touch nothing, those of least cost first."""
+) -> list[tuple[list[GaitStep], float]] | None:
+    """Steps of a route that end in the goal and touch nothing, and their room.
+
+    The amplitudes of least cost are tried first; none where all touch, None where none end in it.
+    """
     if not route.steps:
         return None
     own = [fits[library.owners[k]] for k in route.steps]
@@ -141,12 +151,16 @@ def _fitting(
         poses = chained(task.start, steps)
         room = _room(task, library, steps, poses)
         if room >= 0 and _comes_by(task, poses):
-            return steps, room
-    return None
+            return [(steps, room)]
+    return []
 
 
 def _room(task: PathTask, library: Library, steps: list[GaitStep], poses: np.ndarray) -> float:
-    rooms = [task.step_room(p, step, library.radius) for p, step in zip(poses, steps, strict=False)]
+    """Least room over all instants, bounded from below; far obstacles are looked at as well."""
+    rooms = [
+        float((task.room(step.placed(pose), library.radius) - step.margins).min())
+        for pose, step in zip(poses, steps, strict=False)
+    ]
     return min(rooms, default=np.inf)
 
 

@@ -33,7 +33,7 @@ class Fitted:
     def series(self) -> Series | None:
         """x, y, angle and cost; None where there is but one amplitude."""
         low, high = self.ends
-        return None if high <= low else resolve(self._values, low, high, 16)
+        return None if high <= low else resolve(self._values, low, high, self.family.degree)
 
     @cached_property
     def slopes(self) -> Series | None:

@@ -9,9 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.progress import Report
-from wormopt.systems.planar.body.se2 import compose
+from wormopt.systems.planar.body.se2 import compose, inverse
 from wormopt.systems.planar.path.steps import Library
 from wormopt.systems.planar.path.task import Cost, PathTask, Tolerance, cost_of, wrapped
+
+# Cells are larger by this, so that steps of round lengths do not end on the sides of cells, and
+# costs are told apart by this share of the least: neither then hangs on rounding.
+_ODD, _APART = 1.00371, 1e-9
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,7 @@ def routes(
     costs = np.array([cost_of(step, options.cost) for step in steps])
     moves = np.array([step.displacement for step in steps])
     bound = _bound(task, library, capture, costs, moves)
+    unit = _APART * float(costs[costs > 0].min(initial=1.0))
     order = 0
     root = _Node(task.start, 0.0, -1, -1, 0)
     nodes: list[_Node] = []
@@ -79,7 +84,7 @@ def routes(
     seen: set[tuple[int, ...]] = set()
     while queue and looked.poses < options.most:
         _, _, node = heapq.heappop(queue)
-        key = _key(node, options.cell)
+        key = _key(task, node, options.cell)
         if key is not None and key in seen:
             looked.pruned += 1
             continue
@@ -101,7 +106,7 @@ def routes(
         if passed == len(task.via) and bool(capture.met(off)):
             yield Route(_steps_to(nodes, node), node.cost, node.pose)
         after = compose(node.pose, moves)
-        least = node.cost + costs + bound(after)
+        least = np.round((node.cost + costs + bound(after)) / unit) * unit
         for k in range(len(steps)):
             if np.isfinite(least[k]):
                 order += 1
@@ -135,12 +140,13 @@ def _steps_to(nodes: list[_Node], node: _Node) -> tuple[int, ...]:
     return tuple(reversed(found))
 
 
-def _key(node: _Node, cell: tuple[float, float]) -> tuple[int, ...] | None:
+def _key(task: PathTask, node: _Node, cell: tuple[float, float]) -> tuple[int, ...] | None:
+    """Cell of a pose, the start in the middle of one: a task that is turned has the same ones."""
     if cell[0] <= 0 or cell[1] <= 0:
         return None
-    turn = node.pose[2] % (2 * np.pi)
-    x, y = np.floor(node.pose[:2] / cell[0])
-    return (int(x), int(y), int(turn / cell[1]), node.passed)
+    off = compose(inverse(task.start), node.pose) / _ODD
+    x, y = np.rint(off[:2] / cell[0])
+    return (int(x), int(y), round(float(wrapped(off[2])) / cell[1]), node.passed)
 
 
 def _bound(

@@ -1,4 +1,4 @@
-"""A planned path once more, by integrating all masses in Cartesian coordinates."""
+"""A planned path once more, by other ways than it was planned."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.systems.planar.body.obstacles import Block, Capsule, Disc, Obstacle, Wall, inside
 from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.body.shape import Heading
+from wormopt.systems.planar.crawling.cartesian import simulate_crawled
+from wormopt.systems.planar.crawling.crawl import Crawl
 from wormopt.systems.planar.kinematic.cartesian import simulate_held
 from wormopt.systems.planar.kinematic.motion import KinematicMotion
-from wormopt.systems.planar.path.obstacles import Block, Capsule, Disc, Obstacle, inside
 from wormopt.systems.planar.path.plan import PlannedPath
 
 
@@ -38,21 +40,45 @@ def simulate_path(
     heading: Heading = "bisector",
     looks: int = 64,
 ) -> Course:
-    """Integrate what pins and skids determine over all steps, one after another, from the start.
+    """Go through all steps of a path, one after another from the start, by independent ways.
 
-    Each step begins where the one before has ended, errors and all.
+    What pins and skids determine is integrated with all masses in Cartesian coordinates; slow
+    crawls by smoothed laws, without rest or breaks, in a frame at the tail. Each step begins where
+    the one before has ended, errors and all.
+
+    Parameters
+    ----------
+    path : PlannedPath
+        Its steps must come from `held_family` or `crawled_family`.
+    lengths : sequence of float, optional
+        Of the links, where they are no shape variables.
+    heading : {"bisector", "front", "rear"}, optional
+        Along what an inner mass looks.
+    looks : int, optional
+        Instants that are kept of each smooth part of a stroke.
+
+    Returns
+    -------
+    Course
+        Places of all masses; `pose` is that of the head at the end.
+
+    Raises
+    ------
+    ArgumentError
+        If a step was made in another way.
     """
     start = path.task.start
     places = start[:2] + rotate(start[2], path.library.rest)
     when, course = [np.zeros(1)], [places[None]]
     for k, step in enumerate(path.steps):
-        motion = step.motion
-        if not isinstance(motion, KinematicMotion):
-            raise ArgumentError(f"{step.name!r} was not made from pins and skids")
-        tau, found = simulate_held(
-            course[-1][-1], motion.stroke, motion.phases, lengths=lengths, heading=heading,
-            looks=looks,
-        )  # fmt: skip
+        motion, places, how = step.motion, course[-1][-1], (lengths, heading, looks)
+        if isinstance(motion, KinematicMotion):
+            tau, found = simulate_held(places, motion.stroke, motion.phases, *how)
+        elif isinstance(motion, Crawl):
+            own = motion.course
+            tau, found = simulate_crawled(places, own.stroke, own.crawler.ground, *how)
+        else:
+            raise ArgumentError(f"{step.name!r} is neither held by pins and skids nor a crawl")
         when.append(k + tau[1:])
         course.append(found[1:])
     return Course(np.concatenate(when), np.concatenate(course))
@@ -62,6 +88,19 @@ def least_distance(course: np.ndarray, obstacles: Sequence[Obstacle], *, points:
     """Least distance of points along all links (m, n, 2) from obstacles, by points alone.
 
     Neither distances of segments nor bounds of the plan are used: a second route to them.
+
+    Parameters
+    ----------
+    course : ndarray, shape (m, n, 2)
+        Places of the masses.
+    obstacles : sequence of Obstacle
+        From what.
+    points : int, optional
+        Points of each link.
+
+    Returns
+    -------
+    float
     """
     share = np.linspace(0.0, 1.0, points)[:, None]
     a, b = course[:, :-1, None], course[:, 1:, None]
@@ -74,6 +113,9 @@ def _from(obstacle: Obstacle, points: np.ndarray) -> np.ndarray:
     if isinstance(obstacle, Disc):
         off = points - np.array(obstacle.centre)
         return np.hypot(off[:, 0], off[:, 1]) - obstacle.radius
+    if isinstance(obstacle, Wall):
+        normal = np.array([np.cos(obstacle.angle), np.sin(obstacle.angle)])
+        return (points - np.array(obstacle.point)) @ normal
     if isinstance(obstacle, Capsule):
         return _from_segment(points, np.array(obstacle.start), np.array(obstacle.end)) - (
             obstacle.radius

@@ -14,10 +14,13 @@ from wormopt.errors import ArgumentError
 from wormopt.systems.planar.body.se2 import compose, rotate
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.body.strokes import Stroke
-from wormopt.systems.planar.body.travel import Travel
+from wormopt.systems.planar.body.travel import Travel, divided
+from wormopt.systems.planar.crawling.crawl import Crawl
 from wormopt.systems.planar.kinematic.constraints import kinematics_at
 from wormopt.systems.planar.kinematic.loads import Ground, loads
 from wormopt.systems.planar.kinematic.motion import KinematicMotion
+
+_LONGEST = 1 / 24  # share of a stroke: crawls have long panels, and all are looked at as often
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +41,7 @@ class GaitStep:
         Phases of the stroke and instants of these.
     slack : ndarray, shape (K,)
         No point of the body is farther than this, in between two instants, from where it is at the
-        nearer of them: half the longest way of a mass.
+        nearer of them: half the time between by a bound of the speeds of all masses.
     work : float
         What the stroke takes.
     motion : object, optional
@@ -93,22 +96,23 @@ def swept(
     name: str,
     amplitude: float,
     course: Travel,
-    body: Callable[[np.ndarray], np.ndarray],
     stroke: Stroke,
     shape: Shape,
     *,
     work: float,
-    pace: np.ndarray,
+    rates: Sequence[float] | float = 1.0,
     looks: int = 8,
     motion: Any = None,
 ) -> GaitStep:
-    """Make a step of a course of poses; `body` gives places (m, n, 2) in the frame at phases (m,).
+    """Make a step of a course of poses, gone through as fast as the largest rates let.
 
-    `pace` is the time by the phase at the nodes of the quadrature. Every panel is looked at so many
-    times or more.
+    Every panel is looked at so many times or more.
     """
     tau, poses, way = _sampled(course, stroke, shape, looks)
-    points = poses[:, None, :2] + rotate(poses[:, None, 2], body(tau))
+    body = kinematics_at(shape, stroke.at(tau)[0]).points
+    points = poses[:, None, :2] + rotate(poses[:, None, 2], body)
+    most = np.broadcast_to(np.asarray(rates, dtype=float), (stroke.n_s,))
+    pace = (np.abs(stroke.at(course.nodes)[1]) / most).max(axis=1)
     spent = (pace * course.weights).reshape(len(course.ends) - 1, -1).sum(axis=1)
     clock = np.interp(tau, course.ends, np.concatenate([[0.0], np.cumsum(spent)]))
     return GaitStep(name, amplitude, poses, points, tau, clock, way / 2, work, motion)
@@ -119,12 +123,12 @@ def _sampled(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Phases and poses at ends of panels and nodes within, and bounds of ways in between.
 
-    A bound is the time between two looks by the speed of the fastest mass at any node of the panel.
+    A bound is the time between two looks by a bound of the speeds of all masses in the panel.
     """
     panels = len(course.ends) - 1
     nodes = course.nodes.reshape(panels, -1)
     pick = slice(None, None, max(1, nodes.shape[1] // looks))
-    fastest = _speeds(course, stroke, shape).reshape(panels, -1).max(axis=1)
+    fastest = course.fastest(_velocities(course, stroke, shape))
     tau = np.column_stack([course.ends[:-1], nodes[:, pick]])
     poses = np.concatenate(
         [course.poses[:-1, None], course.node_poses.reshape(panels, -1, 3)[:, pick]], axis=1
@@ -134,12 +138,15 @@ def _sampled(
     return phases, np.vstack([poses.reshape(-1, 3), course.poses[-1:]]), way
 
 
-def _speeds(course: Travel, stroke: Stroke, shape: Shape) -> np.ndarray:
-    """Speed of the fastest mass by the phase, at the nodes."""
+def _velocities(course: Travel, stroke: Stroke, shape: Shape) -> np.ndarray:
+    """Velocities (m, n, 2) of the masses by the phase, in the frame of the body at the nodes.
+
+    Their own headings turn: there a series would converge no better, but say less of the frame.
+    """
     s, ds = stroke.at(course.nodes)
     at = kinematics_at(shape, s)
     v = np.einsum("mrj,mj->mr", at.J, course.twists) + np.einsum("mrs,ms->mr", at.B, ds)
-    return np.linalg.norm(v.reshape(len(s), -1, 2), axis=-1).max(axis=1)
+    return rotate(at.headings, v.reshape(len(s), -1, 2))
 
 
 def kinematic_step(
@@ -169,19 +176,25 @@ def kinematic_step(
     -------
     GaitStep
     """
-    course, stroke = motion.course, motion.stroke
-    most = np.broadcast_to(np.asarray(rates, dtype=float), (stroke.n_s,))
-    pace = np.abs(stroke.at(course.nodes)[1]) / most
-    found = loads(motion, ground)
-
-    def body(tau: np.ndarray) -> np.ndarray:
-        return kinematics_at(motion.shape, stroke.at(tau)[0]).points
-
+    course, found = motion.course, loads(motion, ground)
     return swept(
-        name, amplitude, course, body, stroke, motion.shape,
-        work=float(found.power @ course.weights),
-        pace=pace.max(axis=1),
-        motion=motion,
+        name, amplitude, course, motion.stroke, motion.shape,
+        work=float(found.power @ course.weights), rates=rates, motion=motion,
+    )  # fmt: skip
+
+
+def crawl_step(
+    name: str,
+    found: Crawl,
+    *,
+    amplitude: float = 1.0,
+    rates: Sequence[float] | float = 1.0,
+) -> GaitStep:
+    """Make a step of a slow crawl; its work is that of the ground, its time by largest rates."""
+    return swept(
+        name, amplitude, divided(found.travel, _LONGEST), found.course.stroke,
+        found.course.crawler.shape,
+        work=found.work, rates=rates, motion=found,
     )  # fmt: skip
 
 
@@ -197,11 +210,14 @@ class Family:
         GaitStep of an amplitude.
     amplitudes : sequence of float
         Those that a search may use, ascending; a polish may use all in between.
+    degree : int, optional
+        Of polynomials in the amplitude that lead a polish; its last digits are those of the steps.
     """
 
     name: str
     make: Callable[[float], GaitStep]
     amplitudes: tuple[float, ...]
+    degree: int = 8
 
     def __post_init__(self) -> None:
         rising = tuple(float(a) for a in self.amplitudes)

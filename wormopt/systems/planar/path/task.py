@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.systems.planar.body.obstacles import Obstacle, to_point
 from wormopt.systems.planar.body.se2 import rotate
-from wormopt.systems.planar.path.obstacles import Obstacle, to_point
 from wormopt.systems.planar.path.steps import GaitStep, Library
 
 Cost = Literal["steps", "work", "time"]
@@ -37,7 +37,13 @@ class Tolerance:
             raise ArgumentError(f"tolerances must be positive, not {self.place}, {self.angle}")
 
     def met(self, off: np.ndarray) -> np.ndarray:
-        """Whether poses less the one asked for, (..., 3), lie within."""
+        """Whether poses less the one asked for, (..., 3), lie within.
+
+        Parameters
+        ----------
+        off : ndarray, shape (..., 3)
+            x, y and angle.
+        """
         near = np.hypot(off[..., 0], off[..., 1]) <= self.place
         return near & (np.abs(wrapped(off[..., 2])) <= self.angle)
 
@@ -64,7 +70,13 @@ class Corridor:
             raise ArgumentError("a corridor needs a line of two points or more and a width above 0")
 
     def room(self, points: np.ndarray) -> np.ndarray:
-        """By how much points (..., 2) are nearer to the line than they must be."""
+        """By how much points (..., 2) are nearer to the line than they must be.
+
+        Parameters
+        ----------
+        points : ndarray, shape (..., 2)
+            The points.
+        """
         pieces = zip(self.line, self.line[1:], strict=False)
         return self.width - np.min([to_point(points, a, b) for a, b in pieces], axis=0)
 
@@ -188,6 +200,8 @@ def rest_fault(task: PathTask, library: Library) -> str:
     for name, pose in (("start", task.start), ("goal", task.goal)):
         places = pose[:2] + rotate(pose[2], library.rest)
         room = float(task.room(places, library.radius))
+        if room == -np.inf:
+            return f"at the {name} the body lies inside an obstacle"
         if room < 0:
             return f"at the {name} the body lacks {-room:.3g} of room to what it must not touch"
     return ""

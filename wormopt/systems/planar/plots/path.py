@@ -144,11 +144,21 @@ def _draw_obstacle(axes: Axes, each: Any) -> None:
         axes.add_patch(Circle(each["centre"], each["radius"], **style))
     elif each["shape"] == "block":
         axes.add_patch(Polygon(each["corners"], **style))
+    elif each["shape"] == "wall":
+        normal = np.array([np.cos(each["angle"]), np.sin(each["angle"])])
+        along, far = np.array([-normal[1], normal[0]]), 1e3 * _size(axes)
+        point = np.array(each["point"])
+        corners = [point + far * along, point - far * along]
+        axes.add_patch(Polygon([*corners, *(c - far * normal for c in corners[::-1])], **style))
     else:
         ends = np.array([each["start"], each["end"]])
         if each.get("radius"):
             _thick(axes, ends[:, :1], ends[:, 1:], each["radius"], color=_SOLID, zorder=2)
         axes.plot(ends[:, 0], ends[:, 1], color=GREY, linewidth=1.0, zorder=2)
+
+
+def _size(axes: Axes) -> float:
+    return max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()), 1e-300)
 
 
 def _thick(axes: Axes, x: np.ndarray, y: np.ndarray, radius: float, **style: Any) -> None:

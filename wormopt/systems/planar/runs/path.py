@@ -9,17 +9,17 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from wormopt.errors import SolveError
+from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
+from wormopt.systems.planar.body.obstacles import Block, Capsule, Disc, Obstacle, Wall
 from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.kinematic.constraints import Constraints
 from wormopt.systems.planar.kinematic.loads import loads
 from wormopt.systems.planar.kinematic.motion import KinematicMotion, Phase
-from wormopt.systems.planar.path.gaits import held_family
-from wormopt.systems.planar.path.obstacles import Block, Capsule, Disc, Obstacle
+from wormopt.systems.planar.path.gaits import crawled_family, held_family
 from wormopt.systems.planar.path.plan import PlannedPath, plan_path
 from wormopt.systems.planar.path.search import SearchOptions
 from wormopt.systems.planar.path.simulate import Course, least_distance, simulate_path
@@ -27,6 +27,7 @@ from wormopt.systems.planar.path.steps import Family, GaitStep, Library
 from wormopt.systems.planar.path.task import Corridor, PathTask, Tolerance, wrapped
 from wormopt.systems.planar.scenes.path import (
     BlockTable,
+    CapsuleTable,
     DiscTable,
     GaitTable,
     PlanarPathScene,
@@ -34,7 +35,9 @@ from wormopt.systems.planar.scenes.path import (
     rates_of,
 )
 
-_AGREED = 1e-7  # by how much plan and simulation may differ, of the size of the path
+# By how much plan and simulation may differ, of the size of the path; the simulation of crawls is
+# of order 2 where masses stop.
+_AGREED, _CRAWLS_AGREED = 1e-7, 2e-5
 _LOOKS = 25  # instants of a step that the result keeps
 _WELL = 1e5  # condition number up to which what holds does so
 
@@ -50,10 +53,19 @@ def run(scene: Scene[PlanarPathScene], report: Report) -> Result:
     made, search = time.perf_counter(), table.search
     capture = Tolerance(search.capture.place, search.capture.angle)
     options = SearchOptions(search.cost, (search.cell.place, search.cell.angle), search.poses)
+    last = ["before the search began"]
+
+    def told(text: str, fraction: float | None = None) -> None:
+        last[0] = text
+        report(text, fraction)
+
     try:
-        path = plan_path(_task(table), library, capture, options, report=report)
+        path = plan_path(_task(table), library, capture, options, report=told)
     except SolveError as error:
-        raise _refused(scene, error) from None
+        partial = _unplanned(scene, error.reason)
+        raise SolveError(error.reason, error.suggestion, partial, error.code) from None
+    except KeyboardInterrupt:
+        raise Interrupted(_unplanned(scene, f"interrupted; {last[0]}")) from None
     planned = time.perf_counter()
     report("simulating", None)
     again = simulate_path(path, lengths=table.body.sizes, heading=table.body.heading)
@@ -73,11 +85,9 @@ def run(scene: Scene[PlanarPathScene], report: Report) -> Result:
     )
 
 
-def _refused(scene: Scene[PlanarPathScene], error: SolveError) -> SolveError:
-    partial = conclude(
-        scene, {}, checks=[Check("path", None, 0.0, error.reason)], attributes=_drawn(scene.table)
-    )
-    return SolveError(error.reason, error.suggestion, partial, error.code)
+def _unplanned(scene: Scene[PlanarPathScene], reason: str) -> Result:
+    checks = [Check("path", None, 0.0, reason)]
+    return conclude(scene, {}, checks=checks, attributes=_drawn(scene.table)).failed(reason)
 
 
 def _families(table: PlanarPathScene) -> Iterator[Family]:
@@ -88,14 +98,18 @@ def _families(table: PlanarPathScene) -> Iterator[Family]:
 
 
 def _family(table: PlanarPathScene, gait: GaitTable, name: str, side: float) -> Family:
-    shape, rest = table.body.shape(), np.array(table.rest)
+    shape, rest, rates = table.body.shape(), np.array(table.rest), rates_of(table)
     sides = np.ones(len(rest))
     sides[len(rest) - (table.body.links - 1) :] = side
+    changes, ground = sides * np.array(gait.changes), table.ground.friction()
+    if not gait.held:
+        return crawled_family(
+            name, shape, sides * rest, changes, ground, gait.amplitudes, rates=rates
+        )
     phases = [Phase(held.until, Constraints(held.pins, held.skids)) for held in gait.held]
     return held_family(
-        name, shape, sides * rest, sides * np.array(gait.changes), phases, gait.amplitudes,
-        ground=table.ground.friction(), rates=rates_of(table),
-    )  # fmt: skip
+        name, shape, sides * rest, changes, phases, gait.amplitudes, ground=ground, rates=rates
+    )
 
 
 def _task(table: PlanarPathScene) -> PathTask:
@@ -113,12 +127,15 @@ def _task(table: PlanarPathScene) -> PathTask:
     )
 
 
-def _obstacle(table: DiscTable | BlockTable | WallTable) -> Obstacle:
+def _obstacle(table: DiscTable | BlockTable | CapsuleTable | WallTable) -> Obstacle:
     if isinstance(table, DiscTable):
         x, y = table.centre
         return Disc((x, y), table.radius)
     if isinstance(table, BlockTable):
         return Block(tuple((x, y) for x, y in table.corners))
+    if isinstance(table, WallTable):
+        x, y = table.point
+        return Wall((x, y), table.angle)
     (x0, y0), (x1, y1) = table.start, table.end
     return Capsule((x0, y0), (x1, y1), table.radius)
 
@@ -138,8 +155,13 @@ class _Recheck:
         self.room = room
 
 
+def _held(path: PlannedPath) -> list[KinematicMotion]:
+    """Motions of the steps that pins and skids determine."""
+    return [step.motion for step in path.steps if isinstance(step.motion, KinematicMotion)]
+
+
 def _scalars(path: PlannedPath, found: _Recheck, table: PlanarPathScene) -> dict[str, Any]:
-    motions = [step.motion for step in path.steps]
+    motions = _held(path)
     return {
         "steps": len(path.steps),
         "work": path.cost("work"),
@@ -167,14 +189,15 @@ def _checks(path: PlannedPath, found: _Recheck, table: PlanarPathScene) -> Itera
     turned = f"simulated in Cartesian coordinates, the path ends {found.angle:.3g} off in angle"
     yield Check("angle by simulation", found.angle, near.angle, turned)
     size = max(1.0, float(np.abs(path.poses[:, :2]).max()))
-    yield Check("plan and simulation", found.apart / size, _AGREED, "the two ends differ")
+    agreed = _AGREED if len(_held(path)) == len(path.steps) else _CRAWLS_AGREED
+    yield Check("plan and simulation", found.apart / size, agreed, "the two ends differ")
     touch = "in the simulation the body touches what it must not; allow more clearance"
     yield Check("room by simulation", found.room, 0.0, touch, found.room >= 0)
-    condition = max((step.motion.condition for step in path.steps), default=1.0)
+    condition = max((motion.condition for motion in _held(path)), default=1.0)
     ill = f"what holds is nearly singular: condition number {condition:.3g}"
     yield Check("condition of what holds", condition, _WELL, ill)
     if table.pin_load is not None:
-        load = max((_pin_load(step.motion, table) for step in path.steps), default=0.0)
+        load = max((_pin_load(motion, table) for motion in _held(path)), default=0.0)
         over = f"a pin bears {load:.4g}; allow pin_load = {load:.4g}, or take weaker friction"
         yield Check("load of a pin", load, table.pin_load, over)
 
@@ -214,16 +237,18 @@ def _course(path: PlannedPath) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for pose, step in zip(path.poses, path.steps, strict=False):
         pick = np.unique(np.linspace(0, len(step.tau) - 1, _LOOKS).round().astype(int))
         places.append(step.placed(pose)[pick])
-        pinned.append([_pins(step, tau, n) for tau in step.tau[pick]])
+        pinned.append([_at_rest(step, tau, n) for tau in step.tau[pick]])
         instants.append(begun + step.clock[pick])
         begun += step.time
     return np.concatenate(places), np.concatenate(pinned), np.concatenate(instants)
 
 
-def _pins(step: GaitStep, tau: float, n: int) -> np.ndarray:
-    pins = np.zeros(n)
-    pins[list(step.motion.held_at(tau).pins)] = 1.0
-    return pins
+def _at_rest(step: GaitStep, tau: float, n: int) -> np.ndarray:
+    """Which masses do not move just after a phase."""
+    if isinstance(step.motion, KinematicMotion):
+        return np.isin(np.arange(n), step.motion.held_at(tau).pins)
+    phases = step.motion.phases
+    return next(phase.rest for phase in phases if tau < phase.end or phase is phases[-1])
 
 
 def _drawn(table: PlanarPathScene) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
@@ -51,7 +52,10 @@ class GaitTable(Table, frozen=True, kw_only=True):
         tuple[tuple[Finite, ...], ...],
         says("", "shapes less that at rest, one after another, at amplitude 1; then back to rest"),
     ]
-    held: Annotated[tuple[HeldTable, ...], says("", "what holds, phase by phase")]
+    held: Annotated[
+        tuple[HeldTable, ...],
+        says("", "what holds, phase by phase; left out, nothing but friction: a slow crawl"),
+    ] = ()
     amplitudes: Annotated[
         tuple[Positive, ...],
         Meta(min_length=1, max_length=20, description="ascending numbers above 0"),
@@ -66,10 +70,10 @@ class GaitTable(Table, frozen=True, kw_only=True):
                 f"{key}.changes",
                 f"write rows of {variables} numbers, one for each shape variable",
             )
-        if any(b <= a for a, b in zip(self.amplitudes, self.amplitudes[1:], strict=False)):
+        if any(b <= a for a, b in pairwise(self.amplitudes)):
             yield f"{key}.amplitudes", "they must ascend; write the smallest first"
         ends = [0.0, *(held.until for held in self.held)]
-        if len(ends) == 1 or ends[-1] != 1.0 or any(b <= a for a, b in zip(ends, ends[1:])):  # noqa: B905, RUF007
+        if self.held and (ends[-1] != 1.0 or any(b <= a for a, b in pairwise(ends))):
             yield f"{key}.held", "phases must rise to until = 1.0"
         for j, held in enumerate(self.held):
             who = (*held.pins, *held.skids)
@@ -97,9 +101,24 @@ class BlockTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="block
         says("length", "its corners in order"),
     ]
 
+    @property
+    def flat(self) -> bool:
+        """Whether it has no area."""
+        pairs = zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True)
+        twice = sum(a[0] * b[1] - a[1] * b[0] for a, b in pairs)
+        wide = max(max(row) - min(row) for row in zip(*self.corners, strict=True))
+        return abs(twice) < 1e-9 * wide**2 or wide == 0
+
 
 class WallTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="wall"):
-    """A straight wall with round ends."""
+    """A straight wall without end: all that lies behind it is closed."""
+
+    point: Annotated[Place, says("length", "any point of it")]
+    angle: Annotated[Finite, says("angle", "direction of its normal, into the open")]
+
+
+class CapsuleTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="capsule"):
+    """A rod or a fence: all points near a straight line from one end to the other."""
 
     start: Annotated[Place, says("length", "one end")]
     end: Annotated[Place, says("length", "the other")]
@@ -158,9 +177,10 @@ class PathSearchTable(Table, frozen=True, kw_only=True):
 class PlanarPathScene(SceneTable, frozen=True, kw_only=True):
     """Steps of a few gaits that lead a worm to a pose and past obstacles, at the least cost.
 
-    A worm whose feet are pins or skids moves as its shape tells. Each stroke is a step: a
-    displacement in the plane, work, time, and what it sweeps over. The best steps of the library
-    are searched, then amplitudes are changed until the pose is met. See
+    A worm whose feet are pins or skids moves as its shape tells, one that nothing holds as friction
+    lets a slow crawl. Each stroke is a step: a displacement in the plane, work, time, and what it
+    sweeps over. The best steps of the library are searched, then amplitudes are changed until the
+    pose is met. See
     [theory](../planar-parts/kinematic.md#paths).
 
     `timings_s`: `library`, `plan` and `recheck`.
@@ -188,7 +208,7 @@ class PlanarPathScene(SceneTable, frozen=True, kw_only=True):
         "instant": ("time", ("instant",), "time"),
         "x": ("length", ("mass", "instant"), "x of the mass"),
         "y": ("length", ("mass", "instant"), "y of the mass"),
-        "pinned": ("1", ("mass", "instant"), "whether the mass is pinned"),
+        "pinned": ("1", ("mass", "instant"), "whether the mass is pinned, or rests in a crawl"),
         "amplitude": ("1", ("step",), "amplitude of the step"),
         "step_work": ("energy", ("step",), "work of the step"),
         "step_time": ("time", ("step",), "time of the step"),
@@ -219,7 +239,8 @@ class PlanarPathScene(SceneTable, frozen=True, kw_only=True):
         says("", "the library"),
     ]
     obstacles: Annotated[
-        tuple[DiscTable | BlockTable | WallTable, ...], says("", "what must not be touched")
+        tuple[DiscTable | BlockTable | CapsuleTable | WallTable, ...],
+        says("", "what must not be touched"),
     ] = ()
     course: Annotated[CourseTable, says("", "from where to where")]
     search: Annotated[PathSearchTable, says("", "how")] = field(default_factory=PathSearchTable)
@@ -239,8 +260,15 @@ class PlanarPathScene(SceneTable, frozen=True, kw_only=True):
         names = [n for gait in self.gaits for n in (gait.name, gait.mirrored) if n]
         if len(set(names)) < len(names):
             yield "gaits", "two gaits have the same name; write different ones"
+        if self.ground.law != "elliptic" and not all(gait.held for gait in self.gaits):
+            yield "ground.law", 'a gait that nothing holds crawls by least power; write "elliptic"'
+        for j, each in enumerate(self.obstacles):
+            if isinstance(each, BlockTable) and each.flat:
+                yield f"obstacles[{j}].corners", "they span no area; for a fence write a capsule"
         for j, gait in enumerate(self.gaits):
             yield from gait.faults(f"gaits[{j}]", self.body)
+            if gait.mirrored and any(self.rest[variables - self.body.links + 1 :]):
+                yield f"gaits[{j}].mirrored", "the shape at rest is bent; write a gait of its own"
             if len(self.rest) == variables:
                 yield from _too_short(self, f"gaits[{j}]", gait)
 

@@ -1,11 +1,13 @@
-"""Obstacles in the plane, and how far links stay from them."""
+"""Obstacles in the plane: how far links stay from them, and how masses press against them."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
+import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
@@ -31,31 +33,141 @@ class Disc:
     Parameters
     ----------
     centre : (float, float)
-        Its centre.
+        Where it stands.
     radius : float
         Its radius, positive.
+    friction : float, optional
+        Coefficient of friction on it, not negative: for masses that press against it.
+
+    Raises
+    ------
+    ArgumentError
+        If the radius is not positive, or a number not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> post = Disc((1.0, 0.0), radius=0.5)
+    >>> float(post.distance(np.array([0.0, 0.7]), np.array([2.0, 0.7]))).__round__(12)
+    0.2
     """
 
     centre: tuple[float, float]
     radius: float
+    friction: float = 0.0
 
     def __post_init__(self) -> None:
         _check_points(self.centre)
         _check_radius(self.radius, least=1e-300)
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Distance of segments from a to b; below 0 by how deep they lie within."""
+        """Distance of segments from a to b; below 0 by how deep they lie within.
+
+        Parameters
+        ----------
+        a, b : ndarray, shape (..., 2)
+            Their ends.
+        """
         return to_point(np.asarray(self.centre, dtype=float), a, b) - self.radius
 
     @property
     def disc(self) -> tuple[float, float, float]:
-        """Itself."""
+        """Centre and radius."""
         return (*self.centre, self.radius)
+
+    def normal(self, place: ca.SX) -> ca.SX:
+        """Unit normal at a place (2), away from the centre.
+
+        Parameters
+        ----------
+        place : casadi.SX, shape (2,)
+            The place.
+        """
+        away = place - ca.DM(list(self.centre))
+        return away / ca.norm_2(away)
+
+    def gap(self, place: ca.SX) -> ca.SX:
+        """Distance of a place from the disc.
+
+        Parameters
+        ----------
+        place : casadi.SX, shape (2,)
+            The place.
+        """
+        return ca.norm_2(place - ca.DM(list(self.centre))) - self.radius
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A straight wall: the half plane behind it is closed.
+
+    Parameters
+    ----------
+    point : (float, float)
+        A point of the wall.
+    angle : float
+        Direction of its normal, into the open.
+    friction : float, optional
+        Coefficient of friction on it, not negative: for masses that press against it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> Wall((0.0, 0.0), angle=0.0).distance(np.array([2.0, 1.0]), np.array([3.0, 0.0])).item()
+    2.0
+    """
+
+    point: tuple[float, float]
+    angle: float
+    friction: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_points(self.point, (self.angle, 0.0))
+
+    @property
+    def _open(self) -> tuple[float, float]:
+        return math.cos(self.angle), math.sin(self.angle)
+
+    def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Distance of segments from a to b; below 0 by how far they reach behind it.
+
+        Parameters
+        ----------
+        a, b : ndarray, shape (..., 2)
+            Their ends.
+        """
+        ahead = [(end - np.asarray(self.point)) @ np.array(self._open) for end in (a, b)]
+        return np.minimum(*ahead)
+
+    @property
+    def disc(self) -> tuple[float, float, float]:
+        """No disc is around it."""
+        return (*self.point, math.inf)
+
+    def normal(self, place: ca.SX) -> ca.SX:
+        """Unit normal at a place (2).
+
+        Parameters
+        ----------
+        place : casadi.SX, shape (2,)
+            The place.
+        """
+        return ca.SX(ca.DM(list(self._open)))
+
+    def gap(self, place: ca.SX) -> ca.SX:
+        """Distance of a place from the wall.
+
+        Parameters
+        ----------
+        place : casadi.SX, shape (2,)
+            The place.
+        """
+        return ca.dot(self.normal(place), place - ca.DM(list(self.point)))
 
 
 @dataclass(frozen=True)
 class Capsule:
-    """All points at most a radius away from a segment: a wall, a rod.
+    """All points at most a radius away from a segment: a fence, a rod.
 
     Parameters
     ----------
@@ -74,7 +186,13 @@ class Capsule:
         _check_radius(self.radius, least=0.0)
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Distance of segments from a to b; 0 less the radius where they cross."""
+        """Distance of segments from a to b; 0 less the radius where they cross.
+
+        Parameters
+        ----------
+        a, b : ndarray, shape (..., 2)
+            Their ends.
+        """
         start, end = (np.asarray(p, dtype=float) for p in (self.start, self.end))
         return between(start, end, a, b) - self.radius
 
@@ -101,11 +219,17 @@ class Block:
         object.__setattr__(self, "corners", tuple((float(x), float(y)) for x, y in self.corners))
         _check_points(*self.corners)
         points = np.array(self.corners)
-        if len(points) < 3 or abs(_area(points)) < 1e-12 * np.ptp(points, axis=0).max() ** 2:
+        if len(points) < 3 or abs(_area(points)) <= 1e-12 * np.ptp(points, axis=0).max() ** 2:
             raise ArgumentError(f"a block needs three corners or more that span an area: {points}")
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Distance of segments from a to b; 0 where they cross a side, -inf where they lie in."""
+        """Distance of segments from a to b; 0 where they cross a side, -inf where they lie in.
+
+        Parameters
+        ----------
+        a, b : ndarray, shape (..., 2)
+            Their ends.
+        """
         p, q = self._sides
         least = between(p, q, a[..., None, :], b[..., None, :]).min(axis=-1)
         return np.where(inside(p, a), -np.inf, least)
