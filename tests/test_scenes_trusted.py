@@ -297,6 +297,7 @@ def test_units_of_si_scenes(tmp_path: Path):
             "peristaltic-design",
             "planar-swim",
             "planar-serpenoid",
+            "planar-design",
         )
     ],
 )

@@ -368,9 +368,7 @@ class Motion(SampledMotion):
     def guess(self) -> Guess:
         """The motion as a start for another solve."""
         phases = np.diff(self.phase_breaks())
-        return Guess(
-            self.duration, self.states, self.inputs, self.forces, phases, self.algebraic
-        )
+        return Guess(self.duration, self.states, self.inputs, self.forces, phases, self.algebraic)
 
     def input_course(self) -> Gait:
         """Inputs as piecewise polynomials of time, as simulation takes them.
@@ -398,7 +396,7 @@ def sample(program: Transcription, guess: Guess, bounds: Bounds) -> np.ndarray:
     Raises ArgumentError if a curve gives a wrong number of rows.
     """
     mesh, arc = program.mesh, program.arc
-    d, n = mesh.collocation.degree, mesh.total
+    n = mesh.total
     durations = guess.durations_on(mesh)
     breaks = np.concatenate([[0.0], np.cumsum(durations)])
 

@@ -9,6 +9,11 @@ from wormopt.systems.planar.body.strokes import Polygon as Polygon
 from wormopt.systems.planar.crawling.crawl import Crawl as Crawl
 from wormopt.systems.planar.crawling.crawl import crawl as crawl
 from wormopt.systems.planar.crawling.velocity import crawl_velocity as crawl_velocity
+from wormopt.systems.planar.design.aim import PlanarAim as PlanarAim
+from wormopt.systems.planar.design.aim import PlanarLimits as PlanarLimits
+from wormopt.systems.planar.design.gaits import design_stroke as design_stroke
+from wormopt.systems.planar.design.ground import Dry as Dry
+from wormopt.systems.planar.design.ground import Viscous as Viscous
 from wormopt.systems.planar.serpenoid import best_serpenoid as best_serpenoid
 from wormopt.systems.planar.serpenoid import finite_serpenoid as finite_serpenoid
 from wormopt.systems.planar.serpenoid import serpenoid_speed as serpenoid_speed
@@ -17,8 +22,3 @@ from wormopt.systems.planar.swimming.heights import heights as heights
 from wormopt.systems.planar.swimming.stroke import swim as swim
 from wormopt.systems.planar.swimming.swimmer import Swimmer as Swimmer
 from wormopt.systems.planar.turning import TurnInPlace as TurnInPlace
-from wormopt.systems.planar.design.aim import PlanarAim as PlanarAim
-from wormopt.systems.planar.design.aim import PlanarLimits as PlanarLimits
-from wormopt.systems.planar.design.gaits import design_stroke as design_stroke
-from wormopt.systems.planar.design.ground import Dry as Dry
-from wormopt.systems.planar.design.ground import Viscous as Viscous

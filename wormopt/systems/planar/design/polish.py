@@ -14,7 +14,6 @@ from wormopt.systems.planar.design.ground import Dry
 from wormopt.systems.planar.design.polygons import Sides, Steps
 from wormopt.systems.planar.design.room import Room
 
-
 _KEPT = 1e-5
 """What a point may miss and still count."""
 
@@ -100,7 +99,11 @@ class Polish:
         return np.concatenate(parts, axis=-1)
 
     def objective(self, w: np.ndarray) -> tuple[float, np.ndarray]:
-        """What is made least, and its gradient."""
+        """What is made least, over its usual size, and its gradient."""
+        value, by = self._sought(w)
+        return value / self.aim.usual, by / self.aim.usual
+
+    def _sought(self, w: np.ndarray) -> tuple[float, np.ndarray]:
         sides, _, times = self.told(w)
         closed, purpose = self.aim.closed, self.aim.purpose
         if purpose == "work":
@@ -125,9 +128,9 @@ class Polish:
         return (ends if self.aim.closed else ends - 1) / self.aim.time
 
     def equal(self, w: np.ndarray) -> np.ndarray:
-        """What vanishes."""
-        total = self.told(w)[0].total
-        return self.conditions(total, self.told(w)[1])[0]
+        """What vanishes, over its usual size."""
+        sides, corners, _ = self.told(w)
+        return self.conditions(sides.total, corners)[0] / self.units
 
     def equal_by(self, w: np.ndarray) -> np.ndarray:
         """Its derivatives."""
@@ -135,7 +138,14 @@ class Polish:
         _, by_total, by_first = self.conditions(sides.total, corners)
         by = np.einsum("ri,ikn->rkn", by_total, sides.gradient(self.aim.closed))
         by[:, 0] += by_first
-        return self._chain(by)
+        return self._chain(by) / self.units[:, None]
+
+    @property
+    def units(self) -> np.ndarray:
+        """Usual sizes of what vanishes."""
+        if self.aim.purpose == "turn":
+            return np.full(0 if self.aim.pivot == "any" else 2, self.aim.length)
+        return np.array([self.aim.length] * 2 + [1.0])[-1 if self.aim.purpose == "speed" else 0 :]
 
     def conditions(
         self, total: np.ndarray, corners: np.ndarray
@@ -177,7 +187,9 @@ class Polish:
         rows = [self._linear @ w]
         limits = self.aim.limits
         if limits.effort is not None:
-            rows.append(np.array([1 - self._work_factor * self.told(w)[0].work.sum() / limits.effort]))
+            rows.append(
+                np.array([1 - self._work_factor * self.told(w)[0].work.sum() / limits.effort])
+            )
         if limits.half_width is not None:
             room = limits.half_width - limits.radius
             across = self._room(w).across - (w[-1] if self.drifts else 0.0)
@@ -224,9 +236,7 @@ class Polish:
         low, high = (self.aim.ranges / self.sizes[:, None]).T
         pairs = [(a, b) for _ in range(self.count) for a, b in zip(low, high, strict=True)]
         if self.aim.start is not None:
-            pairs[: len(self.sizes)] = [
-                (v, v) for v in np.array(self.aim.start) / self.sizes
-            ]
+            pairs[: len(self.sizes)] = [(v, v) for v in np.array(self.aim.start) / self.sizes]
         if self.aim.timed:
             pairs += [(0.0, np.inf)] * self.count
         if self.drifts:
@@ -288,7 +298,7 @@ def _polished(task: Polish, w: np.ndarray) -> Polished:
     w = task.pack(corners)
     miss = float(np.abs(task.equal(w)).max(initial=0.0))
     over = -min(0.0, float(task.within(w).min(initial=0.0)))
-    return Polished(corners, abs(task.objective(w)[0]), max(miss, over))
+    return Polished(corners, abs(task.objective(w)[0]) * aim.usual, max(miss, over))
 
 
 def _merit(aim: PlanarAim, one: Polished) -> tuple[bool, float]:

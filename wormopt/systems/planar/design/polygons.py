@@ -125,7 +125,9 @@ class Steps:
         )
         return newton, slopes
 
-    def twists(self, s: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, float | np.ndarray]:
+    def twists(
+        self, s: np.ndarray, rates: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, float | np.ndarray]:
         """Twists (m, 3) at shapes (m, n_s) with rates (m, n_s); those by a width, and the width."""
         if not isinstance(self.ground, Dry):
             xi = self._minimise(np.zeros((len(s), 3)), s, rates, 1.0)
@@ -154,7 +156,7 @@ class Steps:
         for _ in range(_ITERATIONS):
             step = -np.linalg.solve(hessian.reshape(-1, 3, 3), slope[..., None])[..., 0]
             falls = np.einsum("mi,mi->m", slope, step)
-            size = np.ones(len(s))
+            size, worse, found = np.ones(len(s)), np.ones(len(s), dtype=bool), [value]
             for _ in range(30):
                 tried = xi + size[:, None] * step
                 found = _mapped(function, tried, s, rates, width)
@@ -187,13 +189,12 @@ class Steps:
         if not np.isfinite(xi).all():
             raise SolveError("no motion of least power was found along the stroke")
         _, slopes = self._functions
-        hessian, mixed, power, by_xi, by_both = _mapped(
-            slopes.map(len(xi)), near, s, rates, width
-        )
+        hessian, mixed, power, by_xi, by_both = _mapped(slopes.map(len(xi)), near, s, rates, width)
         hessian = hessian.reshape(-1, 3, 3)
         mixed = mixed.reshape(-1, 2 * n_s, 3).transpose(0, 2, 1)
         xi_by = -np.linalg.solve(hessian, mixed)
         by_both = by_both + np.einsum("mi,min->mn", by_xi, xi_by)
+
         # by corners: s = (1 - tau) begin + tau end, rate = end - begin
         def by_corners(part: np.ndarray) -> np.ndarray:
             part = part.reshape(k, q, *part.shape[1:])
@@ -226,8 +227,12 @@ class Steps:
         basis = np.polynomial.legendre.legvander(2 * x - 1, self.points - 1)
         up = np.stack(
             [
-                (np.polynomial.legendre.legval(2 * x - 1,
-                    np.polynomial.legendre.legint(np.eye(self.points)[j], lbnd=-1))) / 2
+                (
+                    np.polynomial.legendre.legval(
+                        2 * x - 1, np.polynomial.legendre.legint(np.eye(self.points)[j], lbnd=-1)
+                    )
+                )
+                / 2
                 for j in range(self.points)
             ],
             axis=1,
@@ -244,7 +249,11 @@ class Steps:
 
 
 def _mapped(
-    function: ca.Function, xi: np.ndarray, s: np.ndarray, rates: np.ndarray, width: float | np.ndarray
+    function: ca.Function,
+    xi: np.ndarray,
+    s: np.ndarray,
+    rates: np.ndarray,
+    width: float | np.ndarray,
 ) -> list[np.ndarray]:
     """Values of a function at many instants, one row each (column-major within a row)."""
     m = len(s)

@@ -13,11 +13,9 @@ from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import Optimum, optimise
 from wormopt.ocp.problem import Problem
-from wormopt.progress import Report, silent
 from wormopt.systems.planar.design.aim import PlanarAim
 from wormopt.systems.planar.design.ground import Dry
-from wormopt.systems.planar.design.program import gait_problem
-from wormopt.systems.planar.design.starts import chance_corners, guess_from
+from wormopt.systems.planar.design.starts import guess_from
 
 # Widths of the smoothed potential, in resistances times the widest range of shape.
 _WIDTHS = (1.0, 0.3, 0.1, 0.03, 0.01)
@@ -39,7 +37,7 @@ def relaxed(aim: PlanarAim, problem: Problem, first: np.ndarray) -> Relaxed:
     mesh = Mesh.even(1, aim.corners, Collocation(_DEGREE))
     guess, best = guess_from(aim, first), None
     dry = isinstance(aim.ground, Dry)
-    size = float(np.ptp(aim.ranges, axis=1).max())
+    size = float(aim.reaches.max())
     for width in _WIDTHS if dry else (1.0,):
         solver = Ipopt(
             tolerance=1e-8, iterations=_ITERATIONS, mu_init=0.1 if best is None else 1e-3
