@@ -138,7 +138,9 @@ def test_a_viscous_chain_moves_as_forces_written_by_hand_make_it(n: int, seed: i
 def test_a_straight_chain_feels_what_the_chain_on_a_line_does(n: int, seed: int) -> None:
     """To round-off, at any state on the line, whatever its contacts do."""
     rng = np.random.default_rng(seed)
-    numbers = {name: rng.uniform(0.5, 2.0, n) for name in ("stiffness", "damping", "rest_length")}
+    numbers: dict[str, Any] = {
+        name: rng.uniform(0.5, 2.0, n) for name in ("stiffness", "damping", "rest_length")
+    }
     m = rng.uniform(0.5, 2.0, n + 1)
     x, v = np.cumsum(rng.uniform(0.5, 1.5, n + 1))[::-1], rng.normal(size=n + 1)
     u, F = rng.normal(size=n), rng.normal(size=n + 1)
@@ -322,7 +324,7 @@ def test_a_driven_chain_does_what_a_free_one_does_with_its_loads() -> None:
     p = np.concatenate([np.ravel(s.value) for s in worm.p])  # type: ignore[arg-type]
 
     def rate(t: float, x: np.ndarray) -> np.ndarray:
-        at = motion.at([t])
+        at = motion.at(np.array([t]))
         return np.array(f(x, p, np.append(at["input"][:, 0], at["torque"][:, 0]))).ravel()
 
     start = np.append(motion["position"][:, 0], motion["velocity"][:, 0])

@@ -25,7 +25,7 @@ def _kinematics(lengths, angles, rates):
     velocity = np.concatenate([none, np.cumsum(1j * turning * step, axis=1)], axis=1)
     look = np.concatenate([links[:, :1], links[:, 1:] + angles / 2, links[:, -1:]], axis=1)
     back = np.exp(-1j * look)
-    columns = [np.stack([c.real, c.imag], -1) for c in (back, 1j * back, 1j * place * back)]
+    columns = [np.stack([np.real(c), np.imag(c)], -1) for c in (back, 1j * back, 1j * place * back)]
     b = velocity * back
     return np.stack(columns, -1), np.stack([b.real, b.imag], -1)
 

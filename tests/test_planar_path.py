@@ -19,7 +19,7 @@ from wormopt.scene import load_scene
 from wormopt.systems.planar.body.obstacles import Block, Capsule, Disc, Obstacle, between, inside
 from wormopt.systems.planar.body.se2 import compose, inverse
 from wormopt.systems.planar.body.shape import chain_shape
-from wormopt.systems.planar.body.travel import divided, travelled
+from wormopt.systems.planar.body.travel import divided, travel_along
 from wormopt.systems.planar.crawling.cartesian import simulate_crawled
 from wormopt.systems.planar.kinematic.cartesian import simulate_held
 from wormopt.systems.planar.kinematic.constraints import Constraints
@@ -173,7 +173,7 @@ def test_bound_of_speeds_is_one_and_not_far_off(seed: int):
     noise = np.random.default_rng(seed)
     ends = np.array([0.0, 0.3, 1.0])
     wave = noise.uniform(-3, 3, (2, 3)) / np.diff(ends)[:, None]  # half a turn a panel, at most
-    course = travelled(ends, np.zeros((2, 16, 3)))
+    course = travel_along(ends, np.zeros((2, 16, 3)), 0.0)
 
     def at(tau: np.ndarray) -> np.ndarray:
         angle = tau[:, None] * wave[(tau > 0.3).astype(int)]
@@ -291,9 +291,8 @@ def test_the_path_does_not_hang_on_where_it_begins(seed: int):
 
 
 def test_panels_in_parts_lead_to_the_same_place():
-    panels = crawled("crawl", 0.6).make(1.0).motion.panels
-    whole = travelled(panels.ends, panels.twist)
-    parts = travelled(*divided(panels.ends, panels.twist, 0.01))
+    whole = crawled("crawl", 0.6).make(1.0).motion.travel
+    parts = divided(whole, 0.01)
     assert np.diff(parts.ends).max() <= 0.01 + 1e-15
     assert np.abs(whole.displacement - parts.displacement).max() < 1e-13
 

@@ -302,6 +302,7 @@ def test_units_of_si_scenes(tmp_path: Path):
             "planar-path",
             "planar-motion",
             "planar-block",
+            "planar-design",
         )
     ],
 )

@@ -183,6 +183,8 @@ def mass_headings(links: ca.SX, angles: ca.SX, heading: Heading) -> ca.SX:
     behind = {"bisector": 0.5, "front": 1.0, "rear": 0.0}
     if heading not in behind:
         raise ArgumentError(f"heading must be one of {', '.join(behind)}, not {heading!r}")
+    if not angles.numel():
+        return ca.SX.zeros(2)
     return ca.vertcat(links[0], links[1:] + behind[heading] * angles, links[-1])
 
 

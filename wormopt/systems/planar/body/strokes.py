@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -53,9 +53,9 @@ class Harmonics:
     [[0.0, 1.0]]
     """
 
-    mean: np.ndarray
-    cosine: np.ndarray
-    sine: np.ndarray
+    mean: Any  # kept as arrays
+    cosine: Any
+    sine: Any
 
     def __post_init__(self) -> None:
         for name in ("mean", "cosine", "sine"):
@@ -111,7 +111,7 @@ class Polygon:
     [[2.0], [-2.0]]
     """
 
-    corners: np.ndarray
+    corners: Any  # kept as an array
 
     def __post_init__(self) -> None:
         corners = np.array(self.corners, dtype=float)

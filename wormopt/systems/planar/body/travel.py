@@ -38,6 +38,18 @@ class Travel:
         """Pose at the end, (3,)."""
         return self.poses[-1]
 
+    def fastest(self, velocities: np.ndarray) -> np.ndarray:
+        """Bound (K,) of vectors over each panel, by those (K d, n, 2) at the nodes.
+
+        No Legendre polynomial passes 1: the sizes of the coefficients add up to a bound of the
+        polynomials by which the course is integrated, at every instant. The last two count twice,
+        for what polynomials leave out: on panels that resolve the course that is less.
+        """
+        panels = len(self.ends) - 1
+        at_nodes = velocities.reshape(panels, _DEGREE, -1, 2)
+        sizes = np.linalg.norm(np.einsum("kd,pdnc->pknc", _to_series(), at_nodes), axis=-1)
+        return (sizes.sum(axis=1) + sizes[:, -2:].sum(axis=1)).max(axis=1)
+
 
 def travel(
     twists: Twists, breaks: np.ndarray, *, panels: int = 4, accuracy: float = 1e-13

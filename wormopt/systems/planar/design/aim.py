@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -158,6 +159,37 @@ class PlanarAim:
     def rates(self) -> np.ndarray:
         """Largest rate of each shape variable, (n_s,)."""
         return self.limits.rates(self.shape)
+
+    @cached_property
+    def length(self) -> float:
+        """Length of the body, its shape in the middle of its ranges."""
+        points = np.asarray(self.shape.kinematics(self.ranges.mean(axis=1))[0])
+        return float(np.hypot(*np.diff(points, axis=1)).sum())
+
+    @cached_property
+    def reaches(self) -> np.ndarray:
+        """How far each shape variable may move a part of the body, (n_s,)."""
+        sizes = [1.0 if _kind(name) == "length" else self.length for name in self.shape.names]
+        return np.ptp(self.ranges, axis=1) * sizes
+
+    @property
+    def usual(self) -> float:
+        """Usual size of what is sought: a speed, a rate of turning, or a work."""
+        if self.purpose == "turn":
+            return 1.0 / self.duration_usual
+        if self.purpose == "speed":
+            return self.length / self.duration_usual
+        return self.usual_work
+
+    @property
+    def usual_work(self) -> float:
+        """Usual work of a cycle."""
+        ground, reach = self.ground, float(self.reaches.max())
+        if isinstance(ground, Dry):
+            return ground.mean * self.shape.n_points * reach
+        swimmer = ground.swimmer
+        drag = sum(swimmer.rods) / 2 * self.length + sum(swimmer.masses) / 2 * self.shape.n_points
+        return drag * reach**2 * self.work_factor
 
     @property
     def duration_usual(self) -> float:

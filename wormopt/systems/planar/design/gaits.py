@@ -181,7 +181,7 @@ def design_stroke(
     >>> ground = Viscous(Swimmer(shape, rods=(1.0, 2.0)))
     >>> aim = PlanarAim(shape, ground, PlanarLimits(angle=(-1.0, 1.0)), corners=4)
     >>> round(design_stroke(aim, starts=1).value, 6)
-    0.02257
+    0.02302
     """
     problem = gait_problem(aim)
     found: list[tuple[float, np.ndarray]] = []
@@ -260,7 +260,7 @@ def _closed(
         if not miss.size or np.abs(miss).max() < CLOSED / 10:
             break
         by = task.equal_by(task.pack(corners))[:, : corners.size]
-        step = -np.linalg.lstsq(by @ ties, miss, rcond=None)[0]
+        step = -np.linalg.lstsq(by @ ties, miss / task.units, rcond=None)[0]
         change = (ties @ step).reshape(corners.shape) * task.sizes
         corners = np.clip(corners + change, *aim.ranges.T)
         displacement, work = moved(aim, corners)

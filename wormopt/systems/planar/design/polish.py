@@ -99,7 +99,11 @@ class Polish:
         return np.concatenate(parts, axis=-1)
 
     def objective(self, w: np.ndarray) -> tuple[float, np.ndarray]:
-        """What is made least, and its gradient."""
+        """What is made least, over its usual size, and its gradient."""
+        value, by = self._sought(w)
+        return value / self.aim.usual, by / self.aim.usual
+
+    def _sought(self, w: np.ndarray) -> tuple[float, np.ndarray]:
         sides, _, times = self.told(w)
         closed, purpose = self.aim.closed, self.aim.purpose
         if purpose == "work":
@@ -124,9 +128,9 @@ class Polish:
         return (ends if self.aim.closed else ends - 1) / self.aim.time
 
     def equal(self, w: np.ndarray) -> np.ndarray:
-        """What vanishes."""
-        total = self.told(w)[0].total
-        return self.conditions(total, self.told(w)[1])[0]
+        """What vanishes, over its usual size."""
+        sides, corners, _ = self.told(w)
+        return self.conditions(sides.total, corners)[0] / self.units
 
     def equal_by(self, w: np.ndarray) -> np.ndarray:
         """Its derivatives."""
@@ -134,7 +138,14 @@ class Polish:
         _, by_total, by_first = self.conditions(sides.total, corners)
         by = np.einsum("ri,ikn->rkn", by_total, sides.gradient(self.aim.closed))
         by[:, 0] += by_first
-        return self._chain(by)
+        return self._chain(by) / self.units[:, None]
+
+    @property
+    def units(self) -> np.ndarray:
+        """Usual sizes of what vanishes."""
+        if self.aim.purpose == "turn":
+            return np.full(0 if self.aim.pivot == "any" else 2, self.aim.length)
+        return np.array([self.aim.length] * 2 + [1.0])[-1 if self.aim.purpose == "speed" else 0 :]
 
     def conditions(
         self, total: np.ndarray, corners: np.ndarray
@@ -287,7 +298,7 @@ def _polished(task: Polish, w: np.ndarray) -> Polished:
     w = task.pack(corners)
     miss = float(np.abs(task.equal(w)).max(initial=0.0))
     over = -min(0.0, float(task.within(w).min(initial=0.0)))
-    return Polished(corners, abs(task.objective(w)[0]), max(miss, over))
+    return Polished(corners, abs(task.objective(w)[0]) * aim.usual, max(miss, over))
 
 
 def _merit(aim: PlanarAim, one: Polished) -> tuple[bool, float]:

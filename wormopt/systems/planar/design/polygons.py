@@ -156,7 +156,7 @@ class Steps:
         for _ in range(_ITERATIONS):
             step = -np.linalg.solve(hessian.reshape(-1, 3, 3), slope[..., None])[..., 0]
             falls = np.einsum("mi,mi->m", slope, step)
-            size = np.ones(len(s))
+            size, worse, found = np.ones(len(s)), np.ones(len(s), dtype=bool), [value]
             for _ in range(30):
                 tried = xi + size[:, None] * step
                 found = _mapped(function, tried, s, rates, width)

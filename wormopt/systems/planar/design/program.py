@@ -53,10 +53,15 @@ def planar_plant(aim: PlanarAim) -> Model:
     dry = isinstance(aim.ground, Dry)
     return Model(
         "planar worm",
-        x=[*states, Signal("position", position), Signal("heading", heading), *clocks],
+        x=[
+            *states,
+            Signal("position", position, "length", aim.length),
+            Signal("heading", heading),
+            *clocks,
+        ],
         ode=ode,
         u=inputs,
-        z=[Signal("twist", shape.twist, nominal=float(usual.max()))] if dry else [],
+        z=_twists(aim, shape) if dry else [],
         alg=_stationary(aim, width) if dry else ca.SX(0, 1),
         p=[Signal("width", width, value=1.0)] if dry else [],
         outputs=[
@@ -67,11 +72,20 @@ def planar_plant(aim: PlanarAim) -> Model:
     )
 
 
+def _twists(aim: PlanarAim, shape: Shape) -> list[Signal]:
+    speed = 2 * float(aim.reaches.max())
+    return [
+        Signal("velocity", shape.twist[:2], "speed", speed),
+        Signal("turning", shape.twist[2], "rate", speed / aim.length),
+    ]
+
+
 def _stationary(aim: PlanarAim, width: ca.SX) -> ca.SX:
     """Slope of the potential by the twist, over the largest resistance."""
     assert isinstance(aim.ground, Dry)
     potential = aim.ground.potential(aim.shape, width)
-    return ca.gradient(potential, aim.shape.twist) / (aim.ground.most * aim.shape.n_points)
+    sizes = ca.DM([1.0, 1.0, 1.0 / aim.length]) / (aim.ground.most * aim.shape.n_points)
+    return ca.gradient(potential, aim.shape.twist) * sizes
 
 
 def _explicit(aim: PlanarAim, shape: Shape) -> ca.SX:
@@ -87,24 +101,25 @@ def gait_problem(aim: PlanarAim) -> Problem:
     ends = Ends.of(plant, 1)
     n_s = len(aim.shape.names)
     first, last = (part[n_s:] for part in (ends.start, ends.end))
-    begin, work = ends.start[:n_s], ends.integrals[0]
+    begin, work = ends.start[:n_s], ends.integrals[0] * aim.usual_work
     time = ends.end[-1] if aim.timed else ca.SX(1)
-    held = [Constraint("start", ca.vertcat(first[0]), 0.0, 0.0)]
+    held = [Constraint("start", first[0], 0.0, 0.0, aim.length)]
     free_side = aim.limits.half_width is not None
     straight = aim.purpose == "speed"
     if not (straight and free_side):
-        held.append(Constraint("start", first[1], 0.0, 0.0))
+        held.append(Constraint("start", first[1], 0.0, 0.0, aim.length))
     if straight:
         held.append(Constraint("start", first[2], -np.pi, np.pi))
-        held.append(Constraint("no way aside", last[1] - first[1], 0.0, 0.0))
+        held.append(Constraint("no way aside", last[1] - first[1], 0.0, 0.0, aim.length))
     elif aim.purpose == "turn":
         held.append(Constraint("start", first[2], 0.0, 0.0))
         held += _in_place(aim, begin, last)
     else:
         held.append(Constraint("start", first[2], 0.0, 0.0))
-        held.append(Constraint("pose", last[:3], aim.step, aim.step))
+        held.append(Constraint("pose", last[:2], aim.step[:2], aim.step[:2], aim.length))
+        held.append(Constraint("pose", last[2], aim.step[2], aim.step[2]))
     if aim.timed:
-        held.append(Constraint("start", first[3], 0.0, 0.0))
+        held.append(Constraint("start", first[3], 0.0, 0.0, aim.duration_usual))
     if aim.start is not None:
         held.append(Constraint("start shape", begin, aim.start, aim.start))
     if aim.limits.effort is not None:
@@ -115,6 +130,7 @@ def gait_problem(aim: PlanarAim) -> Problem:
         "turn": lambda: -last[2] / time,
         "work": lambda: work,
     }[aim.purpose]()
+    objective = objective / aim.usual
     along = []
     if aim.limits.half_width is not None:
         room = aim.limits.half_width - aim.limits.radius
@@ -128,7 +144,7 @@ def gait_problem(aim: PlanarAim) -> Problem:
         objective,
         (1.0, 1.0),
         periodic=[*periodic, "heading"] if straight else periodic,
-        integrands=plant["power"] * aim.work_factor,
+        integrands=plant["power"] * (aim.work_factor / aim.usual_work),
         path_constraints=along,
         boundary_constraints=held,
     )
@@ -139,10 +155,10 @@ def _in_place(aim: PlanarAim, begin: ca.SX, last: ca.SX) -> list[Constraint]:
     if aim.pivot == "any":
         return []
     points = ca.substitute(aim.shape.points, aim.shape.s, begin)
-    place = ca.sum2(points) / points.size2() if aim.pivot == "centre" else points[:, aim.pivot]
+    place = ca.sum2(points) / points.size2() if aim.pivot == "centre" else points[:, int(aim.pivot)]
     c, s = ca.cos(last[2]), ca.sin(last[2])
     moved = last[:2] + ca.vertcat(c * place[0] - s * place[1], s * place[0] + c * place[1])
-    return [Constraint("in place", moved - place, 0.0, 0.0)]
+    return [Constraint("in place", moved - place, 0.0, 0.0, aim.length)]
 
 
 def _within_rates(aim: PlanarAim, plant: Model) -> list[Constraint]:

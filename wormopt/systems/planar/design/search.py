@@ -37,7 +37,7 @@ def relaxed(aim: PlanarAim, problem: Problem, first: np.ndarray) -> Relaxed:
     mesh = Mesh.even(1, aim.corners, Collocation(_DEGREE))
     guess, best = guess_from(aim, first), None
     dry = isinstance(aim.ground, Dry)
-    size = float(np.ptp(aim.ranges, axis=1).max())
+    size = float(aim.reaches.max())
     for width in _WIDTHS if dry else (1.0,):
         solver = Ipopt(
             tolerance=1e-8, iterations=_ITERATIONS, mu_init=0.1 if best is None else 1e-3

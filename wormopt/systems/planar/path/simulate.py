@@ -71,12 +71,16 @@ def simulate_path(
     places = start[:2] + rotate(start[2], path.library.rest)
     when, course = [np.zeros(1)], [places[None]]
     for k, step in enumerate(path.steps):
-        motion, places, how = step.motion, course[-1][-1], (lengths, heading, looks)
+        motion, places = step.motion, course[-1][-1]
         if isinstance(motion, KinematicMotion):
-            tau, found = simulate_held(places, motion.stroke, motion.phases, *how)
+            tau, found = simulate_held(
+                places, motion.stroke, motion.phases, lengths, heading, looks
+            )
         elif isinstance(motion, Crawl):
             own = motion.course
-            tau, found = simulate_crawled(places, own.stroke, own.crawler.ground, *how)
+            tau, found = simulate_crawled(
+                places, own.stroke, own.crawler.ground, lengths, heading, looks
+            )
         else:
             raise ArgumentError(f"{step.name!r} is neither held by pins and skids nor a crawl")
         when.append(k + tau[1:])

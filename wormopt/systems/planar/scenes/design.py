@@ -225,7 +225,7 @@ class PlanarDesignScene(SceneTable, frozen=True, kw_only=True):
         if self.ground is not None and self.ground.law != "elliptic":
             yield (
                 "ground.law",
-                "only elliptic friction has a motion of least power; write elliptic, or nothing",
+                "only elliptic friction has a motion of least power; write elliptic",
             )
         if self.viscous is not None:
             yield from self.viscous.faults("viscous")

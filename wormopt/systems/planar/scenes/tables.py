@@ -90,7 +90,7 @@ class HarmonicStroke(Table, frozen=True, kw_only=True, tag_field="course", tag="
         """What it tells."""
         from wormopt.systems.planar.body.strokes import Harmonics
 
-        return Harmonics(self.mean, self.cosine, self.sine)  # type: ignore[arg-type]
+        return Harmonics(self.mean, self.cosine, self.sine)
 
     def faults(self, key: str, n_s: int) -> Iterator[Fault]:
         """Check that every row has one number for each of `n_s` shape variables."""
@@ -112,7 +112,7 @@ class PolygonStroke(Table, frozen=True, kw_only=True, tag_field="course", tag="p
         """What it tells."""
         from wormopt.systems.planar.body.strokes import Polygon
 
-        return Polygon(self.corners)  # type: ignore[arg-type]
+        return Polygon(self.corners)
 
     def faults(self, key: str, n_s: int) -> Iterator[Fault]:
         """Check that every corner has one number for each of `n_s` shape variables."""
