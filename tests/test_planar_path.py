@@ -516,8 +516,9 @@ def test_gait_steps_say_what_they_take():
 
 @pytest.mark.slow
 def test_the_example_of_the_page_runs(capsys: pytest.CaptureFixture[str]):
-    page = Path(__file__).parents[1] / "docs" / "planar-parts" / "kinematic.md"
-    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    page = Path(__file__).parents[1] / "docs" / "theory-planar.md"
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    (code,) = (block for block in blocks if "plan_path" in block)
     found: dict[str, Any] = {}
     exec(code, found)
     assert capsys.readouterr().out

@@ -211,9 +211,7 @@ def test_ground_that_steps_do_not_treat_has_none() -> None:
 
 def test_the_example_of_an_obstacle_runs(capsys: pytest.CaptureFixture[str]) -> None:
     """The worm goes round the disc and does not enter it."""
-    page = Path(__file__).parents[1] / "docs" / "planar-parts" / "dynamics.md"
-    if not page.exists():
-        page = page.parents[1] / "theory-planar.md"
+    page = Path(__file__).parents[1] / "docs" / "theory-planar.md"
     code = re.search(r"```python\n(.*?MoreauJean.*?)```", page.read_text(encoding="utf-8"), re.S)
     assert code
     exec(code[1], {})

@@ -37,7 +37,7 @@ WORM = Swimmer(chain_shape(2), rods=(0.7, 2.0), masses=(0.3, 0.5))
 SNAKE = Swimmer(chain_shape(4, lengths=(1.0, 0.6, 0.8, 1.2)), rods=(0.5, 1.5), masses=(0.1, 0.2))
 SWIMMERS = (PURCELL, WORM, SNAKE)
 
-# Two computations of others each, see docs/planar-parts/viscous.md.
+# Two computations of others each, see docs/theory-planar.md.
 SQUARES = {np.pi / 3: 0.191247237630, 1.0: 0.180562563321, 0.5: 0.057396871434}
 
 

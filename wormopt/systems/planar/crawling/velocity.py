@@ -14,8 +14,7 @@ from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.crawling.balance import LeastPower
 from wormopt.systems.planar.crawling.ground import Ground, ground_of
-from wormopt.systems.planar.crawling.held import held
-from wormopt.systems.planar.crawling.least_power import Least, least_power, near
+from wormopt.systems.planar.crawling.least_power import Least, held, least_power, near
 
 _EVEN = 1e-8
 

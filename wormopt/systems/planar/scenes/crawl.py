@@ -139,7 +139,7 @@ class PlanarCrawlScene(SceneTable, frozen=True, kw_only=True):
 
     At every instant it moves with the velocity of least power; which masses rest and when, follows
     exactly. See
-    [theory](../planar-parts/crawling.md#slow-crawling-on-dry-ground). Status
+    [theory](../theory-planar.md#3-slow-crawling-on-dry-ground). Status
     `failed`: another way finds another motion, or forces, moments or works are not balanced.
 
     `timings_s`: `crawl` and `recheck`.

@@ -100,7 +100,7 @@ class PlanarDesignScene(SceneTable, frozen=True, kw_only=True):
 
     The shape goes straight from corner to corner. From strokes by chance, optimal control with ever
     steeper friction leads to corners, which are made best by the exact motion; what is told is that
-    of the exact motion. A local optimum. See [theory](../theory-planar.md#design-of-gaits).
+    of the exact motion. A local optimum. See [theory](../theory-planar.md#9-design-of-gaits).
 
     `timings_s`: `search` and `recheck`.
     """

@@ -181,7 +181,7 @@ class PlanarPathScene(SceneTable, frozen=True, kw_only=True):
     lets a slow crawl. Each stroke is a step: a displacement in the plane, work, time, and what it
     sweeps over. The best steps of the library are searched, then amplitudes are changed until the
     pose is met. See
-    [theory](../planar-parts/kinematic.md#paths).
+    [theory](../theory-planar.md#8-paths).
 
     `timings_s`: `library`, `plan` and `recheck`.
     """

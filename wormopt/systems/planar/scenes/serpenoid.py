@@ -22,7 +22,7 @@ class PlanarSerpenoidScene(SceneTable, frozen=True, kw_only=True):
 
     The tangent leans from the way by *α* sin *ks*. Infinite worms on viscous or dry ground, by
     amplitude; on viscous ground also worms of rods, whose ends recoil. See
-    [theory](../theory-planar.md#serpenoid-waves).
+    [theory](../theory-planar.md#6-serpenoid-waves).
 
     `timings_s`: `infinite` and `finite`.
     """

@@ -76,7 +76,7 @@ class PlanarSwimScene(SceneTable, frozen=True, kw_only=True):
     """A stroke of a body on viscous ground: how far it gets and what it costs.
 
     With `stroke` that one is computed; without, the best stroke that does not turn the body is
-    found from a cold start. See [theory](../theory-planar.md#viscous-crawling).
+    found from a cold start. See [theory](../theory-planar.md#5-viscous-crawling).
 
     `timings_s`: `search` and `recheck`.
     """

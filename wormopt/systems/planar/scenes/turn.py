@@ -42,7 +42,7 @@ class PlanarTurnScene(SceneTable, frozen=True, kw_only=True):
     they swap, neither turns. Swing, swap, swing back, swap turns the worm by the swing and takes
     its middle nowhere. With a link that does not turn at every instant, the mean rate of the
     heading is at most half the joint's largest rate: proven, and reached as swaps get shorter. See
-    [theory](../planar-parts/crawling.md#turning-in-place). Status `failed`:
+    [theory](../theory-planar.md#4-turning-in-place). Status `failed`:
     another way finds another motion, forces do not balance, or the motion is not the one that the
     conditions of rest promise.
 
