@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import null_space
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import PlanarLaw
@@ -16,7 +17,7 @@ from wormopt.systems.planar.crawling.balance import LeastPower
 from wormopt.systems.planar.crawling.ground import Ground, ground_of
 from wormopt.systems.planar.crawling.least_power import Least, held, least_power, near
 
-_EVEN = 1e-8
+_EVEN, _ASIDE = 1e-8, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +88,7 @@ class Crawler:
         """Motions of least power."""
         bodies = self.bodies(s, ds)
         least = least_power(bodies.body)
-        _check_unique(least)
+        _check_unique(bodies.body, least)
         return self._told(bodies, least)
 
     def follow(self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray) -> Motion:
@@ -129,17 +130,32 @@ class Crawler:
         )
 
 
-def _check_unique(least: Least) -> None:
+def _check_unique(body: LeastPower, least: Least) -> None:
     """Refuse instants at which other velocities take as little power."""
-    held = least.rest.any(axis=1)
-    at_limit = held & (np.abs(least.hold - 1) < _EVEN) & (least.stiffness < np.inf)
-    open_ = at_limit | (least.stiffness < _EVEN)
+    at_limit = least.rest.any(axis=1) & (np.abs(least.hold - 1) < _EVEN)
+    open_ = (at_limit & (least.stiffness < np.inf)) | (least.stiffness < _EVEN)
+    for g in np.flatnonzero(at_limit & ~open_):
+        open_[g] = _slides_freely(body.of(np.array([g])), least.x[g], least.rest[g])
     if open_.any():
         raise SolveError(
             "the ground leaves the motion open: other velocities take as little power, as where a "
             "straight chain has as much resistance to those of its masses that go ahead as to "
             "those that go back; bend it, or make resistances differ ahead and back"
         )
+
+
+def _slides_freely(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> bool:
+    """Whether one body takes no more power as one of its masses at rest slides."""
+    least = body.smooth_value(x[None], 0.0)[0]
+    for i in np.flatnonzero(rest):
+        others = rest.copy()
+        others[i] = False
+        ways = null_space(body.J[0, others].reshape(-1, len(x))).T
+        aside = np.concatenate([x + _ASIDE * ways, x - _ASIDE * ways])
+        worth = body.of(np.zeros(len(aside), dtype=int)).smooth_value(aside, 0.0)
+        if (worth - least < _EVEN * _ASIDE).any():
+            return True
+    return False
 
 
 def crawl_velocity(
