@@ -305,14 +305,15 @@ def test_smoothed_crawls_come_to_the_same_place_at_order_two_across_breaks():
     ).make(1.0)  # fmt: skip
     course, off = snake.motion.course, []
     assert len(snake.motion.phases) == 9
-    for steps in (16, 128):
+    steps = np.array([16, 32, 64, 128, 256])
+    for n in steps:
         _, places = simulate_crawled(
-            snake.points[0], course.stroke, course.crawler.ground, (1.0,) * 3, looks=1, steps=steps
+            snake.points[0], course.stroke, course.crawler.ground, (1.0,) * 3, looks=1, steps=n
         )
         off.append(np.abs(places[-1] - snake.points[-1]).max())
-    assert off[0] < 3e-3
-    assert off[1] < 2e-5
-    assert off[1] < off[0] / 30  # 64 by the order
+    # how far breaks are from the ends of steps makes single errors larger or smaller
+    assert 1.5 < -np.polyfit(np.log(steps), np.log(off), 1)[0] < 3.0
+    assert off[-1] < 1e-5
 
 
 @pytest.mark.slow
