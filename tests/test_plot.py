@@ -83,10 +83,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "swim": ("planar_purcell", SI, SQUARE),
     "heights": ("planar_purcell", SI, SQUARE),
     "serpenoid": ("planar_serpenoid", SI, "waves=[]"),
-    "planar_gait": (
-        "planar_gait_design", "ground=null", "grips=null", "viscous={mass_along=1.0,mass_across=3.0}",
-        "aim.purpose=speed", "aim.pivot=any", "search.corners=4",
-    ),
+    "planar_gait": ("planar_gait_design",),
     "rod_frequency": ("fig22_frequency_response",),
 }
 THREE = (

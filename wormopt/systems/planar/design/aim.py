@@ -63,14 +63,6 @@ class PlanarLimits:
         if self.half_width is not None and self.half_width <= self.radius:
             raise ArgumentError("the passage is narrower than a link")
 
-    def ranges(self, shape: Shape) -> np.ndarray:
-        """Least and largest value of each shape variable, (n_s, 2)."""
-        return np.array([getattr(self, _kind(name)) for name in shape.names]).reshape(-1, 2)
-
-    def rates(self, shape: Shape) -> np.ndarray:
-        """Largest rate of each shape variable, (n_s,)."""
-        return np.array([getattr(self, f"{_kind(name)}_rate") for name in shape.names])
-
 
 def _kind(name: str) -> str:
     return name.partition(" ")[0]
@@ -153,12 +145,13 @@ class PlanarAim:
     @property
     def ranges(self) -> np.ndarray:
         """Least and largest value of each shape variable, (n_s, 2)."""
-        return self.limits.ranges(self.shape)
+        limits = [getattr(self.limits, _kind(name)) for name in self.shape.names]
+        return np.array(limits, dtype=float).reshape(-1, 2)
 
     @property
     def rates(self) -> np.ndarray:
         """Largest rate of each shape variable, (n_s,)."""
-        return self.limits.rates(self.shape)
+        return np.array([getattr(self.limits, f"{_kind(name)}_rate") for name in self.shape.names])
 
     @cached_property
     def length(self) -> float:
