@@ -13,6 +13,8 @@ from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.design.ground import Dry, Ground
 
 Purpose = Literal["speed", "turn", "work"]
+_STROKES = 20
+"""The smallest stroke takes this part of the time of the usual one."""
 PIVOTS = ("any", "centre")
 
 
@@ -189,6 +191,11 @@ class PlanarAim:
         """Time to go through the widest range of shape and back."""
         spans = self.ranges[:, 1] - self.ranges[:, 0]
         return float(2 * (spans / self.rates).max())
+
+    @property
+    def shortest(self) -> float:
+        """Least time of a cycle: on dry ground ever smaller strokes may be as fast as large ones."""
+        return self.duration_usual / _STROKES
 
     @property
     def timed(self) -> bool:

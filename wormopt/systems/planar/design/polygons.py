@@ -19,7 +19,7 @@ from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.design.ground import Dry, Ground
 
 # Width of the potential from which derivatives come, in usual powers; steps of Newton's method.
-_ITERATIONS, _NEAR, _ROUGHLY = 60, 1e-9, 1e-2
+_ITERATIONS, _NEAR, _ROUGHLY, _OPEN = 60, 1e-9, 1e-2, 1e-15
 _WIDTHS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-7, 1e-9)
 
 
@@ -162,7 +162,7 @@ class Steps:
         xi, function = xi.copy(), newton.map(len(s))
         value, slope, hessian = _mapped(function, xi, s, rates, width)
         for _ in range(_ITERATIONS):
-            step = -np.linalg.solve(hessian.reshape(-1, 3, 3), slope[..., None])[..., 0]
+            step = -np.linalg.solve(_regular(hessian), slope[..., None])[..., 0]
             falls = np.einsum("mi,mi->m", slope, step)
             size, worse, found = np.ones(len(s)), np.ones(len(s), dtype=bool), [value]
             for _ in range(30):
@@ -198,7 +198,7 @@ class Steps:
             raise SolveError("no motion of least power was found along the stroke")
         _, slopes = self._functions
         hessian, mixed, power, by_xi, by_both = _mapped(slopes.map(len(xi)), near, s, rates, width)
-        hessian = hessian.reshape(-1, 3, 3)
+        hessian = _regular(hessian)
         mixed = mixed.reshape(-1, 2 * n_s, 3).transpose(0, 2, 1)
         xi_by = -np.linalg.solve(hessian, mixed)
         by_both = by_both + np.einsum("mi,min->mn", by_xi, xi_by)
@@ -270,3 +270,10 @@ def _mapped(
         np.asarray(part).reshape(part.shape[0], m, -1).transpose(1, 2, 0).reshape(m, -1)
         for part in found
     ]
+
+
+def _regular(hessian: np.ndarray) -> np.ndarray:
+    """Hessians (m, 3, 3) that have an inverse where motions are open: straight chains."""
+    found = hessian.reshape(-1, 3, 3)
+    size = np.trace(found, axis1=1, axis2=2)[:, None, None]
+    return found + (_OPEN * size + 1e-300) * np.eye(3)

@@ -28,7 +28,7 @@ def planar_gait(result: Result) -> Figure:
     colours = [LINKS[k % len(LINKS)] for k in range(len(shape))]
     for k, (colour, row) in enumerate(zip(colours, shape, strict=True)):
         course.plot(time.values, row, color=colour, linestyle="-" if k < 4 else "--")
-    course.set_xlabel(label("time", time.unit))
+    course.set_xlabel(label("time $t$", time.unit))
     course.set_ylabel("shape variables")
     course.margins(x=0)
     _loop(loop, result)
