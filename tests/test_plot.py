@@ -86,15 +86,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "plane": ("planar_chain", SI, "time.end=3.0", "time.samples=301"),
     "forces": ("planar_chain", SI, "time.end=3.0", "time.samples=301"),
     "block": ("planar_block", SI),
-    "planar_gait": (
-        "planar_gait_design",
-        "ground=null",
-        "grips=null",
-        "viscous={mass_along=1.0,mass_across=3.0}",
-        "aim.purpose=speed",
-        "aim.pivot=any",
-        "search.corners=4",
-    ),
+    "planar_gait": ("planar_gait_design",),
     "rod_frequency": ("fig22_frequency_response",),
 }
 THREE = (

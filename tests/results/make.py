@@ -42,6 +42,7 @@ SCENES = {
     "pair_waveform_design": [],
     "peristaltic_drag": ['units="SI"', "worm.segments=2"],
     "peristaltic_switching": ['units="SI"', "worm.segments=2"],
+    "planar_gait_design": ['units="SI"', "search.corners=4"],
     "fig21_rod_motion": [],
     "fig22_frequency_response": [
         "rates=[5,50,500]", "search.rounds=1", "search.refine=2", "sensitivity.rates=[20,100]",

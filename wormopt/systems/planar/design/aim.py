@@ -13,6 +13,8 @@ from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.design.ground import Dry, Ground
 
 Purpose = Literal["speed", "turn", "work"]
+_STROKES = 20
+"""The smallest stroke takes this part of the time of the usual one."""
 PIVOTS = ("any", "centre")
 
 
@@ -62,14 +64,6 @@ class PlanarLimits:
             raise ArgumentError("rates must be positive")
         if self.half_width is not None and self.half_width <= self.radius:
             raise ArgumentError("the passage is narrower than a link")
-
-    def ranges(self, shape: Shape) -> np.ndarray:
-        """Least and largest value of each shape variable, (n_s, 2)."""
-        return np.array([getattr(self, _kind(name)) for name in shape.names]).reshape(-1, 2)
-
-    def rates(self, shape: Shape) -> np.ndarray:
-        """Largest rate of each shape variable, (n_s,)."""
-        return np.array([getattr(self, f"{_kind(name)}_rate") for name in shape.names])
 
 
 def _kind(name: str) -> str:
@@ -153,12 +147,13 @@ class PlanarAim:
     @property
     def ranges(self) -> np.ndarray:
         """Least and largest value of each shape variable, (n_s, 2)."""
-        return self.limits.ranges(self.shape)
+        limits = [getattr(self.limits, _kind(name)) for name in self.shape.names]
+        return np.array(limits, dtype=float).reshape(-1, 2)
 
     @property
     def rates(self) -> np.ndarray:
         """Largest rate of each shape variable, (n_s,)."""
-        return self.limits.rates(self.shape)
+        return np.array([getattr(self.limits, f"{_kind(name)}_rate") for name in self.shape.names])
 
     @cached_property
     def length(self) -> float:
@@ -196,6 +191,11 @@ class PlanarAim:
         """Time to go through the widest range of shape and back."""
         spans = self.ranges[:, 1] - self.ranges[:, 0]
         return float(2 * (spans / self.rates).max())
+
+    @property
+    def shortest(self) -> float:
+        """Least time of a cycle: on dry ground ever smaller strokes may be as fast as large ones."""
+        return self.duration_usual / _STROKES
 
     @property
     def timed(self) -> bool:

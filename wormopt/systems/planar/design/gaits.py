@@ -30,6 +30,8 @@ _SAME = 1e-7
 # Numbers so near to a limit or each other, over the ranges, are made equal: the first that will do.
 _NEAR = (1e-6, 1e-5, 1e-4, 1e-3)
 _CORRECTIONS, _NARROWINGS = 12, 5
+# Part of what was found at given instants that the exact motion may lack.
+_LOST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,12 +206,19 @@ def design_stroke(
         if good:
             found.append((near.value, near.corners))
     sign = 1 if aim.purpose == "work" else -1
-    for _, corners in sorted(found, key=lambda one: sign * one[0]):
+    for value, corners in sorted(found, key=lambda one: sign * one[0]):
         report("exact motion", 0.9)
         try:
-            return _exact(aim, corners, tuple(tried))
+            design = _exact(aim, corners, tuple(tried))
         except SolveError as error:
             refusal = error
+            continue
+        if sign * design.value <= sign * value * (1 + sign * _LOST):
+            return design
+        refusal = SolveError(
+            f"a gait of {value:.6g} is one of {design.value:.6g} by its exact motion",
+            "write more corners, or more starts",
+        )
     raise refusal or SolveError(
         f"none of {starts} starts led to a gait that keeps to what is asked",
         "write wider limits, more corners, or more starts",

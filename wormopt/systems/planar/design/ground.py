@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -21,28 +22,79 @@ class Dry:
     ----------
     laws : tuple of Elliptic
         Laws of the masses, head first, or one for all.
+
+    Examples
+    --------
+    >>> from wormopt.model.planar_friction import Elliptic
+    >>> Dry((Elliptic(1.0, 1.0, sideways=3.0),)).most
+    3.0
     """
 
     laws: tuple[Elliptic, ...]
 
     def potential(self, shape: Shape, width: ca.SX) -> ca.SX:
-        """Sum of sqrt(psi² + width²) less the width: what the twist makes least."""
+        """Sum of sqrt(psi² + width²) less the width: what the twist makes least.
+
+        Parameters
+        ----------
+        shape : Shape
+            The body.
+        width : casadi.SX
+            Power below which friction is smooth.
+
+        Returns
+        -------
+        casadi.SX
+            By the shape, its rates and the twist.
+        """
         laws = self.each_law(shape)
         squares = [_squared(law, shape.velocities[:, i]) for i, law in enumerate(laws)]
         return sum((ca.sqrt(one + width**2) - width for one in squares), start=ca.SX(0))
 
     def power(self, shape: Shape, width: ca.SX) -> ca.SX:
-        """Power that the ground takes, up to the width; smooth at rest."""
+        """Power that the ground takes, up to the width; smooth at rest.
+
+        Parameters
+        ----------
+        shape : Shape
+            As of `potential`.
+        width : casadi.SX
+            As of `potential`.
+
+        Returns
+        -------
+        casadi.SX
+        """
         return self.potential(shape, width)
 
     def each_law(self, shape: Shape) -> list[Elliptic]:
-        """Law of every mass."""
+        """Law of every mass.
+
+        Parameters
+        ----------
+        shape : Shape
+            The body.
+
+        Returns
+        -------
+        list of Elliptic
+        """
         if len(self.laws) not in (1, shape.n_points):
             raise ArgumentError(f"{shape.n_points} masses need as many laws, not {len(self.laws)}")
         return list(self.laws) * (shape.n_points if len(self.laws) == 1 else 1)
 
     def least_each(self, shape: Shape) -> np.ndarray:
-        """Least resistance of every mass, (m,)."""
+        """Least resistance of every mass.
+
+        Parameters
+        ----------
+        shape : Shape
+            The body.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+        """
         laws = self.each_law(shape)
         return np.array([min(_numbers(law)) for law in laws])
 
@@ -70,21 +122,57 @@ class Viscous:
     ----------
     swimmer : Swimmer
         The body with its drags.
+
+    Raises
+    ------
+    ArgumentError
+        If it is asked for another shape than the swimmer's.
+
+    Examples
+    --------
+    >>> from wormopt.systems.planar.body.shape import chain_shape
+    >>> Viscous(Swimmer(chain_shape(2), masses=(1.0, 3.0))).symmetric
+    True
     """
 
     swimmer: Swimmer
 
     def potential(self, shape: Shape, width: ca.SX) -> ca.SX:
-        """Half the power: the twist makes it least."""
+        """Half the power: the twist makes it least.
+
+        Parameters
+        ----------
+        shape : Shape
+            The swimmer's.
+        width : casadi.SX
+            Without effect.
+
+        Returns
+        -------
+        casadi.SX
+        """
         return self.power(shape, width) / 2
 
     def power(self, shape: Shape, width: ca.SX) -> ca.SX:
-        """Power that the ground takes."""
+        """Power that the ground takes.
+
+        Parameters
+        ----------
+        shape : Shape
+            As of `potential`.
+        width : casadi.SX
+            As of `potential`.
+
+        Returns
+        -------
+        casadi.SX
+        """
         if shape is not self.swimmer.shape:
             raise ArgumentError("the swimmer has another shape")
         return self.swimmer.power
 
-    symmetric = True
+    symmetric: ClassVar = True
+    """A reversed stroke goes back the same way."""
 
 
 Ground = Dry | Viscous

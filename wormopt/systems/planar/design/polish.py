@@ -186,6 +186,9 @@ class Polish:
         """Stays above 0: times less those that the rates need, what effort and room are left."""
         rows = [self._linear @ w]
         limits = self.aim.limits
+        if self.aim.timed:
+            times = self.unpack(w)[1]
+            rows.append(np.array([(times.sum() - self.aim.shortest) / self.aim.duration_usual]))
         if limits.effort is not None:
             rows.append(
                 np.array([1 - self._work_factor * self.told(w)[0].work.sum() / limits.effort])
@@ -199,6 +202,11 @@ class Polish:
     def within_by(self, w: np.ndarray) -> np.ndarray:
         """Its derivatives."""
         rows, limits = [self._linear], self.aim.limits
+        if self.aim.timed:
+            by = np.zeros((1, len(w)))
+            n = self.count * len(self.sizes)
+            by[:, n : n + self.count] = 1.0
+            rows.append(by)
         if limits.effort is not None:
             by = self._chain(self.told(w)[0].work_gradient(self.aim.closed))
             rows.append(-self._work_factor * by[None] / limits.effort)

@@ -19,8 +19,8 @@ from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.design.ground import Dry, Ground
 
 # Width of the potential from which derivatives come, in usual powers; steps of Newton's method.
-_ITERATIONS, _NEAR = 60, 1e-9
-_WIDTHS = tuple(10.0**-k for k in range(1, 10))
+_ITERATIONS, _NEAR, _ROUGHLY, _OPEN = 60, 1e-9, 1e-2, 1e-15
+_WIDTHS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-7, 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,14 +130,22 @@ class Steps:
     ) -> tuple[np.ndarray, np.ndarray, float | np.ndarray]:
         """Twists (m, 3) at shapes (m, n_s) with rates (m, n_s); those by a width, and the width."""
         if not isinstance(self.ground, Dry):
-            xi = self._minimise(np.zeros((len(s), 3)), s, rates, 1.0)
+            xi = self._minimise(np.zeros((len(s), 3)), s, rates, 1.0, _NEAR)
             return xi, xi, 1.0
         pace = np.maximum(np.linalg.norm(rates, axis=1, keepdims=True), 1e-300)
         xi, widths, memory = np.zeros((len(s), 3)), _WIDTHS, self._last
         if len(memory.get("xi", ())) == len(s):
             xi, widths = memory["xi"], _WIDTHS[2:]
-        for width in widths:
-            xi = self._minimise(xi, s, rates / pace, width * self.ground.most)
+        before = None
+        for k, width in enumerate(widths):
+            near = _NEAR if width == widths[-1] else _ROUGHLY * width
+            guess = xi
+            if before is not None:  # masses at rest creep in proportion to the width
+                guess = xi + (xi - before) * (widths[k - 1] - width) / (
+                    widths[k - 2] - widths[k - 1]
+                )
+            before = xi if k else None
+            xi = self._minimise(guess, s, rates / pace, width * self.ground.most, near)
         memory["xi"] = xi
         near = xi * pace
         return near, near, widths[-1] * self.ground.most * pace
@@ -148,19 +156,19 @@ class Steps:
         return {}
 
     def _minimise(
-        self, xi: np.ndarray, s: np.ndarray, rates: np.ndarray, width: float
+        self, xi: np.ndarray, s: np.ndarray, rates: np.ndarray, width: float, near: float
     ) -> np.ndarray:
         newton, _ = self._functions
         xi, function = xi.copy(), newton.map(len(s))
         value, slope, hessian = _mapped(function, xi, s, rates, width)
         for _ in range(_ITERATIONS):
-            step = -np.linalg.solve(hessian.reshape(-1, 3, 3), slope[..., None])[..., 0]
+            step = -np.linalg.solve(_regular(hessian), slope[..., None])[..., 0]
             falls = np.einsum("mi,mi->m", slope, step)
             size, worse, found = np.ones(len(s)), np.ones(len(s), dtype=bool), [value]
             for _ in range(30):
                 tried = xi + size[:, None] * step
                 found = _mapped(function, tried, s, rates, width)
-                limit = value[:, 0] + 1e-4 * size * falls + 1e-15 * np.abs(value[:, 0])
+                limit = value[:, 0] + 1e-4 * size * falls + 1e-13 * np.abs(value[:, 0])
                 worse = ~(found[0][:, 0] <= limit)
                 if not worse.any():
                     break
@@ -171,7 +179,7 @@ class Steps:
             if worse.any():
                 value, slope, hessian = _mapped(function, xi, s, rates, width)
             moved = np.abs(size[:, None] * step).max(axis=1)
-            if np.all(moved <= _NEAR * (np.abs(xi).max(axis=1) + 1e-12)):
+            if np.all(moved <= near * (np.abs(xi).max(axis=1) + 1e-12)):
                 break
         return xi
 
@@ -190,7 +198,7 @@ class Steps:
             raise SolveError("no motion of least power was found along the stroke")
         _, slopes = self._functions
         hessian, mixed, power, by_xi, by_both = _mapped(slopes.map(len(xi)), near, s, rates, width)
-        hessian = hessian.reshape(-1, 3, 3)
+        hessian = _regular(hessian)
         mixed = mixed.reshape(-1, 2 * n_s, 3).transpose(0, 2, 1)
         xi_by = -np.linalg.solve(hessian, mixed)
         by_both = by_both + np.einsum("mi,min->mn", by_xi, xi_by)
@@ -262,3 +270,10 @@ def _mapped(
         np.asarray(part).reshape(part.shape[0], m, -1).transpose(1, 2, 0).reshape(m, -1)
         for part in found
     ]
+
+
+def _regular(hessian: np.ndarray) -> np.ndarray:
+    """Hessians (m, 3, 3) that have an inverse where motions are open: straight chains."""
+    found = hessian.reshape(-1, 3, 3)
+    size = np.trace(found, axis1=1, axis2=2)[:, None, None]
+    return found + (_OPEN * size + 1e-300) * np.eye(3)

@@ -120,6 +120,7 @@ def gait_problem(aim: PlanarAim) -> Problem:
         held.append(Constraint("pose", last[2], aim.step[2], aim.step[2]))
     if aim.timed:
         held.append(Constraint("start", first[3], 0.0, 0.0, aim.duration_usual))
+        held.append(Constraint("shortest", time, aim.shortest, nominal=aim.duration_usual))
     if aim.start is not None:
         held.append(Constraint("start shape", begin, aim.start, aim.start))
     if aim.limits.effort is not None:

@@ -18,17 +18,17 @@ def planar_gait(result: Result) -> Figure:
     drawn = sheet(7.1, 5.0, 8.0)
     narrow = drawn.get_figwidth() < 5
     if narrow:
-        plane, course, loop = drawn.subplots(3, height_ratios=(2, 1.2, 1.6))
+        plane, loop, course = drawn.subplots(3, height_ratios=(2, 1.6, 1.2))
     else:
         grid = drawn.add_gridspec(2, 2, height_ratios=(3, 2))
         plane = drawn.add_subplot(grid[0, :])
-        course, loop = drawn.add_subplot(grid[1, 0]), drawn.add_subplot(grid[1, 1])
+        loop, course = drawn.add_subplot(grid[1, 0]), drawn.add_subplot(grid[1, 1])
     _plane(plane, result)
     time, shape = result["time"], result["shape"].values
     colours = [LINKS[k % len(LINKS)] for k in range(len(shape))]
     for k, (colour, row) in enumerate(zip(colours, shape, strict=True)):
         course.plot(time.values, row, color=colour, linestyle="-" if k < 4 else "--")
-    course.set_xlabel(label("time", time.unit))
+    course.set_xlabel(label("time $t$", time.unit))
     course.set_ylabel("shape variables")
     course.margins(x=0)
     _loop(loop, result)

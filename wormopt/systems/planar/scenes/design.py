@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from msgspec import Meta, field
 
 from wormopt.errors import ArgumentError, Fault
-from wormopt.model.planar_friction import Elliptic
 from wormopt.scene.types import (
     Finite,
     NonNegative,
@@ -22,12 +21,13 @@ from wormopt.scene.types import (
     wrong_count,
     wrong_order,
 )
-from wormopt.systems.planar.body.shape import Shape
-from wormopt.systems.planar.design.aim import PlanarAim, PlanarLimits, Purpose
-from wormopt.systems.planar.design.ground import Dry, Ground, Viscous
 from wormopt.systems.planar.scenes.swim import ViscousTable
 from wormopt.systems.planar.scenes.tables import BodyTable, GroundTable
-from wormopt.systems.planar.swimming.swimmer import Swimmer
+
+if TYPE_CHECKING:  # what tables tell is built in runs: listing scenes loads no numerics
+    from wormopt.systems.planar.body.shape import Shape
+    from wormopt.systems.planar.design.aim import PlanarAim
+    from wormopt.systems.planar.design.ground import Ground
 
 Range = Annotated[
     tuple[Finite, ...],
@@ -42,7 +42,7 @@ class PlanarAimTable(Table, frozen=True, kw_only=True):
     """What the gait is for."""
 
     purpose: Annotated[
-        Purpose,
+        Literal["speed", "turn", "work"],
         says(
             "",
             "`speed`: fastest without net turn; `turn`: largest turn by time; `work`: least work "
@@ -173,6 +173,8 @@ class PlanarDesignScene(SceneTable, frozen=True, kw_only=True):
     @property
     def planar_aim(self) -> PlanarAim:
         """What is wanted; ArgumentError where it makes no sense."""
+        from wormopt.systems.planar.design.aim import PlanarAim, PlanarLimits
+
         given, aim, shape = self.limits, self.aim, self.body.shape()
         limits = PlanarLimits(
             length=_pair(given.length or (0.5, 1.0)), angle=_pair(given.angle),
@@ -190,6 +192,10 @@ class PlanarDesignScene(SceneTable, frozen=True, kw_only=True):
         )  # fmt: skip
 
     def _ground(self, shape: Shape) -> Ground:
+        from wormopt.model.planar_friction import Elliptic
+        from wormopt.systems.planar.design.ground import Dry, Viscous
+        from wormopt.systems.planar.swimming.swimmer import Swimmer
+
         if self.viscous is not None:
             drags = self.viscous
             return Viscous(
