@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.errors import SolveError
+from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
@@ -36,10 +36,13 @@ _PARTS = 24
 def run(scene: Scene[PlanarDesignScene], report: Report) -> Result:
     """Find the best gait; "failed" where another way to its displacement ends elsewhere.
 
-    Raises SolveError if none is found.
+    Raises SceneError if what is wanted makes no sense, SolveError if no gait is found.
     """
-    table, begin = scene.table, time.perf_counter()
-    aim, search = table.planar_aim, table.search
+    search, begin = scene.table.search, time.perf_counter()
+    try:
+        aim = scene.table.planar_aim
+    except ArgumentError as error:  # what no table can see without numerics
+        raise SceneError(scene.name, [("aim", str(error))]) from None
     try:
         design = design_stroke(aim, starts=search.starts, seed=search.seed, report=report)
     except SolveError as error:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from msgspec import Meta, field
 
-from wormopt.errors import ArgumentError, Fault
+from wormopt.errors import Fault
 from wormopt.scene.types import (
     Finite,
     NonNegative,
@@ -216,14 +216,7 @@ class PlanarDesignScene(SceneTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         yield from self.body.faults("body")
-        own = list(self._faults())
-        yield from own
-        if own or list(self.body.faults("body")):
-            return
-        try:
-            _ = self.planar_aim
-        except ArgumentError as error:
-            yield "aim", str(error)
+        yield from self._faults()
 
     def _faults(self) -> Iterator[Fault]:
         if (self.ground is None) == (self.viscous is None):
