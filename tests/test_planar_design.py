@@ -220,7 +220,7 @@ def test_what_makes_no_sense_is_refused():
 )
 def test_scenes_say_what_is_wrong(change: str, key: str):
     with pytest.raises(SceneError, match=key):
-        run(load_scene("planar_gait_design", [change]))
+        wo.run(load_scene("planar_gait_design", [change]))
 
 
 @pytest.mark.slow
