@@ -194,7 +194,7 @@ class PlanarAim:
 
     @property
     def shortest(self) -> float:
-        """Least time of a cycle: on dry ground ever smaller strokes may be as fast as large ones."""
+        """Least time of a cycle: on dry ground small strokes may be as fast as large ones."""
         return self.duration_usual / _STROKES
 
     @property
