@@ -87,6 +87,9 @@ SCENES: dict[str, tuple[str, ...]] = {
     "forces": ("planar_chain", SI, "time.end=3.0", "time.samples=301"),
     "block": ("planar_block", SI),
     "planar_gait": ("planar_gait_design",),
+    "crawl": ("planar_three_link", SI),
+    "turning": ("planar_turn_in_place", SI),
+    "path": ("planar_path",),
     "rod_frequency": ("fig22_frequency_response",),
 }
 THREE = (

@@ -42,6 +42,7 @@ SCENES = {
     "pair_waveform_design": [],
     "peristaltic_drag": ['units="SI"', "worm.segments=2"],
     "peristaltic_switching": ['units="SI"', "worm.segments=2"],
+    "planar_path": ['units="SI"'],
     "planar_gait_design": ['units="SI"', "search.corners=4"],
     "fig21_rod_motion": [],
     "fig22_frequency_response": [

@@ -39,7 +39,7 @@ def turning(result: Result) -> Figure:
     hold.plot(result["swing_angle"].values, result["hold_by_angle"].values, color=LINKS[0])
     hold.axhline(1.0, color=GREY, linestyle=LIMIT, linewidth=0.8)
     hold.set_ylim(0, 1.08 * max(1.0, float(result["hold_by_angle"].values.max())))
-    hold.set_xlabel(label("angle of the joint in a swing", result["swing_angle"].unit))
+    hold.set_xlabel(label("angle of the joint $\\phi$ in a swing", result["swing_angle"].unit))
     hold.set_ylabel("share of hold\nthat rest needs")
     hold.margins(x=0)
     legend(hold, [line("long link", LINKS[0]), line("all of it", GREY, LIMIT, 0.8)])
