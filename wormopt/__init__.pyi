@@ -6,6 +6,8 @@ from wormopt.analysis.continuation import continue_branch as continue_branch
 from wormopt.analysis.lie import relative_degree as relative_degree
 from wormopt.analysis.linearise import LinearModel as LinearModel
 from wormopt.analysis.linearise import linearise as linearise
+from wormopt.analysis.normal_form import NormalForm as NormalForm
+from wormopt.analysis.normal_form import normal_form as normal_form
 from wormopt.analysis.steady import SteadyState as SteadyState
 from wormopt.analysis.steady import steady_states as steady_states
 from wormopt.analysis.vibration import VibrationModes as VibrationModes
