@@ -15,6 +15,8 @@ from wormopt.analysis.vibration import vibration_modes as vibration_modes
 from wormopt.control.drive import drive as drive
 from wormopt.control.funnel import Funnel as Funnel
 from wormopt.control.funnel import funnel_tracker as funnel_tracker
+from wormopt.control.interconnect import controller_of as controller_of
+from wormopt.control.interconnect import interconnect as interconnect
 from wormopt.control.lambda_tracker import Decay as Decay
 from wormopt.control.lambda_tracker import Exponent as Exponent
 from wormopt.control.lambda_tracker import Quadratic as Quadratic
