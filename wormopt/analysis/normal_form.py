@@ -27,10 +27,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.control.loop import lie
 from wormopt.errors import ArgumentError
 from wormopt.model.explicit import Explicit
-from wormopt.model.model import Contact, Model, Output, Signal, pack
+from wormopt.model.model import Contact, Model, Output, Signal, lie, pack
 from wormopt.model.values import signal_values
 from wormopt.numerics.identically import identically_zero
 
