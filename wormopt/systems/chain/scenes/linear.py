@@ -134,8 +134,8 @@ class LinearScene(SceneTable, frozen=True, kw_only=True):
     }
     variables: ClassVar = {
         "omega": ("angular_frequency", ("omega",), "angular frequency"),
-        "magnitude": ("count", ("output", "input", "omega"), "|G|, length by force"),
-        "phase": ("angle", ("output", "input", "omega"), "phase of G"),
+        "magnitude": ("compliance", ("link", "input", "omega"), "|G|, length of a link by force"),
+        "phase": ("angle", ("link", "input", "omega"), "phase of G"),
         "zero_real": ("rate", ("zero",), "real parts of the zeros, the shift left out"),
         "zero_imag": ("rate", ("zero",), "imaginary parts of the zeros"),
         "pole_real": ("rate", ("pole",), "real parts of the worm's poles, the shift left out"),
