@@ -14,15 +14,21 @@ import wormopt as wo
 from wormopt.analysis.linearise import linearise
 from wormopt.control.frozen import FrozenLoop, Plant
 from wormopt.control.tube_gain import Task, least_gain, peak_gains, static_gains
-from wormopt.errors import SceneError
+from wormopt.errors import SceneError, SolveError
 from wormopt.model.friction import Coulomb, Spike, Viscous
 from wormopt.scene import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.frozen import bisect, task_of
+from wormopt.systems.chain.runs import linear
 from wormopt.systems.spiked.construct import fast_gait
 
 seeds = st.integers(0, 10**6)
 patient = settings(deadline=None, max_examples=examples(24))
+
+
+@pytest.fixture(scope="module")
+def control() -> Any:
+    return pytest.importorskip("control")
 
 
 def free_mass(zero: float | None = None) -> Plant:
@@ -73,8 +79,7 @@ def test_the_filter_needs_a_gain_above_one_around_a_free_mass(gain: float):
 
 
 @pytest.mark.parametrize("feedback", ["derivative", "filter"])
-def test_margins_of_one_link_agree_with_control(feedback: Any):
-    control = pytest.importorskip("control")
+def test_margins_of_one_link_agree_with_control(control: Any, feedback: Any):
     plant, _ = random_plant(3)
     plant = Plant(plant.A, plant.B[:, :1], plant.C[:1], plant.F)
     loop = FrozenLoop(plant, 20.0, feedback)
@@ -264,6 +269,23 @@ def test_scenes_that_make_no_sense_are_refused(change: str, told: str):
 def test_a_motion_too_short_is_refused():
     with pytest.raises(SceneError, match=r"time\.end: is less than two periods"):
         wo.run(load_scene("linear_chain", ["time.end=1.9"]))
+
+
+def test_a_motion_that_stops_short_fails_with_a_reason():
+    with pytest.raises(SolveError) as stopped:
+        wo.run(load_scene("linear_chain", ["tolerance.max_steps=20"]))
+    assert stopped.value.partial.status == "failed"
+    assert stopped.value.partial.reason == stopped.value.reason
+
+
+def test_who_interrupts_keeps_a_result():
+    def stop(what: str, fraction: float | None) -> None:
+        raise KeyboardInterrupt
+
+    scene = load_scene("linear_chain", ["time.end=2.5", "tolerance.recheck=false"])
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        linear.run(scene, stop)
+    assert stopped.value.partial.reason == "interrupted"  # pyright: ignore[reportAttributeAccessIssue]
 
 
 @pytest.mark.slow

@@ -339,6 +339,21 @@ def test_a_gain_that_depends_on_the_state():
         form.zero_dynamics()
 
 
+def test_walls_are_kept_where_they_are():
+    """A wall on mass 0 at x = 3; with the length held at 1 the tail is 1 behind it."""
+    worm = chain(1, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0, law=Coulomb(1.0, 2.0))
+    x, push = worm["position"], ca.SX.sym("push")
+    contacts = [replace(worm.contacts[0], gap=3 - x[0], normal_force=push), worm.contacts[1]]
+    form = normal_form(replace(worm, contacts=contacts), output="length", internal=INTERNAL)
+    still = form.zero_dynamics([1.0])
+    gap = still.contacts[0].gap
+    assert gap is not None
+    assert still.contacts[1].gap is None
+    symbols = [pack(still.x), pack(still.p)]
+    found = ca.Function("gap", symbols, [gap])([2.0, 0.0], by_signal(still))
+    assert float(found) == pytest.approx(0.5)  # the centre at 2, so the head at 2.5
+
+
 def test_what_has_no_such_form_is_refused():
     worm = form_of(2).model
     with pytest.raises(ValueError, match="act on y' at once"):

@@ -20,7 +20,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import casadi as ca
@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.explicit import Explicit
-from wormopt.model.model import Contact, Model, Output, Signal, lie, pack
+from wormopt.model.model import Model, Output, Signal, lie, pack
 from wormopt.model.values import signal_values
 from wormopt.numerics.identically import identically_zero
 
@@ -199,8 +199,10 @@ class NormalForm:
             raise ArgumentError(f"{model.name} has switches, at which its states may jump")
         place = Signal("held", ca.SX.sym("held", m), value=self._held(held))
         x = self._states(ca.vertcat(place.symbol, ca.SX(m, 1), eta))
-        wanted = [self.internal_rate, *(c.velocity for c in model.contacts)]
-        rates, *velocities = ca.substitute(wanted, [pack(model.x)], [x])
+        gaps = [c.gap if c.gap is not None else ca.SX(0, 1) for c in model.contacts]
+        wanted = [self.internal_rate, *(c.velocity for c in model.contacts), *gaps]
+        rates, *seen = ca.substitute(wanted, [pack(model.x)], [x])
+        touching = zip(model.contacts, seen[: len(gaps)], seen[len(gaps) :], strict=True)
         return Model(
             f"{model.name}, outputs held",
             x=states,
@@ -208,8 +210,7 @@ class NormalForm:
             p=[*model.p, place],
             t=model.t,
             contacts=[
-                Contact(c.name, v, c.force, c.law, c.nominal_force, c.nominal_speed)
-                for c, v in zip(model.contacts, velocities, strict=True)
+                replace(c, velocity=v, gap=None if c.gap is None else gap) for c, v, gap in touching
             ],
             schedules=model.schedules,
         )

@@ -17,7 +17,7 @@ from wormopt.control.frozen import Complex, FrozenLoop, Margins
 from wormopt.control.lambda_tracker import Feedback
 from wormopt.control.reference import gait_reference
 from wormopt.control.tube_gain import Task, least_gain, static_gains
-from wormopt.errors import SceneError
+from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.model.friction import Law
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
@@ -79,8 +79,18 @@ def run(scene: Scene[LinearScene], report: Report) -> Result:
     """Analyse the worm and its frozen loops, simulate the tracker; failed where routes disagree.
 
     Raises SceneError for a gait file or a motion that is too short, SolveError if a motion stops
-    short.
+    short, Interrupted by the user; these two with a Result that holds nothing.
     """
+    try:
+        return _result(scene, report)
+    except SolveError as error:
+        nothing = conclude(scene, {}).failed(error.reason)
+        raise SolveError(error.reason, error.suggestion, nothing, error.code) from None
+    except Interrupted:
+        raise Interrupted(conclude(scene, {}).failed("interrupted")) from None
+
+
+def _result(scene: Scene[LinearScene], report: Report) -> Result:
     table, clock = scene.table, time.perf_counter()
     worm = _worm(scene)
     point = linearise(

@@ -89,7 +89,8 @@ class LinearScene(SceneTable, frozen=True, kw_only=True):
         "gain_linear": (
             "count",
             "least *k* from which on the linear loop without dry friction stays in the tube after "
-            "long time, from the harmonics of the reference; unknown beyond `gains.most`",
+            "long time, from the harmonics of the reference; `gains.least` where that will do, "
+            "unknown beyond `gains.most`",
         ),
         "gain_sure": (
             "count",
