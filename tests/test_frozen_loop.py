@@ -326,3 +326,30 @@ def test_a_resting_worm_has_the_slope_of_the_smooth_law():
     change = ["point.velocity=0", "point.v_reg=0.1", "gains.count=5", "tolerance.recheck=false"]
     result = wo.run(load_scene("linear_chain", change))
     assert result["common_zero"].value == pytest.approx(-(11 / 0.2 + 0.1), rel=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("target", "name", "fault"),
+    [
+        (FrozenLoop, "by_control", "poles by python-control"),
+        (linear, "static_gains", "static gains of the impulse responses"),
+        (linear, "settled", "error by simulation without dry friction"),
+        (Task, "bound", "the error with the gain frozen is above its bound"),
+    ],
+)
+def test_each_route_that_disagrees_fails_the_result(
+    monkeypatch: pytest.MonkeyPatch, target: Any, name: str, fault: str
+):
+    own = getattr(target, name)
+    wrong = {
+        "by_control": lambda loop: (own(loop)[0] - 1e-3, own(loop)[1]),
+        "static_gains": lambda loop: (own(loop)[0] * 1.01, own(loop)[1]),
+        "settled": lambda slowest, period: 2 * period,  # the start is not forgotten by then
+        "bound": lambda task, loop: 0.3 * own(task, loop),
+    }
+    monkeypatch.setattr(target, name, wrong[name])
+    change = ["time.end=4", "gains.count=5", "tolerance.recheck=false", "tolerance.relative=1e-8"]
+    result = wo.run(load_scene("linear_chain", change))
+    assert result.status == "failed"
+    assert fault in result.reason
