@@ -27,6 +27,7 @@ from wormopt.plotting.parts import (
 from wormopt.result import Result
 
 _DEGREES = 180 / np.pi
+_LEAST = 1e-11  # of the largest response at a frequency; what is smaller is rounding
 # the gains that are told apart: name, words, colour, dashes
 _MARKS = {
     "gain_learned": ("learned by the tracker", LINKS[3], "-"),
@@ -39,6 +40,7 @@ _MARKS = {
 def response(result: Result) -> Figure:
     """Gain and phase of the worm over frequency, from one input per column to all lengths."""
     omega, magnitude = result["omega"].values, result["magnitude"].values
+    rounding = _LEAST * magnitude.max(axis=(0, 1))
     links = magnitude.shape[1]
     shown = min(links, 2 if narrow() else 3)  # further inputs look alike
     drawn = sheet(7.1, 4.6, 3.8)
@@ -48,13 +50,14 @@ def response(result: Result) -> Figure:
     for j in range(shown):
         for i, (colour, dashes) in enumerate(styles(LINKS, links)):
             look: Any = {"color": colour, "linestyle": dashes}
-            size = np.where(magnitude[i, j] > 0, magnitude[i, j], np.nan)
+            size = np.where(magnitude[i, j] > rounding, magnitude[i, j], np.nan)
             angle = np.where(np.isnan(size), np.nan, result["phase"].values[i, j])
             axes[0, j].loglog(omega, size, label=f"to length of link {i}", **look)
             axes[1, j].semilogx(omega, angle * _DEGREES, **look)
         axes[0, j].set_title(f"from input {j}")
         axes[1, j].set_xlabel(label(r"frequency $\omega$", result["omega"].unit))
-        axes[1, j].yaxis.set_major_locator(MultipleLocator(90))
+        low, high = axes[1, j].get_ylim()
+        axes[1, j].yaxis.set_major_locator(MultipleLocator(90 if high - low < 540 else 180))
         axes[1, j].margins(x=0)
     axes[0, 0].set_ylabel(label(r"$|G(i\omega)|$", result["magnitude"].unit))
     axes[1, 0].set_ylabel(r"phase of $G(i\omega)$ (°)")
