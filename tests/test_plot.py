@@ -38,6 +38,7 @@ SAVED = Path(__file__).parent / "results"
 SI = 'units="SI"'
 QUICK = ('search.effort="quick"', "search.sequence=[[0],[1],[2]]", "search.workers=1")
 SQUARE = 'stroke={course="polygon",corners=[[1.0,1.0],[-1.0,1.0],[-1.0,-1.0],[1.0,-1.0]]}'
+FROZEN = ("time.end=2.0", "gains.count=7", "tolerance.recheck=false", "tolerance.relative=1e-7")
 SCENES: dict[str, tuple[str, ...]] = {
     "limits": ("design_fast_gait", SI, *QUICK),
     "front": (
@@ -49,6 +50,9 @@ SCENES: dict[str, tuple[str, ...]] = {
     ),
     "certificate": ("certified_gait", SI, *QUICK, "search.certify.gap=1e-2"),
     "trackers": ("track_sine", SI, "time.end=2.0", "time.samples=41"),
+    "bode": ("linear_chain", SI, *FROZEN),
+    "poles": ("linear_chain", SI, *FROZEN),
+    "margins": ("linear_chain", SI, *FROZEN),
     "bands": ("random_links",),
     "signals": ("own_model", SI, "time.end=3.0"),
     "comparison": ("compare_tracking",),
@@ -222,8 +226,9 @@ def test_pictures_for_every_number_of_links(links: int):
 def test_axes_carry_symbols_and_units(picture: str):
     drawn = standard(picture)
     last = [axes for axes in drawn.axes if axes.get_label() != "<colorbar>"][-1]
-    # waveforms are always dimensionless
-    assert last.get_xlabel().endswith(")" if picture != "waveform" else "time $t$")
+    # waveforms are always dimensionless, and gains are told by the scene's numbers
+    plain = {"waveform": "time $t$", "margins": "gain $k$"}
+    assert last.get_xlabel().endswith(plain.get(picture, ")"))
     assert "$" in last.get_xlabel()
     first = [axes for axes in drawn.axes if (at := axes.get_subplotspec()) and at.is_first_col()]
     labelled = [axes.get_ylabel() for axes in first if len(axes.get_yticks())]

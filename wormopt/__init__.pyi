@@ -6,6 +6,8 @@ from wormopt.analysis.continuation import continue_branch as continue_branch
 from wormopt.analysis.lie import relative_degree as relative_degree
 from wormopt.analysis.linearise import LinearModel as LinearModel
 from wormopt.analysis.linearise import linearise as linearise
+from wormopt.analysis.normal_form import NormalForm as NormalForm
+from wormopt.analysis.normal_form import normal_form as normal_form
 from wormopt.analysis.steady import SteadyState as SteadyState
 from wormopt.analysis.steady import steady_states as steady_states
 from wormopt.analysis.vibration import VibrationModes as VibrationModes
@@ -13,6 +15,8 @@ from wormopt.analysis.vibration import vibration_modes as vibration_modes
 from wormopt.control.drive import drive as drive
 from wormopt.control.funnel import Funnel as Funnel
 from wormopt.control.funnel import funnel_tracker as funnel_tracker
+from wormopt.control.interconnect import controller_of as controller_of
+from wormopt.control.interconnect import interconnect as interconnect
 from wormopt.control.lambda_tracker import Decay as Decay
 from wormopt.control.lambda_tracker import Exponent as Exponent
 from wormopt.control.lambda_tracker import Quadratic as Quadratic

@@ -104,6 +104,16 @@ KINDS: dict[str, Kind] = {
             "bands": "wormopt.systems.chain.plots.simulation:bands",
         },
     ),
+    "linear": Kind(
+        summary="poles, zeros and margins of a chain under a tracker, and the gains that suffice",
+        table="wormopt.systems.chain.scenes.linear:LinearScene",
+        study="wormopt.systems.chain.runs.linear",
+        pictures={
+            "bode": "wormopt.systems.chain.plots.linear:response",
+            "poles": "wormopt.systems.chain.plots.linear:poles",
+            "margins": "wormopt.systems.chain.plots.linear:margins",
+        },
+    ),
     "track-optimal": Kind(
         summary="a chain whose links follow a gait by the best input, replayed by the simulator",
         table="wormopt.systems.chain.scenes.track_optimal:TrackOptimalScene",

@@ -40,6 +40,7 @@ UNITS = {
     "energy_per_distance": "J m-1",
     "drag": "N s m-1",
     "stiffness": "N m-1",
+    "compliance": "m N-1",
     "stress": "Pa",
     "bedding": "Pa m-1",
     "magnetic_field": "A m-1",

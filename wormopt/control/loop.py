@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError
-from wormopt.model.model import Model, Output, Signal, Switch, pack
+from wormopt.model.model import Model, Output, Signal, Switch, lie, pack
 from wormopt.model.schedule import Schedule
 
 _RATES = {"length": "speed", "angle": "angular_frequency", "share": "rate"}
@@ -146,11 +146,6 @@ class TrackingError:
         outputs = [self.value, self.rate]
         value, rate = ca.Function("start", [*symbols, scheduled], outputs)(*numbers, values)
         return np.array(value).ravel(), np.array(rate).ravel()
-
-
-def lie(plant: Model, expression: ca.SX) -> ca.SX:
-    """Time derivative along the plant's ode of a column of its states and time."""
-    return ca.jtimes(expression, pack(plant.x), plant.ode) + ca.jacobian(expression, plant.t)
 
 
 def at_zero(schedules: Sequence[Schedule]) -> tuple[ca.SX, np.ndarray]:

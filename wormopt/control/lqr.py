@@ -10,11 +10,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from wormopt.control.loop import TrackingError, at_zero, close, input_of, lie
+from wormopt.control.loop import TrackingError, at_zero, close, input_of
 from wormopt.control.reference import Reference, gait_reference
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
-from wormopt.model.model import Model, Output, Signal, pack
+from wormopt.model.model import Model, Output, Signal, lie, pack
 from wormopt.model.values import numbers, signal_values
 
 

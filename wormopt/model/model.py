@@ -262,8 +262,7 @@ class Model:
     @property
     def contact_accelerations(self) -> ca.SX:
         """Column of the time derivatives of the contact velocities along the ode."""
-        v = self.contact_velocities
-        return ca.jtimes(v, pack(self.x), self.ode) + ca.jacobian(v, self.t)
+        return lie(self, self.contact_velocities)
 
     @property
     def delassus(self) -> ca.SX:
@@ -388,3 +387,8 @@ def _check_contact(contact: Contact) -> None:
 def pack(signals: Sequence[Signal]) -> ca.SX:
     """Stack the signals' symbols, in order, into one column; empty for no signals."""
     return ca.vertcat(ca.SX(0, 1), *(s.symbol for s in signals))
+
+
+def lie(model: Model, expression: ca.SX) -> ca.SX:
+    """Time derivative along a model's ode of a column of its states and time."""
+    return ca.jtimes(expression, pack(model.x), model.ode) + ca.jacobian(expression, model.t)

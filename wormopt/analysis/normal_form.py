@@ -1,0 +1,348 @@
+"""Byrnes-Isidori normal form of a Model whose outputs have relative degree two.
+
+In the coordinates y, y' and eta, which inputs do not reach at once, a model reads
+
+    y'' = b(x) + Gamma(x) u,    eta' = q(x),
+
+with the high-frequency gain Gamma; q with y held still is the zero dynamics [1]_. A tracker of
+high gain rests on two things: Gamma has a definite sign, and the zero dynamics come to rest.
+
+Everything is a CasADi expression that follows from the model's own by exact Lie derivatives.
+Contact forces stay the symbols that they are in the model, so that what is shown of the form
+holds for every friction law.
+
+References
+----------
+.. [1] C. I. Byrnes and A. Isidori, "Asymptotic stabilization of minimum phase nonlinear systems",
+   IEEE Transactions on Automatic Control 36 (1991) 1122-1137.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError
+from wormopt.model.explicit import Explicit
+from wormopt.model.model import Model, Output, Signal, lie, pack
+from wormopt.model.values import signal_values
+from wormopt.numerics.identically import identically_zero
+
+Values = Mapping[str, ArrayLike]
+
+GainSign = Literal["positive definite", "negative definite", "semidefinite", "indefinite"]
+"""Sign of the symmetric part of a gain matrix; semidefinite where rounding hides which."""
+
+
+@dataclass(frozen=True, eq=False)
+class NormalForm:
+    """A Model in the coordinates y, y' and eta; see `normal_form`.
+
+    Parameters
+    ----------
+    model : Model
+        What moves. All expressions are of its symbols, contact forces among them.
+    value, rate : casadi.SX, shape (m, 1)
+        Outputs y and their first derivatives y'.
+    drift : casadi.SX, shape (m, 1)
+        Second derivatives y'' without inputs, b.
+    gain : casadi.SX, shape (m, m)
+        High-frequency gain Gamma: y'' = b + Gamma u.
+    internal : tuple of Output
+        Coordinates eta with their names, of k scalars in all; empty if none were named.
+    internal_rate : casadi.SX, shape (k, 1)
+        Their derivatives eta', in which no input appears.
+
+    Examples
+    --------
+    See `normal_form`.
+    """
+
+    model: Model
+    value: ca.SX
+    rate: ca.SX
+    drift: ca.SX
+    gain: ca.SX
+    internal: tuple[Output, ...]
+    internal_rate: ca.SX
+
+    @property
+    def coordinates(self) -> ca.SX:
+        """Column y, y', eta of the new coordinates."""
+        return ca.vertcat(self.value, self.rate, *(eta.expression for eta in self.internal))
+
+    def gain_at(
+        self, *, x: Values | None = None, p: Values | None = None, t: float = 0.0
+    ) -> np.ndarray:
+        """High-frequency gain at a state.
+
+        Parameters
+        ----------
+        x : mapping of str to array_like, optional
+            States by name; where it says nothing, the model's own start, or 0.
+        p : mapping of str to array_like, optional
+            Parameters by name, where they are not the model's own.
+        t : float, optional
+            Time, where the model depends on it.
+
+        Returns
+        -------
+        ndarray, shape (m, m)
+
+        Raises
+        ------
+        ArgumentError
+            If names or sizes do not fit the model.
+        """
+        explicit = Explicit(self.model, ())
+        return explicit.function("gain", self.gain)(
+            t,
+            signal_values(self.model.x, x, "state", fill=0.0),
+            signal_values(self.model.u, None, "input", fill=0.0),
+            signal_values(self.model.p, p, "parameter"),
+            1.0,
+            explicit.scheduled(t),
+        ).full()
+
+    def sign(self, *, x: Values | None = None, p: Values | None = None, t: float = 0.0) -> GainSign:
+        """Tell the sign of the gain's symmetric part at a state.
+
+        Parameters
+        ----------
+        x : mapping of str to array_like, optional
+            States by name; where it says nothing, the model's own start, or 0.
+        p : mapping of str to array_like, optional
+            Parameters by name, where they are not the model's own.
+        t : float, optional
+            Time, where the model depends on it.
+
+        Returns
+        -------
+        {"positive definite", "negative definite", "semidefinite", "indefinite"}
+
+        Raises
+        ------
+        ArgumentError
+            If names or sizes do not fit the model.
+        """
+        gain = self.gain_at(x=x, p=p, t=t)
+        # equal diagonals take the decades out that the numbers of a worm may spread over
+        size = np.sqrt(np.abs(np.diag(gain)))
+        size[size == 0] = 1.0
+        even = gain / np.outer(size, size)
+        values = np.linalg.eigvalsh((even + even.T) / 2)
+        rounding = 4 * len(gain) * np.finfo(float).eps * np.abs(values).max()
+        if values[0] > rounding:
+            return "positive definite"
+        if values[-1] < -rounding:
+            return "negative definite"
+        hidden = bool(np.all(values >= -rounding) or np.all(values <= rounding))
+        return "semidefinite" if hidden else "indefinite"
+
+    def zero_dynamics(self, held: ArrayLike | None = None) -> Model:
+        """Make the Model of what goes on while the outputs are held still.
+
+        Parameters
+        ----------
+        held : array_like, shape (m,), optional
+            Where the outputs are held, a parameter of the new model; by default where the model
+            starts, if it says so.
+
+        Returns
+        -------
+        Model
+            States: eta by their names. Parameters: the model's, and ``held``. Contacts are the
+            model's, each with the velocity that it then has; what holds the outputs does not act
+            on eta.
+
+        Raises
+        ------
+        ArgumentError
+            If there are not as many coordinates as states, they are not affine in the states, the
+            model has switches, or `held` is not of the size of the outputs.
+
+        Examples
+        --------
+        With its length held, a worm on drag 0.1 and 0.3 slides as one mass 2 on drag 0.4:
+
+        >>> from wormopt.simulation.simulate import simulate
+        >>> from wormopt.systems.chain.build import chain
+        >>> worm = chain(1, mass=1.0, stiffness=9.0, damping=5.0, rest_length=2.0, drag=[0.1, 0.3])
+        >>> form = normal_form(worm, output="length", internal="center_velocity")
+        >>> form.zero_dynamics()
+        Traceback (most recent call last):
+        ...
+        wormopt.errors.ArgumentError: 3 coordinates y, y', eta for 4 states; name more by internal=
+        >>> names = ["center_of_mass", "center_velocity"]
+        >>> still = normal_form(worm, output="length", internal=names).zero_dynamics()
+        >>> motion = simulate(still, 5.0, x0={"center_velocity": 1.0})
+        >>> float(np.log(motion["center_velocity"][0, -1]).round(9))
+        -1.0
+        """
+        model, m, eta = self.model, self.value.numel(), ca.SX(0, 1)
+        states = [
+            Signal(e.name, ca.SX.sym(e.name, e.expression.numel()), e.unit) for e in self.internal
+        ]
+        eta = pack(states)
+        if 2 * m + eta.numel() != model.n_x:
+            count = 2 * m + eta.numel()
+            raise ArgumentError(
+                f"{count} coordinates y, y', eta for {model.n_x} states; name "
+                f"{'more' if count < model.n_x else 'fewer'} by internal="
+            )
+        if model.switches:
+            raise ArgumentError(f"{model.name} has switches, at which its states may jump")
+        place = Signal("held", ca.SX.sym("held", m), value=self._held(held))
+        x = self._states(ca.vertcat(place.symbol, ca.SX(m, 1), eta))
+        gaps = [c.gap if c.gap is not None else ca.SX(0, 1) for c in model.contacts]
+        wanted = [self.internal_rate, *(c.velocity for c in model.contacts), *gaps]
+        rates, *seen = ca.substitute(wanted, [pack(model.x)], [x])
+        touching = zip(model.contacts, seen[: len(gaps)], seen[len(gaps) :], strict=True)
+        return Model(
+            f"{model.name}, outputs held",
+            x=states,
+            ode=rates,
+            p=[*model.p, place],
+            t=model.t,
+            contacts=[
+                replace(c, velocity=v, gap=None if c.gap is None else gap) for c, v, gap in touching
+            ],
+            schedules=model.schedules,
+        )
+
+    def _states(self, coordinates: ca.SX) -> ca.SX:
+        """States of the model at given coordinates, which must be affine in them."""
+        x, known = pack(self.model.x), self.coordinates
+        matrix = ca.jacobian(known, x)
+        if ca.depends_on(matrix, x):
+            raise ArgumentError(
+                f"y, y' and eta of {self.model.name} are not affine in its states: there is no "
+                "closed form of the states by them"
+            )
+        if ca.sprank(matrix) < x.numel():
+            raise ArgumentError("y, y' and eta do not determine the states; name others, internal=")
+        offset = ca.substitute(known, x, ca.SX.zeros(x.numel()))
+        return ca.densify(ca.solve(matrix, coordinates - offset))
+
+    def _held(self, held: ArrayLike | None) -> tuple[float, ...] | None:
+        if held is not None:
+            values = np.asarray(held, dtype=float).ravel()
+            if values.size not in (1, self.value.numel()):
+                raise ArgumentError(
+                    f"held must be one number or {self.value.numel()}, not {values.size}"
+                )
+            return tuple(np.broadcast_to(values, self.value.numel()).tolist())
+        model = self.model
+        if any(s.value is None for s in (*model.x, *model.p)) or model.schedules:
+            return None
+        known = [
+            ca.DM(signal_values(signals, None, what))
+            for signals, what in ((model.x, "state"), (model.p, "parameter"))
+        ]
+        start = ca.Function("start", [pack(model.x), pack(model.p), model.t], [self.value])
+        return tuple(start(*known, 0.0).full().ravel().tolist())
+
+
+def normal_form(
+    model: Model, *, output: str | Sequence[str], internal: str | Sequence[str] = ()
+) -> NormalForm:
+    """Bring a model with outputs of relative degree two into Byrnes-Isidori normal form.
+
+    What must be zero (inputs in y, y', eta') is shown to be so for all states, parameters and
+    contact forces, in exact arithmetic.
+
+    Parameters
+    ----------
+    model : Model
+        What moves, with as many inputs as outputs, affine in the inputs.
+    output : str or sequence of str
+        Names of the outputs y, or of states.
+    internal : str or sequence of str, optional
+        Names of outputs or states that are the coordinates eta beside y and y'. Without them
+        there is the upper half of the form alone.
+
+    Returns
+    -------
+    NormalForm
+
+    Raises
+    ------
+    ArgumentError
+        If there are algebraic variables, not as many inputs as outputs, inputs or contact forces
+        that act on y or y', none that acts on some y'', inputs that act on an eta', or if y'' is
+        not affine in the inputs.
+    UnknownNameError
+        If the model has no such output or state.
+
+    Examples
+    --------
+    A chain of any number of links, of which the centre of mass is what the lengths do not show:
+
+    >>> from wormopt.model.friction import Coulomb
+    >>> from wormopt.systems.chain.build import chain
+    >>> worm = chain(
+    ...     2, mass=0.5, stiffness=9.0, damping=5.0, rest_length=2.0, law=Coulomb(1.0, 10.0)
+    ... )
+    >>> form = normal_form(worm, output="length", internal=["center_of_mass", "center_velocity"])
+    >>> form.gain_at(), form.sign()
+    (array([[ 4., -2.],
+           [-2.,  4.]]), 'positive definite')
+    >>> form.internal_rate.shape, form.zero_dynamics().n_x
+    ((2, 1), 2)
+    """
+    if len(model.z) > 0:
+        raise ArgumentError(f"{model.name} has algebraic variables; solve for them first")
+    names = [output] if isinstance(output, str) else list(dict.fromkeys(output))
+    u, empty = pack(model.u), ca.SX(0, 1)
+    y = ca.vertcat(empty, *(model[name] for name in names))
+    if y.numel() != u.numel() or not y.numel():
+        raise ArgumentError(
+            f"{model.name}: {y.numel()} outputs for {u.numel()} inputs; name as many as there are"
+        )
+    rate = lie(model, y)
+    for what, column in (("y", y), ("y'", rate)):
+        _free(model, column, ca.vertcat(u, model.forces), what)
+    second = lie(model, rate)
+    gain = ca.jacobian(second, u)
+    if ca.depends_on(gain, u):
+        raise ArgumentError(f"{model.name}: y'' is not affine in the inputs")
+    reached = ca.DM((~identically_zero(gain, _symbols(model))).astype(float))
+    if ca.sprank(ca.sparsify(reached)) < y.numel():
+        raise ArgumentError(
+            f"{model.name}: inputs do not reach all y'' apart; the relative degree is not two"
+        )
+    shown = _internal(model, internal)
+    inner = ca.vertcat(empty, *(e.expression for e in shown))
+    _free(model, inner, u, "eta")
+    inner_rate = lie(model, inner)
+    _free(model, inner_rate, u, "eta'")
+    without = [ca.substitute(e, u, ca.SX.zeros(u.numel())) for e in (second, inner_rate)]
+    return NormalForm(model, y, rate, without[0], gain, shown, without[1])
+
+
+def _internal(model: Model, internal: str | Sequence[str]) -> tuple[Output, ...]:
+    names = [internal] if isinstance(internal, str) else list(dict.fromkeys(internal))
+    units = {s.name: s.unit for s in (*model.x, *model.outputs)}
+    return tuple(Output(name, model[name], units.get(name, "1")) for name in names)
+
+
+def _free(model: Model, column: ca.SX, acting: ca.SX, what: str) -> None:
+    """Refuse a column in which inputs or forces appear, whatever the states and parameters are."""
+    factors = ca.jacobian(column, acting)
+    if factors.nnz() == 0:
+        return
+    if not np.all(identically_zero(factors, _symbols(model))):
+        raise ArgumentError(f"{model.name}: inputs or contact forces act on {what} at once")
+
+
+def _symbols(model: Model) -> ca.SX:
+    """All symbols that a model's expressions may hold, in one column."""
+    return ca.vertcat(
+        model.t, pack(model.x), pack(model.p), pack(model.u), model.forces,
+        *(ca.vertcat(s.begin, s.symbol) for s in model.schedules),
+    )  # fmt: skip

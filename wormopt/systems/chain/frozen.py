@@ -1,0 +1,147 @@
+"""Chains with the gain of their lambda-tracker held: as linear loops, and as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import msgspec
+import numpy as np
+
+from wormopt.analysis.linearise import linearise
+from wormopt.control.frozen import Plant
+from wormopt.control.reference import Reference
+from wormopt.control.tube_gain import Task
+from wormopt.model.friction import Law, Viscous
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model, Signal
+from wormopt.progress import Report, silent
+from wormopt.simulation.options import Tolerance, Treatment
+from wormopt.simulation.simulate import simulate
+from wormopt.systems.chain.runs.chains import close_loop
+from wormopt.systems.chain.scenes.chain import ChainTable
+from wormopt.systems.chain.scenes.track import DerivativeTracker, FilterTracker, QuadraticLaw
+
+LambdaTracker = FilterTracker | DerivativeTracker
+
+_SAMPLES = 4096  # of the reference, in a period
+_JUDGED = 2001  # samples of the last period of a simulation
+_WIDE = 2.0**40  # a tube that no error leaves; its square is exact, so that the gain stays
+_WIDER, _HALVINGS = 1.5, 10  # of the search for the least gain
+_DECAYED = 28.0  # time constants after which a start is forgotten
+
+
+def without_dry_friction(plant: Model, laws: Sequence[Law]) -> Model:
+    """The chain with viscous contacts alone; other forces of the ground are inputs ``ground``."""
+    dry = [c for c, law in zip(plant.contacts, laws, strict=True) if not isinstance(law, Viscous)]
+    wet = [c for c, law in zip(plant.contacts, laws, strict=True) if isinstance(law, Viscous)]
+    if not dry:
+        return plant
+    ground = Signal("ground", ca.vertcat(*(c.force for c in dry)), "force", value=0.0)
+    return replace(plant, contacts=wet, u=[*plant.u, ground])
+
+
+def task_of(plant: Model, laws: Sequence[Law], gait: Gait, shift: float, rest: np.ndarray) -> Task:
+    """What linear loops of a chain have to follow and to withstand."""
+    links = len(rest)
+    # the ground pushes every mass by an input of its own, viscous contacts staying what they are
+    push = ca.SX.sym("push", links + 1)
+    free = without_dry_friction(plant, laws)
+    inputs = [s for s in free.u if s.name == "ground"]
+    at_rest = ca.substitute(free.ode, ca.vertcat(ca.SX(0, 1), *(s.symbol for s in inputs)),
+                            ca.SX.zeros(sum(s.size for s in inputs)))  # fmt: skip
+    mass = plant["mass"]
+    pushed = replace(
+        free,
+        ode=at_rest + ca.vertcat(ca.SX.zeros(links + 1), push / mass),
+        u=[plant.u[0], Signal("push", push, "force", value=0.0)],
+    )
+    intervals = np.array([_interval(law) for law in laws] or np.zeros((links + 1, 2)))
+    low, high = intervals.T
+    bounded = np.isfinite(intervals).all()
+    times = gait.period * np.arange(_SAMPLES) / _SAMPLES + shift
+    load = np.asarray(next(s.value for s in plant.p if s.name == "load"), dtype=float)
+    return Task(
+        Plant.of(linearise(pushed, output="length"), links),
+        gait.period,
+        gait(np.mod(times, gait.period)) - rest[:, None],
+        -np.broadcast_to(load, links + 1),
+        (low + high) / 2 if bounded else np.zeros(links + 1),
+        (high - low) / 2 if bounded else np.full(links + 1, np.inf),
+    )
+
+
+def _interval(law: Law) -> tuple[float, float]:
+    """Least and largest dry force of a contact, at rest or sliding."""
+    if isinstance(law, Viscous):
+        return 0.0, 0.0
+    low, high = law.stick_interval
+    return float(low), float(high)
+
+
+@dataclass(frozen=True, eq=False)
+class Frozen:
+    """A chain's loop of which the gain never grows."""
+
+    loop: Model
+    period: float
+
+    @classmethod
+    def of(
+        cls, plant: Model, reference: Reference, tracker: LambdaTracker, worm: ChainTable,
+        period: float,
+    ) -> Frozen:  # fmt: skip
+        """Close the loop by a tracker whose tube no error leaves."""
+        held = msgspec.structs.replace(
+            tracker, tube_radius=_WIDE, growth=1.0, adaptation=QuadraticLaw()
+        )
+        return cls(close_loop(plant, reference, held, worm), period)
+
+    def error(
+        self, gain: float, end: float, contact: Treatment, tolerance: Tolerance,
+        report: Report = silent,
+    ) -> float:  # fmt: skip
+        """Largest error over the last period of a simulation."""
+        times = np.linspace(end - self.period, end, _JUDGED)
+        motion = simulate(
+            self.loop, end, contact=contact, x0={"gain": gain}, times=times,
+            tolerance=tolerance, report=report,
+        )  # fmt: skip
+        return float(motion["error_norm"].max())
+
+
+def settled(slowest: float, period: float) -> float:
+    """Time after which a start is forgotten, whole periods: `slowest` is a pole's real part."""
+    return period * float(np.ceil(_DECAYED / -slowest / period + 1))
+
+
+def bisect(
+    error: Callable[[float], float], least: float, most: float, wanted: float, guess: float
+) -> tuple[float | None, list[tuple[float, float]]]:
+    """Least gain with an error of at most `wanted`, and all (gain, error) that were tried.
+
+    Errors are taken to fall with the gain. Gains far above the `guess` are tried only where
+    needed: they make loops stiff. None if the largest gain does not do.
+    """
+    tried: list[tuple[float, float]] = []
+
+    def enough(gain: float) -> bool:
+        tried.append((gain, error(gain)))
+        return tried[-1][1] <= wanted
+
+    low = high = float(np.clip(guess, least, most))
+    if enough(high):
+        while high > least and enough(low := max(high / _WIDER, least)):
+            high = low
+        if high == least:
+            return least, tried
+    else:
+        while high < most and not enough(high := min(low * _WIDER, most)):
+            low = high
+        if tried[-1][1] > wanted:
+            return None, tried
+    for _ in range(_HALVINGS):
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if enough(middle) else (middle, high)
+    return high, tried
