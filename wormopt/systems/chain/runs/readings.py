@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from wormopt.control.lambda_tracker import Feedback
 from wormopt.model.friction import Coulomb
 from wormopt.progress import Report
 from wormopt.result import Check, Result
@@ -56,7 +57,7 @@ from wormopt.systems.shared.proof import (
 from wormopt.systems.shared.signals import event_arrays, fitted, sample, simulate_whole
 from wormopt.systems.spiked import gait_of_shape
 
-TRACKERS = {"filter": "tracker (14)", "derivative": "tracker (13)"}
+TRACKERS: dict[Feedback, str] = {"filter": "tracker (14)", "derivative": "tracker (13)"}
 """In the order of the chapter's figures: (14) left, (13) right."""
 # Readings are told apart by percents; the one that is shown is simulated again, exactly.
 _LOOSE = Tolerance(relative=1e-9, absolute=1e-10, max_steps=200_000)
@@ -114,7 +115,9 @@ def _example(scene: Scene[ReadingsScene]) -> Example:
 
 
 def _choices(table: ReadingsScene) -> dict[str, Sequence]:
-    given = {name: getattr(table.readings, name) for name in table.readings.__struct_fields__}
+    given: dict[str, Sequence] = {
+        name: getattr(table.readings, name) for name in table.readings.__struct_fields__
+    }
     rests = [None if value == "reference" else value for value in given["rest_length"]]
     return given | {"rest_length": rests}
 
@@ -224,9 +227,9 @@ def _best(found: _Found) -> int:
 
 
 def _show(
-    table: ReadingsScene, example: Example, reading: Reading, name: str, report: Report
+    table: ReadingsScene, example: Example, reading: Reading, name: Feedback, report: Report
 ) -> Tracked:
-    of = structure_of(reading, name)  # type: ignore[arg-type]  # a key of TRACKERS
+    of = structure_of(reading, name)
     loop = build(example, of)
     loop = as_model(loop, scenario(example, reading, of, loop))
     told = (FilterTracker if name == "filter" else DerivativeTracker)(

@@ -45,7 +45,7 @@ def table_of(
         "## Best readings",
         "",
         f"The first is read to the letter. k at t = {half:g} and at the end, growth and largest "
-        "\\|e\\| in the window, capture by outputs and by norm; ends: for which all sentences hold.",
+        "\\|e\\| in the window, capture by outputs and by norm; ends: where all sentences hold.",
         "",
         *_best(choices, found, chosen),
         "",
