@@ -11,7 +11,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from wormopt.plotting.parts import GREY, LINKS, fact, legend_below, needed, sheet, tell
+from wormopt.plotting.parts import GREY, LINKS, fact, legend_below, narrow, needed, sheet, tell
 from wormopt.result import Result
 
 _NAMES = {
@@ -32,10 +32,14 @@ def readings(result: Result) -> Figure:
     Readings are in the order of how many sentences they support; the last column is all of them.
     """
     rows = _rows(result)
-    drawn = sheet(7.1, 1.9 + 0.19 * len(rows), 2.2 + 0.19 * len(rows))
-    left, right = drawn.subplots(1, 2, width_ratios=(1, 1.9))
-    _draw_all(left, result)
-    _draw_shares(right, rows)
+    high = 0.19 * len(rows)
+    drawn = sheet(7.1, 1.9 + high, 4.6 + high)
+    if narrow():
+        shares, each = drawn.subplots(2, 1, height_ratios=(high, 1.8))
+    else:
+        each, shares = drawn.subplots(1, 2, width_ratios=(1, 1.9))
+    _draw_all(each, result)
+    _draw_shares(shares, rows)
     legend_below(drawn, [
         Patch(color=LINKS[0], label="supports the sentence"),
         Patch(facecolor="white", edgecolor=GREY, linewidth=0.6, label="does not"),
@@ -76,7 +80,7 @@ def _draw_all(axes: Axes, result: Result) -> None:
     order = np.lexsort((*said[:, :-1].T, -said[:, :-1].sum(axis=1)))
     axes.pcolormesh(said[order], cmap=ListedColormap(["white", LINKS[0]]), vmin=0, vmax=1)
     axes.set_ylim(len(said), 0)
-    axes.set_ylabel("reading, those that support most first")
+    axes.set_ylabel("reading, best first")
     axes.set_title("every reading")
     _name_columns(axes)
 

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import Contacts, Horizon, SmoothContact, Tolerances, ToleranceTable
+from wormopt.scene.numerics import Contacts, ExactContact, Horizon, Tolerances, ToleranceTable
 from wormopt.scene.types import (
     Finite,
     FinitePerLink,
@@ -229,7 +229,7 @@ class ReadingsScene(SceneTable, frozen=True, kw_only=True):
     tracker: Annotated[TrackersTable, says("", "both trackers")]
     readings: Annotated[ReadingsTable, says("", "what is open")]
     sentences: Annotated[SentencesTable, says("", "what the text says")]
-    contact: Contacts = field(default_factory=SmoothContact)
+    contact: Contacts = field(default_factory=ExactContact)
     time: Horizon
     tolerance: Tolerances = field(default_factory=ToleranceTable)
 
