@@ -33,7 +33,7 @@ def readings(result: Result) -> Figure:
     """
     rows = _rows(result)
     high = 0.19 * len(rows)
-    drawn = sheet(7.1, 1.9 + high, 4.6 + high)
+    drawn = sheet(7.1, 1.9 + high, 4.2 + high)
     if narrow():
         shares, each = drawn.subplots(2, 1, height_ratios=(high, 1.8))
     else:
@@ -81,7 +81,6 @@ def _draw_all(axes: Axes, result: Result) -> None:
     axes.pcolormesh(said[order], cmap=ListedColormap(["white", LINKS[0]]), vmin=0, vmax=1)
     axes.set_ylim(len(said), 0)
     axes.set_ylabel("reading, best first")
-    axes.set_title("every reading")
     _name_columns(axes)
 
 
@@ -95,8 +94,8 @@ def _draw_shares(axes: Axes, rows: Sequence[tuple[str, np.ndarray]]) -> None:
         axes.text(j + 0.5, i + 0.53, text, ha="center", va="center", size=6.5)
     axes.set_yticks(np.arange(len(rows)) + 0.5, [name for name, _ in rows])
     axes.set_ylim(len(rows), 0)
-    axes.set_title("share of readings, %")
     _name_columns(axes)
+    axes.set_xlabel("share of readings (%)")
 
 
 def _name_columns(axes: Axes) -> None:

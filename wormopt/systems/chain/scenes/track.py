@@ -273,8 +273,8 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["trackers", "motion", "bands"], ...],
         says(
             "",
-            "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (the chapter's "
-            "figures 5 to 8); `motion`: paths, time upward, heavy where a mass rests; with "
+            "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (as the chapter's "
+            "figures 5 to 8 are ordered); `motion`: paths, time upward, heavy where a mass rests; with "
             "`[ensemble]` `bands` instead",
         ),
     ] = ()
