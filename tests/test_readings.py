@@ -1,6 +1,7 @@
 """Readings of figures 5 to 8: trackers that move rest lengths, all readings, what the text says."""
 
 import csv
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -170,6 +171,8 @@ def test_a_reading_moves_as_it_does_by_hand(reading: Reading, feedback: Feedback
 @given(reading=ANY, feedback=st.sampled_from(TRACKERS))
 def test_mirror_images_have_the_same_errors(reading: Reading, feedback: Feedback):
     """Seen in a mirror forward is back and the first link the last: x_i -> -x_(n-i)."""
+    if reading.signs == "filter":  # grows beyond bounds before long
+        reading = replace(reading, signs="printed")
     image = replace(
         reading,
         start=tuple(-x for x in reading.start[::-1]),
@@ -177,9 +180,8 @@ def test_mirror_images_have_the_same_errors(reading: Reading, feedback: Feedback
         links="reversed" if reading.links == "printed" else "printed",
     )
     one, other = (course(each, feedback, 0.3, 31) for each in (reading, image))
-    if reading.signs != "filter":
-        assert one["error"] == pytest.approx(other["error"][::-1], rel=1e-6, abs=1e-7)
-        assert one["gain"] == pytest.approx(other["gain"], rel=1e-7)
+    assert one["error"] == pytest.approx(other["error"][::-1], rel=1e-6, abs=1e-7)
+    assert one["gain"] == pytest.approx(other["gain"], rel=1e-7)
 
 
 def test_readings_are_all_combinations_with_the_letter_first():
@@ -397,6 +399,43 @@ def test_what_the_packaged_scene_finds_is_what_the_documentation_says():
     assert set(picks[whole][:, 4].tolist()) == {0, 1}  # periods 1 and 2
     assert value(result, "chosen_gain") == pytest.approx([1.30743, 1.00279], abs=1e-5)
 
+    page = (Path(__file__).parents[1] / "docs" / "readings.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line.strip("|").split("|")]
+            for line in page.splitlines() if re.match(r"\| \(", line)]  # fmt: skip
+    assert len(rows) == 12
+    for row in rows:
+        said_of_row(result, row)
+
+
+NAMED = {"quick": "quick", "not captured": "open", "converges": "settled", "still grows": "growing"}
+
+
+def said_of_row(result: Result, row: list[str]) -> None:
+    """A row of the documentation against the reading it tells of."""
+    entries = [
+        ["(0, 2, 4)", "(4, 2, 0)"].index(row[0]),
+        ["none", "2", "reference"].index(row[1]),
+        ["force", "rest length"].index(row[2]),
+    ]
+    picks = result["reading_choice"].values
+    (k,) = np.flatnonzero((picks == [*entries, 0, 0, 0, 0, 0]).all(axis=1))
+    found = {name: result[name].values[::-1, k] for name in  # (13) first
+             ("gain_middle", "gain_end", "error_peak", "captured_outputs")}  # fmt: skip
+    told = [re.split(r",\s*", cell) for cell in row[3:]]
+    for tracker in range(2):
+        pairs = zip(told[tracker], ("gain_middle", "gain_end"), strict=True)
+        pairs = [*pairs, (told[2][tracker], "error_peak"), (told[3][tracker], "captured_outputs")]
+        for text, name in pairs:
+            number = found[name][tracker]
+            if text == "never":
+                assert np.isnan(number), (row, name)
+            else:
+                digits = len(text.partition(".")[2])
+                assert float(text) == pytest.approx(number, abs=0.55 * 10**-digits), (row, name)
+    missing = {NAMED[text] for text in told[4] if text != "none"}
+    said = dict(zip(result.attributes["sentences"], result["supported"].values[k], strict=True))
+    assert {name for name, holds in said.items() if not holds} == missing, row
+
 
 @pytest.mark.slow
 def test_the_scene_as_described_is_the_reading_that_is_found():
@@ -445,5 +484,5 @@ def test_a_scene_may_move_rest_lengths():
         for scene in [load_scene("track_as_described", [*changes, f"tracker=[{','.join(given)}]"])]
         for k in range(2)
     ]
-    assert rest[:2] == pytest.approx([10.0 * force for force in rest[2:]], rel=1e-12)
+    assert np.array(rest[:2]) == pytest.approx(10.0 * np.array(rest[2:]), rel=1e-12)
     assert all(abs(force).max() > 0.1 for force in rest)

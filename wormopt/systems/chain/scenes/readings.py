@@ -160,7 +160,7 @@ class ReadingsScene(SceneTable, frozen=True, kw_only=True):
     The chapter's data contradict themselves in places and are silent in others, and its figures 5
     to 8 are described by the text alone. Every combination of `[readings]` is simulated under both
     trackers, and compared with what the text says, by the criteria of `[sentences]`; what is found:
-    [errata.md](../errata.md#readings-of-figures-5-to-8). One reading is shown, simulated again as
+    [readings.md](../readings.md). One reading is shown, simulated again as
     exactly as in scenes of [kind `track`](track.md): of those that support most sentences the one
     that departs in the fewest keys from the first entries, then that which does so for most ends of
     the interval.
