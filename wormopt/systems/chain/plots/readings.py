@@ -44,7 +44,7 @@ def readings(result: Result) -> Figure:
         Patch(color=LINKS[0], label="supports the sentence"),
         Patch(facecolor="white", edgecolor=GREY, linewidth=0.6, label="does not"),
     ])  # fmt: skip
-    tell(drawn, fact(result, "n_readings", "readings"),
+    tell(drawn, fact(result, "n_readings", "readings $N$"),
          fact(result, "n_supporting", "that support all"))  # fmt: skip
     return drawn
 
@@ -95,7 +95,7 @@ def _draw_shares(axes: Axes, rows: Sequence[tuple[str, np.ndarray]]) -> None:
     axes.set_yticks(np.arange(len(rows)) + 0.5, [name for name, _ in rows])
     axes.set_ylim(len(rows), 0)
     _name_columns(axes)
-    axes.set_xlabel("share of readings (%)")
+    axes.set_xlabel("share of the $N$ readings (%)")
 
 
 def _name_columns(axes: Axes) -> None:

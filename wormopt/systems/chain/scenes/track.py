@@ -274,8 +274,8 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
         says(
             "",
             "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (as the chapter's "
-            "figures 5 to 8 are ordered); `motion`: paths, time upward, heavy where a mass rests; with "
-            "`[ensemble]` `bands` instead",
+            "figures 5 to 8 are ordered); `motion`: paths, time upward, heavy where a mass rests; "
+            "with `[ensemble]` `bands` instead",
         ),
     ] = ()
     worm: Annotated[ChainTable, says("", "the worm")]
