@@ -114,6 +114,17 @@ KINDS: dict[str, Kind] = {
             "margins": "wormopt.systems.chain.plots.linear:margins",
         },
     ),
+    "tracker-readings": Kind(
+        summary="the chapter's two trackers under every reading of what it leaves open",
+        table="wormopt.systems.chain.scenes.readings:ReadingsScene",
+        study="wormopt.systems.chain.runs.readings",
+        pictures={
+            "readings": "wormopt.systems.chain.plots.readings:readings",
+            "trackers": "wormopt.systems.chain.plots.simulation:trackers",
+        },
+        table_file=True,
+        exports={"readings.csv": "wormopt.systems.chain.runs.readings:as_csv"},
+    ),
     "track-optimal": Kind(
         summary="a chain whose links follow a gait by the best input, replayed by the simulator",
         table="wormopt.systems.chain.scenes.track_optimal:TrackOptimalScene",

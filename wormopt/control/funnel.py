@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from wormopt.control.loop import FeedForward, TrackingError, close
+from wormopt.control.loop import Actuator, FeedForward, TrackingError, close, force_of
 from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError
 from wormopt.model.lift import lift
@@ -72,6 +72,7 @@ def funnel_tracker(
     funnel: Funnel,
     rate_funnel: Funnel,
     gain: float = 1.0,
+    actuator: Actuator = "force",
     feedforward: FeedForward | None = None,
     output: str = "length",
     input: str = "input",  # noqa: A002
@@ -99,6 +100,9 @@ def funnel_tracker(
         Bounds psi_0 on |e| and psi_1 on |e_1|.
     gain : float, optional
         Force per speed of e_1 in the middle of the funnels, positive.
+    actuator : {"force", "rest_length"}, optional
+        Whether u above is the force itself, or by (11) moves the rest lengths: the force is then
+        c_j times u_j, with the plant's own ``stiffness`` c.
     feedforward : FeedForward, optional
         Force added to the controller's.
     output, input : str, optional
@@ -150,7 +154,7 @@ def funnel_tracker(
         plant,
         reference,
         error,
-        ahead - strength * k1 * rate_error,
+        ahead + force_of(plant, -strength * k1 * rate_error, actuator),
         name="a funnel controller",
         input=input,
         parameters=[

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.control.loop import FeedForward, TrackingError, close
+from wormopt.control.loop import Actuator, FeedForward, TrackingError, close, force_of
 from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError
 from wormopt.model.lift import lift
@@ -201,6 +201,7 @@ def lambda_tracker(
     adaptation: Adaptation | None = None,
     gain_start: float = 1.0,
     filter_start: ArrayLike = 1.0,
+    actuator: Actuator = "force",
     feedforward: FeedForward | None = None,
     watch: bool = False,
     output: str = "length",
@@ -228,6 +229,9 @@ def lambda_tracker(
         Gain k at the start.
     filter_start : array_like, shape (n,), optional
         The filter's theta at the start.
+    actuator : {"force", "rest_length"}, optional
+        Whether the tracker's u above is the force itself, or by (11) moves the rest lengths: the
+        force is then c_j times u_j, with the plant's own ``stiffness`` c.
     feedforward : FeedForward, optional
         Force added to the tracker's.
     watch : bool, optional
@@ -247,8 +251,9 @@ def lambda_tracker(
     Raises
     ------
     ArgumentError
-        If a number is out of range, the plant has no such output or input, sizes of plant and
-        reference differ, or forces act on the output's rate at once.
+        If a number is out of range, the plant has no such output or input, or no ``stiffness``
+        where rest lengths are moved, sizes of plant and reference differ, or forces act on the
+        output's rate at once.
 
     Examples
     --------
@@ -281,7 +286,7 @@ def lambda_tracker(
         start = np.broadcast_to(np.asarray(filter_start, dtype=float), (n,))
         states.append(Signal("filter", fed, error.unit, value=tuple(start.tolist())))
         rates.append(fed_rate)
-    force = -(k * fed + growth.rate * fed + k * fed_rate)
+    force = force_of(plant, -(k * fed + growth.rate * fed + k * fed_rate), actuator)
     ahead, believed = feedforward.force(reference) if feedforward else (0, ())
 
     kept = ca.vertcat(*(state.symbol for state in states))

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Literal, get_args
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.control.reference import Reference
-from wormopt.errors import ArgumentError
+from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.model import Model, Output, Signal, Switch, lie, pack
 from wormopt.model.schedule import Schedule
+
+Actuator = Literal["force", "rest_length"]
+"""What a controller commands: the force u, or by (11) the change l of rest lengths, u = c l."""
 
 _RATES = {"length": "speed", "angle": "angular_frequency", "share": "rate"}
 
@@ -170,6 +174,28 @@ def input_of(plant: Model, size: int, name: str = "input") -> Signal:
     raise ArgumentError(
         f"{plant.name} has no input {name!r} of {size} scalars; name one by input=: {known}"
     )
+
+
+def force_of(plant: Model, command: ca.SX, actuator: Actuator) -> ca.SX:
+    """Force of actuators (m, 1) that are commanded, (11) where they move rest lengths.
+
+    Raises ArgumentError if the actuator is none of both, or the plant has no ``stiffness`` of as
+    many entries.
+    """
+    if actuator not in get_args(Actuator):
+        raise ArgumentError(f"actuator must be 'force' or 'rest_length', not {actuator!r}")
+    if actuator == "force":
+        return command
+    try:
+        stiffness = plant["stiffness"]
+    except UnknownNameError:
+        stiffness = ca.SX(0, 1)
+    if stiffness.shape != command.shape:
+        raise ArgumentError(
+            f"actuators that move rest lengths need a stiffness of {command.numel()} entries, "
+            f"{plant.name} has {stiffness.numel()}; write actuator='force'"
+        )
+    return stiffness * command
 
 
 def feed(plant: Model, inputs: Sequence[Signal], force: ca.SX) -> Model:

@@ -79,7 +79,8 @@ def chain(
     Model
         States ``position`` and ``velocity`` (n+1 each); inputs ``input`` (n); parameters ``mass``,
         ``stiffness``, ``damping``, ``rest_length``, ``drag``, ``load`` and those of the laws,
-        ``friction_forward`` say; a ParameterPath makes a schedule instead of a parameter. Outputs
+        ``friction_forward`` say; a ParameterPath makes a schedule instead of a parameter, of the
+        stiffness with an output of that name. Outputs
         ``length`` (12), ``rate``, ``spring_force`` c (l - l0) + d l', ``link_force`` mu, ``power``
         u l' of each actuator (n each), ``energy``, ``center_of_mass`` and ``center_velocity``.
 
@@ -156,6 +157,8 @@ def chain(
             Output("spring_force", spring, "force"),
             Output("link_force", link_force, "force"),
             Output("power", u * rate, "power"),
+            # what is a parameter has its name already
+            *([] if isinstance(elastic, Signal) else [Output("stiffness", c, "stiffness")]),
             Output("energy", (ca.dot(m, v**2) + ca.dot(c, (length - rest) ** 2)) / 2, "energy"),
             Output("center_of_mass", ca.dot(m, x) / total, "length"),
             Output("center_velocity", ca.dot(m, v) / total, "speed"),

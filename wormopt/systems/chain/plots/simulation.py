@@ -39,7 +39,7 @@ _STRIP, _REFERENCE = 0.16, (0, (1, 1.2))
 # Widths of the bars that show rests, and the length of the shortest shown, in points.
 _REST, _THIN_REST, _SHORTEST_REST = 4.0, 2.0, 1.2
 _MOST_SIGNALS = 16  # shown in one picture
-# Rows of the pictures of trackers, and how high: the chapter's figures 5 to 8, and the error.
+# Rows of the pictures of trackers, and how high: in the order of the chapter's figures 5 to 8.
 _ROWS = {
     "length": ("length $l_j$", 2.6),
     "error_norm": ("error $|e|$", 1.6),
@@ -52,7 +52,7 @@ _ROWS = {
 def trackers(result: Result) -> Figure:
     """Outputs with the tube, error, gain, inputs and motion, one column per tracker.
 
-    The chapter's figures 5 to 8 in one. Rows share their scales; none for a missing gain.
+    In the order of the chapter's figures 5 to 8. Rows share scales; none for a missing gain.
     """
     names = needed(result, "trackers")
     links, masses = result["length"].values.shape[1], result["position"].values.shape[1]

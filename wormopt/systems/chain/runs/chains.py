@@ -209,6 +209,7 @@ def close_loop(plant: Model, reference: Reference, tracker: Tracker, worm: Chain
             funnel=_funnel(tracker.funnel),
             rate_funnel=_funnel(tracker.rate_funnel),
             gain=tracker.gain,
+            actuator=tracker.input,
             feedforward=feedforward,
         )
     by_filter = isinstance(tracker, FilterTracker)
@@ -220,6 +221,7 @@ def close_loop(plant: Model, reference: Reference, tracker: Tracker, worm: Chain
         adaptation=_adaptation(tracker),
         gain_start=tracker.gain_start,
         filter_start=tracker.filter_start if by_filter else 1.0,
+        actuator=tracker.input,
         feedforward=feedforward,
     )
 

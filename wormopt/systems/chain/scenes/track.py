@@ -99,6 +99,16 @@ FeedForwardOrNone = Annotated[
 ]
 
 
+Input = Annotated[
+    Literal["force", "rest_length"],
+    says(
+        "",
+        "what *u* of the controller is: the actuator's force, or by (11) the change of the link's "
+        "rest length, with the force *c*<sub>j</sub>*u*<sub>j</sub>",
+    ),
+]
+
+
 class LambdaTracker(Table, frozen=True, kw_only=True, tag_field="feedback"):
     """What both lambda-trackers share."""
 
@@ -110,6 +120,7 @@ class LambdaTracker(Table, frozen=True, kw_only=True, tag_field="feedback"):
         QuadraticLaw | ExponentLaw | DecayLaw,
         says("", 'how the gain grows; `{ law = "quadratic" }` if left out'),
     ] = field(default_factory=QuadraticLaw)
+    input: Input = "force"
     feedforward: FeedForwardOrNone = None
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
@@ -166,6 +177,7 @@ class FunnelTracker(Table, frozen=True, kw_only=True, tag_field="feedback", tag=
             "of it",
         ),
     ] = None
+    input: Input = "force"
     feedforward: FeedForwardOrNone = None
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
@@ -261,9 +273,9 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["trackers", "motion", "bands"], ...],
         says(
             "",
-            "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (the chapter's "
-            "figures 5 to 8); `motion`: paths, time upward, heavy where a mass rests; with "
-            "`[ensemble]` `bands` instead",
+            "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (as the chapter's "
+            "figures 5 to 8 are ordered); `motion`: paths, time upward, heavy where a mass rests; "
+            "with `[ensemble]` `bands` instead",
         ),
     ] = ()
     worm: Annotated[ChainTable, says("", "the worm")]
