@@ -2,8 +2,8 @@
 
 p holds the model's parameters, its inputs, the width ``v_reg`` of the smooth law, and of every
 schedule the beginning and the values of the current piece. s holds the contacts' modes: +1 and -1
-for sliding forward and backward, 0 at rest; then of every contact in the plane its direction of
-onset, see `wormopt.simulation.grip`. Velocities and forces of a contact in the plane are two rows.
+for sliding forward and backward, 0 at rest; then of every contact in the plane its onset, see
+`wormopt.simulation.grip`. Velocities and forces of a contact in the plane are two rows.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from wormopt.model.planar_friction import PlanarLaw
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.numerics.identically import identically_zero
-from wormopt.simulation.grip import LineGrip, PlaneGrip, grips_of, never_rests
+from wormopt.simulation.grip import ENTRIES, LineGrip, PlaneGrip, grips_of, never_rests
 from wormopt.simulation.least import RESTING, TURNING, Equations, solver
 from wormopt.simulation.options import Smooth, Treatment
 
@@ -79,12 +79,12 @@ class System:
 
     @cached_property
     def _modes(self) -> ca.SX:
-        n = len(self.contacts) + 2 * len(self.planar) if self.exact else 0
+        n = len(self.contacts) + ENTRIES * len(self.planar) if self.exact else 0
         return ca.SX.sym("s", n)  # type: ignore[no-any-return]
 
     @cached_property
     def _grips(self) -> list[LineGrip | PlaneGrip]:
-        return grips_of(self.contacts, self._modes)
+        return grips_of(self.contacts, self.model.t, self._modes)
 
     @cached_property
     def planar(self) -> np.ndarray:
@@ -113,7 +113,7 @@ class System:
     @property
     def sliding(self) -> np.ndarray:
         """Modes s of a motion of which nothing has been decided."""
-        return np.repeat([1.0, 0.0], [len(self.contacts), 2 * len(self.planar)])[: self.n_s]
+        return np.repeat([1.0, 0.0], [len(self.contacts), ENTRIES * len(self.planar)])[: self.n_s]
 
     @property
     def n_s(self) -> int:
@@ -327,7 +327,11 @@ class System:
         that hold them; then how well resting ones determine their forces, 1 well, 0 not at all.
         """
         acceleration = self._at_forces(self._free[2], self.forces)
-        told = [g.tells(self._of(g, acceleration), self._of(g, self.forces)) for g in self._grips]
+        full = ca.densify(self.delassus)
+        told = [
+            g.tells(self._of(g, acceleration), self._of(g, self.forces), self._of(g, full))
+            for g in self._grips
+        ]
         everything = [ca.vertcat(*column) for column in zip(*told, strict=True)]
         return self.function("probe", ca.vertcat(*everything, self._determined))
 
