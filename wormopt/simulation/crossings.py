@@ -3,8 +3,8 @@
 An event function is positive while things stay as they are: for a sliding contact its velocity in
 the direction of sliding, for a resting one the distance of its force from the nearer bound, for a
 switch minus its guard. In the plane a contact slides while its speed is above that of a stop; its
-onset lasts while it goes ahead, and until it is fast enough and its error counts. An event is where it
-falls below its level. The level is 0 once it has been well above 0; until then it is a little
+onset lasts while it goes ahead, and until it is fast enough and its error counts. An event is where
+it falls below its level. The level is 0 once it has been well above 0; until then it is a little
 lower, so that a contact that has just been let go, with no velocity and perhaps no acceleration, is
 not caught again by a rounding error. A switch that has just fired and whose guard goes on rising
 has no level at all.

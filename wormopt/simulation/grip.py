@@ -20,7 +20,6 @@ from wormopt.model.friction import Law
 from wormopt.model.model import Contact
 from wormopt.model.planar_friction import PlanarLaw
 
-
 ENTRIES = 4
 """Entries in s of the onset of a contact in the plane."""
 
