@@ -54,8 +54,7 @@ def step_again(
         numbers = signal_values(tuple(model.p), None, "parameter")
         step = min(_SHARE * stepper.safe_step(start, numbers), motion.end_time / 200)
     places = motion["position"]
-    size = motion.system.model.x[0].nominal
-    way = max(np.abs(np.diff(places, axis=1)).sum(axis=1).max(), _PER_WAY * size)
+    way = longest_way(places, motion.system.model.x[0].nominal)
     errors = [
         np.abs(
             stepper.march(motion.end_time, step=length, report=report).states[: len(places), -1]
@@ -65,6 +64,11 @@ def step_again(
         for length in (step, step / _FINER)
     ]
     return Stepped(step, *map(float, errors))
+
+
+def longest_way(places: np.ndarray, nominal: float) -> float:
+    """Longest way of a coordinate (rows over time), a billionth of the usual size at least."""
+    return float(max(np.abs(np.diff(places, axis=1)).sum(axis=1).max(), _PER_WAY * nominal))
 
 
 def _with_clock(worm: Model) -> Model:
