@@ -93,7 +93,8 @@ class Aim:
             still = float(self._call(later, ahead)[0][3 * k + 2])
             self._onsets[k, 2] = 1.0
             change = float(self._call(later, ahead)[0][3 * k + 2]) - still
-            self._onsets[k, 2] = -still / change if abs(still) < abs(change) / self._glance else 0.0
+            turns = _SMALL * self._sizes[k] < abs(still) < abs(change) / self._glance
+            self._onsets[k, 2] = -still / change if turns else 0.0
 
     def _turn(self, k: int, t: float, x: np.ndarray) -> None:
         """Turn a direction until the force of onset is that of sliding.

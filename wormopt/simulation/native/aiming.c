@@ -126,6 +126,8 @@ void follow_onsets(Run *run) {
             if (run->fresh[i] == 0.0) continue;
             const double still = off_later(run, i, 0.0), change = off_later(run, i, 1.0) - still;
             double *rate = direction(run, run->in.planar[i]) + 2;
-            *rate = fabs(still) < fabs(change) / glance ? -still / change : 0.0;
+            const int turns = fabs(still) > SMALL * run->in.nominal_force[i]
+                              && fabs(still) < fabs(change) / glance;
+            *rate = turns ? -still / change : 0.0;
         }
 }
