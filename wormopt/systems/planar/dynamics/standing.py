@@ -12,7 +12,7 @@ from wormopt.model.model import Model, Output, pack
 from wormopt.model.values import signal_values
 from wormopt.simulation.walls import smooth_walls
 
-_NEAR = 1e-4  # of the usual length: from so far on an obstacle is felt
+_TOUCHES = 1e-3  # of the usual force: with so much an obstacle pushes what just touches it
 _DAMPED = 2.1  # times sqrt(m / k): above 2 a mass does not bounce
 
 
@@ -34,13 +34,13 @@ def let_give_way(worm: Model, obstacles: Yielding) -> Model:
     ``wall_gap``, one for each mass and obstacle, and ``wall_power`` that the worm takes up.
     """
     k = obstacles.stiffness
+    touching = [contact for contact in worm.contacts if contact.gap is not None]
     soft = smooth_walls(
         worm,
         k,
-        smoothing=k * (_NEAR * worm.x[0].nominal) ** 2,
+        smoothing=(_TOUCHES * touching[0].nominal_force) ** 2 / k,
         relaxation=_DAMPED * math.sqrt(obstacles.mass / k),
     )
-    touching = [contact for contact in worm.contacts if contact.gap is not None]
     pressed, push = soft.z[-1].symbol, soft["wall_force"]
     rubbing = [c.law.smooth(c.velocity, obstacles.v_reg) for c in touching]  # type: ignore[union-attr,call-arg]
     old = ca.vertcat(*(c.force for c in touching), pressed)

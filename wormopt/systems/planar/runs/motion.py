@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import msgspec
@@ -42,11 +42,14 @@ from wormopt.systems.shared.signals import event_arrays, simulate_whole
 
 _FOLDED = 3.1  # a joint that bends farther is taken to fold
 _CLOSED = 1e-3  # of the usual length: a link that is shorter has closed up
-_STIFFER, _YIELDING = 4.0, 0.02  # stiffer obstacles, and by how much the end may then differ
+# Softer obstacles, and by how much the end may then differ: about what is left to rigid ones.
+_SOFTER, _YIELDING = 0.25, 0.02
+# Obstacles that push a mass to rest ever more slowly cost steps without end.
+_STEPS_AT_OBSTACLES = 300_000
 # What is accepted of the second route's end over the longest way, if it goes by steps of first
 # order, and of what a quarter of its step leaves of that (a quarter), unless that is noise:
 # single stops and releases that fall into one step or the next are as much.
-_STEPPED, _ORDER, _NOISE = 0.01, 0.5, 1e-4
+_STEPPED, _ORDER, _NOISE = 0.01, 0.5, 1e-6
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
@@ -95,6 +98,9 @@ def _follow(
 ) -> Trajectory:
     """Simulate; raises SolveError or Interrupted with a partial Result."""
     table = scene.table
+    if table.obstacles:
+        fewer = min(tolerance.max_steps, _STEPS_AT_OBSTACLES)
+        tolerance = replace(tolerance, max_steps=fewer)
     measured = measure_works(plain, _usual_work(table))
     watched = watch_links(measured, _CLOSED * plain.x[0].nominal)
     try:
@@ -108,7 +114,10 @@ def _follow(
         )
     except SolveError as error:
         partial = _unfinished(scene, error.partial, error.reason)
-        raise SolveError(error.reason, error.suggestion, partial, error.code) from None
+        advice = error.suggestion
+        if table.obstacles and error.code == "too_many_steps":
+            advice = "write a smaller obstacle_stiffness: masses come to rest there too slowly"
+        raise SolveError(error.reason, advice, partial, error.code) from None
     except Interrupted as stop:
         why = f"interrupted at t = {stop.partial.end_time:.6g}"
         raise Interrupted(_unfinished(scene, stop.partial, why)) from None
@@ -164,15 +173,13 @@ def _recheck(
 def _softness(
     scene: Scene[PlanarMotionScene], motion: Trajectory, tolerance: Tolerance, report: Report
 ) -> float:
-    """How far the end is from that among stiffer obstacles, over the longest way of a mass."""
-    stiffer = build_planar(scene, stiffer=_STIFFER)
+    """How far the end is from that among softer obstacles, over the longest way of a mass."""
+    softer = build_planar(scene, stiffer=_SOFTER)
     treatment = motion.system.treatment
-    again = simulate(
-        stiffer, motion.end_time, contact=treatment, tolerance=tolerance, report=report
-    )
+    again = simulate(softer, motion.end_time, contact=treatment, tolerance=tolerance, report=report)
     places = motion["position"]
     off = np.abs(again["position"][:, -1] - places[:, -1]).max()
-    return float(off / longest_way(places, stiffer.x[0].nominal))
+    return float(off / longest_way(places, softer.x[0].nominal))
 
 
 # -- results -------------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ _Vector = Annotated[
 _Row = tuple[Finite, ...]
 _Angle = Annotated[float, Meta(gt=-3.14159, lt=3.14159, description="an angle within ±3.14159")]
 _Slope = Annotated[float, Meta(ge=0, le=1.5707, description="an angle from 0 to 1.5707")]
-_STIFFER = 200.0  # obstacles than links
+_STIFFER = 1000.0  # obstacles than links
 _JOINTS = ("bending_stiffness", "bending_damping", "rest_angle")
 
 
@@ -190,7 +190,7 @@ class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
         "wall_error": (
             "share",
             "largest difference of a place at the end, over the longest way of a mass, where "
-            "obstacles are four times as stiff",
+            "obstacles are a quarter as stiff; about the error by their giving way",
         ),
         "energy_error": ("share", "works less the energy gained, over the largest of them"),
         "rest_share": ("share", "of the samples at which a mass rests, mean over the masses"),
@@ -253,14 +253,13 @@ class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
     )
     obstacles: Annotated[
         tuple[Standing, ...],
-        Meta(max_length=20, description="at most 20 tables"),
         says("", "walls and discs that masses do not enter; links pass over them"),
     ] = ()
     obstacle_stiffness: Annotated[
         Positive | None,
         says(
             "stiffness",
-            "of obstacles, which give way by the force over it; 200 times the largest "
+            "of obstacles, which give way by the force over it; 1000 times the largest "
             "`worm.stiffness` if left out",
         ),
     ] = None
