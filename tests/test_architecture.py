@@ -42,7 +42,7 @@ USES: dict[str, set[str]] = {
     "block": {"chain"},
     "swinging": {"chain"},
     "pair": {"chain"},
-    "film": {"chain", "spiked"},
+    "film": {"spiked"},
     "coils": {"film"},
     "channel": {"coils"},
     "peristaltic": {"coils"},

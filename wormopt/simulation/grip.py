@@ -257,6 +257,16 @@ class PlaneGrip:
         angle = ca.fabs(self._off(force)) / friction
         return spent * angle * ca.fmax(ca.norm_2(self.contact.velocity) / nominal, angle)
 
+    @property
+    def bends(self) -> ca.SX:
+        """Where its force bends: velocity along the heading, and speed.
+
+        Both 0 where forward and backward resistance are the same.
+        """
+        v = self.contact.velocity
+        ahead, back = (ca.SX(getattr(self.law, n, 0.0)) for n in ("forward", "backward"))
+        return ca.SX(2, 1) if ca.is_equal(ahead, back) else ca.vertcat(v[0], ca.norm_2(v))
+
     def _off(self, force: ca.SX) -> ca.SX:
         return ca.dot(self._across, force - self.slip)
 
