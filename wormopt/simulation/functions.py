@@ -305,9 +305,12 @@ class System:
         that hold them; then how well resting ones determine their forces, 1 well, 0 not at all.
         """
         acceleration = self._at_forces(self._free[2], self.forces)
-        full = ca.densify(self.delassus)
         told = [
-            g.tells(self._of(g, acceleration), self._of(g, self.forces), self._of(g, full))
+            g.tells(
+                self._of(g, acceleration),
+                self._of(g, self.forces),
+                self._of(g, self.delassus)[:, g.row : g.row + g.size],
+            )
             for g in self._grips
         ]
         everything = [ca.vertcat(*column) for column in zip(*told, strict=True)]

@@ -76,10 +76,11 @@ class Grip(Protocol):
         """Force of sliding in onset, else 0."""
         ...
 
-    def tells(
-        self, acceleration: ca.SX, force: ca.SX, response: ca.SX
-    ) -> tuple[ca.SX | float, ...]:
-        """Velocity, acceleration, force, least and largest force by which modes are decided."""
+    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX | float, ...]:
+        """Velocity, acceleration, force, least and largest force by which modes are decided.
+
+        `own`: acceleration by force of each of its components.
+        """
         ...
 
 
@@ -127,9 +128,7 @@ class LineGrip:
         """Nothing: it has no onset."""
         return ca.SX(0)
 
-    def tells(
-        self, acceleration: ca.SX, force: ca.SX, response: ca.SX
-    ) -> tuple[ca.SX | float, ...]:
+    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX | float, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided."""
         return (self.contact.velocity, acceleration, force, *self.law.stick_interval)
 
@@ -232,9 +231,7 @@ class PlaneGrip:
         """Force of sliding in onset, else 0."""
         return self._begins * self.slip
 
-    def tells(
-        self, acceleration: ca.SX, force: ca.SX, response: ca.SX
-    ) -> tuple[ca.SX | float, ...]:
+    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX | float, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided.
 
         Its speed, and its force in units of what holds; in onset its velocity along d, and its
@@ -243,16 +240,16 @@ class PlaneGrip:
         v, ahead = self.contact.velocity, self._ahead
         speed = ca.if_else(self._begins, ca.dot(self.direction, v), ca.norm_2(v))
         faster = ca.dot(ahead, acceleration) / ca.norm_2(ahead)
-        size = ca.if_else(self._begins, self._lacks(force, response), self.law.gauge(force))
+        size = ca.if_else(self._begins, self._lacks(force, own), self.law.gauge(force))
         return speed, faster, -size, -1.0, ca.inf
 
-    def _lacks(self, force: ca.SX, response: ca.SX) -> ca.SX:
+    def _lacks(self, force: ca.SX, own: ca.SX) -> ca.SX:
         """Error of onset so far: what its direction lacks shifts it aside, and its square slows it.
 
         In units of the nominal speed, and of the way in the time in which friction would stop that.
         """
         friction = ca.norm_2(self.slip)
-        own, nominal = response[:, self.row : self.row + 2], self.contact.nominal_speed
+        nominal = self.contact.nominal_speed
         spent = (self.t - self.onset[3]) * friction * ca.trace(own) / 2 / nominal
         angle = ca.fabs(self._off(force)) / friction
         return spent * angle * ca.fmax(ca.norm_2(self.contact.velocity) / nominal, angle)
