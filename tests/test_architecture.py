@@ -42,7 +42,7 @@ USES: dict[str, set[str]] = {
     "block": {"chain"},
     "swinging": {"chain"},
     "pair": {"chain"},
-    "film": {"chain", "spiked"},
+    "film": {"spiked"},
     "coils": {"film"},
     "channel": {"coils"},
     "peristaltic": {"coils"},
@@ -192,7 +192,8 @@ def test_the_groups_name_every_room():
 
 FILES = """__init__ cli errors model/__init__ model/model ocp/__init__ ocp/nlp control/__init__
     control/lqr scene/__init__ scene/types systems/__init__ systems/film/__init__ systems/film/run
-    systems/chain/__init__ systems/chain/model plotting/__init__"""
+    systems/chain/__init__ systems/chain/model systems/block/__init__ systems/block/run
+    plotting/__init__"""
 
 
 @pytest.mark.parametrize(
@@ -223,9 +224,9 @@ def test_a_forbidden_import_is_found(tmp_path: Path, importer: str, statement: s
 
 def test_a_system_that_uses_another_without_saying_so_is_found(tmp_path: Path):
     root = made(tmp_path)
-    (root / "systems/film/run.py").write_text("from wormopt.systems.chain.model import f")
+    (root / "systems/block/run.py").write_text("from wormopt.systems.chain.model import f")
     assert sideways(import_graph(root)) == []
-    (root / "systems/chain/model.py").write_text("from wormopt.systems.film.run import f")
+    (root / "systems/chain/model.py").write_text("from wormopt.systems.block.run import f")
     assert len(sideways(import_graph(root))) == 1
 
 

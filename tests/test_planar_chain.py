@@ -370,11 +370,9 @@ def test_rings_slide_on_turning_and_stop_at_once() -> None:
         ring = rigid_shape(np.stack([np.cos(angle), np.sin(angle)], axis=1).tolist())
         friction = Elliptic(*(1 / points,) * 3)
         body = driven_shape(ring, mass=1 / points, law=friction, velocity=(1.0, 0.0), turning=1.0)
-        try:
-            end = simulate(body, 1.7, route="python").end_time
-        except SolveError as error:  # all points at rest share three degrees of freedom
-            end = error.partial.end_time
-        errors.append(abs(end - np.pi / 2))
+        stop = simulate(body, 1.7, route="python").events[-1]
+        assert stop.kind == "stick"
+        errors.append(abs(stop.time - np.pi / 2))
     assert errors[1] < 1e-3
     assert errors[1] < errors[0] / 4
 
@@ -434,18 +432,18 @@ def test_blocks_stop_where_a_time_without_end_says(seed: int) -> None:
 
 
 @pytest.mark.slow
-def test_the_smooth_law_comes_nearer_at_first_order() -> None:
-    """As its width vanishes, at a worm on an ellipse that stops and starts."""
+def test_the_smooth_law_comes_nearer_at_its_order() -> None:
+    """4/5, that of a release under a growing load, as its width vanishes: see docs."""
     worm = b9(Elliptic(0.6, 1.2, 1.5))
     exact = simulate(worm, 4.0)
     assert len(exact.events) > 3
     errors = [
         np.abs(simulate(worm, 4.0, contact=Smooth(width)).end[:6] - exact.end[:6]).max()
-        for width in (1e-2, 1e-3, 1e-4)
+        for width in (3e-4, 1e-4, 3e-5)
     ]
-    assert errors[2] < 1e-3
-    assert errors[1] < 0.3 * errors[0]
-    assert errors[2] < 0.3 * errors[1]
+    slopes = np.diff(np.log(errors)) / np.diff(np.log([3e-4, 1e-4, 3e-5]))
+    assert errors[-1] < 1e-3
+    assert_allclose(slopes, 0.8, atol=0.1)
 
 
 # -- obstacles -------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -18,11 +18,18 @@ from wormopt.model.friction import Coulomb, Held
 from wormopt.model.model import Model, pack
 from wormopt.model.planar_friction import Elliptic, Unit
 from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.build import chain
 from wormopt.systems.planar.body.strokes import Harmonics
 from wormopt.systems.planar.dynamics.chain import chain_places, planar_chain
 from wormopt.systems.planar.dynamics.ground import Axes
-from wormopt.systems.planar.dynamics.motion import energy_error, measure_works, swing
+from wormopt.systems.planar.dynamics.motion import (
+    closed_link,
+    energy_error,
+    measure_works,
+    swing,
+    watch_links,
+)
 from wormopt.systems.planar.dynamics.stepping import step_again, stepper_of
 
 GROUNDS = ("elliptic", "unit", "box", "skid")
@@ -105,9 +112,16 @@ def rotated(rows: np.ndarray, angle: float) -> np.ndarray:
 
 def end_of(worm: Worm) -> tuple[np.ndarray, list[tuple[str, str]], np.ndarray]:
     """Places at the end; names and kinds of events, and their times."""
-    motion = simulate(worm.model(), END, route="python")
+    motion = followed(worm.model())
     told = [(e.name, e.kind) for e in motion.events]
     return motion["position"][:, -1].reshape(-1, 2), told, np.array([e.time for e in motion.events])
+
+
+def followed(model: Model, **options: Any) -> Trajectory:
+    """The motion of a worm whose links stay open."""
+    motion = simulate(watch_links(model, 1e-2), END, route="python", **options)
+    assume(not closed_link(motion))
+    return motion
 
 
 @pytest.mark.slow
@@ -151,7 +165,7 @@ def test_a_straight_worm_is_the_worm_on_a_line(worm: Worm) -> None:
         chain(worm.links, **numbers, law=dry, position=worm.places[:, 0]), PERIOD, {"input": force}
     )
     b = simulate(line, END, route="python")
-    a = simulate(worm.model(), END, route="python")
+    a = followed(worm.model())
     assert np.abs(a["position"][1::2]).max() < 1e-12
     assert_allclose(a["position"][::2, -1], b["position"][:, -1], atol=1e-8)
     told = [
@@ -167,9 +181,7 @@ def test_energy_and_momentum_balance(worm: Worm, rods: bool) -> None:
     """Works are energy gained; the ground and nothing else moves the centre and turns the worm."""
     if rods:
         worm = replace(worm, numbers={**worm.numbers, "rod_mass": 0.3})
-    motion = simulate(
-        measure_works(worm.model(), 1.0), END, times=np.linspace(0, END, 41), route="python"
-    )
+    motion = followed(measure_works(worm.model(), 1.0), times=np.linspace(0, END, 41))
     assert energy_error(motion, "energy") < 1e-8
     assert motion["ground_work"][0, -1] <= 1e-12
     if rods:
@@ -195,12 +207,12 @@ def test_steps_that_know_no_events_come_nearer_at_first_order(
 ) -> None:
     """A random worm by events against steps of Moreau and Jean."""
     model = draw(n, ground, seed).model()
-    motion = simulate(model, END, times=np.linspace(0, END, 101), route="python")
+    motion = followed(model, times=np.linspace(0, END, 101))
     stepper = stepper_of(model)
     assert stepper is not None
     found = step_again(stepper, motion, step=4e-4)
     assert found.fine < 1e-3
-    assert found.fine < 0.35 * found.coarse or found.coarse < 1e-4
+    assert found.fine < 0.5 * found.coarse
 
 
 def test_ground_that_steps_do_not_treat_has_none() -> None:

@@ -198,7 +198,9 @@ def test_the_smooth_law_tends_to_the_motion(name: str):
     for width in widths:
         motion = simulate(model, end, contact=Smooth(width), tolerance=Tolerance(1e-9, 1e-11))
         errors.append(np.abs(motion.end - exact).max())
-    assert np.polyfit(np.log(widths), np.log(errors), 1)[0] > 0.7
+    # at a release under a growing load 4/5, see test_planar_motion.py; under a sudden one 1
+    order = 1.0 if name == "at once" else 0.8
+    assert np.polyfit(np.log(widths), np.log(errors), 1)[0] == pytest.approx(order, abs=0.05)
     assert errors[-1] < 3e-2
 
 

@@ -39,7 +39,7 @@ from wormopt.scene.scene import scene_of_text
 from wormopt.shown import one_line
 from wormopt.simulation.native.build import compiler
 from wormopt.simulation.options import Smooth
-from wormopt.systems.chain import treatment_of
+from wormopt.systems.shared.settings import treatment_of
 
 _HEADER = "fmi3Functions.h"
 # Line of CasADi's wrapper, what it must be.

@@ -98,6 +98,23 @@ class _TwoWay:
         return (ahead + behind) / 2 + (ahead - behind) / 2 * ca.tanh(v / v_reg)
 
     def slip_force(self, v: Expression, direction: int) -> Expression:
+        """Force while sliding with velocity ``v`` in ``direction``.
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        direction : {+1, -1}
+            Forward or backward.
+
+        Returns
+        -------
+        casadi.SX or float
+            Force on the worm.
+        """
+        return self._slip(v, direction)
+
+    def _slip(self, v: Expression, direction: int) -> Expression:
         raise NotImplementedError
 
 
@@ -160,21 +177,8 @@ class Coulomb(_TwoWay):
         behind = self.backward if self.stick_backward is None else self.stick_backward
         return -ahead, behind
 
-    def slip_force(self, v: Expression, direction: int) -> Expression:
-        """Constant force against ``direction``; ``v`` does not matter.
-
-        Parameters
-        ----------
-        v : casadi.SX or float
-            Velocity.
-        direction : {+1, -1}
-            Forward or backward.
-
-        Returns
-        -------
-        casadi.SX or float
-            Force on the worm.
-        """
+    def _slip(self, v: Expression, direction: int) -> Expression:
+        """Constant force against ``direction``; ``v`` does not matter."""
         return -self.forward if direction > 0 else self.backward
 
 
@@ -222,21 +226,8 @@ class Stribeck(_TwoWay):
         """Forces from ``-stick_forward`` to ``+stick_backward``."""
         return -self.stick_forward, self.stick_backward
 
-    def slip_force(self, v: Expression, direction: int) -> Expression:
-        """Velocity-weakening force against ``direction``.
-
-        Parameters
-        ----------
-        v : casadi.SX or float
-            Velocity.
-        direction : {+1, -1}
-            Forward or backward.
-
-        Returns
-        -------
-        casadi.SX or float
-            Force on the worm.
-        """
+    def _slip(self, v: Expression, direction: int) -> Expression:
+        """Velocity-weakening force against ``direction``."""
         decay = ca.exp(-((v / self.v_stribeck) ** 2))
         if direction > 0:
             return -(self.forward + (self.stick_forward - self.forward) * decay)
@@ -275,21 +266,8 @@ class Viscous(_TwoWay):
         """At rest the force is zero."""
         return 0.0, 0.0
 
-    def slip_force(self, v: Expression, direction: int) -> Expression:
-        """Force -k v in either direction.
-
-        Parameters
-        ----------
-        v : casadi.SX or float
-            Velocity.
-        direction : {+1, -1}
-            Forward or backward; both are alike.
-
-        Returns
-        -------
-        casadi.SX or float
-            Force on the worm.
-        """
+    def _slip(self, v: Expression, direction: int) -> Expression:
+        """Force -k v in either direction."""
         return -self.drag * v
 
     def smooth(self, v: Expression, v_reg: Expression) -> Expression:
@@ -310,8 +288,49 @@ class Viscous(_TwoWay):
         return -self.drag * v
 
 
+class _Holding:
+    """What laws share that hold without limit; `scale` is the size of their smooth stand-ins."""
+
+    scale: Expression
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        if not positive(self.scale):
+            raise ArgumentError("scale must be positive")
+
+    def slip_force(self, v: Expression, direction: int) -> Expression:
+        """No force in a direction in which the law lets a contact slide.
+
+        Parameters
+        ----------
+        v : casadi.SX or float
+            Velocity.
+        direction : {+1, -1}
+            Forward or backward.
+
+        Returns
+        -------
+        float
+            Zero.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no sliding in this direction.
+        """
+        if direction not in self.directions:
+            where = "" if not self.directions else " backward"
+            raise ArgumentError(f"a {type(self).__name__} does not slide{where}")
+        return 0.0
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """Signs of the velocities at which the contact may slide."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class Spike:
+class Spike(_Holding):
     """Unilateral spike, equation (4): v >= 0, load >= 0, v * load = 0.
 
     It is the limit of dry friction without forward resistance as F- grows beyond bounds.
@@ -335,11 +354,6 @@ class Spike:
 
     scale: Expression = 1.0
 
-    def __post_init__(self) -> None:
-        check_numbers(self)
-        if not positive(self.scale):
-            raise ArgumentError("scale must be positive")
-
     @property
     def directions(self) -> tuple[int, ...]:
         """Only forward."""
@@ -349,30 +363,6 @@ class Spike:
     def stick_interval(self) -> tuple[float, float]:
         """Any force that pushes forward."""
         return 0.0, math.inf
-
-    def slip_force(self, v: Expression, direction: int) -> Expression:
-        """No force forward; backward sliding does not exist.
-
-        Parameters
-        ----------
-        v : casadi.SX or float
-            Velocity.
-        direction : {+1}
-            Forward.
-
-        Returns
-        -------
-        float
-            Zero.
-
-        Raises
-        ------
-        ArgumentError
-            If ``direction`` is backward.
-        """
-        if direction < 0:
-            raise ArgumentError("a spike does not slide backward")
-        return 0.0
 
     def smooth(self, v: Expression, v_reg: Expression) -> Expression:
         """Hyperbola scale (sqrt(v^2 + v_reg^2) - v) / (2 v_reg), steep for v < 0.
@@ -393,7 +383,7 @@ class Spike:
 
 
 @dataclass(frozen=True)
-class Held:
+class Held(_Holding):
     """What neither slides nor lets go: a pin along one direction, a skid or wheel across it.
 
     Parameters
@@ -414,11 +404,6 @@ class Held:
 
     scale: Expression = 1.0
 
-    def __post_init__(self) -> None:
-        check_numbers(self)
-        if not positive(self.scale):
-            raise ArgumentError("scale must be positive")
-
     @property
     def directions(self) -> tuple[int, ...]:
         """None."""
@@ -428,28 +413,6 @@ class Held:
     def stick_interval(self) -> tuple[float, float]:
         """Any force."""
         return -math.inf, math.inf
-
-    def slip_force(self, v: Expression, direction: int) -> Expression:
-        """There is no sliding.
-
-        Parameters
-        ----------
-        v : casadi.SX or float
-            Velocity.
-        direction : {+1, -1}
-            Forward or backward.
-
-        Returns
-        -------
-        float
-            Never.
-
-        Raises
-        ------
-        ArgumentError
-            Always.
-        """
-        raise ArgumentError("what is held does not slide")
 
     def smooth(self, v: Expression, v_reg: Expression) -> Expression:
         """Drag scale v / v_reg, against either direction.

@@ -129,6 +129,62 @@ class _Ellipse:
         """
         return ca.sqrt((force[0] / self.along(-force[0])) ** 2 + (force[1] / self.sideways) ** 2)
 
+    def slip_force(self, v: ca.SX) -> ca.SX:
+        """Force while sliding with velocity ``v``.
+
+        Parameters
+        ----------
+        v : casadi.SX
+            Velocity along the heading and to its left, not 0.
+
+        Returns
+        -------
+        casadi.SX
+            Force on the worm, on the edge of the ellipse.
+        """
+        return self._slip_force(v)
+
+    def slip_direction(self, force: ca.SX) -> ca.SX:
+        """Direction against which ``force`` is that of sliding.
+
+        Parameters
+        ----------
+        force : casadi.SX
+            Force on the worm, on the edge of the ellipse.
+
+        Returns
+        -------
+        casadi.SX
+            Direction of the velocity with which slip begins, of any length.
+        """
+        return self._slip_direction(force)
+
+    def smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
+        """Regularised force at velocity ``v``.
+
+        Parameters
+        ----------
+        v : casadi.SX
+            Velocity along the heading and to its left.
+        v_reg : float or casadi.SX
+            Width of the steep part, positive.
+
+        Returns
+        -------
+        casadi.SX
+            Force on the worm; none at rest.
+        """
+        return self._smooth(v, v_reg)
+
+    def _slip_force(self, v: ca.SX) -> ca.SX:
+        raise NotImplementedError
+
+    def _slip_direction(self, force: ca.SX) -> ca.SX:
+        raise NotImplementedError
+
+    def _smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
+        raise NotImplementedError
+
     @property
     def _largest(self) -> Expression:
         return ca.fmax(ca.fmax(self.forward, self.backward), self.sideways)
@@ -189,34 +245,12 @@ class Elliptic(_Ellipse):
         """
         return ca.sqrt((self.along(v[0]) * v[0]) ** 2 + (self.sideways * v[1]) ** 2)
 
-    def slip_force(self, v: ca.SX) -> ca.SX:
-        """Force of the ellipse that resists ``v`` most.
-
-        Parameters
-        ----------
-        v : casadi.SX
-            Velocity along the heading and to its left, not 0.
-
-        Returns
-        -------
-        casadi.SX
-            Force on the worm.
-        """
+    def _slip_force(self, v: ca.SX) -> ca.SX:
+        """Force of the ellipse that resists ``v`` most."""
         return -self._squares(v) / self.power(v)
 
-    def slip_direction(self, force: ca.SX) -> ca.SX:
-        """Direction against which ``force`` is the one that resists most: the ellipse's normal.
-
-        Parameters
-        ----------
-        force : casadi.SX
-            Force on the worm, on the edge of the ellipse.
-
-        Returns
-        -------
-        casadi.SX
-            Direction of the velocity with which slip begins, of any length.
-        """
+    def _slip_direction(self, force: ca.SX) -> ca.SX:
+        """Direction against which ``force`` is the one that resists most: the ellipse's normal."""
         return -ca.vertcat(force[0] / self.along(-force[0]) ** 2, force[1] / self.sideways**2)
 
     def nearest(self, force: ca.SX) -> ca.SX:
@@ -241,21 +275,8 @@ class Elliptic(_Ellipse):
             near = squares * force / (squares + shift)
         return ca.if_else(self.gauge(force) <= 1, force, near)
 
-    def smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
-        """Gradient of sqrt(psi² + d²), d being ``v_reg`` times the largest resistance.
-
-        Parameters
-        ----------
-        v : casadi.SX
-            Velocity along the heading and to its left.
-        v_reg : float or casadi.SX
-            Width of the steep part, positive.
-
-        Returns
-        -------
-        casadi.SX
-            Force on the worm; none at rest.
-        """
+    def _smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
+        """Gradient of sqrt(psi² + d²), d being ``v_reg`` times the largest resistance."""
         width = v_reg * self._largest
         return -self._squares(v) / ca.sqrt(self.power(v) ** 2 + width**2)
 
@@ -296,51 +317,16 @@ class Unit(_Ellipse):
 
     associated = False
 
-    def slip_force(self, v: ca.SX) -> ca.SX:
-        """Resistances by the direction of ``v``.
-
-        Parameters
-        ----------
-        v : casadi.SX
-            Velocity along the heading and to its left, not 0.
-
-        Returns
-        -------
-        casadi.SX
-            Force on the worm.
-        """
+    def _slip_force(self, v: ca.SX) -> ca.SX:
+        """Resistances by the direction of ``v``."""
         return -self._products(v) / ca.norm_2(v)
 
-    def slip_direction(self, force: ca.SX) -> ca.SX:
-        """Direction against which ``force`` is the resistance.
-
-        Parameters
-        ----------
-        force : casadi.SX
-            Force on the worm, on the edge of the ellipse.
-
-        Returns
-        -------
-        casadi.SX
-            Direction of the velocity with which slip begins, of any length.
-        """
+    def _slip_direction(self, force: ca.SX) -> ca.SX:
+        """Direction against which ``force`` is the resistance."""
         return -ca.vertcat(force[0] / self.along(-force[0]), force[1] / self.sideways)
 
-    def smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
-        """Resistances by v / sqrt(|v|² + v_reg²).
-
-        Parameters
-        ----------
-        v : casadi.SX
-            Velocity along the heading and to its left.
-        v_reg : float or casadi.SX
-            Width of the steep part, positive.
-
-        Returns
-        -------
-        casadi.SX
-            Force on the worm; none at rest.
-        """
+    def _smooth(self, v: ca.SX, v_reg: Expression) -> ca.SX:
+        """Resistances by v / sqrt(|v|² + v_reg²)."""
         return -self._products(v) / ca.sqrt(ca.sumsqr(v) + v_reg**2)
 
     def _products(self, v: ca.SX) -> ca.SX:

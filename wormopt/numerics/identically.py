@@ -103,3 +103,20 @@ class _Field:
             else:
                 work[target[0]] = self._apply(operation, [work[i] for i in source])
         return results
+
+
+def without_zeros(matrix: ca.SX) -> ca.SX:
+    """Drop entries off the diagonal that are identically 0: sin cos - cos sin, say."""
+    if matrix.sparsity().is_diag():
+        return matrix
+    rows, columns = matrix.sparsity().get_triplet()
+    sides = [k for k, pair in enumerate(zip(rows, columns, strict=True)) if len({*pair}) > 1]
+    entries = matrix.nz[sides]
+    try:
+        gone = identically_zero(entries, ca.vertcat(*ca.symvar(entries))).ravel()
+    except ZeroDivisionError:
+        return matrix
+    for k, zero in zip(sides, gone, strict=True):
+        if zero:
+            matrix[rows[k], columns[k]] = 0
+    return ca.sparsify(matrix)

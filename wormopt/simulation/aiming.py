@@ -7,28 +7,33 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import root_scalar
 
-from wormopt.simulation.functions import System
+from wormopt.simulation.grip import ENTRIES
+from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.steps import Call
 
 # Share of the force that does not turn a direction.
 _SMALL = 1e-13
 _SWEEPS = 30
+# Share of the whole time over which it is seen how fast a direction turns.
+_GLANCE = 1e-7
 
 
 class Aim:
     """Directions of onset, the entries of `s` after the modes; 0 where there is none."""
 
     def __init__(
-        self, system: System, s: np.ndarray, shared: tuple[tuple[str, np.ndarray], ...]
+        self, task: InitialValueProblem, s: np.ndarray, shared: tuple[tuple[str, np.ndarray], ...]
     ) -> None:
-        n = len(system.contacts)
-        self._directions = s[n:].reshape(-1, 2)
+        system = task.system
+        self._onsets = s[len(system.contacts) :].reshape(-1, ENTRIES)
+        self._directions = self._onsets[:, :2]  # when they began
+        self._glance = _GLANCE * (task.span[1] - task.span[0])
         self._place = {i: k for k, i in enumerate(system.planar.tolist())}
         self._sizes = [system.contacts[i].nominal_force for i in self._place]
         self._toward = np.zeros((0, 2))
         self._joint: set[int] = set()  # places of what was let go together and must stay in line
         if self._place:
-            self._call = Call(system.aims, *shared)
+            self._call, self._rates = Call(system.aims, *shared), Call(system.rhs, *shared)
 
     def is_set(self, contact: int) -> bool:
         """Whether a contact is in its onset."""
@@ -37,7 +42,7 @@ class Aim:
     def clear(self, contact: int) -> None:
         """End the onset of a contact."""
         if contact in self._place:
-            self._directions[self._place[contact]] = 0.0
+            self._onsets[self._place[contact]] = 0.0
             self._joint.discard(self._place[contact])
 
     def look(self, t: float, x: np.ndarray) -> None:
@@ -49,15 +54,20 @@ class Aim:
         """Begin the onset of contacts that have been let go."""
         places = [self._place[i] for i in contacts if i in self._place]
         for k in places:
-            self._directions[k] = self._toward[k] / np.linalg.norm(self._toward[k])
+            self._begin(k, t, self._toward[k])
         for k in places:
             self._turn(k, t, x)
 
-    def set_together(self, contacts: Sequence[int], velocities: Sequence[np.ndarray]) -> None:
+    def _begin(self, k: int, t: float, toward: np.ndarray) -> None:
+        self._onsets[k] = *(toward / np.linalg.norm(toward)), 0.0, t
+
+    def set_together(
+        self, t: float, contacts: Sequence[int], velocities: Sequence[np.ndarray]
+    ) -> None:
         """Begin the onset of contacts on one body, whose velocities fit each other already."""
         for i, v in zip(contacts, velocities, strict=True):
             if i in self._place:
-                self._directions[self._place[i]] = v / np.linalg.norm(v)
+                self._begin(self._place[i], t, v)
                 self._joint.add(self._place[i])
 
     def sweep(self, t: float, x: np.ndarray) -> None:
@@ -70,6 +80,21 @@ class Aim:
                 self._turn(k, t, x)
             if np.abs(self._directions - before).max() < _SMALL:
                 break
+
+    def follow(self, t: float, x: np.ndarray) -> None:
+        """Find how fast the directions turn with which contacts have just begun to slip."""
+        begun = self._directions.any(axis=1) & (self._onsets[:, 3] == t) & (self._onsets[:, 2] == 0)
+        places = [int(k) for k in np.flatnonzero(begun) if int(k) not in self._joint]
+        if not places:
+            return
+        later, ahead = t + self._glance, x + self._glance * self._rates(t, x)[0]
+        for k in places * min(len(places), 2):
+            self._onsets[k, 2] = 0.0
+            still = float(self._call(later, ahead)[0][3 * k + 2])
+            self._onsets[k, 2] = 1.0
+            change = float(self._call(later, ahead)[0][3 * k + 2]) - still
+            turns = _SMALL * self._sizes[k] < abs(still) < abs(change) / self._glance
+            self._onsets[k, 2] = -still / change if turns else 0.0
 
     def _turn(self, k: int, t: float, x: np.ndarray) -> None:
         """Turn a direction until the force of onset is that of sliding.

@@ -77,7 +77,7 @@ class Contacts:
         self._held = np.array([not directions for directions in self._directions], dtype=bool)
         self._released = np.full(self._n, -np.inf)  # when each was last let go
         self._probe, self._project = Call(system.probe, *shared), Call(system.project, *shared)
-        self._aim = Aim(system, modes, shared)
+        self._aim = Aim(task, modes, shared)
 
     def _look(self, t: float, x: np.ndarray) -> _Probe:
         found = self._probe(t, x)[0].copy()
@@ -125,6 +125,7 @@ class Contacts:
             raise GivenUp("no_contact_mode")
         if self._coupled:
             self._aim.sweep(t, x)
+        self._aim.follow(t, x)
         hit |= struck
         changes = [
             self._change(i, before[i], bool(hit[i]))
@@ -203,7 +204,7 @@ class Contacts:
             slip = self._sharing.slip(t, x, split)
             for i, v in zip(slip.contacts, slip.velocities, strict=True):
                 self._modes[i] = 1.0 if len(v) == 2 else np.sign(v[0])
-            self._aim.set_together(slip.contacts, slip.velocities)
+            self._aim.set_together(t, slip.contacts, slip.velocities)
             all_ += slip.contacts
         for i in alone:
             self._modes[i] = probe.toward[i]

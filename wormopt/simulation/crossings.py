@@ -3,8 +3,8 @@
 An event function is positive while things stay as they are: for a sliding contact its velocity in
 the direction of sliding, for a resting one the distance of its force from the nearer bound, for a
 switch minus its guard. In the plane a contact slides while its speed is above that of a stop; its
-onset lasts while it goes ahead, and until it is fast enough to turn and does. An event is where it
-falls below its level. The level is 0 once it has been well above 0; until then it is a little
+onset lasts while it goes ahead, and until it is fast enough and its error counts. An event is where
+it falls below its level. The level is 0 once it has been well above 0; until then it is a little
 lower, so that a contact that has just been let go, with no velocity and perhaps no acceleration, is
 not caught again by a rounding error. A switch that has just fired and whose guard goes on rising
 has no level at all.
@@ -22,6 +22,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar, root_scalar
 
 from wormopt.simulation.functions import System
+from wormopt.simulation.grip import ENTRIES
 from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.sharing import SHARE_REST, Sharing
 from wormopt.simulation.steps import Call, GivenUp, Step, Stepper, floor_of_step
@@ -253,16 +254,16 @@ def _event_functions(system: System) -> tuple[ca.Function, ...]:
     t, x, p, s = system.rhs.mx_in()
     parts, rates = [], ca.MX(0, 1)
     n = len(system.contacts) if system.exact else 0
-    reach = ca.MX.sym("reach", 5 * n)
+    reach = ca.MX.sym("reach", 4 * n)
     if n:
         velocity, _, force, low, high = ca.vertsplit(system.probe(t, x, p, s)[:-1], n)
         margin = ca.fmin(force - low, high - force)
         moving = s[:n] * velocity
         for place, i in enumerate(system.planar.tolist()):
-            d = s[n + 2 * place : n + 2 * place + 2]
-            stop, least, largest, across, turn = (reach[k * n + i] for k in range(5))
-            v, turns = velocity[i], -force[i]
-            goes_on = ca.fmin(ca.fmin(largest - v, across - v * turns), least - turn * turns)
+            d = s[n + ENTRIES * place : n + ENTRIES * place + 2]
+            stop, least, largest, per_error = (reach[k * n + i] for k in range(4))
+            v, error = velocity[i], -force[i]
+            goes_on = ca.fmin(largest - v, least - per_error * error)
             begins = ca.fmin(v, ca.fmax(least - v, goes_on))
             moving[i] = ca.if_else(ca.sumsqr(d) > 0, begins, v - stop)
         parts.append(ca.if_else(s[:n] == 0, margin, moving))

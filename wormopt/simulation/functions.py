@@ -2,14 +2,14 @@
 
 p holds the model's parameters, its inputs, the width ``v_reg`` of the smooth law, and of every
 schedule the beginning and the values of the current piece. s holds the contacts' modes: +1 and -1
-for sliding forward and backward, 0 at rest; then of every contact in the plane its direction of
-onset, see `wormopt.simulation.grip`. Velocities and forces of a contact in the plane are two rows.
+for sliding forward and backward, 0 at rest; then of every contact in the plane its onset, see
+`wormopt.simulation.grip`. Velocities and forces of a contact in the plane are two rows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -20,17 +20,11 @@ from wormopt.model.model import Contact, Model, Signal, pack
 from wormopt.model.planar_friction import PlanarLaw
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
-from wormopt.numerics.identically import identically_zero
-from wormopt.simulation.grip import LineGrip, PlaneGrip, grips_of, never_rests
-from wormopt.simulation.least import RESTING, TURNING, Equations, solver
+from wormopt.numerics.identically import without_zeros
+from wormopt.simulation.grip import ENTRIES, LineGrip, PlaneGrip, grips_of, never_rests
+from wormopt.simulation.law_numbers import LawNumbers
+from wormopt.simulation.least import RESTING, TURNING, Equations, determined, solver
 from wormopt.simulation.options import Smooth, Treatment
-
-
-def _product(column: ca.SX) -> ca.SX:
-    product = ca.SX(1)
-    for i in range(column.numel()):
-        product *= column[i]
-    return product
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +73,12 @@ class System:
 
     @cached_property
     def _modes(self) -> ca.SX:
-        n = len(self.contacts) + 2 * len(self.planar) if self.exact else 0
+        n = len(self.contacts) + ENTRIES * len(self.planar) if self.exact else 0
         return ca.SX.sym("s", n)  # type: ignore[no-any-return]
 
     @cached_property
     def _grips(self) -> list[LineGrip | PlaneGrip]:
-        return grips_of(self.contacts, self._modes)
+        return grips_of(self.contacts, self.model.t, self._modes)
 
     @cached_property
     def planar(self) -> np.ndarray:
@@ -113,7 +107,7 @@ class System:
     @property
     def sliding(self) -> np.ndarray:
         """Modes s of a motion of which nothing has been decided."""
-        return np.repeat([1.0, 0.0], [len(self.contacts), 2 * len(self.planar)])[: self.n_s]
+        return np.repeat([1.0, 0.0], [len(self.contacts), ENTRIES * len(self.planar)])[: self.n_s]
 
     @property
     def n_s(self) -> int:
@@ -153,20 +147,7 @@ class System:
     @cached_property
     def delassus(self) -> ca.SX:
         """Matrix d(contact accelerations) / d(contact forces) of the contacts that may rest."""
-        matrix = ca.jacobian(self._free[2], self._force_symbols)
-        if matrix.sparsity().is_diag():
-            return matrix
-        rows, columns = matrix.sparsity().get_triplet()
-        sides = [k for k, pair in enumerate(zip(rows, columns, strict=True)) if len({*pair}) > 1]
-        entries = matrix.nz[sides]
-        try:  # sin cos - cos sin: what turns with the body pushes nobody else
-            gone = identically_zero(entries, ca.vertcat(*ca.symvar(entries))).ravel()
-        except ZeroDivisionError:
-            return matrix
-        for k, zero in zip(sides, gone, strict=True):
-            if zero:
-                matrix[rows[k], columns[k]] = 0
-        return ca.sparsify(matrix)
+        return without_zeros(ca.jacobian(self._free[2], self._force_symbols))
 
     @cached_property
     def coupled(self) -> bool:
@@ -241,10 +222,7 @@ class System:
             return ca.SX(1)
         if self.shares:
             return self._solved[-1]
-        matrix, _ = self._equations
-        # by its factors: a determinant by minors of a chain's matrix grows as Fibonacci's numbers
-        size = ca.fabs(_product(ca.diag(ca.qr(matrix)[1])))
-        return size / ca.sqrt(_product(ca.sum2(matrix**2)))
+        return determined(self._equations[0])
 
     def _at_forces(self, expression: ca.SX, forces: ca.SX) -> ca.SX:
         return ca.substitute(expression, self._force_symbols, forces)
@@ -327,7 +305,14 @@ class System:
         that hold them; then how well resting ones determine their forces, 1 well, 0 not at all.
         """
         acceleration = self._at_forces(self._free[2], self.forces)
-        told = [g.tells(self._of(g, acceleration), self._of(g, self.forces)) for g in self._grips]
+        told = [
+            g.tells(
+                self._of(g, acceleration),
+                self._of(g, self.forces),
+                self._of(g, self.delassus)[:, g.row : g.row + g.size],
+            )
+            for g in self._grips
+        ]
         everything = [ca.vertcat(*column) for column in zip(*told, strict=True)]
         return self.function("probe", ca.vertcat(*everything, self._determined))
 
@@ -339,17 +324,9 @@ class System:
 
     @cached_property
     def bends(self) -> ca.Function:
-        """Where forces bend: per contact in the plane velocity along the heading, and speed.
-
-        Both 0 where forward and backward resistance are the same.
-        """
-        found = []
-        for i in self.planar:
-            v, law = self.contacts[i].velocity, self.contacts[i].law
-            ahead, back = (ca.SX(getattr(law, n, 0.0)) for n in ("forward", "backward"))
-            bends = not ca.is_equal(ahead, back)
-            found += [v[0], ca.norm_2(v)] if bends else [ca.SX(0), ca.SX(0)]
-        return self.function("bends", ca.vertcat(*found))
+        """Of every contact in the plane, see `PlaneGrip.bends`."""
+        grips = [grip for grip in self._grips if isinstance(grip, PlaneGrip)]
+        return self.function("bends", ca.vertcat(*(grip.bends for grip in grips)))
 
     @cached_property
     def project(self) -> ca.Function:
@@ -428,6 +405,10 @@ class System:
 
     # -- numbers ---------------------------------------------------------------------------
 
+    @cached_property
+    def _laws(self) -> LawNumbers:
+        return LawNumbers(self.model)
+
     def parameters(self, given: Mapping[str, object] | None) -> np.ndarray:
         """Values of p from those given by name, else the model's own; 0 for what schedules set.
 
@@ -435,40 +416,10 @@ class System:
         """
         signals = (*self.model.p, *(self._input(u) for u in self.model.u))
         fixed = signal_values(signals, given, "parameter or input")
-        self._check_laws(fixed)
+        self._laws.check(fixed)
         v_reg = self.treatment.v_reg if isinstance(self.treatment, Smooth) else 0.0
         scheduled = sum(1 + s.symbol.numel() for s in self.model.schedules)
         return np.concatenate([fixed, [v_reg], np.zeros(scheduled)])
-
-    def _check_laws(self, fixed: np.ndarray) -> None:
-        """Let each law see its numbers together: stiction below sliding friction, say."""
-        numbers = self._law_numbers(fixed).full().ravel()
-        for contact, names in self._law_fields:
-            own, numbers = numbers[: len(names)].tolist(), numbers[len(names) :]
-            try:
-                replace(contact.law, **dict(zip(names, own, strict=True)))  # type: ignore[type-var]
-            except ValueError as error:
-                said = ", ".join(f"{n} = {v:g}" for n, v in zip(names, own, strict=True))
-                raise ArgumentError(f"{contact.name} with {said}: {error}") from None
-
-    @cached_property
-    def _law_fields(self) -> list[tuple[Contact, list[str]]]:
-        """Contacts, and the fields of their laws that parameters and inputs alone decide."""
-        fixed = ca.symvar(ca.vertcat(pack(self.model.p), pack(self.model.u)))
-        known = {symbol.element_hash() for symbol in fixed}
-
-        def decided(value: object) -> bool:
-            symbols = ca.symvar(value) if isinstance(value, ca.SX) else []
-            return len(symbols) > 0 and all(s.element_hash() in known for s in symbols)
-
-        laws = [(c, fields(c.law)) for c in self.model.contacts if is_dataclass(c.law)]
-        return [(c, [i.name for i in own if decided(getattr(c.law, i.name))]) for c, own in laws]
-
-    @cached_property
-    def _law_numbers(self) -> ca.Function:
-        values = [getattr(c.law, name) for c, names in self._law_fields for name in names]
-        symbols = ca.vertcat(pack(self.model.p), pack(self.model.u))
-        return ca.Function("law_numbers", [symbols], [ca.densify(ca.vertcat(ca.SX(0, 1), *values))])
 
     @staticmethod
     def _input(u: Signal) -> Signal:

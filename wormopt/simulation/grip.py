@@ -1,10 +1,11 @@
 """What a contact's force is in exact treatment, by its mode; one row for each component.
 
-A contact in the plane has two entries in s besides its mode, the direction of onset d. It is 0
-but for a contact that has been let go: at velocity 0 the direction of slip is singular, so it
-moves along d first. Then its acceleration across d is 0 and its force lies on the tangent, at that
-of sliding along d, of the forces of sliding. This errs by the square of the turn; it lasts until
-the contact is fast enough to turn, and does.
+A contact in the plane has four entries in s besides its mode: the direction of onset, half the rate
+at which it turns, and when that began. They are 0 but for a contact that has been let go: at
+velocity 0 the direction of slip is singular, and for long after it follows the forces so closely
+that explicit steps would be held short. So it moves along the given direction d first: it does not
+move across d, and its force lies on the tangent, at that of sliding along d, of the forces of
+sliding. This errs by the square of the angle that d lacks; it lasts until that counts.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ import casadi as ca
 from wormopt.model.friction import Law
 from wormopt.model.model import Contact
 from wormopt.model.planar_friction import PlanarLaw
+
+ENTRIES = 4
+"""Entries in s of the onset of a contact in the plane."""
 
 
 def never_rests(contact: Contact) -> bool:
@@ -72,8 +76,11 @@ class Grip(Protocol):
         """Force of sliding in onset, else 0."""
         ...
 
-    def tells(self, acceleration: ca.SX, force: ca.SX) -> tuple[ca.SX | float, ...]:
-        """Velocity, acceleration, force, least and largest force by which modes are decided."""
+    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX | float, ...]:
+        """Velocity, acceleration, force, least and largest force by which modes are decided.
+
+        `own`: acceleration by force of each of its components.
+        """
         ...
 
 
@@ -121,7 +128,7 @@ class LineGrip:
         """Nothing: it has no onset."""
         return ca.SX(0)
 
-    def tells(self, acceleration: ca.SX, force: ca.SX) -> tuple[ca.SX | float, ...]:
+    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX | float, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided."""
         return (self.contact.velocity, acceleration, force, *self.law.stick_interval)
 
@@ -133,7 +140,8 @@ class PlaneGrip:
     contact: Contact
     law: PlanarLaw
     mode: ca.SX
-    direction: ca.SX
+    onset: ca.SX  # direction when it began, half the rate at which it turns, when it began
+    t: ca.SX
     row: int
 
     size = 2
@@ -146,7 +154,24 @@ class PlaneGrip:
     @cached_property
     def _begins(self) -> ca.SX:
         """1 or 0, and 1 only while it slides."""
-        return ca.logic_or(self.direction[0] != 0, self.direction[1] != 0)
+        return ca.logic_or(self.onset[0] != 0, self.onset[1] != 0)
+
+    @cached_property
+    def _half(self) -> ca.SX:
+        """Tangent of half the angle by which the direction has turned."""
+        return self.onset[2] * (self.t - self.onset[3])
+
+    @cached_property
+    def direction(self) -> ca.SX:
+        """Direction of onset now, else 0."""
+        first, q = self.onset[:2], self._half
+        return ((1 - q**2) * first + 2 * q * ca.vertcat(-first[1], first[0])) / (1 + q**2)
+
+    @cached_property
+    def _curves(self) -> ca.SX:
+        """Acceleration across the direction of onset that keeps the velocity along it."""
+        turning = 2 * self.onset[2] / (1 + self._half**2)
+        return turning * ca.dot(self._along, self.contact.velocity)
 
     @cached_property
     def _ahead(self) -> ca.SX:
@@ -178,7 +203,7 @@ class PlaneGrip:
     def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
         """Force on a contact that acts on no other."""
         across, tangent = self._across, self._tangent
-        stop = -ca.dot(across, free + response * self.slip)
+        stop = self._curves - ca.dot(across, free + response * self.slip)
         begun = self.slip + tangent * stop / ca.dot(across, response * tangent)
         moving = weighted(self._begins, begun, self.slip)
         return weighted(self.mode**2, moving, -free / response)
@@ -193,7 +218,7 @@ class PlaneGrip:
         matrix = self.rests * response + begins * onset
         for i in range(2):
             matrix[i, self.row + i] += slides
-        begun = ca.vertcat(ca.dot(normal, self.slip), -ca.dot(across, free))
+        begun = ca.vertcat(ca.dot(normal, self.slip), self._curves - ca.dot(across, free))
         return matrix, slides * self.slip + begins * begun - self.rests * free
 
     def gives(self, rest: float, onset: float) -> ca.SX:
@@ -206,18 +231,38 @@ class PlaneGrip:
         """Force of sliding in onset, else 0."""
         return self._begins * self.slip
 
-    def tells(self, acceleration: ca.SX, force: ca.SX) -> tuple[ca.SX | float, ...]:
+    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX | float, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided.
 
-        Its speed, and its force in units of what holds; in onset its velocity along d, and the
-        force across d that it would take to turn, in units of that of sliding.
+        Its speed, and its force in units of what holds; in onset its velocity along d, and its
+        error so far.
         """
         v, ahead = self.contact.velocity, self._ahead
         speed = ca.if_else(self._begins, ca.dot(self.direction, v), ca.norm_2(v))
         faster = ca.dot(ahead, acceleration) / ca.norm_2(ahead)
-        turns = ca.fabs(self._off(force)) / ca.norm_2(self.slip)
-        size = ca.if_else(self._begins, turns, self.law.gauge(force))
+        size = ca.if_else(self._begins, self._lacks(force, own), self.law.gauge(force))
         return speed, faster, -size, -1.0, ca.inf
+
+    def _lacks(self, force: ca.SX, own: ca.SX) -> ca.SX:
+        """Error of onset so far: what its direction lacks shifts it aside, and its square slows it.
+
+        In units of the nominal speed, and of the way in the time in which friction would stop that.
+        """
+        friction = ca.norm_2(self.slip)
+        nominal = self.contact.nominal_speed
+        spent = (self.t - self.onset[3]) * friction * ca.trace(own) / 2 / nominal
+        angle = ca.fabs(self._off(force)) / friction
+        return spent * angle * ca.fmax(ca.norm_2(self.contact.velocity) / nominal, angle)
+
+    @property
+    def bends(self) -> ca.SX:
+        """Where its force bends: velocity along the heading, and speed.
+
+        Both 0 where forward and backward resistance are the same.
+        """
+        v = self.contact.velocity
+        ahead, back = (ca.SX(getattr(self.law, n, 0.0)) for n in ("forward", "backward"))
+        return ca.SX(2, 1) if ca.is_equal(ahead, back) else ca.vertcat(v[0], ca.norm_2(v))
 
     def _off(self, force: ca.SX) -> ca.SX:
         return ca.dot(self._across, force - self.slip)
@@ -230,15 +275,15 @@ class PlaneGrip:
         return ca.vertcat(self.law.slip_direction(force), self._off(force))
 
 
-def grips_of(contacts: tuple[Contact, ...], s: ca.SX) -> list[LineGrip | PlaneGrip]:
-    """Grips of contacts: their modes come first in s, then the directions of onset."""
+def grips_of(contacts: tuple[Contact, ...], t: ca.SX, s: ca.SX) -> list[LineGrip | PlaneGrip]:
+    """Grips of contacts: their modes come first in s, then their onsets."""
     found: list[LineGrip | PlaneGrip] = []
     row, place = 0, len(contacts)
     for i, contact in enumerate(contacts):
         if isinstance(contact.law, PlanarLaw):
-            direction = s[place : place + 2]
-            found.append(PlaneGrip(contact, contact.law, s[i], direction, row))
-            place += 2
+            onset = s[place : place + ENTRIES]
+            found.append(PlaneGrip(contact, contact.law, s[i], onset, t, row))
+            place += ENTRIES
         else:
             found.append(LineGrip(contact, contact.law, s[i], row))
         row += found[-1].size

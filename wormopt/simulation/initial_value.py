@@ -16,9 +16,6 @@ from wormopt.simulation.options import Smooth, Tolerance
 KINDS = ("reversal", "stick", "release", "impact", "switch")
 """Kinds of events by their numbers."""
 
-# Radians: an onset errs by its square.
-_LARGEST_TURN = 3e-4
-
 
 @dataclass(frozen=True, eq=False)
 class InitialValueProblem:
@@ -56,13 +53,13 @@ class InitialValueProblem:
 
     @cached_property
     def reach(self) -> np.ndarray:
-        """Speeds of contacts in the plane, see `wormopt.simulation.crossings`; (5, contacts).
+        """Speeds of contacts in the plane, see `wormopt.simulation.crossings`; (4, contacts).
 
-        That of a stop; the least and the largest at the end of an onset, and the largest velocity
-        that it may lack across; the least again, over the largest turn of its force. 0 for others.
+        That of a stop; the least and the largest at the end of an onset; the least over the
+        largest error of an onset. 0 for others.
         """
-        least, across = 100 * self.v_stop, 3 * self.tolerance.relative * self._nominal_speeds
-        rows = [self.v_stop, least, 0.1 * self._nominal_speeds, across, least / _LARGEST_TURN]
+        least, error = 100 * self.v_stop, 3 * (self.tolerance.relative + self.tolerance.absolute)
+        rows = [self.v_stop, least, 0.1 * self._nominal_speeds, least / error]
         return self._in_plane(np.array(rows), 0.0)
 
     def _in_plane(self, there: np.ndarray, else_: np.ndarray | float) -> np.ndarray:

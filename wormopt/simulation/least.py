@@ -47,3 +47,19 @@ def solver(name: str, symbols: Sequence[ca.SX], equations: Equations) -> ca.Func
         found = found + inverse @ (b - A @ found)
     weakest = ca.mmax(ca.fabs(inverse)) * size
     return ca.Function(name, given, [ca.vertcat(found, weakest < 0.1 / RESTING)])
+
+
+def determined(matrix: ca.SX) -> ca.SX:
+    """Determinant against the sizes of the rows: 1 well determined, 0 not at all.
+
+    By its factors: a determinant by minors of a chain's matrix grows as Fibonacci's numbers.
+    """
+    size = ca.fabs(_product(ca.diag(ca.qr(matrix)[1])))
+    return size / ca.sqrt(_product(ca.sum2(matrix**2)))
+
+
+def _product(column: ca.SX) -> ca.SX:
+    product = ca.SX(1)
+    for i in range(column.numel()):
+        product *= column[i]
+    return product

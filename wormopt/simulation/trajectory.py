@@ -94,8 +94,8 @@ class Trajectory(SampledMotion):
     events : tuple of Event
         In order of time.
     modes : ndarray, shape (1 + changes, 1 + contacts)
-        Each row a time and the modes (+1, -1, 0) of ``system.contacts`` from then on; two more
-        columns for each contact in the plane, its direction while it begins to slip. Empty where
+        Each row a time and the modes (+1, -1, 0) of ``system.contacts`` from then on; four more
+        columns for each contact in the plane, how it begins to slip. Empty where
         contact was treated as smooth.
     n_steps, n_rejected, n_evaluations : int
         Accepted and rejected steps, evaluations of the ode.

@@ -6,10 +6,12 @@
 #include "run.h"
 
 enum { N_SWEEPS = 30 };
-static const double SMALL = 1e-13; /* share of the force that does not turn a direction */
+static const double SMALL = 1e-13;  /* share of the force that does not turn a direction */
+static const double GLANCE = 1e-7;  /* of the whole time, to see how fast a direction turns */
 
+/* Of an onset: its direction when it began, half the rate at which that turns, when it began. */
 static double *direction(const Run *run, long long place) {
-    return run->modes + run->in.n_contacts + 2 * place;
+    return run->modes + run->in.n_contacts + N_ONSET * place;
 }
 
 int in_onset(const Run *run, long long i) {
@@ -18,7 +20,7 @@ int in_onset(const Run *run, long long i) {
 }
 
 void end_onset(Run *run, long long i) {
-    if (run->in.planar[i] >= 0) memset(direction(run, run->in.planar[i]), 0, 2 * sizeof(double));
+    if (run->in.planar[i] >= 0) memset(direction(run, run->in.planar[i]), 0, N_ONSET * sizeof(double));
 }
 
 /* Note where contacts at rest are pushed, before modes change. */
@@ -36,7 +38,10 @@ void look_where(Run *run) {
 /* Put contact i, just let go, on its way; then `turn_onset` it. */
 void begin_onset(Run *run, long long i) {
     const long long k = run->in.planar[i];
-    if (k >= 0) memcpy(direction(run, k), run->toward + 2 * k, 2 * sizeof(double));
+    if (k < 0) return;
+    double *d = direction(run, k);
+    memcpy(d, run->toward + 2 * k, 2 * sizeof(double));
+    d[2] = 0.0, d[3] = run->out.t;
 }
 
 static double off(Run *run, long long k, double angle) {
@@ -92,4 +97,37 @@ void sweep_onsets(Run *run) {
             change = fmax(change, fmax(fabs(d[0] - before[0]), fabs(d[1] - before[1])));
         }
     }
+}
+
+/* How far the force of contact i would be from that of sliding, in a moment, at half a rate. */
+static double off_later(Run *run, long long i, double rate) {
+    const long long k = run->in.planar[i];
+    direction(run, k)[2] = rate;
+    const double later = run->out.t + GLANCE * (run->in.t_end - run->in.t_start);
+    evaluate(run, run->in.aims, later, run->column, run->aims);
+    return run->aims[3 * k + 2];
+}
+
+/* Find how fast the directions turn with which contacts have just begun to slip. */
+void follow_onsets(Run *run) {
+    const long long n = run->in.n_contacts;
+    const double glance = GLANCE * (run->in.t_end - run->in.t_start);
+    long long count = 0;
+    for (long long i = 0; i < n; i++)
+        if (run->fresh[i] = in_onset(run, i) && direction(run, run->in.planar[i])[3] == run->out.t
+                            && direction(run, run->in.planar[i])[2] == 0.0)
+            count++;
+    if (count == 0) return;
+    evaluate(run, run->in.rhs, run->out.t, run->out.x, run->stage);
+    for (long long m = 0; m < run->in.n_x; m++)
+        run->column[m] = run->out.x[m] + glance * run->stage[m];
+    for (int again = 0; again < (count > 1 ? 2 : 1); again++)
+        for (long long i = 0; i < n; i++) {
+            if (run->fresh[i] == 0.0) continue;
+            const double still = off_later(run, i, 0.0), change = off_later(run, i, 1.0) - still;
+            double *rate = direction(run, run->in.planar[i]) + 2;
+            const int turns = fabs(still) > SMALL * run->in.nominal_force[i]
+                              && fabs(still) < fabs(change) / glance;
+            *rate = turns ? -still / change : 0.0;
+        }
 }

@@ -3,10 +3,11 @@
    Event function j is positive while things stay as they are: for a sliding contact its velocity in
    the direction of sliding, for a resting one the distance of its force from the nearer bound, for
    a switch minus its guard. In the plane a contact slides while its speed is above that of a stop;
-   its onset lasts while it goes ahead, and until it is fast enough to turn and does. An event is where it falls below its level. The level is 0 once it has
-   been well above 0; until then it is a little lower, so that a contact that has just been let go,
-   with no velocity and perhaps no acceleration, is not caught again by a rounding error. A switch
-   that has just fired and whose guard goes on rising has no level at all. */
+   its onset lasts while it goes ahead, and until it is fast enough and its error counts. An event
+   is where it falls below its level. The level is 0 once it has been well above 0; until then it is
+   a little lower, so that a contact that has just been let go, with no velocity and perhaps no
+   acceleration, is not caught again by a rounding error. A switch that has just fired and whose
+   guard goes on rising has no level at all. */
 #include <math.h>
 #include <string.h>
 
@@ -32,13 +33,12 @@ static double margin(const double *probe, long long n, long long i) {
 }
 
 /* Of a moving contact in the plane. `reach`: speed of a stop; least and largest speed at the end of
-   an onset, largest velocity that it may lack across, the least over the largest turn. */
+   an onset, the least over its largest error. */
 static double planar_value(const Run *run, long long i, double v) {
     const long long n = run->in.n_contacts;
-    const double *reach = run->in.reach + i, turns = -run->probe[2 * n + i];
+    const double *reach = run->in.reach + i, error = -run->probe[2 * n + i];
     if (!in_onset(run, i)) return v - reach[0];
-    double ahead = fmin(reach[2 * n] - v, reach[3 * n] - v * turns);
-    return fmin(v, fmax(reach[n] - v, fmin(ahead, reach[n] - reach[4 * n] * turns)));
+    return fmin(v, fmax(reach[n] - v, fmin(reach[2 * n] - v, reach[n] - reach[3 * n] * error)));
 }
 
 void event_values(Run *run, double t, const double *x, double *value) {
@@ -451,6 +451,7 @@ void decide_modes(Run *run, long long forced, int record) {
         if (!again && run->in.coupled) again = catch_again(run);
     }
     if (run->in.coupled) sweep_onsets(run);
+    if (run->in.aims) follow_onsets(run);
     int changed = !record || ended
                   || memcmp(run->before + n, run->modes + n, (run->in.n_s - n) * sizeof(double));
     for (long long i = 0; i < n; i++) {

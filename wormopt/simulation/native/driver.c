@@ -214,10 +214,14 @@ EXPORT long long wormopt_advance(Run *run, long long steps) {
 
 EXPORT void wormopt_free(Run *run) {
     if (!run) return;
-    double *owned[] = {run->out.x,  run->out.p,  run->out.samples, run->out.events.data,
-                       run->out.modes.data, run->out.dense.data, run->x_new, run->stage,
-                       run->dense,  run->modes,  run->before, run->aims, run->toward, run->bend, run->released, run->struck, run->probe, run->guard,
-                       run->reset,  run->value,  run->level,  run->scan, run->column, run->w};
+    double *owned[] = {
+        run->out.x,  run->out.p,  run->out.samples, run->out.events.data, run->out.modes.data,
+        run->out.dense.data,      run->x_new,       run->stage,           run->dense,
+        run->modes,  run->before, run->aims,        run->toward,          run->bend,
+        run->fresh,  run->struck, run->released,    run->probe,           run->guard,
+        run->reset,  run->value,  run->level,       run->scan,            run->column,
+        run->w,
+    };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
     for (int i = 0; i < N_ALL; i++) free(run->k[i]);
     free(run->cycle), free(run->piece), free(run->iw), free(run->arg), free(run->res), free(run);
@@ -242,6 +246,7 @@ static int allocate(Run *run, long long n_p) {
     ROOM(run->bend, 4 * c);
     ROOM(run->released, c);
     ROOM(run->struck, c);
+    ROOM(run->fresh, c);
     ROOM(run->probe, 5 * c + 1);
     ROOM(run->guard, 2 * in->n_switches);
     ROOM(run->reset, n * (in->n_switches + 1));

@@ -35,7 +35,7 @@ typedef struct {
     const double *f_rest;            /* per contact: force that does not count */
     const double *v_stop;            /* per contact: speed that is stopped */
     const double *nominal_force, *nominal_speed; /* per contact */
-    const double *reach;             /* 5 rows, per contact: see event_values */
+    const double *reach;             /* 4 rows, per contact: see event_values */
     const double *v_layer;           /* per contact: where the smooth law is steep */
     const double *absolute;          /* per state */
     const Schedule *schedules;

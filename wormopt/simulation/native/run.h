@@ -5,6 +5,8 @@
 #include "driver.h"
 #include "tableau.h"
 
+enum { N_ONSET = 4 }; /* entries of s for the onset of a contact in the plane */
+
 typedef struct {
     Report out; /* must stay first: the caller sees no more of a run than this */
     Problem in;
@@ -12,10 +14,11 @@ typedef struct {
     double *x_new, *stage; /* end of the step; scratch, and the state of the last stage */
     double *dense;         /* 8 rows of n_x */
     double *modes, *before; /* s, now and before the last decision: +1, -1, 0 per contact, then
-                               directions of onset */
+                               onsets */
     double *bend;          /* velocities that bend forces and speeds, at both ends of a step */
     double *aims, *toward; /* per contact in the plane: 3 of `aims`; where it is pushed */
     double *struck;        /* whether what is held has just been stopped */
+    double *fresh;         /* whether a contact has begun to slip this very instant */
     double *released;      /* when a contact was last let go */
     long long *cycle, *piece; /* where each schedule stands */
     double *probe;         /* velocities, accelerations, forces, least, largest force */
@@ -67,6 +70,7 @@ void look_where(Run *run);
 void begin_onset(Run *run, long long i);
 void turn_onset(Run *run, long long i);
 void sweep_onsets(Run *run);
+void follow_onsets(Run *run);
 
 /* driver.c */
 double *grow(Table *table);

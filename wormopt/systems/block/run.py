@@ -22,7 +22,7 @@ from wormopt.scene.numerics import SmoothContact
 from wormopt.scene.scene import Scene
 from wormopt.systems.block.block import cubic_guess, problem_of
 from wormopt.systems.block.scenes import SlideScene
-from wormopt.systems.chain import law_of, treatment_of
+from wormopt.systems.chain import law_of
 from wormopt.systems.shared.optimum import (
     ACCEPTED,
     conclude_optimum,
@@ -33,6 +33,7 @@ from wormopt.systems.shared.optimum import (
     warnings_of_reading,
 )
 from wormopt.systems.shared.proof import warnings_of_contact
+from wormopt.systems.shared.settings import treatment_of
 
 # Of a solve that only has to show the phases.
 _RELAXED = Complementarity(residual=1e-3, first=1e-1)

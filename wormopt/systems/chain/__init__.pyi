@@ -1,7 +1,5 @@
 from wormopt.systems.chain.runs.chains import law_of as law_of
 from wormopt.systems.chain.runs.chains import laws_of as laws_of
-from wormopt.systems.chain.runs.chains import tolerance_of as tolerance_of
-from wormopt.systems.chain.runs.chains import treatment_of as treatment_of
 from wormopt.systems.chain.scenes.chain import CoulombFriction as CoulombFriction
 from wormopt.systems.chain.scenes.chain import Friction as Friction
 from wormopt.systems.chain.scenes.chain import SpikeFriction as SpikeFriction

@@ -18,10 +18,9 @@ from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.model.path import ParameterPath, ornstein_uhlenbeck, piecewise_constant
-from wormopt.scene.numerics import ContactTable, SmoothContact, Start, ToleranceTable
+from wormopt.scene.numerics import Start
 from wormopt.scene.scene import Scene
 from wormopt.scene.types import per
-from wormopt.simulation.options import Exact, Smooth, Tolerance, Treatment
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.scenes.chain import (
     ChainTable,
@@ -167,16 +166,6 @@ def law_of(table: Friction, mass: int = 0) -> Law:
     if isinstance(table, StribeckFriction):
         return Stribeck(**numbers)
     return Spike(**numbers) if isinstance(table, SpikeFriction) else Viscous(**numbers)
-
-
-def treatment_of(contact: ContactTable) -> Treatment:
-    """Treatment of contact that a scene asks for."""
-    return Smooth(contact.v_reg) if isinstance(contact, SmoothContact) else Exact()
-
-
-def tolerance_of(table: ToleranceTable) -> Tolerance:
-    """Tolerance that a scene asks for."""
-    return Tolerance(table.relative, table.absolute, table.max_steps, table.max_step)
 
 
 # -- trackers ------------------------------------------------------------------------------------

@@ -33,11 +33,11 @@ from wormopt.systems.chain.rivals import (
     rivals,
     solve,
 )
-from wormopt.systems.chain.runs.chains import tolerance_of
 from wormopt.systems.chain.runs.compare_tables import Drawn, Known, table_of
 from wormopt.systems.chain.scenes.compare_tracking import COMPARED, CompareScene, DesignedShape
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
+from wormopt.systems.shared.settings import tolerance_of
 from wormopt.systems.shared.signals import fitted, sample, simulate_whole
 from wormopt.systems.spiked import (
     GaitProblem,

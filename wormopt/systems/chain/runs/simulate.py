@@ -34,8 +34,6 @@ from wormopt.systems.chain.runs.chains import (
     build_chain,
     draw_links,
     laws_of,
-    tolerance_of,
-    treatment_of,
 )
 from wormopt.systems.chain.runs.own_model import load_model
 from wormopt.systems.chain.scenes.chain import ChainTable
@@ -47,6 +45,7 @@ from wormopt.systems.shared.proof import (
     warnings_of_contact,
     warnings_of_motion,
 )
+from wormopt.systems.shared.settings import tolerance_of, treatment_of
 from wormopt.systems.shared.signals import (
     chain_expressions,
     event_arrays,

@@ -32,8 +32,6 @@ from wormopt.systems.chain.runs.chains import (
     draw_links,
     labels,
     laws_of,
-    tolerance_of,
-    treatment_of,
 )
 from wormopt.systems.chain.scenes.track import FunnelTracker, TrackScene
 from wormopt.systems.shared.proof import (
@@ -43,6 +41,7 @@ from wormopt.systems.shared.proof import (
     warnings_of_contact,
     warnings_of_motion,
 )
+from wormopt.systems.shared.settings import tolerance_of, treatment_of
 from wormopt.systems.shared.signals import (
     event_arrays,
     fitted,

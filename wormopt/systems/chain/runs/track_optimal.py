@@ -24,10 +24,11 @@ from wormopt.simulation.options import Exact
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.measured import balance, chain_checks, judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import optimal_input
-from wormopt.systems.chain.runs.chains import chain_for, draw_links, tolerance_of
+from wormopt.systems.chain.runs.chains import chain_for, draw_links
 from wormopt.systems.chain.scenes.track_optimal import LeastError, TrackOptimalScene
 from wormopt.systems.shared.optimum import optimum_timings, refused, statistics
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
+from wormopt.systems.shared.settings import tolerance_of
 from wormopt.systems.shared.signals import (
     chain_expressions,
     event_arrays,

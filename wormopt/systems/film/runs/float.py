@@ -17,7 +17,6 @@ from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.chain import tolerance_of
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.float import (
     Drift,
@@ -39,6 +38,7 @@ from wormopt.systems.shared.proof import (
     one_or_all,
     warnings_of_motion,
 )
+from wormopt.systems.shared.settings import tolerance_of
 
 _TURN = 2 * math.pi
 # How often a body shall be overtaken, how many periods are simulated at least and at most.

@@ -18,11 +18,11 @@ from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.chain import tolerance_of
 from wormopt.systems.pair.runs.pair import Scales, no_steady_motion, pair_of, warnings_of_pair
 from wormopt.systems.pair.scenes.magnetic_pair import MagneticPairScene
 from wormopt.systems.pair.steady import Pair
 from wormopt.systems.shared.proof import CrossCheck, cross_check
+from wormopt.systems.shared.settings import tolerance_of
 
 # The average of first order shall settle, and agree with (19), to this.
 _SETTLED = 1e-9

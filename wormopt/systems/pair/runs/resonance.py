@@ -16,10 +16,10 @@ from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.chain import tolerance_of
 from wormopt.systems.pair.runs.pair import Scales, no_steady_motion, pair_of, warnings_of_pair
 from wormopt.systems.pair.scenes.magnetic_pair import ResonanceScene
 from wormopt.systems.pair.steady import Exact, Pair, Points, branches_of, confirmed, points_of
+from wormopt.systems.shared.settings import tolerance_of
 
 # Steady states of (18) and (19) shall agree to this, of their size.
 _CLOSED = 1e-9

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from numbers import Integral
 from typing import Any
 
@@ -11,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
-from wormopt.model.model import Model, Output, Signal
+from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.model.path import ParameterPath
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import numbers
 from wormopt.systems.planar.body.obstacles import Disc, Wall
 from wormopt.systems.planar.body.shape import Heading
-from wormopt.systems.planar.dynamics.ground import Ground, ground_laws, press, touch
+from wormopt.systems.planar.dynamics.ground import Ground, Touching, ground_laws, press, touch
 from wormopt.systems.planar.dynamics.rods import RodMasses
 from wormopt.systems.shared.parameters import (
     first_numbers,
@@ -118,81 +119,187 @@ def planar_chain(
     """
     if not isinstance(links, Integral) or links < 1:
         raise ArgumentError(f"a chain has at least one link, and whole ones, not {links!r}")
-    masses, joints, t = links + 1, links - 1, ca.SX.sym("t")
-    speed = length_nominal / time_nominal
-    force_size = float(np.mean(numbers_of("mass", mass, masses))) * speed / time_nominal
-    r, v = ca.SX.sym("r", 2 * masses), ca.SX.sym("v", 2 * masses)
-    u, w = ca.SX.sym("u", links), ca.SX.sym("w", joints)
-
-    springs = [
-        varied_parameter("stiffness", stiffness, links, "stiffness", t),
-        varied_parameter("damping", damping, links, "drag", t),
-        varied_parameter("rest_length", rest_length, links, "length", t),
-        varied_parameter("bending_stiffness", bending_stiffness, joints, "1", t, "joints"),
-        varied_parameter("bending_damping", bending_damping, joints, "1", t, "joints"),
-        varied_parameter("rest_angle", rest_angle, joints, "angle", t, "joints"),
-    ]
-    c, d, l0, kappa, delta, phi0 = (expression for expression, _ in springs)
-    weighed = [parameter("mass", mass, masses, "mass"), _pull(pull, masses)]
+    t = ca.SX.sym("t")
+    size = float(np.mean(numbers_of("mass", mass, links + 1)))
+    units = _Units(length_nominal, time_nominal, size)
+    springs = _Springs(
+        {
+            "stiffness": varied_parameter("stiffness", stiffness, links, "stiffness", t),
+            "damping": varied_parameter("damping", damping, links, "drag", t),
+            "rest_length": varied_parameter("rest_length", rest_length, links, "length", t),
+            **{
+                name: varied_parameter(name, given, links - 1, unit, t, "joints")
+                for name, given, unit in (
+                    ("bending_stiffness", bending_stiffness, "1"),
+                    ("bending_damping", bending_damping, "1"),
+                    ("rest_angle", rest_angle, "angle"),
+                )
+            },
+        }
+    )
+    weights = [parameter("mass", mass, links + 1, "mass"), _pull(pull, links + 1)]
     if rod_mass is not None:
-        weighed.append(parameter("rod_mass", rod_mass, links, "mass"))
-    inertia = RodMasses(weighed[0].symbol, weighed[2].symbol if rod_mass is not None else None)
-
-    geometry = Geometry(r, v, heading)
-    length, angle = geometry.lengths, geometry.angles
-    rate, turning = ca.vertsplit(geometry.rates, [0, links, links + joints])
-    elastic = ca.vertcat(c * (length - l0), kappa * (angle - phi0))
-    damped = ca.vertcat(d * rate, delta * turning)
-    mu = elastic + damped - ca.vertcat(u, w)
-
-    ground = touch(ground_laws(law, masses), geometry.along(v), force_size, speed)
-    grounded = ca.vec(geometry.turned(ground.forces))
-    walls, pressed = press(obstacles, geometry.plane(r), geometry.plane(v), force_size, speed)
-    outer = weighed[1].symbol + grounded + ca.vec(pressed)
-    acceleration = inertia.solve(outer - geometry.pulled(mu))
+        weights.append(parameter("rod_mass", rod_mass, links, "mass"))
     if position is None:
         position = _relaxed(rest_length, rest_angle, links)
-    kinetic = inertia.kinetic(v)
-    stored = (ca.dot(c, (length - l0) ** 2) + ca.dot(kappa, (angle - phi0) ** 2)) / 2
-    return Model(
-        name=f"planar chain of {links} links",
-        x=[
-            Signal("position", r, "length", length_nominal,
-                   value=pairs("position", position, masses)),
-            Signal("velocity", v, "speed", speed, value=pairs("velocity", velocity, masses)),
-        ],
-        ode=ca.vertcat(v, acceleration),
-        u=[
-            Signal("input", u, "force", force_size, value=(0.0,) * links),
-            Signal("torque", w, "energy", force_size * length_nominal, value=(0.0,) * joints),
-        ][: 1 + (joints > 0)],
-        p=[*weighed, *(s for _, s in springs if isinstance(s, Signal) and s.size),
-           *ground.parameters],
-        t=t,
-        outputs=[
-            Output("length", length, "length"),
-            Output("angle", angle, "angle"),
-            Output("rate", rate, "speed"),
-            Output("turning", turning, "angular_frequency"),
-            Output("link_force", mu[:links], "force"),
-            Output("joint_torque", mu[links:], "energy"),
+    chain = _Chain(links, heading, springs, weights)
+    ground = touch(ground_laws(law, links + 1), chain.seen, units.force, units.speed)
+    stands = press(obstacles, *chain.in_plane, units.force, units.speed)
+    states = [
+        Signal("position", chain.r, "length", length_nominal,
+               value=pairs("position", position, links + 1)),
+        Signal("velocity", chain.v, "speed", units.speed,
+               value=pairs("velocity", velocity, links + 1)),
+    ]  # fmt: skip
+    return chain.model(t, states, units, ground, stands)
+
+
+@dataclass(frozen=True)
+class _Units:
+    """Usual sizes."""
+
+    length: float
+    time: float
+    mass: float
+
+    @property
+    def speed(self) -> float:
+        return self.length / self.time
+
+    @property
+    def force(self) -> float:
+        return self.mass * self.speed / self.time
+
+
+@dataclass(frozen=True, eq=False)
+class _Springs:
+    """Springs and dashpots of links and joints: expressions, and what gives their numbers."""
+
+    told: dict[str, tuple[ca.SX, Signal | Schedule]]
+
+    def _both(self, link: str, joint: str) -> ca.SX:
+        return ca.vertcat(self.told[link][0], self.told[joint][0])
+
+    @property
+    def stiffness(self) -> ca.SX:
+        """Of links, then of joints; as below."""
+        return self._both("stiffness", "bending_stiffness")
+
+    @property
+    def damping(self) -> ca.SX:
+        """Of dashpots."""
+        return self._both("damping", "bending_damping")
+
+    @property
+    def rest(self) -> ca.SX:
+        """Lengths and angles at rest."""
+        return self._both("rest_length", "rest_angle")
+
+    @property
+    def parameters(self) -> list[Signal]:
+        """Those that are constant."""
+        return [s for _, s in self.told.values() if isinstance(s, Signal) and s.size]
+
+    @property
+    def schedules(self) -> list[Schedule]:
+        """Those that vary."""
+        return [s for _, s in self.told.values() if isinstance(s, Schedule)]
+
+
+class _Chain:
+    """Masses that springs, dashpots and actuators join."""
+
+    def __init__(
+        self, links: int, heading: Heading, springs: _Springs, weights: list[Signal]
+    ) -> None:
+        self._links, self._springs, self._weights = links, springs, weights
+        self.r, self.v = ca.SX.sym("r", 2 * links + 2), ca.SX.sym("v", 2 * links + 2)
+        self.u, self.w = ca.SX.sym("u", links), ca.SX.sym("w", links - 1)
+        self.geometry = Geometry(self.r, self.v, heading)
+        self.inertia = RodMasses(weights[0].symbol, *(rods.symbol for rods in weights[2:]))
+        self._stretch = ca.vertcat(self.geometry.lengths, self.geometry.angles) - springs.rest
+        self._damped = springs.damping * self.geometry.rates
+        driven = ca.vertcat(self.u, self.w)
+        self.mu = springs.stiffness * self._stretch + self._damped - driven
+
+    @property
+    def in_plane(self) -> tuple[ca.SX, ca.SX]:
+        """Places and velocities, (2, masses)."""
+        return self.geometry.plane(self.r), self.geometry.plane(self.v)
+
+    @property
+    def seen(self) -> ca.SX:
+        """Velocities along the headings and to their left, (2, masses)."""
+        return self.geometry.along(self.v)
+
+    def model(
+        self,
+        t: ca.SX,
+        states: list[Signal],
+        units: _Units,
+        ground: Touching,
+        stands: tuple[list[Contact], ca.SX],
+    ) -> Model:
+        """Under forces of the ground and of what stands there."""
+        geometry, springs, (walls, pressed) = self.geometry, self._springs, stands
+        grounded = ca.vec(geometry.turned(ground.forces))
+        outer = self._weights[1].symbol + grounded + ca.vec(pressed)
+        acceleration = self.inertia.solve(outer - geometry.pulled(self.mu))
+        inputs = [
+            Signal("input", self.u, "force", units.force, value=(0.0,) * self._links),
+            Signal("torque", self.w, "energy", units.force * units.length,
+                   value=(0.0,) * (self._links - 1)),
+        ]  # fmt: skip
+        return Model(
+            name=f"planar chain of {self._links} links",
+            x=states,
+            ode=ca.vertcat(self.v, acceleration),
+            u=inputs[: 1 + (self._links > 1)],
+            p=[*self._weights, *springs.parameters, *ground.parameters],
+            t=t,
+            outputs=[*self._shape(grounded), *self._energies(), *self._powers(grounded)],
+            contacts=[*ground.contacts, *walls],
+            schedules=springs.schedules,
+        )
+
+    def _shape(self, grounded: ca.SX) -> list[Output]:
+        """Shape, loads, headings."""
+        geometry, n = self.geometry, self._links
+        return [
+            Output("length", geometry.lengths, "length"),
+            Output("angle", geometry.angles, "angle"),
+            Output("rate", geometry.rates[:n], "speed"),
+            Output("turning", geometry.rates[n:], "angular_frequency"),
+            Output("link_force", self.mu[:n], "force"),
+            Output("joint_torque", self.mu[n:], "energy"),
             Output("heading", geometry.headings, "angle"),
             Output("ground_force", grounded, "force"),
-            Output("speed", ca.sqrt(ca.sum1(geometry.plane(v) ** 2)).T, "speed"),
+            Output("speed", ca.sqrt(ca.sum1(geometry.plane(self.v) ** 2)).T, "speed"),
+        ]
+
+    def _energies(self) -> list[Output]:
+        """Energies, and the centre of mass."""
+        kinetic = self.inertia.kinetic(self.v)
+        stored = ca.dot(self._springs.stiffness, self._stretch**2) / 2
+        return [
             Output("kinetic_energy", kinetic, "energy"),
             Output("energy", kinetic + stored, "energy"),
-            Output("center_of_mass", inertia.center(r), "length"),
-            Output("center_velocity", inertia.center(v), "speed"),
-            Output("power", ca.vertcat(u * rate, w * turning), "power"),
-            Output("input_power", ca.dot(u, rate), "power"),
-            Output("torque_power", ca.dot(w, turning), "power"),
-            Output("damping_power", -ca.dot(damped, geometry.rates), "power"),
-            Output("ground_power", ca.dot(grounded, v), "power"),
-            Output("pull_power", ca.dot(weighed[1].symbol, v), "power"),
-        ],
-        contacts=[*ground.contacts, *walls],
-        schedules=[s for _, s in springs if isinstance(s, Schedule)],
-    )  # fmt: skip
+            Output("center_of_mass", self.inertia.center(self.r), "length"),
+            Output("center_velocity", self.inertia.center(self.v), "speed"),
+        ]
+
+    def _powers(self, grounded: ca.SX) -> list[Output]:
+        """Powers that the worm takes up."""
+        rate, turning = ca.vertsplit(self.geometry.rates, [0, self._links, 2 * self._links - 1])
+        powers = {
+            "power": ca.vertcat(self.u * rate, self.w * turning),
+            "input_power": ca.dot(self.u, rate),
+            "torque_power": ca.dot(self.w, turning),
+            "damping_power": -ca.dot(self._damped, self.geometry.rates),
+            "ground_power": ca.dot(grounded, self.v),
+            "pull_power": ca.dot(self._weights[1].symbol, self.v),
+        }
+        return [Output(name, power, "power") for name, power in powers.items()]
 
 
 class Geometry:

@@ -93,8 +93,7 @@ def driven_shape(
     """
     points, t = shape.n_points, ca.SX.sym("t")
     speed = length_nominal / time_nominal
-    values = np.array(numbers_of("mass", mass, points))
-    force_size = float(values.mean()) * speed / time_nominal
+    force_size = float(np.mean(numbers_of("mass", mass, points))) * speed / time_nominal
     given = [
         parameter("mass", mass, points, "mass"),
         Signal("pull", ca.SX.sym("pull", 2 * points), "force", value=pairs("pull", pull, points)),
@@ -106,19 +105,11 @@ def driven_shape(
 
     ground = touch(ground_laws(law, points), body.seen, force_size, speed)
     motion = body.pushed(ground.forces)
-    states = [
-        Signal("center", body.center, "length", length_nominal, value=pairs("center", center, 1)),
-        Signal("angle", body.angle, "angle", value=float(angle)),
-        Signal(
-            "center_velocity", body.velocity, "speed", speed, value=pairs("velocity", velocity, 1)
-        ),
-        Signal(
-            "turning", body.turning, "angular_frequency", 1 / time_nominal, value=float(turning)
-        ),
-    ]
+    states = body.states(length_nominal, speed)
+    values = pairs("center", center, 1), angle, pairs("velocity", velocity, 1), turning
     return Model(
         name=f"driven body of {points} points",
-        x=states,
+        x=[replace(s, value=value) for s, value in zip(states, values, strict=True)],
         ode=body.put(motion.ode),
         p=[*given, *ground.parameters],
         t=t,
@@ -139,6 +130,15 @@ class _Body:
         self._acceleration = ca.SX.sym("s_ddot", shape.s.numel())
         self.x = ca.vertcat(self.center, self.angle, self.velocity, self.turning)
         self.inner = shape.points - ca.repmat(shape.points @ m / ca.sum1(m), 1, shape.n_points)
+
+    def states(self, length: float, speed: float) -> list[Signal]:
+        """States, of usual sizes."""
+        return [
+            Signal("center", self.center, "length", length),
+            Signal("angle", self.angle, "angle"),
+            Signal("center_velocity", self.velocity, "speed", speed),
+            Signal("turning", self.turning, "angular_frequency", speed / length),
+        ]
 
     def by_shape(self, expression: ca.SX) -> ca.SX:
         """Time derivative as far as it comes from the change of shape."""

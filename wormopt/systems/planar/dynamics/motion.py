@@ -98,6 +98,26 @@ def measure_works(model: Model, nominal: float) -> Model:
     )
 
 
+def watch_links(model: Model, least: float) -> Model:
+    """End the motion of a chain where a link gets shorter than `least`.
+
+    A link of no length has no direction: its mass turns about the other ever faster. Links that
+    are shorter from the start are let be until they have been longer.
+    """
+    lengths = model["length"]
+    closes = [
+        Switch(f"link {j + 1} closes", least - lengths[j], pack(model.x), terminal=True)
+        for j in range(lengths.numel())
+    ]
+    return replace(model, switches=[*model.switches, *closes])
+
+
+def closed_link(motion: Trajectory) -> str:
+    """Which link has ended a motion of a model of `watch_links`, "link 1" say; else empty."""
+    last = motion.events[-1] if motion.events else None
+    return last.name.removesuffix(" closes") if last and last.kind == "switch" else ""
+
+
 def energy_error(motion: Trajectory, stored: str) -> float:
     """Largest difference over time of all works and the energy `stored`, over the largest of them.
 

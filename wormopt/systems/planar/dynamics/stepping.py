@@ -16,6 +16,9 @@ from wormopt.simulation.moreau import MoreauJean
 from wormopt.simulation.trajectory import Trajectory
 
 _FINER = 4  # the second step is so many times shorter
+# Where an event lies within its step adds to the error at first order, and by chance: a mass that
+# turns back slides to one side for the whole step. So several lengths tell the longer one's error.
+_LENGTHS = (1.0, 0.93, 0.87, 0.81)
 _SHARE = 0.005  # of the longest stable step
 _PER_WAY = 1e-9  # of the usual size: a way that is none
 
@@ -25,8 +28,10 @@ class Stepped:
     """Where steps of Moreau and Jean end, against the end found by events."""
 
     step: float  # the longer one of two; the other is a quarter of it
-    coarse: float  # largest difference of a place by the longer one, over the longest way
-    fine: float  # likewise by the shorter one: a quarter of it, at first order
+    # largest difference of a place over the longest way, by the longer one: root of the mean square
+    # over lengths near it, told for its own
+    coarse: float
+    fine: float  # by the shorter one: about a quarter of it, at first order
 
 
 def stepper_of(worm: Model) -> MoreauJean | None:
@@ -54,17 +59,19 @@ def step_again(
         numbers = signal_values(tuple(model.p), None, "parameter")
         step = min(_SHARE * stepper.safe_step(start, numbers), motion.end_time / 200)
     places = motion["position"]
-    size = motion.system.model.x[0].nominal
-    way = max(np.abs(np.diff(places, axis=1)).sum(axis=1).max(), _PER_WAY * size)
-    errors = [
-        np.abs(
-            stepper.march(motion.end_time, step=length, report=report).states[: len(places), -1]
-            - places[:, -1]
-        ).max()
-        / way
-        for length in (step, step / _FINER)
-    ]
-    return Stepped(step, *map(float, errors))
+    way = longest_way(places, motion.system.model.x[0].nominal)
+
+    def error(length: float) -> float:
+        found = stepper.march(motion.end_time, step=length, report=report)
+        return float(np.abs(found.states[: len(places), -1] - places[:, -1]).max() / way)
+
+    coarse = np.sqrt(np.mean([(error(share * step) / share) ** 2 for share in _LENGTHS]))
+    return Stepped(step, float(coarse), error(step / _FINER))
+
+
+def longest_way(places: np.ndarray, nominal: float) -> float:
+    """Longest way of a coordinate (rows over time), a billionth of the usual size at least."""
+    return float(max(np.abs(np.diff(places, axis=1)).sum(axis=1).max(), _PER_WAY * nominal))
 
 
 def _with_clock(worm: Model) -> Model:

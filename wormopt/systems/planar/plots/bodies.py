@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from wormopt.plotting.parts import (
     GREY,
@@ -21,6 +22,7 @@ from wormopt.plotting.parts import (
     sheet,
 )
 from wormopt.result import Result
+from wormopt.systems.planar.plots.obstacles import SOLID, draw_obstacle
 
 FRAMES = 120
 _SNAPSHOTS = 9
@@ -46,7 +48,9 @@ def course(result: Result, traced: str) -> Figure:
     held = line("ground holds the mass", GREY, "none", marker="o")
     free = line("mass moves", GREY, "none", marker="o")
     free.set_markerfacecolor("white")
-    legend_below(drawn, [*handles("mass", masses), held, free, line(traced, "black", width=0.9)])
+    told = [*handles("mass", masses), held, free, line(traced, "black", width=0.9)]
+    solid = Patch(facecolor=SOLID, edgecolor=GREY, label="obstacle")
+    legend_below(drawn, [*told, solid] if result.attributes.get("obstacles") else told)
     return drawn
 
 
@@ -78,6 +82,10 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
 def reach(result: Result) -> tuple[tuple[float, float], tuple[float, float]]:
     """Least and largest x and y that are shown."""
     x, y = result["x"].values, result["y"].values
+    for each in result.attributes.get("obstacles") or []:
+        if each["shape"] == "disc":
+            (a, b), r = each["centre"], each["radius"]
+            x, y = np.append(x, [a - r, a + r]), np.append(y, [b - r, b + r])
     more = 0.04 * max(np.ptp(x), np.ptp(y)) + 1e-12
     half = max(np.ptp(y) / 2, 0.1 * np.ptp(x)) + more
     middle = (y.max() + y.min()) / 2
@@ -90,6 +98,8 @@ def stage(axes: Axes, result: Result) -> None:
     axes.set_xlim(across)
     axes.set_ylim(up)
     axes.set_aspect("equal", adjustable="box")
+    for each in result.attributes.get("obstacles") or []:
+        draw_obstacle(axes, each)
     axes.set_xlabel(label("place $x$", result["x"].unit))
     axes.set_ylabel(label("place $y$", result["y"].unit))
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Patch, Polygon
+from matplotlib.patches import Circle, Patch
 
 from wormopt.plotting.parts import (
     GLIDE,
@@ -26,9 +23,10 @@ from wormopt.plotting.parts import (
     tell,
 )
 from wormopt.result import Result
+from wormopt.systems.planar.plots.obstacles import SOLID, draw_obstacle, thick
 
 FRAMES = 160
-_SOLID, _SWEPT, _BODY = "#BDB6AC", "#DCE9F3", "#7FB2D6"
+_SWEPT, _BODY = "#DCE9F3", "#7FB2D6"
 
 
 def path(result: Result) -> Figure:
@@ -37,9 +35,9 @@ def path(result: Result) -> Figure:
     axes = drawn.subplots()
     _stage(axes, result)
     x, y = _course(result)
-    _thick(axes, x, y, _radius(result), color=_SWEPT, zorder=1)
+    thick(axes, x, y, _radius(result), color=_SWEPT, zorder=1)
     stops = _stops(result)
-    _thick(axes, x[:, stops], y[:, stops], _radius(result), color=_BODY, zorder=3,
+    thick(axes, x[:, stops], y[:, stops], _radius(result), color=_BODY, zorder=3,
            linewidths=0.6, edgecolor="white")  # fmt: skip
     axes.plot(x[0], y[0], color="black", linewidth=0.9, zorder=4)
     axes.plot(x[0, stops], y[0, stops], "o", color="black", markersize=2.5, zorder=4)
@@ -50,7 +48,7 @@ def path(result: Result) -> Figure:
         Patch(color=_SWEPT, label="swept over"),
         line("head", "black", "-", 0.9),
         Line2D([], [], color=MASSES[1], marker=".", linestyle="", label="pinned"),
-        Patch(color=_SOLID, label="obstacle"),
+        Patch(color=SOLID, label="obstacle"),
         line("goal", RED),
     ]
     legend_below(drawn, entries)
@@ -84,7 +82,7 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
     x, y = _course(result)
     now = np.array([[np.interp(t, time, row) for row in rows] for rows in (x, y)])
     k = min(int(np.searchsorted(time, t, side="right")), len(time) - 1)
-    _thick(axes, now[0, :, None], now[1, :, None], _radius(result), color=LINKS[0], zorder=3,
+    thick(axes, now[0, :, None], now[1, :, None], _radius(result), color=LINKS[0], zorder=3,
            gid="moves")  # fmt: skip
     axes.plot(x[0, :k], y[0, :k], color="black", linewidth=0.9, zorder=2, gid="moves")
     pinned = result["pinned"].values[:, k] > 0.5
@@ -97,11 +95,11 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
 def _stage(axes: Axes, result: Result) -> None:
     """Obstacles, corridor, places on the way, goal; equal axes."""
     for each in needed(result, "obstacles"):
-        _draw_obstacle(axes, each)
+        draw_obstacle(axes, each)
     corridor = result.attributes.get("corridor")
     if corridor:
         corners, width = np.array(corridor[0]), corridor[1]
-        _thick(axes, corners[:, :1], corners[:, 1:], width, color=GLIDE, zorder=0)
+        thick(axes, corners[:, :1], corners[:, 1:], width, color=GLIDE, zorder=0)
         axes.plot(*corners.T, color=GREY, linestyle=":", linewidth=0.8, zorder=1)
     for place in result.attributes.get("via") or []:
         axes.plot(*place, "+", color=GREY, markersize=8, zorder=5)
@@ -136,51 +134,6 @@ def _sheet(result: Result) -> Figure:
     (left, right), (low, high) = _window(result)
     ratio = float(np.clip((high - low) / (right - left), 0.2, 1.2))
     return sheet(7.1, 6.4 * ratio + 0.9, 2.6 * ratio + 1.3)
-
-
-def _draw_obstacle(axes: Axes, each: Any) -> None:
-    style = {"facecolor": _SOLID, "edgecolor": GREY, "linewidth": 0.6, "zorder": 2}
-    if each["shape"] == "disc":
-        axes.add_patch(Circle(each["centre"], each["radius"], **style))
-    elif each["shape"] == "block":
-        axes.add_patch(Polygon(each["corners"], **style))
-    elif each["shape"] == "wall":
-        normal = np.array([np.cos(each["angle"]), np.sin(each["angle"])])
-        along, far = np.array([-normal[1], normal[0]]), 1e3 * _size(axes)
-        point = np.array(each["point"])
-        corners = [point + far * along, point - far * along]
-        axes.add_patch(Polygon([*corners, *(c - far * normal for c in corners[::-1])], **style))
-    else:
-        ends = np.array([each["start"], each["end"]])
-        if each.get("radius"):
-            _thick(axes, ends[:, :1], ends[:, 1:], each["radius"], color=_SOLID, zorder=2)
-        axes.plot(ends[:, 0], ends[:, 1], color=GREY, linewidth=1.0, zorder=2)
-
-
-def _size(axes: Axes) -> float:
-    return max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()), 1e-300)
-
-
-def _thick(axes: Axes, x: np.ndarray, y: np.ndarray, radius: float, **style: Any) -> None:
-    """Bodies (n, m) of links as capsules of a radius in the units of the plane."""
-    usual: dict[str, Any] = {"linewidths": 0.0}
-    outlines = [
-        _capsule(x[j : j + 2, k], y[j : j + 2, k], radius)
-        for k in range(x.shape[1])
-        for j in range(x.shape[0] - 1)
-    ]
-    axes.add_collection(PolyCollection(outlines, **(usual | style)))
-
-
-def _capsule(x: np.ndarray, y: np.ndarray, radius: float) -> np.ndarray:
-    """Outline (m, 2) of a capsule."""
-    angle = np.arctan2(y[1] - y[0], x[1] - x[0])
-    half = np.linspace(-np.pi / 2, np.pi / 2, 13)
-    front = angle + half
-    rear = front + np.pi
-    ahead = np.column_stack([x[1] + radius * np.cos(front), y[1] + radius * np.sin(front)])
-    behind = np.column_stack([x[0] + radius * np.cos(rear), y[0] + radius * np.sin(rear)])
-    return np.vstack([ahead, behind])
 
 
 def _course(result: Result) -> tuple[np.ndarray, np.ndarray]:

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from wormopt.plotting.parts import (
     DASHES,
+    GREY,
     LINKS,
     MASSES,
     RED,
@@ -28,6 +29,7 @@ _WORKS = (
     ("ground", RED, "ground"),
     ("damping", LINKS[2], "dashpots"),
     ("pull", LINKS[1], "weight"),
+    ("wall", GREY, "obstacles"),
 )
 
 
@@ -65,8 +67,8 @@ def forces(result: Result) -> Figure:
             axes.plot(time, row, color=colour, linestyle=dashes, linewidth=1.1)
         axes.set_ylabel(_lines(words, result[name].unit))
         legend(axes, [line(f"{what} {j}", *each) for j, each in enumerate(drawing)][:9])
-    for (name, colour, words), dashes in zip(_WORKS, DASHES, strict=True):
-        done = result[f"work_{name}"].values
+    for (name, colour, words), dashes in zip(_WORKS, (*DASHES, ":"), strict=True):
+        done = result[f"work_{name}"].values if f"work_{name}" in result else 0.0
         if np.any(done):
             panels[-1].plot(time, done, color=colour, linestyle=dashes, label=words)
     energy = result["energy"].values

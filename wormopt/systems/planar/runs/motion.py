@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from wormopt.errors import Interrupted, SolveError
@@ -14,22 +15,21 @@ from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
-from wormopt.scene.numerics import SmoothContact, ToleranceTable
 from wormopt.scene.scene import Scene
 from wormopt.scene.types import per
-from wormopt.simulation.options import Exact, Smooth, Tolerance
+from wormopt.simulation.options import Exact, Tolerance
+from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.planar.body.strokes import Harmonics
-from wormopt.systems.planar.dynamics.chain import chain_places, planar_chain
 from wormopt.systems.planar.dynamics.motion import (
+    closed_link,
     energy_error,
     measure_works,
     resting_masses,
-    swing,
+    watch_links,
 )
-from wormopt.systems.planar.dynamics.stepping import Stepped, step_again, stepper_of
-from wormopt.systems.planar.runs.ground import ground_of
-from wormopt.systems.planar.scenes.motion import PlanarMotionScene, Swinging
+from wormopt.systems.planar.dynamics.stepping import Stepped, longest_way, step_again, stepper_of
+from wormopt.systems.planar.runs.worms import build_planar
+from wormopt.systems.planar.scenes.motion import PlanarMotionScene
 from wormopt.systems.shared.proof import (
     CrossCheck,
     accepted_error,
@@ -37,13 +37,19 @@ from wormopt.systems.shared.proof import (
     motion_facts,
     warnings_of_motion,
 )
+from wormopt.systems.shared.settings import tolerance_of, treatment_of
 from wormopt.systems.shared.signals import event_arrays, simulate_whole
 
 _FOLDED = 3.1  # a joint that bends farther is taken to fold
+_CLOSED = 1e-3  # of the usual length: a link that is shorter has closed up
+# Softer obstacles, and by how much the end may then differ: about what is left to rigid ones.
+_SOFTER, _YIELDING = 0.25, 0.02
+# Obstacles that push a mass to rest ever more slowly cost steps without end.
+_STEPS_AT_OBSTACLES = 300_000
 # What is accepted of the second route's end over the longest way, if it goes by steps of first
 # order, and of what a quarter of its step leaves of that (a quarter), unless that is noise:
 # single stops and releases that fall into one step or the next are as much.
-_STEPPED, _ORDER, _NOISE = 0.01, 0.5, 1e-4
+_STEPPED, _ORDER, _NOISE = 0.01, 0.5, 1e-6
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
@@ -54,30 +60,18 @@ def run(scene: Scene[PlanarMotionScene], report: Report) -> Result:
     motion so far as partial result.
     """
     table, clock = scene.table, time.perf_counter()
-    plain = build_planar(table)
-    model = measure_works(plain, _usual_work(table))
+    plain = build_planar(scene)
     built = time.perf_counter()
-    contact, settings = table.contact, table.tolerance
-    treatment = Smooth(contact.v_reg) if isinstance(contact, SmoothContact) else Exact()
-    tolerance = tolerance_of(settings)
-    try:
-        motion = simulate_whole(
-            model, table.time.end, table.time.samples, treatment, tolerance, report
-        )
-    except SolveError as error:
-        partial = _unfinished(scene, error.partial, error.reason)
-        raise SolveError(error.reason, error.suggestion, partial, error.code) from None
-    except Interrupted as stop:
-        why = f"interrupted at t = {stop.partial.end_time:.6g}"
-        raise Interrupted(_unfinished(scene, stop.partial, why)) from None
+    tolerance = tolerance_of(table.tolerance)
+    motion = _follow(scene, plain, tolerance, report)
     simulated = time.perf_counter()
     try:
-        second = _recheck(plain, motion, tolerance, report) if settings.recheck else None
+        second = _recheck(scene, plain, motion, report) if table.tolerance.recheck else None
     except KeyboardInterrupt:
         why = "interrupted before the second route was done"
         raise Interrupted(_unfinished(scene, motion, why)) from None
     check = second and second.check
-    scalars = _scalars(motion, second)
+    scalars = _scalars(scene, motion, second)
     return conclude(
         scene,
         scalars,
@@ -90,88 +84,52 @@ def run(scene: Scene[PlanarMotionScene], report: Report) -> Result:
             "simulate": simulated - built,
             "recheck": time.perf_counter() - simulated,
         },
-        attributes=_attributes(motion),
+        attributes=_attributes(scene, motion),
     )
 
 
 def models_of(scene: Scene[PlanarMotionScene]) -> dict[str, Model]:
     """Make the model that is simulated."""
-    return {"": build_planar(scene.table)}
+    return {"": build_planar(scene)}
 
 
-def build_planar(table: PlanarMotionScene) -> Model:
-    """Model of the worm with what moves it."""
-    worm, start = table.worm, table.start
-    links, joints = worm.links, worm.links - 1
-    lengths = per(worm.rest_length if start.lengths is None else start.lengths, links)
-    angles = per(worm.rest_angle if start.angles is None else start.angles, joints)
-    mass = np.array(per(worm.mass, links + 1))
-    places = _turned(start.direction, chain_places(lengths, angles)) + start.tail
-    model = planar_chain(
-        links,
-        mass=mass,
-        stiffness=worm.stiffness,
-        damping=worm.damping,
-        rest_length=worm.rest_length,
-        bending_stiffness=worm.bending_stiffness,
-        bending_damping=worm.bending_damping,
-        rest_angle=worm.rest_angle,
-        rod_mass=worm.rod_mass,
-        law=[ground_of(ground) for ground in table.grounds],
-        pull=_weights(table),
-        heading=worm.heading,
-        position=places,
-        velocity=_velocities(table, places),
-        length_nominal=float(np.mean(lengths)),
-        time_nominal=table.actuation.period if table.actuation else table.time.end,
-    )
-    if table.actuation is None:
-        return model
-    told = {"input": (table.actuation.force, links), "torque": (table.actuation.torque, joints)}
-    courses = {name: _harmonics(given, count) for name, (given, count) in told.items() if given}
-    return swing(model, table.actuation.period, courses)
-
-
-def _harmonics(table: Swinging, count: int) -> Harmonics:
-    """Course of `count` values; rows that are missing are 0."""
-    most = max(len(table.cosine), len(table.sine))
-    parts = np.zeros((2, most, count))
-    for part, rows in zip(parts, (table.cosine, table.sine), strict=True):
-        part[: len(rows)] = np.reshape(rows, (len(rows), count))
-    return Harmonics(np.array(table.mean or (0.0,) * count), *parts)
-
-
-def tolerance_of(table: ToleranceTable) -> Tolerance:
-    """Tolerance that a scene asks for."""
-    return Tolerance(table.relative, table.absolute, table.max_steps, table.max_step)
-
-
-def _turned(angle: float, rows: np.ndarray) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return rows @ np.array([[c, s], [-s, c]])
-
-
-def _weights(table: PlanarMotionScene) -> np.ndarray:
-    """Weight of each mass, and of half the rods beside it, down the slope."""
-    worm = table.worm
-    weight = np.array(per(worm.mass, worm.links + 1))
-    if worm.rod_mass is not None:
-        half = np.array(per(worm.rod_mass, worm.links)) / 2
-        weight = weight + np.append(half, 0.0) + np.append(0.0, half)
-    down = worm.standard * np.sin(worm.slope) if worm.slope else 0.0
-    return np.stack([-down * weight, 0.0 * weight], axis=1)
-
-
-def _velocities(table: PlanarMotionScene, places: np.ndarray) -> np.ndarray:
-    """Of all masses: one for all, and a turn about the centre of mass."""
-    worm, start = table.worm, table.start
-    weight = np.array(per(worm.mass, worm.links + 1))
-    if worm.rod_mass is not None:
-        half = np.array(per(worm.rod_mass, worm.links)) / 2
-        weight = weight + np.append(half, 0.0) + np.append(0.0, half)
-    arms = places - weight @ places / weight.sum()
-    left = np.stack([-arms[:, 1], arms[:, 0]], axis=1)
-    return np.array(start.velocity) + start.turning * left
+def _follow(
+    scene: Scene[PlanarMotionScene], plain: Model, tolerance: Tolerance, report: Report
+) -> Trajectory:
+    """Simulate; raises SolveError or Interrupted with a partial Result."""
+    table = scene.table
+    if table.obstacles:
+        fewer = min(tolerance.max_steps, _STEPS_AT_OBSTACLES)
+        tolerance = replace(tolerance, max_steps=fewer)
+    measured = measure_works(plain, _usual_work(table))
+    watched = watch_links(measured, _CLOSED * plain.x[0].nominal)
+    try:
+        motion = simulate_whole(
+            watched,
+            table.time.end,
+            table.time.samples,
+            treatment_of(table.contact),
+            tolerance,
+            report,
+        )
+    except SolveError as error:
+        partial = _unfinished(scene, error.partial, error.reason)
+        advice = error.suggestion
+        if table.obstacles and error.code == "too_many_steps":
+            advice = "write a smaller obstacle_stiffness: masses come to rest there too slowly"
+        raise SolveError(error.reason, advice, partial, error.code) from None
+    except Interrupted as stop:
+        why = f"interrupted at t = {stop.partial.end_time:.6g}"
+        raise Interrupted(_unfinished(scene, stop.partial, why)) from None
+    link = closed_link(motion)
+    if link:
+        why = f"{link} closes up at t = {motion.end_time:.6g}: it has no direction any more"
+        advice = (
+            "write less actuation.force, or a larger worm.stiffness, worm.damping or "
+            "worm.bending_stiffness"
+        )
+        raise SolveError(why, advice, _unfinished(scene, motion, why), "link_closed")
+    return motion
 
 
 def _usual_work(table: PlanarMotionScene) -> float:
@@ -189,10 +147,17 @@ class Recheck:
 
     check: CrossCheck
     stepped: Stepped | None = None  # where it goes by steps
+    wall_error: float | None = None  # where there are obstacles
 
 
-def _recheck(model: Model, motion: Trajectory, tolerance: Tolerance, report: Report) -> Recheck:
+def _recheck(
+    scene: Scene[PlanarMotionScene], model: Model, motion: Trajectory, report: Report
+) -> Recheck:
     """By steps of Moreau and Jean, which know no events; where they do not fit, by tolerance."""
+    tolerance = tolerance_of(scene.table.tolerance)
+    if scene.table.obstacles:
+        check = cross_check(model, motion, tolerance, report=report)
+        return Recheck(check, wall_error=_softness(scene, motion, tolerance, report))
     exact = isinstance(motion.system.treatment, Exact)
     stepper = stepper_of(model) if exact else None
     if stepper is None:
@@ -205,19 +170,36 @@ def _recheck(model: Model, motion: Trajectory, tolerance: Tolerance, report: Rep
     return Recheck(CrossCheck(name, found.fine, _STEPPED, shared), found)
 
 
+def _softness(
+    scene: Scene[PlanarMotionScene], motion: Trajectory, tolerance: Tolerance, report: Report
+) -> float:
+    """How far the end is from that among softer obstacles, over the longest way of a mass."""
+    softer = build_planar(scene, stiffer=_SOFTER)
+    treatment = motion.system.treatment
+    again = simulate(softer, motion.end_time, contact=treatment, tolerance=tolerance, report=report)
+    places = motion["position"]
+    off = np.abs(again["position"][:, -1] - places[:, -1]).max()
+    return float(off / longest_way(places, softer.x[0].nominal))
+
+
 # -- results -------------------------------------------------------------------------------------
 
 
 def _unfinished(scene: Scene[PlanarMotionScene], motion: Trajectory, why: str) -> Result:
     signals = _signals(motion) if len(motion.time) else {}
-    return conclude(scene, {}, signals, attributes=_attributes(motion)).failed(why)
+    return conclude(scene, {}, signals, attributes=_attributes(scene, motion)).failed(why)
 
 
-def _attributes(motion: Trajectory) -> dict[str, Any]:
-    return {"contacts": [contact.name for contact in motion.system.model.contacts]}
+def _attributes(scene: Scene[PlanarMotionScene], motion: Trajectory) -> dict[str, Any]:
+    found: dict[str, Any] = {"contacts": [contact.name for contact in motion.system.model.contacts]}
+    if scene.table.obstacles:
+        found["obstacles"] = [msgspec.to_builtins(each) for each in scene.table.obstacles]
+    return found
 
 
-def _scalars(motion: Trajectory, second: Recheck | None) -> dict[str, Any]:
+def _scalars(
+    scene: Scene[PlanarMotionScene], motion: Trajectory, second: Recheck | None
+) -> dict[str, Any]:
     center, lengths = motion["center_of_mass"], motion["length"]
     way = center[:, -1] - center[:, 0]
     looks = np.unwrap(motion["heading"][0])
@@ -230,6 +212,8 @@ def _scalars(motion: Trajectory, second: Recheck | None) -> dict[str, Any]:
         "angle_max": float(np.abs(motion["angle"]).max(initial=0.0)),
         "length_min": float(lengths.min()),
         **{f"{name}_work": float(done[-1]) for name, done in works.items()},
+        **_pressed(scene, motion),
+        "wall_error": second and second.wall_error,
         "energy_error": energy_error(motion, "energy"),
         "rest_share": float(resting_masses(motion).mean()),
         "n_events": len(motion.events),
@@ -242,6 +226,8 @@ def _scalars(motion: Trajectory, second: Recheck | None) -> dict[str, Any]:
 
 def _works(motion: Trajectory) -> dict[str, np.ndarray]:
     done = {name: motion[f"{name}_work"][0] for name in ("input", "torque", "ground", "damping")}
+    if "wall_work" in motion.names:
+        done["wall"] = motion["wall_work"][0]
     return {
         "actuator": done.pop("input") + done.pop("torque"),
         **done,
@@ -249,11 +235,22 @@ def _works(motion: Trajectory) -> dict[str, np.ndarray]:
     }
 
 
+def _pressed(scene: Scene[PlanarMotionScene], motion: Trajectory) -> dict[str, float]:
+    """How obstacles press and give way."""
+    if not scene.table.obstacles:
+        return {}
+    largest = float(motion["wall_force"].max())
+    return {
+        "wall_force_max": largest,
+        "wall_depth": max(-float(motion["wall_gap"].min()), 0.0),
+    }
+
+
 def _signals(motion: Trajectory) -> dict[str, Any]:
     ground = motion["ground_force"]
     links, joints = len(motion["length"]), len(motion["angle"])
     torque = motion["torque"] if joints else np.zeros((0, len(motion.time)))
-    center = motion["center_of_mass"]
+    center, walls = motion["center_of_mass"], "wall_work" in motion.names
     return {
         "time": motion.time,
         "x": motion["position"][::2],
@@ -267,12 +264,18 @@ def _signals(motion: Trajectory) -> dict[str, Any]:
         "input": motion["input"],
         **({"angle": motion["angle"], "torque": torque} if joints else {}),
         "power": motion["power"].reshape(links + joints, -1),
+        **({"wall_force": _by_mass(motion["wall_force"], len(ground) // 2)} if walls else {}),
         "center_x": center[0],
         "center_y": center[1],
         "energy": motion["energy"][0],
         **{f"work_{name}": done for name, done in _works(motion).items()},
         **event_arrays([motion], several=False),
     }
+
+
+def _by_mass(rows: np.ndarray, masses: int) -> np.ndarray:
+    """Sums (masses, m) over obstacles of rows (obstacles x masses, m)."""
+    return rows.reshape(-1, masses, rows.shape[1]).sum(axis=0)
 
 
 def _checks(
@@ -287,6 +290,14 @@ def _checks(
             _ORDER,
             "the second route does not come nearer at its order; a motion this sensitive is not "
             "to be trusted",
+        )
+    if second and second.wall_error is not None:
+        yield Check(
+            "obstacles",
+            second.wall_error,
+            _YIELDING,
+            "the motion hangs on how obstacles give way; write a larger obstacle_stiffness or a "
+            "shorter time.end",
         )
     error = scalars["energy_error"]
     yield Check(

@@ -30,6 +30,7 @@ from wormopt.scene.types import (
     wrong_count,
 )
 from wormopt.systems.planar.scenes.ground import MassGround
+from wormopt.systems.planar.scenes.standing import Standing
 from wormopt.systems.shared.declared import EVENTS, STEPS, TIME, over
 
 _Links = Annotated[int, Meta(ge=1, le=50, description="a whole number from 1 to 50")]
@@ -40,6 +41,7 @@ _Vector = Annotated[
 _Row = tuple[Finite, ...]
 _Angle = Annotated[float, Meta(gt=-3.14159, lt=3.14159, description="an angle within ±3.14159")]
 _Slope = Annotated[float, Meta(ge=0, le=1.5707, description="an angle from 0 to 1.5707")]
+_STIFFER = 1000.0  # obstacles than links
 _JOINTS = ("bending_stiffness", "bending_damping", "rest_angle")
 
 
@@ -166,7 +168,8 @@ class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
     Moreau and Jean, which know no events, at two lengths of step; where these do not treat the
     ground (skids, spikes, pins, `unit`) or contact is smooth, by another integrator. Theory:
     [theory-planar.md](../theory-planar.md). Status `failed`: a second route ends elsewhere,
-    energies do not balance, or a joint folds.
+    energies do not balance, a joint folds, or obstacles are so soft that the end hangs on it.
+    The run is given up where a link closes up: it has no direction then.
     """
 
     headline: ClassVar = ("distance", "turn", "actuator_work", "n_events")
@@ -181,6 +184,14 @@ class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
         "ground_work": ("energy", "likewise by the ground"),
         "damping_work": ("energy", "likewise by the dashpots"),
         "pull_work": ("energy", "likewise by the weight along the slope"),
+        "wall_work": ("energy", "likewise by the obstacles"),
+        "wall_force_max": ("force", "largest of an obstacle on a mass, of the samples"),
+        "wall_depth": ("length", "deepest that a mass enters an obstacle, of the samples"),
+        "wall_error": (
+            "share",
+            "largest difference of a place at the end, over the longest way of a mass, where "
+            "obstacles are a quarter as stiff; about the error by their giving way",
+        ),
         "energy_error": ("share", "works less the energy gained, over the largest of them"),
         "rest_share": ("share", "of the samples at which a mass rests, mean over the masses"),
         **STEPS,
@@ -215,6 +226,8 @@ class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
                 "work_ground": ("energy", (), "done by the ground"),
                 "work_damping": ("energy", (), "done by the dashpots"),
                 "work_pull": ("energy", (), "done by the weight along the slope"),
+                "work_wall": ("energy", (), "done by the obstacles"),
+                "wall_force": ("force", ("mass",), "of all obstacles on the mass"),
             }
         )
         | EVENTS
@@ -238,6 +251,18 @@ class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
     actuation: Annotated[PlanarActuation | None, says("", "what moves it; nothing if left out")] = (
         None
     )
+    obstacles: Annotated[
+        tuple[Standing, ...],
+        says("", "walls and discs that masses do not enter; links pass over them"),
+    ] = ()
+    obstacle_stiffness: Annotated[
+        Positive | None,
+        says(
+            "stiffness",
+            "of obstacles, which give way by the force over it; 1000 times the largest "
+            "`worm.stiffness` if left out",
+        ),
+    ] = None
     contact: Contacts = field(default_factory=ExactContact)
     time: Horizon
     tolerance: Tolerances = field(default_factory=ToleranceTable)
@@ -249,6 +274,15 @@ class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
             return self.ground
         return (self.ground,) * (self.worm.links + 1)
 
+    @property
+    def wall_stiffness(self) -> float | None:
+        """Stiffness of obstacles; None where nothing tells."""
+        if self.obstacle_stiffness is not None:
+            return self.obstacle_stiffness
+        given = self.worm.stiffness
+        largest = max(given) if isinstance(given, tuple) else given
+        return _STIFFER * largest if largest else None
+
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
         yield from super().faults(folder)
@@ -257,5 +291,18 @@ class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
         yield from self.worm.faults(self.units)
         yield from self.start.faults(links)
         yield from wrong_count("ground", self.ground, links + 1, "masses", "table")
+        if self.obstacles and self.wall_stiffness is None:
+            yield "obstacle_stiffness", "missing; links without stiffness tell no usual one"
+        for k, each in enumerate(self.obstacles):
+            if each.friction and isinstance(self.contact, ExactContact):
+                yield (
+                    f"obstacles[{k}].friction",
+                    'friction on obstacles is smooth; write contact = {treatment = "smooth"}, or 0',
+                )
+        if self.obstacle_stiffness is not None and not self.obstacles:
+            yield (
+                "obstacle_stiffness",
+                "there are none; write [[obstacles]] or leave it out",
+            )
         if self.actuation:
             yield from self.actuation.faults(links)

@@ -18,8 +18,8 @@ from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.chain import tolerance_of
 from wormopt.systems.shared.proof import accepted_error, count_events, warnings_of_motion
+from wormopt.systems.shared.settings import tolerance_of
 from wormopt.systems.swinging.harmonic_masses import (
     closed_form,
     extremes_of,

@@ -1,0 +1,27 @@
+"""Tables of what stands in the plane and pushes masses back."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from wormopt.scene.types import NonNegative, says
+from wormopt.systems.planar.scenes.path import DiscTable, WallTable
+
+_Friction = Annotated[
+    NonNegative, says("1", "coefficient of dry friction on it, where contact is smooth")
+]
+
+
+class StandingDisc(DiscTable, frozen=True, kw_only=True, tag_field="shape", tag="disc"):
+    """A round obstacle."""
+
+    friction: _Friction = 0.0
+
+
+class StandingWall(WallTable, frozen=True, kw_only=True, tag_field="shape", tag="wall"):
+    """A straight wall without end: all that lies behind it is closed."""
+
+    friction: _Friction = 0.0
+
+
+Standing = StandingDisc | StandingWall

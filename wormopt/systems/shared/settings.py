@@ -1,0 +1,16 @@
+"""Options of `simulate` as scenes ask for them."""
+
+from __future__ import annotations
+
+from wormopt.scene.numerics import ContactTable, SmoothContact, ToleranceTable
+from wormopt.simulation.options import Exact, Smooth, Tolerance, Treatment
+
+
+def treatment_of(contact: ContactTable) -> Treatment:
+    """Treatment of contact that a scene asks for."""
+    return Smooth(contact.v_reg) if isinstance(contact, SmoothContact) else Exact()
+
+
+def tolerance_of(table: ToleranceTable) -> Tolerance:
+    """Tolerance that a scene asks for."""
+    return Tolerance(table.relative, table.absolute, table.max_steps, table.max_step)
