@@ -67,6 +67,7 @@ class DelayedTracker:
     def _round(self, starts: list[Array], modes: list[Array]) -> tuple[Array, Array, int]:
         m, n, s, count = len(starts), len(starts[0]), 0.0, 0
         z = np.concatenate(starts)
+        blocks = z.reshape(m, n)
         times = np.arange(m) * self.lag
         thirds = np.arange(1, 3 * m * self.lag + 2) / 3
         inner = {round(b - t, 12) for b in thirds for t in times if 1e-9 < b - t < self.lag - 1e-9}
@@ -119,7 +120,7 @@ class DelayedTracker:
             modes[j][i] = 1 if -push < sum(self.chain.holds) / 2 else -1
 
     def _event(self, j: int, i: int, mode: float, n: int) -> Callable[[float, Array], float]:
-        inner = self.chain._event(i, mode)  # noqa: SLF001
+        inner = self.chain._event(i, mode)
 
         def event(s: float, z: Array) -> float:
             blocks = z.reshape(-1, n)

@@ -198,26 +198,20 @@ def _units(start: str) -> dict[str, str]:
     return {"start": start, "end": start, "time": "time"}
 
 
-def _numbers(*funnels: Funnel) -> bool:
-    return not any(isinstance(n, ca.SX) for f in funnels for n in (f.start, f.end, f.time))
-
-
 def _check_room(funnel: Funnel, rate_funnel: Funnel) -> None:
     """Refuse a rate funnel in which an error at the edge of its own cannot follow that."""
-    if not _numbers(funnel, rate_funnel):
+    numbers = [f for each in (funnel, rate_funnel) for f in (each.start, each.end, each.time)]
+    if any(isinstance(number, ca.SX) for number in numbers):
         return
-    shrinks = (funnel.start - funnel.end) / funnel.time
-    narrows = (rate_funnel.start - rate_funnel.end) / rate_funnel.time
-    times = [0.0]
-    # where psi_1 + psi_0' has no slope
-    bends, apart = shrinks / funnel.time, 1 / funnel.time - 1 / rate_funnel.time
-    if bends * narrows > 0 and apart != 0:
-        times.append(max(math.log(bends / narrows) / apart, 0.0))
+    start, end, time, rate_start, rate_end, rate_time = map(float, numbers)
+    # where psi_1 + psi_0' may be least: at the start, where it has no slope, or in the end
+    shrinks, narrows = (start - end) / time, (rate_start - rate_end) / rate_time
+    times, apart = [0.0], 1 / time - 1 / rate_time
+    if shrinks * narrows > 0 and apart != 0:
+        times.append(max(math.log(shrinks / (time * narrows)) / apart, 0.0))
     for t in times:
-        rate = shrinks * math.exp(-t / funnel.time)
-        width = rate_funnel.end + (rate_funnel.start - rate_funnel.end) * math.exp(
-            -t / rate_funnel.time
-        )
+        rate = shrinks * math.exp(-t / time)
+        width = rate_end + (rate_start - rate_end) * math.exp(-t / rate_time)
         if not width > rate:
             raise ArgumentError(
                 f"at t = {t:.3g} the funnel narrows at {rate:.6g}, and the rate funnel lets the "

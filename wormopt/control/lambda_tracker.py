@@ -255,8 +255,8 @@ def lambda_tracker(
         States: the plant's, ``gain``, for (14) ``filter`` (n), for "backstepping"
         ``input_filter`` (n), and those of the adaptation. Parameters: the plant's,
         ``tube_radius``, ``gain_growth`` and the adaptation's others, for "difference" ``lag``, and
-        those of the feed-forward. Delays: for "difference" ``past_error``. Outputs: the plant's, ``reference``, ``error``,
-        ``error_norm``, the input under its name, ``gain_rate``.
+        those of the feed-forward. Delays: for "difference" ``past_error``. Outputs: the plant's,
+        ``reference``, ``error``, ``error_norm``, the input under its name, ``gain_rate``.
 
     Raises
     ------

@@ -109,7 +109,7 @@ def switching_tracker(
     k, lam, more = ca.SX.sym("gain"), ca.SX.sym("tube_radius"), ca.SX.sym("gain_factor")
     theta = ca.SX.sym("filter", error.value.numel())
     rate = k**2 * (error.value - theta)
-    states, switches = _trials(error, start[0], k, theta, lam, more, plant.t)
+    states, switches = _trials(error, k, theta, lam, more, plant.t)
     share = 1 - factor**-0.5
     values = {
         "gain": gain_start,
@@ -141,7 +141,6 @@ def switching_tracker(
 
 def _trials(
     error: TrackingError,
-    first: np.ndarray,
     k: ca.SX,
     theta: ca.SX,
     lam: ca.SX,
@@ -155,9 +154,7 @@ def _trials(
     shrunk = 1 / ca.sqrt(factor)
     size = ca.fmax(ca.sqrt(error.square), lam)
     # the bound that was left counts, not the error a rounding error beyond it
-    again = ca.vertcat(
-        size + shrunk * margin, t + shrunk * time, shrunk * time, shrunk * margin
-    )
+    again = ca.vertcat(size + shrunk * margin, t + shrunk * time, shrunk * time, shrunk * margin)
     states = [Signal("gain", k), Signal("filter", theta, error.unit)]
     states += [Signal(n, s, u) for n, s, u in zip(names, own, units, strict=True)]
     switches = [

@@ -65,8 +65,8 @@ class _Past:
 
     def _before(self, start: float) -> list[Piece]:
         before, x0 = self.memory.delay.before, self._task.x0[:, None]
-        function = self._signal if before is None else _function(
-            self._task.system, self.memory, before
+        function = (
+            self._signal if before is None else _function(self._task.system, self.memory, before)
         )
         begin = start - self.lag
 

@@ -78,9 +78,7 @@ class Memory:
         start = pieces[0].begin
         breaks = np.array([0.0, *(piece.end - start for piece in pieces)])
         values = np.array([piece.values for piece in pieces])
-        return Schedule(
-            self.delay.name, self.symbol, self.begin, breaks, values, start=start + lag
-        )
+        return Schedule(self.delay.name, self.symbol, self.begin, breaks, values, start=start + lag)
 
 
 def recalled(expression: ca.SX, memories: Sequence[Memory], t: ca.SX) -> ca.SX:

@@ -170,9 +170,7 @@ class SwitchingTracker(Table, frozen=True, kw_only=True, tag_field="feedback", t
     name: Name = ""
     tube_radius: Annotated[Positive, says("length", "*λ*")]
     settling: Annotated[Positive, says("time", "time outside of the tube, at most")]
-    overshoot: Annotated[
-        Positive, says("length", "by how much |*e*| may exceed its start, or *λ*")
-    ]
+    overshoot: Annotated[Positive, says("length", "by how much |*e*| may exceed its start, or *λ*")]
     gain_start: Annotated[Positive, says("", "*k*(0)")] = 1.0
     factor: Annotated[
         float,
@@ -212,9 +210,9 @@ class FunnelTracker(Table, frozen=True, kw_only=True, tag_field="feedback", tag=
     name: Name = ""
     funnel: Annotated[FunnelTable, says("", "bounds on the error")]
     rate_funnel: Annotated[FunnelTable, says("", "bounds on *e*<sub>1</sub>")]
-    law: Annotated[
-        Literal["recursive", "two gains"], says("", "`recursive` or `two gains`")
-    ] = "recursive"
+    law: Annotated[Literal["recursive", "two gains"], says("", "`recursive` or `two gains`")] = (
+        "recursive"
+    )
     gain: Annotated[Positive, says("drag", "force per speed in the middle of the funnels")] = 1.0
     tube_radius: Annotated[
         Positive | None,
