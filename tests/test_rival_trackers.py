@@ -1,0 +1,421 @@
+"""Trackers that measure no rates, gains that jump, two funnels: against theory and other routes."""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from by_steps import DelayedTracker, solve_smooth
+from effort import examples
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+from test_tracking import point
+
+import wormopt as wo
+from wormopt.control.funnel import Funnel, FunnelLaw, funnel_tracker
+from wormopt.control.lambda_tracker import Feedback, Quadratic, lambda_tracker
+from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.switching import switching_tracker
+from wormopt.errors import ArgumentError
+from wormopt.model.friction import Coulomb
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model
+from wormopt.simulation.options import Route, Smooth, Tolerance
+from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.chain.build import chain
+from wormopt.systems.spiked.construct import fast_gait
+
+LOOSE = Tolerance(relative=1e-9, absolute=1e-10)
+
+
+def worm(links: int = 2, **numbers: Any) -> Model:
+    usual = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
+    return chain(links, **(usual | {"law": Coulomb(1.0, 10.0)} | numbers))
+
+
+def following(plant: Model) -> Reference:
+    return gait_reference(fast_gait(1.0), plant.t)
+
+
+def difference(plant: Model, lag: float, **more: Any) -> Model:
+    return lambda_tracker(plant, following(plant), feedback="difference", lag=lag, **more)
+
+
+# -- the delayed difference ----------------------------------------------------------------------
+
+
+def on_dry_ground() -> Model:
+    return worm(position=(4.15, 2.05, 0.0), law=Coulomb(1.0, 2.0))
+
+
+def compare_on_dry_ground(lag: float, stretches: int, route: Route = "auto") -> Trajectory:
+    loop = difference(on_dry_ground(), lag, tube_radius=0.05, adaptation=Quadratic(100.0))
+    motion = simulate(loop, stretches * lag, route=route)
+    by_hand = DelayedTracker(lag, 100.0, 0.05, (-1, 2))
+    end, events = by_hand.run([4.15, 2.05, 0, 0, 0, 0, 1.0], stretches)
+    assert motion.end == pytest.approx(end, abs=1e-8)
+    assert len(motion.events) == events
+    return motion
+
+
+@pytest.mark.parametrize(("lag", "stretches"), [(0.2, 4), (0.1, 6)])
+def test_a_delayed_difference_on_dry_ground_against_all_stretches_at_once(
+    lag: float, stretches: int
+):
+    """Sticking masses included; the oracle neither interpolates nor shares any code."""
+    motion = compare_on_dry_ground(lag, stretches)
+    assert {event.kind for event in motion.events} & {"stick", "release"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("route", ["native", "python"])
+@pytest.mark.parametrize(("lag", "stretches"), [(0.05, 24), (0.1, 20), (0.25, 9)])
+def test_longer_motions_of_a_delayed_difference(lag: float, stretches: int, route: Route):
+    compare_on_dry_ground(lag, stretches, route)
+
+
+def lagging_chain(numbers: dict[str, Any], lag: float, gamma: float, lam: float) -> Any:
+    """y' of three masses with drag, links held at 2.2 and 1.8 by the delayed difference."""
+    m, c, d, rub = (numbers[name] for name in ("mass", "stiffness", "damping", "drag"))
+    aim = np.array([2.2, 1.8])
+
+    def f(_t: float, y: np.ndarray, past: np.ndarray) -> np.ndarray:
+        x, v, k = y[:3], y[3:6], y[6]
+        e, before = x[:2] - x[1:] - aim, past[:2] - past[1:3] - aim
+        growth = gamma * max(np.sqrt(e @ e) - lam, 0.0) ** 2
+        u = -(k * e + growth * e + k * (e - before) / lag)
+        mu = c * (e + aim - 2.0) + d * (v[:2] - v[1:]) - u
+        net = np.array([-mu[0], mu[0] - mu[1], mu[1]]) - rub * v
+        return np.concatenate([v, net / m, [growth]])
+
+    return f
+
+
+@settings(deadline=None, max_examples=examples(12))
+@given(
+    m=st.floats(0.5, 3),
+    c=st.floats(0, 30),
+    d=st.floats(0, 6),
+    drag=st.floats(0.05, 2),
+    lag=st.sampled_from([0.05, 0.13, 0.4]),
+    x=st.tuples(st.floats(3.5, 5), st.floats(1.5, 2.5)),
+)
+def test_random_worms_with_drag_against_all_stretches_at_once(
+    m: float, c: float, d: float, drag: float, lag: float, x: tuple[float, float]
+):
+    numbers = {"mass": m, "stiffness": c, "damping": d, "drag": drag}
+    plant = chain(2, rest_length=2.0, position=(*x, 0.0), **numbers)
+    # outside of a tube that never comes into play: its edge is where the oracle has a kink
+    still = Gait(np.array([0.0, 1.0]), np.array([[[2.2], [1.8]]]))
+    loop = lambda_tracker(
+        plant,
+        gait_reference(still, plant.t),
+        tube_radius=1e-9,
+        feedback="difference",
+        lag=lag,
+        adaptation=Quadratic(0.5),
+    )
+    start = np.array([*x, 0.0, 0.0, 0.0, 0.0, 1.0])
+    ends = solve_smooth(lagging_chain(numbers, lag, 0.5, 1e-9), start, lag, 5, lambda _: start)
+    motion = simulate(loop, 5 * lag, times=lag * np.arange(6))
+    assert pytest.approx(ends, abs=1e-8) == motion.states.T
+
+
+def test_a_difference_tends_to_the_derivative_as_the_lag_falls():
+    """First order in the lag: halved it halves the distance."""
+    plant = worm(position=(4.0, 2.0, 0.0))
+    growth = Quadratic(100.0)
+    derived = lambda_tracker(plant, following(plant), tube_radius=0.2, adaptation=growth)
+    end = simulate(derived, 1.0, contact=Smooth(), tolerance=LOOSE).end
+    lags = np.array([0.04, 0.02, 0.01])
+    off = []
+    for lag in lags:
+        loop = difference(plant, lag, tube_radius=0.2, adaptation=growth)
+        off.append(np.linalg.norm(simulate(loop, 1.0, contact=Smooth(), tolerance=LOOSE).end - end))
+    slope = np.polyfit(np.log(lags), np.log(off), 1)[0]
+    assert 0.85 < slope < 1.15
+    assert off[-1] < 10 * lags[-1]
+
+
+def critical_gain(h: float, m: float, c: float, d: float) -> float:
+    """Least gain from which a mode of two links swings for ever, by its characteristic equation.
+
+    Links that are pulled against each other move as e'' = (3/m)(u - c e - d e'), all others
+    as e'' = (1/m)(u - c e - d e'). With s = i w the imaginary part gives k = -d w h / sin(w h),
+    the real one what has to be 0.
+    """
+
+    def gain(w: float) -> float:
+        return -d * w * h / np.sin(w * h)
+
+    def real(w: float, share: float) -> float:
+        k = gain(w)
+        return c + k + k * (1 - np.cos(w * h)) / h - w**2 * m / share
+
+    found = []
+    for share in (1.0, 3.0):
+        w = np.linspace(np.pi / h * 1.0001, 2 * np.pi / h * 0.9999, 4001)
+        values = np.array([real(each, share) for each in w])
+        for k in np.flatnonzero(np.diff(np.sign(values))):
+            root = brentq(real, w[k], w[k + 1], args=(share,), xtol=1e-13)
+            assert isinstance(root, float)
+            found.append(gain(root))
+    return min(found)
+
+
+@pytest.mark.parametrize("lag", [0.1, 0.2])
+def test_a_difference_does_not_bear_every_gain(lag: float):
+    """At the gain where theory has the border, swings fade just below and grow just above."""
+    border = critical_gain(lag, 1.0, 10.0, 2.0)
+    plant = chain(2, mass=1.0, stiffness=10.0, damping=2.0, rest_length=2.0,
+                  position=(4.2, 1.9, 0.0), drag=1e-12)  # fmt: skip
+    still = gait_reference(Gait(np.array([0.0, 1.0]), np.full((1, 2, 1), 2.0)), plant.t)
+    ends = []
+    for share in (0.97, 1.03):
+        loop = lambda_tracker(
+            plant,
+            still,
+            tube_radius=1.0,
+            feedback="difference",
+            lag=lag,
+            gain_start=share * border,
+        )
+        t = np.linspace(0, 60 * lag, 1201)
+        size = simulate(loop, t[-1], times=t, tolerance=LOOSE)["error_norm"][0]
+        ends.append(size[-200:].max() / size[400:600].max())
+    assert ends[0] < 0.9
+    assert ends[1] > 1.1
+
+
+# -- forces at a point, by hand ------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=examples(20))
+@given(seed=st.integers(0, 10**6))
+def test_the_force_of_backstepping_and_of_switching_at_a_point(seed: int):
+    random = np.random.default_rng(seed)
+    plant = worm(2, position=(4.0, 2.0, 0.0))
+    gait = Gait(np.array([0.0, 1.0]), np.full((1, 2, 1), 2.0))
+    reference = gait_reference(gait, plant.t)
+    e, k, xi = random.uniform(-1, 1, 2), random.uniform(0.5, 3), random.uniform(-2, 2, 2)
+    x = {"position": [4 + e.sum(), 2 + e[1], 0.0], "velocity": np.zeros(3), "gain": k}
+    stepped = lambda_tracker(plant, reference, tube_radius=0.2, feedback="backstepping")
+    at = point(stepped, x | {"input_filter": xi}, [np.full(2, 2.0)])
+    u = -k * e - (k**2 + e @ e) * k**4 * (1 + xi @ xi) * (xi + k * e)
+    assert at["input"] == pytest.approx(u, rel=1e-10)
+    rate = max(0.0, np.sqrt(e @ e) - 0.2) ** 2
+    assert at["ode"][6:] == pytest.approx([rate, *(u - xi)], rel=1e-10)
+    switched = switching_tracker(plant, reference, tube_radius=0.2, settling=1.0, overshoot=0.1)
+    names = ("trial_bound", "trial_end", "trial_time", "trial_margin")
+    at = point(switched, x | {"filter": xi} | dict.fromkeys(names, 1.0), [np.full(2, 2.0)])
+    slope = k**2 * (e - xi)
+    assert at["input"] == pytest.approx(-(k**2 * xi + k * slope), rel=1e-10)
+    assert at["ode"][6:] == pytest.approx([0.0, *slope, 0, 0, 0, 0], rel=1e-10)
+
+
+@settings(deadline=None, max_examples=examples(20))
+@given(seed=st.integers(0, 10**6))
+def test_the_force_of_two_gains_at_a_point(seed: int):
+    random = np.random.default_rng(seed)
+    plant = worm()
+    loop = funnel_tracker(
+        plant,
+        gait_reference(Gait(np.array([0.0, 1.0]), np.full((1, 2, 1), 2.0)), plant.t),
+        funnel=Funnel(2.0, 0.5, time=2.0),
+        rate_funnel=Funnel(9.0, 3.0, time=1.0),
+        law="two gains",
+        gain=3.0,
+    )
+    e, rate = random.uniform(-0.5, 0.5, 2), random.uniform(-1, 1, 2)
+    x = {"position": [4 + e.sum(), 2 + e[1], 0.0], "velocity": [rate.sum(), rate[1], 0.0]}
+    at = point(loop, x, [np.full(2, 2.0)])
+    width, rate_width = 0.5 + 1.5 * np.exp(-0.2), 3 + 6 * np.exp(-0.4)
+    k0 = 1 / (1 - np.sqrt(e @ e) / width)
+    k1 = 1 / (1 - np.sqrt(rate @ rate) / rate_width)
+    assert at["input"] == pytest.approx(-3 * (k0**2 * e + k1 * rate), rel=1e-9)
+    assert at["funnel_gain"] == pytest.approx([k0, k1])
+    assert at["rate_error_norm"][0] == pytest.approx(np.sqrt(rate @ rate))
+
+
+# -- what trackers promise, on random worms ------------------------------------------------------
+
+worms = st.fixed_dictionaries(
+    {
+        "mass": st.floats(0.5, 2),
+        "stiffness": st.floats(0, 20),
+        "damping": st.floats(0, 8),
+        "law": st.builds(Coulomb, st.floats(0.1, 3), st.floats(0.1, 12)),
+        "position": st.tuples(st.floats(3.9, 4.2), st.floats(1.9, 2.1), st.just(0.0)),
+    }
+)
+
+
+@settings(deadline=None, max_examples=examples(6))
+@given(numbers=worms, feedback=st.sampled_from(["derivative", "filter", "difference"]))
+def test_gains_grow_by_what_is_outside_of_the_tube_and_keep_it_there(
+    numbers: dict[str, Any], feedback: Feedback
+):
+    """k(t) - k(0) is the integral of gamma [|e| - lambda]+^2; in the end |e| <= 1.15 lambda."""
+    plant, gamma, lam = worm(**numbers), 1e4, 0.2
+    loop = lambda_tracker(
+        plant,
+        following(plant),
+        tube_radius=lam,
+        feedback=feedback,
+        lag=0.01,
+        adaptation=Quadratic(gamma),
+        filter_start=0.0,
+        watch=True,
+    )
+    end = 4.0
+    motion = simulate(loop, end, dense=True, tolerance=LOOSE)
+    t = np.linspace(0, end, 40_001)
+    at = motion.at(t)
+    gain, excess = at["gain"][0], np.maximum(at["error_norm"][0] - lam, 0)
+    assert np.diff(gain).min() >= -1e-9
+    assert gain[-1] - gain[0] == pytest.approx(gamma * np.trapezoid(excess**2, t), rel=1e-4)
+    assert excess[t > 3].max() < 0.15 * lam
+
+
+@settings(deadline=None, max_examples=examples(6))
+@given(
+    numbers=worms,
+    factor=st.floats(1.2, 3),
+    settling=st.floats(0.2, 2),
+    overshoot=st.floats(0.05, 0.5),
+)
+def test_switching_keeps_what_is_prescribed(
+    numbers: dict[str, Any], factor: float, settling: float, overshoot: float
+):
+    plant, lam = worm(**numbers), 0.2
+    loop = switching_tracker(
+        plant,
+        following(plant),
+        tube_radius=lam,
+        settling=settling,
+        overshoot=overshoot,
+        factor=factor,
+        gain_start=2.0,
+    )
+    end = 3.0
+    motion = simulate(loop, end, dense=True, tolerance=LOOSE)
+    t = np.linspace(0, end, 30_001)
+    at = motion.at(t)
+    size, gain = at["error_norm"][0], at["gain"][0]
+    assert motion.largest("error_norm") <= max(size[0], lam) + overshoot + 1e-7
+    assert np.mean(size > lam + 1e-7) * end <= settling + 1e-3
+    failed = sum(event.name == "trial fails" for event in motion.events)
+    assert gain[-1] == pytest.approx(2.0 * factor**failed, rel=1e-12)
+    assert np.diff(gain).min() >= 0
+    assert set(np.round(np.log(gain / 2) / np.log(factor), 9)) <= set(range(failed + 1))
+
+
+@settings(deadline=None, max_examples=examples(6))
+@given(numbers=worms, law=st.sampled_from(["recursive", "two gains"]))
+def test_errors_stay_in_their_funnels_and_gains_are_bounded(
+    numbers: dict[str, Any], law: FunnelLaw
+):
+    plant = worm(**numbers)
+    loop = funnel_tracker(
+        plant,
+        following(plant),
+        funnel=Funnel(1.0, 0.2, time=0.5),
+        rate_funnel=Funnel(5.0, 4.0, time=0.5),
+        law=law,
+        gain=20.0,
+    )
+    motion = simulate(loop, 3.0, dense=True, tolerance=LOOSE)
+    for norm, width in (("error_norm", "funnel"), ("rate_error_norm", "rate_funnel")):
+        assert motion.largest(loop[norm] / loop[width]) < 0.99
+    assert motion.largest("funnel_gain") < 100
+
+
+@settings(deadline=None, max_examples=examples(6))
+@given(mass=st.floats(0.5, 2), stiffness=st.floats(5, 15), lam=st.floats(0.3, 0.6))
+def test_backstepping_tracks_by_small_gains(mass: float, stiffness: float, lam: float):
+    """With a feed-forward of the springs; the gain is the integral of what is outside."""
+    plant = worm(mass=mass, stiffness=stiffness, law=Coulomb(0.5, 2.0), position=(4.0, 2.0, 0.0))
+    loop = lambda_tracker(
+        plant,
+        following(plant),
+        tube_radius=lam,
+        feedback="backstepping",
+        gain_start=0.8,
+        feedforward=wo.FeedForward(stiffness, 2.0, 5.0),
+    )
+    motion = simulate(loop, 3.0, dense=True, tolerance=LOOSE)
+    t = np.linspace(0, 3, 30_001)
+    at = motion.at(t)
+    excess = np.maximum(at["error_norm"][0] - lam, 0)
+    gained = np.trapezoid(excess**2, t)
+    assert at["gain"][0, -1] - 0.8 == pytest.approx(gained, rel=1e-3, abs=1e-9)
+    assert excess[t > 2].max() < 0.15 * lam
+
+
+# -- what is refused -----------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=examples(60))
+@given(numbers=st.lists(st.floats(0.1, 10), min_size=6, max_size=6))
+def test_a_rate_funnel_leaves_room_at_all_times_or_is_refused(numbers: list[float]):
+    """psi_1 > -psi_0' on a fine grid, whatever the closed form says."""
+    (start, end, time, rate_start, rate_end, rate_time), plant = numbers, worm()
+    t = np.concatenate([[0.0], np.geomspace(1e-4, 1e3, 4000)])
+    room = rate_end + (rate_start - rate_end) * np.exp(-t / rate_time)
+    room -= (start - end) / time * np.exp(-t / time)
+    if abs(room.min()) < 1e-3:
+        return
+    wide = {"start": max(start, end), "end": end, "time": time}
+    still = Reference(ca.SX([2.0, 2.0]), ca.SX(2, 1), ca.SX(2, 1))
+    if start < end:
+        return
+    plant = worm(position=(4.0, 2.0, 0.0))
+
+    def build() -> Model:
+        return funnel_tracker(
+            plant,
+            still,
+            funnel=Funnel(**wide),
+            rate_funnel=Funnel(rate_start, rate_end, rate_time),
+            law="two gains",
+        )
+
+    if room.min() > 0:
+        build()
+    else:
+        with pytest.raises(ArgumentError, match="the rate funnel lets the error fall at less"):
+            build()
+
+
+STILL = Reference(ca.SX([2.0, 2.0]), ca.SX(2, 1), ca.SX(2, 1))
+SWITCHING: dict[str, Any] = {"tube_radius": 0.2, "settling": 1.0, "overshoot": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"settling": 0.0}, "settling must be finite and above 0"),
+        ({"overshoot": -1.0}, "overshoot must be finite and above 0"),
+        ({"factor": 1.0}, "factor must be finite and above 1"),
+        ({"gain_start": float("nan")}, "gain_start must be finite"),
+        ({"tube_radius": "wide"}, "tube_radius must be finite"),
+        ({"filter_start": [1.0, 2.0, 3.0]}, "filter_start must be one finite number or 2"),
+    ],
+)
+def test_switching_that_makes_no_sense_is_refused(change: dict[str, Any], message: str):
+    with pytest.raises(ArgumentError, match=message):
+        switching_tracker(worm(), STILL, **(SWITCHING | change))
+
+
+def test_more_that_makes_no_sense_is_refused():
+    with pytest.raises(ArgumentError, match="must be one of derivative, filter, difference"):
+        lambda_tracker(worm(), STILL, tube_radius=0.2, feedback="magic")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ArgumentError, match="lag must be positive"):
+        lambda_tracker(worm(), STILL, tube_radius=0.2, feedback="difference", lag=0.0)
+    with pytest.raises(ArgumentError, match="filter_start must be one finite number or 2"):
+        lambda_tracker(worm(), STILL, tube_radius=0.2, feedback="filter", filter_start=[1, 2, 3])
+    wide = Funnel(9.0, 1.0, 1.0)
+    with pytest.raises(ArgumentError, match="law must be 'recursive' or 'two gains'"):
+        funnel_tracker(worm(), STILL, funnel=wide, rate_funnel=wide, law="both")  # pyright: ignore[reportArgumentType]
