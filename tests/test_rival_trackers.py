@@ -31,8 +31,9 @@ LOOSE = Tolerance(relative=1e-9, absolute=1e-10)
 
 
 def worm(links: int = 2, **numbers: Any) -> Model:
-    usual = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
-    return chain(links, **(usual | {"law": Coulomb(1.0, 10.0)} | numbers))
+    usual: dict[str, Any] = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
+    usual["law"] = Coulomb(1.0, 10.0)
+    return chain(links, **(usual | numbers))
 
 
 def following(plant: Model) -> Reference:
@@ -51,12 +52,14 @@ def on_dry_ground() -> Model:
 
 
 def compare_on_dry_ground(lag: float, stretches: int, route: Route = "auto") -> Trajectory:
-    loop = difference(on_dry_ground(), lag, tube_radius=0.05, adaptation=Quadratic(100.0))
+    growth = Quadratic(100.0)
+    # with crossings of the tube as events: there k' has a kink, over which the oracle steps
+    loop = difference(on_dry_ground(), lag, tube_radius=0.05, adaptation=growth, watch=True)
     motion = simulate(loop, stretches * lag, route=route)
     by_hand = DelayedTracker(lag, 100.0, 0.05, (-1, 2))
     end, events = by_hand.run([4.15, 2.05, 0, 0, 0, 0, 1.0], stretches)
     assert motion.end == pytest.approx(end, abs=1e-8)
-    assert len(motion.events) == events
+    assert sum(event.kind != "switch" for event in motion.events) == events
     return motion
 
 
@@ -71,7 +74,7 @@ def test_a_delayed_difference_on_dry_ground_against_all_stretches_at_once(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("route", ["native", "python"])
-@pytest.mark.parametrize(("lag", "stretches"), [(0.05, 24), (0.1, 20), (0.25, 9)])
+@pytest.mark.parametrize(("lag", "stretches"), [(0.05, 16), (0.1, 14), (0.25, 9)])
 def test_longer_motions_of_a_delayed_difference(lag: float, stretches: int, route: Route):
     compare_on_dry_ground(lag, stretches, route)
 
@@ -88,7 +91,7 @@ def lagging_chain(numbers: dict[str, Any], lag: float, gamma: float, lam: float)
         u = -(k * e + growth * e + k * (e - before) / lag)
         mu = c * (e + aim - 2.0) + d * (v[:2] - v[1:]) - u
         net = np.array([-mu[0], mu[0] - mu[1], mu[1]]) - rub * v
-        return np.concatenate([v, net / m, [growth]])
+        return np.array([*v, *(net / m), growth])
 
     return f
 
@@ -105,7 +108,7 @@ def lagging_chain(numbers: dict[str, Any], lag: float, gamma: float, lam: float)
 def test_random_worms_with_drag_against_all_stretches_at_once(
     m: float, c: float, d: float, drag: float, lag: float, x: tuple[float, float]
 ):
-    numbers = {"mass": m, "stiffness": c, "damping": d, "drag": drag}
+    numbers: dict[str, Any] = {"mass": m, "stiffness": c, "damping": d, "drag": drag}
     plant = chain(2, rest_length=2.0, position=(*x, 0.0), **numbers)
     # outside of a tube that never comes into play: its edge is where the oracle has a kink
     still = Gait(np.array([0.0, 1.0]), np.array([[[2.2], [1.8]]]))
