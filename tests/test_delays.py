@@ -196,7 +196,7 @@ def test_a_motion_with_delays_ends_by_a_switch_and_is_stopped():
 
 def test_steps_are_counted_over_all_stretches():
     with pytest.raises(SolveError, match="steps were spent") as refused:
-        simulate(retarded(0.1), 50.0, tolerance=Tolerance(max_steps=40))
+        simulate(retarded(0.5), 15.0, tolerance=Tolerance(max_steps=40))
     assert 30 <= refused.value.partial.n_steps <= 41
     assert 0 < refused.value.partial.end_time < 5
 
@@ -223,6 +223,7 @@ def shown() -> Model:
     ("use", "message"),
     [
         (lambda: simulate(retarded(), 1.0, route="cvodes"), "keep no past"),
+        (lambda: simulate(retarded(1e-9), 1.0), r"1e\+09 stretches, more than max_steps"),
         (lambda: simulate(forced(), 1.0), "not of contact forces or of what is delayed"),
         (lambda: periodic_orbit(retarded(), 1.0), "knows no delays, and lagging has some: past"),
         (lambda: wo.linearise(shown(), output="place"), "has delays"),

@@ -1,11 +1,13 @@
 """Trackers that measure no rates, gains that jump, two funnels: against theory and other routes."""
 
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
 from by_steps import DelayedTracker, solve_smooth
+from by_text import RANDOM, TRACK, value, write
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,10 +19,11 @@ from wormopt.control.funnel import Funnel, FunnelLaw, funnel_tracker
 from wormopt.control.lambda_tracker import Feedback, Quadratic, lambda_tracker
 from wormopt.control.reference import Reference, gait_reference
 from wormopt.control.switching import switching_tracker
-from wormopt.errors import ArgumentError
+from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.friction import Coulomb
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
+from wormopt.scene import load_scene
 from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
@@ -422,3 +425,63 @@ def test_more_that_makes_no_sense_is_refused():
     wide = Funnel(9.0, 1.0, 1.0)
     with pytest.raises(ArgumentError, match="law must be 'recursive' or 'two gains'"):
         funnel_tracker(worm(), STILL, funnel=wide, rate_funnel=wide, law="both")  # pyright: ignore[reportArgumentType]
+
+
+# -- scenes --------------------------------------------------------------------------------------
+
+RIVALS = (
+    'tracker=[{feedback="difference", lag=0.05, tube_radius=0.2, growth=1e4},'
+    '{feedback="switching", tube_radius=0.2, settling=0.5, overshoot=0.3, gain_start=5},'
+    '{feedback="backstepping", tube_radius=0.3, feedforward={}},'
+    '{feedback="funnel", law="two gains", funnel={start=1, end=0.2, time=0.5}, gain=20,'
+    " rate_funnel={start=4, end=3, time=0.5}}]"
+)
+
+
+@pytest.mark.slow
+def test_a_scene_sets_rivals_side_by_side(tmp_path: Path):
+    """Each by the same report, confirmed by a second route, with its own lag, trials and funnel."""
+    change = [
+        RIVALS,
+        "time.end=0.6",
+        "time.samples=601",
+        "tolerance.relative=1e-9",
+        "tolerance.absolute=1e-10",
+    ]
+    result = wo.run(load_scene(write(tmp_path, TRACK), change))
+    assert result.status == "ok", result.reason
+    assert result.attributes["trackers"] == [
+        "(13), delayed difference", "switching gains", "filtered input", "funnel, two gains",
+    ]  # fmt: skip
+    routes = [each["route"] for each in result.trust["recheck"]]
+    assert routes == ["python"] * 4
+    gains, ends = result["gain"].values, value(result, "k_end")
+    assert ends == pytest.approx(gains[:, -1])
+    assert ends[1] == pytest.approx(5 * 2 ** round(np.log2(ends[1] / 5)))
+    assert result["error_norm"].values[1].max() < 0.5
+    assert value(result, "time_outside_tube")[1] < 0.5
+    assert np.all(result["error_norm"].values[3] < result["funnel"].values[3])
+    # the delayed difference, from what the result holds: k e + k' e + k (e - e(t - h)) / h
+    t, e = result["time"].values, result["length"].values[0] - result["reference"].values
+    back = np.searchsorted(t, t - 0.05 + 1e-9, side="right") - 1
+    assert t[200] - t[back[200]] == pytest.approx(0.05, abs=1e-9)
+    rate = 1e4 * np.maximum(result["error_norm"].values[0] - 0.2, 0) ** 2
+    past = np.where(t < 0.05, e[:, :1], e[:, back])
+    expected = -((gains[0] + rate) * e + gains[0] * (e - past) / 0.05)
+    assert result["input"].values[0] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+def test_a_scene_refuses_a_rate_funnel_that_is_too_narrow(tmp_path: Path):
+    change = 'tracker={feedback="funnel", law="two gains", funnel={start=1, end=0.1, time=0.1}, '
+    change += "rate_funnel={start=4, end=2, time=1}}"
+    with pytest.raises(SceneError, match="tracker: at t = 0 the funnel narrows at 9, and"):
+        wo.run(load_scene(write(tmp_path, TRACK), [change]))
+
+
+def test_an_ensemble_of_delayed_loops(tmp_path: Path):
+    change = ['tracker={feedback="difference", lag=0.1, tube_radius=0.2, growth=100}',
+              "time.end=0.5", "tolerance.recheck=false"]  # fmt: skip
+    result = wo.run(load_scene(write(tmp_path, RANDOM), change))
+    assert result.status == "ok"
+    assert result["member_distance"].values.shape == (1, 5)
+    assert len(set(result["member_distance"].values[0])) == 5

@@ -46,6 +46,13 @@ def integrate_delayed(
             "implicit integrators keep no past, which delays need; write route = 'auto'"
         )
     pasts = [_Past(task, memory) for memory in task.system.memories]
+    for past in pasts:
+        stretches = (task.span[1] - task.span[0]) / past.lag
+        if stretches > task.tolerance.max_steps:
+            raise ArgumentError(
+                f"the lag {past.lag:g} of {past.memory.delay.name} cuts the time into "
+                f"{stretches:.3g} stretches, more than max_steps; take a longer lag"
+            )
     return _Stretches(task, route, pasts).follow(report)
 
 

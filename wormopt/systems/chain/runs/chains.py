@@ -67,7 +67,7 @@ _NAMES = {
     DerivativeTracker: "tracker (13)",
     FilterTracker: "tracker (14)",
     DifferenceTracker: "(13), delayed difference",
-    BacksteppingTracker: "backstepping",
+    BacksteppingTracker: "filtered input",
     SwitchingTracker: "switching gains",
 }
 

@@ -23,7 +23,7 @@ from wormopt.scene.types import (
     wrong_order,
 )
 from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
-from wormopt.systems.chain.scenes.track import FunnelTracker, Tracker
+from wormopt.systems.chain.scenes.track import FunnelTracker, Tracker, faults_of_lag
 from wormopt.systems.chain.scenes.track_optimal import GridTable, RelaxationTable, Share, TubeTable
 from wormopt.systems.shared.declared import JUDGED, LOOP_SIGNALS, TIME, over
 from wormopt.systems.spiked import Shape
@@ -238,6 +238,7 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
             yield from reference.gait.faults(links, folder, f"reference[{k}].gait")
         for k, tracker in enumerate(self.tracker):
             yield from tracker.faults(f"tracker[{k}]", links)
+            yield from faults_of_lag(f"tracker[{k}]", tracker, self.time.end)
             free = isinstance(tracker, FunnelTracker) and tracker.tube_radius is None
             if not free and tracker.tube_radius != self.tube.radius:
                 message = f"all are judged by tube.radius = {self.tube.radius:g}; write the same"

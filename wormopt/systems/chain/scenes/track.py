@@ -93,6 +93,9 @@ class FeedForwardTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
+# A stretch takes about a millisecond.
+_MOST_STRETCHES = 1e5
+
 Name = Annotated[str, says("", "what pictures call it; by its kind if left out")]
 FeedForwardOrNone = Annotated[
     FeedForwardTable | None, says("", "force that is added; none if left out")
@@ -364,6 +367,7 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
             yield "tracker", "there is none; write at least one [[tracker]]"
         for index, tracker in enumerate(self.trackers):
             yield from tracker.faults(self.tracker_key(index), links)
+            yield from faults_of_lag(self.tracker_key(index), tracker, self.time.end)
         yield from self._faults_of_ensemble()
 
     def _faults_of_ensemble(self) -> Iterator[Fault]:
@@ -379,6 +383,17 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
                     "want",
                     f'"{word}" shows a single worm; write "bands", or leave out [ensemble]',
                 )
+
+
+def faults_of_lag(key: str, tracker: Tracker, end: float) -> Iterator[Fault]:
+    """Yield a lag that is too short for a motion from 0 to `end`; `key` is the tracker's path."""
+    if isinstance(tracker, DifferenceTracker) and end / tracker.lag > _MOST_STRETCHES:
+        least = end / _MOST_STRETCHES
+        yield (
+            f"{key}.lag",
+            f"cuts the time into {end / tracker.lag:.2g} stretches; write {least:g} or more, or "
+            'feedback = "derivative", to which short lags tend',
+        )
 
 
 def _faults_of_feedforward(
