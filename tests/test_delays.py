@@ -198,7 +198,7 @@ def test_steps_are_counted_over_all_stretches():
     with pytest.raises(SolveError, match="steps were spent") as refused:
         simulate(retarded(0.5), 15.0, tolerance=Tolerance(max_steps=40))
     assert 30 <= refused.value.partial.n_steps <= 41
-    assert 0 < refused.value.partial.end_time < 5
+    assert 0 < refused.value.partial.end_time < 10
 
 
 def test_ensembles_and_sharing_of_models():
