@@ -64,10 +64,10 @@ class _Past:
         self.lag = _lag(task, memory)
         signal, x = memory.delay.signal, pack(task.system.model.x)
         self._signal = _function(task.system, memory, signal)
-        # e = y - y_ref may be 0, but no more exactly than y and y_ref are known
-        parts = ca.fabs(ca.jacobian(signal, x)) @ ca.fabs(x) + ca.fabs(signal)
+        # e = y - y_ref may be 0, but no more exactly than steps know y
+        least = task.absolute[: x.numel()] / task.tolerance.relative
+        parts = ca.fabs(ca.jacobian(signal, x)) @ (ca.fabs(x) + least) + ca.fabs(signal)
         self._parts = _function(task.system, memory, parts)
-        self._size = 0.0
         self.pieces = self._before(task.span[0])
 
     def _before(self, start: float) -> list[Piece]:
@@ -90,9 +90,8 @@ class _Past:
         return np.array(function(t[None], x[: task.system.model.n_x], p))
 
     def _allowed(self, t: np.ndarray, states: Course) -> float:
-        sizes = self._values(self._parts, t, states(t))
-        self._size = max(self._size, float(sizes.max(initial=0.0)))
-        return max(_SHARE * self._task.tolerance.relative, _LEAST) * self._size
+        size = float(self._values(self._parts, t, states(t)).max(initial=0.0))
+        return max(_SHARE * self._task.tolerance.relative, _LEAST) * size
 
     def schedule(self, begin: float, end: float) -> Schedule:
         """The signal as it acts from `begin` to `end`."""
@@ -196,14 +195,21 @@ class _Stretches:
             if k % max(count // _REPORTS, 1) == 0:
                 report("simulating", k / count)
             outcome = self._stretch(begin, until, x)
-            self.found.append(outcome)
+            dense = Dense(outcome.dense_time, outcome.dense)
+            self.found.append(outcome if self.task.dense else _without_dense(outcome))
             if len(outcome.dense):
                 breaking = self._breaking(begin, outcome.t)
                 for past in self.pasts:
-                    past.remember(Dense(outcome.dense_time, outcome.dense), breaking)
-            if outcome.status != "done" or until - outcome.t > 1e-9 * step:
+                    past.remember(dense, breaking)
+            if outcome.status != "done" or self._ends(outcome):
                 return
             begin, x = until, outcome.x
+
+    def _ends(self, outcome: Outcome) -> bool:
+        """Whether a terminal switch has ended the motion."""
+        system = self.task.system
+        fired = outcome.events[:, 1].astype(int) - len(system.contacts)
+        return any(system.model.switches[k].terminal for k in fired if k >= 0)
 
     def _stretch(self, begin: float, end: float, x: np.ndarray) -> Outcome:
         task, times = self.task, self.task.times
@@ -245,7 +251,7 @@ class _Stretches:
 
     def _joined(self) -> Outcome:
         """All stretches as one."""
-        parts, last, dense = self.found, self.found[-1], self.task.dense
+        parts, last = self.found, self.found[-1]
         modes = np.concatenate([part.modes for part in parts])
         if len(modes):
             changes = np.append(True, np.any(modes[1:, 1:] != modes[:-1, 1:], axis=1))
@@ -263,13 +269,14 @@ class _Stretches:
             modes=modes,
             dense_time=np.concatenate(
                 [parts[0].dense_time[:1], *(part.dense_time[1:] for part in parts)]
-            )
-            if dense
-            else np.zeros(0),
-            dense=np.concatenate([part.dense for part in parts])
-            if dense
-            else np.zeros((0, 8, len(last.x))),
+            ),
+            dense=np.concatenate([part.dense for part in parts]),
         )
+
+
+def _without_dense(outcome: Outcome) -> Outcome:
+    nothing = np.zeros((0, 8, len(outcome.x)))
+    return replace(outcome, dense_time=np.zeros(0), dense=nothing)
 
 
 def _quiet(_text: str, _fraction: float | None) -> None:
