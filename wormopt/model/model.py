@@ -254,7 +254,18 @@ class Model:
         return sum(s.size for s in self.x)
 
     def refuse_delays(self, what: str) -> None:
-        """Raise ArgumentError for `what` knows no signals of the past, where there are any."""
+        """Refuse signals of the past where they are not known.
+
+        Parameters
+        ----------
+        what : str
+            What does not know them.
+
+        Raises
+        ------
+        ArgumentError
+            If there are any.
+        """
         if self.delays:
             names = ", ".join(delay.name for delay in self.delays)
             raise ArgumentError(f"{what} knows no delays, and {self.name} has some: {names}")
