@@ -183,8 +183,9 @@ def test_errors_stay_in_their_funnels_and_gains_are_bounded(
     assert motion.largest("funnel_gain") < 100
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=examples(6))
-@given(mass=st.floats(0.5, 2), stiffness=st.floats(5, 15), lam=st.floats(0.3, 0.6))
+@given(mass=st.floats(0.5, 2), stiffness=st.floats(5, 15), lam=st.floats(0.3, 0.5))
 def test_backstepping_tracks_by_small_gains(mass: float, stiffness: float, lam: float):
     """With a feed-forward of the springs; the gain is the integral of what is outside."""
     plant = worm(mass=mass, stiffness=stiffness, law=Coulomb(0.5, 2.0), position=(4.0, 2.0, 0.0))
@@ -194,15 +195,17 @@ def test_backstepping_tracks_by_small_gains(mass: float, stiffness: float, lam: 
         tube_radius=lam,
         feedback="backstepping",
         gain_start=0.8,
+        adaptation=Quadratic(1e4),
+        watch=True,
         feedforward=wo.FeedForward(stiffness, 2.0, 5.0),
     )
-    motion = simulate(loop, 3.0, dense=True, tolerance=LOOSE)
-    t = np.linspace(0, 3, 30_001)
+    motion = simulate(loop, 4.0, dense=True, tolerance=LOOSE)
+    t = np.linspace(0, 4, 40_001)
     at = motion.at(t)
     excess = np.maximum(at["error_norm"][0] - lam, 0)
-    gained = np.trapezoid(excess**2, t)
-    assert at["gain"][0, -1] - 0.8 == pytest.approx(gained, rel=1e-3, abs=1e-9)
-    assert excess[t > 2].max() < 0.15 * lam
+    gained = 1e4 * np.trapezoid(excess**2, t)
+    assert at["gain"][0, -1] - 0.8 == pytest.approx(gained, rel=1e-3, abs=1e-7)
+    assert excess[t > 3].max() < 0.15 * lam
 
 
 # -- what is refused -----------------------------------------------------------------------------
