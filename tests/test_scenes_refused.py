@@ -145,6 +145,35 @@ HOSTILE = [
         "1 entry for 2 links",
     ),
     (TRACK, 'tracker={feedback="funnel"}', "tracker.funnel", "missing"),
+    (TRACK, 'tracker.feedback="difference"', "tracker.lag", "missing"),
+    (TRACK, 'tracker={feedback="difference", lag=0, tube_radius=1}', "tracker.lag", "above 0"),
+    (
+        TRACK,
+        'tracker={feedback="difference", lag=1e-7, tube_radius=1}',
+        "tracker.lag",
+        "2e+07 stretches; write 2e-05 or more",
+    ),
+    (TRACK, 'tracker={feedback="switching"}', "tracker.settling", "missing"),
+    (
+        TRACK,
+        'tracker={feedback="switching", tube_radius=1, settling=1, overshoot=1, factor=1}',
+        "tracker.factor",
+        "from 1.01 to 100",
+    ),
+    (
+        TRACK,
+        'tracker={feedback="switching", tube_radius=1, settling=1, overshoot=1, filter_start=[1]}',
+        "tracker.filter_start",
+        "1 entry for 2 links",
+    ),
+    (TRACK, 'tracker={feedback="backstepping"}', "tracker.tube_radius", "missing"),
+    (
+        TRACK,
+        'tracker={feedback="funnel", law="three gains", funnel={start=1, end=1, time=1}, '
+        "rate_funnel={start=1, end=1, time=1}}",
+        "tracker.law",
+        '"recursive" or "two gains"',
+    ),
     # the rest
     (TRACK, 'contact.treatment="rough"', "contact.treatment", '"smooth" or "exact"'),
     (TRACK, 'contact={treatment="smooth", v_reg=0}', "contact.v_reg", "above 0"),

@@ -25,6 +25,7 @@ from wormopt.control.loop import FeedForward as FeedForward
 from wormopt.control.lqr import lqr as lqr
 from wormopt.control.reference import Reference as Reference
 from wormopt.control.reference import gait_reference as gait_reference
+from wormopt.control.switching import switching_tracker as switching_tracker
 from wormopt.errors import ArgumentError as ArgumentError
 from wormopt.errors import Interrupted as Interrupted
 from wormopt.errors import SceneError as SceneError
@@ -32,6 +33,7 @@ from wormopt.errors import SolveError as SolveError
 from wormopt.errors import UnknownNameError as UnknownNameError
 from wormopt.errors import WormoptError as WormoptError
 from wormopt.exports.export import export as export
+from wormopt.model.delay import Delay as Delay
 from wormopt.model.friction import Coulomb as Coulomb
 from wormopt.model.friction import Held as Held
 from wormopt.model.friction import Law as Law

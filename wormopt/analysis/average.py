@@ -150,6 +150,7 @@ class _Course:
     """A model over one period: its pieces, and the means over them."""
 
     def __init__(self, model: Model, period: ca.SX, nodes: int) -> None:
+        model.refuse_delays("averaging")
         self.model, self.period = model, period
         self.rule = Collocation(nodes)
         self.x, self.fixed = pack(model.x), ca.vertcat(pack(model.p), pack(model.u))

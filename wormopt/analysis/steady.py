@@ -71,6 +71,7 @@ class Rates:
     """
 
     def __init__(self, model: Model) -> None:
+        model.refuse_delays("the search for steady states")
         if model.contacts or model.schedules or model.switches or model.z:
             raise ArgumentError(
                 f"{model.name} has contacts, schedules, switches or algebraic variables; steady "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import casadi as ca
 import numpy as np
@@ -15,6 +16,9 @@ from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Model, Output, Signal
 
 Number = float | ca.SX
+
+FunnelLaw = Literal["recursive", "two gains"]
+"""How error and rate are fed back: by e' + k_0 e, or each by a gain and a funnel of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,21 +75,30 @@ def funnel_tracker(
     *,
     funnel: Funnel,
     rate_funnel: Funnel,
+    law: FunnelLaw = "recursive",
     gain: float = 1.0,
     actuator: Actuator = "force",
     feedforward: FeedForward | None = None,
     output: str = "length",
     input: str = "input",  # noqa: A002
 ) -> Model:
-    """Close the loop by the funnel controller for relative degree two.
+    """Close the loop by a funnel controller for relative degree two.
 
-    With e = y - y_ref, widths psi_0, psi_1 of both funnels and the Euclidean norm,
-    k_0 = 1 / (1 - |e|^2/psi_0^2), e_1 = e' + k_0 e, k_1 = 1 / (1 - |e_1|^2/psi_1^2),
-    u = -gain k_1 e_1: the controller of Berger, Le and Reis (Automatica 87, 345-357, 2018) at
-    r = 2. It needs no model and keeps |e| < psi_0 and |e_1| < psi_1 for ever if they hold at
-    the start. The factor ``gain`` is not in the paper; it scales the high-frequency gain, which
-    may be any positive definite matrix there. The gains have the units of the scene: k_0 is 1
-    per unit of time on the reference.
+    With e = y - y_ref, widths psi_0, psi_1 of both funnels and the Euclidean norm:
+
+    - "recursive": k_0 = 1 / (1 - |e|^2/psi_0^2), e_1 = e' + k_0 e,
+      k_1 = 1 / (1 - |e_1|^2/psi_1^2), u = -gain k_1 e_1, the controller of Berger, Le and Reis
+      (Automatica 87, 345-357, 2018) at r = 2;
+    - "two gains": k_0 = 1 / (1 - |e|/psi_0), e_1 = e', k_1 = 1 / (1 - |e'|/psi_1),
+      u = -gain (k_0^2 e + k_1 e'), the controller of Hackl, Hopfe, Ilchmann, Mueller and Trenn
+      (SIAM J. Control Optim. 51, 965-995, 2013) with gains scaled by their funnels, and with
+      norms where there it has one output. Its rate funnel must leave e room to follow its own:
+      psi_1 > -psi_0'.
+
+    Both need no model and keep |e| < psi_0 and |e_1| < psi_1 for ever if they hold at the
+    start. The factor ``gain`` is not in the papers; it scales the high-frequency gain, which may
+    be any positive definite matrix. The gains have the units of the scene: k_0 is 1 per unit of
+    time on the reference.
 
     The gains change sign outside the funnels, where the loop has no meaning. Solvers do not know
     this: check the outputs ``error_norm`` and ``rate_error_norm`` against the widths.
@@ -98,8 +111,10 @@ def funnel_tracker(
         What the output shall follow.
     funnel, rate_funnel : Funnel
         Bounds psi_0 on |e| and psi_1 on |e_1|.
+    law : {"recursive", "two gains"}, optional
+        Which of both controllers.
     gain : float, optional
-        Force per speed of e_1 in the middle of the funnels, positive.
+        Force per speed e_1 in the middle of the funnels, positive.
     actuator : {"force", "rest_length"}, optional
         Whether u above is the force itself, or by (11) moves the rest lengths: the force is then
         c_j times u_j, with the plant's own ``stiffness`` c.
@@ -121,8 +136,8 @@ def funnel_tracker(
     ------
     ArgumentError
         If a number is out of range, the plant has no such output or input, sizes of plant and
-        reference differ, forces act on the output's rate at once, or the plant starts outside a
-        funnel.
+        reference differ, forces act on the output's rate at once, the plant starts outside a
+        funnel, or the rate funnel is too narrow for the other.
 
     Examples
     --------
@@ -138,23 +153,34 @@ def funnel_tracker(
     """
     if not 0 < gain < math.inf:
         raise ArgumentError("gain must be positive and finite")
+    if law not in get_args(FunnelLaw):
+        raise ArgumentError(f"law must be 'recursive' or 'two gains', not {law!r}")
     error = TrackingError.of(plant, reference, output)
-    _check_start(error.at_start(plant, reference), funnel, rate_funnel)
+    if law == "two gains":
+        _check_room(funnel, rate_funnel)
+    _check_start(error.at_start(plant, reference), funnel, rate_funnel, law)
     strength = ca.SX.sym("gain")
     (outer,), numbers = lift([funnel], "funnel", _units(error.unit))
     (inner,), rate_numbers = lift([rate_funnel], "rate_funnel", _units(error.rate_unit))
 
     width, rate_width = outer.width(plant.t), inner.width(plant.t)
-    k0 = 1 / (1 - error.square / width**2)
-    rate_error = error.rate + k0 * error.value
-    square = ca.dot(rate_error, rate_error)
-    k1 = 1 / (1 - square / rate_width**2)
+    if law == "recursive":
+        k0 = 1 / (1 - error.square / width**2)
+        rate_error = error.rate + k0 * error.value
+        square = ca.dot(rate_error, rate_error)
+        k1 = 1 / (1 - square / rate_width**2)
+        force = k1 * rate_error
+    else:
+        k0 = 1 / (1 - ca.sqrt(error.square) / width)
+        square = ca.dot(error.rate, error.rate)
+        k1 = 1 / (1 - ca.sqrt(square) / rate_width)
+        force = k0**2 * error.value + k1 * error.rate
     ahead, believed = feedforward.force(reference) if feedforward else (0, ())
     return close(
         plant,
         reference,
         error,
-        ahead + force_of(plant, -strength * k1 * rate_error, actuator),
+        ahead + force_of(plant, -strength * force, actuator),
         name="a funnel controller",
         input=input,
         parameters=[
@@ -176,8 +202,32 @@ def _units(start: str) -> dict[str, str]:
     return {"start": start, "end": start, "time": "time"}
 
 
+def _check_room(funnel: Funnel, rate_funnel: Funnel) -> None:
+    """Refuse a rate funnel in which an error at the edge of its own cannot follow that."""
+    numbers = [f for each in (funnel, rate_funnel) for f in (each.start, each.end, each.time)]
+    if any(isinstance(number, ca.SX) for number in numbers):
+        return
+    start, end, time, rate_start, rate_end, rate_time = map(float, numbers)
+    # where psi_1 + psi_0' may be least: at the start, where it has no slope, or in the end
+    shrinks, narrows = (start - end) / time, (rate_start - rate_end) / rate_time
+    times, apart = [0.0], 1 / time - 1 / rate_time
+    if shrinks * narrows > 0 and apart != 0:
+        times.append(max(math.log(shrinks / (time * narrows)) / apart, 0.0))
+    for t in times:
+        rate = shrinks * math.exp(-t / time)
+        width = rate_end + (rate_start - rate_end) * math.exp(-t / rate_time)
+        if not width > rate:
+            raise ArgumentError(
+                f"at t = {t:.3g} the funnel narrows at {rate:.6g}, and the rate funnel lets the "
+                f"error fall at less than {width:.6g}"
+            )
+
+
 def _check_start(
-    start: tuple[np.ndarray, np.ndarray] | None, funnel: Funnel, rate_funnel: Funnel
+    start: tuple[np.ndarray, np.ndarray] | None,
+    funnel: Funnel,
+    rate_funnel: Funnel,
+    law: FunnelLaw,
 ) -> None:
     if start is None or isinstance(funnel.start, ca.SX) or isinstance(rate_funnel.start, ca.SX):
         return
@@ -187,8 +237,12 @@ def _check_start(
         raise ArgumentError(
             f"the error starts at {size:.6g}, outside its funnel of {funnel.start:g}"
         )
-    rate_size = float(np.linalg.norm(rate + error / (1 - (size / funnel.start) ** 2)))
+    if law == "recursive":
+        rate, what = rate + error / (1 - (size / funnel.start) ** 2), "e' + k_0 e"
+    else:
+        what = "e'"
+    rate_size = float(np.linalg.norm(rate))
     if not rate_size < rate_funnel.start:
         raise ArgumentError(
-            f"e' + k_0 e starts at {rate_size:.6g}, outside its funnel of {rate_funnel.start:g}"
+            f"{what} starts at {rate_size:.6g}, outside its funnel of {rate_funnel.start:g}"
         )

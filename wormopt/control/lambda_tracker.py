@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
-from typing import Literal, Protocol, get_args
+from typing import Literal, Protocol
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wormopt.control.feedback import FEEDBACKS, Known
 from wormopt.control.loop import Actuator, FeedForward, TrackingError, close, force_of
 from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError
 from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Model, Output, Signal, Switch
 
-Feedback = Literal["derivative", "filter"]
-"""What stands in for e': the rate of the output itself (13) or a filter's state (14)."""
+Feedback = Literal["derivative", "filter", "difference", "backstepping"]
+"""What stands in for e': the rate itself (13), a filter (14), a difference in time, nothing."""
 
 Number = float | ca.SX
 
@@ -202,6 +203,7 @@ def lambda_tracker(
     gain_start: float = 1.0,
     filter_start: ArrayLike = 1.0,
     actuator: Actuator = "force",
+    lag: float = 0.01,
     feedforward: FeedForward | None = None,
     watch: bool = False,
     output: str = "length",
@@ -211,7 +213,16 @@ def lambda_tracker(
 
     With ``feedback="derivative"``, (13), u = -(k e + (k e)') = -(k e + k' e + k e'). With
     "filter", (14), u = -(k theta + (k theta)') and theta' = -k^2 theta + k^2 e, which needs no
-    derivative of the output. |.| is the Euclidean norm.
+    derivative of the output. |.| is the Euclidean norm. Neither do the other two:
+
+    - "difference" is (13) with (e(t) - e(t - h)) / h in place of e'; before time 0 the error was
+      what it is then. The loop is a delay equation. It is stable at high gain only while k h is
+      small against the inertia: unlike e', a difference does not bear every gain.
+    - "backstepping" is a filter xi' = -xi + u of the input and
+      u = -k e - (k^2 + |e|^2) k^4 (1 + |xi|^2) (xi + k e): Ye's way (Automatica 35, 109-119, 1999)
+      in the form that Ilchmann, Ryan and Townsend gave it for relative degree two (SIAM J. Control
+      Optim. 46, 210-230, 2007), for a high-frequency gain of known sign. Powers of the gain up
+      to k^7 make the loop stiff.
 
     Parameters
     ----------
@@ -221,8 +232,8 @@ def lambda_tracker(
         What the output shall follow.
     tube_radius : float
         Radius lambda of the tube, positive.
-    feedback : {"derivative", "filter"}, optional
-        Which of both trackers.
+    feedback : {"derivative", "filter", "difference", "backstepping"}, optional
+        Which of these trackers.
     adaptation : Adaptation, optional
         How the gain grows; by default `Quadratic`.
     gain_start : float, optional
@@ -232,6 +243,8 @@ def lambda_tracker(
     actuator : {"force", "rest_length"}, optional
         Whether the tracker's u above is the force itself, or by (11) moves the rest lengths: the
         force is then c_j times u_j, with the plant's own ``stiffness`` c.
+    lag : float, optional
+        Time h over which "difference" takes its difference.
     feedforward : FeedForward, optional
         Force added to the tracker's.
     watch : bool, optional
@@ -243,10 +256,11 @@ def lambda_tracker(
     Returns
     -------
     Model
-        States: the plant's, ``gain``, for (14) ``filter`` (n), and those of the adaptation.
-        Parameters: the plant's, ``tube_radius``, ``gain_growth`` and the adaptation's others, and
-        those of the feed-forward. Outputs: the plant's, ``reference``, ``error``,
-        ``error_norm``, the input under its name, ``gain_rate``.
+        States: the plant's, ``gain``, for (14) ``filter`` (n), for "backstepping"
+        ``input_filter`` (n), and those of the adaptation. Parameters: the plant's,
+        ``tube_radius``, ``gain_growth`` and the adaptation's others, for "difference" ``lag``, and
+        those of the feed-forward. Delays: for "difference" ``past_error``. Outputs: the plant's,
+        ``reference``, ``error``, ``error_norm``, the input under its name, ``gain_rate``.
 
     Raises
     ------
@@ -269,24 +283,15 @@ def lambda_tracker(
     """
     _check("tube_radius", tube_radius, above=0.0)
     _check("gain_start", gain_start, above=0.0)
-    if feedback not in get_args(Feedback):
-        raise ArgumentError(f"feedback must be 'derivative' or 'filter', not {feedback!r}")
+    if feedback not in FEEDBACKS:
+        raise ArgumentError(f"feedback must be one of {', '.join(FEEDBACKS)}, not {feedback!r}")
     error = TrackingError.of(plant, reference, output)
-    n = error.value.numel()
     k, lam = ca.SX.sym("gain"), ca.SX.sym("tube_radius")
     (law,), numbers = lift([adaptation or Quadratic()], "gain", {"dwell": "time"})
     growth = law.grow(k, error.square, lam)
+    fed = FEEDBACKS[feedback](Known(error, k, growth.rate, filter_start, lag))
 
-    states, rates = [Signal("gain", k, value=gain_start)], [growth.rate]
-    if feedback == "derivative":
-        fed, fed_rate = error.value, error.rate
-    else:
-        fed = ca.SX.sym("filter", n)
-        fed_rate = k**2 * (error.value - fed)
-        start = np.broadcast_to(np.asarray(filter_start, dtype=float), (n,))
-        states.append(Signal("filter", fed, error.unit, value=tuple(start.tolist())))
-        rates.append(fed_rate)
-    force = force_of(plant, -(k * fed + growth.rate * fed + k * fed_rate), actuator)
+    states, rates = [Signal("gain", k, value=gain_start), *fed.states], [growth.rate, *fed.rates]
     ahead, believed = feedforward.force(reference) if feedforward else (0, ())
 
     kept = ca.vertcat(*(state.symbol for state in states))
@@ -298,7 +303,7 @@ def lambda_tracker(
         plant,
         reference,
         error,
-        force + ahead,
+        ahead + force_of(plant, fed.force, actuator),
         name="a lambda-tracker",
         input=input,
         states=states,
@@ -306,10 +311,12 @@ def lambda_tracker(
         parameters=[
             Signal("tube_radius", lam, error.unit, lower=TINY, value=tube_radius),
             *numbers,
+            *fed.parameters,
             *believed,
         ],
         outputs=[Output("gain_rate", growth.rate)],
         switches=switches,
+        delays=fed.delays,
     )
 
 

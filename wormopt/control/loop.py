@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.model.delay import Delay
 from wormopt.model.model import Model, Output, Signal, Switch, lie, pack
 from wormopt.model.schedule import Schedule
 
@@ -237,6 +238,7 @@ def close(
     outputs: Sequence[Output] = (),
     switches: Sequence[Switch] = (),
     schedules: Sequence[Schedule] = (),
+    delays: Sequence[Delay] = (),
 ) -> Model:
     """Put `force` (n, 1) for the plant's input and add the controller's states and parameters.
 
@@ -264,6 +266,7 @@ def close(
             *(replace(s, reset=ca.vertcat(x, s.reset)) for s in switches),
         ],
         schedules=[*plant.schedules, *reference.schedules, *schedules],
+        delays=[*plant.delays, *delays],
     )
 
 

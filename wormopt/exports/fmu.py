@@ -99,6 +99,7 @@ def _archive(plant: Plant, stem: str) -> bytes:
 
 
 def _refuse(model: Model) -> None:
+    model.refuse_delays("an FMU here")
     x = ca.vertcat(*(signal.symbol for signal in model.x))
     for switch in model.switches:  # those that only tell when something happens may go
         if switch.terminal or not ca.is_equal(ca.densify(switch.reset), x, 2):

@@ -76,6 +76,8 @@ class Explicit:
     def __post_init__(self) -> None:
         if len(self.model.z) > 0:
             raise ArgumentError(f"{self.model.name} has algebraic variables; solve for them first")
+        if getattr(self.model, "delays", ()):
+            raise ArgumentError(f"{self.model.name} has delays: its states do not tell its rates")
         _ = self.outputs
 
     @cached_property

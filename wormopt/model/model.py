@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.model.delay import Delay
 from wormopt.model.planar_friction import PlanarLaw
 from wormopt.model.schedule import Schedule
 from wormopt.shown import lines, listed
@@ -191,6 +192,8 @@ class Model:
         Discrete events.
     schedules : sequence of Schedule, optional
         Symbols that are constant on pieces of time.
+    delays : sequence of Delay, optional
+        Symbols that are signals of the past. Who only knows equations without delay refuses them.
 
     Raises
     ------
@@ -219,13 +222,14 @@ class Model:
     contacts: Sequence[Contact] = ()
     switches: Sequence[Switch] = ()
     schedules: Sequence[Schedule] = ()
+    delays: Sequence[Delay] = ()
 
     def __post_init__(self) -> None:
         if self.ode.numel() != self.n_x:
             raise ArgumentError(
                 f"model {self.name}: {self.ode.numel()} equations, {self.n_x} states"
             )
-        names = [s.name for s in (*self.x, *self.z, *self.u, *self.p)]
+        names = [s.name for s in (*self.x, *self.z, *self.u, *self.p, *self.delays)]
         if len(set(names)) < len(names):
             raise ArgumentError(f"model {self.name}: two signals share a name in {names}")
         if self.alg.numel() != sum(s.size for s in self.z):
@@ -248,6 +252,23 @@ class Model:
     def n_x(self) -> int:
         """Number of scalar states."""
         return sum(s.size for s in self.x)
+
+    def refuse_delays(self, what: str) -> None:
+        """Refuse signals of the past where they are not known.
+
+        Parameters
+        ----------
+        what : str
+            What does not know them.
+
+        Raises
+        ------
+        ArgumentError
+            If there are any.
+        """
+        if self.delays:
+            names = ", ".join(delay.name for delay in self.delays)
+            raise ArgumentError(f"{what} knows no delays, and {self.name} has some: {names}")
 
     @property
     def forces(self) -> ca.SX:
@@ -320,14 +341,14 @@ class Model:
         return times[np.diff(times, prepend=-np.inf) > 1e-12 * end]
 
     def __getitem__(self, name: str) -> ca.SX:
-        """Symbol of a state, algebraic variable, input or parameter, or expression of an output.
+        """Symbol of a state, algebraic variable, input, parameter or delay, or an output.
 
         UnknownNameError, a KeyError, where there is none; the message lists those there are.
         """
         found = {signal.name: signal.symbol for signal in self.x}
         for output in self.outputs:
             found.setdefault(output.name, output.expression)
-        for signal in (*self.z, *self.u, *self.p):
+        for signal in (*self.z, *self.u, *self.p, *self.delays):
             found.setdefault(signal.name, signal.symbol)
         if name not in found:
             raise UnknownNameError(self.name, "signal", [name], list(found))

@@ -60,6 +60,7 @@ class Arc:
 
     def __init__(self, problem: Problem, mesh: Mesh, treatment: Treatment) -> None:
         model = problem.model
+        model.refuse_delays("optimisation")
         self.problem, self.mesh = problem, mesh
         self.closure = treatment.close(model)
         self.modal = isinstance(treatment, FixedModes)

@@ -124,7 +124,9 @@ class Explicit:
         scale = task.absolute + task.tolerance.relative * np.abs(x)
         size, slope = np.sum((x / scale) ** 2), np.sum((dx / scale) ** 2)
         h = 1e-6 if size <= 1e-10 or slope <= 1e-10 else 0.01 * np.sqrt(size / slope)
-        h = min(h, task.span[1] - t)
+        # a state that is all but 0 and moves says nothing of times
+        left = task.span[1] - t
+        h = min(max(h, 1e-9 * left), left)
         change = (self._derivative(t + h, x + h * dx) - dx) / scale
         largest = max(np.sqrt(np.sum(change**2)) / h, np.sqrt(slope))
         wanted = max(1e-6, h * 1e-3) if largest <= 1e-15 else (0.01 / largest) ** (1 / 8)

@@ -24,6 +24,7 @@ from wormopt.numerics.identically import without_zeros
 from wormopt.simulation.grip import ENTRIES, LineGrip, PlaneGrip, grips_of, never_rests
 from wormopt.simulation.law_numbers import LawNumbers
 from wormopt.simulation.least import RESTING, TURNING, Equations, determined, solver
+from wormopt.simulation.memory import Memory, recalled
 from wormopt.simulation.options import Smooth, Treatment
 
 
@@ -48,9 +49,14 @@ class System:
     def symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         """t, x, p and s."""
         model = self.model
-        schedules = [ca.vertcat(s.begin, s.symbol) for s in model.schedules]
+        schedules = [ca.vertcat(s.begin, s.symbol) for s in (*model.schedules, *self.memories)]
         p = ca.vertcat(pack(model.p), pack(model.u), self._v_reg, *schedules)
         return model.t, ca.vertcat(pack(model.x), self._pushes), p, self._modes
+
+    @cached_property
+    def memories(self) -> tuple[Memory, ...]:
+        """What stands for the model's delays: schedules behind the model's own."""
+        return tuple(Memory(delay) for delay in self.model.delays)
 
     @cached_property
     def _pushes(self) -> ca.SX:
@@ -137,6 +143,7 @@ class System:
         if ca.depends_on(ca.jacobian(model.ode, model.forces), model.forces):
             raise ArgumentError(f"the ode of {model.name} must be affine in the contact forces")
         (ode,) = ca.substitute([model.ode], [old], [new]) if plain else [model.ode]
+        ode = recalled(ode, self.memories, model.t)
         acceleration = ca.jtimes(velocity, pack(model.x), ode) + ca.jacobian(velocity, model.t)
         return [ode, velocity, acceleration]
 
@@ -373,6 +380,7 @@ class System:
         old = ca.vertcat(ca.SX(0, 1), *(c.force for c in plain))
         new = ca.vertcat(ca.SX(0, 1), *(c.law.slip_force(c.velocity, 1) for c in plain))
         old = ca.vertcat(old, self._force_symbols)
+        expression = recalled(expression, self.memories, self.model.t)
         return ca.substitute(expression, old, ca.vertcat(new, self.forces))
 
     def observe(self, expression: ca.SX) -> ca.Function:
@@ -418,7 +426,8 @@ class System:
         fixed = signal_values(signals, given, "parameter or input")
         self._laws.check(fixed)
         v_reg = self.treatment.v_reg if isinstance(self.treatment, Smooth) else 0.0
-        scheduled = sum(1 + s.symbol.numel() for s in self.model.schedules)
+        schedules = (*self.model.schedules, *self.memories)
+        scheduled = sum(1 + s.symbol.numel() for s in schedules)
         return np.concatenate([fixed, [v_reg], np.zeros(scheduled)])
 
     @staticmethod

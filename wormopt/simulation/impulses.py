@@ -51,6 +51,7 @@ class Impulses:
                     self._refuse("contacts in the plane must have the law Elliptic")
             elif len(contact.law.directions) != 2:
                 self._refuse("contacts must be free to slide both ways")
+        model.refuse_delays("the scheme of Moreau and Jean")
         if model.z or model.switches:
             self._refuse("algebraic variables and switches are not stepped over")
         timed = [model.t, *(s for part in model.schedules for s in (part.symbol, part.begin))]

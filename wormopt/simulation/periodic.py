@@ -140,6 +140,7 @@ def periodic_orbit(
     >>> bool(abs(abs(orbit.multipliers[0]) - np.exp(-np.pi / 5)) < 1e-8)
     True
     """
+    model.refuse_delays("the search for a periodic motion")
     names = [signal.name for signal in model.x] if returning is None else list(returning)
     check_names(dict.fromkeys(names, 0), [signal.name for signal in model.x], "state")
     if not (names and 0 < period < np.inf):

@@ -15,6 +15,7 @@ from wormopt.model.model import Model
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import check_names, numbers, signal_values
 from wormopt.progress import Report, silent
+from wormopt.simulation.delays import integrate_delayed
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import KINDS, InitialValueProblem, Outcome
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
@@ -76,7 +77,7 @@ def simulate(
     route: Route = "auto",
     report: Report = silent,
 ) -> Trajectory:
-    """Integrate a model in time.
+    """Integrate a model in time, by the method of steps where it has delays.
 
     Parameters
     ----------
@@ -147,6 +148,8 @@ def simulate(
         dense=dense,
         tolerance=tolerance,
     )
+    if model.delays:
+        return _trajectory(*integrate_delayed(task, route, report))
     return _trajectory(task, integrate(task, route, report))
 
 

@@ -118,7 +118,9 @@ double first_step(Run *run) {
         slope += (f[m] / scale) * (f[m] / scale);
     }
     double h = size <= 1e-10 || slope <= 1e-10 ? 1e-6 : 0.01 * sqrt(size / slope);
-    h = fmin(h, run->in.t_end - run->out.t);
+    /* a state that is all but 0 and moves says nothing of times */
+    double left = run->in.t_end - run->out.t;
+    h = fmin(fmax(h, 1e-9 * left), left);
     for (long long m = 0; m < n; m++) run->stage[m] = x[m] + h * f[m];
     derivative(run, run->out.t + h, run->stage, run->k[1]);
     for (long long m = 0; m < n; m++) {

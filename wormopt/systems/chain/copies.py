@@ -49,6 +49,7 @@ def copies(model: Model, draws: Sequence[Mapping[str, ArrayLike]]) -> Model:
     """
     if not draws:
         raise ArgumentError("copies need at least one draw of the parameters")
+    model.refuse_delays("a copy")
     if model.switches or model.schedules or model.z:
         raise ArgumentError(f"{model.name} has switches, schedules or algebraic variables")
     made = [_copy(model, draw, k) for k, draw in enumerate(draws)]

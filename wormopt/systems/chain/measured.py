@@ -331,15 +331,17 @@ def loop_expressions(each: Tracked) -> dict[str, ca.SX]:
     }
 
 
-def funnel_checks(motions: Mapping[str, Tracked], label: str = "") -> Iterator[Check]:
-    """Whether errors stay in their funnels: of one tracker, the motions by what to call each."""
-    first = next(iter(motions.values()))
-    if not isinstance(first.tracker, FunnelTracker):
+def funnel_checks(
+    loop: Model, motions: Trajectory | Mapping[str, Trajectory], label: str = ""
+) -> Iterator[Check]:
+    """Whether errors stay in their funnels, if there are any: motions by what to call each."""
+    if not any(output.name == "rate_funnel" for output in loop.outputs):
         return
+    if isinstance(motions, Trajectory):
+        motions = {label: motions}
     for norm, width in (("error_norm", "funnel"), ("rate_error_norm", "rate_funnel")):
         shares = {
-            name: each.motion.largest(each.loop[norm] / each.loop[width])
-            for name, each in motions.items()
+            name: motion.largest(loop[norm] / loop[width]) for name, motion in motions.items()
         }
         advice = [
             f"{name}{norm} leaves its {width}, where the controller has no meaning"

@@ -121,7 +121,7 @@ def accepted_error(tolerance: Tolerance) -> float:
 
 
 def _second_route(model: Model, motion: Trajectory) -> Route:
-    by_events = motion.system.exact or model.switches
+    by_events = motion.system.exact or model.switches or model.delays
     return "python" if by_events or motion.route == "cvodes" else "cvodes"
 
 

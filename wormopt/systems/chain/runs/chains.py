@@ -10,9 +10,17 @@ from typing import Any, Protocol
 import numpy as np
 
 from wormopt.control.funnel import Funnel, funnel_tracker
-from wormopt.control.lambda_tracker import Adaptation, Decay, Exponent, Quadratic, lambda_tracker
+from wormopt.control.lambda_tracker import (
+    Adaptation,
+    Decay,
+    Exponent,
+    Feedback,
+    Quadratic,
+    lambda_tracker,
+)
 from wormopt.control.loop import FeedForward
 from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.switching import switching_tracker
 from wormopt.errors import SceneError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.gait import Gait
@@ -33,17 +41,34 @@ from wormopt.systems.chain.scenes.chain import (
     StribeckFriction,
 )
 from wormopt.systems.chain.scenes.track import (
+    BacksteppingTracker,
     DecayLaw,
     DerivativeTracker,
+    DifferenceTracker,
     ExponentLaw,
     FilterTracker,
     FunnelTable,
     FunnelTracker,
+    LambdaTracker,
+    SwitchingTracker,
     Tracker,
     TrackScene,
 )
 
 _RANDOM = ("stiffness", "damping", "rest_length")
+_FEEDBACKS: dict[type, Feedback] = {
+    DerivativeTracker: "derivative",
+    FilterTracker: "filter",
+    DifferenceTracker: "difference",
+    BacksteppingTracker: "backstepping",
+}
+_NAMES = {
+    DerivativeTracker: "tracker (13)",
+    FilterTracker: "tracker (14)",
+    DifferenceTracker: "(13), delayed difference",
+    BacksteppingTracker: "filtered input",
+    SwitchingTracker: "switching gains",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,19 +222,33 @@ def close_loop(plant: Model, reference: Reference, tracker: Tracker, worm: Chain
             reference,
             funnel=_funnel(tracker.funnel),
             rate_funnel=_funnel(tracker.rate_funnel),
+            law=tracker.law,
             gain=tracker.gain,
             actuator=tracker.input,
             feedforward=feedforward,
         )
-    by_filter = isinstance(tracker, FilterTracker)
+    if isinstance(tracker, SwitchingTracker):
+        return switching_tracker(
+            plant,
+            reference,
+            tube_radius=tracker.tube_radius,
+            settling=tracker.settling,
+            overshoot=tracker.overshoot,
+            gain_start=tracker.gain_start,
+            factor=tracker.factor,
+            filter_start=tracker.filter_start,
+            actuator=tracker.input,
+            feedforward=feedforward,
+        )
     return lambda_tracker(
         plant,
         reference,
         tube_radius=tracker.tube_radius,
-        feedback="filter" if by_filter else "derivative",
+        feedback=_FEEDBACKS[type(tracker)],
         adaptation=_adaptation(tracker),
         gain_start=tracker.gain_start,
-        filter_start=tracker.filter_start if by_filter else 1.0,
+        filter_start=tracker.filter_start if isinstance(tracker, FilterTracker) else 1.0,
+        lag=tracker.lag if isinstance(tracker, DifferenceTracker) else 1.0,
         actuator=tracker.input,
         feedforward=feedforward,
     )
@@ -219,7 +258,7 @@ def _funnel(table: FunnelTable) -> Funnel:
     return Funnel(table.start, table.end, table.time)
 
 
-def _adaptation(tracker: FilterTracker | DerivativeTracker) -> Adaptation:
+def _adaptation(tracker: LambdaTracker) -> Adaptation:
     law = tracker.adaptation
     if isinstance(law, ExponentLaw):
         return Exponent(law.exponent, tracker.growth)
@@ -259,5 +298,5 @@ def labels(trackers: Sequence[Tracker]) -> list[str]:
 
 def _default_name(tracker: Tracker) -> str:
     if isinstance(tracker, FunnelTracker):
-        return "funnel controller"
-    return "tracker (14)" if isinstance(tracker, FilterTracker) else "tracker (13)"
+        return "funnel controller" if tracker.law == "recursive" else "funnel, two gains"
+    return _NAMES[type(tracker)]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.errors import SolveError
+from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.numerics.workers import Workers
 from wormopt.progress import Report, silent
@@ -21,12 +21,19 @@ from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Exact, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.chain.measured import balance, chain_checks, judged, judged_numbers
+from wormopt.systems.chain.measured import (
+    balance,
+    chain_checks,
+    funnel_checks,
+    judged,
+    judged_numbers,
+)
 from wormopt.systems.chain.rivals import (
     PLANS,
     Answer,
     Draw,
     Job,
+    Plan,
     Rival,
     draw_plants,
     driven,
@@ -85,7 +92,7 @@ def run(scene: Scene[CompareScene], report: Report) -> Result:
     runs = [
         [
             _judge(scene, rival, draws, k == 0, report)
-            for rival in rivals(table, gait, {n: a.plan for n, a in plans[k].items()})
+            for rival in _rivals(scene, gait, {n: a.plan for n, a in plans[k].items()})
         ]
         for k, gait in enumerate(gaits)
     ]
@@ -135,6 +142,16 @@ def _plan(
     for plans in found:
         plans["fastest crawl"] = found[0]["fastest crawl"]
     return [{name: plans[name] for name in PLANS} for plans in found]
+
+
+def _rivals(
+    scene: Scene[CompareScene], gait: Gait, plans: Mapping[str, Plan | None]
+) -> list[Rival]:
+    """Make all rivals; raises SceneError for a controller that cannot start there."""
+    try:
+        return list(rivals(scene.table, gait, plans))
+    except ArgumentError as error:
+        raise SceneError(scene.name, [("tracker", str(error))]) from None
 
 
 def _judge(
@@ -209,6 +226,12 @@ def _result(
         for name, row, balances in zip(names, runs, energies, strict=True)
         for each, energy in zip(row, balances, strict=True)
         for check in chain_checks(each.second, energy, tolerance, f"{name}, {each.rival.name}")
+    ]
+    checks += [
+        check
+        for name, row in zip(names, runs, strict=True)
+        for each in row
+        for check in funnel_checks(each.rival.model, each.motion, f"{name}, {each.rival.name}: ")
     ]
     residuals = [abs(each.residual) for row in energies for each in row if each]
     text = table_of(

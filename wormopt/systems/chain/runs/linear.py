@@ -40,12 +40,11 @@ from wormopt.systems.chain.runs.chains import (
     close_loop,
     draw_links,
     laws_of,
-    tolerance_of,
-    treatment_of,
 )
 from wormopt.systems.chain.scenes.linear import LinearScene
 from wormopt.systems.chain.scenes.track import FilterTracker
 from wormopt.systems.shared.proof import CrossCheck, cross_check, warnings_of_contact
+from wormopt.systems.shared.settings import tolerance_of, treatment_of
 from wormopt.systems.shared.signals import simulate_whole
 from wormopt.systems.spiked import gait_of_shape
 

@@ -187,6 +187,7 @@ def _stray_symbols(model: Model) -> list[str]:
         model.t,
         model.forces,
         *(ca.vertcat(s.symbol, s.begin) for s in model.schedules),
+        *(delay.symbol for delay in model.delays),
     )
     said = ca.vertcat(
         ca.vec(model.ode),

@@ -43,7 +43,6 @@ from wormopt.systems.chain.readings import (
     structure_of,
     supported,
 )
-from wormopt.systems.chain.runs.chains import tolerance_of, treatment_of
 from wormopt.systems.chain.runs.readings_table import csv_of, table_of
 from wormopt.systems.chain.scenes.readings import ReadingsScene
 from wormopt.systems.chain.scenes.track import DerivativeTracker, FilterTracker
@@ -54,6 +53,7 @@ from wormopt.systems.shared.proof import (
     warnings_of_contact,
     warnings_of_motion,
 )
+from wormopt.systems.shared.settings import tolerance_of, treatment_of
 from wormopt.systems.shared.signals import event_arrays, fitted, sample, simulate_whole
 from wormopt.systems.spiked import gait_of_shape
 

@@ -141,7 +141,7 @@ def _result(
         label = each.label if len(found) > 1 else ""
         before = f"{label}: " if label else ""
         checks += chain_checks(second, energy, tolerance, label)
-        checks += funnel_checks({before: each}, before)
+        checks += funnel_checks(each.loop, each.motion, before)
     return conclude(
         scene,
         {name: one_or_all([each[name] for each in numbers]) for name in numbers[0]},

@@ -214,7 +214,8 @@ def _checks(herd: _Herd) -> Iterator[Check]:
     lost, why = len(codes) - len(herd.whole), ", ".join(sorted(set(filter(None, codes))))
     advice = f"{before}{lost} of {len(codes)} members were given up ({why})"
     yield Check(f"{before}members given up", lost, 0.0, advice)
-    yield from funnel_checks({f"{before}member {k}: ": herd.member(k) for k in herd.whole}, before)
+    motions = {f"{before}member {k}: ": herd.member(k).motion for k in herd.whole}
+    yield from funnel_checks(herd.first.loop, motions, before)
 
 
 def _warnings(herd: _Herd, second: CrossCheck | None) -> Iterator[str]:

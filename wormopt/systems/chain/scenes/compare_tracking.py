@@ -23,7 +23,7 @@ from wormopt.scene.types import (
     wrong_order,
 )
 from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
-from wormopt.systems.chain.scenes.track import DerivativeTracker, FilterTracker
+from wormopt.systems.chain.scenes.track import FunnelTracker, Tracker, faults_of_lag
 from wormopt.systems.chain.scenes.track_optimal import GridTable, RelaxationTable, Share, TubeTable
 from wormopt.systems.shared.declared import JUDGED, LOOP_SIGNALS, TIME, over
 from wormopt.systems.spiked import Shape
@@ -126,11 +126,11 @@ _RIVALS = ("reference", "rival")
 class CompareScene(SceneTable, frozen=True, kw_only=True):
     """One chain under several controllers, nominal and with parameters that are not as believed.
 
-    All are measured by one exact simulator: λ-trackers, LQR with feed-forward, optimal tracking,
-    the least input that stays in the tube, and the fastest crawl, which ignores the reference;
-    plans open loop, and with LQR around them. Then the same controllers, which do not know it, on
-    plants whose parameters are drawn; and plans made anew for the first of these plants. All
-    figures stand in `table.md`, beside the result; what follows from them:
+    All are measured by one exact simulator: adaptive trackers, LQR with feed-forward, optimal
+    tracking, the least input that stays in the tube, and the fastest crawl, which ignores the
+    reference; plans open loop, and with LQR around them. Then the same controllers, which do not
+    know it, on plants whose parameters are drawn; and plans made anew for the first of these
+    plants. All figures stand in `table.md`, beside the result; what follows from them:
     [comparison.md](../comparison.md).
 
     Refused: a tracker with another tube; more known plants than plants; friction of another kind
@@ -198,8 +198,12 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
         TubeTable, says("", "tube by which all are judged, from the time of capture on")
     ]
     tracker: Annotated[
-        tuple[FilterTracker | DerivativeTracker, ...],
-        says("", "tables `[[tracker]]`: λ-trackers; `tube_radius` is `tube.radius`"),
+        tuple[Tracker, ...],
+        says(
+            "",
+            "tables `[[tracker]]`: controllers that do not know the plant; `tube_radius` is "
+            "`tube.radius`",
+        ),
     ]
     lqr: Annotated[LqrTable, says("", "LQR with feed-forward, also around the optimal inputs")]
     optimal: Annotated[OptimalTable, says("", "optimal tracking and optimal tube")]
@@ -234,7 +238,9 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
             yield from reference.gait.faults(links, folder, f"reference[{k}].gait")
         for k, tracker in enumerate(self.tracker):
             yield from tracker.faults(f"tracker[{k}]", links)
-            if tracker.tube_radius != self.tube.radius:
+            yield from faults_of_lag(f"tracker[{k}]", tracker, self.time.end)
+            free = isinstance(tracker, FunnelTracker) and tracker.tube_radius is None
+            if not free and tracker.tube_radius != self.tube.radius:
                 message = f"all are judged by tube.radius = {self.tube.radius:g}; write the same"
                 yield f"tracker[{k}].tube_radius", message
         yield from self._faults_of_draws()

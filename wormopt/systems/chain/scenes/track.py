@@ -93,6 +93,9 @@ class FeedForwardTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
+# A stretch takes about a millisecond.
+_MOST_STRETCHES = 1e5
+
 Name = Annotated[str, says("", "what pictures call it; by its kind if left out")]
 FeedForwardOrNone = Annotated[
     FeedForwardTable | None, says("", "force that is added; none if left out")
@@ -150,6 +153,57 @@ class FilterTracker(LambdaTracker, frozen=True, kw_only=True, tag="filter"):
         yield from wrong_count(f"{key}.filter_start", self.filter_start, links, "links")
 
 
+class DifferenceTracker(LambdaTracker, frozen=True, kw_only=True, tag="difference"):
+    """Tracker (13) with (*e*(*t*) − *e*(*t* − *h*))/*h* in place of *e*′: it measures no rates.
+
+    The error before the start is that of the start. The loop is a delay equation, simulated by the
+    method of steps. A difference does not bear every gain: *k h* must be small against the masses.
+    """
+
+    lag: Annotated[Positive, says("time", "*h*; each takes a stretch of its own to simulate")]
+
+
+class BacksteppingTracker(LambdaTracker, frozen=True, kw_only=True, tag="backstepping"):
+    """Ye's way (1999), in the form of Ilchmann, Ryan and Townsend (2007): it filters the input.
+
+    *u* = −*k e* − (*k*² + |*e*|²) *k*⁴ (1 + |*ξ*|²)(*ξ* + *k e*), *ξ*′ = −*ξ* + *u*, *ξ*(0) = 0. It
+    measures no rates. Powers of the gain up to *k*⁷ make it stiff, so that it wants a tube that
+    small gains keep.
+    """
+
+
+class SwitchingTracker(Table, frozen=True, kw_only=True, tag_field="feedback", tag="switching"):
+    """A gain that jumps up whenever a trial fails, in the manner of Miller and Davison (1991).
+
+    *θ*′ = *k*²(*e* − *θ*), *u* = −(*k*²*θ* + *k θ*′): it measures no rates. A trial fails where
+    |*e*| leaves its bound: the tube once the trial's time to settle has passed, before a little
+    more than it began with. All these times together are `settling`, all that bounds add is
+    `overshoot`. [theory-dynamics.md](../theory-dynamics.md) says what of it is a reading.
+    """
+
+    name: Name = ""
+    tube_radius: Annotated[Positive, says("length", "*λ*")]
+    settling: Annotated[Positive, says("time", "time outside of the tube, at most")]
+    overshoot: Annotated[Positive, says("length", "by how much |*e*| may exceed its start, or *λ*")]
+    gain_start: Annotated[Positive, says("", "*k*(0)")] = 1.0
+    factor: Annotated[
+        float,
+        Meta(ge=1.01, le=100, description="a number from 1.01 to 100"),
+        says("1", "each gain over the one before"),
+    ] = 2.0
+    filter_start: Annotated[
+        FinitePerLink | None, says("length", "*θ*(0); the error then if left out")
+    ] = None
+    input: Input = "force"
+    feedforward: FeedForwardOrNone = None
+
+    def faults(self, key: str, links: int) -> Iterator[Fault]:
+        """Yield what does not fit a worm of so many links; `key` is the path of this table."""
+        yield from _faults_of_feedforward(key, self.feedforward, links)
+        if self.filter_start is not None:
+            yield from wrong_count(f"{key}.filter_start", self.filter_start, links, "links")
+
+
 class FunnelTable(Table, frozen=True, kw_only=True):
     """Bound `end` + (`start` − `end`) exp(−*t*/`time`) on a norm."""
 
@@ -161,13 +215,19 @@ class FunnelTable(Table, frozen=True, kw_only=True):
 class FunnelTracker(Table, frozen=True, kw_only=True, tag_field="feedback", tag="funnel"):
     """Funnel controller: the error and its rate stay within bounds that shrink in time.
 
-    The error stays within `funnel`, and *e*′ + *k*<sub>0</sub> *e* within `rate_funnel`. Refused: a
-    start outside of a funnel.
+    The error stays within `funnel`, and *e*<sub>1</sub> within `rate_funnel`. By the law
+    `recursive` (Berger, Lê, Reis 2018) *e*<sub>1</sub> is *e*′ + *k*<sub>0</sub> *e*, and *u* =
+    −`gain` *k*<sub>1</sub> *e*<sub>1</sub>. By `two gains` (Hackl, Hopfe, Ilchmann, Mueller, Trenn
+    2013) it is *e*′, and *u* = −`gain` (*k*<sub>0</sub>² *e* + *k*<sub>1</sub> *e*′). Refused: a
+    start outside of a funnel, and for `two gains` a rate funnel narrower than the other shrinks.
     """
 
     name: Name = ""
     funnel: Annotated[FunnelTable, says("", "bounds on the error")]
-    rate_funnel: Annotated[FunnelTable, says("", "bounds on *e*′ + *k*<sub>0</sub> *e*")]
+    rate_funnel: Annotated[FunnelTable, says("", "bounds on *e*<sub>1</sub>")]
+    law: Annotated[Literal["recursive", "two gains"], says("", "`recursive` or `two gains`")] = (
+        "recursive"
+    )
     gain: Annotated[Positive, says("drag", "force per speed in the middle of the funnels")] = 1.0
     tube_radius: Annotated[
         Positive | None,
@@ -185,7 +245,14 @@ class FunnelTracker(Table, frozen=True, kw_only=True, tag_field="feedback", tag=
         yield from _faults_of_feedforward(key, self.feedforward, links)
 
 
-Tracker = FilterTracker | DerivativeTracker | FunnelTracker
+Tracker = (
+    FilterTracker
+    | DerivativeTracker
+    | DifferenceTracker
+    | BacksteppingTracker
+    | SwitchingTracker
+    | FunnelTracker
+)
 
 
 class EnsembleTable(Table, frozen=True, kw_only=True):
@@ -313,6 +380,7 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
             yield "tracker", "there is none; write at least one [[tracker]]"
         for index, tracker in enumerate(self.trackers):
             yield from tracker.faults(self.tracker_key(index), links)
+            yield from faults_of_lag(self.tracker_key(index), tracker, self.time.end)
         yield from self._faults_of_ensemble()
 
     def _faults_of_ensemble(self) -> Iterator[Fault]:
@@ -328,6 +396,17 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
                     "want",
                     f'"{word}" shows a single worm; write "bands", or leave out [ensemble]',
                 )
+
+
+def faults_of_lag(key: str, tracker: Tracker, end: float) -> Iterator[Fault]:
+    """Yield a lag that is too short for a motion from 0 to `end`; `key` is the tracker's path."""
+    if isinstance(tracker, DifferenceTracker) and end / tracker.lag > _MOST_STRETCHES:
+        least = end / _MOST_STRETCHES
+        yield (
+            f"{key}.lag",
+            f"cuts the time into {end / tracker.lag:.2g} stretches; write {least:g} or more, or "
+            'feedback = "derivative", to which short lags tend',
+        )
 
 
 def _faults_of_feedforward(

@@ -1,0 +1,258 @@
+"""Models with delays: exact solutions, jumps that come back, what is asked of users, refusals."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import factorial
+
+import casadi as ca
+import numpy as np
+import pytest
+from effort import examples
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import wormopt as wo
+from wormopt.errors import ArgumentError, Interrupted, SolveError
+from wormopt.model.delay import Delay
+from wormopt.model.model import Contact, Model, Output, Signal, Switch
+from wormopt.simulation.options import Route, Smooth, Tolerance
+from wormopt.simulation.periodic import periodic_orbit
+from wormopt.simulation.simulate import simulate
+
+ROUTES: list[Route] = ["auto", "python"]
+
+
+def retarded(lag: float = 1.0, start: float = 1.0) -> Model:
+    """x' = -x(t - lag), and x = start before."""
+    x, past = ca.SX.sym("x"), ca.SX.sym("past")
+    return Model(
+        "lagging", [Signal("x", x, value=start)], -past, delays=[Delay("past", past, x, lag)]
+    )
+
+
+def by_steps(t: float) -> float:
+    """x' = -x(t - 1), x = 1 before 0: a polynomial of degree n + 1 on n <= t <= n + 1."""
+    return sum((-1) ** k * (t - k + 1) ** k / factorial(k) for k in range(int(t) + 2))
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_the_simplest_delay_equation_against_its_polynomials(route: Route):
+    motion = simulate(retarded(), 12.0, route=route, dense=True)
+    t = np.linspace(0, 12, 97)
+    at = motion.at(t)
+    assert at["x"][0] == pytest.approx([by_steps(s) for s in t], abs=1e-10)
+    before = [by_steps(s - 1) if s > 1 else 1.0 for s in t]
+    assert at["past"][0] == pytest.approx(before, abs=1e-10)
+    assert motion.end[0] == pytest.approx(by_steps(12.0), abs=1e-10)
+
+
+def test_errors_fall_with_the_tolerance():
+    """No order is lost at 1, 2, 3, ..., where ever higher derivatives jump."""
+    relative = np.array([1e-5, 1e-7, 1e-9, 1e-11])
+    ends = [simulate(retarded(), 9.5, tolerance=Tolerance(r, r / 10)).end[0] for r in relative]
+    errors = np.abs(np.array(ends) - by_steps(9.5))
+    assert np.all(errors < 3 * relative)
+
+
+@settings(deadline=None, max_examples=examples(20))
+@given(
+    rate=st.floats(-2, 0.5),
+    lags=st.tuples(st.floats(0.05, 1.2), st.floats(0.05, 1.2)),
+    weights=st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
+)
+def test_an_exponential_that_two_delays_and_a_given_past_keep(
+    rate: float, lags: tuple[float, float], weights: tuple[float, float]
+):
+    """x = exp(r t) solves x' = a x + b x(t - g) + c x(t - h) with a = r - b e^-rg - c e^-rh."""
+    x, t, p = ca.SX.sym("x"), ca.SX.sym("t"), ca.SX.sym("p", 3)
+    past = [ca.SX.sym(f"past_{k}") for k in range(2)]
+    own = rate - sum(w * np.exp(-rate * h) for w, h in zip(weights, lags, strict=True))
+    lagging = Model(
+        "two lags",
+        [Signal("x", x, value=1.0)],
+        own * x + weights[0] * past[0] + weights[1] * past[1],
+        t=t,
+        p=[Signal("numbers", p, value=(rate, *lags))],
+        delays=[
+            Delay(f"past_{k}", past[k], x, p[1 + k], before=ca.exp(p[0] * t)) for k in range(2)
+        ],
+    )
+    motion = simulate(lagging, (0.0, 3.0), route="python")
+    # what errors may have grown by: the comparison equation y' = sum of sizes times y
+    growth = np.exp(3.0 * (abs(own) + abs(weights[0]) + abs(weights[1])))
+    assert motion.end[0] == pytest.approx(np.exp(3 * rate), abs=1e-9 * growth)
+    assert motion["past_0"][0, 0] == pytest.approx(np.exp(-rate * lags[0]), rel=1e-9)
+
+
+def test_a_lag_is_a_parameter_that_needs_no_new_model():
+    x, past, h = ca.SX.sym("x"), ca.SX.sym("past"), ca.SX.sym("h")
+    lagging = Model(
+        "lagging",
+        [Signal("x", x, value=1.0)],
+        -past,
+        p=[Signal("lag", h, "time", value=1.0)],
+        delays=[Delay("past", past, x, h)],
+    )
+
+    # in units of the lag x' = -h x(t - 1): powers of h in the polynomials
+    def exact(t: float, lag: float) -> float:
+        s = t / lag
+        return sum((-lag) ** k * (s - k + 1) ** k / factorial(k) for k in range(int(s) + 2))
+
+    for lag in (1.0, 0.3):
+        found = simulate(lagging, 2.2, p={"lag": lag})
+        assert found.end[0] == pytest.approx(exact(2.2, lag), abs=1e-10)
+    with pytest.raises(ArgumentError, match="lag of past must be positive and finite, not -1"):
+        simulate(lagging, 2.2, p={"lag": -1.0})
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("lag", [0.5, 0.37, 2.5])
+def test_jumps_come_back_after_the_lag(route: Route, lag: float):
+    """A sawtooth s that falls from 1 to 0, and y' = s(t - lag), whose integral is known."""
+    s, y, past = ca.SX.sym("s"), ca.SX.sym("y"), ca.SX.sym("past")
+    saw = Model(
+        "saw",
+        [Signal("s", s, value=0.0), Signal("y", y, value=0.0)],
+        ca.vertcat(1, past),
+        switches=[Switch("falls", s - 1, ca.vertcat(0, y))],
+        delays=[Delay("past", past, s, lag)],
+    )
+    t = np.linspace(0, 4.75, 96)
+    motion = simulate(saw, 4.75, times=t, route=route)
+    since = np.maximum(t - lag, 0.0)
+    expected = np.floor(since) / 2 + (since % 1.0) ** 2 / 2
+    assert motion["y"][0] == pytest.approx(expected, abs=1e-11)
+    assert [event.time for event in motion.events] == pytest.approx([1, 2, 3, 4], abs=1e-12)
+    apart = np.abs((t - lag) % 1.0 - 0.5) < 0.49  # at a jump either side may count
+    assert motion["past"][0][apart] == pytest.approx((since % 1.0)[apart], abs=1e-12)
+
+
+def test_breaks_of_schedules_come_back_too():
+    """v' = a(t - h) of an acceleration that jumps: x is piecewise quadratic."""
+    a, begin, v, past = (ca.SX.sym(n) for n in ("a", "begin", "v", "past"))
+    course = wo.Schedule(
+        "a", a, begin, np.array([0.0, 1.0, 1.7, 3.0]), np.array([[1.0], [-2], [5]])
+    )
+    cart = Model(
+        "cart",
+        [Signal("v", v, value=0.0)],
+        past,
+        schedules=[course],
+        delays=[Delay("past", past, a * 1.0, 0.45)],
+    )
+    t = np.linspace(0, 3, 61)
+    held = 0.45  # the acceleration at the start, before
+    found = simulate(cart, 3.0, times=t)["v"][0]
+    s = np.maximum(t - held, 0.0)
+    expected = np.minimum(t, held) + np.minimum(s, 1.0) - 2 * np.clip(s - 1, 0, 0.7)
+    expected += 5 * np.maximum(s - 1.7, 0.0)
+    assert found == pytest.approx(expected, abs=1e-11)
+
+
+def test_smooth_contact_and_a_later_start():
+    """A block pulled to where it was: m x'' = -(x(t - h)) - F(v); twice, from 0 and from 7."""
+    x, v, f, past = (ca.SX.sym(n) for n in ("x", "v", "f", "past"))
+    block = Model(
+        "block",
+        [Signal("x", x, value=1.0), Signal("v", v, value=0.0)],
+        ca.vertcat(v, f - 9 * past),
+        contacts=[Contact("block", v, f, wo.Coulomb(1.0, 2.0))],
+        delays=[Delay("past", past, x, 0.05)],
+    )
+    ends = [
+        simulate(block, span, contact=contact).end
+        for span in ((0.0, 2.0), (7.0, 9.0))
+        for contact in (Smooth(0.01), wo.Exact())
+    ]
+    assert ends[0] == pytest.approx(ends[2], abs=1e-9)
+    assert ends[1] == pytest.approx(ends[3], abs=1e-9)
+    assert ends[0] == pytest.approx(ends[1], abs=0.05)
+    assert np.abs(ends[0] - ends[1]).max() > 1e-4
+
+
+# -- what users see ------------------------------------------------------------------------------
+
+
+def test_a_motion_with_delays_ends_by_a_switch_and_is_stopped():
+    model = retarded()
+    until = Switch("half", 0.5 - model["x"], model["x"], terminal=True)
+    motion = simulate(replace(model, switches=[until]), 9.0, times=np.linspace(0, 9, 91))
+    assert motion.end_time == pytest.approx(0.5, abs=1e-12)
+    assert len(motion.time) == 6
+    # at the very end of a stretch too
+    at_one = Switch("one", -model["x"], model["x"], terminal=True)
+    assert simulate(replace(model, switches=[at_one]), 9.0).end_time == pytest.approx(1.0)
+    calls = []
+
+    def stop(_text: str, fraction: float | None = None) -> None:
+        calls.append(fraction)
+        if len(calls) > 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted) as stopped:
+        simulate(model, 9.0, times=np.linspace(0, 9, 91), report=stop)
+    partial = stopped.value.partial
+    assert partial.end_time == pytest.approx(3.0)
+    assert partial["x"][0, -1] == pytest.approx(by_steps(3.0), abs=1e-10)
+
+
+def test_steps_are_counted_over_all_stretches():
+    with pytest.raises(SolveError, match="steps were spent") as refused:
+        simulate(retarded(0.5), 15.0, tolerance=Tolerance(max_steps=40))
+    assert 30 <= refused.value.partial.n_steps <= 41
+    assert 0 < refused.value.partial.end_time < 10
+
+
+def test_ensembles_and_sharing_of_models():
+    members = [wo.Scenario(x0={"x": value}) for value in (1.0, -2.0)]
+    ends = wo.simulate_ensemble(retarded(), 3.5, members).end
+    assert ends[:, 0] == pytest.approx([by_steps(3.5), -2 * by_steps(3.5)], abs=1e-10)
+
+
+def forced() -> Model:
+    v, f, past = ca.SX.sym("v"), ca.SX.sym("f"), ca.SX.sym("past")
+    contact = Contact("block", v, f, wo.Coulomb(1.0, 1.0))
+    delay = Delay("past", past, f * 1.0, 0.1)
+    return Model("block", [Signal("v", v, value=1.0)], f - past, contacts=[contact], delays=[delay])
+
+
+def shown() -> Model:
+    model = retarded()
+    return replace(model, outputs=[Output("place", model["x"])])
+
+
+@pytest.mark.parametrize(
+    ("use", "message"),
+    [
+        (lambda: simulate(retarded(), 1.0, route="cvodes"), "keep no past"),
+        (lambda: simulate(retarded(1e-9), 1.0), r"1e\+09 stretches, more than max_steps"),
+        (lambda: simulate(forced(), 1.0), "not of contact forces or of what is delayed"),
+        (lambda: periodic_orbit(retarded(), 1.0), "knows no delays, and lagging has some: past"),
+        (lambda: wo.linearise(shown(), output="place"), "has delays"),
+        (lambda: wo.relative_degree(shown(), output="place"), "has delays"),
+        (lambda: wo.steady_states(retarded(), {"x": (-1.0, 1.0)}), "knows no delays"),
+        (lambda: wo.average(retarded(), 1.0), "knows no delays"),
+        (lambda: wo.copies(retarded(), [{}]), "knows no delays"),
+        (lambda: retarded(0.0), "lag must be positive and finite"),
+        (lambda: retarded(float("nan")), "lag must be positive and finite"),
+        (lambda: Delay("past", ca.SX.sym("p", 2), ca.SX.sym("x"), 1.0), "columns of one size"),
+        (lambda: Delay("past", ca.SX(1.0), ca.SX.sym("x"), 1.0), "columns of one size"),
+        (lambda: replace(retarded(), p=[Signal("past", ca.SX.sym("q"))]), "share a name"),
+    ],
+)
+def test_what_knows_no_delays_refuses_them(use: Callable[[], object], message: str):
+    with pytest.raises(ArgumentError, match=message):
+        use()
+
+
+def test_an_optimisation_refuses_delays():
+    model = retarded()
+    ends = wo.Ends.of(model)
+    problem = wo.Problem(model=model, ends=ends, minimise=ends.duration, duration=(0.1, 1.0))
+    mesh, guess = (
+        wo.Mesh.even(1, 4, wo.Collocation(2)),
+        wo.Guess(1.0, lambda t: np.ones((1, len(t)))),
+    )
+    with pytest.raises(ArgumentError, match="optimisation knows no delays"):
+        wo.optimise(problem, mesh, wo.FixedModes(wo.ModeSequence(((),))), guess)

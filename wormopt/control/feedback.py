@@ -1,0 +1,95 @@
+"""What lambda-trackers feed back: an error, its gain and its tube make a force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.control.loop import TrackingError
+from wormopt.errors import ArgumentError
+from wormopt.model.delay import Delay
+from wormopt.model.model import TINY, Signal
+from wormopt.model.values import numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Fed:
+    """A force, and what it needs beside the plant and the gain."""
+
+    force: ca.SX  # (n, 1)
+    states: Sequence[Signal] = ()
+    rates: Sequence[ca.SX] = ()  # time derivatives of `states`
+    parameters: Sequence[Signal] = ()
+    delays: Sequence[Delay] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What a feedback may use."""
+
+    error: TrackingError
+    gain: ca.SX  # k
+    gain_rate: ca.SX  # k'
+    start: ArrayLike  # of the filter
+    lag: float  # of the difference
+
+    @property
+    def size(self) -> int:
+        """Entries of the error."""
+        return self.error.value.numel()
+
+    def started(self) -> tuple[float, ...]:
+        """Start of a filter, one number for each entry."""
+        start = numbers("filter_start", self.start)
+        if start.size not in (1, self.size) or not np.all(np.isfinite(start)):
+            raise ArgumentError(f"filter_start must be one finite number or {self.size}")
+        return tuple(np.broadcast_to(start.ravel(), (self.size,)).tolist())
+
+
+def by_derivative(known: Known) -> Fed:
+    """Feed back -(k e + (k e)'), (13)."""
+    k, e = known.gain, known.error
+    return Fed(-(k * e.value + known.gain_rate * e.value + k * e.rate))
+
+
+def by_filter(known: Known) -> Fed:
+    """Feed back -(k theta + (k theta)') with theta' = -k^2 theta + k^2 e, (14)."""
+    k, theta = known.gain, ca.SX.sym("filter", known.size)
+    rate = k**2 * (known.error.value - theta)
+    state = Signal("filter", theta, known.error.unit, value=known.started())
+    return Fed(-(k * theta + known.gain_rate * theta + k * rate), [state], [rate])
+
+
+def by_difference(known: Known) -> Fed:
+    """Feed back (13) with (e(t) - e(t - h)) / h in place of e'; e was e(0) before the start."""
+    if not 0 < known.lag < np.inf:
+        raise ArgumentError(f"lag must be positive and finite, not {known.lag!r}")
+    k, e, h = known.gain, known.error.value, ca.SX.sym("lag")
+    past = ca.SX.sym("past_error", known.size)
+    slope = (e - past) / h
+    return Fed(
+        -(k * e + known.gain_rate * e + k * slope),
+        parameters=[Signal("lag", h, "time", lower=TINY, value=known.lag)],
+        delays=[Delay("past_error", past, e, h)],
+    )
+
+
+def by_backstepping(known: Known) -> Fed:
+    """Feed back -k e - (k^2 + |e|^2) k^4 (1 + |xi|^2) (xi + k e) with xi' = -xi + u."""
+    k, e, xi = known.gain, known.error.value, ca.SX.sym("input_filter", known.size)
+    steep = (k**2 + known.error.square) * k**4 * (1 + ca.dot(xi, xi))
+    force = -k * e - steep * (xi + k * e)
+    state = Signal("input_filter", xi, known.error.per("force"), value=0.0)
+    return Fed(force, [state], [force - xi])
+
+
+FEEDBACKS: dict[str, Callable[[Known], Fed]] = {
+    "derivative": by_derivative,
+    "filter": by_filter,
+    "difference": by_difference,
+    "backstepping": by_backstepping,
+}

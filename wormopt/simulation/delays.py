@@ -1,0 +1,283 @@
+"""Delay equations by the method of steps: stretch by stretch, each no longer than the least lag.
+
+On a stretch the past is known, and the model is one with schedules: any integrator with dense
+output takes it as it is, contacts and switches included. Where a derivative jumps (an event, a
+break of a schedule, the start) the solution jumps in a higher derivative one lag later, and so on:
+these breaking points bound the pieces of what is remembered, so that no step goes over one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.model.model import pack
+from wormopt.model.schedule import Schedule
+from wormopt.progress import Report
+from wormopt.simulation.functions import System
+from wormopt.simulation.initial_value import InitialValueProblem, Outcome
+from wormopt.simulation.memory import GENERATIONS, Course, Memory, Piece, fitted
+from wormopt.simulation.options import Route
+from wormopt.simulation.routes import integrate
+from wormopt.simulation.trajectory import Dense
+
+# Errors of what is remembered against the size of what it is made of: a share of the relative
+# tolerance, but not less than rounding.
+_SHARE, _LEAST = 0.01, 1e-14
+_REPORTS = 200  # a run
+
+
+def integrate_delayed(
+    task: InitialValueProblem, route: Route, report: Report
+) -> tuple[InitialValueProblem, Outcome]:
+    """Integrate a task whose model has delays.
+
+    Gives it back with the schedules of all that was remembered, by which signals of the past can
+    be observed. Raises ArgumentError if the route keeps no polynomials of its steps, or a lag is
+    not positive.
+    """
+    if route == "cvodes" or task.system.model.alg.numel():
+        raise ArgumentError(
+            "implicit integrators keep no past, which delays need; write route = 'auto'"
+        )
+    pasts = [_Past(task, memory) for memory in task.system.memories]
+    for past in pasts:
+        stretches = (task.span[1] - task.span[0]) / past.lag
+        if stretches > task.tolerance.max_steps:
+            raise ArgumentError(
+                f"the lag {past.lag:g} of {past.memory.delay.name} cuts the time into "
+                f"{stretches:.3g} stretches, more than max_steps; take a longer lag"
+            )
+    return _Stretches(task, route, pasts).follow(report)
+
+
+class _Past:
+    """What is remembered of one signal."""
+
+    def __init__(self, task: InitialValueProblem, memory: Memory) -> None:
+        self.memory, self._task = memory, task
+        self.lag = _lag(task, memory)
+        signal, x = memory.delay.signal, pack(task.system.model.x)
+        self._signal = _function(task.system, memory, signal)
+        # e = y - y_ref may be 0, but no more exactly than steps know y
+        least = task.absolute[: x.numel()] / task.tolerance.relative
+        parts = ca.fabs(ca.jacobian(signal, x)) @ (ca.fabs(x) + least) + ca.fabs(signal)
+        self._parts = _function(task.system, memory, parts)
+        self.pieces = self._before(task.span[0])
+
+    def _before(self, start: float) -> list[Piece]:
+        before, x0 = self.memory.delay.before, self._task.x0[:, None]
+        function = (
+            self._signal if before is None else _function(self._task.system, self.memory, before)
+        )
+        begin = start - self.lag
+
+        def course(t: np.ndarray) -> np.ndarray:
+            at = np.full_like(t, start) if before is None else t
+            return self._values(function, at, np.repeat(x0, len(t), axis=1))
+
+        allowed = self._allowed(np.linspace(begin, start, 33), lambda t: x0 + 0 * t)
+        return fitted(course, begin, start, np.zeros(0), allowed, 0, GENERATIONS)
+
+    def _values(self, function: ca.Function, t: np.ndarray, x: np.ndarray) -> np.ndarray:
+        task = self._task
+        p = task.system.scheduled(task.p, task.schedules, t)
+        return np.array(function(t[None], x[: task.system.model.n_x], p))
+
+    def _allowed(self, t: np.ndarray, states: Course) -> float:
+        size = float(self._values(self._parts, t, states(t)).max(initial=0.0))
+        return max(_SHARE * self._task.tolerance.relative, _LEAST) * size
+
+    def schedule(self, begin: float, end: float) -> Schedule:
+        """The signal as it acts from `begin` to `end`."""
+        # a piece that only rounding lets reach into this stretch is left out
+        least = 1e-9 * (end - begin)
+        acts = [
+            piece
+            for piece in self.pieces[-_recent(self.pieces, begin - self.lag + least) :]
+            if piece.begin + self.lag < end - least
+        ]
+        return self.memory.schedule(acts, self.lag)
+
+    def all(self) -> Schedule:
+        """The signal as it acted at any time."""
+        return self.memory.schedule(self.pieces, self.lag)
+
+    def breaking(self, begin: float, end: float) -> list[tuple[float, int]]:
+        """When jumps of derivatives come back in a stretch, with how often they have."""
+        count = _recent(self.pieces, begin - self.lag)
+        found = [(piece.begin + self.lag, piece.generation + 1) for piece in self.pieces[-count:]]
+        return [(t, g) for t, g in found if begin <= t < end and g < GENERATIONS]
+
+    def remember(self, dense: Dense, breaking: Sequence[tuple[float, int]]) -> None:
+        """Keep the signal along a stretch, whose breaking points are given in order of time."""
+
+        def course(t: np.ndarray) -> np.ndarray:
+            return self._values(self._signal, t, dense(t))
+
+        ends = [*(t for t, _ in breaking[1:]), float(dense.time[-1])]
+        allowed = self._allowed((dense.time[1:] + dense.time[:-1]) / 2, dense)
+        for (begin, generation), end in zip(breaking, ends, strict=True):
+            self.pieces += fitted(course, begin, end, dense.time, allowed, generation)
+
+
+def _recent(pieces: Sequence[Piece], since: float) -> int:
+    """How many pieces at the end of a list end after a time."""
+    count = 0
+    for piece in reversed(pieces):
+        if piece.end <= since:
+            break
+        count += 1
+    return max(count, 1)
+
+
+def _lag(task: InitialValueProblem, memory: Memory) -> float:
+    lag, name = memory.delay.lag, memory.delay.name
+    if isinstance(lag, ca.SX):
+        known = pack((*task.system.model.p, *task.system.model.u))
+        try:
+            function = ca.Function("lag", [known], [lag])
+        except RuntimeError:
+            raise ArgumentError(f"the lag of {name} must be a matter of parameters") from None
+        lag = float(function(task.p[: known.numel()]))
+    if not 0 < lag < np.inf:
+        raise ArgumentError(f"the lag of {name} must be positive and finite, not {lag:g}")
+    return lag
+
+
+def _function(system: System, memory: Memory, signal: ca.SX) -> ca.Function:
+    t, _, p, _ = system.symbols
+    try:
+        return ca.Function("signal", [t, pack(system.model.x), p], [ca.densify(signal)])
+    except RuntimeError:
+        raise ArgumentError(
+            f"the delay {memory.delay.name} must be of time, states, parameters and schedules, "
+            "not of contact forces or of what is delayed itself"
+        ) from None
+
+
+@dataclass(eq=False)
+class _Stretches:
+    """A motion under way."""
+
+    task: InitialValueProblem
+    route: Route
+    pasts: list[_Past]
+    found: list[Outcome] = field(default_factory=list)
+    _steps: int = 0  # spent on all stretches but the last
+
+    def follow(self, report: Report) -> tuple[InitialValueProblem, Outcome]:
+        """Go to the end, or as far as it goes."""
+        status = "done"
+        try:
+            self._follow(report)
+        except KeyboardInterrupt:
+            if not self.found:
+                raise
+            status = "interrupted"
+        if self.found[-1].status == "done" != status:
+            self.found[-1] = replace(self.found[-1], status=status)
+        whole = (*self.task.schedules, *(past.all() for past in self.pasts))
+        return replace(self.task, schedules=whole), self._joined()
+
+    def _follow(self, report: Report) -> None:
+        (begin, end), x = self.task.span, self.task.x0
+        step = min(past.lag for past in self.pasts)
+        count = max(math.ceil((end - begin) / step * (1 - 1e-12)), 1)
+        # multiples of the lag, not a running sum of it, which would gather rounding errors
+        ends = [*(begin + k * step for k in range(1, count)), end]
+        for k, until in enumerate(ends):
+            if k % max(count // _REPORTS, 1) == 0:
+                report("simulating", k / count)
+            outcome = self._stretch(begin, until, x)
+            dense = Dense(outcome.dense_time, outcome.dense)
+            self.found.append(outcome if self.task.dense else _without_dense(outcome))
+            if len(outcome.dense):
+                breaking = self._breaking(begin, outcome.t)
+                for past in self.pasts:
+                    past.remember(dense, breaking)
+            if outcome.status != "done" or self._ends(outcome):
+                return
+            begin, x = until, outcome.x
+
+    def _ends(self, outcome: Outcome) -> bool:
+        """Whether a terminal switch has ended the motion."""
+        system = self.task.system
+        fired = outcome.events[:, 1].astype(int) - len(system.contacts)
+        return any(system.model.switches[k].terminal for k in fired if k >= 0)
+
+    def _stretch(self, begin: float, end: float, x: np.ndarray) -> Outcome:
+        task, times = self.task, self.task.times
+        first, last = np.searchsorted(times, [begin, end], side="right")
+        first = 0 if not self.found else first
+        self._steps += sum(part.n_steps + part.n_rejected for part in self.found[-1:])
+        left = max(task.tolerance.max_steps - self._steps, 1)
+        part = InitialValueProblem(
+            system=task.system,
+            span=(begin, end),
+            x0=x,
+            p=task.p,
+            schedules=(*task.schedules, *(past.schedule(begin, end) for past in self.pasts)),
+            tolerance=replace(task.tolerance, max_step=task.max_step, max_steps=left),
+            times=times[first:last],
+            dense=True,
+        )
+        return integrate(part, self.route, _quiet)
+
+    def _breaking(self, begin: float, end: float) -> list[tuple[float, int]]:
+        """Where derivatives jump on a stretch, in order of time, from its begin on."""
+        least = 1e-9 * (end - begin)
+        jumps = {begin: 0 if begin == self.task.span[0] else GENERATIONS}
+        points = [point for past in self.pasts for point in past.breaking(begin - least, end)]
+        # an event at the end of the stretch before counts for this one
+        points += [(float(t), 0) for part in self.found[-2:] for t in part.events[:, 0]]
+        for schedule in self.task.schedules:
+            t = schedule.next_break(begin - least)
+            while t < end:
+                points.append((t, 0))
+                t = schedule.next_break(t)
+        for t, generation in sorted(points):
+            near = next((s for s in jumps if abs(s - t) <= least), None)
+            if near is not None:
+                jumps[near] = min(jumps[near], generation)
+            elif begin < t < end - least:
+                jumps[t] = generation
+        return sorted(jumps.items())
+
+    def _joined(self) -> Outcome:
+        """All stretches as one."""
+        parts, last = self.found, self.found[-1]
+        modes = np.concatenate([part.modes for part in parts])
+        if len(modes):
+            changes = np.append(True, np.any(modes[1:, 1:] != modes[:-1, 1:], axis=1))
+            modes = modes[changes]
+        return Outcome(
+            status=last.status,
+            route=last.route,
+            t=last.t,
+            x=last.x,
+            samples=np.concatenate([part.samples for part in parts]),
+            n_steps=sum(part.n_steps for part in parts),
+            n_rejected=sum(part.n_rejected for part in parts),
+            n_evaluations=sum(part.n_evaluations for part in parts),
+            events=np.concatenate([part.events for part in parts]),
+            modes=modes,
+            dense_time=np.concatenate(
+                [parts[0].dense_time[:1], *(part.dense_time[1:] for part in parts)]
+            ),
+            dense=np.concatenate([part.dense for part in parts]),
+        )
+
+
+def _without_dense(outcome: Outcome) -> Outcome:
+    nothing = np.zeros((0, 8, len(outcome.x)))
+    return replace(outcome, dense_time=np.zeros(0), dense=nothing)
+
+
+def _quiet(_text: str, _fraction: float | None) -> None:
+    """Stretches tell nothing of their own."""
