@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.systems.planar.crawling.ground import Ground
+from wormopt.systems.planar.crawling.line import Line
 
 WIDTHS = 10.0 ** -np.arange(0, 9)
-_TINY, _FARTHEST = 1e-300, 1e3
-_STEPS, _SHORTENED, _SHARPENED, _ROUNDING, _LEVEL = 60, 40, 8, 1e-13, 3e-15
+_TINY, _FARTHEST = 1e-100, 1e3
+_BALANCED, _BLUR, _SLOWEST = 1e-9, 1e-14, 1e-11  # forces that are left
+_STEPS, _SHORTENED, _SHARP, _SHARPENED, _ROUNDING, _LEVEL = 60, 40, 25, 12, 1e-13, 3e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +29,8 @@ class LeastPower:
 
     def of(self, points: np.ndarray) -> LeastPower:
         """Some of the bodies."""
-        return LeastPower(self.J[points], self.b[points], self.load[points], self.ground)
+        ground = self.ground.of_bodies(points)
+        return LeastPower(self.J[points], self.b[points], self.load[points], ground)
 
     def velocities(self, x: np.ndarray) -> np.ndarray:
         """Velocities (G, m, 2) of the masses."""
@@ -60,14 +63,28 @@ class LeastPower:
         size = np.sqrt((self.ground.squares(v) * v**2).sum(axis=-1) + width**2)
         return size.sum(axis=1) - (self.load * x).sum(axis=1)
 
-    def restricted(self, x: np.ndarray, masses: np.ndarray, N: np.ndarray) -> LeastPower:
-        """Of some masses, with what is left free: the columns of N (G, n, k) from `x` on."""
+    def restricted(self, x: np.ndarray, go: np.ndarray, N: np.ndarray) -> LeastPower:
+        """Of the masses that `go` (G, m), moved along the columns of N (G, n, k) from `x` on."""
+        of = go[..., None]
         return LeastPower(
-            np.einsum("gmcn,gnk->gmck", self.J[:, masses], N),
-            self.velocities(x)[:, masses],
+            np.einsum("gmcn,gnk->gmck", self.J * of[..., None], N),
+            self.velocities(x) * of,
             np.einsum("gnk,gn->gk", N, self.load),
-            self.ground.of(masses),
+            self.ground,
         )
+
+    def along(self, x: np.ndarray, way: np.ndarray) -> Line:
+        """The same on lines from `x` (G, n) along `way`."""
+        v, by = self.velocities(x), np.einsum("gmcn,gn->gmc", self.J, way)
+        ground = self.ground
+        ahead, back, aside = (
+            np.broadcast_to(f, v.shape[:2]).T
+            for f in (ground.forward, ground.backward, ground.sideways)
+        )
+        return Line(
+            v[..., 0].T, aside * v[..., 1].T, by[..., 0].T, aside * by[..., 1].T,
+            ahead, back, (self.load * way).sum(axis=1),
+        )  # fmt: skip
 
     def smoothed(self, widths: np.ndarray = WIDTHS, x: np.ndarray | None = None) -> np.ndarray:
         """Least of sum sqrt(psi_i^2 + width^2) - load.x, by ever smaller widths, from `x` on."""
@@ -77,8 +94,13 @@ class LeastPower:
         return x
 
     def sharp(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Least power without smoothing from `x` on, and whether it was found: masses all move."""
-        return self._descended(x, 0.0, 1e-13)
+        """Least power without smoothing from `x` on, and whether it was found: no mass stops."""
+        x, found = self._descended(x, 0.0, 1e-13)
+        left = np.abs(self.slopes(x)[1]).max(axis=1, initial=0.0)
+        # The direction of a mass that hardly moves is known no better than its velocity.
+        free = np.abs(self.J).max(axis=(2, 3), initial=0.0) > 0
+        slowest = np.where(free, self.powers(x), np.inf).min(axis=1)
+        return x, found & (left < np.maximum(_BALANCED, _BLUR / np.maximum(slowest, _SLOWEST)))
 
     def _descended(self, x: np.ndarray, width: float, last: float) -> tuple[np.ndarray, np.ndarray]:
         """Newton's steps down a convex sum, each shortened until it descends; which ended.
@@ -87,7 +109,7 @@ class LeastPower:
         """
         x, found = x.copy(), np.zeros(len(x), bool)
         open_ = np.arange(len(x))
-        for _ in range(_STEPS):
+        for _ in range(_STEPS if width else _SHARP):
             body = self.of(open_)
             value, slope, curvature = body.slopes(x[open_], width)
             step = _step(slope, curvature)
@@ -112,18 +134,25 @@ class LeastPower:
     def shortened(
         self, x: np.ndarray, step: np.ndarray, value: np.ndarray, slope: np.ndarray, width: float
     ) -> np.ndarray:
-        """By how much each step is shortened; 0 where none descends."""
+        """By how much each step is shortened; 0 where none descends.
+
+        Values tell less than slopes do: near the least one they differ by rounding alone.
+        """
         falls = (slope * step).sum(axis=1)
+        level = _ROUNDING * np.abs(value)
         factor, worse = np.ones(len(x)), np.arange(len(x))
         for _ in range(_SHORTENED if width else _SHARPENED):
             part = self.of(worse)
-            tried = part.smooth_value(x[worse] + factor[worse, None] * step[worse], width)
-            allowed = (
-                value[worse]
-                + 1e-4 * factor[worse] * falls[worse]
-                + _ROUNDING * np.abs(value[worse])
-            )
-            worse = worse[~(tried <= allowed)]
+            by = factor[worse, None] * step[worse]
+            tried = part.smooth_value(x[worse] + by, width)
+            clear = -factor[worse] * falls[worse] > level[worse]
+            good = clear & (tried <= value[worse] + 1e-4 * factor[worse] * falls[worse])
+            doubt = ~good & (tried <= value[worse] + level[worse])
+            if doubt.any():
+                some = worse[doubt]
+                after = self.of(some).slopes(x[some] + by[doubt], width)[1]
+                good[doubt] = np.abs((after * step[some]).sum(axis=1)) <= -falls[some] / 2
+            worse = worse[~good]
             if not worse.size:
                 return factor
             factor[worse] /= 2
